@@ -1,0 +1,1 @@
+"""The mapper: events, cameras, trajectories, ray density fusion and depth extraction."""

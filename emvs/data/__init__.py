@@ -1,0 +1,1 @@
+"""What a mapper reads: events, cameras, rigs, trajectories, sequences on disk."""

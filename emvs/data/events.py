@@ -1,0 +1,94 @@
+"""Events as columns: sorted by time, four arrays of one length."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class Events:
+    """A stretch of one camera's event stream.
+
+    Attributes:
+        x: (N,) uint16 columns, px.
+        y: (N,) uint16 rows, px.
+        t_us: (N,) int64 time stamps, µs, non-decreasing.
+        p: (N,) uint8 polarity, 1 for brighter, 0 for darker.
+    """
+
+    x: NDArray[np.uint16]
+    y: NDArray[np.uint16]
+    t_us: NDArray[np.int64]
+    p: NDArray[np.uint8]
+
+    @classmethod
+    def empty(cls) -> Events:
+        """No events."""
+        return cls(
+            np.empty(0, np.uint16),
+            np.empty(0, np.uint16),
+            np.empty(0, np.int64),
+            np.empty(0, np.uint8),
+        )
+
+    @classmethod
+    def concat(cls, parts: Sequence[Events]) -> Events:
+        """Joins stretches in the order given."""
+        if not parts:
+            return cls.empty()
+        columns = ("x", "y", "t_us", "p")
+        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in columns))
+
+    def __len__(self) -> int:
+        return len(self.t_us)
+
+    def slice(self, start: int, stop: int) -> Events:
+        """Events `start` to `stop` (exclusive), as views."""
+        part = slice(start, stop)
+        return Events(self.x[part], self.y[part], self.t_us[part], self.p[part])
+
+    def between(self, t0_us: int, t1_us: int) -> Events:
+        """Events with `t0_us <= t < t1_us`, as views."""
+        start, stop = np.searchsorted(self.t_us, [t0_us, t1_us], side="left")
+        return self.slice(int(start), int(stop))
+
+    def checked(self, width_px: int, height_px: int) -> Events:
+        """Returns itself, or says which event is unsorted or outside the sensor.
+
+        Raises:
+            InputError: columns of different length, time running backwards, or an event outside
+                the `width_px` x `height_px` sensor.
+        """
+        lengths = {len(self.x), len(self.y), len(self.t_us), len(self.p)}
+        if len(lengths) != 1:
+            raise InputError(
+                f"event columns have different lengths {sorted(lengths)}: all must match"
+            )
+        self._check_sorted()
+        self._check_inside(width_px, height_px)
+        return self
+
+    def _check_sorted(self) -> None:
+        backwards = np.flatnonzero(self.t_us[1:] < self.t_us[:-1])
+        if backwards.size:
+            k = int(backwards[0]) + 1
+            raise InputError(
+                f"event {k} at {self.t_us[k]} µs comes after one at {self.t_us[k - 1]} µs "
+                f"({backwards.size} such steps): sort the events by time (stable)"
+            )
+
+    def _check_inside(self, width_px: int, height_px: int) -> None:
+        outside = np.flatnonzero((self.x >= width_px) | (self.y >= height_px))
+        if outside.size:
+            k = int(outside[0])
+            raise InputError(
+                f"event {k} at pixel ({self.x[k]}, {self.y[k]}) lies outside the "
+                f"{width_px}x{height_px} sensor ({outside.size} such events): check the "
+                "calibration's resolution or remove them"
+            )

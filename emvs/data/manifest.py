@@ -1,0 +1,111 @@
+"""The manifest of a sequence: what made it, and the hash of every file."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from emvs.errors import InputError
+
+SCHEMA_VERSION = 1
+FILE_NAME = "manifest.json"
+
+
+class FileEntry(BaseModel):
+    """One file of the sequence."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    sha256: str
+    bytes: int
+
+
+class Manifest(BaseModel):
+    """What is known of a sequence beside its data."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    schema_version: int
+    name: str
+    configuration: dict[str, Any]
+    seed: int
+    versions: dict[str, str]
+    renderer: str
+    depth_range_m: tuple[float, float] | None
+    event_counts: tuple[int, ...]
+    files: dict[str, FileEntry]
+
+    def digest(self) -> str:
+        """sha256 over the hashes of all files: equal where the data are equal."""
+        lines = "".join(f"{name} {entry.sha256}\n" for name, entry in sorted(self.files.items()))
+        return hashlib.sha256(lines.encode()).hexdigest()
+
+
+def entries(folder: Path) -> dict[str, FileEntry]:
+    """Hashes every file below a folder, the manifest excepted."""
+    paths = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != FILE_NAME)
+    return {
+        path.relative_to(folder).as_posix(): FileEntry(
+            sha256=_sha256(path), bytes=path.stat().st_size
+        )
+        for path in paths
+    }
+
+
+def write(folder: Path, manifest: Manifest) -> None:
+    """Writes the manifest into a folder."""
+    text = manifest.model_dump_json(indent=2) + "\n"
+    (folder / FILE_NAME).write_text(text, encoding="utf-8")
+
+
+def read(folder: Path) -> Manifest:
+    """Reads a folder's manifest and checks that its files are there in full length.
+
+    Raises:
+        InputError: no manifest, one of another version, or a missing or truncated file.
+    """
+    path = folder / FILE_NAME
+    try:
+        manifest = Manifest.model_validate_json(path.read_bytes())
+    except FileNotFoundError as error:
+        raise InputError(
+            f"{folder}: no {FILE_NAME}; needs a sequence made by `eventsweep simulate`"
+        ) from error
+    except (OSError, ValidationError) as error:
+        raise InputError(f"{path}: damaged manifest; make the sequence again") from error
+    if manifest.schema_version != SCHEMA_VERSION:
+        raise InputError(
+            f"{path}: schema version {manifest.schema_version}, needs {SCHEMA_VERSION}: "
+            "make the sequence again"
+        )
+    for name, entry in manifest.files.items():
+        _check_size(folder / name, entry)
+    return manifest
+
+
+def check_hashes(folder: Path, manifest: Manifest) -> None:
+    """Reads every file and compares its hash.
+
+    Raises:
+        InputError: a file whose content is not what the manifest says.
+    """
+    for name, entry in manifest.files.items():
+        if _sha256(folder / name) != entry.sha256:
+            raise InputError(
+                f"{folder / name}: content changed since it was made; make the sequence again"
+            )
+
+
+def _check_size(path: Path, entry: FileEntry) -> None:
+    try:
+        size = path.stat().st_size
+    except OSError as error:
+        raise InputError(f"{path}: missing; make the sequence again") from error
+    if size != entry.bytes:
+        raise InputError(f"{path}: {size} bytes, should be {entry.bytes}; make the sequence again")
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

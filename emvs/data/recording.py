@@ -1,0 +1,35 @@
+"""What a mapper needs of a recording, whatever its format."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from emvs.data.events import Events
+from emvs.data.rig import Rig
+from emvs.data.trajectory import Trajectory
+
+
+class Recording(Protocol):
+    """Calibrated, posed event streams that are read lazily, by time slice."""
+
+    @property
+    def name(self) -> str:
+        """What the recording is called."""
+
+    @property
+    def rig(self) -> Rig:
+        """The cameras and where they sit on the body."""
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """`T_world_body` over time."""
+
+    @property
+    def depth_range_m(self) -> tuple[float, float] | None:
+        """Nearest and farthest depth, where the recording knows it."""
+
+    def event_span_us(self, camera: int) -> tuple[int, int]:
+        """Times of the first and the last event of a camera, µs."""
+
+    def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
+        """Events of a camera with `t0_us <= t < t1_us`."""

@@ -1,0 +1,85 @@
+"""A rig: any number of calibrated cameras, rigidly mounted on one body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.data import se3
+from emvs.data.camera import Camera
+from emvs.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """Cameras and where they sit on the body.
+
+    Attributes:
+        name: what the rig is called.
+        cameras: N >= 1 cameras.
+        T_body_cam: one (4, 4) rigid motion per camera, m.
+        camera_names: one name per camera.
+
+    Raises:
+        InputError: no camera, lists of different length, or a motion that is not rigid.
+    """
+
+    name: str
+    cameras: tuple[Camera, ...]
+    T_body_cam: tuple[NDArray[np.float64], ...]
+    camera_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.camera_names:
+            names = tuple(f"cam{k}" for k in range(len(self.cameras)))
+            object.__setattr__(self, "camera_names", names)
+        if not len(self.cameras) == len(self.T_body_cam) == len(self.camera_names) >= 1:
+            raise InputError(
+                f"rig {self.name}: {len(self.cameras)} cameras, {len(self.T_body_cam)} positions, "
+                f"{len(self.camera_names)} names: needs as many of each, at least one"
+            )
+        for name, T_body_cam in zip(self.camera_names, self.T_body_cam, strict=True):
+            if not se3.is_rigid(T_body_cam):
+                raise InputError(f"rig {self.name}: T_body_cam of {name} is not a rigid motion")
+
+    def __len__(self) -> int:
+        return len(self.cameras)
+
+    def baseline_m(self, i: int = 0, j: int = 1) -> float:
+        """Distance between the centres of cameras i and j."""
+        return float(np.linalg.norm(self.T_body_cam[i][:3, 3] - self.T_body_cam[j][:3, 3]))
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; `T_body_cam` as rows of the (4, 4) matrix."""
+        return {
+            "name": self.name,
+            "cameras": [
+                {"name": name, **camera.to_json(), "T_body_cam": T_body_cam.tolist()}
+                for name, camera, T_body_cam in zip(
+                    self.camera_names, self.cameras, self.T_body_cam, strict=True
+                )
+            ],
+        }
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> Rig:
+        """Reads what `to_json` wrote.
+
+        Raises:
+            InputError: a missing or impossible value.
+        """
+        try:
+            entries = [dict(entry) for entry in values["cameras"]]
+            names = tuple(str(entry.pop("name")) for entry in entries)
+            T_body_cam = tuple(np.array(entry.pop("T_body_cam"), np.float64) for entry in entries)
+            cameras = tuple(Camera.from_json(entry) for entry in entries)
+            return cls(str(values["name"]), cameras, T_body_cam, names)
+        except (KeyError, TypeError, AttributeError) as error:
+            raise InputError(f"rig calibration: missing or wrong entry {error}") from error
+        except InputError:
+            raise
+        except ValueError as error:
+            raise InputError(f"rig calibration: T_body_cam is not a 4x4 matrix: {error}") from error

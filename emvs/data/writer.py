@@ -1,0 +1,126 @@
+"""Writes a sequence: streaming, atomic, with a manifest."""
+
+from __future__ import annotations
+
+import json
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.atomic import atomic_dir, refuse_existing
+from emvs.data import manifest
+from emvs.data.event_store import EventWriter
+from emvs.data.events import Events
+from emvs.data.rig import Rig
+from emvs.data.trajectory import Trajectory
+from emvs.data.truth_store import TruthWriter
+from emvs.data.tum import write_tum
+from emvs.versions import versions
+
+
+class SequenceWriter:
+    """A context that writes a sequence folder; on an exception nothing remains.
+
+    Args:
+        path: the folder to make.
+        name: what the sequence is called.
+        rig: its cameras.
+        trajectory: `T_world_body`.
+        config: the configuration that made it, plain values.
+        seed: the seed that made it.
+        renderer: what rendered it.
+        depth_range_m: nearest and farthest depth, if known.
+        force: whether an existing folder is replaced.
+
+    Raises:
+        InputError: the folder exists and `force` is not set, or cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        name: str,
+        rig: Rig,
+        trajectory: Trajectory,
+        config: dict[str, Any],
+        seed: int = 0,
+        renderer: str = "none",
+        depth_range_m: tuple[float, float] | None = None,
+        force: bool = False,
+    ) -> None:
+        refuse_existing(Path(path), force=force)
+        self._path, self._force = Path(path), force
+        self._name, self._rig, self._trajectory = name, rig, trajectory
+        self._facts: dict[str, Any] = {
+            "configuration": config,
+            "seed": seed,
+            "renderer": renderer,
+            "depth_range_m": depth_range_m,
+        }
+        self._folder_stack, self._file_stack = ExitStack(), ExitStack()
+
+    def __enter__(self) -> SequenceWriter:
+        self._folder = self._folder_stack.enter_context(atomic_dir(self._path, force=self._force))
+        try:
+            self._open_files()
+        except BaseException as error:
+            self._folder_stack.__exit__(type(error), error, error.__traceback__)
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            self._file_stack.close()
+            if error is None:
+                manifest.write(self._folder, self._manifest())
+        except BaseException as failure:
+            self._folder_stack.__exit__(type(failure), failure, failure.__traceback__)
+            raise
+        self._folder_stack.__exit__(kind, error, trace)
+
+    def append_events(self, camera: int, events: Events) -> None:
+        """Adds a packet of one camera's events, in time order."""
+        self._events[camera].append(events)
+
+    def append_truth(
+        self, camera: int, t_us: int, depth_m: NDArray[np.float32], intensity_u8: NDArray[np.uint8]
+    ) -> None:
+        """Adds one camera's (H, W) z-depth and (H, W) intensity at a time."""
+        self._truth[camera].append(t_us, depth_m, intensity_u8)
+
+    def _open_files(self) -> None:
+        rig_text = json.dumps(self._rig.to_json(), indent=2) + "\n"
+        (self._folder / "rig.json").write_text(rig_text, encoding="utf-8")
+        write_tum(self._folder / "poses.txt", self._trajectory)
+        self._events: list[EventWriter] = []
+        self._truth: list[TruthWriter] = []
+        for k, camera in enumerate(self._rig.cameras):
+            folder = self._folder / f"cam{k}"
+            folder.mkdir()
+            size = (camera.width_px, camera.height_px)
+            self._events.append(
+                self._file_stack.enter_context(EventWriter(folder / "events.h5", *size))
+            )
+            self._truth.append(
+                self._file_stack.enter_context(TruthWriter(folder / "truth.h5", *size))
+            )
+
+    def _manifest(self) -> manifest.Manifest:
+        return manifest.Manifest(
+            schema_version=manifest.SCHEMA_VERSION,
+            name=self._name,
+            versions=versions(),
+            event_counts=tuple(writer.count for writer in self._events),
+            files=manifest.entries(self._folder),
+            **self._facts,
+        )

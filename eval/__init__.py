@@ -1,0 +1,1 @@
+"""The benchmark: metrics, cases, runner, results, report and the command line."""

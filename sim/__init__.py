@@ -1,0 +1,1 @@
+"""The simulator: a rig of event cameras moving through a MuJoCo scene."""

@@ -1,0 +1,46 @@
+"""What all tests share: the slow switch, hypothesis's profile, the reference data's place."""
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+# Compiling a kernel can take seconds, so a deadline per example would only measure the compiler.
+settings.register_profile(
+    "eventsweep",
+    deadline=None,
+    max_examples=int(os.environ.get("HYPOTHESIS_EXAMPLES", "40")),
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
+settings.load_profile("eventsweep")
+
+SHARED = Path(__file__).resolve().parents[2] / "shared"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--run-slow", action="store_true", help="also run the tests that take minutes")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if config.getoption("--run-slow"):
+        return
+    for item in items:
+        if "slow" in item.keywords:
+            item.add_marker(pytest.mark.skip(reason="slow: add --run-slow"))
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder of real recordings beside the project."""
+    if not (SHARED / "data").exists():
+        pytest.skip("no real recordings beside the project")
+    return SHARED / "data"
+
+
+@pytest.fixture(scope="session")
+def shared_reference() -> Path:
+    """The folder of golden numbers beside the project."""
+    if not (SHARED / "reference").exists():
+        pytest.skip("no golden numbers beside the project")
+    return SHARED / "reference"

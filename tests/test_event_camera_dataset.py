@@ -1,0 +1,92 @@
+"""The Event Camera Dataset's text: a miniature, damage, and the real recording."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import emvs.io.event_text as event_text
+from emvs.errors import InputError
+from emvs.io import open_recording
+
+CALIBRATION = "335.4 335.3 129.9 99.2 -0.14 0.09 -0.0003 0.0002 0.0\n"
+POSES = "0.0 0 0 0 0 0 0 1\n1.0 0.5 0 0 0 0 0 1\n"
+
+
+def miniature(
+    path: Path, *, events: str | None = None, calib: str = CALIBRATION, poses: str = POSES
+) -> Path:
+    path.mkdir(exist_ok=True)
+    lines = "".join(f"{k * 1e-5:.9f} {k % 240} {k % 180} {k % 2}\n" for k in range(5000))
+    (path / "events.txt").write_text(lines if events is None else events)
+    (path / "calib.txt").write_text(calib)
+    (path / "groundtruth.txt").write_text(poses)
+    return path
+
+
+@pytest.mark.parametrize("block_bytes", [1, 100, 5000, 1 << 23])
+def test_every_block_size_reads_the_same(tmp_path, monkeypatch, block_bytes):
+    monkeypatch.setattr(event_text, "_BLOCK_BYTES", block_bytes)
+    count = 300 if block_bytes == 1 else 5000
+    lines = "".join(f"{k * 1e-5:.9f} {k % 240} {k % 180} {k % 2}\n" for k in range(count))
+    recording = open_recording(miniature(tmp_path / "m", events=lines))
+    events = recording.events(0, 100, 2000)
+    k = np.arange(10, min(200, count))
+    assert np.array_equal(events.t_us, k * 10)
+    assert np.array_equal(events.x, k % 240)
+    assert np.array_equal(events.y, k % 180)
+    assert np.array_equal(events.p, k % 2)
+    assert recording.event_span_us(0) == (0, (count - 1) * 10)
+
+
+@pytest.mark.parametrize(
+    ("events", "message"),
+    [
+        ("", "no events"),
+        ("0.1 1 2 1\n0.2 1 2\n", "line 2"),
+        ("0.1 1 2 1\n0.2 1 x 0\n", "line 2"),
+        ("0.1 1 2 1\n0.2 -1 2 0\n", "line 2"),
+        ("0.1 1 2 1\n0.2 1.5 2 0\n", "line 2"),
+        ("nan 1 2 1\n", "line 1"),
+        ("0.2 1 2 1\n0.1 1 2 0\n", "sort the events"),
+        ("0.1 240 2 1\n", "outside the 240x180 sensor"),
+        ("0.1 1 2 1\n0.2 70000 2 0\n", "line 2"),
+        ("\x00\xff", "line 1"),
+    ],
+)
+def test_damaged_events_are_refused(tmp_path, events, message):
+    recording = open_recording(miniature(tmp_path / "m", events=events))
+    with pytest.raises(InputError, match=message):
+        recording.events(0, 0, 10**7)
+
+
+@pytest.mark.parametrize(
+    ("calib", "message"),
+    [("", "0 numbers"), ("1 2 3", "3 numbers"), ("a " * 9, "calibration"), ("0 " * 9, "above 0")],
+)
+def test_damaged_calibration_is_refused(tmp_path, calib, message):
+    with pytest.raises(InputError, match=message):
+        open_recording(miniature(tmp_path / "m", calib=calib))
+
+
+def test_unknown_folders_are_named(tmp_path):
+    with pytest.raises(InputError, match="no such folder"):
+        open_recording(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="no recording recognised"):
+        open_recording(tmp_path)
+    (tmp_path / "events.txt").write_text("")
+    with pytest.raises(InputError, match=r"lacks calib\.txt, groundtruth\.txt"):
+        open_recording(tmp_path)
+    with pytest.raises(InputError, match="is a file"):
+        open_recording(tmp_path / "events.txt")
+
+
+def test_the_real_recording_is_read(shared_data):
+    recording = open_recording(shared_data / "slider_depth")
+    events = recording.events(0, 0, 10**7)
+    assert len(events) == 1_078_541
+    assert (recording.rig.cameras[0].width_px, recording.rig.cameras[0].height_px) == (240, 180)
+    early = len(recording.events(0, 0, recording.trajectory.span_us[0]))
+    late = len(recording.events(0, recording.trajectory.span_us[1] + 1, 10**7))
+    assert early + late == 3_486
+    assert np.linalg.norm(np.diff(recording.trajectory.positions_m[[0, -1]], axis=0)) > 0.97

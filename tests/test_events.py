@@ -1,0 +1,151 @@
+"""Events and their store: laws of slicing, and what is refused."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from emvs.data.event_store import EventReader, EventWriter
+from emvs.data.events import Events
+from emvs.errors import InputError
+
+
+def make_events(t_us: list[int], seed: int = 0) -> Events:
+    rng = np.random.default_rng(seed)
+    n = len(t_us)
+    return Events(
+        rng.integers(0, 40, n, np.uint16),
+        rng.integers(0, 30, n, np.uint16),
+        np.sort(np.array(t_us, np.int64)),
+        rng.integers(0, 2, n, np.uint8),
+    )
+
+
+def equal(a: Events, b: Events) -> bool:
+    return all(
+        np.array_equal(getattr(a, name), getattr(b, name))
+        and getattr(a, name).dtype == getattr(b, name).dtype
+        for name in ("x", "y", "t_us", "p")
+    )
+
+
+def store(path: Path, parts: list[Events]) -> EventReader:
+    with EventWriter(path, 40, 30) as writer:
+        for part in parts:
+            writer.append(part)
+    return EventReader(path, 40, 30)
+
+
+times = st.lists(st.integers(-5_000, 60_000), max_size=80)
+
+
+@given(times, st.integers(-10_000, 70_000), st.integers(-10_000, 70_000), st.integers(0, 80))
+def test_store_gives_back_every_slice(tmp_path, t_us, t0_us, t1_us, cut):
+    events = make_events(t_us)
+    reader = store(tmp_path / "e.h5", [events.slice(0, cut), events.slice(cut, len(events))])
+    assert reader.count == len(events)
+    assert equal(reader.read(t0_us, t1_us), events.between(t0_us, max(t0_us, t1_us)))
+
+
+@given(times, st.integers(-6_000, 61_000))
+def test_two_slices_make_a_whole(t_us, cut):
+    events = make_events(t_us)
+    parts = [events.between(-(10**9), cut), events.between(cut, 10**9)]
+    assert equal(Events.concat(parts), events)
+
+
+def test_times_far_from_zero_survive(tmp_path):
+    start = 1_468_939_993_067_123
+    events = make_events([start, start + 1, start + 10**6])
+    reader = store(tmp_path / "e.h5", [events])
+    assert reader.span_us == (start, start + 10**6)
+    assert equal(reader.read(start, start + 2), events.slice(0, 2))
+    assert equal(reader.read(start + 2, start + 10**7), events.slice(2, 3))
+
+
+def test_index_is_the_published_one(tmp_path):
+    """t[ms_to_idx[m]] >= 1000 m, and the event before is earlier (DSEC's definition)."""
+    events = make_events(list(np.random.default_rng(3).integers(7_000, 90_000, 500)))
+    reader = store(tmp_path / "e.h5", [events])
+    with h5py.File(reader.path) as file:
+        t, index = file["events/t"][:], file["ms_to_idx"][:].astype(int)
+    for m, k in enumerate(index):
+        assert t[k] >= 1000 * m
+        assert k == 0 or t[k - 1] < 1000 * m
+
+
+def test_no_events(tmp_path):
+    reader = store(tmp_path / "e.h5", [])
+    assert reader.count == 0
+    assert len(reader.read(-(10**9), 10**9)) == 0
+
+
+def one_event(x: int, y: int) -> Events:
+    return Events(*(np.array([v], k) for v, k in ((x, "u2"), (y, "u2"), (5, "i8"), (1, "u1"))))
+
+
+BACKWARDS = Events(np.zeros(2, "u2"), np.zeros(2, "u2"), np.array([5, 4]), np.zeros(2, "u1"))
+UNEVEN = Events(np.zeros(2, "u2"), np.zeros(1, "u2"), np.array([5]), np.zeros(1, "u1"))
+
+
+@pytest.mark.parametrize(
+    ("events", "message"),
+    [
+        (BACKWARDS, "sort"),
+        (one_event(40, 0), "outside"),
+        (one_event(0, 30), "outside"),
+        (UNEVEN, "lengths"),
+    ],
+)
+def test_impossible_events_are_refused(tmp_path, events, message):
+    with EventWriter(tmp_path / "e.h5", 40, 30) as writer, pytest.raises(InputError, match=message):
+        writer.append(events)
+
+
+def test_packets_out_of_order_are_refused(tmp_path):
+    with EventWriter(tmp_path / "e.h5", 40, 30) as writer:
+        writer.append(make_events([10, 20]))
+        with pytest.raises(InputError, match="time order"):
+            writer.append(make_events([19]))
+
+
+@pytest.mark.parametrize("keep", [0, 10, 500, 2000])
+def test_truncated_file_is_refused(tmp_path, keep):
+    reader = store(tmp_path / "e.h5", [make_events(list(range(1000)))])
+    reader.path.write_bytes(reader.path.read_bytes()[:keep])
+    with pytest.raises(InputError, match=r"e\.h5"):
+        EventReader(reader.path, 40, 30)
+
+
+def test_file_of_another_layout_is_refused(tmp_path):
+    with h5py.File(tmp_path / "e.h5", "w") as file:
+        file["something"] = 1
+    with pytest.raises(InputError, match="layout"):
+        EventReader(tmp_path / "e.h5", 40, 30)
+
+
+@pytest.mark.slow
+def test_a_slice_of_a_hundred_million_events_needs_little_memory(tmp_path):
+    """Writing and reading 100 M events stays below 300 MB of growth (they would fill 1.3 GB)."""
+    import resource
+
+    before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    packet = 1_000_000
+    with EventWriter(tmp_path / "e.h5", 1280, 720) as writer:
+        for k in range(100):
+            rng = np.random.default_rng(k)
+            writer.append(
+                Events(
+                    rng.integers(0, 1280, packet, np.uint16),
+                    rng.integers(0, 720, packet, np.uint16),
+                    np.arange(packet, dtype=np.int64) // 20 + k * 50_000,
+                    rng.integers(0, 2, packet, np.uint8),
+                )
+            )
+    reader = EventReader(tmp_path / "e.h5", 1280, 720)
+    counts = [len(reader.read(t0, t0 + 10_000)) for t0 in range(0, 5_000_000, 10_000)]
+    assert sum(counts) == 100 * packet
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 300_000

@@ -1,0 +1,152 @@
+"""Sequences on disk: what goes in comes out, whole or not at all."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from emvs.atomic import atomic_dir, atomic_path
+from emvs.data.camera import Camera
+from emvs.data.events import Events
+from emvs.data.rig import Rig
+from emvs.data.sequence import Sequence
+from emvs.data.trajectory import Trajectory
+from emvs.data.writer import SequenceWriter
+from emvs.errors import InputError
+from emvs.io import open_recording
+
+CAMERA = Camera(20, 10, 15, 15, 9.5, 4.5)
+
+
+def mounted(x_m: float) -> np.ndarray:
+    T_body_cam = np.eye(4)
+    T_body_cam[0, 3] = x_m
+    return T_body_cam
+
+
+RIG = Rig("three", (CAMERA,) * 3, tuple(mounted(0.1 * k) for k in range(3)))
+TRAJECTORY = Trajectory(np.array([0, 10_000]), np.zeros((2, 3)), np.tile([0.0, 0, 0, 1], (2, 1)))
+
+
+def packet(seed: int, start_us: int) -> Events:
+    rng = np.random.default_rng(seed)
+    t_us = np.sort(rng.integers(start_us, start_us + 1000, 50)).astype(np.int64)
+    x, y = rng.integers(0, 20, 50, np.uint16), rng.integers(0, 10, 50, np.uint16)
+    return Events(x, y, t_us, rng.integers(0, 2, 50, np.uint8))
+
+
+def write(path: Path, *, force: bool = False, fail: BaseException | None = None) -> None:
+    facts = {"config": {"a": 1}, "seed": 7, "depth_range_m": (0.5, 4.0), "force": force}
+    with SequenceWriter(path, name="s", rig=RIG, trajectory=TRAJECTORY, **facts) as writer:
+        for camera in range(3):
+            writer.append_events(camera, packet(camera, 0))
+            writer.append_events(camera, packet(camera + 10, 1000))
+            depth_m = np.full((10, 20), 1.5 + camera, np.float32)
+            writer.append_truth(camera, 500, depth_m, np.full((10, 20), camera, np.uint8))
+        if fail:
+            raise fail
+
+
+def files(path: Path) -> dict[str, bytes]:
+    return {str(f.relative_to(path)): f.read_bytes() for f in path.rglob("*") if f.is_file()}
+
+
+def test_what_goes_in_comes_out(tmp_path):
+    write(tmp_path / "s")
+    sequence = open_recording(tmp_path / "s")
+    assert isinstance(sequence, Sequence)
+    assert (sequence.name, sequence.depth_range_m, sequence.manifest.seed) == ("s", (0.5, 4.0), 7)
+    for camera in range(3):
+        expected = Events.concat([packet(camera, 0), packet(camera + 10, 1000)])
+        got = sequence.events(camera, -(10**9), 10**9)
+        assert all(
+            np.array_equal(getattr(got, c), getattr(expected, c)) for c in ("x", "y", "t_us", "p")
+        )
+        assert sequence.event_span_us(camera) == (expected.t_us[0], expected.t_us[-1])
+        assert (sequence.truth_depth_m(camera, 500) == 1.5 + camera).all()
+        assert (sequence.truth_intensity(camera, 500) == camera).all()
+    sequence.verify()
+
+
+def test_same_input_same_bytes(tmp_path):
+    write(tmp_path / "a")
+    write(tmp_path / "b")
+    assert files(tmp_path / "a") == files(tmp_path / "b")
+
+
+@pytest.mark.parametrize("error", [RuntimeError("broken"), KeyboardInterrupt()])
+def test_a_broken_off_write_leaves_nothing(tmp_path, error):
+    with pytest.raises(type(error)):
+        write(tmp_path / "s", fail=error)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_existing_sequence_is_kept_unless_forced(tmp_path):
+    write(tmp_path / "s")
+    before = files(tmp_path / "s")
+    with pytest.raises(InputError, match="--force"):
+        write(tmp_path / "s")
+    with pytest.raises(RuntimeError):
+        write(tmp_path / "s", force=True, fail=RuntimeError())
+    assert files(tmp_path / "s") == before
+    (tmp_path / "s" / "extra").write_text("old")
+    write(tmp_path / "s", force=True)
+    assert files(tmp_path / "s") == before
+    assert [path.name for path in tmp_path.iterdir()] == ["s"]
+
+
+def test_truth_at_another_time_is_refused(tmp_path):
+    write(tmp_path / "s")
+    with pytest.raises(InputError, match="nearest: 500"):
+        Sequence.open(tmp_path / "s").truth_depth_m(0, 501)
+
+
+@pytest.mark.parametrize("name", ["rig.json", "poses.txt", "cam1/events.h5", "cam2/truth.h5"])
+def test_missing_truncated_and_changed_files_are_noticed(tmp_path, name):
+    write(tmp_path / "s")
+    path = tmp_path / "s" / name
+    content = path.read_bytes()
+    path.write_bytes(content[:-1])
+    with pytest.raises(InputError, match="make the sequence again"):
+        Sequence.open(tmp_path / "s")
+    path.unlink()
+    with pytest.raises(InputError, match="missing"):
+        Sequence.open(tmp_path / "s")
+    path.write_bytes(bytes([content[0] ^ 1]) + content[1:])
+    with pytest.raises(InputError):
+        Sequence.open(tmp_path / "s").verify()
+
+
+def test_another_schema_version_is_refused(tmp_path):
+    write(tmp_path / "s")
+    path = tmp_path / "s" / "manifest.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "schema_version": 99}))
+    with pytest.raises(InputError, match="schema version 99"):
+        Sequence.open(tmp_path / "s")
+    path.write_text("{")
+    with pytest.raises(InputError, match="damaged manifest"):
+        Sequence.open(tmp_path / "s")
+
+
+def test_atomic_file_is_whole_or_absent(tmp_path):
+    target = tmp_path / "f.txt"
+
+    def break_off() -> None:
+        with atomic_path(target) as partial:
+            partial.write_text("half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        break_off()
+    assert list(tmp_path.iterdir()) == []
+    with atomic_path(target) as partial:
+        partial.write_text("whole")
+    assert target.read_text() == "whole"
+    assert [path.name for path in tmp_path.iterdir()] == ["f.txt"]
+
+
+def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot make"), atomic_dir(tmp_path / "file" / "out"):
+        pass
