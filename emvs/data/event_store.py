@@ -9,12 +9,11 @@ from __future__ import annotations
 from pathlib import Path
 from types import TracebackType
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
-from emvs.data.hdf5 import COMPRESSION, open_hdf5
+from emvs.data.hdf5 import COMPRESSION, Hdf5Writer, open_hdf5
 from emvs.errors import InputError
 
 _CHUNK = 1 << 17
@@ -31,7 +30,8 @@ class EventWriter:
         self._last_us: int | None = None
         self._offset_us = 0
         self._ms_to_idx = np.zeros(0, np.int64)
-        self._file = h5py.File(path, "w")
+        self._hdf5 = Hdf5Writer(path)
+        self._file = self._hdf5.file
         for name, kind in _COLUMNS.items():
             self._file.create_dataset(
                 f"events/{name}",
@@ -68,10 +68,12 @@ class EventWriter:
         """Writes what waits, the index and the offset."""
         if not self._file:
             return
-        self._flush()
-        self._file.create_dataset("ms_to_idx", data=self._ms_to_idx.astype(np.uint64))
-        self._file.create_dataset("t_offset", data=np.int64(self._offset_us))
-        self._file.close()
+        try:
+            self._flush()
+            self._file.create_dataset("ms_to_idx", data=self._ms_to_idx.astype(np.uint64))
+            self._file.create_dataset("t_offset", data=np.int64(self._offset_us))
+        finally:
+            self._hdf5.close()
 
     def __enter__(self) -> EventWriter:
         return self
@@ -93,6 +95,7 @@ class EventWriter:
             dataset = self._file[f"events/{name}"]
             dataset.resize((start + len(events),))
             dataset[start:] = column
+        self._hdf5.check()
         self._extend_index(t_us, start)
 
     def _extend_index(self, t_us: NDArray[np.int64], start: int) -> None:

@@ -33,6 +33,7 @@ class Manifest(BaseModel):
     versions: dict[str, str]
     renderer: str
     depth_range_m: tuple[float, float] | None
+    span_us: tuple[int, int]
     event_counts: tuple[int, ...]
     files: dict[str, FileEntry]
 

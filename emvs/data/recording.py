@@ -29,7 +29,7 @@ class Recording(Protocol):
         """Nearest and farthest depth, where the recording knows it."""
 
     def event_span_us(self, camera: int) -> tuple[int, int]:
-        """Times of the first and the last event of a camera, µs."""
+        """First and last instant of the recording, or of its events where no more is known, µs."""
 
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """Events of a camera with `t0_us <= t < t1_us`."""

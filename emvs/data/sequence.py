@@ -55,8 +55,9 @@ class Sequence:
         return self.manifest.depth_range_m
 
     def event_span_us(self, camera: int) -> tuple[int, int]:
-        """Times of the first and the last event of a camera, µs."""
-        return self._events[camera].span_us
+        """First and last instant of the recording, µs: a silent start belongs to it."""
+        del camera
+        return self.manifest.span_us
 
     def event_count(self, camera: int) -> int:
         """Events of a camera."""

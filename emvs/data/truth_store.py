@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from types import TracebackType
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.hdf5 import COMPRESSION, open_hdf5
+from emvs.data.hdf5 import COMPRESSION, Hdf5Writer, open_hdf5
 from emvs.errors import InputError
 
 
@@ -17,7 +16,8 @@ class TruthWriter:
     """Appends ground-truth images to a file, one image at a time."""
 
     def __init__(self, path: Path, width_px: int, height_px: int) -> None:
-        self._file = h5py.File(path, "w")
+        self._hdf5 = Hdf5Writer(path)
+        self._file = self._hdf5.file
         shape = (height_px, width_px)
         self._file.create_dataset("t_us", (0,), np.int64, maxshape=(None,), chunks=(1024,))
         for name, kind in (("depth_m", np.float32), ("intensity", np.uint8)):
@@ -33,10 +33,11 @@ class TruthWriter:
             dataset = self._file[name]
             dataset.resize(index + 1, axis=0)
             dataset[index] = value
+        self._hdf5.check()
 
     def close(self) -> None:
         """Closes the file."""
-        self._file.close()
+        self._hdf5.close()
 
     def __enter__(self) -> TruthWriter:
         return self

@@ -34,6 +34,7 @@ class SequenceWriter:
         seed: the seed that made it.
         renderer: what rendered it.
         depth_range_m: nearest and farthest depth, if known.
+        span_us: first and last instant of the recording; by default those of the trajectory.
         force: whether an existing folder is replaced.
 
     Raises:
@@ -51,6 +52,7 @@ class SequenceWriter:
         seed: int = 0,
         renderer: str = "none",
         depth_range_m: tuple[float, float] | None = None,
+        span_us: tuple[int, int] | None = None,
         force: bool = False,
     ) -> None:
         refuse_existing(Path(path), force=force)
@@ -61,6 +63,7 @@ class SequenceWriter:
             "seed": seed,
             "renderer": renderer,
             "depth_range_m": depth_range_m,
+            "span_us": span_us or trajectory.span_us,
         }
         self._folder_stack, self._file_stack = ExitStack(), ExitStack()
 
