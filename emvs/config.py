@@ -1,0 +1,94 @@
+"""Parameters of the mapper, defaulted to the benchmark; unknown keys are refused."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+
+DEFAULT_DEPTH_RANGE_M = (0.2, 5.0)
+
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+NotNegative = Annotated[FiniteFloat, Field(ge=0)]
+OddPixels = Annotated[int, Field(ge=1, le=99)]
+
+
+class MapperConfig(BaseModel):
+    """What Algorithm 1 can be told; every field has a default that works."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    planes: int = Field(100, ge=2, le=4096, description="depth planes, uniform in inverse depth")
+    min_depth_m: Positive | None = Field(
+        None, description="nearest plane, m; by default what the recording knows, else 0.2"
+    )
+    max_depth_m: Positive | None = Field(
+        None, description="farthest plane, m; by default what the recording knows, else 5"
+    )
+    start_s: NotNegative | None = Field(
+        None, description="window start, s after the first event; by default where poses begin"
+    )
+    duration_s: Positive | None = Field(
+        None, description="window length, s; by default all events that the poses cover"
+    )
+    reference_s: NotNegative | None = Field(
+        None, description="time of the reference view, s after the first event; default: middle"
+    )
+    methods: tuple[str, ...] = Field(
+        ("all",), min_length=1, description="methods by name, such as Alg1/H or EMVS/cam0, or all"
+    )
+    interpolate: bool = Field(True, description="refine the maximum between planes by a parabola")
+    threshold_kernel_px: OddPixels = Field(
+        5, description="window of the adaptive threshold, px, odd, at least 3"
+    )
+    threshold_c: FiniteFloat = Field(
+        7.0, description="by how much of 255 a confidence must exceed its neighbours' mean"
+    )
+    median_px: OddPixels = Field(5, description="window of the masked median, px, odd; 1: none")
+    border_px: int = Field(2, ge=0, description="rim of the image that reports no depth, px")
+    max_confidence: NotNegative = Field(
+        0.0,
+        description="votes that make full confidence, unless a pixel has more; 0: its maximum",
+    )
+    radius_m: Positive = Field(0.05, description="radius of the point cloud's outlier filter, m")
+    radius_neighbours: int = Field(
+        3, ge=0, description="neighbours that a point needs within the radius; 0: no filter"
+    )
+    compatibility: Literal["none", "mcemvs"] = Field(
+        "none", description="mcemvs: the authors' planes, packets, H and no interpolation"
+    )
+    save_dsi: bool = Field(False, description="write every fused volume as .npy")
+    threads: int = Field(0, ge=0, description="threads of the kernels; 0: all")
+    slice_row: int | None = Field(
+        None, ge=0, description="image row of the DSI slice, px; by default the middle row"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_method_is_a_list(cls, values: Any) -> Any:
+        if isinstance(values, dict) and isinstance(values.get("methods"), str):
+            return {**values, "methods": (values["methods"],)}
+        return values
+
+    @model_validator(mode="after")
+    def _check(self) -> "MapperConfig":
+        if self.threshold_kernel_px % 2 == 0 or self.threshold_kernel_px < 3:
+            raise ValueError(
+                f"threshold_kernel_px is {self.threshold_kernel_px}: must be odd and at least 3"
+            )
+        if self.median_px % 2 == 0:
+            raise ValueError(f"median_px is {self.median_px}: must be odd")
+        near, far = self.min_depth_m, self.max_depth_m
+        if near is not None and far is not None and near >= far:
+            raise ValueError(
+                f"depth range {near:g}..{far:g} m: min_depth_m must be below max_depth_m"
+            )
+        return self
+
+    @property
+    def is_reference(self) -> bool:
+        """Whether to do as the authors' implementation does."""
+        return self.compatibility == "mcemvs"
+
+    @property
+    def refines(self) -> bool:
+        """Whether maxima are refined between planes (the authors' implementation never does)."""
+        return self.interpolate and not self.is_reference

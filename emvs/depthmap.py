@@ -1,0 +1,123 @@
+"""From the maximum of a fused volume to a semi-dense depth map (paper, Alg. 1, line 5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.config import MapperConfig
+from emvs.data.camera import Camera
+from emvs.median import masked_median
+from emvs.planes import inverse_depth_at
+from emvs.running import Maximum
+from emvs.view import ReferenceView
+
+Floats = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class DepthMap:
+    """Depth as one method sees it from the reference view.
+
+    Attributes:
+        method: the method's name.
+        depth_m: (H, W) float32 z-depth; finite everywhere, meaningful where `mask` is set.
+        confidence: (H, W) float32, the fused volume's maximum, in votes.
+        mask: (H, W) bool, where there is depth.
+        argmax: (H, W) int16 plane of the maximum, before interpolation and median.
+        rho: (N,) float32 planes, 1/m.
+        t_us: time of the reference view, µs.
+        T_world_rv: (4, 4) float64 its pose.
+        camera: its pinhole camera.
+    """
+
+    method: str
+    depth_m: Floats
+    confidence: Floats
+    mask: Mask
+    argmax: NDArray[np.int16]
+    rho: Floats
+    t_us: int
+    T_world_rv: NDArray[np.float64]
+    camera: Camera
+
+    @property
+    def points(self) -> int:
+        """Number of pixels with depth."""
+        return int(np.count_nonzero(self.mask))
+
+
+def extract(method: str, maximum: Maximum, view: ReferenceView, config: MapperConfig) -> DepthMap:
+    """Turns one method's maximum into its depth map.
+
+    Args:
+        method: name for the result.
+        maximum: first maximum of the fused volume.
+        view: the reference view.
+        config: thresholds, median, border, interpolation.
+    """
+    mask = confidence_mask(maximum.value, config)
+    position = maximum.position() if config.refines else maximum.plane.astype(np.float32)
+    position = masked_median(position, mask, config.median_px)
+    return DepthMap(
+        method=method,
+        depth_m=np.reciprocal(inverse_depth_at(view.rho, position)),
+        confidence=maximum.value,
+        mask=without_border(mask, config.border_px),
+        argmax=maximum.plane,
+        rho=view.rho,
+        t_us=view.t_us,
+        T_world_rv=view.T_world_rv,
+        camera=view.camera,
+    )
+
+
+def confidence_mask(confidence: Floats, config: MapperConfig) -> Mask:
+    """Keeps pixels that stand out: confidence above its Gaussian-weighted surroundings by C.
+
+    Args:
+        confidence: (H, W) float32.
+        config: `threshold_kernel_px`, `threshold_c`, `max_confidence`.
+
+    Returns:
+        (H, W) bool, the border included.
+    """
+    grey = eight_bits(confidence, config.max_confidence)
+    if config.is_reference:
+        grey[0, 0] = 0  # where the authors' program writes its maximum
+    kept = cv2.adaptiveThreshold(
+        grey,
+        1,
+        cv2.ADAPTIVE_THRESH_GAUSSIAN_C,
+        cv2.THRESH_BINARY,
+        config.threshold_kernel_px,
+        -config.threshold_c,
+    )
+    # An empty neighbourhood exceeds its mean by a negative C, but no ray passes there.
+    return (kept > 0) & (confidence > 0)
+
+
+def eight_bits(confidence: Floats, max_confidence: float) -> NDArray[np.uint8]:
+    """Scales confidence to 0..255 by its maximum, or by `max_confidence` where that is larger.
+
+    A fixed scale keeps a window with few events from promoting its noise; values above it are not
+    cut off, for a plateau at 255 would lose its edges to the adaptive threshold.
+    """
+    top = max(max_confidence, float(confidence.max()))
+    if top <= 0:
+        return np.zeros(confidence.shape, np.uint8)
+    grey: NDArray[np.uint8] = np.rint(confidence * np.float32(255 / top)).astype(np.uint8)
+    return grey
+
+
+def without_border(mask: Mask, border_px: int) -> Mask:
+    """The mask without a rim of `border_px` pixels."""
+    inner = np.zeros_like(mask)
+    if border_px < min(mask.shape):
+        rows, columns = (slice(border_px, size - border_px) for size in mask.shape)
+        inner[rows, columns] = mask[rows, columns]
+    return inner

@@ -1,0 +1,117 @@
+"""The compiled loop of the sweep. Arrays in, `out` filled, nothing else."""
+
+# Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
+# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, call-arg"
+
+import numpy as np
+from numba import njit, prange
+
+import emvs.threads  # noqa: F401  (names the threading layer before the kernels compile)
+from emvs.intrinsics import add_pair, prefetch
+
+# A thousand rays (16 kB) stay in L1 while every plane of the pass reads them again.
+CHUNK = 1024
+# Votes that miss the image go here: spread, so that none waits for the store before it.
+DUMP_CELLS = 512
+
+_ZERO, _ONE = np.float32(0), np.float32(1)
+
+
+def grid_cells(width_px: int, height_px: int) -> int:
+    """Returns the length of a scratch plane: the image, the dump and a row below the dump."""
+    return width_px * height_px + DUMP_CELLS + width_px + 2
+
+
+@njit(cache=True)
+def _locate(a_u, b_u, a_v, b_v, lo, n, rho, width, height, cell, fx, fy):
+    """Cell and fractions of rays `lo..lo+n` in plane `rho`; returns how many lie inside."""
+    u_end, v_end, dump = np.float32(width - 1), np.float32(height - 1), np.int32(width * height)
+    inside = 0
+    for k in range(n):
+        u = a_u[lo + k] + rho * b_u[lo + k]
+        v = a_v[lo + k] + rho * b_v[lo + k]
+        ok = (u >= _ZERO) & (v >= _ZERO) & (u < u_end) & (v < v_end)
+        u = u if ok else _ZERO  # also keeps NaN and infinity away from the integer cast
+        v = v if ok else _ZERO
+        column, row = np.int32(u), np.int32(v)
+        spread = dump + np.int32(2 * (k & 255))
+        cell[k] = row * np.int32(width) + column if ok else spread
+        fx[k] = u - np.float32(column)
+        fy[k] = v - np.float32(row)
+        inside += ok
+    return inside
+
+
+@njit(cache=True)
+def _dump_behind(c_z, lo, n, rho, width, height, cell):
+    """Redirects rays whose point lies behind their camera; returns (hidden, all) of them."""
+    dump = np.int32(width * height)
+    hidden = behind = 0
+    for k in range(n):
+        if _ONE - c_z[lo + k] * rho <= _ZERO:
+            behind += 1
+            hidden += cell[k] < dump
+            cell[k] = max(cell[k], dump)
+    return hidden, behind
+
+
+@njit(cache=True)
+def _scatter(cell, fx, fy, n, width, grid):
+    for k in range(n):
+        upper = np.int64(cell[k])
+        right, down = fx[k], fy[k]
+        left, up = _ONE - right, _ONE - down
+        add_pair(grid, upper, left * up, right * up)
+        add_pair(grid, upper + width, left * down, right * down)
+
+
+@njit(cache=True)
+def _prefetch_rays(a_u, b_u, a_v, b_v, lo):
+    for k in range(lo, min(lo + CHUNK, len(a_u)), 16):
+        prefetch(a_u, k)
+        prefetch(b_u, k)
+        prefetch(a_v, k)
+        prefetch(b_v, k)
+
+
+@njit(parallel=True, cache=True)
+def vote(
+    a_u, b_u, a_v, b_v, c_z, c_z_max, rho, size, per_pass, cell, fx, fy, grids, inside, behind
+):
+    """Bilinear votes of one camera's rays in planes `rho`; a thread owns `per_pass` planes.
+
+    Several planes per pass over the rays: the stream of rays (16 B each) costs as much as the
+    votes where a plane fits in the cache. The next chunk is fetched while this one votes, because
+    the scattered stores keep the hardware from seeing the stream.
+
+    Arrays:
+        a_u, b_u, a_v, b_v, c_z: (N,) float32, the rays.
+        c_z_max: (ceil(N / CHUNK),) float32, the largest `c_z` of each chunk.
+        rho: (P,) float32 planes, 1/m.
+        size: (width, height) px.
+        per_pass: planes per thread and pass.
+        cell, fx, fy: (passes, CHUNK) scratch: int32, float32, float32.
+        grids: (P, grid_cells) float32, filled: the votes, then the dump.
+        inside, behind: (P,) int64, filled: votes counted, votes behind their camera.
+    """
+    width, height = size
+    for task in prange(cell.shape[0]):
+        first = task * per_pass
+        last = min(first + per_pass, len(rho))
+        grids[first:last] = _ZERO
+        inside[first:last] = 0
+        behind[first:last] = 0
+        for chunk in range(len(c_z_max)):
+            lo = chunk * CHUNK
+            n = min(CHUNK, len(a_u) - lo)
+            for p in range(first, last):
+                inside[p] += _locate(
+                    a_u, b_u, a_v, b_v, lo, n, rho[p], width, height, cell[task], fx[task], fy[task]
+                )
+                if _ONE - c_z_max[chunk] * rho[p] <= _ZERO:
+                    hidden, all_behind = _dump_behind(c_z, lo, n, rho[p], width, height, cell[task])
+                    inside[p] -= hidden
+                    behind[p] += all_behind
+                if p == first:
+                    _prefetch_rays(a_u, b_u, a_v, b_v, lo + CHUNK)
+                _scatter(cell[task], fx[task], fy[task], n, width, grids[p])

@@ -1,0 +1,76 @@
+"""`map.json`: what a map folder holds and what made it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from emvs.config import MapperConfig
+from emvs.errors import InputError
+from emvs.map_files import CURE
+
+SCHEMA_VERSION = 1
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class RecordingInfo(_Model):
+    """Which recording was mapped; `manifest_sha256` is None for other people's formats."""
+
+    name: str
+    path: str
+    manifest_sha256: str | None = None
+
+
+class WindowInfo(_Model):
+    """One window in `map.json`; times in µs, counts per camera and by what became of events."""
+
+    name: str = Field(pattern=r"^\w[\w-]*$")
+    t0_us: int
+    t1_us: int
+    t_ref_us: int
+    methods: tuple[str, ...]
+    counts: dict[str, dict[str, int]]
+
+
+class MapInfo(_Model):
+    """The whole of `map.json`."""
+
+    schema_version: int
+    recording: RecordingInfo
+    config: MapperConfig
+    versions: dict[str, str]
+    windows: tuple[WindowInfo, ...]
+
+
+def read_info(directory: Path) -> MapInfo:
+    """Reads `map.json` of a map folder.
+
+    Raises:
+        InputError: no map there, or a file that is damaged or of another version.
+    """
+    index = directory / "map.json"
+    try:
+        text = index.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{directory} is no map, map.json cannot be read ({error})") from error
+    return _parse(index, text)
+
+
+def _parse(index: Path, text: str) -> MapInfo:
+    try:
+        found = json.loads(text).get("schema_version")
+    except (json.JSONDecodeError, AttributeError) as error:
+        raise InputError(f"{index}: not the JSON of a map ({error}): {CURE}") from error
+    if found != SCHEMA_VERSION:
+        raise InputError(f"{index}: schema version {found}, needs {SCHEMA_VERSION}: {CURE}")
+    try:
+        return MapInfo.model_validate_json(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise InputError(f"{index}: {where}: {first['msg']}: {CURE}") from error

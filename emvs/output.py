@@ -1,0 +1,152 @@
+"""The map folder: what a mapper leaves for scores and reports, in files of documented form."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.config import MapperConfig
+from emvs.depthmap import DepthMap
+from emvs.errors import InputError
+from emvs.fusion import file_name
+from emvs.map_files import (
+    check_array,
+    read_depth,
+    read_npz,
+    read_slices,
+    write_depth,
+    write_slices,
+)
+from emvs.map_info import SCHEMA_VERSION, MapInfo, RecordingInfo, WindowInfo, read_info
+from emvs.pointcloud import back_project_map, without_outliers, write_ply
+from emvs.result import Slices, WindowResult
+from emvs.versions import versions
+
+__all__ = [
+    "MapInfo", "RecordingInfo", "StoredMap", "StoredWindow", "WindowInfo", "read_map",
+    "write_index", "write_window",
+]  # fmt: skip
+
+
+def write_window(
+    directory: Path,
+    result: WindowResult,
+    config: MapperConfig,
+    camera_names: Sequence[str],
+    *,
+    clouds: bool = True,
+) -> WindowInfo:
+    """Writes one window's folder; `directory` is made, and its name becomes the window's.
+
+    Args:
+        directory: such as `MAP/w000`, in a folder that the caller writes atomically.
+        result: the mapped window.
+        config: radius filter of the clouds.
+        camera_names: one per camera, for the counts.
+        clouds: whether to write `cloud.ply` (loads open3d).
+
+    Returns:
+        The window's entry of `map.json`, for `write_index`.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    for depth_map in result.depth_maps.values():
+        folder = directory / file_name(depth_map.method)
+        folder.mkdir()
+        write_depth(folder / "depth.npz", depth_map)
+        if clouds:
+            cloud = back_project_map(depth_map)
+            cloud = without_outliers(cloud, config.radius_m, config.radius_neighbours)
+            write_ply(folder / "cloud.ply", cloud)
+    write_slices(directory / "slices.npz", result.slices)
+    np.savez(directory / "events.npz", counts=result.event_image)
+    return WindowInfo(
+        name=directory.name,
+        t0_us=result.window.t0_us,
+        t1_us=result.window.t1_us,
+        t_ref_us=result.window.t_ref_us,
+        methods=tuple(result.depth_maps),
+        counts={
+            name: counts.to_json() for name, counts in zip(camera_names, result.counts, strict=True)
+        },
+    )
+
+
+def write_index(
+    directory: Path, recording: RecordingInfo, config: MapperConfig, windows: Sequence[WindowInfo]
+) -> None:
+    """Writes `map.json`, last: a folder without it is no map."""
+    info = MapInfo(
+        schema_version=SCHEMA_VERSION,
+        recording=recording,
+        config=config,
+        versions=versions(),
+        windows=tuple(windows),
+    )
+    text = json.dumps(info.model_dump(mode="json"), indent=2, ensure_ascii=False)
+    (directory / "map.json").write_text(text + "\n", encoding="utf-8")
+
+
+class StoredWindow:
+    """One window of a map folder; files are read when asked for.
+
+    Attributes:
+        path: its folder.
+        info: its entry of `map.json`.
+    """
+
+    def __init__(self, path: Path, info: WindowInfo) -> None:
+        self.path, self.info = path, info
+
+    def depth_map(self, method: str) -> DepthMap:
+        """Reads one method's depth map.
+
+        Raises:
+            InputError: a method that was not mapped, or a missing or damaged file.
+        """
+        if method not in self.info.methods:
+            raise InputError(
+                f"{self.path}: no method {method!r}, it has {', '.join(self.info.methods)}"
+            )
+        return read_depth(self.path / file_name(method) / "depth.npz", method)
+
+    @cached_property
+    def slices(self) -> Slices:
+        """One image row of every fused volume."""
+        width_px = self.event_image.shape[2]
+        return read_slices(self.path / "slices.npz", self.info.methods, width_px)
+
+    @cached_property
+    def event_image(self) -> NDArray[np.uint32]:
+        """(2, H, W) events of camera 0 per pixel: darker, brighter."""
+        path = self.path / "events.npz"
+        counts = read_npz(path, ("counts",))["counts"]
+        check_array(path, "counts", counts, "u", (2, *counts.shape[1:3]))
+        return counts
+
+
+class StoredMap:
+    """A map folder.
+
+    Attributes:
+        path: the folder.
+        info: what `map.json` says.
+        windows: its windows, in order.
+    """
+
+    def __init__(self, path: Path, info: MapInfo) -> None:
+        self.path, self.info = path, info
+        self.windows = tuple(StoredWindow(path / window.name, window) for window in info.windows)
+
+
+def read_map(path: Path) -> StoredMap:
+    """Opens a map folder; the arrays are read when asked for.
+
+    Raises:
+        InputError: no map there, or a `map.json` that is damaged or of another version.
+    """
+    return StoredMap(Path(path), read_info(Path(path)))

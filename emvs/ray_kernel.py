@@ -1,0 +1,92 @@
+"""The compiled loop that turns events and poses into rays."""
+
+# Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
+# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return"
+
+import numpy as np
+from numba import njit, prange
+
+import emvs.threads  # noqa: F401  (names the threading layer before the kernels compile)
+
+VOTES, NO_POSE, NO_RAY, BACKWARDS = range(4)
+BLOCK = 4096
+
+
+@njit(cache=True)
+def _turned(quat, axis, angle):
+    """Rotation matrix, row by row, of `quat` (x, y, z, w) times a turn about `axis` by `angle`."""
+    s, c = np.sin(0.5 * angle), np.cos(0.5 * angle)
+    ax, ay, az = axis[0] * s, axis[1] * s, axis[2] * s
+    qx, qy, qz, qw = quat[0], quat[1], quat[2], quat[3]
+    x = qw * ax + qx * c + qy * az - qz * ay
+    y = qw * ay - qx * az + qy * c + qz * ax
+    z = qw * az + qx * ay - qy * ax + qz * c
+    w = qw * c - qx * ax - qy * ay - qz * az
+    return (
+        1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w),
+        2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w),
+        2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y),
+    )  # fmt: skip
+
+
+@njit(parallel=True, cache=True)
+def rays(
+    x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T_body_cam, K,
+    a_u, b_u, a_v, b_v, c_z, fate,
+):  # fmt: skip
+    """Rays of events in the reference view (rv), each with a pose of its own.
+
+    Arrays:
+        x, y: (N,) uint16 pixels.
+        pose_us: (N,) int64, non-decreasing, the time of the pose that each event gets.
+        bearing: (H, W, 2) float64, NaN where a pixel has no ray.
+        knots_us: (S + 1,) int64 pose times.
+        position_m: (S + 1, 3) float64, body in rv.
+        quat: (S + 1, 4) float64, body in rv, x y z w.
+        axis: (S, 3) float64, unit axis of the turn from each pose to the next, in the body.
+        angle: (S,) float64, that turn's angle.
+        T_body_cam: (4, 4) float64.
+        K: (3, 3) float64, the reference view's intrinsics.
+        a_u, b_u, a_v, b_v, c_z: (N,) float32, filled where `fate` is VOTES.
+        fate: (N,) uint8, filled: VOTES, NO_POSE, NO_RAY or BACKWARDS.
+    """
+    R, offset_m = T_body_cam[:3, :3], T_body_cam[:3, 3]
+    fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
+    last_segment = len(angle) - 1
+    for block in prange((len(x) + BLOCK - 1) // BLOCK):
+        lo, hi = block * BLOCK, min((block + 1) * BLOCK, len(x))
+        s = np.searchsorted(knots_us, pose_us[lo], side="right") - 1
+        s = min(max(s, 0), last_segment)
+        for k in range(lo, hi):
+            t = pose_us[k]
+            if t < knots_us[0] or t > knots_us[-1]:
+                fate[k] = NO_POSE
+                continue
+            while s < last_segment and t >= knots_us[s + 1]:
+                s += 1
+            bx, by = bearing[y[k], x[k], 0], bearing[y[k], x[k], 1]
+            if np.isnan(bx) or np.isnan(by):
+                fate[k] = NO_RAY
+                continue
+            share = (t - knots_us[s]) / (knots_us[s + 1] - knots_us[s])
+            r = _turned(quat[s], axis[s], share * angle[s])
+            ex = R[0, 0] * bx + R[0, 1] * by + R[0, 2]
+            ey = R[1, 0] * bx + R[1, 1] * by + R[1, 2]
+            ez = R[2, 0] * bx + R[2, 1] * by + R[2, 2]
+            dz = r[6] * ex + r[7] * ey + r[8] * ez
+            if dz <= 0:
+                fate[k] = BACKWARDS
+                continue
+            dx = (r[0] * ex + r[1] * ey + r[2] * ez) / dz
+            dy = (r[3] * ex + r[4] * ey + r[5] * ez) / dz
+            ox, oy, oz = offset_m[0], offset_m[1], offset_m[2]
+            now, later, far = position_m[s], position_m[s + 1], 1 - share
+            camera_x = far * now[0] + share * later[0] + r[0] * ox + r[1] * oy + r[2] * oz
+            camera_y = far * now[1] + share * later[1] + r[3] * ox + r[4] * oy + r[5] * oz
+            camera_z = far * now[2] + share * later[2] + r[6] * ox + r[7] * oy + r[8] * oz
+            a_u[k] = fx * dx + cx
+            b_u[k] = fx * (camera_x - dx * camera_z)
+            a_v[k] = fy * dy + cy
+            b_v[k] = fy * (camera_y - dy * camera_z)
+            c_z[k] = camera_z
+            fate[k] = VOTES

@@ -1,0 +1,151 @@
+"""Events and poses to rays: the ray of event k meets inverse depth rho at u = a + rho b."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from emvs import ray_kernel
+from emvs.data import se3
+from emvs.data.camera import Camera
+from emvs.data.events import Events
+from emvs.data.trajectory import Trajectory
+from emvs.errors import InputError
+from emvs.kernels import CHUNK
+
+Floats = NDArray[np.float32]
+
+PACKET = 1024  # events that share one pose in the authors' implementation
+_PACKET_POSE = 512  # ... that of this event of the packet
+
+
+@dataclass(frozen=True)
+class RayCounts:
+    """What became of one camera's events.
+
+    Attributes:
+        events: events that came.
+        without_pose: outside the trajectory's span.
+        without_ray: at a pixel that no ray in front of the camera reaches.
+        backwards: whose ray runs away from the reference view's forward direction.
+        dropped: in the tail that the compatibility setting drops.
+    """
+
+    events: int
+    without_pose: int = 0
+    without_ray: int = 0
+    backwards: int = 0
+    dropped: int = 0
+
+    @property
+    def rays(self) -> int:
+        """Events that have a ray to vote with."""
+        return self.events - self.without_pose - self.without_ray - self.backwards - self.dropped
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """Rays of one camera in the reference view, in the order of their events.
+
+    The ray meets inverse depth `rho` at pixel `(a_u + rho b_u, a_v + rho b_v)`; that point lies in
+    front of the event's camera where `1 - c_z rho > 0`.
+
+    Attributes:
+        a_u, b_u, a_v, b_v: (N,) float32; px, px m.
+        c_z: (N,) float32, the camera centre's depth in the reference view, m.
+        c_z_max: (ceil(N / CHUNK),) float32, the largest `c_z` of each chunk.
+        counts: what became of the events.
+    """
+
+    a_u: Floats
+    b_u: Floats
+    a_v: Floats
+    b_v: Floats
+    c_z: Floats
+    c_z_max: Floats
+    counts: RayCounts
+
+    def __len__(self) -> int:
+        return len(self.a_u)
+
+
+def event_rays(
+    events: Events,
+    camera: Camera,
+    T_body_cam: NDArray[np.float64],
+    trajectory: Trajectory,
+    T_world_rv: NDArray[np.float64],
+    rv_camera: Camera,
+    *,
+    packets: bool = False,
+) -> Rays:
+    """Casts every event's ray into the reference view (paper, Alg. 1, line 3).
+
+    Every event has its own pose: rotation along the great arc, position along the line. With
+    `packets`, 1024 events share one pose and the tail is dropped, as the authors' program does.
+
+    Args:
+        events: one camera's events, sorted.
+        camera: that camera.
+        T_body_cam: (4, 4), where it sits on the body.
+        trajectory: `T_world_body`.
+        T_world_rv: (4, 4) pose of the reference view.
+        rv_camera: pinhole camera of the reference view.
+        packets: the compatibility setting.
+
+    Raises:
+        InputError: an event outside the sensor, events not sorted, or a trajectory of one pose.
+    """
+    events.checked(camera.width_px, camera.height_px)
+    kept = max(len(events) - 1, 0) // PACKET * PACKET if packets else len(events)
+    voters = events.slice(0, kept)
+    pose_us = _packet_times_us(voters.t_us) if packets else voters.t_us
+    columns = tuple(np.empty(kept, np.float32) for _ in range(5))
+    fate = np.empty(kept, np.uint8)
+    knots = _knots(trajectory, T_world_rv)
+    ray_kernel.rays(  # type: ignore[call-arg]
+        voters.x, voters.y, pose_us, camera.bearing_table(), *knots, T_body_cam, rv_camera.K,
+        *columns, fate,
+    )  # fmt: skip
+    return _voting(columns, fate, len(events))
+
+
+def _voting(columns: tuple[Floats, ...], fate: NDArray[np.uint8], events: int) -> Rays:
+    """Keeps the rays that vote, and counts the others."""
+    tally = np.bincount(fate, minlength=4)
+    counts = RayCounts(
+        events=events,
+        without_pose=int(tally[ray_kernel.NO_POSE]),
+        without_ray=int(tally[ray_kernel.NO_RAY]),
+        backwards=int(tally[ray_kernel.BACKWARDS]),
+        dropped=events - len(fate),
+    )
+    if counts.rays < len(fate):
+        votes = fate == ray_kernel.VOTES
+        columns = tuple(column[votes] for column in columns)
+    a_u, b_u, a_v, b_v, c_z = columns
+    c_z_max = np.maximum.reduceat(c_z, np.arange(0, len(c_z), CHUNK)) if len(c_z) else c_z
+    return Rays(a_u, b_u, a_v, b_v, c_z, c_z_max, counts)
+
+
+def _packet_times_us(t_us: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.repeat(t_us[_PACKET_POSE::PACKET], PACKET)
+
+
+def _knots(
+    trajectory: Trajectory, T_world_rv: NDArray[np.float64]
+) -> tuple[NDArray[np.generic], ...]:
+    """Pose times, positions and rotations of the body in the reference view, and their turns."""
+    if len(trajectory) < 2:
+        raise InputError("trajectory with one pose: needs at least 2 to pose events between them")
+    T_world_body = se3.from_quat_xyzw(trajectory.positions_m, trajectory.quats_xyzw)
+    T_rv_body = se3.inverse(T_world_rv) @ T_world_body
+    position_m, quat = se3.to_quat_xyzw(T_rv_body)
+    rotation = Rotation.from_quat(quat)
+    turn = (rotation[:-1].inv() * rotation[1:]).as_rotvec()
+    angle = np.linalg.norm(turn, axis=1)
+    axis = turn / np.maximum(angle, np.finfo(float).tiny)[:, None]
+    return trajectory.t_us, position_m, quat, axis, angle

@@ -1,0 +1,80 @@
+"""What mapping a window gives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.depthmap import DepthMap
+from emvs.rays import RayCounts
+from emvs.sweep import VoteCounts
+from emvs.view import ReferenceView
+from emvs.window import Window
+
+
+@dataclass(frozen=True)
+class CameraCounts:
+    """What became of one camera's events and of their votes.
+
+    Attributes:
+        events: by event; `events.rays` of them voted, once per plane.
+        votes: by event and plane.
+    """
+
+    events: RayCounts
+    votes: VoteCounts
+
+    def to_json(self) -> dict[str, int]:
+        """Plain numbers; `events` is the sum of the five that follow it."""
+        return {
+            "events": self.events.events,
+            "voting": self.events.rays,
+            "without_pose": self.events.without_pose,
+            "without_ray": self.events.without_ray,
+            "looking_backwards": self.events.backwards,
+            "dropped_tail": self.events.dropped,
+            "votes_counted": self.votes.counted,
+            "votes_outside_image": self.votes.outside,
+            "votes_behind_camera": self.votes.behind,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Slices:
+    """One image row of every fused volume.
+
+    Attributes:
+        row_px: the row.
+        rho: (N,) float32 planes, 1/m.
+        values: method name -> (N, W) float32 votes.
+    """
+
+    row_px: int
+    rho: NDArray[np.float32]
+    values: Mapping[str, NDArray[np.float32]]
+
+
+@dataclass(frozen=True, eq=False)
+class WindowResult:
+    """One window, mapped.
+
+    Attributes:
+        window: the stretch of time.
+        view: the reference view.
+        depth_maps: method name -> depth map.
+        counts: one per camera.
+        slices: one image row of every fused volume.
+        event_image: (2, H, W) uint32 events of camera 0 per pixel: darker, brighter.
+        seconds: wall time per stage.
+    """
+
+    window: Window
+    view: ReferenceView
+    depth_maps: Mapping[str, DepthMap]
+    counts: tuple[CameraCounts, ...]
+    slices: Slices
+    event_image: NDArray[np.uint32]
+    seconds: Mapping[str, float]

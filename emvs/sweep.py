@@ -1,0 +1,116 @@
+"""The space sweep: votes of one camera's rays in given planes, a few planes at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs import kernels
+from emvs.rays import Rays
+
+# Planes that share one pass over the rays. With one, the sweep waits for the stream of rays; with
+# four, the planes of large sensors fall out of the cache (bench_sweep.py: test_planes_per_pass).
+PLANES_PER_PASS = 2
+
+
+@dataclass(frozen=True)
+class VoteCounts:
+    """Votes of one camera, summed over planes.
+
+    Attributes:
+        counted: votes inside the image.
+        outside: votes that miss the image.
+        behind: votes in planes that lie behind the event's camera.
+    """
+
+    counted: int = 0
+    outside: int = 0
+    behind: int = 0
+
+    def __add__(self, other: VoteCounts) -> VoteCounts:
+        return VoteCounts(
+            self.counted + other.counted, self.outside + other.outside, self.behind + other.behind
+        )
+
+
+class Scratch:
+    """Planes that votes are cast into, allocated once and used for every batch.
+
+    Attributes:
+        votes: (C, P, cells) float32; the first `height * width` cells of a plane are the image.
+    """
+
+    def __init__(self, cameras: int, planes: int, width_px: int, height_px: int) -> None:
+        self.width_px, self.height_px = width_px, height_px
+        cells = kernels.grid_cells(width_px, height_px)
+        self.votes = np.zeros((cameras, planes, cells), np.float32)
+        passes = -(-planes // PLANES_PER_PASS)
+        self._cell = np.empty((passes, kernels.CHUNK), np.int32)
+        self._fx = np.empty((passes, kernels.CHUNK), np.float32)
+        self._fy = np.empty((passes, kernels.CHUNK), np.float32)
+
+    def images(self, planes: int) -> NDArray[np.float32]:
+        """The first `planes` planes as (C, planes, H, W) views."""
+        pixels = self.height_px * self.width_px
+        image = self.votes[:, :planes, :pixels]
+        return image.reshape(len(self.votes), planes, self.height_px, self.width_px)
+
+    def cast(self, camera: int, rays: Rays, rho: NDArray[np.float32]) -> VoteCounts:
+        """Fills `votes[camera, :len(rho)]` with the bilinear votes of `rays` in planes `rho`.
+
+        A vote counts only where all four of its cells lie in the image.
+
+        Raises:
+            ValueError: more planes than the scratch has.
+        """
+        if len(rho) > self.votes.shape[1]:
+            raise ValueError(f"{len(rho)} planes, scratch has {self.votes.shape[1]}")
+        passes = -(-len(rho) // PLANES_PER_PASS)
+        inside, behind = np.empty(len(rho), np.int64), np.empty(len(rho), np.int64)
+        kernels.vote(
+            rays.a_u, rays.b_u, rays.a_v, rays.b_v, rays.c_z, rays.c_z_max, rho,
+            (self.width_px, self.height_px), PLANES_PER_PASS,
+            self._cell[:passes], self._fx[:passes], self._fy[:passes],
+            self.votes[camera, : len(rho)], inside, behind,
+        )  # fmt: skip
+        counted, hidden = int(inside.sum()), int(behind.sum())
+        return VoteCounts(counted, len(rays) * len(rho) - counted - hidden, hidden)
+
+
+def batch_planes(planes: int, threads: int) -> int:
+    """Returns how many planes make one batch: one pass for every thread."""
+    return min(planes, threads * PLANES_PER_PASS)
+
+
+def batches(planes: int, threads: int) -> Iterator[tuple[int, int]]:
+    """Yields (first, last) planes of each batch."""
+    step = batch_planes(planes, threads)
+    for first in range(0, planes, step):
+        yield first, min(first + step, planes)
+
+
+def dsi(
+    rays: Rays, rho: NDArray[np.float32], width_px: int, height_px: int
+) -> tuple[NDArray[np.float32], VoteCounts]:
+    """Builds one camera's whole ray-density volume; `map_window` never needs it.
+
+    Args:
+        rays: the camera's rays.
+        rho: (N,) float32 planes, 1/m.
+        width_px: columns of the reference view.
+        height_px: rows of the reference view.
+
+    Returns:
+        (N, H, W) float32 votes, and what was counted.
+    """
+    scratch = Scratch(1, len(rho), width_px, height_px)
+    counts = scratch.cast(0, rays, rho)
+    return scratch.images(len(rho))[0].copy(), counts
+
+
+def cast_all(scratch: Scratch, rays: Sequence[Rays], rho: NDArray[np.float32]) -> list[VoteCounts]:
+    """Casts the votes of every camera in planes `rho`; one count per camera."""
+    return [scratch.cast(camera, its_rays, rho) for camera, its_rays in enumerate(rays)]

@@ -1,0 +1,81 @@
+"""What is kept of the fused volumes beside their maxima: one image row, and on request all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.atomic import atomic_path
+from emvs.fusion import Method, fuse
+
+Floats = NDArray[np.float32]
+
+
+class SliceRecorder:
+    """Keeps one image row of every fused volume.
+
+    Attributes:
+        row_px: the row.
+        values: method name -> (N, W) float32.
+    """
+
+    def __init__(self, methods: Sequence[Method], planes: int, width_px: int, row_px: int) -> None:
+        self.row_px = row_px
+        self._methods = tuple(methods)
+        self.values = {method.name: np.zeros((planes, width_px), np.float32) for method in methods}
+
+    def take(self, first: int, images: Floats) -> None:
+        """Takes the row of (C, P, H, W) votes, planes `first` and on."""
+        rows = images[:, :, self.row_px : self.row_px + 1]
+        for method in self._methods:
+            self.values[method.name][first : first + images.shape[1]] = fuse(method.code, rows)[
+                :, 0
+            ]
+
+
+class VolumeWriter:
+    """Writes every fused volume as (N, H, W) float32 `.npy`, plane after plane.
+
+    Plain writes and no memory map: on a full disk a write fails, a memory map kills the process.
+    """
+
+    def __init__(self, methods: Sequence[Method], files: Sequence[BinaryIO]) -> None:
+        self._targets = tuple(zip(methods, files, strict=True))
+
+    def take(self, images: Floats) -> None:
+        """Appends the planes of (C, P, H, W) votes."""
+        for method, file in self._targets:
+            file.write(fuse(method.code, images).data)
+
+
+@contextmanager
+def volume_writer(
+    directory: Path | None, methods: Sequence[Method], shape: tuple[int, int, int]
+) -> Iterator[VolumeWriter]:
+    """Opens one file per method in `directory`, whole or not at all; with None it writes nothing.
+
+    Args:
+        directory: where `Alg1-H.npy` and the others go.
+        methods: the methods.
+        shape: (N, H, W) of the volumes.
+    """
+    with ExitStack() as stack:
+        if directory is None:
+            yield VolumeWriter((), ())
+            return
+        files = [_open_npy(stack, directory / f"{m.file_name}.npy", shape) for m in methods]
+        yield VolumeWriter(methods, files)
+
+
+def _open_npy(stack: ExitStack, path: Path, shape: tuple[int, int, int]) -> BinaryIO:
+    partial = stack.enter_context(atomic_path(path))
+    file = stack.enter_context(partial.open("wb"))
+    header = {"descr": np.lib.format.dtype_to_descr(np.dtype(np.float32)),
+              "fortran_order": False, "shape": shape}  # fmt: skip
+    np.lib.format.write_array_header_1_0(file, header)
+    return file

@@ -1,0 +1,110 @@
+"""What the mapper costs: `pytest tests/bench_sweep.py --benchmark-only`.
+
+Events of edge points at many depths with 10 % noise, seen by a camera that moves sideways, on one
+thread. Each figure is the best round: on a shared machine the others measure the neighbours.
+"""
+
+import sys
+
+import numpy as np
+import pytest
+from point_world import edge_stream, sideways
+
+from emvs import sweep as sweep_module
+from emvs.data.camera import Camera
+from emvs.fusion import known_methods
+from emvs.planes import inverse_depth_planes
+from emvs.rays import event_rays
+from emvs.running import RunningMaxima
+from emvs.sweep import Scratch, batches
+from emvs.threads import use_threads
+
+EVENTS = 1_000_000
+PLANES = 20
+RHO = inverse_depth_planes(0.45, 4, PLANES)
+MOTION = sideways(0.2)
+SENSORS = {
+    "346x260": (346, 260, 226.0),
+    "640x480": (640, 480, 553.0),
+    "1280x720": (1280, 720, 1050),
+}
+
+
+@pytest.fixture(params=SENSORS)
+def camera(request):
+    width, height, f = SENSORS[request.param]
+    return Camera(width, height, f, f, (width - 1) / 2, (height - 1) / 2)
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    use_threads(1)
+    yield
+    use_threads(0)
+
+
+def cast_rays(camera, n=EVENTS):
+    events = edge_stream(camera, MOTION, n)
+    return event_rays(events, camera, np.eye(4), MOTION, MOTION.at(250_000), camera)
+
+
+def report(capsys, benchmark, what, units):
+    best_ns = benchmark.stats.stats.min / units * 1e9
+    benchmark.extra_info["ns"] = best_ns
+    with capsys.disabled():
+        sys.stdout.write(f"\n{what}: {best_ns:.2f} ns")
+
+
+@pytest.mark.parametrize("events", [1_000_000, 4_000_000], ids=["1M", "4M"])
+def test_sweep(benchmark, camera, events, capsys):
+    rays = cast_rays(camera, events)
+    scratch = Scratch(1, 2, camera.width_px, camera.height_px)
+
+    def sweep():
+        for first, last in batches(PLANES, 1):
+            scratch.cast(0, rays, RHO[first:last])
+
+    benchmark.pedantic(sweep, rounds=9, warmup_rounds=1)
+    size = f"{camera.width_px}x{camera.height_px}, {events // 1_000_000} M events"
+    report(capsys, benchmark, f"sweep {size}, per event and plane", len(rays) * PLANES)
+
+
+@pytest.mark.parametrize("planes_per_pass", [1, 2, 4])
+def test_planes_per_pass(benchmark, camera, planes_per_pass, monkeypatch, capsys):
+    monkeypatch.setattr(sweep_module, "PLANES_PER_PASS", planes_per_pass)
+    rays = cast_rays(camera, 4_000_000)
+    scratch = Scratch(1, planes_per_pass, camera.width_px, camera.height_px)
+
+    def sweep():
+        for first, last in batches(PLANES, 1):
+            scratch.cast(0, rays, RHO[first:last])
+
+    benchmark.pedantic(sweep, rounds=3, warmup_rounds=1)
+    size = f"{camera.width_px}x{camera.height_px}, {planes_per_pass} planes per pass"
+    report(capsys, benchmark, f"sweep {size}, per event and plane", len(rays) * PLANES)
+
+
+def test_fold(benchmark, camera, capsys):
+    chosen = known_methods(2)
+    votes = (
+        np.random.default_rng(0)
+        .exponential(5, (2, 4, camera.width_px * camera.height_px))
+        .astype(np.float32)
+    )
+    maxima = RunningMaxima(chosen, camera.width_px, camera.height_px)
+    benchmark.pedantic(lambda: maxima.fold(votes, 4), rounds=9, warmup_rounds=1)
+    units = 4 * camera.width_px * camera.height_px * len(chosen)
+    size = f"{camera.width_px}x{camera.height_px}"
+    report(capsys, benchmark, f"fold {size}, 8 methods, per voxel and method", units)
+
+
+def test_rays(benchmark, camera, capsys):
+    events = edge_stream(camera, MOTION, EVENTS)
+    pose = MOTION.at(250_000)
+    benchmark.pedantic(
+        lambda: event_rays(events, camera, np.eye(4), MOTION, pose, camera),
+        rounds=5,
+        warmup_rounds=1,
+    )
+    size = f"{camera.width_px}x{camera.height_px}"
+    report(capsys, benchmark, f"rays {size}, per event", EVENTS)

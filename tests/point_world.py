@@ -1,0 +1,105 @@
+"""Events without a renderer: points in space, projected exactly into moving cameras."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from emvs.data.camera import Camera
+from emvs.data.events import Events
+from emvs.data.rig import Rig
+from emvs.data.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """A recording in memory."""
+
+    rig: Rig
+    trajectory: Trajectory
+    streams: tuple[Events, ...]
+    depth_range_m: tuple[float, float] | None = None
+    name: str = "points"
+
+    def event_span_us(self, camera):
+        t_us = self.streams[camera].t_us
+        return int(t_us[0]), int(t_us[-1])
+
+    def events(self, camera, t0_us, t1_us):
+        return self.streams[camera].between(t0_us, t1_us)
+
+
+def pinhole(width=96, height=64, f=80.0):
+    return Camera(width, height, f, f, (width - 1) / 2 + 0.3, (height - 1) / 2 - 0.2)
+
+
+def stereo_rig(camera, baseline_m=0.1, cameras=2):
+    T_body_cam = []
+    for k in range(cameras):
+        T = np.eye(4)
+        T[0, 3] = k * baseline_m
+        T_body_cam.append(T)
+    return Rig("test", (camera,) * cameras, tuple(T_body_cam))
+
+
+def sideways(speed_m_s=0.4, duration_us=500_000, poses=6):
+    """Constant speed along x, no turning: `T_world_body` at equal steps."""
+    t_us = np.linspace(0, duration_us, poses).astype(np.int64)
+    position = np.zeros((poses, 3))
+    position[:, 0] = speed_m_s * (t_us * 1e-6 - duration_us * 0.5e-6)
+    return Trajectory(t_us, position, np.tile([0.0, 0.0, 0.0, 1.0], (poses, 1)))
+
+
+def fronto_parallel(depth_m, seed=0, points=600, cameras=2, scale=1.0, on_pixels=False):
+    """Random points on a plane before a rig that moves 0.4 m sideways; exact column crossings.
+
+    Every point lies on the line of sight of a pixel row, so it moves along that row; an event falls
+    at the microsecond in which it crosses a column. `on_pixels` also puts the points on pixel
+    columns of camera 0 at half time. `scale` scales the world, rig and motion.
+    """
+    rng = np.random.default_rng(seed)
+    camera, speed_m_s = pinhole(), 0.8 * scale
+    rig = stereo_rig(camera, 0.1 * scale, cameras)
+    trajectory = sideways(speed_m_s)
+    row = rng.integers(0, camera.height_px, points)
+    u_px = rng.uniform(-0.2, 1.2, points) * camera.width_px
+    u_px = np.rint(u_px) if on_pixels else u_px
+    x_m = (u_px - camera.cx_px) / camera.fx_px * depth_m * scale
+    streams = tuple(
+        _crossings(x_m, row, depth_m * scale, camera, T[0, 3], speed_m_s) for T in rig.T_body_cam
+    )
+    return Recorded(rig, trajectory, streams)
+
+
+def _crossings(x_m, row, depth_m, camera, offset_m, speed_m_s):
+    """One event per point and column: u(t) = f (x - offset - v (t - T/2)) / Z + cx."""
+    columns = np.arange(camera.width_px)
+    at_m = (columns - camera.cx_px) / camera.fx_px * depth_m
+    t_s = (x_m[:, None] - offset_m - at_m[None, :]) / speed_m_s + 0.25
+    point, column = np.nonzero((t_s >= 0) & (t_s <= 0.5))
+    t_us = np.round(t_s[point, column] * 1e6).astype(np.int64)
+    order = np.argsort(t_us, kind="stable")
+    polarity = ((point + column) % 2).astype(np.uint8)
+    return Events(
+        column[order].astype(np.uint16), row[point][order].astype(np.uint16), t_us[order],
+        polarity[order],
+    )  # fmt: skip
+
+
+def edge_stream(camera, trajectory, n, seed=0, noise=0.1):
+    """Events of edge points at many depths, rounded to pixels, and uniform noise."""
+    rng = np.random.default_rng(seed)
+    points = camera.width_px * camera.height_px // 20
+    z_m = rng.choice([0.6, 0.9, 1.4, 2.0, 3.0], points) + 0.2 * rng.random(points)
+    edge_px = rng.uniform(0, 1, (points, 2)) * (camera.width_px, camera.height_px)
+    start_us, end_us = trajectory.span_us
+    t_us = np.sort(rng.integers(start_us, end_us + 1, n))
+    which = rng.integers(0, points, n)
+    moved_m = trajectory.at(t_us)[:, :2, 3]
+    uv = edge_px[which] - camera.fx_px * moved_m / z_m[which][:, None]
+    size = np.array([camera.width_px, camera.height_px])
+    random = (rng.random(n) < noise) | ~((uv >= 0) & (uv <= size - 1)).all(axis=1)
+    uv[random] = rng.uniform(0, 1, (int(random.sum()), 2)) * (size - 1)
+    x, y = np.rint(uv).astype(np.uint16).T
+    return Events(x.copy(), y.copy(), t_us, rng.integers(0, 2, n).astype(np.uint8))
