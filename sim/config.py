@@ -1,0 +1,58 @@
+"""Every parameter of the simulator, in one place."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+
+class SimConfig(BaseModel):
+    """How frames are sampled and turned into events; defaults are the benchmark's."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    contrast_threshold_pos: Annotated[float, Field(gt=0)] = 0.2
+    """C+: rise of log intensity per positive event, natural logarithm."""
+
+    contrast_threshold_neg: Annotated[float, Field(gt=0)] = 0.2
+    """C-: fall of log intensity per negative event, natural logarithm."""
+
+    refractory_period_us: Annotated[int, Field(ge=0)] = 0
+    """A pixel stays silent this long after an event that it emitted, µs."""
+
+    log_eps: Annotated[float, Field(gt=0)] = 0.02
+    """Added to linear intensity (full scale 1) before the logarithm: bounds contrast in the dark.
+
+    At 0.02 one of the renderer's 255 grey levels stays below the default thresholds even in black.
+    """
+
+    max_displacement_px: Annotated[float, Field(gt=0)] = 0.5
+    """No pixel of any camera moves further than this between two frames, px."""
+
+    supersample: Annotated[int, Field(ge=1, le=8)] = 2
+    """Each pixel is the mean of this many squared render samples."""
+
+    pose_rate_hz: Annotated[float, Field(gt=0)] = 1000.0
+    """Stored poses per second, Hz."""
+
+    truth_interval_s: Annotated[float, Field(gt=0)] = 0.05
+    """Depth and a frame are stored this often, and at the start, middle and end, s."""
+
+    duration_s: Annotated[float, Field(gt=0)] | None = None
+    """Length of the sequence, s; None takes the scene's own."""
+
+    min_frame_interval_us: Annotated[int, Field(ge=1)] = 20
+    """Frames are never closer than this, µs, but for truth times; faster motion is refused."""
+
+    max_frame_interval_us: Annotated[int, Field(ge=1)] = 10_000
+    """Frames are never further apart than this, µs, however slow the motion."""
+
+    @model_validator(mode="after")
+    def _ordered_intervals(self) -> SimConfig:
+        if self.min_frame_interval_us > self.max_frame_interval_us:
+            raise ValueError(
+                f"min_frame_interval_us={self.min_frame_interval_us} exceeds "
+                f"max_frame_interval_us={self.max_frame_interval_us}: lower the first"
+            )
+        return self

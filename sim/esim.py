@@ -1,0 +1,114 @@
+"""The event model of ESIM: contrast thresholds on linearly interpolated log intensity.
+
+Rebecq, Gehrig, Scaramuzza, "ESIM: an Open Event Camera Simulator", CoRL 2018, section 3.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.data.events import Events
+from emvs.errors import InputError
+from sim import esim_kernels as kernels
+from sim.config import SimConfig
+
+# Long before any time stamp, so that a pixel's first event is never held back.
+NEVER_US = -(2**62)
+# Up to here one bucket per microsecond sorts faster than comparing does.
+_MAX_BUCKETS = 2**16
+
+
+class EventSimulator:
+    """One camera's pixels: feed it frames, it returns events.
+
+    Every pixel remembers a reference log intensity. When the log intensity, interpolated linearly
+    between two frames, passes the reference by C+ upwards or C- downwards, the pixel emits an event
+    at the moment of crossing and the reference moves by that threshold. A crossing during the
+    refractory period after the last *emitted* event moves the reference in silence.
+
+    References are kept as counts of crossings from the first frame, so they carry no drift.
+    """
+
+    def __init__(self, width_px: int, height_px: int, config: SimConfig) -> None:
+        self._shape = (height_px, width_px)
+        self._config = config
+        self._t_us: int | None = None
+
+    def start(self, intensity: NDArray[np.float32], t_us: int) -> None:
+        """Takes the first frame (H, W), linear, full scale 1: it sets every pixel's reference."""
+        self._log = self._log_of(intensity)
+        self._reference = self._log.astype(np.float64)
+        self._memory = np.zeros(self._log.size, kernels.PIXEL)
+        self._memory["first_log"] = self._log
+        self._memory["last_emitted_us"] = NEVER_US
+        self._fired, self._crossings = np.empty((2, self._log.size), np.int32)
+        self._t_us = t_us
+
+    def step(self, intensity: NDArray[np.float32], t_us: int) -> Events:
+        """Returns the events between the frame before and this one.
+
+        Args:
+            intensity: (H, W) linear intensity, full scale 1.
+            t_us: time of this frame, after the frame before, µs.
+
+        Returns:
+            Events with times in (previous, `t_us`], sorted by time, then row, then column.
+
+        Raises:
+            InputError: no first frame, time not after the frame before, or an intensity that is
+                negative, not finite or of another size.
+        """
+        if self._t_us is None:
+            raise InputError("step() before start(): give the first frame to start()")
+        if t_us <= self._t_us:
+            raise InputError(
+                f"frame at {t_us} µs after one at {self._t_us} µs: times must rise by at least 1 µs"
+            )
+        log_now = self._log_of(intensity)
+        number = kernels.find(
+            log_now, self._reference, self._memory, *self._thresholds, self._fired, self._crossings
+        )
+        events = self._emit(log_now, self._t_us, t_us, number) if number else Events.empty()
+        self._log, self._t_us = log_now, t_us
+        return events
+
+    @property
+    def _thresholds(self) -> tuple[float, float]:
+        return self._config.contrast_threshold_pos, self._config.contrast_threshold_neg
+
+    def _emit(self, log_now: NDArray[np.float32], before_us: int, t_us: int, number: int) -> Events:
+        fired, crossings = self._fired[:number], self._crossings[:number]
+        total, step_us = int(np.abs(crossings).sum()), t_us - before_us
+        x, y, p = np.empty(total, np.uint16), np.empty(total, np.uint16), np.empty(total, np.uint8)
+        offset_us = np.empty(total, np.int64)
+        kernels.emit(
+            self._log, log_now, self._reference, self._memory, fired, crossings, self._shape[1],
+            before_us, step_us, *self._thresholds, self._config.refractory_period_us,
+            x, y, offset_us, p,
+        )  # fmt: skip
+        order = _time_order(offset_us, step_us)
+        return Events(x[order], y[order], before_us + offset_us[order], p[order])
+
+    def _log_of(self, intensity: NDArray[np.float32]) -> NDArray[np.float32]:
+        if intensity.shape != self._shape:
+            raise InputError(f"frame of shape {intensity.shape}: this sensor needs {self._shape}")
+        low, high = float(intensity.min()), float(intensity.max())
+        if not (low >= 0 and np.isfinite(high)):
+            raise InputError(
+                f"intensities from {low} to {high}: need finite values of at least 0, full scale 1"
+            )
+        shifted = intensity.astype(np.float32, copy=False) + np.float32(self._config.log_eps)
+        log: NDArray[np.float32] = np.log(shifted).ravel()
+        return log
+
+
+def _time_order(offset_us: NDArray[np.int64], step_us: int) -> NDArray[np.int64]:
+    """Indices of the emitted events (offset > 0) in order of time, stable."""
+    if step_us >= _MAX_BUCKETS:
+        order = np.argsort(offset_us, kind="stable")
+        return order[np.count_nonzero(offset_us == 0) :]
+    ends = np.zeros(step_us + 1, np.int64)
+    order = np.empty(len(offset_us), np.int64)
+    kernels.counting_order(offset_us, ends, order)
+    return order[ends[0] :]

@@ -1,0 +1,186 @@
+"""Head motion: smooth curves of the rig's pose over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emvs.errors import InputError
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+    from scipy.spatial.transform import RotationSpline
+
+    from emvs.data.trajectory import Trajectory
+
+Vector3 = tuple[float, float, float]
+
+
+class Motion(Protocol):
+    """A smooth curve of the body's pose; the body's axes are camera 0's: right, down, forward."""
+
+    def T_world_body(self, t_s: float) -> NDArray[np.float64]:
+        """Pose (4, 4) at time `t_s`, seconds from the start of the sequence; world z is up."""
+        ...
+
+
+def look_at(
+    eye_m: ArrayLike, target_m: ArrayLike, up: ArrayLike = (0, 0, 1)
+) -> NDArray[np.float64]:
+    """Returns the pose `T_world_body` (4, 4) at `eye_m` whose z axis points at `target_m`.
+
+    Args:
+        eye_m: (3,) position in the world, m.
+        target_m: (3,) point in the middle of the view, m.
+        up: (3,) world direction that appears upright in the picture.
+
+    Raises:
+        InputError: the target lies at the eye, or straight along `up`.
+    """
+    eye, target = np.asarray(eye_m, float), np.asarray(target_m, float)
+    right = np.cross(target - eye, np.asarray(up, float))
+    if np.linalg.norm(right) < 1e-9:
+        raise InputError(
+            f"cannot look from {eye.tolist()} at {target.tolist()}: the direction must be non-zero "
+            f"and not along up={np.asarray(up).tolist()}; move the eye or pass another up"
+        )
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3] = np.column_stack([right, np.cross(forward, right), forward, eye])
+    return pose
+
+
+@dataclass(frozen=True)
+class Wave:
+    """One sinusoid of a head's sway, of the same period in all six directions.
+
+    Attributes:
+        period_s: period, s.
+        amplitude_m: right, down, forward, m.
+        amplitude_deg: pitch (about right), yaw (about down), roll (about forward), degrees.
+        phase_rad: six phases in the same order, rad.
+    """
+
+    period_s: float
+    amplitude_m: Vector3 = (0.0, 0.0, 0.0)
+    amplitude_deg: Vector3 = (0.0, 0.0, 0.0)
+    phase_rad: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def at(self, t_s: float) -> NDArray[np.float64]:
+        """Offset (6,): translation in m, then rotation vector in rad."""
+        amplitude = np.array([*self.amplitude_m, *np.radians(self.amplitude_deg)])
+        return amplitude * np.sin(2 * np.pi * t_s / self.period_s + np.asarray(self.phase_rad))
+
+
+@dataclass(frozen=True)
+class HeadSway:
+    """A head that looks around: sinusoids about a pose at rest, and a steady drift.
+
+    The curve is analytic, so every derivative is smooth, and it stays within the sum of the
+    amplitudes of the (drifting) rest pose whatever the phases are.
+
+    Attributes:
+        T_world_rest: (4, 4) the pose in the middle of the sway, see `look_at`.
+        waves: sinusoids, summed.
+        drift_m_s: velocity along the rest pose's right, down and forward, m/s.
+    """
+
+    T_world_rest: NDArray[np.float64]
+    waves: tuple[Wave, ...]
+    drift_m_s: Vector3 = field(default=(0.0, 0.0, 0.0))
+
+    @classmethod
+    def seeded(
+        cls,
+        T_world_rest: NDArray[np.float64],
+        amplitude_m: Vector3,
+        amplitude_deg: Vector3,
+        periods_s: Sequence[float],
+        seed: int,
+        drift_m_s: Vector3 = (0.0, 0.0, 0.0),
+    ) -> HeadSway:
+        """Draws the phases from `seed`; each further period gets half the amplitude before it."""
+        rng = np.random.default_rng(seed)
+        waves = tuple(
+            Wave(
+                period_s,
+                _scaled(amplitude_m, 0.5**k),
+                _scaled(amplitude_deg, 0.5**k),
+                tuple(rng.uniform(0, 2 * np.pi, 6).tolist()),
+            )
+            for k, period_s in enumerate(periods_s)
+        )
+        return cls(T_world_rest, waves, drift_m_s)
+
+    def T_world_body(self, t_s: float) -> NDArray[np.float64]:
+        """Pose (4, 4) at `t_s`."""
+        from scipy.spatial.transform import Rotation
+
+        offset = np.zeros(6)
+        offset[:3] = np.asarray(self.drift_m_s) * t_s
+        offset += sum((wave.at(t_s) for wave in self.waves), np.zeros(6))
+        T_rest_body = np.eye(4)
+        T_rest_body[:3, :3] = Rotation.from_rotvec(offset[3:]).as_matrix()
+        T_rest_body[:3, 3] = offset[:3]
+        return np.asarray(self.T_world_rest @ T_rest_body, np.float64)
+
+
+@dataclass(frozen=True)
+class SplineMotion:
+    """Cubic splines through key poses: position C2, rotation with continuous acceleration."""
+
+    position: CubicSpline
+    rotation: RotationSpline
+
+    def T_world_body(self, t_s: float) -> NDArray[np.float64]:
+        """Pose (4, 4) at `t_s`, which must lie between the first and the last key pose."""
+        first_s, last_s = self.position.x[0], self.position.x[-1]
+        if not first_s <= t_s <= last_s:
+            raise InputError(
+                f"asked for the pose at {t_s} s, but the key poses span {first_s} to {last_s} s: "
+                "add key poses or shorten the sequence"
+            )
+        pose = np.eye(4)
+        pose[:3, :3] = self.rotation(t_s).as_matrix()
+        pose[:3, 3] = self.position(t_s)
+        return pose
+
+
+def spline(times_s: ArrayLike, T_world_body: ArrayLike) -> SplineMotion:
+    """Returns the smooth curve through key poses (N, 4, 4) at rising `times_s` (N,), N >= 2."""
+    from scipy.interpolate import CubicSpline
+    from scipy.spatial.transform import Rotation, RotationSpline
+
+    times, poses = np.asarray(times_s, float), np.asarray(T_world_body, float)
+    if times.ndim != 1 or len(times) < 2 or poses.shape != (len(times), 4, 4):
+        raise InputError(
+            f"key poses of shape {poses.shape} at times of shape {times.shape}: "
+            "need (N, 4, 4) poses at (N,) times with N >= 2"
+        )
+    if not (np.diff(times) > 0).all():
+        raise InputError(f"key times {times.tolist()} s must rise strictly: sort them")
+    rotations = Rotation.from_matrix(poses[:, :3, :3])
+    return SplineMotion(CubicSpline(times, poses[:, :3, 3]), RotationSpline(times, rotations))
+
+
+def sampled(motion: Motion, duration_s: float, rate_hz: float) -> Trajectory:
+    """Samples `motion` over [0, `duration_s`] at `rate_hz`, both ends included, to a trajectory.
+
+    Times are rounded to the microsecond before the curve is asked, so stored poses are exact.
+    """
+    from emvs.data.trajectory import Trajectory
+
+    duration_us = round(duration_s * 1e6)
+    count = max(2, int(np.ceil(duration_us * 1e-6 * rate_hz - 1e-9)) + 1)
+    t_us = np.unique(np.rint(np.linspace(0, duration_us, count)).astype(np.int64))
+    poses = np.stack([motion.T_world_body(t * 1e-6) for t in t_us.tolist()])
+    return Trajectory.from_matrices(t_us, poses)
+
+
+def _scaled(vector: Vector3, factor: float) -> Vector3:
+    return vector[0] * factor, vector[1] * factor, vector[2] * factor

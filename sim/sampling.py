@@ -1,0 +1,171 @@
+"""Adaptive sampling: frames as rare as the image motion of all cameras allows.
+
+ESIM (Rebecq et al., CoRL 2018, section 3.3) bounds the motion of one camera's pixels by first-order
+optical flow. Here every pixel of every camera is moved exactly, by its depth and the relative pose,
+and once more backwards from the new frame, where surfaces may have come into view.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.data.rig import Rig
+from emvs.errors import InputError
+from sim.config import SimConfig
+from sim.displacement import largest_displacement_px
+from sim.motion import Motion
+from sim.renderer import Frame
+
+# Aim below the limit: motion accelerates, and the backward check must pass as well.
+_AIM, _CLOSE = 0.93, 0.85
+
+
+class FrameSource(Protocol):
+    """Renders one picture; `sim.renderer.StereoRenderer` does."""
+
+    rig: Rig
+
+    def frame(self, camera: int, T_world_body: NDArray[np.float64]) -> Frame:
+        """What `camera` sees from that pose."""
+        ...
+
+
+class Exposure(NamedTuple):
+    """The pictures of all cameras at one time.
+
+    Attributes:
+        t_us: time, µs.
+        T_world_body: (4, 4) pose at that time.
+        frames: one per camera.
+    """
+
+    t_us: int
+    T_world_body: NDArray[np.float64]
+    frames: tuple[Frame, ...]
+
+
+def truth_times_us(duration_us: int, interval_us: int) -> list[int]:
+    """Times of ground truth: every `interval_us` from 0, and the middle and the end, µs."""
+    times = {*range(0, duration_us, interval_us), duration_us // 2, duration_us}
+    return sorted(times)
+
+
+def exposures(
+    source: FrameSource, motion: Motion, stops_us: list[int], config: SimConfig
+) -> Iterator[Exposure]:
+    """Yields exposures from the first of `stops_us` to the last, as rarely as motion allows.
+
+    Between two exposures no pixel of any camera moves further than
+    `config.max_displacement_px`, measured forwards and backwards.
+
+    Args:
+        source: the renderer.
+        motion: the head's curve, s.
+        stops_us: rising times that must be exposed, µs; at least two.
+        config: limits on displacement and interval.
+
+    Raises:
+        InputError: motion so fast that even the least frame interval exceeds the limit.
+    """
+    stops = np.asarray(stops_us)
+    now = _expose(source, motion, int(stops[0]))
+    yield now
+    step_us = config.min_frame_interval_us * 8
+    while now.t_us < stops[-1]:
+        next_stop_us = int(stops[np.searchsorted(stops, now.t_us, side="right")])
+        longest_us = min(config.max_frame_interval_us, next_stop_us - now.t_us)
+        before_us = now.t_us
+        now = _advance(source, motion, now, step_us, longest_us, config)
+        step_us = now.t_us - before_us
+        yield now
+
+
+def _advance(
+    source: FrameSource,
+    motion: Motion,
+    now: Exposure,
+    guess_us: int,
+    longest_us: int,
+    config: SimConfig,
+) -> Exposure:
+    """The next exposure, at most `longest_us` later."""
+    limit_px = config.max_displacement_px
+    shortest_us = min(config.min_frame_interval_us, longest_us)
+
+    def forward_px(step_us: int) -> float:
+        return _moved_px(source.rig, now, motion.T_world_body((now.t_us + step_us) * 1e-6))
+
+    step_us, moved_px = longest_step(forward_px, limit_px, guess_us, shortest_us, longest_us)
+    while moved_px <= limit_px:
+        ahead = _expose(source, motion, now.t_us + step_us)
+        moved_px = _moved_px(source.rig, ahead, now.T_world_body)
+        if moved_px <= limit_px:
+            return ahead
+        if step_us > shortest_us:
+            step_us = max(shortest_us, step_us // 2)
+            moved_px = forward_px(step_us)
+    raise InputError(
+        f"pixels move {moved_px:.2f} px in {step_us} µs at t = {now.t_us} µs, allowed are "
+        f"{limit_px}: slow the motion, move surfaces away, lower min_frame_interval_us or "
+        "raise max_displacement_px"
+    )
+
+
+def longest_step(
+    moved_px: Callable[[int], float],
+    limit_px: float,
+    guess_us: int,
+    shortest_us: int,
+    longest_us: int,
+) -> tuple[int, float]:
+    """Finds nearly the longest step whose displacement stays within `limit_px`, by the secant rule.
+
+    Args:
+        moved_px: displacement after a step of so many µs; 0 at 0.
+        limit_px: the bound.
+        guess_us: where to begin.
+        shortest_us: least step; returned with its displacement even where that exceeds the limit.
+        longest_us: greatest step.
+
+    Returns:
+        The step, µs, and its displacement, px.
+    """
+    step_us = min(max(guess_us, shortest_us), longest_us)
+    good: tuple[int, float] | None = None
+    bad_us = longest_us + 1
+    while True:
+        now_px = moved_px(step_us)
+        if now_px <= limit_px:
+            good = (step_us, now_px)
+            if step_us == longest_us or now_px >= _CLOSE * limit_px:
+                return good
+        else:
+            bad_us = step_us
+            if step_us == shortest_us:
+                return step_us, now_px
+        lower_us = good[0] + 1 if good else shortest_us
+        if lower_us >= bad_us:
+            assert good is not None
+            return good
+        step_us = min(max(_rescaled(step_us, now_px, limit_px), lower_us), bad_us - 1)
+
+
+def _rescaled(step_us: int, moved_px: float, limit_px: float) -> int:
+    """The step that would move a little less than the limit, if displacement grew linearly."""
+    share = _AIM * limit_px / max(moved_px, 1e-3 * limit_px)
+    return max(1, int(step_us * share))
+
+
+def _moved_px(rig: Rig, seen: Exposure, T_world_body: NDArray[np.float64]) -> float:
+    depths_m = [frame.nearest_depth_m for frame in seen.frames]
+    return largest_displacement_px(rig, depths_m, seen.T_world_body, T_world_body)
+
+
+def _expose(source: FrameSource, motion: Motion, t_us: int) -> Exposure:
+    T_world_body = motion.T_world_body(t_us * 1e-6)
+    frames = tuple(source.frame(k, T_world_body) for k in range(len(source.rig)))
+    return Exposure(t_us, T_world_body, frames)

@@ -1,0 +1,83 @@
+"""What a scene is: geometry in MJCF, textures and head motion in Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.errors import InputError
+from sim.motion import Motion
+
+if TYPE_CHECKING:
+    import mujoco
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One scene: static geometry, its textures, and how the head moves through it.
+
+    Attributes:
+        name: what the command line calls it.
+        summary: one sentence.
+        mjcf: the scene's MJCF file, without cameras and without the rig.
+        textures: returns pixels (H, W, 3) uint8 for textures that the MJCF names; deterministic.
+        motion: `motion(duration_s, seed)` is the head's curve over [0, `duration_s`]; the seed
+            varies the motion (phases, amplitudes), never the geometry.
+        depth_range_m: nearest and farthest z-depth that the cameras see; a hint for mappers.
+        rig: default rig, see `sim.rigs`.
+        duration_s: default length, s.
+        edit: adds procedural geometry to the parsed spec, if any.
+    """
+
+    name: str
+    summary: str
+    mjcf: Path
+    textures: Callable[[], Mapping[str, NDArray[np.uint8]]]
+    motion: Callable[[float, int], Motion]
+    depth_range_m: tuple[float, float]
+    rig: str = "davis346"
+    duration_s: float = 0.5
+    edit: Callable[[mujoco.MjSpec], None] | None = None
+
+    def spec(self) -> mujoco.MjSpec:
+        """Returns the scene as an editable MuJoCo specification, textures in place.
+
+        Raises:
+            InputError: the MJCF cannot be parsed, or lacks a texture that `textures` provides.
+        """
+        from sim.graphics import import_mujoco
+
+        mujoco = import_mujoco()
+        if not self.mjcf.is_file():
+            raise InputError(f"scene {self.name} has no file {self.mjcf}: create it or fix `mjcf`")
+        try:
+            spec = mujoco.MjSpec.from_file(str(self.mjcf))
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            raise InputError(f"{self.mjcf} is no usable MJCF ({reason}): correct it") from error
+        for name, pixels in self.textures().items():
+            put_texture(spec, name, pixels)
+        if self.edit is not None:
+            self.edit(spec)
+        return spec
+
+
+def put_texture(spec: mujoco.MjSpec, name: str, pixels: NDArray[np.uint8]) -> None:
+    """Puts `pixels` (H, W, 3) uint8, first row at the top of the picture, into texture `name`."""
+    texture = spec.texture(name)
+    if texture is None:
+        known = ", ".join(sorted(t.name for t in spec.textures)) or "none"
+        raise InputError(
+            f"no texture named {name!r} in the MJCF (it has: {known}): declare it there"
+        )
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8:
+        raise InputError(
+            f"texture {name!r} came as {pixels.dtype} {pixels.shape}: need uint8 (H, W, 3)"
+        )
+    texture.height, texture.width, texture.nchannel = pixels.shape
+    texture.data = np.ascontiguousarray(pixels).tobytes()
