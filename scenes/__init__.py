@@ -1,0 +1,38 @@
+"""The scenes: one MJCF file and one module each, found by themselves.
+
+A module of this package that does not begin with an underscore is a scene and defines `SCENE`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from typing import TYPE_CHECKING
+
+from emvs.errors import InputError
+
+if TYPE_CHECKING:
+    from sim.scene import Scene
+
+
+def names() -> tuple[str, ...]:
+    """Returns the names of all scenes, sorted, without importing them."""
+    found = pkgutil.iter_modules(__path__)
+    return tuple(sorted(m.name for m in found if not m.ispkg and not m.name.startswith("_")))
+
+
+def load(name: str) -> Scene:
+    """Returns the scene called `name`.
+
+    Raises:
+        InputError: there is no such scene.
+    """
+    if name not in names():
+        raise InputError(f"unknown scene {name!r}: choose one of {', '.join(names())}")
+    scene: Scene = importlib.import_module(f"{__name__}.{name}").SCENE
+    return scene
+
+
+def summaries() -> dict[str, str]:
+    """Returns one sentence for each scene."""
+    return {name: load(name).summary for name in names()}
