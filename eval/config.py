@@ -1,0 +1,43 @@
+"""Settings of the scoring, without numpy, so that the command line's help stays fast."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+RankingMetric = Literal[
+    "mean_error", "median_error", "rmse", "abs_rel", "aerr_r", "silog", "bad_published"
+]
+
+
+class EvalConfig(BaseModel):
+    """Which ground truth counts, and which number ranks the methods."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    min_truth_depth_m: float | None = Field(
+        default=None, gt=0, description="Nearer ground truth is left out [m]; unset: no limit."
+    )
+    max_truth_depth_m: float | None = Field(
+        default=None, gt=0, description="Farther ground truth is left out [m]; unset: no limit."
+    )
+    ranking_metric: RankingMetric = Field(
+        default="mean_error", description="The metric that orders the methods; lower is better."
+    )
+
+    @model_validator(mode="after")
+    def _limits_in_order(self) -> EvalConfig:
+        near_m, far_m = self.truth_limits_m
+        if near_m >= far_m:
+            raise ValueError(
+                f"min_truth_depth_m {near_m:g} must lie below max_truth_depth_m {far_m:g}"
+            )
+        return self
+
+    @property
+    def truth_limits_m(self) -> tuple[float, float]:
+        """The closed range of ground-truth depths that are scored, m."""
+        near_m = 0.0 if self.min_truth_depth_m is None else self.min_truth_depth_m
+        far_m = float("inf") if self.max_truth_depth_m is None else self.max_truth_depth_m
+        return near_m, far_m

@@ -1,0 +1,55 @@
+"""From exceptions to exit codes: one line on the error stream, and nothing half-written."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from types import FrameType
+
+from emvs.errors import InputError
+
+OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
+
+
+@dataclass
+class ExitCode:
+    """The process's exit code, known when the context ends."""
+
+    value: int = OK
+
+
+@contextmanager
+def exit_code() -> Iterator[ExitCode]:
+    """Turns what a user, the disk or the memory can cause into one line and a code.
+
+    Anything else is a fault of the program and keeps its traceback.
+    """
+    code = ExitCode()
+    # A polite kill ends like Ctrl-C, so that temporary folders are removed.
+    signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        yield code
+    except InputError as error:
+        code.value = _tell(str(error), BAD_INPUT)
+    except KeyboardInterrupt:
+        code.value = _tell("interrupted: nothing half-written was left", INTERRUPTED)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        code.value = _tell(f"{error}: free the disk or choose another output", BAD_INPUT)
+    except MemoryError as error:
+        words = f"{error}: not enough memory; lower the resolution, the planes or the window"
+        code.value = _tell(words, BAD_INPUT)
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+def _tell(words: str, code: int) -> int:
+    sys.stderr.write(f"eventsweep: {' '.join(words.split())}\n")
+    return code

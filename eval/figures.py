@@ -1,0 +1,102 @@
+"""Pictures of a window, pixel for pixel: frame, events, depth, confidence, error."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from eval.colour import BLANK, Scale, grey_palette, nice_above
+from eval.png import IndexedImage
+
+FloatImage = NDArray[np.floating]
+MaskImage = NDArray[np.bool_]
+# Divides the blank, 255, too: no confidence at all stays blank.
+_CONFIDENCE_STEP = np.uint8(5)
+
+
+def frame_image(intensity: NDArray[np.uint8]) -> IndexedImage:
+    """Draws (H, W) intensity, 0..255, from its darkest (black) to its brightest (white)."""
+    black, white = (float(value) for value in np.percentile(intensity, (0.2, 99.8)))
+    grey = np.clip((np.arange(256) - black) / max(1.0, white - black), 0, 1)
+    return IndexedImage(np.rint(255 * grey).astype(np.uint8)[intensity], grey_palette())
+
+
+def events_image(
+    brighter: NDArray[np.integer], darker: NDArray[np.integer], scale: Scale
+) -> IndexedImage:
+    """Draws (H, W) counts of events per pixel; the more frequent polarity gives the colour."""
+    either = np.maximum(brighter, darker).astype(np.float64)
+    signed = np.where(brighter >= darker, either, -either)
+    return IndexedImage(scale.index(signed, either > 0), scale.palette)
+
+
+def depth_image(
+    depth_m: FloatImage, mask: MaskImage, scale: Scale, point_px: int = 1
+) -> IndexedImage:
+    """Draws (H, W) depth, even in inverse depth, on white where the mask is off.
+
+    Args:
+        depth_m: (H, W) z-depth, m.
+        mask: (H, W) where there is one.
+        scale: from `depth_scale`.
+        point_px: how wide a single point is drawn; where points overlap the nearest wins.
+    """
+    rho = np.divide(1.0, depth_m, out=np.zeros(depth_m.shape), where=mask)
+    return IndexedImage(_dilated(scale.index(rho, mask), point_px), scale.palette)
+
+
+def error_image(
+    depth_m: FloatImage,
+    mask: MaskImage,
+    truth_m: FloatImage,
+    truth_scored: MaskImage,
+    scale: Scale,
+    point_px: int = 1,
+) -> IndexedImage:
+    """Draws |e - g| in cm where both are valid, transparent elsewhere; the largest error wins."""
+    error_cm, both = error_of(depth_m, mask, truth_m, truth_scored)
+    return IndexedImage(_dilated(scale.index(error_cm, both), point_px), scale.palette)
+
+
+def error_of(
+    depth_m: FloatImage, mask: MaskImage, truth_m: FloatImage, truth_scored: MaskImage
+) -> tuple[FloatImage, MaskImage]:
+    """(H, W) |e - g| in cm, and where both are valid."""
+    both = mask & truth_scored
+    error_cm = np.zeros(depth_m.shape)
+    np.subtract(depth_m, truth_m, out=error_cm, where=both, casting="same_kind")
+    return 100 * np.abs(error_cm), both
+
+
+def confidence_image(confidence: FloatImage, scale: Scale) -> IndexedImage:
+    """Draws (H, W) confidence, dark on white, in steps too small to see that halve the file."""
+    index = scale.index(confidence, np.isfinite(confidence))
+    return IndexedImage(index - index % _CONFIDENCE_STEP, scale.palette)
+
+
+def error_cap_cm(errors_cm: NDArray[np.floating]) -> float:
+    """The round number that three of four errors stay below."""
+    if not errors_cm.size:
+        return 10.0
+    return nice_above(max(float(np.percentile(errors_cm, 75)), 1e-3))
+
+
+def point_size_px(width_px: int) -> int:
+    """How wide to draw points, so that single ones are seen when a picture is 400 px wide."""
+    return 2 * max(1, round(width_px / 600)) + 1
+
+
+def enlargement(width_px: int) -> int:
+    """By how much to enlarge a picture, so that a browser shows pixels as even squares."""
+    return max(1, round(800 / width_px))
+
+
+def _dilated(index: NDArray[np.uint8], point_px: int) -> NDArray[np.uint8]:
+    """Widens points; the blank gives way, a point's own pixel keeps its colour."""
+    if point_px <= 1:
+        return index
+    kernel = np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (point_px, point_px)))
+    # Rank the blank lowest: 0 is blank, 1..255 the levels.
+    wide = np.asarray(cv2.dilate(index + np.uint8(1), kernel), np.uint8) - np.uint8(1)
+    return np.where(index == BLANK, wide, index).astype(np.uint8)

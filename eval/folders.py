@@ -1,0 +1,98 @@
+"""Finds what a run left on disk: its maps, the recordings they came from, and ground truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from emvs.data.recording import Recording
+from emvs.data.sequence import Sequence
+from emvs.errors import InputError
+from emvs.io import open_recording
+from emvs.output import RecordingInfo, StoredMap, read_map
+from eval.config import EvalConfig
+from eval.score import Truth
+
+MAP_FOLDER, SEQUENCE_FOLDER, CONFIG_FILE = "map", "sequence", "config.toml"
+_INDEX = "map.json"
+
+
+def find_maps(folder: Path) -> dict[str, StoredMap]:
+    """Opens the maps of a run, by case, or the one map that the folder is.
+
+    Raises:
+        InputError: neither is there.
+    """
+    if (folder / _INDEX).exists():
+        stored = read_map(folder)
+        return {stored.info.recording.name: stored}
+    found = sorted(folder.glob(f"*/{MAP_FOLDER}/{_INDEX}"))
+    if not found:
+        raise InputError(f"{folder}: no maps; needs a folder that `run` or `map` wrote")
+    return {path.parents[1].name: read_map(path.parent) for path in found}
+
+
+def describe(recording: Recording, path: Path, map_folder: Path) -> RecordingInfo:
+    """What a map folder remembers of its recording; a path beside it is kept relative."""
+    path, map_folder = path.resolve(), map_folder.resolve()
+    together = path.parent == map_folder.parent
+    return RecordingInfo(
+        name=recording.name,
+        path=f"../{path.name}" if together else str(path),
+        manifest_sha256=recording.manifest.digest() if isinstance(recording, Sequence) else None,
+    )
+
+
+def recording_of(stored: StoredMap) -> Recording:
+    """Opens the recording that a map was made from.
+
+    Raises:
+        InputError: it is gone or damaged, or no longer the one that was mapped.
+    """
+    info = stored.info.recording
+    path = Path(info.path) if Path(info.path).is_absolute() else (stored.path / info.path).resolve()
+    recording = open_recording(path)
+    digest = recording.manifest.digest() if isinstance(recording, Sequence) else None
+    if digest != info.manifest_sha256:
+        raise InputError(
+            f"{path}: not the recording that {stored.path} was made from; map it again"
+        )
+    return recording
+
+
+def sequence_of(stored: StoredMap) -> Sequence:
+    """Opens a map's recording, which must have ground truth, and checks its hashes.
+
+    Raises:
+        InputError: a recording without ground truth, gone, damaged or changed.
+    """
+    recording = recording_of(stored)
+    if not isinstance(recording, Sequence):
+        raise InputError(
+            f"{recording.name}: a recording without ground truth; needs one that `simulate` made"
+        )
+    recording.verify()
+    return recording
+
+
+def truth_of(sequence: Sequence, t_ref_us: int, config: EvalConfig) -> Truth:
+    """Ground truth in the reference view: camera 0, without lens distortion.
+
+    Raises:
+        InputError: none is stored at that time, or camera 0 has a distorting lens.
+    """
+    camera = sequence.rig.cameras[0]
+    if camera.model != "pinhole":
+        raise InputError(
+            f"{sequence.name}: camera 0 is {camera.model}, but ground truth is "
+            "scored in the view of a pinhole camera; simulate with a pinhole rig"
+        )
+    depth_m = sequence.truth_depth_m(0, t_ref_us)
+    return Truth(
+        depth_m=depth_m,
+        valid=np.isfinite(depth_m),
+        focal_px=camera.fx_px,
+        baseline_m=sequence.rig.baseline_m() if len(sequence.rig) > 1 else None,
+        limits_m=config.truth_limits_m,
+    )

@@ -1,0 +1,209 @@
+"""Every metric: its name, unit, direction and formula, and the few lines that compute it.
+
+e is the estimate and g the ground truth, over the pixels where both are valid. The definitions
+follow Ghosh & Gallego (Adv. Intell. Syst. 2022) and the tables published since; where the field
+uses a different one by the same name, both are here under names of their own. `docs/scores.md`
+discusses each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.errors import InputError
+
+Better = Literal["lower", "higher", "none"]
+FloatArray = NDArray[np.float64]
+
+OUTLIER_RELATIVE_ERROR = 0.10
+PUBLISHED_BAD_PX = 5.0
+PUBLISHED_BAD_RELATIVE = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """Estimates and ground truth at the pixels where both are valid.
+
+    Attributes:
+        estimate_m: (N,) estimated depth, m.
+        truth_m: (N,) true depth, m.
+        truth_count: number of pixels with valid ground truth, N or more.
+        baseline_focal_px_m: baseline times focal length, px·m; NaN for a rig of one camera.
+    """
+
+    estimate_m: FloatArray
+    truth_m: FloatArray
+    truth_count: int
+    baseline_focal_px_m: float
+
+    @property
+    def count(self) -> int:
+        """The number of pairs."""
+        return len(self.estimate_m)
+
+    @property
+    def error_m(self) -> FloatArray:
+        """|e - g|, m."""
+        return np.abs(self.estimate_m - self.truth_m)
+
+    @property
+    def log_ratio(self) -> FloatArray:
+        """Ln g - ln e."""
+        return np.log(self.truth_m) - np.log(self.estimate_m)
+
+    @property
+    def disparity_error_px(self) -> FloatArray:
+        """|1/e - 1/g| b f, px."""
+        return np.abs(1 / self.estimate_m - 1 / self.truth_m) * self.baseline_focal_px_m
+
+
+def pooled(parts: Sequence[Pairs]) -> Pairs:
+    """Joins the pairs of several windows, so that every pixel weighs the same.
+
+    Raises:
+        InputError: no parts, or parts seen by different rigs.
+    """
+    rigs = np.unique([part.baseline_focal_px_m for part in parts])
+    if len(rigs) != 1:
+        raise InputError(
+            f"cannot pool {len(parts)} windows with baseline x focal length {rigs.tolist()} px·m: "
+            "pool windows of one rig"
+        )
+    return Pairs(
+        np.concatenate([part.estimate_m for part in parts]),
+        np.concatenate([part.truth_m for part in parts]),
+        sum(part.truth_count for part in parts),
+        parts[0].baseline_focal_px_m,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """One number about a depth map, with what a reader must know to compare it.
+
+    Attributes:
+        name: key in result files.
+        title: heading in tables.
+        unit: unit of the value; empty for a plain ratio.
+        better: the direction that is better.
+        formula: the definition in one line.
+        compute: the value of some pairs.
+        needs_pairs: NaN, rather than computed, where the method reports no depth at all.
+    """
+
+    name: str
+    title: str
+    unit: str
+    better: Better
+    formula: str
+    compute: Callable[[Pairs], float]
+    needs_pairs: bool = True
+
+    def __call__(self, pairs: Pairs) -> float:
+        """The metric's value; NaN where it is undefined."""
+        undefined = self.needs_pairs and not pairs.count
+        return float("nan") if undefined else float(self.compute(pairs))
+
+
+def _points(pairs: Pairs) -> float:
+    return pairs.count
+
+
+def _completeness(pairs: Pairs) -> float:
+    return 100 * pairs.count / pairs.truth_count if pairs.truth_count else float("nan")
+
+
+def _mean_error(pairs: Pairs) -> float:
+    return float(np.mean(pairs.error_m))
+
+
+def _median_error(pairs: Pairs) -> float:
+    return float(np.median(pairs.error_m))
+
+
+def _rmse(pairs: Pairs) -> float:
+    return float(np.sqrt(np.mean(pairs.error_m**2)))
+
+
+def _abs_rel(pairs: Pairs) -> float:
+    return 100 * float(np.mean(pairs.error_m / pairs.truth_m))
+
+
+def _aerr_r(pairs: Pairs) -> float:
+    return 100 * float(np.mean(pairs.error_m / pairs.estimate_m))
+
+
+def _silog(pairs: Pairs) -> float:
+    # The variance is mean(d²) - mean(d)² without the cancellation.
+    return 100 * float(np.var(pairs.log_ratio))
+
+
+def _log_rmse(pairs: Pairs) -> float:
+    return 100 * float(np.sqrt(np.mean(pairs.log_ratio**2)))
+
+
+def _delta(pairs: Pairs, power: int) -> float:
+    ratio = np.maximum(pairs.estimate_m / pairs.truth_m, pairs.truth_m / pairs.estimate_m)
+    return 100 * float(np.mean(ratio < 1.25**power))
+
+
+def _bad(pairs: Pairs, threshold_px: float) -> float:
+    if np.isnan(pairs.baseline_focal_px_m):
+        return float("nan")
+    return 100 * float(np.mean(pairs.disparity_error_px > threshold_px))
+
+
+def _bad_published(pairs: Pairs) -> float:
+    if np.isnan(pairs.baseline_focal_px_m):
+        return float("nan")
+    far_off = pairs.disparity_error_px > PUBLISHED_BAD_PX
+    relative = pairs.error_m / pairs.estimate_m > PUBLISHED_BAD_RELATIVE
+    return 100 * float(np.mean(far_off & relative))
+
+
+def _outlier_share(pairs: Pairs) -> float:
+    return 100 * float(np.mean(pairs.error_m / pairs.truth_m > OUTLIER_RELATIVE_ERROR))
+
+
+def _delta_metric(power: int) -> Metric:
+    title = "δ < 1.25" + ("", "²", "³")[power - 1]
+    formula = f"share with max(e/g, g/e) < 1.25^{power}"
+    return Metric(f"delta_{power}", title, "%", "higher", formula, partial(_delta, power=power))
+
+
+def _bad_metric(threshold_px: int) -> Metric:
+    formula = f"share with |1/e - 1/g| b f > {threshold_px} px"
+    compute = partial(_bad, threshold_px=threshold_px)
+    return Metric(f"bad_{threshold_px}px", f"bad {threshold_px} px", "%", "lower", formula, compute)
+
+
+METRICS: tuple[Metric, ...] = (
+    Metric("points", "points", "px", "higher", "number of pixels with e and g", _points, False),
+    Metric("completeness", "completeness", "%", "higher", "points / #g", _completeness, False),
+    Metric("mean_error", "mean error", "m", "lower", "mean |e - g|", _mean_error),
+    Metric("median_error", "median error", "m", "lower", "median |e - g|", _median_error),
+    Metric("rmse", "RMSE", "m", "lower", "sqrt(mean (e - g)²)", _rmse),
+    Metric("abs_rel", "AbsRel", "%", "lower", "mean |e - g| / g", _abs_rel),
+    Metric("aerr_r", "AErrR", "%", "lower", "mean |e - g| / e (as published)", _aerr_r),
+    Metric("silog", "SILog", "x100", "lower", "mean d² - (mean d)², d = ln g - ln e", _silog),
+    Metric("log_rmse", "log RMSE", "x100", "lower", "sqrt(mean d²), d = ln g - ln e", _log_rmse),
+    *(_delta_metric(power) for power in (1, 2, 3)),
+    *(_bad_metric(threshold_px) for threshold_px in (1, 2, 3, 5)),
+    Metric(
+        "bad_published",
+        "bad pixels",
+        "%",
+        "lower",
+        "share with |1/e - 1/g| b f > 5 px and |e - g| / e > 0.05 (as published)",
+        _bad_published,
+    ),
+    Metric(
+        "outlier_share", "outliers", "%", "lower", "share with |e - g| / g > 0.10", _outlier_share
+    ),
+)

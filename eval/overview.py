@@ -1,0 +1,80 @@
+"""One picture of a case: frame, events, depth and ground truth side by side, with axes."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from eval.colour import Scale, depth_scale, events_scale
+from eval.figures import depth_image, events_image, frame_image, point_size_px
+from eval.findings import HARMONIC
+from eval.views import CaseView, MethodView, WindowView
+
+_PANEL_INCHES, _DPI = 4.2, 120
+Drawing = Callable[[Axes], None]
+
+
+def overview_png(case: CaseView) -> bytes:
+    """Draws the first window of a case with Alg. 1's depth; what is not known is left out.
+
+    Args:
+        case: the case; without the harmonic mean, its first method is drawn.
+
+    Returns:
+        The picture, as a PNG file's bytes.
+    """
+    window = case.windows[0]
+    chosen = next((m for m in window.methods if m.name == HARMONIC), window.methods[0])
+    drawings = _drawings(window, chosen)
+    height_px, width_px = chosen.depth_m.shape
+    size = (_PANEL_INCHES * len(drawings), 0.84 * _PANEL_INCHES * height_px / width_px + 0.7)
+    with mpl.rc_context({"font.size": 9, "axes.titlesize": 10, "axes.titlelocation": "left"}):
+        figure = Figure(figsize=size, dpi=_DPI, layout="constrained")
+        for k, (title, draw) in enumerate(drawings.items()):
+            axes = figure.add_subplot(1, len(drawings), k + 1, title=title, xlabel="x [px]")
+            axes.set_ylabel("y [px]" if k == 0 else "")
+            draw(axes)
+        _depth_bar(figure, depth_scale(window.depth_range_m))
+        stream = io.BytesIO()
+        figure.savefig(stream, format="png", metadata={"Software": None})
+    return stream.getvalue()
+
+
+def _drawings(window: WindowView, method: MethodView) -> dict[str, Drawing]:
+    scale = depth_scale(window.depth_range_m)
+    point_px = point_size_px(method.depth_m.shape[1])
+    drawings: dict[str, Drawing] = {}
+    if window.frame is not None:
+        frame = frame_image(window.frame).rgba()
+        drawings["Frame"] = lambda axes: _show(axes, frame)
+    if window.brighter is not None and window.darker is not None:
+        events = events_image(window.brighter, window.darker, events_scale(1)).rgba()
+        drawings["Events"] = lambda axes: _show(axes, events)
+    depth = depth_image(method.depth_m, method.mask, scale, point_px).rgba()
+    drawings[f"Depth, {method.name}"] = lambda axes: _show(axes, depth)
+    if window.truth is not None:
+        truth = depth_image(window.truth.depth_m, window.truth.scored, scale).rgba()
+        drawings["True depth"] = lambda axes: _show(axes, truth)
+    return drawings
+
+
+def _show(axes: Axes, rgba: NDArray[np.uint8]) -> None:
+    axes.imshow(rgba, interpolation="nearest")
+
+
+def _depth_bar(figure: Figure, scale: Scale) -> None:
+    """A colour bar that is even in inverse depth and labelled in metres."""
+    levels = ListedColormap(scale.palette[:-1, :3] / 255)
+    bar = figure.colorbar(
+        ScalarMappable(Normalize(0, 1), levels), ax=figure.axes, pad=0.01, label="depth [m]"
+    )
+    positions, labels = zip(*scale.ticks, strict=True)
+    bar.set_ticks(positions, labels=labels)

@@ -1,0 +1,183 @@
+"""From views to what the page's template shows: pictures as text, numbers as captions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from eval.colour import Scale, confidence_scale, depth_scale, error_scale, events_scale
+from eval.curves import THRESHOLDS_CM, Curve
+from eval.figures import (
+    confidence_image,
+    depth_image,
+    enlargement,
+    error_cap_cm,
+    error_image,
+    error_of,
+    events_image,
+    frame_image,
+    point_size_px,
+)
+from eval.findings import findings
+from eval.plots import curves_svg, slice_svg
+from eval.png import IndexedImage
+from eval.ranking import FUSED_PREFIX, column, order, shown, table, with_unit
+from eval.results import Row
+from eval.score import POOLED
+from eval.views import CaseView, MethodView, ReportData, WindowView
+
+_CAPTION = ("points", "completeness", "mean_error", "median_error", "bad_published")
+
+
+def case_panel(
+    data: ReportData, case: CaseView, position: int, *, with_table: bool
+) -> dict[str, Any]:
+    """What the template shows of one case."""
+    rows, metric = data.rows_of(case.name, POOLED), data.ranking_metric
+    methods = list(dict.fromkeys(m.name for window in case.windows for m in window.methods))
+    identity = f"case{position}"
+    every = [name for name in _names(rows) if not name.startswith(("precision", "recall", "f1"))]
+    return {
+        "id": identity,
+        "name": case.name,
+        "summary": case.summary[:1].upper() + case.summary[1:].removesuffix("."),
+        "facts": case.facts,
+        "table": table(rows, metric) if rows and with_table else None,
+        "findings": findings(rows, metric),
+        "methods": methods,
+        "chosen": _chosen(rows, metric, methods),
+        "windows": [
+            window_panel(w, methods, data.rows_of(case.name, w.name)) for w in case.windows
+        ],
+        "window_count": case.window_count,
+        "curves_svg": _curves(rows, methods, identity),
+        "every": table(rows, metric, every) if rows else None,
+    }
+
+
+def window_panel(window: WindowView, methods: Sequence[str], rows: Sequence[Row]) -> dict[str, Any]:
+    """What the template shows of one window."""
+    scales = _scales(window)
+    names = dict.fromkeys(name for counts in window.counts.values() for name in counts)
+    return {
+        "name": window.name,
+        "t_s": f"{window.t_us / 1e6:.3f}",
+        "frame": None if window.frame is None else _uri(frame_image(window.frame)),
+        "events": _events_uri(window, scales["events_scale"]),
+        "events_caption": window.events_caption,
+        "truth": _truth_uri(window, scales["depth_scale"]),
+        "methods": [
+            _method_panel(m, methods.index(m.name), window, scales, rows) for m in window.methods
+        ],
+        "has_slices": any(m.piece is not None for m in window.methods),
+        "counts": window.counts,
+        "count_names": list(names),
+        **scales,
+    }
+
+
+def _method_panel(
+    method: MethodView,
+    position: int,
+    window: WindowView,
+    scales: dict[str, Scale],
+    rows: Sequence[Row],
+) -> dict[str, Any]:
+    point_px = point_size_px(method.depth_m.shape[1])
+    depth = depth_image(method.depth_m, method.mask, scales["depth_scale"], point_px)
+    own = {row.metric: row for row in rows if row.method == method.name}
+    numbers = [f"{column(name).title} {with_unit(own[name])}" for name in _CAPTION if name in own]
+    return {
+        "name": method.name,
+        "position": position,
+        "caption": " · ".join(numbers) or f"points {shown(float(method.mask.sum()), 'px')} px",
+        "depth": _uri(depth),
+        "confidence": _uri(confidence_image(method.confidence, scales["confidence_scale"])),
+        "error": _error_uri(method, window, scales["error_scale"], point_px),
+        "slice_svg": Markup(slice_svg(method.piece)) if method.piece else "",
+    }
+
+
+def _scales(window: WindowView) -> dict[str, Scale]:
+    confidences = [m.confidence[np.isfinite(m.confidence)] for m in window.methods]
+    busy = max((float(np.percentile(c, 99.7)) for c in confidences if c.size), default=1.0)
+    return {
+        "depth_scale": depth_scale(window.depth_range_m),
+        "confidence_scale": confidence_scale(float(f"{busy:.2g}")),
+        "error_scale": error_scale(_error_cap(window)),
+        "events_scale": events_scale(_events_cap(window)),
+    }
+
+
+def _error_cap(window: WindowView) -> float:
+    if window.truth is None:
+        return 1.0
+    truth, errors = window.truth, []
+    for method in window.methods:
+        error_cm, both = error_of(method.depth_m, method.mask, truth.depth_m, truth.scored)
+        errors.append(error_cm[both])
+    # Half of the methods must fit: one bad method must not flatten the colours of all others.
+    return float(np.median([error_cap_cm(found) for found in errors])) if errors else 1.0
+
+
+def _events_cap(window: WindowView) -> int:
+    if window.brighter is None or window.darker is None:
+        return 1
+    either = np.maximum(window.brighter, window.darker)
+    return max(1, round(float(np.percentile(either[either > 0], 90)))) if either.any() else 1
+
+
+def _events_uri(window: WindowView, scale: Scale) -> str | None:
+    if window.brighter is None or window.darker is None:
+        return None
+    return _uri(events_image(window.brighter, window.darker, scale))
+
+
+def _truth_uri(window: WindowView, scale: Scale) -> str | None:
+    if window.truth is None:
+        return None
+    return _uri(depth_image(window.truth.depth_m, window.truth.scored, scale))
+
+
+def _error_uri(method: MethodView, window: WindowView, scale: Scale, point_px: int) -> str | None:
+    if window.truth is None:
+        return None
+    truth = window.truth
+    image = error_image(method.depth_m, method.mask, truth.depth_m, truth.scored, scale, point_px)
+    return _uri(image)
+
+
+def _uri(image: IndexedImage) -> str:
+    return image.enlarged(enlargement(image.index.shape[1])).data_uri()
+
+
+def _names(rows: Sequence[Row]) -> list[str]:
+    return list(dict.fromkeys(row.metric for row in rows))
+
+
+def _chosen(rows: Sequence[Row], metric: str, methods: Sequence[str]) -> int:
+    """The best fused method; without scores the harmonic mean, as in Algorithm 1."""
+    ranked = [name for name, value in order(rows, metric, FUSED_PREFIX) if not math.isnan(value)]
+    wished = [*ranked, "Alg1/H"]
+    return next((methods.index(name) for name in wished if name in methods), 0)
+
+
+def _curves(rows: Sequence[Row], methods: Sequence[str], prefix: str) -> Markup | None:
+    values = {(row.method, row.metric): row.value for row in rows}
+    scored = [method for method in methods if (method, "points") in values]
+    if not scored:
+        return None
+    drawn = [(method, _curve_of(values, method)) for method in methods]
+    return Markup(curves_svg(drawn, prefix))
+
+
+def _curve_of(values: dict[tuple[str, str], float], method: str) -> Curve:
+    shares = (
+        np.array([values.get((method, f"{name}_{cm}cm"), math.nan) for cm in THRESHOLDS_CM])
+        for name in ("precision", "recall", "f1")
+    )
+    return Curve(np.array(THRESHOLDS_CM), *shares)

@@ -1,0 +1,186 @@
+"""Plots with axes, as SVG that takes the colour of the text around it: curves and DSI slices."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from eval.colour import nice_between, spaced
+from eval.curves import Curve
+
+# Matplotlib knows no `currentColor`: draw in a colour that nothing else has, then rename it.
+_INK = "#010203"
+_STYLE: Any = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "eventsweep",
+    "font.family": "sans-serif",
+    "font.size": 9,
+    "text.color": _INK,
+    "axes.edgecolor": _INK,
+    "axes.labelcolor": _INK,
+    "xtick.color": _INK,
+    "ytick.color": _INK,
+    "axes.linewidth": 0.6,
+    "axes.facecolor": "none",
+    "savefig.facecolor": "none",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+}
+TRUTH_COLOUR = "#0072b2"
+ESTIMATE_COLOUR = "#d55e00"
+
+
+@dataclass(frozen=True, slots=True)
+class LineStyle:
+    """How a method is drawn, in every plot."""
+
+    colour: str
+    dash: str | tuple[int, tuple[int, ...]]
+
+
+# Okabe and Ito's colours, with a dash of its own for each: told apart without colour, too.
+_STYLES = {
+    "Alg1/min": LineStyle("#cc79a7", (0, (4, 1, 1, 1))),
+    "Alg1/H": LineStyle("#d55e00", "solid"),
+    "Alg1/G": LineStyle("#e69f00", (0, (6, 2))),
+    "Alg1/A": LineStyle("#009e73", (0, (3, 2))),
+    "Alg1/RMS": LineStyle("#0072b2", (0, (6, 1, 1, 1, 1, 1))),
+    "Alg1/max": LineStyle("#56b4e9", (0, (1, 1))),
+    "EMVS/cam0": LineStyle("#8c8c8c", "solid"),
+    "EMVS/cam1": LineStyle("#8c8c8c", (0, (2, 2))),
+}
+_OTHERS = [
+    LineStyle(colour, (0, (5, 1))) for colour in ("#7a5195", "#a6761d", "#666666", "#1b9e77")
+]
+
+
+def line_style(method: str, position: int = 0) -> LineStyle:
+    """The style of a method; of one without a style of its own, by its position."""
+    return _STYLES.get(method, _OTHERS[position % len(_OTHERS)])
+
+
+def curves_svg(curves: Sequence[tuple[str, Curve]], prefix: str) -> str:
+    """Precision, recall and F1 of several methods against the tolerated error.
+
+    Args:
+        curves: method names and their curves.
+        prefix: begins the id of every line, `{prefix}-curve-{position}`, unique in a page.
+    """
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(10.5, 3.3), layout="constrained")
+        panels = figure.subplots(1, 3)
+        for axes, name in zip(panels, ("precision", "recall", "f1"), strict=True):
+            _draw_curves(axes, curves, name, prefix)
+        handles = panels[0].get_lines()
+        figure.legend(handles=handles, loc="outside right center", handlelength=3.2)
+        return _svg(figure)
+
+
+def _draw_curves(axes: Axes, curves: Sequence[tuple[str, Curve]], name: str, prefix: str) -> None:
+    for position, (method, curve) in enumerate(curves):
+        style = line_style(method, position)
+        (line,) = axes.plot(
+            curve.threshold_cm,
+            getattr(curve, name),
+            color=style.colour,
+            linestyle=style.dash,
+            linewidth=1.4,
+            label=method,
+        )
+        line.set_gid(f"{prefix}-{name}-curve-{position}")
+    axes.set_title({"f1": "F1"}.get(name, name), fontsize=10, loc="left")
+    axes.set_xlabel("tolerated error [cm]")
+    axes.set_ylabel("share [%]")
+    axes.set_xlim(1, 15)
+    axes.set_ylim(bottom=0)
+    axes.set_xticks([1, 5, 10, 15])
+    axes.grid(linewidth=0.4, alpha=0.35)
+
+
+@dataclass(frozen=True, slots=True)
+class DsiSlice:
+    """One image row of a fused DSI, and what was read from it.
+
+    Attributes:
+        row_px: which row.
+        rho: (N,) inverse depths of the planes, 1/m, near to far or far to near.
+        votes: (N, W) fused ray density.
+        depth_m: (W,) extracted depth, m.
+        mask: (W,) where there is one.
+        truth_m: (W,) true depth, m, NaN where unknown; None without ground truth.
+    """
+
+    row_px: int
+    rho: NDArray[np.floating]
+    votes: NDArray[np.floating]
+    depth_m: NDArray[np.floating]
+    mask: NDArray[np.bool_]
+    truth_m: NDArray[np.floating] | None = None
+
+
+def slice_svg(piece: DsiSlice) -> str:
+    """Seen from above, the camera below: ray density, extracted depth and true depth of one row."""
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(10.5, 3.6), layout="constrained")
+        axes = figure.subplots()
+        _draw_votes(axes, piece)
+        columns = np.flatnonzero(piece.mask)
+        if piece.truth_m is not None:
+            x_px = np.arange(len(piece.truth_m))
+            axes.plot(x_px, 1 / piece.truth_m, ".", ms=1.6, color=TRUTH_COLOUR, label="true depth")
+        axes.plot(
+            columns,
+            1 / piece.depth_m[columns],
+            "o",
+            ms=3.6,
+            mfc="none",
+            mew=1.1,
+            color=ESTIMATE_COLOUR,
+            label="extracted depth",
+        )
+        axes.set_ylim(float(piece.rho.max()), float(piece.rho.min()))
+        figure.legend(loc="outside upper right", ncols=2, markerscale=1.8)
+        return _svg(figure)
+
+
+def _draw_votes(axes: Axes, piece: DsiSlice) -> None:
+    votes = piece.votes[np.argsort(piece.rho)]
+    low, high = float(piece.rho.min()), float(piece.rho.max())
+    half = (high - low) / (len(piece.rho) - 1) / 2
+    top = float(np.percentile(votes, 99.7)) or 1.0
+    axes.imshow(
+        votes,
+        cmap="Greys",
+        vmin=0,
+        vmax=top,
+        origin="lower",
+        aspect="auto",
+        interpolation="nearest",
+        extent=(-0.5, votes.shape[1] - 0.5, low - half, high + half),
+    )
+    marks = [((rho - low) / (high - low), f"{1 / rho:.3g}") for rho in (high, low)]
+    marks += [((1 / z - low) / (high - low), f"{z:g}") for z in nice_between(1 / high, 1 / low)]
+    ticks = spaced(marks, gap=0.09)
+    axes.set_yticks([low + share * (high - low) for share, _ in ticks], [name for _, name in ticks])
+    axes.set_ylabel("depth [m], even in 1/depth")
+    axes.set_xlabel(f"x [px], image row {piece.row_px}")
+
+
+def _svg(figure: Figure) -> str:
+    stream = io.StringIO()
+    figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+    drawing = stream.getvalue()
+    drawing = drawing[drawing.index("<svg") :].replace(_INK, "currentColor")
+    # The page's style sets the size; a fixed one would overflow a phone.
+    opening, rest = drawing.split(">", 1)
+    return re.sub(r' (?:width|height)="[^"]*"', "", opening) + ">" + rest

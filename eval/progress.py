@@ -1,0 +1,74 @@
+"""Progress on the error stream: a bar per stage with rate and remaining time, or silence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from typing import Protocol
+
+Update = Callable[[float, str], None]
+"""Takes how much of the stage's total is done, and a few words."""
+
+
+class Progress(Protocol):
+    """Shows how far a run has come."""
+
+    def stage(self, title: str, total: float) -> AbstractContextManager[Update]:
+        """A context for one stage; yields the function that moves its bar."""
+
+
+def _ignore(_done: float, _words: str) -> None:
+    pass
+
+
+class Silent:
+    """Shows nothing."""
+
+    @contextmanager
+    def stage(self, title: str, total: float) -> Iterator[Update]:
+        """Ignores every update."""
+        del title, total
+        yield _ignore
+
+
+class Bars:
+    """A bar per stage while it runs, on a terminal, and one line when it is done."""
+
+    @contextmanager
+    def stage(self, title: str, total: float) -> Iterator[Update]:
+        """Draws one bar; a stage that fails leaves no line behind."""
+        from rich import progress
+        from rich.console import Console
+
+        columns = (
+            progress.TextColumn("{task.description:<16}"),
+            progress.BarColumn(),
+            progress.TaskProgressColumn(),
+            progress.TimeElapsedColumn(),
+            progress.TextColumn("left"),
+            progress.TimeRemainingColumn(),
+            progress.TextColumn("{task.fields[words]}"),
+        )
+        console = Console(stderr=True, highlight=False)
+        bars = progress.Progress(
+            *columns, console=console, transient=True, disable=not console.is_terminal
+        )
+        with bars:
+            task = bars.add_task(title, total=total, words="")
+            yield lambda done, words: bars.update(task, completed=done, words=words)
+        finished = bars.tasks[task]
+        console.print(f"{title:<16} {finished.elapsed or 0:5.1f} s  {finished.fields['words']}")
+
+
+# How the mapper's wall time divides among its stages, for one bar that moves evenly.
+_MAPPING_SHARES = {"rays": (0.0, 0.1), "sweep": (0.1, 0.9)}
+
+
+def mapping(update: Update) -> Callable[[str, int, int], None]:
+    """Turns the mapper's progress, stage by stage, into the movement of one bar."""
+
+    def show(stage: str, done: int, total: int) -> None:
+        start, share = _MAPPING_SHARES[stage]
+        update(start + share * done / max(total, 1), f"{stage} {done}/{total}")
+
+    return show

@@ -1,0 +1,164 @@
+"""Who is ahead: the order of the methods, tables with the best marked, and findings in words."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from eval.metrics import Better
+from eval.results import Row
+from eval.score import ALL_METRICS, COMMON_PREFIX
+
+FUSED_PREFIX = "Alg1/"
+SINGLE_PREFIX = "EMVS/"
+RANKING_COLUMNS = (
+    "points",
+    "completeness",
+    "mean_error",
+    "common_mean_error",
+    "median_error",
+    "rmse",
+    "abs_rel",
+    "silog",
+    "bad_published",
+    "outlier_share",
+    "delta_1",
+    "f1_5cm",
+)
+# Read in centimetres, stored in metres.
+_SHOWN = {"m": ("cm", 100.0)}
+_CONTEXT = {
+    "truth_points": ("ground truth", "number of pixels with g"),
+    "baseline_focal": ("baseline x focal length", "b f"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A metric as a table's heading."""
+
+    name: str
+    title: str
+    unit: str
+    better: Better
+    formula: str
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One value of a table: as read, as sorted, and whether no other is better."""
+
+    text: str
+    value: float
+    best: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One method of a table; `rank` counts the fused methods only."""
+
+    method: str
+    rank: int | None
+    cells: tuple[Cell, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Methods by metrics, in order of the ranking metric."""
+
+    columns: tuple[Column, ...]
+    lines: tuple[Line, ...]
+
+
+def order(rows: Iterable[Row], metric: str, prefix: str = "") -> list[tuple[str, float]]:
+    """Methods with their value of a metric, the best first; those without a value last.
+
+    Args:
+        rows: rows of one case and window.
+        metric: name of the metric.
+        prefix: only methods that begin so.
+    """
+    found = [row for row in rows if row.metric == metric and row.method.startswith(prefix)]
+    return [(row.method, row.value) for row in sorted(found, key=_badness)]
+
+
+def table(rows: Sequence[Row], metric: str, names: Sequence[str] = RANKING_COLUMNS) -> Table:
+    """Tabulates the rows of one case and window, ordered by a metric, the best of each marked."""
+    by_method: dict[str, dict[str, Row]] = defaultdict(dict)
+    for row in rows:
+        by_method[row.method][row.metric] = row
+    present = [name for name in names if any(name in found for found in by_method.values())]
+    best = {name: best_value(row for row in rows if row.metric == name) for name in present}
+    ranked = [method for method, _ in order(rows, metric)]
+    fused = [method for method in ranked if method.startswith(FUSED_PREFIX)]
+    lines = []
+    for method in ranked:
+        cells = tuple(_cell(by_method[method].get(name), best[name]) for name in present)
+        rank = fused.index(method) + 1 if method in fused else None
+        lines.append(Line(method, rank, cells))
+    return Table(tuple(column(name) for name in present), tuple(lines))
+
+
+def column(name: str) -> Column:
+    """The heading of a metric, with the unit in which tables show it."""
+    if name in _CONTEXT:
+        title, formula = _CONTEXT[name]
+        return Column(name, title, "px·m" if name == "baseline_focal" else "px", "none", formula)
+    metric = ALL_METRICS[name.removeprefix(COMMON_PREFIX)]
+    unit, _ = _SHOWN.get(metric.unit, (metric.unit, 1.0))
+    unit = unit.replace("x100", "×100")
+    if not name.startswith(COMMON_PREFIX):
+        return Column(name, metric.title, unit, metric.better, metric.formula)
+    formula = f"{metric.formula}, over the pixels that all methods report"
+    return Column(name, f"{metric.title}, common", unit, metric.better, formula)
+
+
+def mean_over_cases(rows: Sequence[Row], label: str) -> list[Row]:
+    """Averages each method and metric over cases, every case weighing the same.
+
+    A method that lacks a case has no mean: one over fewer cases would not be comparable.
+    """
+    cases = {row.case for row in rows}
+    groups: dict[tuple[str, str], list[Row]] = defaultdict(list)
+    for row in rows:
+        groups[row.method, row.metric].append(row)
+    return [_mean(found, len(cases), label) for found in groups.values()]
+
+
+def _mean(rows: Sequence[Row], cases: int, label: str) -> Row:
+    value = sum(row.value for row in rows) / cases if len(rows) == cases else math.nan
+    return replace(rows[0], case=label, value=value)
+
+
+def best_value(rows: Iterable[Row]) -> float:
+    """The best of comparable rows; NaN where there is none or no direction."""
+    found = [row for row in rows if not math.isnan(row.value) and row.better != "none"]
+    return min(found, key=_badness).value if found else math.nan
+
+
+def shown(value: float, unit: str) -> str:
+    """A value as tables print it: metres as centimetres, counts with thin spaces."""
+    if math.isnan(value):
+        return "–"
+    if unit == "px":
+        return f"{value:,.0f}".replace(",", "\u202f")
+    _, factor = _SHOWN.get(unit, (unit, 1.0))
+    return f"{factor * value:.2f}"
+
+
+def with_unit(row: Row) -> str:
+    """A value and its unit as text prints them."""
+    unit, _ = _SHOWN.get(row.unit, (row.unit, 1.0))
+    return f"{shown(row.value, row.unit)} {unit}"
+
+
+def _cell(row: Row | None, best: float) -> Cell:
+    if row is None:
+        return Cell("–", math.nan, False)
+    return Cell(shown(row.value, row.unit), row.value, row.value == best)
+
+
+def _badness(row: Row) -> tuple[bool, float]:
+    return math.isnan(row.value), -row.value if row.better == "higher" else row.value

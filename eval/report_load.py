@@ -1,0 +1,170 @@
+"""From a folder on disk to what the report shows."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import scenes
+from emvs.data.recording import Recording
+from emvs.data.sequence import Sequence
+from emvs.depthmap import DepthMap
+from emvs.output import StoredMap, StoredWindow
+from emvs.result import Slices
+from eval.config import EvalConfig
+from eval.folders import CONFIG_FILE, find_maps, recording_of, truth_of
+from eval.plots import DsiSlice
+from eval.results import JSON_NAME, Results, read_results
+from eval.score import Truth
+from eval.views import CaseView, MethodView, ReportData, WindowView
+
+_MOST_PIXELS_SHOWN = 1_000_000
+_EVENTS_PER_PIXEL = 0.25
+
+
+def load_run(run_dir: Path) -> ReportData:
+    """Reads what a report shows of a run (`RUN/<case>/map`) or of a single map folder.
+
+    Raises:
+        InputError: neither, or a damaged file.
+    """
+    maps = find_maps(run_dir)
+    results = _results(run_dir, maps)
+    config = EvalConfig.model_validate(results.configuration.get("score", {}))
+    return ReportData(
+        cases=tuple(_case(name, stored, config) for name, stored in maps.items()),
+        results=results,
+        ranking_metric=config.ranking_metric,
+        configuration=_configuration_text(run_dir, results),
+    )
+
+
+def _results(run_dir: Path, maps: dict[str, StoredMap]) -> Results:
+    if (run_dir / JSON_NAME).is_file():
+        return read_results(run_dir)
+    info = next(iter(maps.values())).info
+    return Results((), {"map": info.config.model_dump(mode="json")}, versions=info.versions)
+
+
+def _configuration_text(run_dir: Path, results: Results) -> str:
+    file = run_dir / CONFIG_FILE
+    if file.is_file():
+        return file.read_text(encoding="utf-8")
+    return json.dumps(results.configuration, indent=2, ensure_ascii=False)
+
+
+def _recording(stored: StoredMap) -> Recording | None:
+    """The recording, or None where it is no longer there: its maps can still be shown."""
+    path = stored.path / stored.info.recording.path
+    return recording_of(stored) if path.exists() else None
+
+
+def _case(name: str, stored: StoredMap, config: EvalConfig) -> CaseView:
+    recording = _recording(stored)
+    windows = tuple(_window(w, recording, config) for w in _shown(stored.windows))
+    known = recording is not None and recording.name in scenes.names()
+    return CaseView(
+        name=name,
+        summary=scenes.load(recording.name).summary if recording and known else "",
+        windows=windows,
+        window_count=len(stored.windows),
+        facts=tuple(_facts(stored, recording)),
+    )
+
+
+def _shown(windows: tuple[StoredWindow, ...]) -> tuple[StoredWindow, ...]:
+    """Windows evenly over time, as many as a page can hold."""
+    pixels = windows[0].event_image[0].size if windows else 1
+    most = max(1, min(3, _MOST_PIXELS_SHOWN // pixels))
+    chosen = np.unique(np.linspace(0, len(windows) - 1, min(most, len(windows))).astype(int))
+    return tuple(windows[k] for k in chosen)
+
+
+def _window(window: StoredWindow, recording: Recording | None, config: EvalConfig) -> WindowView:
+    maps = [window.depth_map(method) for method in window.info.methods]
+    frame, truth = None, None
+    if isinstance(recording, Sequence) and maps[0].t_us in recording.truth_times_us(0):
+        frame = recording.truth_intensity(0, maps[0].t_us)
+        truth = truth_of(recording, maps[0].t_us, config)
+    (darker, brighter), events_caption = _events(window, recording)
+    rho = maps[0].rho
+    return WindowView(
+        name=window.info.name,
+        t_us=window.info.t_ref_us,
+        methods=tuple(_method(found, window.slices, truth) for found in maps),
+        depth_range_m=(float(1 / rho.max()), float(1 / rho.min())),
+        frame=frame,
+        brighter=brighter,
+        darker=darker,
+        truth=truth,
+        events_caption=events_caption,
+        counts=_readable(window.info.counts),
+    )
+
+
+def _events(window: StoredWindow, recording: Recording | None) -> tuple[NDArray[np.uint32], str]:
+    """(2, H, W) events of camera 0, darker and brighter, so few that edges are still thin."""
+    counts, info = window.event_image, window.info
+    span_us = info.t1_us - info.t0_us
+    share = _EVENTS_PER_PIXEL * counts[0].size / max(1, int(counts.sum()))
+    if recording is None or share >= 1:
+        return counts, "camera 0, whole window"
+    half_us = max(1, round(span_us * share / 2))
+    events = recording.events(0, info.t_ref_us - half_us, info.t_ref_us + half_us)
+    few = np.zeros_like(counts)
+    np.add.at(few, (events.p, events.y, events.x), 1)
+    return few, f"camera 0, {2 * half_us / 1000:.1f} ms"
+
+
+def _method(found: DepthMap, slices: Slices, truth: Truth | None) -> MethodView:
+    row_px = slices.row_px
+    piece = DsiSlice(
+        row_px,
+        slices.rho,
+        slices.values[found.method],
+        found.depth_m[row_px],
+        found.mask[row_px],
+    )
+    if truth is not None:
+        piece = replace(piece, truth_m=_truth_row(truth, row_px))
+    return MethodView(found.method, found.depth_m, found.mask, found.confidence, piece)
+
+
+def _truth_row(truth: Truth, row_px: int) -> NDArray[np.floating]:
+    return np.where(truth.scored[row_px], truth.depth_m[row_px], np.nan)
+
+
+def _readable(counts: dict[str, dict[str, int]]) -> dict[str, dict[str, int]]:
+    return {
+        camera: {name.replace("_", " "): count for name, count in found.items()}
+        for camera, found in counts.items()
+    }
+
+
+def _facts(stored: StoredMap, recording: Recording | None) -> list[tuple[str, str]]:
+    window, config = stored.windows[0], stored.info.config
+    camera = window.depth_map(window.info.methods[0]).camera
+    rig = f"{camera.width_px} × {camera.height_px} px, focal length {camera.fx_px:.1f} px"
+    facts = [("rig", rig)]
+    if recording is None:
+        facts.append(("recording", f"{stored.info.recording.path}, no longer there"))
+    if recording is not None:
+        cameras = len(recording.rig)
+        apart = f", {100 * recording.rig.baseline_m(0, 1):.2f} cm apart" if cameras > 1 else ""
+        named = f"{recording.rig.name}: {cameras} camera{'s' * (cameras > 1)}{apart}, {rig}"
+        facts = [("rig", named)]
+    if isinstance(recording, Sequence):
+        facts.append(("renderer", recording.manifest.renderer))
+        facts.append(("events", ", ".join(_thin(n) for n in recording.manifest.event_counts)))
+    span_s = (window.info.t1_us - window.info.t0_us) / 1e6
+    reference_s = (window.info.t_ref_us - window.info.t0_us) / 1e6
+    when = f"{span_s:.3f} s, reference view {reference_s:.3f} s after its begin"
+    return [*facts, ("window", when), ("planes", str(config.planes))]
+
+
+def _thin(count: int) -> str:
+    return f"{count:,}".replace(",", "\u202f")

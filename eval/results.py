@@ -1,0 +1,142 @@
+"""Scores on disk: `results.json` with provenance, and `results.csv` for everything else."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+import platform
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, field, fields
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import BeforeValidator, ConfigDict, PlainSerializer, TypeAdapter, ValidationError
+
+from emvs.atomic import atomic_path
+from emvs.errors import InputError
+from emvs.versions import versions
+
+SCHEMA_VERSION = 1
+JSON_NAME = "results.json"
+CSV_NAME = "results.csv"
+
+# JSON has no NaN: an undefined number travels as null.
+Value = Annotated[
+    float,
+    BeforeValidator(lambda value: math.nan if value is None else value),
+    PlainSerializer(lambda value: value if math.isfinite(value) else None, when_used="json"),
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One number: of what, how much, in which unit, and which direction is better."""
+
+    case: str
+    window: str
+    method: str
+    metric: str
+    value: Value
+    unit: str
+    better: Literal["lower", "higher", "none"]
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+
+def platform_name() -> str:
+    """Operating system, architecture and number of processors, without the machine's name."""
+    return f"{platform.system()} {platform.release()}, {platform.machine()}, {os.cpu_count()} CPUs"
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """All rows of a run, and everything needed to say where they came from.
+
+    Attributes:
+        rows: the scores.
+        configuration: the run's whole configuration, as plain JSON values.
+        seed: seed of the run; None where nothing was simulated.
+        sequences: per case, the sha256 of its sequence's manifest (or recording).
+        versions: per program, its version.
+        platform: operating system, architecture and processors.
+        schema_version: version of this layout; another one is refused, never guessed at.
+    """
+
+    rows: tuple[Row, ...]
+    configuration: dict[str, Any] = field(default_factory=dict)
+    seed: int | None = None
+    sequences: dict[str, str] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=versions)
+    platform: str = field(default_factory=platform_name)
+    schema_version: int = SCHEMA_VERSION
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+
+_RESULTS = TypeAdapter(Results)
+
+
+def write_results(out_dir: Path, results: Results) -> None:
+    """Writes `results.json` and `results.csv` into `out_dir`, each atomically."""
+    with atomic_path(out_dir / JSON_NAME) as path:
+        path.write_text(to_json(results), encoding="utf-8")
+    with atomic_path(out_dir / CSV_NAME) as path:
+        _write_csv(path, results.rows)
+
+
+def read_results(path: Path) -> Results:
+    """Reads `results.json`, given the file or its folder.
+
+    Raises:
+        InputError: the file is missing, truncated, of another schema version or malformed.
+    """
+    file = path / JSON_NAME if path.is_dir() else path
+    if not file.is_file():
+        raise InputError(f"{file}: no such file; `eventsweep run` and `eventsweep score` write it")
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise InputError(f"{file}: not complete JSON ({error}); score the run again") from error
+    _check_schema(file, content)
+    try:
+        return _RESULTS.validate_python(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        message = f"{file}: {where}: {first['msg']}; score the run again"
+        raise InputError(message) from error
+
+
+def _check_schema(file: Path, content: object) -> None:
+    found = content.get("schema_version") if isinstance(content, dict) else None
+    if found != SCHEMA_VERSION:
+        raise InputError(
+            f"{file}: schema version {found}, but this program reads {SCHEMA_VERSION}; "
+            "score the run again with this version"
+        )
+
+
+def to_json(results: Results) -> str:
+    """The text of `results.json`: provenance indented for people, one row a line for diffs."""
+    content = _RESULTS.dump_python(results, mode="json")
+    lines = [json.dumps(row, ensure_ascii=False) for row in content.pop("rows")]
+    head = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False).removesuffix("\n}")
+    body = ",\n    ".join(lines)
+    return (
+        f'{head},\n  "rows": [\n    {body}\n  ]\n}}\n' if lines else f'{head},\n  "rows": []\n}}\n'
+    )
+
+
+def _write_csv(path: Path, rows: Sequence[Row]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(column.name for column in fields(Row))
+        for row in rows:
+            cells = astuple(row)
+            writer.writerow("" if _undefined(cell) else cell for cell in cells)
+
+
+def _undefined(cell: object) -> bool:
+    return isinstance(cell, float) and not math.isfinite(cell)

@@ -1,0 +1,173 @@
+"""The stages, one function each, and `run_cases` for all of them: simulate, map, score, report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import scenes
+from emvs import fusion
+from emvs.atomic import atomic_dir
+from emvs.data.sequence import Sequence as EventSequence
+from emvs.errors import InputError
+from emvs.io import open_recording
+from emvs.mapper import map_window
+from emvs.output import StoredMap, read_map, write_index, write_window
+from eval import folders
+from eval.config import EvalConfig
+from eval.progress import Progress, Silent, mapping
+from eval.report import write_report
+from eval.results import Results, Row, write_results
+from eval.score import case_rows, pair_methods
+from eval.settings import Settings
+from sim.generate import simulate
+from sim.rigs import rig as named_rig
+
+_SILENT = Silent()
+
+
+def run_cases(
+    cases: Sequence[str],
+    out: Path,
+    settings: Settings,
+    rig: str | None,
+    seed: int,
+    *,
+    force: bool = False,
+    progress: Progress = _SILENT,
+) -> Results:
+    """Simulates, maps and scores every case and writes one report; `out` appears when all is done.
+
+    Args:
+        cases: names of scenes.
+        out: folder to write.
+        settings: every parameter.
+        rig: name of the rig to use instead of each scene's own.
+        seed: seed of the head motion.
+        force: whether an existing `out` is replaced.
+        progress: shows how far the run is.
+
+    Raises:
+        InputError: an unknown case, rig, method or impossible value, or an existing `out`.
+    """
+    _check_run(cases, settings, rig)
+    with atomic_dir(out, force=force) as folder:
+        (folder / folders.CONFIG_FILE).write_text(settings.to_toml(), encoding="utf-8")
+        for case in cases:
+            sequence = folder / case / folders.SEQUENCE_FOLDER
+            simulate_scene(case, sequence, settings, rig, seed, progress=progress)
+            map_recording(sequence, folder / case / folders.MAP_FOLDER, settings, progress=progress)
+        results = score_folder(folder, settings.score)
+        with progress.stage("report", 1):
+            write_report(folder)
+    return results
+
+
+def simulate_scene(
+    scene: str,
+    out: Path,
+    settings: Settings,
+    rig: str | None,
+    seed: int,
+    *,
+    force: bool = False,
+    progress: Progress = _SILENT,
+) -> None:
+    """Simulates one scene, with its own rig or another one, and writes the sequence.
+
+    Raises:
+        InputError: an unknown scene or rig, or what `sim.generate.simulate` refuses.
+    """
+    loaded = scenes.load(scene)
+    with progress.stage(f"simulate {scene}", 1) as update:
+        simulate(
+            loaded,
+            named_rig(rig or loaded.rig),
+            settings.sim,
+            seed,
+            out,
+            force=force,
+            progress=lambda done_us, total_us, events: update(
+                done_us / total_us, f"{done_us / 1e3:.0f} ms, {events / 1e6:.2f} M events"
+            ),
+        )
+
+
+def map_recording(
+    path: Path,
+    out: Path,
+    settings: Settings,
+    *,
+    force: bool = False,
+    report: bool = False,
+    progress: Progress = _SILENT,
+) -> StoredMap:
+    """Maps one window of a recording and writes the map folder, with its own report on request.
+
+    Raises:
+        InputError: what `open_recording` or `map_window` refuses, or an existing `out`.
+    """
+    recording = open_recording(path)
+    with atomic_dir(out, force=force) as folder:
+        window = folder / "w000"
+        with progress.stage(f"map {recording.name}", 1) as update:
+            result = map_window(recording, settings.map, mapping(update), dsi_dir=window / "dsi")
+        with progress.stage("write maps", 1):
+            info = write_window(window, result, settings.map, recording.rig.camera_names)
+            write_index(folder, folders.describe(recording, path, out), settings.map, [info])
+        if report:
+            with progress.stage("report", 1):
+                write_report(folder)
+    return read_map(out)
+
+
+def score_folder(folder: Path, config: EvalConfig) -> Results:
+    """Scores every map of a run, or the one map that the folder is.
+
+    Writes `results.json` and `results.csv` into the folder.
+
+    Raises:
+        InputError: no map there, a recording without ground truth, or damaged files.
+    """
+    rows: list[Row] = []
+    sequences = {}
+    configuration = {"score": config.model_dump(mode="json")}
+    maps = folders.find_maps(folder)
+    for case, stored in maps.items():
+        sequence = folders.sequence_of(stored)
+        rows += _score(case, stored, sequence, config)
+        sequences[case] = sequence.manifest
+        configuration[case] = {
+            "rig": sequence.rig.name,
+            "sim": sequence.manifest.configuration,
+            "map": stored.info.config.model_dump(mode="json"),
+        }
+    seeds = {manifest.seed for manifest in sequences.values()}
+    results = Results(
+        tuple(rows),
+        configuration,
+        seeds.pop() if len(seeds) == 1 else None,
+        {case: manifest.digest() for case, manifest in sequences.items()},
+    )
+    write_results(folder, results)
+    return results
+
+
+def _score(case: str, stored: StoredMap, sequence: EventSequence, config: EvalConfig) -> list[Row]:
+    windows = {}
+    for window in stored.windows:
+        maps = {method: window.depth_map(method) for method in window.info.methods}
+        estimates = {method: (found.depth_m, found.mask) for method, found in maps.items()}
+        truth = folders.truth_of(sequence, window.info.t_ref_us, config)
+        windows[window.info.name] = pair_methods(estimates, truth)
+    return case_rows(case, windows)
+
+
+def _check_run(cases: Sequence[str], settings: Settings, rig: str | None) -> None:
+    """Refuses before the first frame what would fail after the last."""
+    if len(set(cases)) != len(cases) or not cases:
+        raise InputError(f"cases {', '.join(cases) or '(none)'}: name at least one, each once")
+    for case in cases:
+        chosen = named_rig(rig or scenes.load(case).rig)
+        reference = settings.map.is_reference
+        fusion.methods(settings.map.methods, len(chosen), reference=reference)

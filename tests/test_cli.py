@@ -1,0 +1,226 @@
+"""The command line: what it refuses, what it prints, and what it never leaves behind."""
+
+import json
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from emvs.data.camera import Camera
+from emvs.data.events import Events
+from emvs.data.rig import Rig
+from emvs.data.trajectory import Trajectory
+from emvs.data.writer import SequenceWriter
+from eval.cli import main
+
+COMMAND = [sys.executable, "-m", "eval.cli"]
+CAMERA = Camera(40, 30, 30, 30, 19.5, 14.5)
+
+
+def small_sequence(path: Path, *, poses_end_us: int = 100_000) -> Path:
+    """A pair that slides sideways before random points: enough to map, in no time."""
+    T_body_right = np.eye(4)
+    T_body_right[0, 3] = 0.1
+    rig = Rig("small", (CAMERA, CAMERA), (np.eye(4), T_body_right))
+    positions_m = np.array([[0.0, 0, 0], [0.2, 0, 0]])
+    trajectory = Trajectory(
+        np.array([0, poses_end_us]), positions_m, np.tile([0.0, 0, 0, 1], (2, 1))
+    )
+    with SequenceWriter(
+        path, name="small", rig=rig, trajectory=trajectory, config={}, depth_range_m=(0.5, 4)
+    ) as writer:
+        rng = np.random.default_rng(5)
+        for camera in (0, 1):
+            t_us = np.sort(rng.integers(0, 100_000, 4000)).astype(np.int64)
+            x, y = rng.integers(0, 40, 4000, np.uint16), rng.integers(0, 30, 4000, np.uint16)
+            writer.append_events(camera, Events(x, y, t_us, np.ones(4000, np.uint8)))
+            for truth_us in (0, 50_000, 100_000):
+                image = np.full((30, 40), 2.0, np.float32)
+                writer.append_truth(camera, truth_us, image, np.zeros((30, 40), np.uint8))
+    return path
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory) -> Path:
+    return small_sequence(tmp_path_factory.mktemp("small") / "seq")
+
+
+def refused(capsys, arguments: list[str]) -> str:
+    """Runs a command that must fail: exit code 2 and one line."""
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("eventsweep: ")
+    assert err.count("\n") == 1, err
+    return err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "desc", "--out", "o"], "unknown scene 'desc': choose one of"),
+        (["run", "--out", "o"], "CASE"),
+        (["run", "desk", "desk", "--out", "o"], "each once"),
+        (["run", "desk"], "--out"),
+        (["run", "desk", "--out", "o", "--rig", "kinect"], "unknown rig 'kinect'"),
+        (["run", "desk", "--out", "o", "--method", "Alg9/Z"], "unknown method 'Alg9/Z'"),
+        (["run", "desk", "--out", "o", "--fast"], "--fast"),
+        (["simulate", "desk", "--out", "o", "--seconds", "-1"], "duration_s"),
+        (["simulate", "desk", "--out", "o", "--seed", "-1"], "seed -1"),
+        (["simulate", "desk", "--out", "o", "--sim.log-eps", "0"], "log_eps"),
+        (["simulate", "desk", "--out", "o", "--sim.threshold", "1"], "--sim.threshold"),
+        (["map", "nowhere", "--out", "o"], "nowhere: no such folder"),
+        (["map", ".", "--out", "o", "--map.planes", "1"], "planes"),
+        (["map", ".", "--out", "o", "--map.planes", "many"], "planes"),
+        (["map", ".", "--out", "o", "--map.min-depth-m", "-1"], "min_depth_m"),
+        (["map", ".", "--out", "o", "--map.min-depth-m", "4", "--map.max-depth-m", "1"], "4..1 m"),
+        (["score", "nowhere"], "nowhere: no maps"),
+        (["report", "nowhere"], "nowhere"),
+        (["mop"], "mop"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_line_and_code_2(tmp_path, monkeypatch, capsys, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    assert message in refused(capsys, arguments)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[map]\nplanez = 5\n", "unknown key map.planez; did you mean planes?"),
+        ("[mapp]\nplanes = 5\n", "unknown key mapp; did you mean map?"),
+        ("planes = 5\n", "unknown key planes"),
+        ("map = 5\n", "must be a table"),
+        ("[map]\nplanes = 'many'\n", "map.planes is 'many'"),
+        ("[map\n", "not TOML"),
+    ],
+)
+def test_bad_configuration_file_is_one_line_and_code_2(tmp_path, capsys, sequence, text, message):
+    file = tmp_path / "c.toml"
+    file.write_text(text)
+    arguments = ["map", str(sequence), "--out", str(tmp_path / "o"), "--config", str(file)]
+    assert message in refused(capsys, arguments)
+    assert [path.name for path in tmp_path.iterdir()] == ["c.toml"]
+
+
+def test_flag_beats_file_beats_default(tmp_path, capsys, sequence):
+    file = tmp_path / "c.toml"
+    file.write_text("[map]\nplanes = 7\nmedian_px = 3\n")
+    out = tmp_path / "o"
+    arguments = [
+        "map",
+        str(sequence),
+        "--out",
+        str(out),
+        "--config",
+        str(file),
+        "--map.median-px",
+        "1",
+    ]
+    assert main([*arguments, "--quiet"]) == 0
+    config = json.loads((out / "map.json").read_text())["config"]
+    assert (config["planes"], config["median_px"], config["threshold_kernel_px"]) == (7, 1, 5)
+    assert capsys.readouterr().out == ""
+
+
+def test_an_existing_output_is_kept_unless_forced(tmp_path, capsys, sequence):
+    out = tmp_path / "o"
+    out.mkdir()
+    (out / "precious").write_text("keep me")
+    arguments = ["map", str(sequence), "--out", str(out), "--quiet"]
+    assert "--force" in refused(capsys, arguments)
+    assert (out / "precious").read_text() == "keep me"
+    assert main([*arguments, "--force"]) == 0
+    assert (out / "map.json").exists()
+    assert not (out / "precious").exists()
+
+
+def test_json_is_all_that_is_printed(tmp_path, capsys, sequence):
+    assert main(["map", str(sequence), "--out", str(tmp_path / "o"), "--json"]) == 0
+    printed = capsys.readouterr()
+    facts = json.loads(printed.out)
+    assert facts["windows"][0]["counts"]["cam0"]["events"] == 4000
+    assert printed.err == ""
+
+
+def test_a_map_is_scored_and_reported_from_its_folder(tmp_path, capsys, sequence):
+    out = tmp_path / "o"
+    assert main(["map", str(sequence), "--out", str(out), "--quiet"]) == 0
+    assert main(["score", str(out), "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert {row["method"] for row in rows} >= {"Alg1/H", "Alg1/max", "EMVS/cam0", "EMVS/cam1"}
+    assert main(["report", str(out), "--quiet"]) == 0
+    assert "Alg1/H" in (out / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_changed_sequence_is_not_scored(tmp_path, capsys):
+    sequence = small_sequence(tmp_path / "seq")
+    assert main(["map", str(sequence), "--out", str(tmp_path / "o"), "--quiet"]) == 0
+    file = sequence / "cam0" / "truth.h5"
+    content = file.read_bytes()
+    file.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
+    assert "content changed" in refused(capsys, ["score", str(tmp_path / "o")])
+
+
+def test_windows_that_poses_do_not_cover_are_refused_with_the_distance(tmp_path, capsys):
+    sequence = small_sequence(tmp_path / "seq", poses_end_us=60_000)
+    out = ["--out", str(tmp_path / "o"), "--map.start-s", "0.02"]
+    err = refused(capsys, ["map", str(sequence), *out, "--map.duration-s", "0.07"])
+    assert "0.029999 s after the last" in err
+
+
+def test_list_and_version(capsys):
+    assert main(["list", "--json"]) == 0
+    kinds = json.loads(capsys.readouterr().out)
+    assert {"desk", "boxes", "planes"} <= set(kinds["cases"])
+    assert {"davis346", "tumvie"} <= set(kinds["rigs"])
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("eventsweep 0.")
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path):
+    def small_files() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
+
+    arguments = ["simulate", "planes", "--out", str(tmp_path / "s"), "--quiet", "--seconds", "0.2"]
+    done = subprocess.run(
+        [*COMMAND, *arguments], preexec_fn=small_files, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_leaves_nothing(tmp_path, kind):
+    arguments = ["simulate", "desk", "--out", str(tmp_path / "s"), "--quiet"]
+    process = subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while not list(tmp_path.glob(".*/cam0/events.h5")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(kind)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_usable_graphics_is_one_line(tmp_path):
+    arguments = ["simulate", "planes", "--out", str(tmp_path / "s"), "--quiet"]
+    done = subprocess.run(
+        [*COMMAND, *arguments],
+        env={"MUJOCO_GL": "nonsense"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.count("\n") == 1
+    assert "MUJOCO_GL" in done.stderr
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,230 @@
+"""The report: one file that needs nothing else, and says what the numbers say."""
+
+from __future__ import annotations
+
+import math
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from emvs.errors import InputError
+from eval.findings import findings, fusion_order
+from eval.plots import DsiSlice
+from eval.ranking import mean_over_cases, order, shown, table
+from eval.report import render, write_report
+from eval.results import Results, Row
+from eval.score import Truth, case_rows, pair_methods
+from eval.views import CaseView, MethodView, ReportData, WindowView
+
+SHAPE = (24, 32)
+# Relative error and share of pixels per method: what the report must find out by itself.
+METHODS = {
+    "Alg1/max": (0.30, 0.9),
+    "Alg1/H": (0.02, 0.4),
+    "Alg1/A": (0.05, 0.6),
+    "EMVS/cam0": (0.10, 0.7),
+}
+
+
+def _window(name, seed, truth=True):
+    rng = np.random.default_rng(seed)
+    truth_m = rng.uniform(0.6, 3.0, SHAPE)
+    rho = np.linspace(2.0, 0.25, 12)
+    methods = []
+    for method, (error, share) in METHODS.items():
+        depth_m = truth_m * (1 + error)
+        mask = rng.random(SHAPE) < share
+        row = truth_m[12] if truth else None
+        piece = DsiSlice(12, rho, rng.random((12, 32)), depth_m[12], mask[12], row)
+        methods.append(MethodView(method, depth_m, mask, rng.random(SHAPE) * 30, piece))
+    return WindowView(
+        name=name,
+        t_us=250_000,
+        methods=tuple(methods),
+        depth_range_m=(0.5, 4.0),
+        frame=rng.integers(0, 256, SHAPE).astype(np.uint8) if truth else None,
+        brighter=rng.integers(0, 4, SHAPE),
+        darker=rng.integers(0, 4, SHAPE),
+        truth=Truth(truth_m, np.ones(SHAPE, bool), 30.0, 0.1) if truth else None,
+        counts={"left": {"events": 1234567, "without pose": 3}},
+    )
+
+
+def _rows(case, windows):
+    pairs = {
+        w.name: pair_methods({m.name: (m.depth_m, m.mask) for m in w.methods}, w.truth)
+        for w in windows
+    }
+    return case_rows(case, pairs)
+
+
+def _report(*names, windows=1, truth=True):
+    cases, rows = [], []
+    for position, name in enumerate(names):
+        views = tuple(_window(f"w{k:03d}", 10 * position + k, truth) for k in range(windows))
+        cases.append(CaseView(name, "a test <scene>", views, windows + 2, (("rig", "two eyes"),)))
+        rows += _rows(name, views) if truth else []
+    results = Results(tuple(rows), {}, 7, dict.fromkeys(names, "ab" * 32))
+    return ReportData(tuple(cases), results, "mean_error", "planes = 12\n")
+
+
+class _Page(HTMLParser):
+    """Checks that tags nest, and collects what a test asks about."""
+
+    VOID = frozenset({"meta", "img", "input", "br"})
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.ids, self.sources, self.checked = [], [], [], []
+        self.feed(text)
+        assert not self.open
+
+    def handle_starttag(self, tag, attributes):
+        values = dict(attributes)
+        self.ids += [values["id"]] if "id" in values else []
+        self.sources += [values[key] for key in ("src", "href", "xlink:href") if key in values]
+        self.checked += [values["id"]] if "checked" in values else []
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        self.handle_starttag(tag, attributes)
+        if tag not in self.VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="module")
+def one_case():
+    return render(_report("desk"))
+
+
+def test_the_page_is_well_formed_and_loads_nothing(one_case):
+    page = _Page(one_case)
+    assert page.sources
+    assert all(source.startswith(("data:", "#")) for source in page.sources)
+    assert not re.search(r"url\(\s*['\"]?https?:|@import|<link|<script src", one_case)
+
+
+def test_same_data_same_page(one_case):
+    assert render(_report("desk")) == one_case
+
+
+def test_the_best_fused_method_is_shown_first(one_case):
+    page = _Page(one_case)
+    assert page.checked == ["case0-m1"]
+    assert page.ids.index("ranking") < page.ids.index("case0") < page.ids.index("provenance")
+
+
+def test_every_picture_of_every_method_is_there(one_case):
+    for method in METHODS:
+        for kind in ("Depth [m]", "Confidence [votes]", "Error |e − g| [cm]"):
+            assert f'alt="{kind} of {method}' in one_case
+    assert one_case.count("tolerated error [cm]") == 3
+    assert one_case.count("even in 1/depth") == len(METHODS)
+
+
+def test_numbers_units_counts_and_provenance_are_printed(one_case):
+    assert "1\u202f234\u202f567" in one_case
+    assert "planes = 12" in one_case
+    assert "ab" * 32 in one_case
+    assert "3 px·m" in one_case
+    assert "1 of 3 windows" in one_case
+
+
+def test_text_from_outside_is_escaped(one_case):
+    assert "test &lt;scene&gt;" in one_case
+    assert "<scene>" not in one_case
+
+
+def test_several_cases_and_windows_have_ids_of_their_own():
+    page = _Page(text := render(_report("desk", "boxes", windows=2)))
+    own = [name for name in page.ids if name.startswith("case")]
+    assert len(own) == len(set(own))
+    assert "mean of 2 cases" in text
+    assert text.count('<details class="window"') == 4
+
+
+def test_a_recording_without_truth_has_maps_but_no_scores():
+    text = render(_report("slider", truth=False))
+    _Page(text)
+    assert "Ranking" not in text
+    assert "Ground truth" not in text
+    assert 'alt="Depth [m] of Alg1/H' in text
+    assert re.search(r"Alg1/H</b> · points \d+ px", text)
+
+
+def test_a_folder_without_maps_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no map"):
+        write_report(tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def rows():
+    data = _report("desk")
+    return data.rows_of("desk", "all")
+
+
+def test_the_order_is_measured(rows):
+    assert fusion_order(rows, "mean_error") == "H < A < max"
+    assert [name for name, _ in order(rows, "delta_1")][-1] == "Alg1/max"
+
+
+def test_ties_are_called_ties():
+    tied = [Row("c", "all", f"Alg1/{m}", "rmse", 1.0, "m", "lower") for m in ("H", "G")]
+    assert fusion_order(tied, "rmse") == "H = G"
+
+
+def test_undefined_is_last_and_never_best():
+    values = {"Alg1/min": math.nan, "Alg1/H": 2.0, "Alg1/A": 1.0}
+    tabled = [Row("c", "all", m, "mean_error", v, "m", "lower") for m, v in values.items()]
+    got = table(tabled, "mean_error")
+    assert [line.method for line in got.lines] == ["Alg1/A", "Alg1/H", "Alg1/min"]
+    assert [line.cells[0].best for line in got.lines] == [True, False, False]
+    assert got.lines[2].cells[0].text == "–"
+
+
+def test_the_best_of_each_column_follows_its_direction(rows):
+    got = table(rows, "mean_error")
+    for position, column in enumerate(got.columns):
+        values = [line.cells[position].value for line in got.lines]
+        best = max(values) if column.better == "higher" else min(values)
+        marked = [line.cells[position].value for line in got.lines if line.cells[position].best]
+        assert set(marked) == {best}, column.name
+
+
+def test_single_cameras_have_no_rank(rows):
+    ranks = {line.method: line.rank for line in table(rows, "mean_error").lines}
+    assert ranks == {"Alg1/H": 1, "Alg1/A": 2, "EMVS/cam0": None, "Alg1/max": 3}
+
+
+def test_findings_compare_the_harmonic_mean_with_the_single_camera(rows):
+    sentences = findings(rows, "mean_error")
+    assert sentences[0].endswith("H < A < max.")
+    assert "Alg1/H beside EMVS/cam0" in sentences[-1]
+    assert re.search(r"mean error [\d.]+ cm against [\d.]+ cm \(−\d+ %\)", sentences[-1])
+
+
+def test_the_mean_over_cases_weighs_cases_and_keeps_undefined():
+    parts = [
+        Row("a", "all", "Alg1/H", "rmse", 1.0, "m", "lower"),
+        Row("b", "all", "Alg1/H", "rmse", 3.0, "m", "lower"),
+        Row("a", "all", "Alg1/A", "rmse", 1.0, "m", "lower"),
+        Row("b", "all", "Alg1/A", "rmse", math.nan, "m", "lower"),
+    ]
+    only_one_case = Row("a", "all", "mine", "rmse", 1.0, "m", "lower")
+    means = {row.method: row.value for row in mean_over_cases([*parts, only_one_case], "mean")}
+    assert means["Alg1/H"] == 2.0
+    assert math.isnan(means["Alg1/A"])
+    assert math.isnan(means["mine"])
+
+
+def test_numbers_are_shown_in_units_that_people_read():
+    assert shown(0.0625, "m") == "6.25"
+    assert shown(1234567.0, "px") == "1\u202f234\u202f567"
+    assert shown(math.nan, "%") == "–"

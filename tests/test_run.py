@@ -1,0 +1,111 @@
+"""The main job at real size: what the paper promises must come out of scenes that we know."""
+
+import csv
+import json
+import re
+
+import numpy as np
+import pytest
+
+from emvs.config import MapperConfig
+from emvs.data.sequence import Sequence
+from emvs.mapper import map_window
+from emvs.output import read_map
+from eval.cli import main
+from eval.metrics import METRICS
+from eval.results import read_results
+
+
+@pytest.fixture(scope="session")
+def desk_run(tmp_path_factory):
+    """`eventsweep run desk`, exactly as the README says."""
+    out = tmp_path_factory.mktemp("desk") / "run"
+    assert main(["run", "desk", "--out", str(out), "--quiet"]) == 0
+    return out
+
+
+@pytest.fixture(scope="session")
+def planes_sequence(tmp_path_factory):
+    path = tmp_path_factory.mktemp("planes") / "sequence"
+    assert main(["simulate", "planes", "--out", str(path), "--quiet"]) == 0
+    return Sequence.open(path)
+
+
+def value(run, method: str, metric: str) -> float:
+    rows = read_results(run).rows
+    (row,) = [r for r in rows if (r.window, r.method, r.metric) == ("all", method, metric)]
+    return row.value
+
+
+@pytest.mark.parametrize("metric", ["mean_error", "bad_published"])
+def test_harmonic_fusion_beats_each_camera_and_max(desk_run, metric):
+    harmonic = value(desk_run, "Alg1/H", metric)
+    others = ("EMVS/cam0", "EMVS/cam1", "Alg1/max")
+    assert harmonic < min(value(desk_run, other, metric) for other in others)
+
+
+def test_harmonic_fusion_is_no_toy(desk_run):
+    """Enough points, most of them right: half within 3 cm in a scene that reaches to 4 m."""
+    assert value(desk_run, "Alg1/H", "points") > 2000
+    assert value(desk_run, "Alg1/H", "median_error") < 0.03
+
+
+def test_every_documented_file_is_there(desk_run):
+    window = desk_run / "desk" / "map" / "w000"
+    for method in ("Alg1-H", "Alg1-max", "EMVS-cam1"):
+        with np.load(window / method / "depth.npz", allow_pickle=False) as arrays:
+            needed = {"depth_m", "confidence", "mask", "t_us", "T_world_rv", "camera"}
+            assert needed <= set(arrays.files)
+            assert arrays["depth_m"].shape == arrays["mask"].shape == (260, 346)
+            assert json.loads(str(arrays["camera"]))["width_px"] == 346
+        assert (window / method / "cloud.ply").read_bytes()[:3] == b"ply"
+    page = (desk_run / "report.html").read_text(encoding="utf-8")
+    assert not re.findall(r"""(?:src|href)=["']?https?:|url\(https?:|@import""", page)
+    assert (desk_run / "overview.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_results_are_complete_and_say_where_they_come_from(desk_run):
+    results = read_results(desk_run)
+    sequence = Sequence.open(desk_run / "desk" / "sequence")
+    assert results.sequences == {"desk": sequence.manifest.digest()}
+    assert results.seed == 0
+    assert results.configuration["desk"]["map"]["planes"] == 100
+    assert {"python", "numpy", "numba", "mujoco", "eventsweep"} <= set(results.versions)
+    found = {row.metric for row in results.rows if row.method == "Alg1/H"}
+    assert {metric.name for metric in METRICS} <= found
+    with (desk_run / "results.csv").open(encoding="utf-8") as file:
+        table = list(csv.DictReader(file))
+    assert list(table[0]) == ["case", "window", "method", "metric", "value", "unit", "better"]
+    assert len(table) == len(results.rows)
+
+
+def test_the_two_cameras_see_different_events(desk_run):
+    sequence = Sequence.open(desk_run / "desk" / "sequence")
+    left, right = (sequence.events(camera, 0, 100_000) for camera in (0, 1))
+    assert len(left) > 10_000
+    assert len(right) > 10_000
+    n = min(len(left), len(right))
+    assert np.mean((left.x[:n] == right.x[:n]) & (left.y[:n] == right.y[:n])) < 0.1
+
+
+def test_the_configuration_that_was_used_makes_the_same_results(desk_run, tmp_path):
+    """config.toml is enough to run again: same maps, number by number."""
+    config = str(desk_run / "config.toml")
+    sequence = str(desk_run / "desk" / "sequence")
+    assert main(["map", sequence, "--out", str(tmp_path / "m"), "--config", config, "--quiet"]) == 0
+    first = read_map(desk_run / "desk" / "map").windows[0].depth_map("Alg1/H")
+    again = read_map(tmp_path / "m").windows[0].depth_map("Alg1/H")
+    assert np.array_equal(first.depth_m, again.depth_m)
+    assert np.array_equal(first.mask, again.mask)
+
+
+@pytest.mark.parametrize(("interpolate", "share"), [(True, 0.25), (False, 0.5)])
+def test_planes_are_found_within_a_part_of_a_plane_step(planes_sequence, interpolate, share):
+    """Median error in inverse depth, in steps between two depth planes."""
+    result = map_window(planes_sequence, MapperConfig(interpolate=interpolate))
+    truth_m = planes_sequence.truth_depth_m(0, result.window.t_ref_us)
+    step = abs(float(result.view.rho[1] - result.view.rho[0]))
+    found = result.depth_maps["Alg1/H"]
+    assert found.points > 2000
+    steps = np.abs(1 / found.depth_m - 1 / truth_m)[found.mask] / step
+    assert np.median(steps) <= share
