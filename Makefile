@@ -1,0 +1,33 @@
+# `make demo` and `make test` do everything, from a bare clone on.
+BIN := .venv/bin
+SEED ?= 0
+
+.PHONY: demo test slow lint bench setup clean
+.DEFAULT_GOAL := demo
+
+demo: setup
+	$(BIN)/eventsweep run desk --seed $(SEED) --out demo --force
+	@echo "Open demo/report.html"
+
+test: setup
+	$(BIN)/python -m pytest -n auto
+
+slow: setup
+	$(BIN)/python -m pytest --run-slow
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: setup
+	$(BIN)/python -m pytest tests/bench_*.py --benchmark-only -p no:xdist
+
+setup: .venv/installed
+
+.venv/installed: pyproject.toml constraints.txt .ci/setup
+	.ci/setup
+
+clean:
+	rm -rf .venv demo .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
