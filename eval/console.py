@@ -104,12 +104,13 @@ def _ranking(case: str, rows: Sequence[Row], metric: str) -> Table:
 
 
 def _counts(cameras: Mapping[str, Mapping[str, int]]) -> Table:
-    table = Table(title="events", title_justify="left")
-    table.add_column("camera")
+    table = Table(title="what became of the events", title_justify="left")
+    table.add_column("")
+    for camera in cameras:
+        table.add_column(camera, justify="right")
     for name in next(iter(cameras.values())):
-        table.add_column(name.replace("_", " "), justify="right")
-    for camera, counts in cameras.items():
-        table.add_row(camera, *(f"{count:,}" for count in counts.values()))
+        cells = (f"{counts[name]:,}" for counts in cameras.values())
+        table.add_row(name.replace("_", " "), *cells)
     return table
 
 
