@@ -2,7 +2,7 @@
 BIN := .venv/bin
 SEED ?= 0
 
-.PHONY: demo test slow lint bench setup clean
+.PHONY: demo test slow lint bench pictures setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup
@@ -24,10 +24,17 @@ lint: setup
 bench: setup
 	$(BIN)/python -m pytest tests/bench_*.py --benchmark-only -p no:xdist
 
+# The pictures in the documentation.
+pictures: setup
+	for case in desk boxes planes; do \
+		$(BIN)/eventsweep run $$case --out out/$$case --force --quiet || exit; \
+		cp out/$$case/overview.png docs/images/$$case.png; \
+	done
+
 setup: .venv/installed
 
 .venv/installed: pyproject.toml constraints.txt .ci/setup
 	.ci/setup
 
 clean:
-	rm -rf .venv demo .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf .venv demo out .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

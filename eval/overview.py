@@ -18,7 +18,7 @@ from eval.figures import depth_image, events_image, frame_image, point_size_px
 from eval.findings import HARMONIC
 from eval.views import CaseView, MethodView, WindowView
 
-_PANEL_INCHES, _DPI = 4.2, 120
+_PANEL_INCHES, _DPI = 4.2, 90
 Drawing = Callable[[Axes], None]
 
 

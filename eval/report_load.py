@@ -86,18 +86,17 @@ def _shown(windows: tuple[StoredWindow, ...]) -> tuple[StoredWindow, ...]:
 
 def _window(window: StoredWindow, recording: Recording | None, config: EvalConfig) -> WindowView:
     maps = [window.depth_map(method) for method in window.info.methods]
-    frame, truth = None, None
-    if isinstance(recording, Sequence) and maps[0].t_us in recording.truth_times_us(0):
-        frame = recording.truth_intensity(0, maps[0].t_us)
-        truth = truth_of(recording, maps[0].t_us, config)
+    t_us, truth = window.info.t_ref_us, None
+    if isinstance(recording, Sequence) and t_us in recording.truth_times_us(0):
+        truth = truth_of(recording, t_us, config)
     (darker, brighter), events_caption = _events(window, recording)
     rho = maps[0].rho
     return WindowView(
         name=window.info.name,
-        t_us=window.info.t_ref_us,
+        t_us=t_us,
         methods=tuple(_method(found, window.slices, truth) for found in maps),
         depth_range_m=(float(1 / rho.max()), float(1 / rho.min())),
-        frame=frame,
+        frame=None if recording is None else recording.frame(0, t_us),
         brighter=brighter,
         darker=darker,
         truth=truth,

@@ -199,8 +199,14 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path):
 
 @pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_run_leaves_nothing(tmp_path, kind):
+    def heed_signals() -> None:
+        # A parent in the background may have told its children to ignore Ctrl-C.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
     arguments = ["simulate", "desk", "--out", str(tmp_path / "s"), "--quiet"]
-    process = subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [*COMMAND, *arguments], preexec_fn=heed_signals, stderr=subprocess.PIPE, text=True
+    )
     deadline = time.monotonic() + 60
     while not list(tmp_path.glob(".*/cam0/events.h5")) and time.monotonic() < deadline:
         time.sleep(0.05)

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -90,3 +91,20 @@ def test_the_real_recording_is_read(shared_data):
     late = len(recording.events(0, recording.trajectory.span_us[1] + 1, 10**7))
     assert early + late == 3_486
     assert np.linalg.norm(np.diff(recording.trajectory.positions_m[[0, -1]], axis=0)) > 0.97
+
+
+def test_the_frame_nearest_in_time_is_shown(tmp_path):
+    folder = miniature(tmp_path / "m")
+    assert open_recording(folder).frame(0, 0) is None
+    (folder / "images").mkdir()
+    for k in range(3):
+        cv2.imwrite(str(folder / "images" / f"{k}.png"), np.full((180, 240), 50 * k, np.uint8))
+    (folder / "images.txt").write_text("0.0 images/0.png\n0.1 images/1.png\n\n0.2 images/2.png\n")
+    recording = open_recording(folder)
+    assert [recording.frame(0, t_us)[0, 0] for t_us in (-5, 120_000, 160_000)] == [0, 50, 100]
+    (folder / "images" / "1.png").unlink()
+    with pytest.raises(InputError, match="no readable image"):
+        recording.frame(0, 100_000)
+    (folder / "images.txt").write_text("0.0\n")
+    with pytest.raises(InputError, match="t_s file"):
+        open_recording(folder).frame(0, 0)

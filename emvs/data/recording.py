@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from emvs.data.events import Events
 from emvs.data.rig import Rig
 from emvs.data.trajectory import Trajectory
@@ -33,3 +36,6 @@ class Recording(Protocol):
 
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """Events of a camera with `t0_us <= t < t1_us`."""
+
+    def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
+        """(H, W) intensity image of a camera nearest to a time, for people to look at, if any."""

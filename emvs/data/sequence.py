@@ -67,6 +67,13 @@ class Sequence:
         """Events of a camera with `t0_us <= t < t1_us`."""
         return self._events[camera].read(t0_us, t1_us)
 
+    def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
+        """(H, W) intensity of a camera at the stored time nearest to `t_us`, if there is one."""
+        times_us = self.truth_times_us(camera)
+        if not len(times_us):
+            return None
+        return self.truth_intensity(camera, int(times_us[np.argmin(np.abs(times_us - t_us))]))
+
     def truth_times_us(self, camera: int) -> NDArray[np.int64]:
         """Times at which ground truth is stored, µs."""
         return self._truth[camera].t_us

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from emvs.data.camera import Camera
 from emvs.data.events import Events
@@ -45,10 +46,33 @@ class EventCameraDataset:
         """Events with `t0_us <= t < t1_us`."""
         return self._events(camera).read(t0_us, t1_us)
 
+    def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
+        """(H, W) the frame of `images.txt` nearest to a time; None where there are no frames."""
+        del camera
+        if not self._frames:
+            return None
+        name = min(self._frames, key=lambda entry: abs(entry[0] - t_us))[1]
+        image = cv2.imread(str(self.path / name), cv2.IMREAD_GRAYSCALE)
+        if image is None:
+            raise InputError(f"{self.path / name}: listed in images.txt, but no readable image")
+        return np.asarray(image, np.uint8)
+
     def _events(self, camera: int) -> EventText:
         if camera != 0:
             raise InputError(f"{self.path}: camera {camera} asked for, there is one, camera 0")
         return self._text
+
+    @cached_property
+    def _frames(self) -> list[tuple[int, str]]:
+        """Time in µs and file name of each frame."""
+        path = self.path / "images.txt"
+        if not path.exists():
+            return []
+        try:
+            words = [line.split() for line in path.read_text(encoding="ascii").splitlines()]
+            return [(round(float(t_s) * 1e6), name) for t_s, name in filter(None, words)]
+        except ValueError as error:
+            raise InputError(f"{path}: needs lines `t_s file` ({error})") from error
 
     @cached_property
     def _text(self) -> EventText:

@@ -1,0 +1,50 @@
+"""What the mapper may use: a whole 1 Mpx pair in less memory than one volume of it."""
+
+import subprocess
+import sys
+
+import pytest
+
+# In a process of its own: peak memory counts everything a process ever used.
+CODE = """
+import resource
+import numpy as np
+from emvs.config import MapperConfig
+from emvs.data.camera import Camera
+from emvs.data.events import Events
+from emvs.data.rig import Rig
+from emvs.data.trajectory import Trajectory
+from emvs.mapper import map_window
+
+N = 4_000_000
+CAMERA = Camera(1280, 720, 1050, 1050, 639.5, 359.5)
+T_body_right = np.eye(4)
+T_body_right[0, 3] = 0.12
+
+class Noise:
+    name, depth_range_m = "noise", (0.45, 4.0)
+    rig = Rig("pair", (CAMERA, CAMERA), (np.eye(4), T_body_right))
+    trajectory = Trajectory(
+        np.array([0, 500_000]), np.array([[0.0, 0, 0], [0.25, 0, 0]]), np.tile([0.0, 0, 0, 1], (2, 1))
+    )
+
+    def event_span_us(self, camera):
+        return 0, 500_000
+
+    def events(self, camera, t0_us, t1_us):
+        rng = np.random.default_rng(camera)
+        t_us = np.linspace(0, 499_999, N).astype(np.int64)
+        x, y = rng.integers(0, 1280, N, np.uint16), rng.integers(0, 720, N, np.uint16)
+        return Events(x, y, t_us, np.zeros(N, np.uint8)).between(t0_us, t1_us)
+
+result = map_window(Noise(), MapperConfig(planes=100))
+assert sum(counts.events.rays for counts in result.counts) == 2 * N
+assert len(result.depth_maps) == 8
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+"""
+
+
+@pytest.mark.slow
+def test_mapping_a_1_mpx_pair_stays_below_1_gb():
+    done = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 1000, f"{done.stdout.strip()} MB"
