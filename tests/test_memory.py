@@ -24,9 +24,8 @@ T_body_right[0, 3] = 0.12
 class Noise:
     name, depth_range_m = "noise", (0.45, 4.0)
     rig = Rig("pair", (CAMERA, CAMERA), (np.eye(4), T_body_right))
-    trajectory = Trajectory(
-        np.array([0, 500_000]), np.array([[0.0, 0, 0], [0.25, 0, 0]]), np.tile([0.0, 0, 0, 1], (2, 1))
-    )
+    path_m = np.array([[0.0, 0, 0], [0.25, 0, 0]])
+    trajectory = Trajectory(np.array([0, 500_000]), path_m, np.tile([0.0, 0, 0, 1], (2, 1)))
 
     def event_span_us(self, camera):
         return 0, 500_000
