@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console as RichConsole
+from rich.markup import escape
 from rich.table import Table
 
 from emvs.data.sequence import Sequence as EventSequence
@@ -73,7 +74,7 @@ class Console:
         for kind, lines in kinds.items() if self._show else ():
             table = Table(title=kind, title_justify="left", show_header=False, box=None)
             for name, text in lines.items():
-                table.add_row(f"[bold]{name}", text)
+                table.add_row(f"[bold]{name}", escape(text))
             self._out.print(table, "")
 
     def wrote(self, path: Path) -> None:

@@ -12,8 +12,10 @@ HARMONIC = "Alg1/H"
 
 
 def fusion_order(rows: Sequence[Row], metric: str) -> str:
-    """The fusion functions from best to worst, for example `H < G < A`; empty without any."""
+    """The fusion functions from best to worst, for example `H < G < A`; empty below two."""
     ranked = [pair for pair in order(rows, metric, FUSED_PREFIX) if not math.isnan(pair[1])]
+    if len(ranked) < 2:
+        return ""
     text = ""
     for position, (method, value) in enumerate(ranked):
         same = position > 0 and value == ranked[position - 1][1]

@@ -180,6 +180,8 @@ def test_list_and_version(capsys):
     kinds = json.loads(capsys.readouterr().out)
     assert {"desk", "boxes", "planes"} <= set(kinds["cases"])
     assert {"davis346", "tumvie"} <= set(kinds["rigs"])
+    assert main(["list"]) == 0
+    assert "|e - g| [m]" in capsys.readouterr().out
     assert main(["--version"]) == 0
     assert capsys.readouterr().out.startswith("eventsweep 0.")
 
