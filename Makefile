@@ -30,6 +30,12 @@ pictures: setup
 		$(BIN)/eventsweep run $$case --out out/$$case --force --quiet || exit; \
 		cp out/$$case/overview.png docs/images/$$case.png; \
 	done
+	$(BIN)/python -m scenes._sheet docs/images/twins.png
+	$(BIN)/python -m scenes._sheet docs/images/twins_outdoor.png tumvie-skate tumvie-run tumvie-bike \
+		dsec-street moving-objects low-texture repetitive thin-structures reflective
+	$(BIN)/python -m sim.sensor_pictures
+	$(BIN)/python -m sim.motion_figures docs/images
+	$(BIN)/python docs/draw_lenses_and_light.py
 
 setup: .venv/installed
 

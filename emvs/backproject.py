@@ -2,19 +2,40 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
+from emvs.data.camera import Camera
 from emvs.data.events import Events
 from emvs.data.recording import Recording
 from emvs.errors import InputError
 from emvs.progress import Progress
-from emvs.rays import Rays, event_rays
+from emvs.rays import RayCounts, Rays, event_rays
+from emvs.recipe import Split
+from emvs.split import concatenated, cuts, part, total, with_left_out
 from emvs.view import ReferenceView
 from emvs.window import Window
+
+
+@dataclass(frozen=True, eq=False)
+class Projected:
+    """Every camera's rays, cut as each split asks for.
+
+    Attributes:
+        rays: split -> rays of each volume, in the order polarity, camera, sub-interval.
+        counts: per camera, what became of its events under the first split.
+        event_image: (2, H, W) uint32 events of camera 0 per pixel: darker, brighter.
+    """
+
+    rays: Mapping[Split, list[Rays]]
+    counts: list[RayCounts]
+    event_image: NDArray[np.uint32]
 
 
 def back_project(
@@ -23,45 +44,130 @@ def back_project(
     window: Window,
     view: ReferenceView,
     progress: Progress,
-) -> tuple[list[Rays], NDArray[np.uint32]]:
+    splits: Sequence[Split],
+) -> Projected:
     """Casts the rays of every camera in the window into the reference view (paper, Alg. 1, line 3).
-
-    Returns:
-        The rays of each camera, and (2, H, W) uint32 events of camera 0 per pixel.
 
     Raises:
         InputError: a camera without an event that can vote.
     """
-    all_rays = []
+    cast, counts = [], []
     for k, camera in enumerate(recording.rig.cameras):
         events = recording.events(k, window.t0_us, window.t1_us)
-        rays = event_rays(
-            events, camera, recording.rig.T_body_cam[k], recording.trajectory, view.T_world_rv,
-            view.camera, packets=config.is_reference,
-        )  # fmt: skip
-        _check_any(recording.rig.camera_names[k], rays, window)
+        caster = _Caster(recording, view, k, packets=config.is_reference)
+        pieces = _of_camera(caster, events, config, window, splits)
+        its_counts = total([rays.counts for parts in pieces[splits[0]] for rays in parts])
+        _check_any(recording.rig.camera_names[k], its_counts, window)
         if k == 0:
             event_image = _event_image(events, camera.width_px, camera.height_px)
-        all_rays.append(_count_left_out(rays, window.left_out[k]))
+        counts.append(with_left_out(its_counts, window.left_out[k]))
+        cast.append(pieces)
         progress("rays", k + 1, len(recording.rig))
-    return all_rays, event_image
+    polarities = range(config.polarities)
+    ordered = {s: [rays for p in polarities for one in cast for rays in one[s][p]] for s in splits}
+    return Projected(ordered, counts, event_image)
 
 
-def _check_any(name: str, rays: Rays, window: Window) -> None:
-    if len(rays) == 0:
+class _Caster:
+    """Casts rays of one camera."""
+
+    def __init__(
+        self, recording: Recording, view: ReferenceView, camera: int, *, packets: bool
+    ) -> None:
+        self._camera = _tabulated(recording.rig.cameras[camera])
+        self._T_body_cam = recording.rig.T_body_cam[camera]
+        self._trajectory, self._view, self.packets = recording.trajectory, view, packets
+
+    def __call__(self, events: Events) -> Rays:
+        return event_rays(
+            events, self._camera, self._T_body_cam, self._trajectory, self._view.T_world_rv,
+            self._view.camera, packets=self.packets,
+        )  # fmt: skip
+
+
+# per split: per polarity: the rays of each sub-interval
+_Pieces = dict[Split, list[list[Rays]]]
+
+
+def _of_camera(
+    caster: _Caster, events: Events, config: MapperConfig, window: Window, splits: Sequence[Split]
+) -> _Pieces:
+    edges = {split: cuts(events.t_us, split, window.t0_us, window.t1_us) for split in splits}
+    pieces: _Pieces = {split: [] for split in splits}
+    for polarity in range(config.polarities):
+        chosen, its_edges = events, edges
+        if config.polarities == 2:
+            chosen, its_edges = _of_polarity(events, edges, polarity)
+        cut = _cut_packets if caster.packets else _cut_shared
+        for split, parts in cut(caster, chosen, its_edges).items():
+            pieces[split].append(parts)
+    return pieces
+
+
+def _of_polarity(
+    events: Events, edges: Mapping[Split, NDArray[np.int64]], polarity: int
+) -> tuple[Events, dict[Split, NDArray[np.int64]]]:
+    chosen = events.p == polarity
+    before = np.r_[0, np.cumsum(chosen)]
+    columns = (events.x, events.y, events.t_us, events.p)
+    part_of = Events(*(column[chosen] for column in columns))
+    return part_of, {split: before[edge] for split, edge in edges.items()}
+
+
+def _cut_packets(
+    caster: _Caster, events: Events, edges: Mapping[Split, NDArray[np.int64]]
+) -> dict[Split, list[Rays]]:
+    """Every sub-interval has packets and a dropped tail of its own, as in the authors' program."""
+    return {
+        split: [caster(events.slice(int(i), int(j))) for i, j in pairwise(edge)]
+        for split, edge in edges.items()
+    }
+
+
+def _cut_shared(
+    caster: _Caster, events: Events, edges: Mapping[Split, NDArray[np.int64]]
+) -> dict[Split, list[Rays]]:
+    """Casts every event once; the sub-intervals of all splits are views of the same rays."""
+    every = np.unique(np.concatenate([*edges.values(), [0, len(events)]]))
+    pieces = [caster(events.slice(int(i), int(j))) for i, j in pairwise(every)] or [caster(events)]
+    whole, counts = concatenated(pieces), [piece.counts for piece in pieces]
+    if len(pieces) == 1:
+        every = np.array([0, len(events)])
+    starts = np.r_[0, np.cumsum([count.rays for count in counts])]
+    cut: dict[Split, list[Rays]] = {}
+    for split, edge in edges.items():
+        if split.intervals == 1:
+            cut[split] = [whole]
+            continue
+        at = np.searchsorted(every, edge)
+        cut[split] = [
+            part(whole, int(starts[i]), int(starts[j]), total(counts[i:j])) for i, j in pairwise(at)
+        ]
+    return cut
+
+
+class _Tabulated(Camera):
+    """A camera that works out its table of bearings once, for all its sub-intervals."""
+
+    @cached_property
+    def _table(self) -> NDArray[np.float64]:
+        return super().bearing_table()
+
+    def bearing_table(self) -> NDArray[np.float64]:
+        return self._table
+
+
+def _tabulated(camera: Camera) -> Camera:
+    return _Tabulated(**{field.name: getattr(camera, field.name) for field in fields(camera)})
+
+
+def _check_any(name: str, counts: RayCounts, window: Window) -> None:
+    if counts.rays == 0:
         raise InputError(
-            f"camera {name} has {rays.counts.events} events in the window of "
+            f"camera {name} has {counts.events} events in the window of "
             f"{(window.t1_us - window.t0_us) / 1e6:.6f} s, and none that can vote: needs at least "
             "1 (1025 in the mcemvs setting); choose another window or check poses and calibration"
         )
-
-
-def _count_left_out(rays: Rays, left_out: int) -> Rays:
-    counts = rays.counts
-    counts = replace(
-        counts, events=counts.events + left_out, without_pose=counts.without_pose + left_out
-    )
-    return replace(rays, counts=counts)
 
 
 def _event_image(events: Events, width_px: int, height_px: int) -> NDArray[np.uint32]:

@@ -16,7 +16,10 @@ class MapperConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    planes: int = Field(100, ge=2, le=4096, description="depth planes, uniform in inverse depth")
+    planes: int = Field(100, ge=2, le=100_000, description="number of depth planes")
+    spacing: Literal["inverse", "linear"] = Field(
+        "inverse", description="planes uniform in inverse depth, or in depth"
+    )
     min_depth_m: Positive | None = Field(
         None, description="nearest plane, m; by default what the recording knows, else 0.2"
     )
@@ -32,8 +35,26 @@ class MapperConfig(BaseModel):
     reference_s: NotNegative | None = Field(
         None, description="time of the reference view, s after the first event; default: middle"
     )
+    reference: Literal["middle", "end"] = Field(
+        "middle", description="place of the reference view in the window, without reference_s"
+    )
+    reference_shift: float = Field(
+        0.0, ge=0, le=1, description="its place on the baseline: 0 at camera 0, 1 at camera 1"
+    )
+    view_width_px: int | None = Field(
+        None, ge=2, le=32768, description="columns of the reference view; by default camera 0's"
+    )
+    view_height_px: int | None = Field(
+        None, ge=2, le=32768, description="rows of the reference view; by default camera 0's"
+    )
+    view_focal_px: Positive | None = Field(
+        None, description="focal length of the reference view, px; by default camera 0's"
+    )
+    polarity: Literal["both", "separate"] = Field(
+        "both", description="separate: fuse darker and brighter events apart, then sum"
+    )
     methods: tuple[str, ...] = Field(
-        ("all",), min_length=1, description="methods by name, such as Alg1/H or EMVS/cam0, or all"
+        ("all",), min_length=1, description="methods by name, such as Alg1/H or Alg2/AtHc@4, or all"
     )
     interpolate: bool = Field(True, description="refine the maximum between planes by a parabola")
     threshold_kernel_px: OddPixels = Field(
@@ -76,6 +97,13 @@ class MapperConfig(BaseModel):
             )
         if self.median_px % 2 == 0:
             raise ValueError(f"median_px is {self.median_px}: must be odd")
+        if self.reference_s is not None and self.reference == "end":
+            raise ValueError("reference_s and reference end: leave one of them out")
+        if self.is_reference and (self.spacing, self.polarity) != ("inverse", "both"):
+            raise ValueError(
+                f"compatibility mcemvs with spacing {self.spacing} and polarity {self.polarity}: "
+                "it knows inverse and both only"
+            )
         near, far = self.min_depth_m, self.max_depth_m
         if near is not None and far is not None and near >= far:
             raise ValueError(
@@ -92,3 +120,14 @@ class MapperConfig(BaseModel):
     def refines(self) -> bool:
         """Whether maxima are refined between planes (the authors' implementation never does)."""
         return self.interpolate and not self.is_reference
+
+    @property
+    def polarities(self) -> int:
+        """Volumes per camera and sub-interval: 2 where polarities are fused apart."""
+        return 2 if self.polarity == "separate" else 1
+
+    @property
+    def is_camera_0_view(self) -> bool:
+        """Whether the reference view is camera 0's own, in which ground truth is stored."""
+        own_size = (self.view_width_px, self.view_height_px, self.view_focal_px)
+        return self.reference_shift == 0 and own_size == (None, None, None)

@@ -1,4 +1,4 @@
-"""The compiled loops after the votes: fuse the cameras' rows, fold planes into their maximum."""
+"""The compiled loops after the votes: fuse rows of volumes, fold planes into their maximum."""
 
 # Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
 # mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return"
@@ -14,75 +14,76 @@ CAMERA = 100  # CAMERA + c: camera c alone
 
 _ZERO, _ONE, _TWO, _EPS = np.float32(0), np.float32(1), np.float32(2), np.float32(0.1)
 
-# In all of these: votes (C, P, cells) float32, `p` the plane, `lo` the row's first cell, and `out`
-# one row of the image, filled. One pass per camera over a row that stays in L1 vectorises; one pass
-# per pixel over the cameras does not.
+# In all of these: votes (V, P, cells) float32, a volume for each camera, sub-interval and polarity;
+# `which` the volumes to fuse, `p` the plane, `lo` the row's first cell, and `out` one row of the
+# image, filled. One pass per volume over a row that stays in L1 vectorises; one pass per pixel over
+# the volumes does not.
 
 
 @njit(cache=True)
-def _one_camera(votes, camera, p, lo, out):
-    row = votes[camera, p, lo : lo + len(out)]
+def _copy(votes, volume, p, lo, out):
+    row = votes[volume, p, lo : lo + len(out)]
     for x in range(len(out)):
         out[x] = row[x]
 
 
 @njit(cache=True)
-def _minimum(votes, p, lo, out):
-    _one_camera(votes, 0, p, lo, out)
-    for c in range(1, votes.shape[0]):
-        row = votes[c, p, lo : lo + len(out)]
+def _minimum(votes, which, p, lo, out):
+    _copy(votes, which[0], p, lo, out)
+    for c in range(1, len(which)):
+        row = votes[which[c], p, lo : lo + len(out)]
         for x in range(len(out)):
             new, old = row[x], out[x]
             out[x] = new if new < old else old
 
 
 @njit(cache=True)
-def _maximum(votes, p, lo, out):
-    _one_camera(votes, 0, p, lo, out)
-    for c in range(1, votes.shape[0]):
-        row = votes[c, p, lo : lo + len(out)]
+def _maximum(votes, which, p, lo, out):
+    _copy(votes, which[0], p, lo, out)
+    for c in range(1, len(which)):
+        row = votes[which[c], p, lo : lo + len(out)]
         for x in range(len(out)):
             new, old = row[x], out[x]
             out[x] = new if new > old else old
 
 
 @njit(cache=True, error_model="numpy")
-def _harmonic(votes, p, lo, out):
+def _harmonic(votes, which, p, lo, out):
     """N / Σ(1/x): a zero gives 1/0 = inf, and N/inf = 0."""
-    cameras = np.float32(votes.shape[0])
+    count = np.float32(len(which))
     out[:] = _ZERO
-    for c in range(votes.shape[0]):
-        row = votes[c, p, lo : lo + len(out)]
+    for c in range(len(which)):
+        row = votes[which[c], p, lo : lo + len(out)]
         for x in range(len(out)):
             out[x] += _ONE / row[x]
     for x in range(len(out)):
-        out[x] = cameras / out[x]
+        out[x] = count / out[x]
 
 
 @njit(cache=True)
-def _geometric(votes, p, lo, out):
+def _geometric(votes, which, p, lo, out):
     """(Πx)^(1/N), as a square root where that is all it takes."""
-    cameras = votes.shape[0]
-    _one_camera(votes, 0, p, lo, out)
-    for c in range(1, cameras):
-        row = votes[c, p, lo : lo + len(out)]
+    count = len(which)
+    _copy(votes, which[0], p, lo, out)
+    for c in range(1, count):
+        row = votes[which[c], p, lo : lo + len(out)]
         for x in range(len(out)):
             out[x] *= row[x]
-    if cameras == 2:
+    if count == 2:
         for x in range(len(out)):
             out[x] = np.sqrt(out[x])
-    elif cameras > 2:
-        root = _ONE / np.float32(cameras)
+    else:
+        root = _ONE / np.float32(count)
         for x in range(len(out)):
             out[x] = out[x] ** root
 
 
 @njit(cache=True)
-def _arithmetic(votes, p, lo, out):
-    share = _ONE / np.float32(votes.shape[0])
+def _arithmetic(votes, which, p, lo, out):
+    share = _ONE / np.float32(len(which))
     out[:] = _ZERO
-    for c in range(votes.shape[0]):
-        row = votes[c, p, lo : lo + len(out)]
+    for c in range(len(which)):
+        row = votes[which[c], p, lo : lo + len(out)]
         for x in range(len(out)):
             out[x] += row[x]
     for x in range(len(out)):
@@ -90,11 +91,11 @@ def _arithmetic(votes, p, lo, out):
 
 
 @njit(cache=True)
-def _root_mean_square(votes, p, lo, out):
-    share = _ONE / np.float32(votes.shape[0])
+def _root_mean_square(votes, which, p, lo, out):
+    share = _ONE / np.float32(len(which))
     out[:] = _ZERO
-    for c in range(votes.shape[0]):
-        row = votes[c, p, lo : lo + len(out)]
+    for c in range(len(which)):
+        row = votes[which[c], p, lo : lo + len(out)]
         for x in range(len(out)):
             out[x] += row[x] * row[x]
     for x in range(len(out)):
@@ -102,46 +103,79 @@ def _root_mean_square(votes, p, lo, out):
 
 
 @njit(cache=True)
-def _harmonic_eps(votes, p, lo, out):
+def _harmonic_eps(votes, which, p, lo, out):
     """2ab / (a + b + 0.1): the authors' implementation, two cameras only."""
-    one, other = votes[0, p, lo : lo + len(out)], votes[1, p, lo : lo + len(out)]
+    one, other = votes[which[0], p, lo : lo + len(out)], votes[which[1], p, lo : lo + len(out)]
     for x in range(len(out)):
         out[x] = _TWO * one[x] * other[x] / (one[x] + other[x] + _EPS)
 
 
 @njit(cache=True)
-def _fuse_row(code, votes, p, lo, out):
+def _fuse_row(code, votes, which, p, lo, out):
     if code >= CAMERA:
-        _one_camera(votes, code - CAMERA, p, lo, out)
+        _copy(votes, which[code - CAMERA], p, lo, out)
+    elif len(which) == 1:  # every mean of one is that one, to the bit
+        _copy(votes, which[0], p, lo, out)
     elif code == MIN:
-        _minimum(votes, p, lo, out)
+        _minimum(votes, which, p, lo, out)
     elif code == HARMONIC:
-        _harmonic(votes, p, lo, out)
+        _harmonic(votes, which, p, lo, out)
     elif code == GEOMETRIC:
-        _geometric(votes, p, lo, out)
+        _geometric(votes, which, p, lo, out)
     elif code == ARITHMETIC:
-        _arithmetic(votes, p, lo, out)
+        _arithmetic(votes, which, p, lo, out)
     elif code == RMS:
-        _root_mean_square(votes, p, lo, out)
+        _root_mean_square(votes, which, p, lo, out)
     elif code == MAX:
-        _maximum(votes, p, lo, out)
+        _maximum(votes, which, p, lo, out)
     else:
-        _harmonic_eps(votes, p, lo, out)
+        _harmonic_eps(votes, which, p, lo, out)
+
+
+@njit(cache=True)
+def _fuse_levels(method, codes, sizes, which, every, votes, p, lo, level, spare, out):
+    """One row of one method: inner fusion per group, outer fusion of the groups, sum of parts."""
+    groups, members = sizes[method, 0], sizes[method, 1]
+    for part in range(which.shape[1]):
+        row = out if part == 0 else spare
+        if groups == 1:
+            _fuse_row(codes[method, 0], votes, which[method, part, 0, :members], p, lo, row)
+        else:
+            for g in range(groups):
+                members_of = which[method, part, g, :members]
+                _fuse_row(codes[method, 0], votes, members_of, p, lo, level[g, 0])
+            _fuse_row(codes[method, 1], level, every[:groups], 0, 0, row)
+        if part > 0:
+            for x in range(len(out)):
+                out[x] += row[x]
 
 
 @njit(parallel=True, cache=True)
-def fuse(code, votes, out):
-    """Fuses planes: votes (C, P, cells) float32 to `out` (P, H, W) float32, filled."""
+def fuse(codes, sizes, which, every, votes, level, spare, out):
+    """Fuses planes by one method, the first of the tables; a thread owns a strip of rows.
+
+    Arrays:
+        codes, sizes, which, every: as in `fold`.
+        votes: (V, P, cells) float32.
+        level: (S, G, 1, W) float32 scratch.
+        spare: (S, W) float32 scratch.
+        out: (P, H, W) float32, filled.
+    """
     planes, height, width = out.shape
-    for y in prange(height):
-        for p in range(planes):
-            _fuse_row(code, votes, p, y * width, out[p, y])
+    strips = len(level)
+    for s in prange(strips):
+        for y in range(s * height // strips, (s + 1) * height // strips):
+            for p in range(planes):
+                _fuse_levels(
+                    0, codes, sizes, which, every, votes, p, y * width, level[s], spare[s],
+                    out[p, y],
+                )  # fmt: skip
 
 
 @njit(cache=True)
 def _fold_row(plane, fused, best, index, left, right, previous):
     """Running first maximum of one row, with the values before and after it."""
-    before, now = np.int16(plane - 1), np.int16(plane)
+    before, now = index.dtype.type(plane - 1), index.dtype.type(plane)
     for x in range(len(fused)):
         # Everything is loaded before anything is chosen: only then does the loop vectorise (2.5x).
         value, last, top, where = fused[x], previous[x], best[x], index[x]
@@ -154,26 +188,38 @@ def _fold_row(plane, fused, best, index, left, right, previous):
 
 
 @njit(parallel=True, cache=True)
-def fold(codes, votes, first, planes, fused, best, index, left, right, previous):
-    """Folds a batch of planes into every method's running maximum; a thread owns image rows.
+def fold(
+    codes, sizes, which, every, votes, first, planes, level, spare, fused,
+    best, index, left, right, previous,
+):  # fmt: skip
+    """Folds a batch of planes into every method's running maximum; a thread owns a strip of rows.
 
     The fused row lives in L1 only, and the state of a row is read once per batch.
 
     Arrays:
-        codes: (M,) int64, one per method.
-        votes: (C, P, cells) float32.
+        codes: (M, 2) int64, per method the fusion within a group, and that of the groups.
+        sizes: (M, 2) int64, per method how many groups, and how many volumes in each.
+        which: (M, L, G, K) int64, the volumes of each group; L parts are fused apart and summed.
+        every: (G,) int64, 0, 1, 2, ...
+        votes: (V, P, cells) float32.
         first: index of the batch's first plane.
         planes: how many of the P planes count.
-        fused: (H, W) float32 scratch.
+        level: (S, G, 1, W) float32 scratch, the fused groups; S strips.
+        spare, fused: (S, W) float32 scratch.
         best, left, right, previous: (M, H, W) float32, updated. `best` begins at -1.
-        index: (M, H, W) int16, updated. Begins at -2.
+        index: (M, H, W) int16 or int32, updated. Begins at -2.
     """
-    height, width = fused.shape
-    for y in prange(height):
-        for m in range(len(codes)):
-            for p in range(planes):
-                _fuse_row(codes[m], votes, p, y * width, fused[y])
-                _fold_row(
-                    first + p, fused[y], best[m, y], index[m, y], left[m, y], right[m, y],
-                    previous[m, y],
-                )  # fmt: skip
+    height, width = best.shape[1:]
+    strips = len(level)
+    for s in prange(strips):
+        for y in range(s * height // strips, (s + 1) * height // strips):
+            for m in range(len(codes)):
+                for p in range(planes):
+                    _fuse_levels(
+                        m, codes, sizes, which, every, votes, p, y * width, level[s], spare[s],
+                        fused[s],
+                    )  # fmt: skip
+                    _fold_row(
+                        first + p, fused[s], best[m, y], index[m, y], left[m, y], right[m, y],
+                        previous[m, y],
+                    )  # fmt: skip

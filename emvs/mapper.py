@@ -1,26 +1,24 @@
-"""Algorithm 1: stereo event fusion across cameras, for any number of cameras."""
+"""Algorithms 1 and 2: event fusion across cameras and over time, for any number of cameras."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from emvs import fusion
 from emvs.backproject import back_project
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
-from emvs.depthmap import extract
+from emvs.depthmap import DepthMap, extract
 from emvs.errors import InputError
-from emvs.fusion import Method
+from emvs.late import union
+from emvs.methods import single_cameras
 from emvs.progress import Progress, Stopwatch, silent
-from emvs.rays import Rays
-from emvs.result import CameraCounts, Slices, WindowResult
-from emvs.running import RunningMaxima
-from emvs.sweep import Scratch, VoteCounts, batch_planes, batches, cast_all
-from emvs.threads import use_threads
+from emvs.recipe import Method
+from emvs.result import CameraCounts, WindowResult
+from emvs.running import Maximum
+from emvs.streaming import grouped, sweep
 from emvs.view import ReferenceView, reference_view
-from emvs.volume import SliceRecorder, volume_writer
 from emvs.window import choose_window
 
 
@@ -31,7 +29,7 @@ def map_window(
     *,
     dsi_dir: Path | None = None,
 ) -> WindowResult:
-    """Maps one window of a recording by every requested method at once (paper, Alg. 1).
+    """Maps one window of a recording by every requested method at once (paper, Alg. 1 and 2).
 
     Args:
         recording: events, poses and calibration.
@@ -53,64 +51,44 @@ def map_window(
     view = reference_view(recording, config, window.t_ref_us)
     _check_request(config, view, dsi_dir)
 
-    # 3. Back-project the events of each camera.
-    rays, event_image = back_project(recording, config, window, view, progress)
+    # 3. Back-project the events of each camera, in sub-intervals where a method asks for them.
+    groups = grouped(methods, len(recording.rig))
+    splits = [group.split for group in groups]
+    projected = back_project(recording, config, window, view, progress, splits)
     stopwatch.lap("rays")
 
     # 3. and 4. One volume per camera, fused by every method at once; plane by plane, none is kept.
-    swept = _sweep(rays, view, methods, config, dsi_dir, progress)
+    swept = sweep(projected, view, groups, config, dsi_dir, progress)
     stopwatch.lap("sweep")
 
     # 5. Depth and confidence from the maxima over planes.
-    depth_maps = {
-        method.name: extract(method.name, swept.maxima.of(k), view, config)
-        for k, method in enumerate(methods)
-    }
+    depth_maps = _extracted(methods, swept.maxima, view, config, len(recording.rig))
     stopwatch.lap("depth")
 
     return WindowResult(
         window=window,
         view=view,
         depth_maps=depth_maps,
-        counts=tuple(CameraCounts(r.counts, v) for r, v in zip(rays, swept.votes, strict=True)),
+        counts=tuple(map(CameraCounts, projected.counts, swept.votes)),
         slices=swept.slices,
-        event_image=event_image,
+        event_image=projected.event_image,
         seconds=stopwatch.seconds,
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Swept:
-    maxima: RunningMaxima
-    slices: Slices
-    votes: list[VoteCounts]
-
-
-def _sweep(
-    rays: list[Rays],
-    view: ReferenceView,
-    methods: Sequence[Method],
-    config: MapperConfig,
-    dsi_dir: Path | None,
-    progress: Progress,
-) -> _Swept:
-    width_px, height_px = view.camera.width_px, view.camera.height_px
-    row_px = height_px // 2 if config.slice_row is None else config.slice_row
-    threads = use_threads(config.threads)
-    scratch = Scratch(len(rays), batch_planes(config.planes, threads), width_px, height_px)
-    maxima = RunningMaxima(methods, width_px, height_px)
-    slices = SliceRecorder(methods, config.planes, width_px, row_px)
-    votes = [VoteCounts()] * len(rays)
-    shape = (config.planes, height_px, width_px)
-    with volume_writer(dsi_dir if config.save_dsi else None, methods, shape) as volumes:
-        for first, last in batches(config.planes, threads):
-            cast = cast_all(scratch, rays, view.rho[first:last])
-            maxima.fold(scratch.votes, last - first)
-            slices.take(first, scratch.images(last - first))
-            volumes.take(scratch.images(last - first))
-            votes = [before + now for before, now in zip(votes, cast, strict=True)]
-            progress("sweep", last, config.planes)
-    return _Swept(maxima, Slices(row_px, view.rho, slices.values), votes)
+def _extracted(
+    methods: Sequence[Method], maxima: Mapping[str, Maximum], view: ReferenceView,
+    config: MapperConfig, n_cameras: int,
+) -> dict[str, DepthMap]:  # fmt: skip
+    """Every method's depth map, in order; late fusion joins those of the single cameras."""
+    maps: dict[str, DepthMap] = {}
+    for name in maxima:
+        maps[name] = extract(name, maxima[name], view, config)
+    for method in methods:
+        if method.late:
+            single = [maps[one.name] for one in single_cameras(n_cameras)]
+            maps[method.name] = union(method.name, single)
+    return {method.name: maps[method.name] for method in methods}
 
 
 def _check_request(config: MapperConfig, view: ReferenceView, dsi_dir: Path | None) -> None:

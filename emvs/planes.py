@@ -1,4 +1,4 @@
-"""Depth planes: uniform in inverse depth, near to far."""
+"""Depth planes: uniform in inverse depth or in depth, near to far."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,20 @@ def inverse_depth_planes(min_depth_m: float, max_depth_m: float, count: int) -> 
         (count,) float32 inverse depths, 1/m, falling in equal steps.
     """
     return np.linspace(1 / min_depth_m, 1 / max_depth_m, count).astype(np.float32)
+
+
+def linear_planes(min_depth_m: float, max_depth_m: float, count: int) -> NDArray[np.float32]:
+    """Returns planes in equal steps of depth, near to far, with both ends of the range among them.
+
+    Args:
+        min_depth_m: depth of the first plane, m.
+        max_depth_m: depth of the last plane, m.
+        count: number of planes, at least 2.
+
+    Returns:
+        (count,) float32 inverse depths, 1/m, falling.
+    """
+    return (1 / np.linspace(min_depth_m, max_depth_m, count)).astype(np.float32)
 
 
 def reference_planes(min_depth_m: float, max_depth_m: float, count: int) -> NDArray[np.float32]:
@@ -39,8 +53,21 @@ def inverse_depth_at(
     """Returns the inverse depth at fractional plane positions: (...) float32, 1/m.
 
     Args:
-        rho: (N,) planes in equal steps, 1/m.
+        rho: (N,) planes in equal steps of inverse depth or of depth, 1/m.
         position: (...) plane indices, whole or fractional.
     """
-    step = (float(rho[-1]) - float(rho[0])) / (len(rho) - 1)
-    return (float(rho[0]) + position.astype(np.float64) * step).astype(np.float32)
+    first, last, place = float(rho[0]), float(rho[-1]), position.astype(np.float64)
+    if not is_linear(rho):
+        step = (last - first) / (len(rho) - 1)
+        return (first + place * step).astype(np.float32)
+    step_m = (1 / last - 1 / first) / (len(rho) - 1)
+    return (1 / (1 / first + place * step_m)).astype(np.float32)
+
+
+def is_linear(rho: NDArray[np.float32]) -> bool:
+    """Says whether planes have equal steps of depth; else they have them of inverse depth."""
+    middle, first, last = (float(rho[k]) for k in (len(rho) // 2, 0, -1))
+    share = (len(rho) // 2) / (len(rho) - 1)
+    inverse = first + share * (last - first)
+    linear = 1 / (1 / first + share * (1 / last - 1 / first))
+    return abs(middle - linear) < abs(middle - inverse)

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emvs import fuse_kernels
-from emvs.fusion import Method
+from emvs.fusion import fuse_by
+from emvs.recipe import Method, Tables
 
 Floats = NDArray[np.float32]
+
+_INT16 = 32767  # so many planes can be counted by 16 bits
+_AS_IT_IS = Method("", fuse_kernels.CAMERA, "the one volume there is")
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,14 +25,14 @@ class Maximum:
 
     Attributes:
         value: (H, W) float32 the maximum.
-        plane: (H, W) int16 its plane.
+        plane: (H, W) int16 its plane, int32 where there are more than 32767.
         left: (H, W) float32 the value one plane before it, where there is one.
         right: (H, W) float32 the value one plane after it, where there is one.
         planes: number of planes.
     """
 
     value: Floats
-    plane: NDArray[np.int16]
+    plane: NDArray[Any]
     left: Floats
     right: Floats
     planes: int
@@ -49,29 +54,55 @@ class Maximum:
 
 
 class RunningMaxima:
-    """State of the fold: what each method needs to remember of the planes that have passed."""
+    """State of the fold: what each method needs to remember of the planes that have passed.
 
-    def __init__(self, methods: Sequence[Method], width_px: int, height_px: int) -> None:
+    The methods must share one split; `planes` is needed only where there are more than 32767.
+    """
+
+    def __init__(
+        self,
+        methods: Sequence[Method],
+        width_px: int,
+        height_px: int,
+        *,
+        planes: int = 0,
+        polarities: int = 1,
+    ) -> None:
         shape = (len(methods), height_px, width_px)
-        self._codes = np.array([method.code for method in methods], np.int64)
+        self._compiled = [m for m in methods if m.function is None]
+        self._own = [m for m in methods if m.function is not None]
+        self._row = [[*self._compiled, *self._own].index(method) for method in methods]
+        self._polarities = polarities
         self._planes = 0
-        self._fused = np.empty(shape[1:], np.float32)
         self._best = np.full(shape, -1, np.float32)
-        self._index = np.full(shape, -2, np.int16)
+        self._index = np.full(shape, -2, np.int16 if planes <= _INT16 else np.int32)
         self._left, self._right = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
         self._previous = np.zeros(shape, np.float32)
 
     def fold(self, votes: Floats, planes: int) -> None:
-        """Takes in the next `planes` planes of (C, P, cells) votes, in order."""
-        fuse_kernels.fold(
-            self._codes, votes, self._planes, planes, self._fused, self._best, self._index,
-            self._left, self._right, self._previous,
-        )  # fmt: skip
+        """Takes in the next `planes` planes of (V, P, cells) votes, in order."""
+        split = len(self._compiled)
+        if self._compiled:
+            tables = Tables.of(self._compiled, len(votes), self._polarities)
+            self._fold(tables, votes, planes, slice(0, split))
+        if self._own:
+            height, width = self._best.shape[1:]
+            images = votes[:, :planes, : height * width].reshape(-1, planes, height, width)
+        for k, method in enumerate(self._own, split):
+            fused = fuse_by(method, images, self._polarities).reshape(1, planes, -1)
+            self._fold(Tables.of((_AS_IT_IS,), 1), fused, planes, slice(k, k + 1))
         self._planes += planes
+
+    def _fold(self, tables: Tables, votes: Floats, planes: int, rows: slice) -> None:
+        fuse_kernels.fold(  # type: ignore[call-arg]
+            *tables.arrays, votes, self._planes, planes, *tables.scratch(*self._best.shape[1:]),
+            self._best[rows], self._index[rows], self._left[rows], self._right[rows],
+            self._previous[rows],
+        )  # fmt: skip
 
     def of(self, method: int) -> Maximum:
         """The maximum of one method, by its position in the list, over all planes so far."""
+        row = self._row[method]
         return Maximum(
-            self._best[method], self._index[method], self._left[method], self._right[method],
-            self._planes,
-        )  # fmt: skip
+            self._best[row], self._index[row], self._left[row], self._right[row], self._planes
+        )

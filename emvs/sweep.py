@@ -14,6 +14,8 @@ from emvs.rays import Rays
 # Planes that share one pass over the rays. With one, the sweep waits for the stream of rays; with
 # four, the planes of large sensors fall out of the cache (bench_sweep.py: test_planes_per_pass).
 PLANES_PER_PASS = 2
+# Scratch planes hold 512 MB at most: 17 planes of 8 volumes of 1 Mpx (Alg. 2, 4 sub-intervals).
+_SCRATCH_PX = 128 << 20
 
 
 @dataclass(frozen=True)
@@ -80,14 +82,21 @@ class Scratch:
         return VoteCounts(counted, len(rays) * len(rho) - counted - hidden, hidden)
 
 
-def batch_planes(planes: int, threads: int) -> int:
-    """Returns how many planes make one batch: one pass for every thread."""
-    return min(planes, threads * PLANES_PER_PASS)
+def batch_planes(planes: int, threads: int, volumes_px: int = 0) -> int:
+    """Returns how many planes make one batch: one pass for every thread, unless that is too large.
+
+    Args:
+        planes: planes of the sweep.
+        threads: threads of the kernels.
+        volumes_px: pixels of one plane of all volumes together.
+    """
+    fit = max(1, _SCRATCH_PX // max(1, volumes_px))
+    return min(planes, threads * PLANES_PER_PASS, fit)
 
 
-def batches(planes: int, threads: int) -> Iterator[tuple[int, int]]:
-    """Yields (first, last) planes of each batch."""
-    step = batch_planes(planes, threads)
+def batches(planes: int, threads: int, volumes_px: int = 0) -> Iterator[tuple[int, int]]:
+    """Yields (first, last) planes of each batch, as large as `batch_planes` says."""
+    step = batch_planes(planes, threads, volumes_px)
     for first in range(0, planes, step):
         yield first, min(first + step, planes)
 

@@ -11,7 +11,7 @@ from emvs.config import DEFAULT_DEPTH_RANGE_M, MapperConfig
 from emvs.data.camera import Camera
 from emvs.data.recording import Recording
 from emvs.errors import InputError
-from emvs.planes import inverse_depth_planes, reference_planes
+from emvs.planes import inverse_depth_planes, linear_planes, reference_planes
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,18 +32,49 @@ class ReferenceView:
 
 
 def reference_view(recording: Recording, config: MapperConfig, t_us: int) -> ReferenceView:
-    """Returns camera 0's pose at `t_us`, its camera without distortion, and the planes.
+    """Returns the reference view at `t_us`: by default camera 0's pose and camera, undistorted.
 
     Raises:
-        InputError: an impossible depth range, or a time that the poses do not cover.
+        InputError: an impossible depth range, a time that the poses do not cover, or a place on the
+            baseline of a rig of one camera.
     """
     near_m, far_m = depth_range_m(recording, config)
-    planes = reference_planes if config.is_reference else inverse_depth_planes
+    planes = linear_planes if config.spacing == "linear" else inverse_depth_planes
+    planes = reference_planes if config.is_reference else planes
     return ReferenceView(
         t_us=t_us,
-        T_world_rv=recording.trajectory.at(t_us) @ recording.rig.T_body_cam[0],
-        camera=recording.rig.cameras[0].undistorted(),
+        T_world_rv=recording.trajectory.at(t_us) @ _T_body_rv(recording, config.reference_shift),
+        camera=_camera(recording.rig.cameras[0].undistorted(), config),
         rho=planes(near_m, far_m, config.planes),
+    )
+
+
+def _T_body_rv(recording: Recording, shift: float) -> NDArray[np.float64]:
+    """Camera 0's pose, moved towards camera 1 by `shift` of the baseline; it does not turn."""
+    T_body_rv = recording.rig.T_body_cam[0].copy()
+    if shift == 0:
+        return T_body_rv
+    if len(recording.rig) < 2:
+        raise InputError(f"reference_shift is {shift:g}: needs a rig of 2 cameras, this has 1")
+    T_body_rv[:3, 3] += shift * (recording.rig.T_body_cam[1][:3, 3] - T_body_rv[:3, 3])
+    return T_body_rv
+
+
+def _camera(camera: Camera, config: MapperConfig) -> Camera:
+    """The view's own size and focal length; its axis keeps its place relative to the middle."""
+    width_px, height_px = config.view_width_px, config.view_height_px
+    width_px = camera.width_px if width_px is None else width_px
+    height_px = camera.height_px if height_px is None else height_px
+    zoom = 1.0 if config.view_focal_px is None else config.view_focal_px / camera.fx_px
+    if (width_px, height_px, zoom) == (camera.width_px, camera.height_px, 1.0):
+        return camera
+    return Camera(
+        width_px,
+        height_px,
+        camera.fx_px * zoom,
+        camera.fy_px * zoom,
+        (width_px - 1) / 2 + zoom * (camera.cx_px - (camera.width_px - 1) / 2),
+        (height_px - 1) / 2 + zoom * (camera.cy_px - (camera.height_px - 1) / 2),
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.atomic import atomic_path
-from emvs.fusion import Method, fuse
+from emvs.fusion import Method, fuse_by
 
 Floats = NDArray[np.float32]
 
@@ -24,18 +24,25 @@ class SliceRecorder:
         values: method name -> (N, W) float32.
     """
 
-    def __init__(self, methods: Sequence[Method], planes: int, width_px: int, row_px: int) -> None:
+    def __init__(
+        self,
+        methods: Sequence[Method],
+        planes: int,
+        width_px: int,
+        row_px: int,
+        polarities: int = 1,
+    ) -> None:
         self.row_px = row_px
+        self._polarities = polarities
         self._methods = tuple(methods)
         self.values = {method.name: np.zeros((planes, width_px), np.float32) for method in methods}
 
     def take(self, first: int, images: Floats) -> None:
-        """Takes the row of (C, P, H, W) votes, planes `first` and on."""
+        """Takes the row of (V, P, H, W) votes, planes `first` and on."""
         rows = images[:, :, self.row_px : self.row_px + 1]
         for method in self._methods:
-            self.values[method.name][first : first + images.shape[1]] = fuse(method.code, rows)[
-                :, 0
-            ]
+            fused = fuse_by(method, rows, self._polarities)
+            self.values[method.name][first : first + images.shape[1]] = fused[:, 0]
 
 
 class VolumeWriter:
@@ -44,18 +51,24 @@ class VolumeWriter:
     Plain writes and no memory map: on a full disk a write fails, a memory map kills the process.
     """
 
-    def __init__(self, methods: Sequence[Method], files: Sequence[BinaryIO]) -> None:
+    def __init__(
+        self, methods: Sequence[Method], files: Sequence[BinaryIO], polarities: int = 1
+    ) -> None:
+        self._polarities = polarities
         self._targets = tuple(zip(methods, files, strict=True))
 
     def take(self, images: Floats) -> None:
-        """Appends the planes of (C, P, H, W) votes."""
+        """Appends the planes of (V, P, H, W) votes."""
         for method, file in self._targets:
-            file.write(fuse(method.code, images).data)
+            file.write(fuse_by(method, images, self._polarities).data)
 
 
 @contextmanager
 def volume_writer(
-    directory: Path | None, methods: Sequence[Method], shape: tuple[int, int, int]
+    directory: Path | None,
+    methods: Sequence[Method],
+    shape: tuple[int, int, int],
+    polarities: int = 1,
 ) -> Iterator[VolumeWriter]:
     """Opens one file per method in `directory`, whole or not at all; with None it writes nothing.
 
@@ -63,13 +76,14 @@ def volume_writer(
         directory: where `Alg1-H.npy` and the others go.
         methods: the methods.
         shape: (N, H, W) of the volumes.
+        polarities: 2 where each polarity has votes of its own.
     """
     with ExitStack() as stack:
         if directory is None:
             yield VolumeWriter((), ())
             return
         files = [_open_npy(stack, directory / f"{m.file_name}.npy", shape) for m in methods]
-        yield VolumeWriter(methods, files)
+        yield VolumeWriter(methods, files, polarities)
 
 
 def _open_npy(stack: ExitStack, path: Path, shape: tuple[int, int, int]) -> BinaryIO:

@@ -42,7 +42,7 @@ def choose_window(recording: Recording, config: MapperConfig) -> Window:
 
     Args:
         recording: events and poses.
-        config: `start_s`, `duration_s`, `reference_s`, relative to the first event.
+        config: `start_s`, `duration_s`, `reference_s`, relative to the first event; `reference`.
 
     Raises:
         InputError: a window or reference time that events or poses do not cover; says by how much.
@@ -101,7 +101,8 @@ def _check_inside(what: str, span: _Span, t0_us: int, t1_us: int) -> None:
 
 def _reference_us(config: MapperConfig, events: _Span, poses: _Span, t0_us: int, t1_us: int) -> int:
     if config.reference_s is None:
-        return (t0_us + t1_us) // 2
+        end_us = min(t1_us, poses.last_us)
+        return end_us if config.reference == "end" else (t0_us + t1_us) // 2
     t_ref_us = events.first_us + _micros(config.reference_s)
     outside_us = max(poses.first_us - t_ref_us, t_ref_us - poses.last_us)
     if outside_us > 0:

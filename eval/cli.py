@@ -75,6 +75,7 @@ def run(
     rig: str | None = None,
     seconds: float | None = None,
     seed: int = 0,
+    workers: int = 1,
     method: Methods = (),
     common: Common = _COMMON,
     sim: SimFlags = _SIM_DEFAULT,
@@ -88,7 +89,8 @@ def run(
         out: Folder to write: results.json, results.csv, report.html, and a folder per case.
         rig: Rig to use instead of each scene's own.
         seconds: Length of the sequence; as --sim.duration-s.
-        seed: Seed of the head motion.
+        seed: Seed of the head motion and the sensor's noise.
+        workers: Rendering processes.
         method: Method to map with, repeatable; as --map.methods.
     """
     from eval.runner import run_cases
@@ -100,7 +102,16 @@ def run(
         score=score,
     )
     console = common.console()
-    results = run_cases(case, out, wanted, rig, seed, force=common.force, progress=console.progress)
+    results = run_cases(
+        case,
+        out,
+        wanted,
+        rig,
+        seed,
+        force=common.force,
+        workers=workers,
+        progress=console.progress,
+    )
     console.results(results, wanted.score.ranking_metric)
     console.wrote(out / "report.html")
 
@@ -114,6 +125,8 @@ def simulate(
     rig: str | None = None,
     seconds: float | None = None,
     seed: int = 0,
+    workers: int = 1,
+    fresh: Annotated[bool, Parameter(negative=())] = False,
     common: Common = _COMMON,
     sim: SimFlags = _SIM_DEFAULT,
 ) -> None:
@@ -124,13 +137,25 @@ def simulate(
         out: Sequence folder to write.
         rig: Rig to use instead of the scene's own.
         seconds: Length of the sequence; as --sim.duration-s.
-        seed: Seed of the head motion.
+        seed: Seed of the head motion and the sensor's noise.
+        workers: Rendering processes.
+        fresh: Discard the unfinished work of an interrupted run instead of taking it up.
     """
     from eval.runner import simulate_scene
 
     wanted = settings.load(common.config, sim=_with(sim, duration_s=seconds))
     console = common.console()
-    simulate_scene(scene, out, wanted, rig, seed, force=common.force, progress=console.progress)
+    simulate_scene(
+        scene,
+        out,
+        wanted,
+        rig,
+        seed,
+        force=common.force,
+        workers=workers,
+        fresh=fresh,
+        progress=console.progress,
+    )
     console.sequence(out)
 
 
@@ -220,8 +245,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _with(group: Any, **values: Any) -> Any:
     """A group with some values set, where they are not None."""
     given = {name: value for name, value in values.items() if value is not None}
-    set_before = group.model_dump(include=group.model_fields_set)
-    return group.model_construct(_fields_set={*set_before, *given}, **{**set_before, **given})
+    return group.model_copy(update=given)
 
 
 def _one_line(error: CycloptsError) -> str:

@@ -74,7 +74,7 @@ class Console:
         for kind, lines in kinds.items() if self._show else ():
             table = Table(title=kind, title_justify="left", show_header=False, box=None)
             for name, text in lines.items():
-                table.add_row(f"[bold]{name}", escape(text))
+                table.add_row(f"[bold]{escape(name)}", escape(text))
             self._out.print(table, "")
 
     def wrote(self, path: Path) -> None:

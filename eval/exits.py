@@ -36,7 +36,8 @@ def exit_code() -> Iterator[ExitCode]:
     except InputError as error:
         code.value = _tell(str(error), BAD_INPUT)
     except KeyboardInterrupt:
-        code.value = _tell("interrupted: nothing half-written was left", INTERRUPTED)
+        words = "interrupted: no half-written output; the same command takes up finished parts"
+        code.value = _tell(words, INTERRUPTED)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except OSError as error:

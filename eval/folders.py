@@ -80,15 +80,10 @@ def truth_of(sequence: Sequence, t_ref_us: int, config: EvalConfig) -> Truth:
     """Ground truth in the reference view: camera 0, without lens distortion.
 
     Raises:
-        InputError: none is stored at that time, or camera 0 has a distorting lens.
+        InputError: none is stored at that time.
     """
     camera = sequence.rig.cameras[0]
-    if camera.model != "pinhole":
-        raise InputError(
-            f"{sequence.name}: camera 0 is {camera.model}, but ground truth is "
-            "scored in the view of a pinhole camera; simulate with a pinhole rig"
-        )
-    depth_m = sequence.truth_depth_m(0, t_ref_us)
+    depth_m = sequence.truth_view_depth_m(0, t_ref_us)
     return Truth(
         depth_m=depth_m,
         valid=np.isfinite(depth_m),

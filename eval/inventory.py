@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import scenes
-from emvs import fusion
+from emvs import methods
 from eval.score import ALL_METRICS
 from sim.rigs import RIGS
 
@@ -13,7 +13,7 @@ def inventory() -> dict[str, dict[str, str]]:
     return {
         "cases": dict(scenes.summaries()),
         "rigs": {name: _rig_line(name) for name in RIGS},
-        "methods": {method.name: method.summary for method in fusion.methods(("all",), 2)},
+        "methods": methods.overview(),
         "metrics": {
             name: f"{metric.formula} [{metric.unit}], better: {metric.better}"
             for name, metric in ALL_METRICS.items()

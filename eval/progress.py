@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import Protocol
@@ -16,6 +17,9 @@ class Progress(Protocol):
     def stage(self, title: str, total: float) -> AbstractContextManager[Update]:
         """A context for one stage; yields the function that moves its bar."""
 
+    def say(self, line: str) -> None:
+        """Tells something worth knowing in one line."""
+
 
 def _ignore(_done: float, _words: str) -> None:
     pass
@@ -29,6 +33,9 @@ class Silent:
         """Ignores every update."""
         del title, total
         yield _ignore
+
+    def say(self, line: str) -> None:
+        """Says nothing."""
 
 
 class Bars:
@@ -58,6 +65,10 @@ class Bars:
             yield lambda done, words: bars.update(task, completed=done, words=words)
         finished = bars.tasks[task]
         console.print(f"{title:<16} {finished.elapsed or 0:5.1f} s  {finished.fields['words']}")
+
+    def say(self, line: str) -> None:
+        """Prints the line on the error stream."""
+        sys.stderr.write(f"{line}\n")
 
 
 # How the mapper's wall time divides among its stages, for one bar that moves evenly.

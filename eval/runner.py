@@ -34,6 +34,7 @@ def run_cases(
     seed: int,
     *,
     force: bool = False,
+    workers: int = 1,
     progress: Progress = _SILENT,
 ) -> Results:
     """Simulates, maps and scores every case and writes one report; `out` appears when all is done.
@@ -45,6 +46,7 @@ def run_cases(
         rig: name of the rig to use instead of each scene's own.
         seed: seed of the head motion.
         force: whether an existing `out` is replaced.
+        workers: rendering processes.
         progress: shows how far the run is.
 
     Raises:
@@ -55,7 +57,7 @@ def run_cases(
         (folder / folders.CONFIG_FILE).write_text(settings.to_toml(), encoding="utf-8")
         for case in cases:
             sequence = folder / case / folders.SEQUENCE_FOLDER
-            simulate_scene(case, sequence, settings, rig, seed, progress=progress)
+            simulate_scene(case, sequence, settings, rig, seed, workers=workers, progress=progress)
             map_recording(sequence, folder / case / folders.MAP_FOLDER, settings, progress=progress)
         results = score_folder(folder, settings.score)
         with progress.stage("report", 1):
@@ -71,9 +73,13 @@ def simulate_scene(
     seed: int,
     *,
     force: bool = False,
+    workers: int = 1,
+    fresh: bool = False,
     progress: Progress = _SILENT,
 ) -> None:
     """Simulates one scene, with its own rig or another one, and writes the sequence.
+
+    Unfinished work of the same arguments is taken up, unless `fresh` says to discard it.
 
     Raises:
         InputError: an unknown scene or rig, or what `sim.generate.simulate` refuses.
@@ -87,6 +93,9 @@ def simulate_scene(
             seed,
             out,
             force=force,
+            workers=workers,
+            resume=not fresh,
+            notice=progress.say,
             progress=lambda done_us, total_us, events: update(
                 done_us / total_us, f"{done_us / 1e3:.0f} ms, {events / 1e6:.2f} M events"
             ),
@@ -154,6 +163,11 @@ def score_folder(folder: Path, config: EvalConfig) -> Results:
 
 
 def _score(case: str, stored: StoredMap, sequence: EventSequence, config: EvalConfig) -> list[Row]:
+    if not stored.info.config.is_camera_0_view:
+        raise InputError(
+            f"{case}: mapped from a view of its own, but ground truth is camera 0's: map with "
+            "reference_shift 0 and without view_* to score"
+        )
     windows = {}
     for window in stored.windows:
         maps = {method: window.depth_map(method) for method in window.info.methods}

@@ -45,8 +45,7 @@ def load(file: Path | None, **flags: BaseModel) -> Settings:
     """
     values = _read(file)
     for name, group in flags.items():
-        given = group.model_dump(include=group.model_fields_set)
-        values[name] = {**_table(file, values, name), **given}
+        values[name] = _joined(_table(file, values, name), group.model_dump(exclude_unset=True))
     try:
         return Settings.model_validate(values)
     except ValidationError as error:
@@ -84,11 +83,20 @@ def _table(file: Path | None, values: dict[str, Any], name: str) -> dict[str, An
     return table
 
 
+def _joined(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
+    """Values of both, groups within groups too; `above` wins."""
+    both = {**below, **above}
+    for name, value in above.items():
+        if isinstance(value, dict) and isinstance(below.get(name), dict):
+            both[name] = _joined(below[name], value)
+    return both
+
+
 def _suggestion(place: tuple[int | str, ...]) -> str:
-    groups = Settings.model_fields
-    known: list[str] = list(groups)
-    if len(place) > 1 and place[0] in groups:
-        model = groups[str(place[0])].annotation
-        known = list(getattr(model, "model_fields", ()))
+    model: Any = Settings
+    for group in place[:-1]:
+        field = getattr(model, "model_fields", {}).get(str(group))
+        model = field.annotation if field else None
+    known = list(getattr(model, "model_fields", ()))
     close = difflib.get_close_matches(str(place[-1]), known, n=1)
     return f"; did you mean {close[0]}?" if close else f"; known are {', '.join(sorted(known))}"

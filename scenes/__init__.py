@@ -1,6 +1,7 @@
-"""The scenes: one MJCF file and one module each, found by themselves.
+"""The scenes: one module each, found by themselves.
 
 A module of this package that does not begin with an underscore is a scene and defines `SCENE`.
+A scene is called what its module is called, with dashes for underscores; both spellings are taken.
 """
 
 from __future__ import annotations
@@ -18,18 +19,20 @@ if TYPE_CHECKING:
 def names() -> tuple[str, ...]:
     """Returns the names of all scenes, sorted, without importing them."""
     found = pkgutil.iter_modules(__path__)
-    return tuple(sorted(m.name for m in found if not m.ispkg and not m.name.startswith("_")))
+    modules = [m.name for m in found if not m.ispkg and not m.name.startswith("_")]
+    return tuple(sorted(module.replace("_", "-") for module in modules))
 
 
 def load(name: str) -> Scene:
-    """Returns the scene called `name`.
+    """Returns the scene called `name`, with dashes or underscores.
 
     Raises:
         InputError: there is no such scene.
     """
-    if name not in names():
+    if name.replace("_", "-") not in names():
         raise InputError(f"unknown scene {name!r}: choose one of {', '.join(names())}")
-    scene: Scene = importlib.import_module(f"{__name__}.{name}").SCENE
+    module = importlib.import_module(f"{__name__}.{name.replace('-', '_')}")
+    scene: Scene = module.SCENE
     return scene
 
 

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from sim.light import LightConfig
+from sim.presets import PRESETS, SensorConfig
+
+TruthName = Literal["flow", "segmentation", "boundary", "twist", "event_depth"]
+"""Ground truth on request, see docs/truth.md."""
 
 
 class SimConfig(BaseModel):
@@ -27,17 +33,29 @@ class SimConfig(BaseModel):
     At 0.02 one of the renderer's 255 grey levels stays below the default thresholds even in black.
     """
 
+    sensor: SensorConfig = SensorConfig()
+    """Noise, mismatch, bandwidth, latency and read-out; a preset sets thresholds not given."""
+
     max_displacement_px: Annotated[float, Field(gt=0)] = 0.5
     """No pixel of any camera moves further than this between two frames, px."""
 
     supersample: Annotated[int, Field(ge=1, le=8)] = 2
     """Each pixel is the mean of this many squared render samples."""
 
+    light: LightConfig = LightConfig()
+    """How the pictures' light is measured, see docs/light.md."""
+
     pose_rate_hz: Annotated[float, Field(gt=0)] = 1000.0
     """Stored poses per second, Hz."""
 
     truth_interval_s: Annotated[float, Field(gt=0)] = 0.05
     """Depth and a frame are stored this often, and at the start, middle and end, s."""
+
+    truth_times_s: tuple[Annotated[float, Field(ge=0)], ...] = ()
+    """More times at which ground truth is stored, s."""
+
+    truth: tuple[TruthName, ...] = ()
+    """Ground truth beside depth: at the stored times, and `event_depth` for every event."""
 
     duration_s: Annotated[float, Field(gt=0)] | None = None
     """Length of the sequence, s; None takes the scene's own."""
@@ -47,6 +65,14 @@ class SimConfig(BaseModel):
 
     max_frame_interval_us: Annotated[int, Field(ge=1)] = 10_000
     """Frames are never further apart than this, µs, however slow the motion."""
+
+    @model_validator(mode="after")
+    def _thresholds_of_preset(self) -> SimConfig:
+        for name, value in PRESETS[self.sensor.preset].thresholds.items():
+            if name not in self.model_fields_set:
+                # Not marked as set: a file's own value still beats a flag's preset.
+                self.__dict__[name] = value
+        return self
 
     @model_validator(mode="after")
     def _ordered_intervals(self) -> SimConfig:

@@ -5,6 +5,9 @@ Rebecq, Gehrig, Scaramuzza, "ESIM: an Open Event Camera Simulator", CoRL 2018, s
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,6 +37,8 @@ class EventSimulator:
         self._shape = (height_px, width_px)
         self._config = config
         self._t_us: int | None = None
+        self.suppressed = 0
+        """Crossings so far that fell into a refractory period."""
 
     def start(self, intensity: NDArray[np.float32], t_us: int) -> None:
         """Takes the first frame (H, W), linear, full scale 1: it sets every pixel's reference."""
@@ -73,6 +78,23 @@ class EventSimulator:
         self._log, self._t_us = log_now, t_us
         return events
 
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Everything that later events depend on; valid until the next `step`."""
+        return {
+            "log": self._log,
+            "reference": self._reference,
+            "memory": self._memory,
+            "t_us": np.array(self._t_us),
+            "suppressed": np.array(self.suppressed),
+        }
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Goes on from `state`, exactly as the simulator that gave it."""
+        self._log = state["log"].copy()
+        self._reference, self._memory = state["reference"].copy(), state["memory"].copy()
+        self._fired, self._crossings = np.empty((2, self._log.size), np.int32)
+        self._t_us, self.suppressed = int(state["t_us"]), int(state["suppressed"])
+
     @property
     def _thresholds(self) -> tuple[float, float]:
         return self._config.contrast_threshold_pos, self._config.contrast_threshold_neg
@@ -87,23 +109,35 @@ class EventSimulator:
             before_us, step_us, *self._thresholds, self._config.refractory_period_us,
             x, y, offset_us, p,
         )  # fmt: skip
-        order = _time_order(offset_us, step_us)
+        order = time_order(offset_us, step_us)
+        self.suppressed += total - len(order)
         return Events(x[order], y[order], before_us + offset_us[order], p[order])
 
     def _log_of(self, intensity: NDArray[np.float32]) -> NDArray[np.float32]:
-        if intensity.shape != self._shape:
-            raise InputError(f"frame of shape {intensity.shape}: this sensor needs {self._shape}")
-        low, high = float(intensity.min()), float(intensity.max())
-        if not (low >= 0 and np.isfinite(high)):
-            raise InputError(
-                f"intensities from {low} to {high}: need finite values of at least 0, full scale 1"
-            )
-        shifted = intensity.astype(np.float32, copy=False) + np.float32(self._config.log_eps)
-        log: NDArray[np.float32] = np.log(shifted).ravel()
-        return log
+        return log_intensity(intensity, self._shape, self._config.log_eps)
 
 
-def _time_order(offset_us: NDArray[np.int64], step_us: int) -> NDArray[np.int64]:
+def log_intensity(
+    intensity: NDArray[np.float32], shape: tuple[int, int], log_eps: float
+) -> NDArray[np.float32]:
+    """(P,) logarithm of a frame (H, W) plus `log_eps`.
+
+    Raises:
+        InputError: another shape, or values that are negative or not finite.
+    """
+    if intensity.shape != shape:
+        raise InputError(f"frame of shape {intensity.shape}: this sensor needs {shape}")
+    low, high = float(intensity.min()), float(intensity.max())
+    if not (low >= 0 and np.isfinite(high)):
+        raise InputError(
+            f"intensities from {low} to {high}: need finite values of at least 0, full scale 1"
+        )
+    shifted = intensity.astype(np.float32, copy=False) + np.float32(log_eps)
+    log: NDArray[np.float32] = np.log(shifted).ravel()
+    return log
+
+
+def time_order(offset_us: NDArray[np.int64], step_us: int) -> NDArray[np.int64]:
     """Indices of the emitted events (offset > 0) in order of time, stable."""
     if step_us >= _MAX_BUCKETS:
         order = np.argsort(offset_us, kind="stable")

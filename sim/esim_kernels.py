@@ -25,22 +25,29 @@ PIXEL = np.dtype(
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def _level(first: float, up: int, down: int, c_pos: float, c_neg: float) -> float:
+def level_of(first: float, up: int, down: int, c_pos: float, c_neg: float) -> float:
+    """Reference after `up` rises and `down` falls from the first value."""
     return first + up * c_pos - down * c_neg
 
 
 @numba.njit(cache=True, nogil=True)
-def _rises(log: float, first: float, up: int, down: int, c_pos: float, c_neg: float) -> int:
+def number_of_rises(
+    log: float, first: float, up: int, down: int, c_pos: float, c_neg: float
+) -> int:
+    """Thresholds that `log` lies above the reference."""
     count = 0
-    while log - _level(first, up + count, down, c_pos, c_neg) >= c_pos:
+    while log - level_of(first, up + count, down, c_pos, c_neg) >= c_pos:
         count += 1
     return count
 
 
 @numba.njit(cache=True, nogil=True)
-def _falls(log: float, first: float, up: int, down: int, c_pos: float, c_neg: float) -> int:
+def number_of_falls(
+    log: float, first: float, up: int, down: int, c_pos: float, c_neg: float
+) -> int:
+    """Thresholds that `log` lies below the reference."""
     count = 0
-    while _level(first, up, down + count, c_pos, c_neg) - log >= c_neg:
+    while level_of(first, up, down + count, c_pos, c_neg) - log >= c_neg:
         count += 1
     return count
 
@@ -78,9 +85,9 @@ def find(
         up, down = memory[k].up, memory[k].down
         fired[n] = k
         if change >= c_pos:
-            crossings[n] = _rises(log, first, up, down, c_pos, c_neg)
+            crossings[n] = number_of_rises(log, first, up, down, c_pos, c_neg)
         else:
-            crossings[n] = -_falls(log, first, up, down, c_pos, c_neg)
+            crossings[n] = -number_of_falls(log, first, up, down, c_pos, c_neg)
         n += 1
     return n
 
@@ -137,7 +144,7 @@ def emit(
                 up += 1
             else:
                 down += 1
-            level = _level(first, up, down, c_pos, c_neg)
+            level = level_of(first, up, down, c_pos, c_neg)
             nearest = int(np.rint((level - before) / slope * step_us))
             offset = min(max(nearest, 1), step_us)
             silent = before_us + offset - last_us < refractory_us
@@ -148,7 +155,7 @@ def emit(
             event += 1
         memory[k].up, memory[k].down = up, down
         memory[k].last_emitted_us = last_us
-        reference[k] = _level(first, up, down, c_pos, c_neg)
+        reference[k] = level_of(first, up, down, c_pos, c_neg)
 
 
 @numba.njit(cache=True, nogil=True)

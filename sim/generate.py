@@ -1,30 +1,54 @@
-"""Scene, rig and configuration in; a sequence on disk out."""
+"""Scene, rig and configuration in; a sequence on disk out.
+
+Pictures are rendered chunk by chunk, here or in worker processes; the event simulators take them
+strictly in order; what is done lies in parts on disk, from which the sequence is put together.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+import hashlib
+import json
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from emvs.atomic import refuse_existing
-from emvs.data.events import Events
 from emvs.data.rig import Rig
+from emvs.data.trajectory import Trajectory
 from emvs.data.writer import SequenceWriter
 from emvs.errors import InputError
+from emvs.versions import versions
+from sim import preflight
+from sim.cameras import Cameras, Packet
+from sim.chunks import Job, Shot, chunk_bounds_us
 from sim.config import SimConfig
-from sim.esim import EventSimulator
+from sim.graphics import import_mujoco
 from sim.motion import sampled
+from sim.parts import PartWriter
 from sim.renderer import StereoRenderer
-from sim.sampling import Exposure, exposures, truth_times_us
+from sim.sampling import truth_times_us
 from sim.scene import Scene
+from sim.truth import geom_table
+from sim.work import Notice, WorkFolder
+from sim.workers import shots_from_workers, shots_in_process
 
 Progress = Callable[[int, int, int], None]
 """Called after every frame with time done, time in total (µs) and events written so far."""
 
+# What a kill may cost; finishing a part at 1280x720 takes about 0.2 s.
+_COMMIT_S = 10.0
+
 
 def _silent(_done_us: int, _total_us: int, _events: int) -> None:
+    pass
+
+
+def _unheard(_line: str) -> None:
     pass
 
 
@@ -36,100 +60,179 @@ def simulate(
     out: Path,
     *,
     force: bool = False,
+    workers: int = 1,
+    resume: bool = True,
+    commit_s: float = _COMMIT_S,
     progress: Progress = _silent,
+    notice: Notice = _unheard,
 ) -> Path:
     """Simulates what the rig's event cameras see and writes the sequence to `out`.
 
-    The same arguments give identical bytes on the same machine and graphics library.
+    The same arguments give identical bytes on the same machine and graphics library, however many
+    workers there are and however often the run was stopped and resumed.
 
     Args:
         scene: geometry, textures and motion.
-        rig: pinhole cameras; the scene's motion moves its body.
+        rig: the cameras; the scene's motion moves its body.
         config: every parameter.
-        seed: non-negative; handed to the scene's motion, which draws its phases from it.
-        out: folder to write; appears only when complete.
+        seed: non-negative; the scene's motion draws its phases from it.
+        out: folder to write; appears only when complete. Unfinished work is kept beside it, in
+            `.NAME.work`, and taken up by the next run with the same arguments.
         force: replace `out` if it exists.
+        workers: rendering processes; 1 renders in this one. With more, the scene's functions must
+            be importable, and a script that calls this needs the usual `__main__` guard.
+        resume: whether unfinished work is taken up; otherwise it is discarded.
+        commit_s: least time between two parts, s: what a kill may cost.
         progress: called after every frame.
+        notice: told in one line when unfinished work is taken up or found damaged.
 
     Returns:
         `out`.
 
     Raises:
         InputError: no graphics library, an existing `out` without `force`, a negative seed, motion
-            too fast for the frame interval, or a scene that cannot be built.
+            too fast for the frame interval, a scene that cannot be built or starts with a camera
+            inside an object, too little disk or memory, or unfinished work of other arguments.
     """
     if seed < 0:
         raise InputError(f"seed {seed}: must be 0 or greater")
+    if workers < 1:
+        raise InputError(f"{workers} workers: must be 1 or greater")
     refuse_existing(out, force=force)
-    duration_us = _duration_us(scene, config)
-    motion = scene.motion(duration_us * 1e-6, seed)
-    truth_us = truth_times_us(duration_us, round(config.truth_interval_s * 1e6))
-    with (
-        StereoRenderer(scene.spec(), rig, config.supersample, scene.depth_range_m) as renderer,
-        SequenceWriter(
-            out,
-            name=scene.name,
-            rig=rig,
-            trajectory=sampled(motion, duration_us * 1e-6, config.pose_rate_hz),
-            config=config.model_dump(mode="json"),
-            seed=seed,
-            renderer=renderer.description,
-            depth_range_m=scene.depth_range_m,
-            force=force,
-        ) as writer,
-        ThreadPoolExecutor(len(rig)) as pool,
-    ):
-        cameras = _Cameras(rig, config, writer, pool)
-        for exposure in exposures(renderer, motion, truth_us, config):
-            cameras.take(exposure)
-            if exposure.t_us in truth_us:
-                _write_truth(renderer, writer, exposure)
-            if exposure.t_us == duration_us:
-                cameras.flush()
-            progress(exposure.t_us, duration_us, cameras.total)
+    job = make_job(scene, rig, config, seed)
+    preflight.check_disk(job, out)
+    preflight.check_memory(job, workers)
+    with ExitStack() as stack, ExitStack() as drawing:
+        renderer = drawing.enter_context(job.renderer())
+        preflight.check_outside(job, renderer.model)
+        facts = _facts(job, renderer)
+        work = stack.enter_context(WorkFolder(out, facts.key, rig, resume=resume, notice=notice))
+        if work.next_chunk:
+            _tell(job, work, notice)
+        if workers == 1:
+            shots = shots_in_process(job, renderer, work.next_chunk)
+        else:
+            drawing.close()
+            shots = shots_from_workers(job, work.next_chunk, workers)
+        _run(job, shots, work, commit_s, progress)
+        _assemble(job, work, facts, out, force=force)
     return out
 
 
-class _Cameras:
-    """One event simulator per camera, at work while the next pictures are drawn."""
+def make_job(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> Job:
+    """Decides the times of truth and the chunks.
 
-    def __init__(self, rig: Rig, config: SimConfig, writer: SequenceWriter, pool: Executor) -> None:
-        self._simulators = [EventSimulator(c.width_px, c.height_px, config) for c in rig.cameras]
-        self._writer, self._pool = writer, pool
-        self._pending: list[Future[Events]] | None = None
-        self.total = 0
-
-    def take(self, exposure: Exposure) -> None:
-        """Hands over the next pictures; the events before them are written first."""
-        started = self._pending is not None
-        self.flush()
-        self._pending = []
-        for simulator, frame in zip(self._simulators, exposure.frames, strict=True):
-            if started:
-                step = self._pool.submit(simulator.step, frame.intensity, exposure.t_us)
-                self._pending.append(step)
-            else:
-                simulator.start(frame.intensity, exposure.t_us)
-
-    def flush(self) -> None:
-        """Writes the events of the pictures handed over last."""
-        for k, step in enumerate(self._pending or ()):
-            events = step.result()
-            self._writer.append_events(k, events)
-            self.total += len(events)
-        self._pending = []
-
-
-def _write_truth(renderer: StereoRenderer, writer: SequenceWriter, exposure: Exposure) -> None:
-    for k, frame in enumerate(exposure.frames):
-        intensity = np.rint(255 * np.clip(frame.intensity, 0, 1)).astype(np.uint8)
-        depth_m = renderer.depth(k, exposure.T_world_body)
-        writer.append_truth(k, exposure.t_us, depth_m, intensity)
-
-
-def _duration_us(scene: Scene, config: SimConfig) -> int:
+    Raises:
+        InputError: an impossible duration or truth time.
+    """
     duration_s = scene.duration_s if config.duration_s is None else config.duration_s
     duration_us = round(duration_s * 1e6)
     if duration_us < 2:
         raise InputError(f"duration_s={duration_s}: a sequence lasts at least 2 µs")
-    return duration_us
+    more_us = [round(t_s * 1e6) for t_s in config.truth_times_s]
+    truth_us = truth_times_us(duration_us, round(config.truth_interval_s * 1e6), more_us)
+    return Job(scene, rig, config, seed, tuple(truth_us), tuple(chunk_bounds_us(truth_us)))
+
+
+class _Facts(NamedTuple):
+    """What the manifest says of a sequence, and the key of its unfinished work."""
+
+    arguments: dict[str, Any]
+    key: str
+
+
+def _facts(job: Job, renderer: StereoRenderer) -> _Facts:
+    duration_s = job.duration_us * 1e-6
+    trajectory = sampled(job.motion(), duration_s, job.config.pose_rate_hz)
+    arguments = {
+        "name": job.scene.name,
+        "rig": job.rig,
+        "trajectory": trajectory,
+        "config": job.config.model_dump(mode="json"),
+        "seed": job.seed,
+        "renderer": renderer.description,
+        "depth_range_m": job.scene.depth_range_m,
+    }
+    if "segmentation" in job.config.truth:
+        arguments["geoms"] = geom_table(renderer.model)
+    return _Facts(arguments, _key(job, renderer, trajectory))
+
+
+def _key(job: Job, renderer: StereoRenderer, trajectory: Trajectory) -> str:
+    """A hash over all that decides the sequence: parameters, geometry, pictures and motion."""
+    mj = import_mujoco()
+    model = np.zeros(mj.mj_sizeModel(renderer.model), np.uint8)
+    mj.mj_saveModel(renderer.model, None, model)
+    plain = {
+        "scene": [job.scene.name, job.scene.depth_range_m],
+        "rig": job.rig.to_json(),
+        "config": job.config.model_dump(mode="json"),
+        "seed": job.seed,
+        "bounds_us": job.bounds_us,
+        "renderer": renderer.description,
+        "versions": versions(),
+    }
+    digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
+    for array in (model, trajectory.t_us, trajectory.positions_m, trajectory.quats_xyzw):
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
+
+
+def _run(
+    job: Job, shots: Iterator[Shot], work: WorkFolder, commit_s: float, progress: Progress
+) -> None:
+    """Turns all remaining shots into parts."""
+    done = sum(part.events for part in work.parts)
+    state = work.parts[-1].state() if work.parts else None
+    committed_s = time.monotonic()
+    with ThreadPoolExecutor(len(job.rig)) as pool:
+        cameras = Cameras(job, pool, state)
+        for shot in shots:
+            done += _write_events(work.writer, cameras.collect())
+            cameras.take(shot)
+            _write_truth(work.writer, shot)
+            if shot.t_us == job.bounds_us[shot.chunk + 1]:
+                done += _write_events(work.writer, cameras.collect())
+                last = shot.chunk + 1 == job.chunks
+                if last or time.monotonic() - committed_s >= commit_s:
+                    counts = cameras.finish() if last else ()
+                    work.commit(cameras.state(), shot.chunk + 1, counts)
+                    committed_s = time.monotonic()
+            progress(shot.t_us, job.duration_us, done)
+
+
+def _write_events(part: PartWriter, packets: list[Packet]) -> int:
+    for writer, packet in zip(part.event_writers, packets, strict=False):
+        writer.append(packet.events, packet.extra)
+    count = sum(len(packet.events) for packet in packets)
+    part.events += count
+    return count
+
+
+def _write_truth(part: PartWriter, shot: Shot) -> None:
+    for writer, images in zip(part.truth_writers, shot.truth, strict=False):
+        optional = dict(images)
+        depth_m, intensity = optional.pop("depth_m"), optional.pop("intensity")
+        writer.append(shot.t_us, depth_m, intensity, optional)
+
+
+def _assemble(job: Job, work: WorkFolder, facts: _Facts, out: Path, *, force: bool) -> None:
+    """Streams all parts into the sequence."""
+    counts = work.parts[-1].counts if job.labelled else None
+    with SequenceWriter(out, **facts.arguments, sensor_counts=counts, force=force) as writer:
+        for part in work.parts:
+            for k in range(len(job.rig)):
+                events, truth = part.readers(k, job.rig)
+                for block, extra in events.blocks():
+                    writer.append_events(k, block, **extra)
+                for t_us, images in truth.times():
+                    depth_m, intensity = images.pop("depth_m"), images.pop("intensity")
+                    writer.append_truth(k, t_us, depth_m, intensity, images)
+
+
+def _tell(job: Job, work: WorkFolder, notice: Notice) -> None:
+    done_s = job.bounds_us[work.next_chunk] * 1e-6
+    notice(
+        f"resuming {work.path}: {done_s:.3f} s of {job.duration_us * 1e-6:.3f} s are done "
+        "(--fresh discards them)"
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,15 @@ class Motion(Protocol):
 
     def T_world_body(self, t_s: float) -> NDArray[np.float64]:
         """Pose (4, 4) at time `t_s`, seconds from the start of the sequence; world z is up."""
+        ...
+
+
+@runtime_checkable
+class ManyPoses(Protocol):
+    """A motion that knows many poses at once, which saves most of the time where they are many."""
+
+    def poses(self, times_s: ArrayLike) -> NDArray[np.float64]:
+        """Poses (N, 4, 4) at (N,) times."""
         ...
 
 
@@ -178,6 +187,8 @@ def sampled(motion: Motion, duration_s: float, rate_hz: float) -> Trajectory:
     duration_us = round(duration_s * 1e6)
     count = max(2, int(np.ceil(duration_us * 1e-6 * rate_hz - 1e-9)) + 1)
     t_us = np.unique(np.rint(np.linspace(0, duration_us, count)).astype(np.int64))
+    if isinstance(motion, ManyPoses):
+        return Trajectory.from_matrices(t_us, motion.poses(t_us * 1e-6))
     poses = np.stack([motion.T_world_body(t * 1e-6) for t in t_us.tolist()])
     return Trajectory.from_matrices(t_us, poses)
 

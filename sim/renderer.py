@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
@@ -11,20 +13,27 @@ from numpy.typing import NDArray
 from emvs.data.camera import Camera
 from emvs.data.rig import Rig
 from emvs.errors import InputError
-from sim import pixels
+from sim import lens, pixels, views
+from sim.float_target import FloatTarget
 from sim.graphics import import_mujoco, open_context
 
 if TYPE_CHECKING:
     import mujoco
 
+    from sim.scene import Animation
+
 Pose = NDArray[np.float64]
+Colours = NDArray[np.uint8] | NDArray[np.float32]
+
+# Samples per pixel and axis where depth and geoms are looked up through a distorting lens.
+_LEAST_LENS_SAMPLES = 2
 
 
 class Frame(NamedTuple):
     """One supersampled picture.
 
     Attributes:
-        intensity: (H, W) float32, linear, 0 to 1.
+        intensity: (H, W) float32, linear, 0 to 1; may exceed 1 where light is drawn as floats.
         nearest_depth_m: (H, W) float32, the least z-depth of each pixel's samples; inf where no
             sample meets a surface.
     """
@@ -38,6 +47,7 @@ class StereoRenderer:
 
     The cameras are not part of the MuJoCo model: each picture sets the OpenGL frustum from the
     calibrated intrinsics, which is exact for any principal point and for unequal focal lengths.
+    A camera with distortion is resampled from a wider and finer pinhole picture, see `sim.lens`.
     What the renderer calls colour is taken as linear radiance, so lighting and textures mean what
     their numbers say. MuJoCo's headlight is a lamp on the body, the same for all cameras.
     A renderer belongs to the thread that made it.
@@ -49,28 +59,34 @@ class StereoRenderer:
         rig: Rig,
         supersample: int = 1,
         depth_range_m: tuple[float, float] = (0.1, 50.0),
+        *,
+        floats: bool = False,
+        animate: Animation | None = None,
     ) -> None:
         """Compiles the scene and opens a graphics context.
 
         Args:
             spec: the scene; compiled from a copy, not changed.
-            rig: pinhole cameras and their places on the body.
+            rig: cameras and their places on the body.
             supersample: samples per pixel and axis.
             depth_range_m: what the clipping planes must enclose; they lie at half the near and
                 four times the far end.
+            floats: draw light in floating point, without steps and without end.
+            animate: moves the bodies that move by themselves; see `at`.
 
         Raises:
-            InputError: no graphics, a camera with distortion, or a scene that does not compile.
+            InputError: no graphics, a lens too wide, or a scene that does not compile.
         """
-        _check_pinhole(rig)
         self._mj: Any = import_mujoco()
         self.rig = rig
         self.supersample = supersample
+        self._animate = animate
         self._near_m, self._far_m = 0.5 * depth_range_m[0], 4.0 * depth_range_m[1]
-        width_px = supersample * max(camera.width_px for camera in rig.cameras)
-        height_px = supersample * max(camera.height_px for camera in rig.cameras)
+        self._lenses = tuple(views.lens_of(rig, k, self._lens_samples) for k in range(len(rig)))
+        width_px, height_px = views.buffer_size(rig, self._lenses, supersample)
+        self._buffer_px = width_px, height_px
         self.model = _compiled(spec, width_px, height_px)
-        self._open(width_px, height_px)
+        self._open(width_px, height_px, floats)
 
     def __enter__(self) -> Self:
         return self
@@ -85,6 +101,8 @@ class StereoRenderer:
 
     def close(self) -> None:
         """Frees the graphics context."""
+        if self._floats is not None:
+            self._floats.free()
         self._context.free()
         self._gl.free()
 
@@ -92,77 +110,154 @@ class StereoRenderer:
     def description(self) -> str:
         """What renders: MuJoCo's version and the back end, for a sequence's manifest."""
         back_end = type(self._gl).__module__.rsplit(".", 1)[-1]
-        return f"mujoco {self._mj.__version__} classic, {back_end}"
+        kind = "classic" if self._floats is None else "classic in float"
+        return f"mujoco {self._mj.__version__} {kind}, {back_end}"
+
+    def at(self, t_s: float) -> None:
+        """Puts the bodies that move by themselves where they are at `t_s`, s from the start."""
+        if self._animate is not None:
+            self._animate(self.model, self._data, t_s)
+            self._mj.mj_kinematics(self.model, self._data)
+            self._update_scene()
 
     def frame(self, camera: int, T_world_body: Pose) -> Frame:
         """Renders what `camera` sees from `T_world_body` (4, 4), averaged over the samples."""
-        rgb, window_depth = self._draw(camera, T_world_body, self.supersample)
-        seen = self.rig.cameras[camera]
+        seen, mapped = self.rig.cameras[camera], self._lenses[camera]
         intensity = np.empty((seen.height_px, seen.width_px), np.float32)
         nearest = np.empty_like(intensity)
-        pixels.average(rgb, window_depth, self.supersample, intensity, nearest)
+        full_scale = 255.0 if self._floats is None else 1.0
+        if mapped is None:
+            rgb, window_depth = self._draw(seen, camera, T_world_body, self.supersample)
+            pixels.average(rgb, window_depth, self.supersample, intensity, nearest, full_scale)
+        else:
+            rgb, window_depth = self._draw(mapped.source, camera, T_world_body)
+            luma = np.empty_like(window_depth)
+            pixels.luma(rgb, full_scale, luma)
+            lens.resample(
+                luma, window_depth, mapped.position, mapped.step, self._lens_samples,
+                intensity, nearest,
+            )  # fmt: skip
         return Frame(intensity, pixels.metric_depth(nearest, self._near_m, self._far_m))
 
-    def depth(self, camera: int, T_world_body: Pose) -> NDArray[np.float32]:
-        """Returns the z-depth (H, W) at every pixel's centre, m; inf where there is no surface."""
-        _, window_depth = self._draw(camera, T_world_body, 1)
-        return pixels.metric_depth(window_depth[::-1], self._near_m, self._far_m)
+    def depth(
+        self, camera: int, T_world_body: Pose, view: Camera | None = None
+    ) -> NDArray[np.float32]:
+        """Returns the z-depth (H, W) at every pixel's centre, m; inf where there is no surface.
+
+        Args:
+            camera: whose sensor, or whose place.
+            T_world_body: (4, 4) pose of the body.
+            view: a pinhole camera to see through from the camera's place instead of its own lens.
+
+        Raises:
+            InputError: a view with distortion.
+        """
+        if view is not None and view.model != "pinhole":
+            raise InputError(f"a view with {view.model} distortion: use its `.undistorted()`")
+        mapped = self._lenses[camera]
+        # The sky is drawn as a surface, but has no depth.
+        with self._flags(SKYBOX=0, REFLECTION=0):
+            if view is not None or mapped is None:
+                seen = view or self.rig.cameras[camera]
+                window_depth = self._view_depth(seen, camera, T_world_body)
+            else:
+                _, samples = self._draw(mapped.source, camera, T_world_body)
+                window_depth = np.empty(mapped.position.shape[:2], np.float32)
+                lens.centre_depth(samples, mapped.position, window_depth)
+        return pixels.metric_depth(window_depth, self._near_m, self._far_m)
 
     def segmentation(self, camera: int, T_world_body: Pose) -> NDArray[np.int32]:
-        """Returns the geom id (H, W) at every pixel's centre; -1 where there is none."""
-        flags = self._scene.flags
-        flags[self._mj.mjtRndFlag.mjRND_SEGMENT] = 1
-        flags[self._mj.mjtRndFlag.mjRND_IDCOLOR] = 1
-        try:
-            rgb, _ = self._draw(camera, T_world_body, 1)
-        finally:
-            flags[self._mj.mjtRndFlag.mjRND_SEGMENT] = 0
-            flags[self._mj.mjtRndFlag.mjRND_IDCOLOR] = 0
-        segment = rgb[::-1].astype(np.int32) @ np.array([1, 1 << 8, 1 << 16], np.int32)
+        """Returns the geom id (H, W) at every pixel's centre; -1 where there is none.
+
+        Through a distorting lens, that of the render sample nearest to the centre.
+        """
+        mapped = self._lenses[camera]
+        view = mapped.source if mapped else self.rig.cameras[camera]
+        with self._flags(SEGMENT=1, IDCOLOR=1, REFLECTION=0):
+            rgb, _ = self._draw(view, camera, T_world_body)
+        if self._floats is not None:
+            rgb = np.rint(255 * rgb)
+        segment = rgb.astype(np.int32) @ np.array([1, 1 << 8, 1 << 16], np.int32)
         geom_id = np.full(self._scene.ngeom + 1, -1, np.int32)
         geom_id[1:] = [geom.objid for geom in self._scene.geoms[: self._scene.ngeom]]
-        return geom_id[segment]
+        found: NDArray[np.int32] = geom_id[segment]
+        return lens.nearest_samples(mapped, found) if mapped else found[::-1]
 
-    def _open(self, width_px: int, height_px: int) -> None:
+    def _open(self, width_px: int, height_px: int, floats: bool) -> None:
         mj = self._mj
         self._data = mj.MjData(self.model)
         mj.mj_forward(self.model, self._data)
         self._gl = open_context(width_px, height_px)
         self._context = mj.MjrContext(self.model, mj.mjtFontScale.mjFONTSCALE_100)
         self._context.readDepthMap = mj.mjtDepthMap.mjDEPTH_ZEROFAR
+        self._floats = FloatTarget(self._context, width_px, height_px) if floats else None
         mj.mjr_setBuffer(mj.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         self._scene = mj.MjvScene(self.model, 2 * self.model.ngeom + 1000)
         for name in ("SHADOW", "REFLECTION", "HAZE", "FOG"):
             self._scene.flags[getattr(mj.mjtRndFlag, f"mjRND_{name}")] = 0
-        option = mj.MjvOption()
-        option.sitegroup[:] = 0
-        # Nothing moves but the cameras, so once is enough.
+        # One mirror pass costs a whole picture: only for scenes that have something to mirror.
+        self._scene.flags[mj.mjtRndFlag.mjRND_REFLECTION] = bool(np.any(self.model.mat_reflectance))
+        self._option = mj.MjvOption()
+        self._option.sitegroup[:] = 0
+        self._update_scene()
+
+    def _update_scene(self) -> None:
+        mj = self._mj
         viewer, everything = mj.MjvCamera(), mj.mjtCatBit.mjCAT_ALL
-        mj.mjv_updateScene(self.model, self._data, option, None, viewer, everything, self._scene)
+        mj.mjv_updateScene(
+            self.model, self._data, self._option, None, viewer, everything, self._scene
+        )
         lights = self._scene.lights[: self._scene.nlight]
         self._head_lamps = [light for light in lights if light.headlight]
 
+    @contextmanager
+    def _flags(self, **values: int) -> Iterator[None]:
+        """Sets rendering flags, by name, for a while."""
+        flags, kinds = self._scene.flags, self._mj.mjtRndFlag
+        before = {name: flags[getattr(kinds, f"mjRND_{name}")] for name in values}
+        try:
+            for name, value in values.items():
+                flags[getattr(kinds, f"mjRND_{name}")] = value
+            yield
+        finally:
+            for name, value in before.items():
+                flags[getattr(kinds, f"mjRND_{name}")] = value
+
+    @property
+    def _lens_samples(self) -> int:
+        return max(self.supersample, _LEAST_LENS_SAMPLES)
+
+    def _view_depth(self, view: Camera, camera: int, T_world_body: Pose) -> NDArray[np.float32]:
+        """Window depth at the view's pixel centres, top row first, in tiles where it is large."""
+        window_depth = np.empty((view.height_px, view.width_px), np.float32)
+        for tile, rows, columns in views.tiles(view, *self._buffer_px):
+            _, part = self._draw(tile, camera, T_world_body)
+            window_depth[rows, columns] = part[::-1]
+        return window_depth
+
     def _draw(
-        self, camera: int, T_world_body: Pose, supersample: int
-    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        self, view: Camera, camera: int, T_world_body: Pose, supersample: int = 1
+    ) -> tuple[Colours, NDArray[np.float32]]:
         """Colour and window depth (1 near, 0 far) at the samples, bottom row first."""
-        seen = self.rig.cameras[camera]
-        T_world_cam = T_world_body @ self.rig.T_body_cam[camera]
         self._gl.make_current()
-        self._place(seen, T_world_cam)
+        self._place(view, T_world_body @ self.rig.T_body_cam[camera])
         for lamp in self._head_lamps:
             lamp.pos, lamp.dir = T_world_body[:3, 3], T_world_body[:3, 2]
-        width_px, height_px = seen.width_px * supersample, seen.height_px * supersample
+        width_px, height_px = view.width_px * supersample, view.height_px * supersample
         rect = self._mj.MjrRect(0, 0, width_px, height_px)
-        rgb = np.empty((height_px, width_px, 3), np.uint8)
         window_depth = np.empty((height_px, width_px), np.float32)
         self._mj.mjr_render(rect, self._scene, self._context)
+        if self._floats is not None:
+            light = np.empty((height_px, width_px, 3), np.float32)
+            self._floats.read(light, window_depth)
+            return light, window_depth
+        rgb = np.empty((height_px, width_px, 3), np.uint8)
         self._mj.mjr_readPixels(rgb, window_depth, rect, self._context)
         return rgb, window_depth
 
     def _place(self, camera: Camera, T_world_cam: Pose) -> None:
         """Sets pose and frustum of both eyes; the one place where z forward becomes -z."""
-        left, right, top, bottom = self._near_m * _edges(camera)
+        left, right, top, bottom = self._near_m * views.edges(camera)
         for eye in self._scene.camera:
             eye.pos, eye.forward, eye.up = (
                 T_world_cam[:3, 3],
@@ -172,28 +267,6 @@ class StereoRenderer:
             eye.frustum_center, eye.frustum_width = (left + right) / 2, (right - left) / 2
             eye.frustum_top, eye.frustum_bottom = -top, -bottom
             eye.frustum_near, eye.frustum_far = self._near_m, self._far_m
-
-
-def _edges(camera: Camera) -> NDArray[np.float64]:
-    """Bearings x/z of the left and right and y/z of the top and bottom edge of the sensor."""
-    # Pixel centres are integers, so the sensor ends half a pixel beyond the outermost centres.
-    return np.array(
-        [
-            (-0.5 - camera.cx_px) / camera.fx_px,
-            (camera.width_px - 0.5 - camera.cx_px) / camera.fx_px,
-            (-0.5 - camera.cy_px) / camera.fy_px,
-            (camera.height_px - 0.5 - camera.cy_px) / camera.fy_px,
-        ]
-    )
-
-
-def _check_pinhole(rig: Rig) -> None:
-    for name, camera in zip(rig.camera_names, rig.cameras, strict=True):
-        if camera.model != "pinhole":
-            raise InputError(
-                f"camera {name} of rig {rig.name} has {camera.model} distortion, but the renderer "
-                "draws pinhole cameras only: use its `.undistorted()`"
-            )
 
 
 def _compiled(spec: mujoco.MjSpec, width_px: int, height_px: int) -> Any:

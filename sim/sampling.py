@@ -7,7 +7,7 @@ and once more backwards from the new frame, where surfaces may have come into vi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -29,6 +29,10 @@ class FrameSource(Protocol):
 
     rig: Rig
 
+    def at(self, t_s: float) -> None:
+        """Puts the bodies that move by themselves where they are at that time."""
+        ...
+
     def frame(self, camera: int, T_world_body: NDArray[np.float64]) -> Frame:
         """What `camera` sees from that pose."""
         ...
@@ -48,14 +52,28 @@ class Exposure(NamedTuple):
     frames: tuple[Frame, ...]
 
 
-def truth_times_us(duration_us: int, interval_us: int) -> list[int]:
-    """Times of ground truth: every `interval_us` from 0, and the middle and the end, µs."""
-    times = {*range(0, duration_us, interval_us), duration_us // 2, duration_us}
+def truth_times_us(duration_us: int, interval_us: int, more_us: Sequence[int] = ()) -> list[int]:
+    """Times of ground truth: every `interval_us` from 0, the middle, the end, and `more_us`, µs.
+
+    Raises:
+        InputError: one of `more_us` lies outside the sequence.
+    """
+    outside = [t_us for t_us in more_us if not 0 <= t_us <= duration_us]
+    if outside:
+        raise InputError(
+            f"truth_times_s holds {outside[0] * 1e-6:g} s, but the sequence lasts "
+            f"{duration_us * 1e-6:g} s: leave it out, or raise duration_s"
+        )
+    times = {*range(0, duration_us, interval_us), duration_us // 2, duration_us, *more_us}
     return sorted(times)
 
 
 def exposures(
-    source: FrameSource, motion: Motion, stops_us: list[int], config: SimConfig
+    source: FrameSource,
+    motion: Motion,
+    stops_us: list[int],
+    config: SimConfig,
+    first: Exposure | None = None,
 ) -> Iterator[Exposure]:
     """Yields exposures from the first of `stops_us` to the last, as rarely as motion allows.
 
@@ -67,12 +85,13 @@ def exposures(
         motion: the head's curve, s.
         stops_us: rising times that must be exposed, µs; at least two.
         config: limits on displacement and interval.
+        first: the exposure at the first stop, if it is there already.
 
     Raises:
         InputError: motion so fast that even the least frame interval exceeds the limit.
     """
     stops = np.asarray(stops_us)
-    now = _expose(source, motion, int(stops[0]))
+    now = first or _expose(source, motion, int(stops[0]))
     yield now
     step_us = config.min_frame_interval_us * 8
     while now.t_us < stops[-1]:
@@ -167,5 +186,6 @@ def _moved_px(rig: Rig, seen: Exposure, T_world_body: NDArray[np.float64]) -> fl
 
 def _expose(source: FrameSource, motion: Motion, t_us: int) -> Exposure:
     T_world_body = motion.T_world_body(t_us * 1e-6)
+    source.at(t_us * 1e-6)
     frames = tuple(source.frame(k, T_world_body) for k in range(len(source.rig)))
     return Exposure(t_us, T_world_body, frames)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,19 @@ from sim.motion import Motion
 
 if TYPE_CHECKING:
     import mujoco
+
+
+class Animation(Protocol):
+    """Moves a scene's bodies; a pure function of time, whatever was asked for before."""
+
+    @property
+    def max_interval_us(self) -> int:
+        """Frames must never be further apart, µs: sampling by depth does not see bodies move."""
+        ...
+
+    def __call__(self, model: mujoco.MjModel, data: mujoco.MjData, t_s: float) -> None:
+        """Sets joint positions (and mocap poses) in `data` for `t_s`, s from the start."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -32,6 +45,9 @@ class Scene:
         rig: default rig, see `sim.rigs`.
         duration_s: default length, s.
         edit: adds procedural geometry to the parsed spec, if any.
+        hdr: draw light in floating point: the scene has parts brighter than 1 or darker than 8 bits
+            can tell apart.
+        animate: moves the bodies that move by themselves, if any.
     """
 
     name: str
@@ -43,6 +59,8 @@ class Scene:
     rig: str = "davis346"
     duration_s: float = 0.5
     edit: Callable[[mujoco.MjSpec], None] | None = None
+    hdr: bool = False
+    animate: Animation | None = None
 
     def spec(self) -> mujoco.MjSpec:
         """Returns the scene as an editable MuJoCo specification, textures in place.

@@ -16,6 +16,8 @@ from emvs.data.rig import Rig
 from sim.config import SimConfig
 from sim.displacement import largest_displacement_px
 from sim.esim import EventSimulator
+from sim.presets import SensorConfig
+from sim.sensor import Sensor
 
 SIZES = {"346x260": (346, 260), "640x480": (640, 480), "1280x720": (1280, 720)}
 STEPS = 40
@@ -50,6 +52,29 @@ def test_event_simulator(benchmark, size):
     benchmark.extra_info["events_per_pixel"] = round(events / pixels, 3)
     benchmark.extra_info["ns_per_pixel"] = round(1e9 * benchmark.stats.stats.min / pixels, 2)
     print(f"\n{size}: {benchmark.extra_info}")  # noqa: T201 - the benchmark's result
+
+
+@pytest.mark.parametrize("preset", ["ideal", "davis346", "gen4"])
+@pytest.mark.parametrize("size", SIZES)
+def test_sensor(benchmark, size, preset):
+    """Everything on but `ideal`: 20 ns per pixel and interval are 1e8 per second on two cores."""
+    width_px, height_px = SIZES[size]
+    frames = drifting_texture(width_px, height_px)
+    config = SimConfig(sensor=SensorConfig(preset=preset))
+
+    def started():
+        sensor = Sensor(0, width_px, height_px, config, 0)
+        sensor.start(frames[0], 0)
+        return (sensor,), {}
+
+    def run(sensor):
+        return sum(len(sensor.step(f, 1000 * k)) for k, f in enumerate(frames[1:], 1))
+
+    events = benchmark.pedantic(run, setup=started, rounds=5, warmup_rounds=1)
+    pixels = STEPS * width_px * height_px
+    benchmark.extra_info["events_per_pixel"] = round(events / pixels, 3)
+    benchmark.extra_info["ns_per_pixel"] = round(1e9 * benchmark.stats.stats.min / pixels, 2)
+    print(f"\n{preset} {size}: {benchmark.extra_info}")  # noqa: T201 - the benchmark's result
 
 
 @pytest.mark.parametrize("size", SIZES)

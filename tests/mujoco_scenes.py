@@ -50,10 +50,10 @@ def spec(geoms: str):
     return import_mujoco().MjSpec.from_string(_mjcf(geoms))
 
 
-def card_spec(corners: np.ndarray):
-    """A bright quadrilateral (4, 3) in front of nothing."""
+def card_spec(corners: np.ndarray, behind_m=(0.01, 0, 0)):
+    """A bright quadrilateral (4, 3) in front of nothing, thick by `behind_m`."""
     built = spec("")
-    vertices = np.concatenate([corners, corners + np.array([0.01, 0, 0])])
+    vertices = np.concatenate([corners, corners + np.array(behind_m)])
     mesh = built.add_mesh(name="card", uservert=vertices.ravel().tolist())
     material = built.add_material(name="bright", emission=1, rgba=[1, 1, 1, 1])
     built.worldbody.add_geom(

@@ -187,11 +187,11 @@ def test_named_rigs_are_what_their_names_say():
     assert (rig("tumvie").cameras[1].width_px, rig("tumvie").cameras[1].height_px) == (1280, 720)
     assert rig("tumvie").baseline_m() == pytest.approx(0.1184)
     for known in RIGS.values():
-        left, right = known.cameras
-        assert (left.cx_px, left.cy_px) != (right.cx_px, right.cy_px)
+        centres = {(camera.cx_px, camera.cy_px) for camera in known.cameras}
+        assert len(centres) == len(known) >= 2
         assert np.array_equal(known.T_body_cam[0], np.eye(4))
 
 
 def test_an_unknown_rig_is_refused_with_the_names():
-    with pytest.raises(InputError, match="davis346, tumvie"):
+    with pytest.raises(InputError, match=r"davis346, .*tumvie"):
         rig("davis")

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from emvs.data import se3
-from emvs.data.camera import Camera
 from emvs.data.rig import Rig
 from emvs.errors import InputError
 from sim import graphics, pixels
@@ -176,12 +175,6 @@ def test_metric_depth_inverts_the_projection():
     found = pixels.metric_depth(np.append(window, 0).astype(np.float32), near_m, far_m)
     np.testing.assert_allclose(found[:-1], z_m, rtol=1e-5)
     assert np.isinf(found[-1])
-
-
-def test_refuses_distortion():
-    bent = Camera(20, 20, 30, 30, 10, 10, "radtan", (0.1, 0, 0, 0))
-    with pytest.raises(InputError, match="pinhole cameras only"):
-        StereoRenderer(made.spec(made.BOXES), Rig("bent", (bent,), (np.eye(4),)))
 
 
 def test_refuses_a_scene_that_does_not_compile():

@@ -27,6 +27,9 @@ class Walls:
     def __init__(self, rig, depths_m):
         self.rig, self.depths_m, self.count = rig, depths_m, 0
 
+    def at(self, t_s):
+        pass
+
     def frame(self, camera, T_world_body):
         self.count += 1
         seen = self.rig.cameras[camera]
@@ -90,6 +93,9 @@ def test_surfaces_that_come_into_view_are_checked_backwards():
     """The nearest surface jumps to a tenth of the distance at 10 ms: only the new frame knows."""
 
     class Appearing(Walls):
+        def at(self, t_s):
+            pass
+
         def frame(self, camera, T_world_body):
             near = T_world_body[0, 3] >= 0.01
             self.depths_m = (0.5, 0.5) if near else (5.0, 5.0)

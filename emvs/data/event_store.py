@@ -1,16 +1,20 @@
 """Events on disk in the DSEC layout: `events/{x,y,t,p}`, `ms_to_idx`, `t_offset`, in HDF5.
 
 `t` counts microseconds from `t_offset`, and `ms_to_idx[m]` is the first event with `t >= 1000 m`:
-two look-ups find a time slice, and nothing else is read.
+two look-ups find a time slice, and nothing else is read. Optional columns say more of each event:
+`label` (uint8, what made it) and `depth_m` (float32, z-depth of the surface that made it).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
+import h5py
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from emvs.data.events import Events
 from emvs.data.hdf5 import COMPRESSION, Hdf5Writer, open_hdf5
@@ -18,36 +22,45 @@ from emvs.errors import InputError
 
 _CHUNK = 1 << 17
 _COLUMNS = {"x": np.uint16, "y": np.uint16, "t": np.int64, "p": np.uint8}
+EXTRA_COLUMNS = {"label": np.uint8, "depth_m": np.float32}
+"""Optional columns and their types."""
+
+Column = NDArray[Any]
 
 
 class EventWriter:
-    """Appends event packets to a file; memory holds one chunk, whatever the length."""
+    """Appends event packets to a file; memory holds one chunk and a packet, whatever the length.
+
+    The bytes depend on the events alone, not on how they were cut into packets.
+    """
 
     def __init__(self, path: Path, width_px: int, height_px: int) -> None:
         self.count = 0
         self._size_px = (width_px, height_px)
-        self._waiting: list[Events] = []
+        self._waiting: list[dict[str, Column]] = []
+        self._waiting_count = self._written = 0
         self._last_us: int | None = None
         self._offset_us = 0
-        self._ms_to_idx = np.zeros(0, np.int64)
+        self._ms_to_idx: list[NDArray[np.int64]] = []
+        self._next_ms = 0
+        self._extra: tuple[str, ...] | None = None
         self._hdf5 = Hdf5Writer(path)
         self._file = self._hdf5.file
         for name, kind in _COLUMNS.items():
-            self._file.create_dataset(
-                f"events/{name}",
-                (0,),
-                kind,
-                maxshape=(None,),
-                chunks=(_CHUNK,),
-                **COMPRESSION[np.dtype(kind)],
-            )
+            self._create(name, kind)
 
-    def append(self, events: Events) -> None:
+    def append(self, events: Events, extra: Mapping[str, Column] | None = None) -> None:
         """Adds a packet that begins no earlier than the last one ended.
 
+        Args:
+            events: the packet.
+            extra: more columns (N,), named in `EXTRA_COLUMNS`; the same ones in every packet.
+
         Raises:
-            InputError: unsorted or out-of-sensor events, or a packet out of order.
+            InputError: unsorted or out-of-sensor events, a packet out of order, or columns that
+                are unknown, of another length, or not those of the packets before.
         """
+        columns = self._checked_extra(extra or {}, len(events))
         if not len(events):
             return
         events.checked(*self._size_px)
@@ -59,18 +72,21 @@ class EventWriter:
         if self._last_us is None:
             self._offset_us = int(events.t_us[0]) // 1000 * 1000
         self._last_us = int(events.t_us[-1])
-        self._waiting.append(events)
+        t_us = events.t_us - self._offset_us
+        self._waiting.append({"x": events.x, "y": events.y, "t": t_us, "p": events.p, **columns})
+        self._waiting_count += len(events)
         self.count += len(events)
-        if sum(map(len, self._waiting)) >= _CHUNK:
-            self._flush()
+        if self._waiting_count >= _CHUNK:
+            self._write(self._waiting_count // _CHUNK * _CHUNK)
 
     def close(self) -> None:
         """Writes what waits, the index and the offset."""
         if not self._file:
             return
         try:
-            self._flush()
-            self._file.create_dataset("ms_to_idx", data=self._ms_to_idx.astype(np.uint64))
+            self._write(self._waiting_count)
+            index = np.concatenate([np.zeros(0, np.int64), *self._ms_to_idx])
+            self._file.create_dataset("ms_to_idx", data=index.astype(np.uint64))
             self._file.create_dataset("t_offset", data=np.int64(self._offset_us))
         finally:
             self._hdf5.close()
@@ -86,24 +102,61 @@ class EventWriter:
     ) -> None:
         self.close()
 
-    def _flush(self) -> None:
-        events = Events.concat(self._waiting)
-        self._waiting = []
-        start = self._file["events/t"].shape[0]
-        t_us = events.t_us - self._offset_us
-        for name, column in zip(_COLUMNS, (events.x, events.y, t_us, events.p), strict=True):
-            dataset = self._file[f"events/{name}"]
-            dataset.resize((start + len(events),))
-            dataset[start:] = column
-        self._hdf5.check()
-        self._extend_index(t_us, start)
+    def _create(self, name: str, kind: DTypeLike) -> None:
+        self._file.create_dataset(
+            f"events/{name}",
+            (0,),
+            kind,
+            maxshape=(None,),
+            chunks=(_CHUNK,),
+            **COMPRESSION[np.dtype(kind)],
+        )
 
-    def _extend_index(self, t_us: NDArray[np.int64], start: int) -> None:
-        if not len(t_us):
+    def _checked_extra(self, extra: Mapping[str, Column], count: int) -> dict[str, Column]:
+        if self._extra is None:
+            unknown = set(extra) - set(EXTRA_COLUMNS)
+            if unknown:
+                known = ", ".join(EXTRA_COLUMNS)
+                raise InputError(f"event columns {sorted(unknown)} are unknown: there are {known}")
+            self._extra = tuple(name for name in EXTRA_COLUMNS if name in extra)
+            for name in self._extra:
+                self._create(name, EXTRA_COLUMNS[name])
+        if set(extra) != set(self._extra):
+            raise InputError(
+                f"event packet with columns {sorted(extra)} after packets with "
+                f"{sorted(self._extra)}: give the same ones each time"
+            )
+        for name, column in extra.items():
+            if len(column) != count:
+                raise InputError(
+                    f"{len(column)} values of {name} for {count} events: need one each"
+                )
+        return {name: np.asarray(extra[name], EXTRA_COLUMNS[name]) for name in self._extra}
+
+    def _write(self, count: int) -> None:
+        """Writes the first `count` waiting events, a chunk of the file at a time."""
+        if not count:
             return
-        milliseconds = np.arange(len(self._ms_to_idx), int(t_us[-1]) // 1000 + 1) * 1000
-        found = start + np.searchsorted(t_us, milliseconds, side="left")
-        self._ms_to_idx = np.concatenate([self._ms_to_idx, found])
+        names = tuple(self._waiting[0])
+        joined = {name: np.concatenate([part[name] for part in self._waiting]) for name in names}
+        for start in range(0, count, _CHUNK):
+            stop = min(start + _CHUNK, count)
+            for name in names:
+                dataset = self._file[f"events/{name}"]
+                dataset.resize((self._written + stop - start,))
+                dataset[self._written :] = joined[name][start:stop]
+            self._extend_index(joined["t"][start:stop].astype(np.int64, copy=False))
+            self._written += stop - start
+            self._hdf5.check()
+        self._waiting_count -= count
+        rest = {name: column[count:].copy() for name, column in joined.items()}
+        self._waiting = [rest] if self._waiting_count else []
+
+    def _extend_index(self, t_us: NDArray[np.int64]) -> None:
+        after_ms = int(t_us[-1]) // 1000 + 1
+        milliseconds = np.arange(self._next_ms, after_ms) * 1000
+        self._ms_to_idx.append(self._written + np.searchsorted(t_us, milliseconds, side="left"))
+        self._next_ms = max(self._next_ms, after_ms)
 
 
 class EventReader:
@@ -124,23 +177,52 @@ class EventReader:
                 )
             self._offset_us = int(file["t_offset"][()])
             self._ms_to_idx = file["ms_to_idx"][:].astype(np.int64)
+            self.extra = tuple(name for name in EXTRA_COLUMNS if name in file["events"])
             t = file["events/t"]
             span = (int(t[0]), int(t[-1])) if self.count else (0, 0)
             self.span_us = (span[0] + self._offset_us, span[1] + self._offset_us)
 
     def read(self, t0_us: int, t1_us: int) -> Events:
         """Events with `t0_us <= t < t1_us`."""
-        start, stop = self._bounds(t0_us - self._offset_us, t1_us - self._offset_us)
         with open_hdf5(self.path) as file:
-            t_us = file["events/t"][start:stop].astype(np.int64) + self._offset_us
-            first, last = start + np.searchsorted(t_us, [t0_us, t1_us], side="left")
+            first, last, t_us = self._slice(file, t0_us, t1_us)
             x, y, p = (file[f"events/{name}"][first:last] for name in "xyp")
-        events = Events(
-            x.astype(np.uint16),
-            y.astype(np.uint16),
-            t_us[first - start : last - start],
-            p.astype(np.uint8),
-        )
+        return self._checked(x, y, t_us, p)
+
+    def read_extra(self, name: str, t0_us: int, t1_us: int) -> Column:
+        """An optional column of the same events.
+
+        Raises:
+            InputError: the file does not have it.
+        """
+        if name not in self.extra:
+            raise InputError(
+                f"{self.path}: has no {name} per event; simulate with a sensor or truth that "
+                "records it"
+            )
+        with open_hdf5(self.path) as file:
+            first, last, _ = self._slice(file, t0_us, t1_us)
+            column: Column = file[f"events/{name}"][first:last]
+        return column.astype(EXTRA_COLUMNS[name], copy=False)
+
+    def blocks(self) -> Iterator[tuple[Events, dict[str, Column]]]:
+        """All events and optional columns in order, a bounded number at a time, at least once."""
+        for start in range(0, max(1, self.count), 8 * _CHUNK):
+            part = slice(start, start + 8 * _CHUNK)
+            with open_hdf5(self.path) as file:
+                x, y, t, p = (file[f"events/{name}"][part] for name in "xytp")
+                extra = {name: file[f"events/{name}"][part] for name in self.extra}
+            yield self._checked(x, y, t.astype(np.int64) + self._offset_us, p), extra
+
+    def _slice(self, file: h5py.File, t0_us: int, t1_us: int) -> tuple[int, int, NDArray[np.int64]]:
+        """Indices of the first event and behind the last of a time slice, and its times."""
+        start, stop = self._bounds(t0_us - self._offset_us, t1_us - self._offset_us)
+        t_us = file["events/t"][start:stop].astype(np.int64) + self._offset_us
+        first, last = np.searchsorted(t_us, [t0_us, t1_us], side="left").tolist()
+        return start + first, start + last, t_us[first:last]
+
+    def _checked(self, x: Column, y: Column, t_us: NDArray[np.int64], p: Column) -> Events:
+        events = Events(x.astype(np.uint16), y.astype(np.uint16), t_us, p.astype(np.uint8))
         try:
             return events.checked(*self._size_px)
         except InputError as error:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from emvs.data import manifest
 from emvs.data.event_store import EventReader
 from emvs.data.events import Events
+from emvs.data.geoms import Geom, read_geoms
 from emvs.data.rig import Rig
 from emvs.data.trajectory import Trajectory
 from emvs.data.truth_store import TruthReader
@@ -85,6 +86,81 @@ class Sequence:
     def truth_intensity(self, camera: int, t_us: int) -> NDArray[np.uint8]:
         """(H, W) linear intensity of a camera at a stored time, 0..255."""
         return self._truth[camera].intensity(t_us)
+
+    def truth_names(self, camera: int) -> tuple[str, ...]:
+        """Which optional ground truth is stored, see `emvs.data.truth_store.OPTIONAL`."""
+        return self._truth[camera].optional
+
+    def truth_flow_px(self, camera: int, t_us: int) -> NDArray[np.float32]:
+        """(H, W, 2) motion of each pixel's surface point from `t_us` to the next stored time, px.
+
+        NaN at the last time, and where the point is no longer in front of the camera.
+        """
+        return self._truth[camera].read("flow_px", t_us).astype(np.float32, copy=False)
+
+    def truth_segmentation(self, camera: int, t_us: int) -> NDArray[np.int32]:
+        """(H, W) id of the geom at each pixel's centre, -1 for none; `geoms` says what they are."""
+        return self._truth[camera].read("segmentation", t_us).astype(np.int32, copy=False)
+
+    def truth_dynamic(self, camera: int, t_us: int) -> NDArray[np.bool_]:
+        """(H, W) whether each pixel shows something that can move by itself."""
+        dynamic_ids = [geom_id for geom_id, geom in self.geoms.items() if geom.dynamic]
+        return np.isin(self.truth_segmentation(camera, t_us), dynamic_ids)
+
+    def truth_boundary(self, camera: int, t_us: int) -> NDArray[np.bool_]:
+        """(H, W) whether a pixel's centre lies within 1 px of a depth discontinuity."""
+        return self._truth[camera].read("boundary", t_us).astype(bool)
+
+    def truth_twist(self, camera: int, t_us: int) -> NDArray[np.float64]:
+        """(6,) velocity of the camera in its own frame: linear, m/s, then angular, rad/s."""
+        return self._truth[camera].read("twist", t_us).astype(np.float64, copy=False)
+
+    def truth_view_depth_m(self, camera: int, t_us: int) -> NDArray[np.float32]:
+        """(H, W) z-depth in the camera's undistorted view, m: `rig.cameras[k].undistorted()`."""
+        if self.rig.cameras[camera].model == "pinhole":
+            return self.truth_depth_m(camera, t_us)
+        return self._truth[camera].read("view_depth_m", t_us).astype(np.float32, copy=False)
+
+    @cached_property
+    def geoms(self) -> dict[int, Geom]:
+        """The table of a segmentation's ids."""
+        return read_geoms(self.path)
+
+    def labels(self, camera: int, t0_us: int, t1_us: int) -> NDArray[np.uint8]:
+        """(N,) what made each of `events(camera, t0_us, t1_us)`, see `sim.labels`."""
+        column = self._events[camera].read_extra("label", t0_us, t1_us)
+        return column.astype(np.uint8, copy=False)
+
+    def sensor_counts(self, camera: int) -> dict[str, int]:
+        """What became of a camera's events: sent by cause, dropped by reason.
+
+        Raises:
+            InputError: not stored: the sensor was ideal.
+        """
+        path = self.path / "sensor.json"
+        try:
+            return dict(json.loads(path.read_text(encoding="utf-8"))[camera])
+        except (OSError, ValueError, IndexError, TypeError) as error:
+            raise InputError(
+                f"{path}: cannot be read ({error}); simulate with a sensor that is not ideal"
+            ) from error
+
+    def event_depth_m(self, camera: int, t0_us: int, t1_us: int) -> NDArray[np.float32]:
+        """(N,) z-depth of the surface that made each of `events(camera, t0_us, t1_us)`, m."""
+        column = self._events[camera].read_extra("depth_m", t0_us, t1_us)
+        return column.astype(np.float32, copy=False)
+
+    def event_points_world(self, camera: int, t0_us: int, t1_us: int) -> NDArray[np.float64]:
+        """(N, 3) surface point that made each of `events(camera, t0_us, t1_us)`, world frame, m."""
+        events = self.events(camera, t0_us, t1_us)
+        depth_m = self.event_depth_m(camera, t0_us, t1_us).astype(np.float64)
+        pixels = np.stack([events.x, events.y], axis=-1).astype(np.float64)
+        bearing = self.rig.cameras[camera].unproject(pixels)
+        points_cam = np.column_stack([bearing, np.ones(len(events))]) * depth_m[:, None]
+        T_world_cam = self.trajectory.at(events.t_us) @ self.rig.T_body_cam[camera]
+        turned = np.einsum("nij,nj->ni", T_world_cam[:, :3, :3], points_cam)
+        points_world: NDArray[np.float64] = turned + T_world_cam[:, :3, 3]
+        return points_world
 
     def verify(self) -> None:
         """Compares every file with its hash.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Collection, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -15,6 +16,7 @@ from emvs.atomic import atomic_dir, refuse_existing
 from emvs.data import manifest
 from emvs.data.event_store import EventWriter
 from emvs.data.events import Events
+from emvs.data.geoms import GeomTable, write_geoms
 from emvs.data.rig import Rig
 from emvs.data.trajectory import Trajectory
 from emvs.data.truth_store import TruthWriter
@@ -35,6 +37,8 @@ class SequenceWriter:
         renderer: what rendered it.
         depth_range_m: nearest and farthest depth, if known.
         span_us: first and last instant of the recording; by default those of the trajectory.
+        geoms: what the ids in a segmentation mean, if there is one.
+        sensor_counts: per camera, what became of its events: sent by cause, dropped by reason.
         force: whether an existing folder is replaced.
 
     Raises:
@@ -53,11 +57,14 @@ class SequenceWriter:
         renderer: str = "none",
         depth_range_m: tuple[float, float] | None = None,
         span_us: tuple[int, int] | None = None,
+        geoms: GeomTable | None = None,
+        sensor_counts: Collection[dict[str, int]] | None = None,
         force: bool = False,
     ) -> None:
         refuse_existing(Path(path), force=force)
         self._path, self._force = Path(path), force
         self._name, self._rig, self._trajectory = name, rig, trajectory
+        self._geoms, self._sensor_counts = geoms, sensor_counts
         self._facts: dict[str, Any] = {
             "configuration": config,
             "seed": seed,
@@ -91,20 +98,56 @@ class SequenceWriter:
             raise
         self._folder_stack.__exit__(kind, error, trace)
 
-    def append_events(self, camera: int, events: Events) -> None:
-        """Adds a packet of one camera's events, in time order."""
-        self._events[camera].append(events)
+    def append_events(
+        self,
+        camera: int,
+        events: Events,
+        label: NDArray[np.uint8] | None = None,
+        depth_m: NDArray[np.float32] | None = None,
+    ) -> None:
+        """Adds a packet of one camera's events, in time order.
+
+        Args:
+            camera: index in the rig.
+            events: the packet.
+            label: (N,) what made each event; in every packet or in none.
+            depth_m: (N,) z-depth of the surface that made each event, m; likewise.
+        """
+        extra: dict[str, NDArray[np.generic]] = {}
+        if label is not None:
+            extra["label"] = label
+        if depth_m is not None:
+            extra["depth_m"] = depth_m
+        self._events[camera].append(events, extra)
 
     def append_truth(
-        self, camera: int, t_us: int, depth_m: NDArray[np.float32], intensity_u8: NDArray[np.uint8]
+        self,
+        camera: int,
+        t_us: int,
+        depth_m: NDArray[np.float32],
+        intensity_u8: NDArray[np.uint8],
+        optional: Mapping[str, NDArray[np.generic]] | None = None,
     ) -> None:
-        """Adds one camera's (H, W) z-depth and (H, W) intensity at a time."""
-        self._truth[camera].append(t_us, depth_m, intensity_u8)
+        """Adds one camera's ground truth at a time.
+
+        Args:
+            camera: index in the rig.
+            t_us: after the time before, µs.
+            depth_m: (H, W) z-depth, m.
+            intensity_u8: (H, W) linear intensity, 0..255.
+            optional: more data sets, named in `emvs.data.truth_store.OPTIONAL`.
+        """
+        self._truth[camera].append(t_us, depth_m, intensity_u8, optional)
 
     def _open_files(self) -> None:
         rig_text = json.dumps(self._rig.to_json(), indent=2) + "\n"
         (self._folder / "rig.json").write_text(rig_text, encoding="utf-8")
         write_tum(self._folder / "poses.txt", self._trajectory)
+        if self._geoms is not None:
+            write_geoms(self._folder, self._geoms)
+        if self._sensor_counts is not None:
+            counts_text = json.dumps(list(self._sensor_counts), indent=1) + "\n"
+            (self._folder / "sensor.json").write_text(counts_text, encoding="utf-8")
         self._events: list[EventWriter] = []
         self._truth: list[TruthWriter] = []
         for k, camera in enumerate(self._rig.cameras):

@@ -1,0 +1,94 @@
+"""Focus measures: how sharply rays meet around a pixel of one plane of a volume.
+
+Where rays of one edge meet, their votes are concentrated; on every other plane the same votes are
+smeared over more pixels. A measure of concentration over a small window finds the plane wherever
+in the window the edge lies, while the plain maximum along a pixel's own ray follows the slant of
+the ray bundle. Every measure looks at one plane only, so volumes can pass plane by plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.errors import InputError
+
+Floats = NDArray[np.float32]
+
+DOG_RATIO = 1.6  # of the two scales: closest to the Laplacian of a Gaussian (Marr, Hildreth 1980)
+
+
+def blurred(plane: Floats, sigma_px: float) -> Floats:
+    """The Gaussian-weighted mean around each pixel; the image is mirrored at its rim.
+
+    Args:
+        plane: (H, W) float32.
+        sigma_px: standard deviation, px; weights reach to four of it.
+    """
+    width = 2 * round(4 * sigma_px) + 1
+    return np.asarray(cv2.GaussianBlur(plane, (width, width), sigma_px), np.float32)
+
+
+def votes_of(plane: Floats, _sigma_px: float) -> Floats:
+    """The plane itself: the ray maximum of the method's paper."""
+    return plane
+
+
+def variance(plane: Floats, sigma_px: float) -> Floats:
+    """The Gaussian-weighted variance of the votes around each pixel."""
+    mean = blurred(plane, sigma_px)
+    return np.maximum(blurred(plane * plane, sigma_px) - mean * mean, np.float32(0))
+
+
+def mean_square(plane: Floats, sigma_px: float) -> Floats:
+    """The Gaussian-weighted mean of the squared votes around each pixel."""
+    return blurred(plane * plane, sigma_px)
+
+
+def gradient(plane: Floats, sigma_px: float) -> Floats:
+    """The Gaussian-weighted mean of the squared gradient's length (Sobel) around each pixel."""
+    across = cv2.Sobel(plane, cv2.CV_32F, 1, 0, scale=1 / 8)
+    down = cv2.Sobel(plane, cv2.CV_32F, 0, 1, scale=1 / 8)
+    return blurred(np.asarray(across * across + down * down, np.float32), sigma_px)
+
+
+def laplacian(plane: Floats, sigma_px: float) -> Floats:
+    """The Gaussian-weighted mean of the squared Laplacian (four neighbours) around each pixel."""
+    bend = cv2.Laplacian(plane, cv2.CV_32F, ksize=1)
+    return blurred(np.asarray(bend * bend, np.float32), sigma_px)
+
+
+def difference_of_gaussians(plane: Floats, sigma_px: float) -> Floats:
+    """The mean around each pixel less the mean of the wider surroundings; negative in the valleys.
+
+    Args:
+        plane: (H, W) float32.
+        sigma_px: the narrower scale, px; the wider is 1.6 times that.
+    """
+    return blurred(plane, sigma_px) - blurred(plane, DOG_RATIO * sigma_px)
+
+
+FocusMeasure = Callable[[Floats, float], Floats]
+
+MEASURES: dict[str, FocusMeasure] = {
+    "votes": votes_of,
+    "variance": variance,
+    "mean-square": mean_square,
+    "gradient": gradient,
+    "laplacian": laplacian,
+    "dog": difference_of_gaussians,
+}
+
+
+def measure(name: str) -> FocusMeasure:
+    """Returns the focus measure called `name`.
+
+    Raises:
+        InputError: there is none; says which there are.
+    """
+    if name not in MEASURES:
+        raise InputError(f"unknown focus measure {name!r}: choose one of {', '.join(MEASURES)}")
+    return MEASURES[name]

@@ -1,0 +1,44 @@
+"""Parameters of the extraction by focus."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from emvs import focus
+from emvs.errors import InputError
+
+
+@dataclass(frozen=True)
+class FocusConfig:
+    """Parameters of the extraction; chosen on simulated data by `eval.study_extraction`.
+
+    Attributes:
+        measure: focus measure, by its name in `emvs.focus.MEASURES`.
+        sigma_px: scale of the focus measure, px.
+        agreement_px: disagreement between cameras that divides the reliability by e, px of
+            disparity.
+        support_radius_px: half the square of neighbours that are asked, px.
+        support_px: how far a neighbour's depth may be off to count as support, px of disparity.
+        threshold_kernel_px: window of the candidates' adaptive threshold, px, odd, at least 3.
+        threshold_c: by how much of 255 the fused maximum must exceed its neighbours' mean.
+    """
+
+    measure: str = "variance"
+    sigma_px: float = 2.5
+    agreement_px: float = 0.4
+    support_radius_px: int = 4
+    support_px: float = 1.0
+    threshold_kernel_px: int = 5
+    threshold_c: float = 2.0
+
+    def __post_init__(self) -> None:
+        focus.measure(self.measure)
+        for name in ("sigma_px", "agreement_px", "support_px"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"{name} is {getattr(self, name)}: must be greater than 0")
+        if self.support_radius_px < 1:
+            raise InputError(f"support_radius_px is {self.support_radius_px}: must be at least 1")
+        if self.threshold_kernel_px < 3 or self.threshold_kernel_px % 2 == 0:
+            raise InputError(
+                f"threshold_kernel_px is {self.threshold_kernel_px}: must be odd and at least 3"
+            )

@@ -1,0 +1,158 @@
+"""The registry of methods: named as the paper names them, and open to user code."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from emvs import alg2, fuse_kernels
+from emvs.errors import InputError
+from emvs.recipe import CODES, MEANS, Method
+
+_NAME = re.compile(r"\w[\w.+@~-]*(/[\w.+@~-]+)+")
+
+
+@dataclass(frozen=True)
+class Family:
+    """Methods whose names follow a grammar, made on request.
+
+    Attributes:
+        grammar: how the names are built.
+        summary: what they do, in a few words.
+        examples: some names.
+        build: name and whether the compatibility setting is on, to the method.
+    """
+
+    grammar: str
+    summary: str
+    examples: tuple[str, ...]
+    build: Callable[[str, bool], Method]
+
+
+def _late(name: str, _reference: bool) -> Method:
+    if name != "Late/union":
+        raise InputError(f"unknown method {name!r}: the late fusion is Late/union")
+    return Method(name, fuse_kernels.MAX, "the single cameras' maps, joined", late=True)
+
+
+# First part of the name -> family. Its methods fuse cameras, so a rig of one has none of them.
+FAMILIES: dict[str, Family] = {
+    "Alg2": Family(alg2.GRAMMAR, alg2.SUMMARY, alg2.EXAMPLES, alg2.build),
+    "Late": Family(
+        "Late/union",
+        "per pixel the most confident camera among those that pass their own threshold",
+        ("Late/union",),
+        _late,
+    ),
+}
+
+_registered: dict[str, Method] = {}
+
+
+def register(method: Method) -> None:
+    """Adds a method of one's own; from then on it is asked for by its name.
+
+    Args:
+        method: such as `Method.from_function("Mine/median", function, "what it does")`.
+
+    Raises:
+        InputError: a name that is taken, reserved, or no name of the form Family/variant.
+    """
+    family = method.name.split("/")[0]
+    if not _NAME.fullmatch(method.name) or family in {"Alg1", "EMVS", *FAMILIES}:
+        raise InputError(
+            f"method name {method.name!r}: needs the form Family/variant, with a family other "
+            f"than Alg1, EMVS, {', '.join(FAMILIES)}"
+        )
+    if method.name in _registered:
+        raise InputError(f"method {method.name!r} is registered already: choose another name")
+    _registered[method.name] = method
+
+
+def unregister(name: str) -> None:
+    """Removes a method that `register` added; other names are left alone."""
+    _registered.pop(name, None)
+
+
+def known_methods(n_cameras: int, *, reference: bool = False) -> tuple[Method, ...]:
+    """Lists what `all` stands for: Algorithm 1 and the single cameras.
+
+    With one camera there is nothing to fuse.
+
+    Args:
+        n_cameras: cameras of the rig.
+        reference: the compatibility setting, whose H is 2ab / (a + b + 0.1).
+    """
+    codes = CODES | ({"H": fuse_kernels.HARMONIC_EPS} if reference else {})
+    fused = tuple(
+        Method(f"Alg1/{name}", code, f"fused across cameras by the {MEANS[name]}")
+        for name, code in codes.items()
+    )
+    single = single_cameras(n_cameras)
+    return fused + single if n_cameras > 1 else single
+
+
+def single_cameras(n_cameras: int) -> tuple[Method, ...]:
+    """Lists EMVS with each camera."""
+    return tuple(
+        Method(f"EMVS/cam{c}", fuse_kernels.CAMERA + c, f"camera {c} alone")
+        for c in range(n_cameras)
+    )
+
+
+def overview(n_cameras: int = 2) -> dict[str, str]:
+    """Every method's name or grammar, and one line on it, for people to choose from."""
+    known = {method.name: method.summary for method in known_methods(n_cameras)}
+    families = {
+        family.grammar: f"{family.summary}; such as {', '.join(family.examples)}"
+        for family in FAMILIES.values()
+    }
+    return known | families | {method.name: method.summary for method in _registered.values()}
+
+
+def methods(names: Sequence[str], n_cameras: int, *, reference: bool = False) -> tuple[Method, ...]:
+    """Looks methods up by name.
+
+    Args:
+        names: method names; `all` stands for Algorithm 1 and the single cameras.
+        n_cameras: cameras of the rig.
+        reference: the compatibility setting.
+
+    Returns:
+        The methods, each once: first those of `known_methods`, in its order; then the others, in
+        the order of their names here.
+
+    Raises:
+        InputError: a name that is not known for this number of cameras, or H in the compatibility
+            setting with other than two cameras.
+    """
+    known = known_methods(n_cameras, reference=reference)
+    others = [name for name in dict.fromkeys(names) if name not in {m.name for m in known}]
+    extra = tuple(_find(name, n_cameras, reference) for name in others if name != "all")
+    chosen = tuple(m for m in known if "all" in names or m.name in names) + extra
+    for method in chosen:
+        if n_cameras != 2 and fuse_kernels.HARMONIC_EPS in (method.code, method.outer):
+            raise InputError(
+                f"{method.name} in the mcemvs setting fuses 2 cameras, this rig has {n_cameras}: "
+                "choose other methods or compatibility none"
+            )
+    return chosen
+
+
+def _find(name: str, n_cameras: int, reference: bool) -> Method:
+    if name in _registered:
+        return _registered[name]
+    family = FAMILIES.get(name.split("/")[0])
+    if family is None or n_cameras < 2:
+        raise _unknown(name, n_cameras)
+    return family.build(name, reference)
+
+
+def _unknown(name: str, n_cameras: int) -> InputError:
+    known = [method.name for method in known_methods(n_cameras)]
+    grammars = [family.grammar for family in FAMILIES.values()] if n_cameras > 1 else []
+    available = ", ".join([*known, *grammars, *_registered])
+    return InputError(
+        f"unknown method {name!r} for {n_cameras} camera(s): choose from {available} or all"
+    )

@@ -1,0 +1,153 @@
+"""What a method is: which votes it takes, and how it fuses them, level by level."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs import fuse_kernels
+
+Volume = NDArray[np.float32]
+# A fusion of one's own: votes (C, intervals, N, H, W) to (N, H, W)
+Fusion = Callable[[Volume], Volume]
+
+_STRIPS = 64  # enough for any number of threads to share them evenly
+
+CODES = {
+    "min": fuse_kernels.MIN,
+    "H": fuse_kernels.HARMONIC,
+    "G": fuse_kernels.GEOMETRIC,
+    "A": fuse_kernels.ARITHMETIC,
+    "RMS": fuse_kernels.RMS,
+    "max": fuse_kernels.MAX,
+}
+
+MEANS = {
+    "min": "minimum",
+    "H": "harmonic mean",
+    "G": "geometric mean",
+    "A": "arithmetic mean",
+    "RMS": "root mean square",
+    "max": "maximum",
+}
+
+
+@dataclass(frozen=True)
+class Split:
+    """How a window's events are divided into sub-intervals, each camera's on its own.
+
+    Attributes:
+        intervals: how many; 1 is the whole window.
+        by: `count`: as many events in each, as the authors' program does; `time`: as long each.
+    """
+
+    intervals: int = 1
+    by: Literal["count", "time"] = "count"
+
+
+WHOLE = Split()
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way from votes to one volume; methods of one split share one sweep.
+
+    Attributes:
+        name: as the paper names it, such as `Alg1/H`, `EMVS/cam0` or `Alg2/AtHc@4`.
+        code: the compiled fusion that comes first.
+        summary: what it does, in a few words.
+        split: the sub-intervals that it needs votes of.
+        outer: the compiled fusion of what `code` gave, where there are sub-intervals.
+        time_first: whether `code` fuses over time and `outer` across cameras, or the other way.
+        shuffled: whether interval k of camera 0 meets interval k + n/2 (cyclic) of the others.
+        late: whether it joins the single cameras' depth maps; `code` then only fills its slice.
+        function: a fusion of one's own, instead of the codes.
+    """
+
+    name: str
+    code: int
+    summary: str
+    split: Split = WHOLE
+    outer: int = fuse_kernels.MAX
+    time_first: bool = False
+    shuffled: bool = False
+    late: bool = False
+    function: Fusion | None = field(default=None, compare=False)
+
+    @classmethod
+    def from_function(
+        cls, name: str, function: Fusion, summary: str, split: Split = WHOLE
+    ) -> Method:
+        """A method that fuses by a function of one's own; its values must be 0 or more.
+
+        Args:
+            name: of the form Family/variant.
+            function: read-only votes (C, intervals, N, H, W) float32 to (N, H, W). It sees a few
+                planes at a time, so it must not look across planes.
+            summary: what it does, in a few words.
+            split: the sub-intervals that it wants votes of.
+        """
+        return cls(name, fuse_kernels.MAX, summary, split, function=function)
+
+    @property
+    def file_name(self) -> str:
+        """The name as files carry it."""
+        return file_name(self.name)
+
+    def groups(self, n_cameras: int) -> NDArray[np.int64]:
+        """Which volumes are fused first: (groups, members) of `camera * intervals + interval`."""
+        n = self.split.intervals
+        volumes = np.arange(n_cameras * n).reshape(n_cameras, n)
+        if self.shuffled:
+            volumes[1:] = np.roll(volumes[1:], -(n // 2), axis=1)
+        return volumes if self.time_first else volumes.T
+
+
+def file_name(method: str) -> str:
+    """Returns a method's name as files carry it."""
+    return method.replace("/", "-")
+
+
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """Methods of one split as the compiled loops read them (`fuse_kernels.fold`)."""
+
+    codes: NDArray[np.int64]
+    sizes: NDArray[np.int64]
+    which: NDArray[np.int64]
+    every: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, methods: Sequence[Method], volumes: int, polarities: int = 1) -> Tables:
+        """Lists the groups of methods, whose split must be the same.
+
+        Args:
+            methods: the methods, without functions of their own.
+            volumes: how many there are: polarities x cameras x intervals.
+            polarities: 2 where each polarity has volumes of its own.
+        """
+        per_part = volumes // polarities
+        groups = [method.groups(per_part // method.split.intervals) for method in methods]
+        sizes = np.array([group.shape for group in groups], np.int64)
+        which = np.zeros((len(methods), polarities, *sizes.max(axis=0)), np.int64)
+        for m, group in enumerate(groups):
+            for part in range(polarities):
+                which[m, part, : group.shape[0], : group.shape[1]] = group + part * per_part
+        codes = np.array([(method.code, method.outer) for method in methods], np.int64)
+        return cls(codes, sizes, which, np.arange(which.shape[2]))
+
+    @property
+    def arrays(self) -> tuple[NDArray[np.int64], ...]:
+        """What the loops take first."""
+        return self.codes, self.sizes, self.which, self.every
+
+    def scratch(self, height_px: int, width_px: int) -> tuple[Volume, Volume, Volume]:
+        """Room for the loops' rows: (S, G, 1, W) and twice (S, W) float32, for S strips of rows."""
+        strips = min(height_px, _STRIPS)
+        level = np.empty((strips, len(self.every), 1, width_px), np.float32)
+        spare, fused = np.empty((2, strips, width_px), np.float32)
+        return level, spare, fused

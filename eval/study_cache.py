@@ -1,0 +1,84 @@
+"""Simulated sequences of the extraction study and their volumes, each made once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import scenes
+from emvs.atomic import atomic_dir
+from emvs.config import MapperConfig
+from emvs.data.sequence import Sequence as EventSequence
+from emvs.errors import InputError
+from emvs.io import open_recording
+from emvs.mapper import map_window
+from emvs.view import ReferenceView, reference_view
+from emvs.window import choose_window
+from eval.config import EvalConfig
+from eval.folders import truth_of
+from eval.score import Truth
+from sim.config import SimConfig
+from sim.generate import simulate
+from sim.rigs import rig as named_rig
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """One simulated window: what the cameras voted, and what is true.
+
+    Attributes:
+        case: scene.
+        seed: seed of the head motion.
+        votes: (C, N, H, W) float32 votes of each camera, planes near to far.
+        view: the reference view.
+        truth: ground truth there.
+    """
+
+    case: str
+    seed: int
+    votes: NDArray[np.float32]
+    view: ReferenceView
+    truth: Truth
+
+
+def load_sample(
+    case: str, seed: int, cache: Path, config: MapperConfig, *, rig: str, seconds: float
+) -> Sample:
+    """Returns one sample, simulated and swept on the first call and read on every later one.
+
+    Args:
+        case: name of a scene.
+        seed: seed of the head motion.
+        cache: folder of sequences and volumes; made here, safe to delete.
+        config: planes of the volumes.
+        rig: name of the rig.
+        seconds: length of the sequence, s.
+
+    Raises:
+        InputError: an unknown case or rig, or what the simulator refuses.
+    """
+    name = f"{case}-{rig}-{seconds:g}s-seed{seed}"
+    path = cache / name
+    if not path.exists():
+        cache.mkdir(parents=True, exist_ok=True)
+        simulate(scenes.load(case), named_rig(rig), SimConfig(duration_s=seconds), seed, path)
+    sequence = open_recording(path)
+    if not isinstance(sequence, EventSequence):
+        raise InputError(f"{path}: no simulated sequence; delete it to make it again")
+    window = choose_window(sequence, config)
+    view = reference_view(sequence, config, window.t_ref_us)
+    volumes = cache / f"{name}-{config.planes}planes"
+    if not volumes.exists():
+        _sweep(sequence, config, volumes)
+    votes = np.stack([np.load(path) for path in sorted(volumes.glob("EMVS-cam*.npy"))])
+    return Sample(case, seed, votes, view, truth_of(sequence, window.t_ref_us, EvalConfig()))
+
+
+def _sweep(sequence: EventSequence, config: MapperConfig, out: Path) -> None:
+    single = tuple(f"EMVS/cam{camera}" for camera in range(len(sequence.rig)))
+    asked = config.model_copy(update={"methods": single, "save_dsi": True})
+    with atomic_dir(out) as folder:
+        map_window(sequence, asked, dsi_dir=folder)

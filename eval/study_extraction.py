@@ -1,0 +1,177 @@
+"""The study of `docs/extraction.md`: `python -m eval.study_extraction --help`.
+
+Every extraction of `eval.study_variants` reports as many pixels as Alg1/H does on the same volumes,
+and every number is a ratio to that of Alg1/H. Seeds 0 and 1 chose the parameters; the others show
+what they are worth.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from emvs.config import MapperConfig
+from emvs.errors import InputError
+from emvs.planes import inverse_depth_at
+from eval.score import ALL_METRICS, pair
+from eval.study_cache import Sample, load_sample
+from eval.study_variants import BASE, OURS, Estimate, Volumes, estimates
+
+DEVELOPMENT_SEEDS = (0, 1)
+METRICS = ("median_error", "mean_error", "bad_published", "bad_1px")
+WANTED = {"median_error": 0.75, "mean_error": 0.80, "bad_published": 0.80}
+_BLOCK_PX = 8
+_BEGIN, _END = "<!-- study: begin -->\n", "<!-- study: end -->\n"
+
+Numbers = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What every extraction made of one sample."""
+
+    case: str
+    seed: int
+    numbers: Mapping[str, Numbers]
+
+    def ratio(self, name: str, metric: str) -> float:
+        """A number of one extraction over that of Alg1/H; 1 where both are 0."""
+        mine, base = self.numbers[name][metric], self.numbers[BASE][metric]
+        if base == 0:
+            return 1.0 if mine == 0 else float("inf")
+        return mine / base
+
+    def meets(self, name: str) -> bool:
+        """Whether every wanted ratio is reached."""
+        return all(self.ratio(name, metric) <= limit for metric, limit in WANTED.items())
+
+
+def study(sample: Sample) -> Outcome:
+    """Tries every extraction on one sample."""
+    found = estimates(Volumes.of(sample))
+    numbers = {name: _numbers(sample, estimate) for name, estimate in found.items()}
+    return Outcome(sample.case, sample.seed, numbers)
+
+
+def _numbers(sample: Sample, estimate: Estimate) -> Numbers:
+    planes = len(sample.view.rho)
+    position = np.clip(estimate.position, 0, planes - 1).astype(np.float32)
+    depth_m = np.reciprocal(inverse_depth_at(sample.view.rho, position))
+    pairs = pair(depth_m, estimate.mask, sample.truth)
+    numbers = {name: ALL_METRICS[name](pairs) for name in ("points", *METRICS)}
+    return numbers | {"blocks": float(_blocks(estimate.mask))}
+
+
+def _blocks(mask: np.ndarray) -> int:
+    """Squares of 8 pixels with a point in them: points that crowd in few places fill few."""
+    rows, columns = (size // _BLOCK_PX for size in mask.shape)
+    inner = mask[: rows * _BLOCK_PX, : columns * _BLOCK_PX]
+    return int(inner.reshape(rows, _BLOCK_PX, columns, _BLOCK_PX).any((1, 3)).sum())
+
+
+def ablation_table(outcomes: list[Outcome]) -> str:
+    """One line for each extraction: geometric means of the ratios over the samples."""
+    lines = [
+        "| Extraction | median | mean | bad pixels | bad 1 px | blocks | met |",
+        "|---|--:|--:|--:|--:|--:|--:|",
+    ]
+    for name in outcomes[0].numbers:
+        ratios = [_geometric([o.ratio(name, m) for o in outcomes]) for m in (*METRICS, "blocks")]
+        met = sum(o.meets(name) for o in outcomes)
+        cells = " | ".join(f"{value:.2f}" for value in ratios)
+        lines.append(f"| {_bold(name)} | {cells} | {met}/{len(outcomes)} |")
+    return "\n".join(lines) + "\n"
+
+
+def case_table(outcomes: Iterable[Outcome]) -> str:
+    """One line for each sample: our extraction beside Alg1/H at equal points."""
+    lines = [
+        "| Case | seed | points | median mm | mean mm | bad pixels % | median | mean | bad | met |",
+        "|---|--:|--:|--:|--:|--:|--:|--:|--:|---|",
+    ]
+    for o in outcomes:
+        base, mine = o.numbers[BASE], o.numbers[OURS]
+        points = f"{base['points']:.0f} → {mine['points']:.0f}"
+        median = f"{1e3 * base['median_error']:.1f} → {1e3 * mine['median_error']:.1f}"
+        mean = f"{1e3 * base['mean_error']:.0f} → {1e3 * mine['mean_error']:.0f}"
+        bad = f"{base['bad_published']:.2f} → {mine['bad_published']:.2f}"
+        ratios = " | ".join(f"{o.ratio(OURS, metric):.2f}" for metric in WANTED)
+        met = "yes" if o.meets(OURS) else "no"
+        lines.append(
+            f"| {o.case} | {o.seed} | {points} | {median} | {mean} | {bad} | {ratios} | {met} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def report(outcomes: list[Outcome]) -> str:
+    """Markdown: each sample, then the ablation on both sets of seeds."""
+    parts = ["### Every sample, Alg1/H → ours\n", case_table(outcomes)]
+    for title, development in (("held-out", False), ("development", True)):
+        chosen = [o for o in outcomes if (o.seed in DEVELOPMENT_SEEDS) == development]
+        if chosen:
+            seeds = ", ".join(str(seed) for seed in sorted({o.seed for o in chosen}))
+            parts += [f"### Ablation, {title} seeds {seeds}\n", ablation_table(chosen)]
+    return "\n".join(parts)
+
+
+def into_page(page: Path, text: str) -> None:
+    """Puts the tables between the page's two marks.
+
+    Raises:
+        InputError: a page without the marks.
+    """
+    before, begin, rest = page.read_text(encoding="utf-8").partition(_BEGIN)
+    _, end, after = rest.partition(_END)
+    if not begin or not end:
+        raise InputError(f"{page}: needs the lines {_BEGIN.strip()} and {_END.strip()}")
+    page.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")
+
+
+def _geometric(values: list[float]) -> float:
+    # A ratio of 0 (no bad pixel left) would make the mean 0.
+    return float(np.exp(np.mean(np.log(np.maximum(values, 1e-3)))))
+
+
+def _bold(name: str) -> str:
+    return f"**{name}**" if name == OURS else name
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Runs the study and prints its tables."""
+    parser = argparse.ArgumentParser(description="Compare extractions at equal points.")
+    parser.add_argument("--cases", nargs="+", default=["planes", "desk", "boxes"])
+    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2, 3])
+    parser.add_argument("--rig", default="davis346")
+    parser.add_argument("--seconds", type=float, default=0.5)
+    parser.add_argument("--cache", type=Path, default=Path("out/study"))
+    parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")
+    parser.add_argument("--picture", type=Path, help="PNG of the first sample")
+    chosen = parser.parse_args(arguments)
+    outcomes: list[Outcome] = []
+    for case in chosen.cases:
+        for seed in chosen.seeds:
+            sample = load_sample(
+                case, seed, chosen.cache, MapperConfig(), rig=chosen.rig, seconds=chosen.seconds
+            )
+            if chosen.picture is not None and not outcomes:
+                _draw(sample, chosen.picture)
+            outcomes.append(study(sample))
+    text = report(outcomes)
+    sys.stdout.write(text)
+    if chosen.page is not None:
+        into_page(chosen.page, text)
+
+
+def _draw(sample: Sample, path: Path) -> None:
+    from eval.study_picture import draw
+
+    draw(sample, path)
+
+
+if __name__ == "__main__":
+    main()

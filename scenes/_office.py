@@ -1,0 +1,156 @@
+"""The laboratory office of the twins of rpg_eccv18: its surfaces, its furniture, its cases."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.random import default_rng
+
+from sim.motion import HeadSway, Motion, Vector3, Wave, look_at
+from sim.scene import Scene
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from scenes.textures import Image
+
+
+def case(name: str, summary: str, eye_m: Vector3, target_m: Vector3) -> Scene:
+    """Returns a case in this room: a rig held by hand at `eye_m` that looks at `target_m`."""
+
+    def motion(_duration_s: float, seed: int) -> Motion:
+        return _by_hand(eye_m, target_m, seed)
+
+    return _scene(name, summary, motion)
+
+
+def _scene(name: str, summary: str, motion: Callable[[float, int], Motion]) -> Scene:
+    return Scene(
+        name=name,
+        summary=summary,
+        mjcf=Path(__file__).with_name("office.xml"),
+        textures=_textures,
+        motion=motion,
+        depth_range_m=(0.5, 6.0),
+        rig="rpg",
+        duration_s=1.0,
+        edit=_edit,
+    )
+
+
+def _by_hand(eye_m: Vector3, target_m: Vector3, seed: int) -> HeadSway:
+    """A rig waved by hand: about 25 cm to and fro at 0.45 m/s, with 20 to 30 degrees a second."""
+    rng = default_rng(seed)
+    side = float(rng.choice((-1.0, 1.0)))
+    start = float(-np.pi / 2 + rng.uniform(0.1, 0.4))
+    sway = Wave(
+        float(rng.uniform(1.5, 1.7)),
+        (side * float(rng.uniform(0.1, 0.12)), float(rng.uniform(0.03, 0.06)), 0.03),
+        (2.0, -side * float(rng.uniform(2.0, 4.0)), 3.0),
+        (start, float(rng.uniform(0, 6)), *rng.uniform(0, 2 * np.pi, 2).tolist(), start, 0.0),
+    )
+    tremor = Wave(0.6, (0.006, 0.006, 0.004), (0.6, 0.5, 0.7), tuple(rng.uniform(0, 6, 6).tolist()))
+    return HeadSway(look_at(eye_m, target_m), (sway, tremor))
+
+
+def _textures() -> Mapping[str, Image]:
+    from scenes import textures as tx
+    from scenes._print import whiteboard
+    from scenes._stock import made, stock
+
+    carpet = ((0.22, 0.24, 0.28), (0.44, 0.46, 0.5))
+    sofa = ((0.30, 0.12, 0.12), (0.56, 0.3, 0.27))
+    denim = ((0.12, 0.17, 0.28), (0.34, 0.42, 0.56))
+    room = {
+        "carpet": lambda rng: tx.plaster((512, 512), rng, carpet, relief=0.7),
+        "whiteboard": lambda rng: whiteboard((480, 768), rng),
+        "toy": lambda rng: tx.toy_block(160, rng, (0.2, 0.3, 0.5)),
+        "crate": lambda rng: tx.crate(256, rng),
+        "drum": lambda rng: tx.can(192, rng, (0.5, 0.3, 0.16)),
+        "sofa": lambda rng: tx.cloth((256, 256), rng, sofa, threads=48),
+        "skin": lambda rng: tx.solid(128, rng, (0.56, 0.42, 0.34), (0.76, 0.6, 0.5), fineness=1.5),
+        "hair": lambda rng: tx.solid(128, rng, (0.1, 0.08, 0.06), (0.34, 0.26, 0.18), bands=14),
+        "shirt": lambda rng: tx.solid(128, rng, (0.3, 0.36, 0.46), (0.72, 0.76, 0.8), bands=11),
+        "jeans": lambda rng: tx.solid(128, rng, *denim, fineness=4.0),
+        "cover": lambda rng: tx.poster((384, 272), rng, (0.46, 0.2, 0.18), (0.86, 0.74, 0.4)),
+        "sky": lambda rng: tx.finish(
+            tx.blend(tx.fractal((256, 256), rng, 1.8), (0.74, 0.8, 0.9), (0.98, 0.98, 0.98))
+        ),
+    }
+    return {**stock(221), **made(222, room)}
+
+
+def _edit(spec: mujoco.MjSpec) -> None:
+    from scenes._furniture import bin_, chair, shelf
+    from scenes._props import plant
+    from scenes._shadows import bake
+
+    rng = default_rng(223)
+    _monitor_corner(spec)
+    _reader_corner(spec)
+    _boxes_corner(spec)
+    bin_(spec, "bin", (-0.34, 1.42, 0))
+    _beside_the_bin(spec)
+    chair(spec, "spare_chair", (-0.9, 3.9, 0), 150)
+    shelf(spec, "shelf", (-0.9, 5.2, 0), (0.7, 0.3, 0.9), 2, rng, 0.8)
+    plant(spec, "plant", (2.0, 4.75, 0.4), 0.8, rng, leaves=7)
+    bake(spec, floor="carpet")
+
+
+def _monitor_corner(spec: mujoco.MjSpec) -> None:
+    """A work place at the left: monitor, keyboard, mug, papers, a lamp."""
+    from scenes import _furniture as fu
+
+    fu.table(spec, "desk", (-2.0, 1.7, 0), (1.6, 0.76, 0.74))
+    fu.monitor(spec, "monitor", (-2.02, 1.86, 0.74), 8, 0.56)
+    fu.keyboard(spec, "keys", (-2.0, 1.55, 0.74), -4)
+    fu.mug(spec, "mug", (-1.58, 1.66, 0.74), 30)
+    fu.desk_lamp(spec, "lamp", (-2.52, 1.92, 0.74))
+    at = fu.Group(spec, "papers", (-2.0, 1.7, 0.74))
+    at.box((0.105, 0.148, 0.0008), (-0.42, -0.16, 0.001), "page_a", (0, 0, 12))
+    at.box((0.105, 0.148, 0.02), (0.52, 0.14, 0.02), "book_3", (0, 0, -14))
+    at.box((0.095, 0.13, 0.015), (0.53, 0.15, 0.055), "book_2", (0, 0, 6))
+    at.ball((0.045, 0.045, 0.045), (0.33, -0.2, 0.045), "ball", (60, 10, 0))
+    at.drum(0.035, 0.058, (0.62, -0.16, 0.058), "can")
+
+
+def _reader_corner(spec: mujoco.MjSpec) -> None:
+    from scenes import _furniture as fu
+    from scenes._person import reader
+
+    fu.chair(spec, "reader_chair", (1.55, 2.66, 0))
+    reader(spec, "reader", (1.55, 2.62, 0), -8)
+    fu.table(spec, "table", (1.55, 1.72, 0), (1.3, 0.72, 0.72))
+    fu.mug(spec, "table_mug", (1.96, 1.62, 0.72), 60)
+    at = fu.Group(spec, "table_things", (1.55, 1.72, 0.72))
+    at.box((0.11, 0.08, 0.06), (-0.42, 0.12, 0.06), "carton_a", (0, 0, 20))
+    at.box((0.105, 0.148, 0.018), (0.36, -0.16, 0.018), "book_0", (0, 0, -20))
+    at.box((0.105, 0.148, 0.0008), (-0.1, -0.18, 0.001), "page_b", (0, 0, 8))
+    at.drum(0.034, 0.058, (-0.5, -0.14, 0.058), "can")
+
+
+def _boxes_corner(spec: mujoco.MjSpec) -> None:
+    """Boxes on the floor in the middle of the room."""
+    from scenes._furniture import Group
+
+    at = Group(spec, "boxes")
+    at.box((0.24, 0.20, 0.20), (0.10, 2.45, 0.20), "carton_a", (0, 0, 22))
+    at.box((0.17, 0.15, 0.14), (0.12, 2.47, 0.54), "carton_b", (0, 0, -14))
+    at.box((0.10, 0.10, 0.10), (0.10, 2.44, 0.78), "toy", (0, 0, 30))
+    at.box((0.28, 0.28, 0.28), (-0.55, 3.15, 0.28), "crate", (0, 0, -18))
+    at.box((0.15, 0.13, 0.12), (-0.52, 3.12, 0.68), "carton_a", (0, 0, 12))
+    at.box((0.22, 0.18, 0.16), (0.62, 3.25, 0.16), "carton_b", (0, 0, 8))
+    at.box((0.12, 0.12, 0.12), (-0.10, 1.95, 0.12), "toy", (0, 0, -20))
+    at.drum(0.15, 0.2, (0.58, 2.15, 0.2), "drum", (0, 0, 15))
+
+
+def _beside_the_bin(spec: mujoco.MjSpec) -> None:
+    from scenes._furniture import Group
+
+    at = Group(spec, "litter")
+    at.ball((0.05, 0.045, 0.04), (-0.1, 1.16, 0.04), "white", (20, 30, 0))
+    at.ball((0.045, 0.05, 0.038), (-0.62, 1.24, 0.038), "white", (50, 10, 70))
+    at.box((0.105, 0.148, 0.0008), (0.06, 1.42, 0.001), "page_a", (0, 0, 35))

@@ -1,0 +1,176 @@
+"""The street of the twin of DSEC: surfaces, houses, parked cars and what stands on pavements."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import TYPE_CHECKING
+
+from numpy.random import Generator, default_rng
+
+if TYPE_CHECKING:
+    import mujoco
+
+    from scenes._stock import Maker
+    from scenes.textures import Image
+    from scenes.textures.facades import Front
+
+_PAINTS = {"a": (0.62, 0.24, 0.2), "b": (0.72, 0.74, 0.76), "c": (0.26, 0.38, 0.56)}
+_END_M = 49.0
+
+
+def textures() -> Mapping[str, Image]:
+    """Makes every texture of street.xml."""
+    from scenes import textures as tx
+    from scenes._stock import made
+    from scenes.textures import outdoor, vehicles
+    from scenes.textures.facades import Front
+
+    slabs = ((0.44, 0.43, 0.41), (0.68, 0.67, 0.63))
+    fronts = {
+        "a": Front(4, 4, (0.74, 0.66, 0.5), shop=True),
+        "b": Front(4, 3, (0.6, 0.4, 0.3), brick=True),
+        "c": Front(3, 4, (0.62, 0.66, 0.68), (0.3, 0.28, 0.27), shop=True),
+        "d": Front(4, 4, (0.78, 0.74, 0.68)),
+        "e": Front(5, 9, (0.66, 0.6, 0.52), shop=True),
+    }
+    makers = {
+        "sky": lambda rng: outdoor.sky(192, rng),
+        "road": lambda rng: outdoor.asphalt((768, 768), rng, 0.27),
+        "pavement": lambda rng: tx.tiles((384, 384), rng, 6, slabs),
+        "leaves": lambda rng: outdoor.leaves(256, rng),
+        "bark": lambda rng: outdoor.bark(96, rng),
+        "wheel": lambda rng: vehicles.wheel(96, rng),
+        "stop": lambda rng: disc(96, rng, (0.7, 0.14, 0.12), "STOP"),
+        "limit": lambda rng: disc(96, rng, (0.85, 0.85, 0.83), "30"),
+    }
+    for key, front in fronts.items():
+        makers[f"front_{key}"] = front_maker((512, 512), front)
+    for key, paint in _PAINTS.items():
+        makers[f"paint_{key}"] = partial(vehicles.car_side, (128, 640), colour=paint)
+        makers[f"paint_{key}_cabin"] = partial(vehicles.car_cabin, (96, 384), colour=paint)
+    return made(301, makers)
+
+
+def front_maker(shape: tuple[int, int], front: Front) -> Maker:
+    """Returns the maker of a house's front."""
+    from scenes.textures.facades import facade
+
+    return lambda rng: facade(shape, rng, front)
+
+
+def disc(size_px: int, rng: Generator, colour: tuple[float, float, float], text: str) -> Image:
+    """Prints a round sign, a cylinder about z, as a cube map: `text` in a ring on both ends."""
+    import cv2
+    import numpy as np
+
+    from scenes import textures as tx
+    from scenes.textures.printing import write
+
+    face = np.empty((size_px, size_px, 3), np.float32)
+    face[:] = colour
+    dark = 0.15 if sum(colour) > 1.5 else 0.9
+    ring = (0.62, 0.14, 0.12) if dark < 0.5 else (0.85, 0.85, 0.85)
+    middle = (size_px // 2, size_px // 2)
+    cv2.circle(face, middle, int(0.44 * size_px), ring, size_px // 9, cv2.LINE_AA)
+    mask = np.zeros((size_px, size_px), np.uint8)
+    height = size_px // (2 + len(text) // 2)
+    write(mask, text, int(0.22 * size_px), int(0.5 * size_px + 0.4 * height), height, bold=True)
+    face[mask > 100] = dark
+    lid = tx.finish(face * (0.95 + 0.1 * tx.fractal((size_px, size_px), rng))[..., None])
+    return tx.wrap(tx.finish(np.full((8, 32), 0.5)), lid)
+
+
+def edit(spec: mujoco.MjSpec) -> None:
+    """Builds the street."""
+    from scenes import _outside as out
+
+    rng = default_rng(302)
+    out.car_meshes(spec)
+    _houses(spec)
+    _cars(spec, rng)
+    trees = out.Trees.grown(spec, "plane", rng, half_m=(1.7, 1.7, 1.7), leaf_m=0.065, leaves=2200)
+    for k, (x, y) in enumerate(((-5.3, 15.0), (5.35, 21.5), (-5.3, 29.0), (5.35, 37.0))):
+        trees.plant(spec, f"tree_{k}", (x, y), 3.0, rng, shadow=None)
+    for k, (x, y) in enumerate(((5.0, 11.5), (-5.0, 21.5), (5.0, 30.0), (-5.0, 40.0))):
+        out.lamp_post(spec, f"lamp_{k}", (x, y), 6.0, 180 if x > 0 else 0)
+    out.sign(spec, "sign_limit", (4.8, 14.5), "limit")
+    out.sign(spec, "sign_stop", (4.75, 41.0), "stop")
+    out.sign(spec, "sign_left", (-4.8, 18.4), "limit", 2.4)
+    _pavements(spec)
+    _paint(spec)
+    _wires(spec)
+
+
+def _houses(spec: mujoco.MjSpec) -> None:
+    from scenes._furniture import Group
+
+    rows = {-1: "dabcd", 1: "bcdab"}
+    for side, order in rows.items():
+        y = -1.0
+        for k, key in enumerate(order):
+            half = (5.2, 5.9, 5.0, 6.1, 5.4)[(k + (side > 0) * 2) % 5]
+            height = (6.0, 7.0, 5.2, 6.4, 6.6)[(k * 2 + (side > 0)) % 5]
+            wall = Group(
+                spec, f"house_{'lmr'[side + 1]}_{k}", (side * 10.6, y + half, 0), 90 + 90 * side
+            )
+            wall.box((3.0, half - 0.02, height), (0, 0, height), f"front_{key}")
+            wall.box((3.15, half, 0.12), (0, 0, 2 * height), "steel")
+            y += 2 * half
+    end = Group(spec, "house_end", (0, _END_M + 3.0, 0))
+    end.box((14, 3, 8.5), (0, 0, 8.5), "front_e")
+
+
+def _cars(spec: mujoco.MjSpec, rng: Generator) -> None:
+    from scenes._outside import car
+
+    for side in (-1, 1):
+        y = 6.4 if side < 0 else 9.2
+        for k in range(6):
+            paint = "paint_" + "abc"[int(rng.integers(3))]
+            yaw = 90.0 * side * -1 + float(rng.uniform(-2, 2))
+            at = (side * (3.55 + float(rng.uniform(-0.06, 0.06))), y)
+            car(spec, f"car_{'lmr'[side + 1]}_{k}", at, yaw, paint)
+            y += 5.2 + float(rng.uniform(0, 1.6)) + (3.0 if k == 2 else 0.0)
+
+
+def _pavements(spec: mujoco.MjSpec) -> None:
+    """Kerbs, bollards, bins, a bicycle stand and boxes of the post."""
+    from scenes._furniture import Group
+
+    at = Group(spec, "pavement_things")
+    for side in (-1, 1):
+        at.box((0.1, 25, 0.075), (side * 4.55, 24, 0.07), "line")
+    for k in range(5):
+        at.rod((-4.85, 11.5 + 1.4 * k, 0), (-4.85, 11.5 + 1.4 * k, 0.95), 0.06, "steel")
+    for x, y, material in ((6.6, 16.0, "green"), (6.6, 16.75, "yellow"), (-6.9, 25.0, "yellow")):
+        at.box((0.3, 0.32, 0.55), (x, y, 0.67), material)
+    for y in (24.0, 24.8, 25.6):
+        at.rod((5.0, y, 0.1), (5.0, y, 0.9), 0.03, "steel")
+        at.rod((5.7, y, 0.1), (5.7, y, 0.9), 0.03, "steel")
+        at.rod((5.0, y, 0.9), (5.7, y, 0.9), 0.03, "steel")
+    for k in range(3):
+        at.box((0.9, 0.9, 0.03), (-6.4, 33.0 + 2.6 * k, 2.3), "red", (0, 6, 0))
+        at.rod((-6.4, 33.0 + 2.6 * k, 0), (-6.4, 33.0 + 2.6 * k, 2.3), 0.03, "steel")
+
+
+def _paint(spec: mujoco.MjSpec) -> None:
+    """Road markings: dashes in the middle, a crossing, parking bays."""
+    from scenes._furniture import Group
+
+    at = Group(spec, "markings")
+    for k in range(7):
+        at.box((0.07, 0.9, 0.004), (0.05, 5.0 + 4.2 * k, 0), "line")
+    for k in range(6):
+        at.box((0.24, 1.5, 0.004), (-2.4 + 0.95 * k, 42.5, 0), "line")
+    for side in (-1, 1):
+        for k in range(5):
+            at.box((0.95, 0.05, 0.004), (side * 3.5, 4.0 + 6.3 * k + 2.6 * (side > 0), 0), "line")
+
+
+def _wires(spec: mujoco.MjSpec) -> None:
+    from scenes._props import cable
+
+    for k, (y, z) in enumerate(((13.0, 7.4), (27.0, 7.8))):
+        points = [(-7.6, y, z), (-2.5, y, z - 0.55), (2.5, y, z - 0.55), (7.6, y, z)]
+        cable(spec, f"wire_{k}", points, 0.02, "wire")

@@ -1,0 +1,26 @@
+"""Twin of DSEC: a car drives down a street between parked cars and houses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from scenes._drive import CAR
+from scenes._street import edit, textures
+from sim.motion import HeadSway
+from sim.scene import Scene
+
+
+def _motion(_duration_s: float, seed: int) -> HeadSway:
+    return CAR.motion((-0.3, 0.0, 2.0), (-0.3, 20.0, 1.95), seed)
+
+
+SCENE = Scene(
+    name="dsec-street",
+    summary="a car drives down a street of parked cars and houses, 4 to 50 m",
+    mjcf=Path(__file__).with_name("street.xml"),
+    textures=textures,
+    motion=_motion,
+    depth_range_m=(4.0, 50.0),
+    rig="dsec",
+    edit=edit,
+)

@@ -1,0 +1,16 @@
+"""High dynamic range by night: a desk lamp in a dark room."""
+
+from __future__ import annotations
+
+from scenes._den import case, night
+from scenes._heads import Centred, centred
+from sim.heads import six_dof
+from sim.motion import look_at
+
+
+def _motion(duration_s: float, seed: int) -> Centred:
+    rest = look_at((-0.2, 0.0, 1.2), (-0.3, 3.0, 1.12))
+    return centred(six_dof(duration_s, seed), duration_s, rest)
+
+
+SCENE = case("hdr-night", "a desk lamp in a dark room, 1000 to 1, 0.6 to 12 m", _motion, night)

@@ -1,0 +1,18 @@
+"""High dynamic range by day: a dark room and a sunlit garden in one view."""
+
+from __future__ import annotations
+
+from scenes._den import case, day
+from scenes._heads import Centred, centred
+from sim.heads import six_dof
+from sim.motion import look_at
+
+
+def _motion(duration_s: float, seed: int) -> Centred:
+    rest = look_at((0.1, 0.0, 1.2), (0.15, 3.0, 1.32))
+    return centred(six_dof(duration_s, seed), duration_s, rest)
+
+
+SCENE = case(
+    "hdr-window", "a dark room before a sunlit window, 1000 to 1, 0.6 to 12 m", _motion, day
+)

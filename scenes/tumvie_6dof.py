@@ -1,0 +1,16 @@
+"""Twin of TUM-VIE mocap-6dof: free motion before a table in a motion-capture room."""
+
+from __future__ import annotations
+
+from scenes._heads import Centred, centred
+from scenes._mocap import case
+from sim.heads import six_dof
+from sim.motion import look_at
+
+
+def _motion(duration_s: float, seed: int) -> Centred:
+    rest = look_at((0, 0.08, 1.22), (0.05, 2.0, 0.88))
+    return centred(six_dof(duration_s, seed), duration_s, rest)
+
+
+SCENE = case("tumvie-6dof", "a motion-capture room, six-DoF head motion, 0.45 to 4 m", _motion)

@@ -1,0 +1,16 @@
+"""Twin of TUM-VIE mocap-desk2: somebody looks around two desks in a motion-capture room."""
+
+from __future__ import annotations
+
+from scenes._heads import Centred, centred
+from scenes._mocap import case
+from sim.heads import six_dof
+from sim.motion import look_at
+
+
+def _motion(duration_s: float, seed: int) -> Centred:
+    rest = look_at((0.82, 0.72, 1.2), (1.62, 2.2, 0.96))
+    return centred(six_dof(duration_s, seed), duration_s, rest)
+
+
+SCENE = case("tumvie-desk2", "desks with monitors in a motion-capture room, 0.45 to 4 m", _motion)

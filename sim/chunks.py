@@ -1,0 +1,213 @@
+"""The unit of work that processes share: what the cameras see in one stretch of time.
+
+A chunk's render times start afresh at its beginning, so a chunk is the same whoever renders it, and
+whatever was rendered before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.data import se3
+from emvs.data.rig import Rig
+from sim import truth
+from sim.config import SimConfig
+from sim.motion import Motion
+from sim.renderer import StereoRenderer
+from sim.sampling import Exposure, exposures
+from sim.scene import Scene
+
+CHUNK_US = 12_500
+"""Chunks are no longer than this: at 1280x720, about 150 MB of pictures of a moving head."""
+
+TruthImages = dict[str, NDArray[Any]]
+
+
+class Shot(NamedTuple):
+    """What the event simulation needs of one exposure.
+
+    Attributes:
+        chunk: index of the chunk that it belongs to.
+        t_us: time, µs.
+        intensity: per camera, (H, W) float32, linear.
+        depth_m: per camera, (H, W) float32 nearest depth; none unless events are to have depth.
+        truth: per camera, all ground truth by name; none unless this is one of its times.
+    """
+
+    chunk: int
+    t_us: int
+    intensity: tuple[NDArray[np.float32], ...]
+    depth_m: tuple[NDArray[np.float32], ...]
+    truth: tuple[TruthImages, ...]
+
+
+def chunk_bounds_us(truth_us: Sequence[int], longest_us: int = CHUNK_US) -> list[int]:
+    """Rising times at which chunks meet, µs: every truth time, gaps split evenly where too long."""
+    bounds = [truth_us[0]]
+    for before_us, after_us in pairwise(truth_us):
+        gap_us = after_us - before_us
+        count = -(-gap_us // longest_us)
+        bounds += [before_us + gap_us * k // count for k in range(1, count + 1)]
+    return bounds
+
+
+@dataclass(frozen=True)
+class Job:
+    """Everything that decides what is rendered; goes to worker processes as it is.
+
+    Attributes:
+        scene: geometry, textures and motion.
+        rig: cameras.
+        config: every parameter.
+        seed: of the scene's motion.
+        truth_us: times of ground truth, µs.
+        bounds_us: where chunks meet, µs; all of `truth_us` among them.
+    """
+
+    scene: Scene
+    rig: Rig
+    config: SimConfig
+    seed: int
+    truth_us: tuple[int, ...]
+    bounds_us: tuple[int, ...]
+
+    @property
+    def duration_us(self) -> int:
+        """Length of the sequence, µs."""
+        return self.bounds_us[-1]
+
+    @property
+    def chunks(self) -> int:
+        """How many chunks there are."""
+        return len(self.bounds_us) - 1
+
+    @property
+    def event_depth(self) -> bool:
+        """Whether every event gets its depth."""
+        return "event_depth" in self.config.truth
+
+    @property
+    def labelled(self) -> bool:
+        """Whether every event gets its cause: an ideal sensor knows but one."""
+        sensor = self.config.sensor.resolved()
+        return not (sensor.ideal_pixels and sensor.ideal_readout)
+
+    def motion(self) -> Motion:
+        """The head's curve."""
+        return self.scene.motion(self.duration_us * 1e-6, self.seed)
+
+    def renderer(self) -> StereoRenderer:
+        """Opens a graphics context of the calling process and thread."""
+        return StereoRenderer(
+            self.scene.spec(),
+            self.rig,
+            self.config.supersample,
+            self.scene.depth_range_m,
+            floats=self.config.light.floats(self.scene.hdr),
+            animate=self.scene.animate,
+        )
+
+
+class ChunkRenderer:
+    """Renders the chunks of a job, in any order.
+
+    Args:
+        job: what to render.
+        renderer: opened in this thread.
+    """
+
+    def __init__(self, job: Job, renderer: StereoRenderer) -> None:
+        self.job = job
+        self._renderer, self._motion = renderer, job.motion()
+        self._config = _capped(job)
+        self._last: Exposure | None = None
+
+    def shots(self, chunk: int) -> Iterator[Shot]:
+        """What the cameras see after the chunk's beginning up to its end; chunk 0 from time 0."""
+        job = self.job
+        stops_us = list(job.bounds_us[chunk : chunk + 2])
+        known = self._last if self._last and self._last.t_us == stops_us[0] else None
+        for exposure in exposures(self._renderer, self._motion, stops_us, self._config, known):
+            self._last = exposure
+            if chunk == 0 or exposure.t_us > stops_us[0]:
+                yield self._shot(chunk, exposure)
+
+    def _shot(self, chunk: int, exposure: Exposure) -> Shot:
+        frames = exposure.frames
+        return Shot(
+            chunk,
+            exposure.t_us,
+            tuple(frame.intensity for frame in frames),
+            tuple(frame.nearest_depth_m for frame in frames) if self.job.event_depth else (),
+            self._truth(exposure) if exposure.t_us in self.job.truth_us else (),
+        )
+
+    def _truth(self, exposure: Exposure) -> tuple[TruthImages, ...]:
+        self._renderer.at(exposure.t_us * 1e-6)
+        return tuple(self._truth_of(k, exposure) for k in range(len(self.job.rig)))
+
+    def _truth_of(self, k: int, exposure: Exposure) -> TruthImages:
+        wanted, pose = self.job.config.truth, exposure.T_world_body
+        camera, T_body_cam = self.job.rig.cameras[k], self.job.rig.T_body_cam[k]
+        depth_m = self._renderer.depth(k, pose)
+        grey = np.rint(255 * np.clip(exposure.frames[k].intensity, 0, 1)).astype(np.uint8)
+        images: TruthImages = {"depth_m": depth_m, "intensity": grey}
+        if "flow" in wanted:
+            images["flow_px"] = self._flow(k, exposure, depth_m)
+        if "segmentation" in wanted:
+            images["segmentation"] = self._renderer.segmentation(k, pose)
+        if "boundary" in wanted:
+            images["boundary"] = truth.boundary(depth_m).astype(np.uint8)
+        if "twist" in wanted:
+            t_s, end_s = exposure.t_us * 1e-6, self.job.duration_us * 1e-6
+            images["twist"] = truth.twist(self._motion, T_body_cam, t_s, end_s)
+        if camera.model != "pinhole":
+            view = camera.undistorted()
+            images["view_depth_m"] = self._renderer.depth(k, pose, view=view)
+        return images
+
+    def _flow(
+        self, k: int, exposure: Exposure, depth_m: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        later_us = next((t for t in self.job.truth_us if t > exposure.t_us), None)
+        if later_us is None:
+            return np.full((*depth_m.shape, 2), np.nan, np.float32)
+        T_body_cam = self.job.rig.T_body_cam[k]
+        T_world_later = self._motion.T_world_body(later_us * 1e-6) @ T_body_cam
+        T_later_now = se3.inverse(T_world_later) @ exposure.T_world_body @ T_body_cam
+        camera = self.job.rig.cameras[k]
+        flow_px = truth.flow_px(camera, self._bearings[k], depth_m, T_later_now)
+        if self.job.scene.animate is not None:
+            # The camera's motion says nothing about bodies that move by themselves.
+            flow_px[self._moves_by_itself(k, exposure)] = np.nan
+        return flow_px
+
+    def _moves_by_itself(self, k: int, exposure: Exposure) -> NDArray[np.bool_]:
+        model = self._renderer.model
+        moving = np.append(model.body_weldid[model.geom_bodyid] != 0, False)
+        found: NDArray[np.bool_] = moving[self._renderer.segmentation(k, exposure.T_world_body)]
+        return found
+
+    @cached_property
+    def _bearings(self) -> list[NDArray[np.float64]]:
+        return [camera.bearing_table() for camera in self.job.rig.cameras]
+
+
+def _capped(job: Job) -> SimConfig:
+    """The parameters, with frames no further apart than the bodies that move allow.
+
+    Frames are spaced by the head's motion, which knows nothing of the bodies'.
+    """
+    if job.scene.animate is None:
+        return job.config
+    longest_us = min(job.config.max_frame_interval_us, job.scene.animate.max_interval_us)
+    shortest_us = min(job.config.min_frame_interval_us, longest_us)
+    intervals = {"max_frame_interval_us": longest_us, "min_frame_interval_us": shortest_us}
+    return job.config.model_copy(update=intervals)

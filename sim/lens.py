@@ -1,0 +1,181 @@
+"""Distorting lenses: a wide and fine pinhole picture, resampled onto the sensor by a table.
+
+A graphics library draws straight lines, so the picture that a distorting lens makes is taken from a
+pinhole picture of the same optical centre and axes that is wider than the sensor and has at least
+as many samples per sensor pixel, everywhere, as asked for. Where each sensor pixel lies in it is
+worked out once per lens.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.data.camera import Camera
+from emvs.errors import InputError
+
+# Samples beyond the outermost position that bilinear interpolation and one-sided slopes touch.
+_MARGIN = 3
+_LONGEST_SIDE = 8192
+
+
+@dataclass(frozen=True, eq=False)
+class LensMap:
+    """Where the pixels of a sensor lie in a pinhole picture.
+
+    Attributes:
+        source: the pinhole picture's camera; its pixels are the samples.
+        position: (H, W, 2) float32 column and row of each sensor pixel's centre in the source
+            picture, whose bottom row comes first, as graphics libraries return it.
+        step: (H, W, 2, 2) float32, by how much the position changes ([..., :, 0] along the
+            sensor's columns, [..., :, 1] along its rows) per sensor pixel.
+    """
+
+    source: Camera
+    position: NDArray[np.float32]
+    step: NDArray[np.float32]
+
+
+@lru_cache(maxsize=16)
+def bearing_steps(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Bearings of all pixels and their change from pixel to pixel.
+
+    Returns:
+        (H, W, 2) bearing, and (H, W, 2, 2) its derivative by column [..., 0] and row [..., 1].
+
+    Raises:
+        InputError: the lens gives a pixel no ray.
+    """
+    bearing = camera.bearing_table()
+    blind = int(np.isnan(bearing).any(axis=-1).sum())
+    if blind:
+        raise InputError(
+            f"{camera.model} lens {camera.distortion} has no ray for {blind} of "
+            f"{camera.width_px * camera.height_px} pixels: it folds over, or sees 180 degrees or "
+            "more; correct the calibration or crop the sensor"
+        )
+    by_row, by_column = np.gradient(bearing, axis=(0, 1), edge_order=2)
+    return bearing, np.stack([by_column, by_row], axis=-1)
+
+
+def lens_map(camera: Camera, supersample: int) -> LensMap:
+    """Chooses the source picture for a distorting camera and finds every pixel in it.
+
+    Args:
+        camera: at least 3x3 px.
+        supersample: least number of samples per sensor pixel and axis, anywhere on the sensor.
+
+    Raises:
+        InputError: a pixel without a ray, or a lens so wide that no pinhole picture can hold it.
+    """
+    bearing, slope = bearing_steps(camera)
+    finest = np.linalg.svd(slope, compute_uv=False)[..., 1].min()
+    focal = supersample / finest
+    reach = 0.5 * np.abs(slope).sum(axis=-1)
+    low = (bearing - reach).min(axis=(0, 1)) * focal
+    high = (bearing + reach).max(axis=(0, 1)) * focal
+    width, height = (int(n) for n in np.ceil(high - low) + 2 * _MARGIN)
+    if max(width, height) > _LONGEST_SIDE:
+        degrees = np.degrees(np.arctan(np.abs([low, high]).max() / focal))
+        raise InputError(
+            f"a lens that sees {degrees:.0f} degrees off its axis needs a pinhole picture of "
+            f"{width}x{height} samples, {_LONGEST_SIDE} are possible: lower supersample or crop "
+            "the sensor"
+        )
+    centre = _MARGIN - low
+    source = Camera(width, height, focal, focal, centre[0], centre[1])
+    position = bearing * focal + centre
+    step = slope * focal
+    position[..., 1] = height - 1 - position[..., 1]
+    step[..., 1, :] *= -1
+    return LensMap(source, position.astype(np.float32), step.astype(np.float32))
+
+
+@numba.njit(cache=True, nogil=True)
+def resample(
+    luma: NDArray[np.float32],
+    window_depth: NDArray[np.float32],
+    position: NDArray[np.float32],
+    step: NDArray[np.float32],
+    supersample: int,
+    intensity: NDArray[np.float32],
+    nearest: NDArray[np.float32],
+) -> None:
+    """Fills `intensity` with each pixel's mean light and `nearest` with its nearest sample.
+
+    A pixel is the mean of supersample² positions spread evenly over it, each interpolated
+    bilinearly; `nearest` is the largest window depth of all samples that took part.
+
+    Args:
+        luma: (Hs, Ws) light of the samples, bottom row first.
+        window_depth: (Hs, Ws) window depth of the samples, 1 near and 0 far.
+        position: `LensMap.position`.
+        step: `LensMap.step`.
+        supersample: positions per pixel and axis.
+        intensity: out, (H, W).
+        nearest: out, (H, W).
+    """
+    height, width = intensity.shape
+    share = np.float32(1.0 / (supersample * supersample))
+    for v in range(height):
+        for u in range(width):
+            total = np.float32(0.0)
+            near = np.float32(0.0)
+            for k in range(supersample):
+                dv = np.float32((k + 0.5) / supersample - 0.5)
+                for m in range(supersample):
+                    du = np.float32((m + 0.5) / supersample - 0.5)
+                    x = position[v, u, 0] + step[v, u, 0, 0] * du + step[v, u, 0, 1] * dv
+                    y = position[v, u, 1] + step[v, u, 1, 0] * du + step[v, u, 1, 1] * dv
+                    j, i = int(x), int(y)
+                    a, b = x - np.float32(j), y - np.float32(i)
+                    below = luma[i, j] + a * (luma[i, j + 1] - luma[i, j])
+                    above = luma[i + 1, j] + a * (luma[i + 1, j + 1] - luma[i + 1, j])
+                    total += below + b * (above - below)
+                    near = max(near, window_depth[i, j], window_depth[i, j + 1])
+                    near = max(near, window_depth[i + 1, j], window_depth[i + 1, j + 1])
+            intensity[v, u] = total * share
+            nearest[v, u] = near
+
+
+@numba.njit(cache=True, nogil=True)
+def centre_depth(
+    window_depth: NDArray[np.float32],
+    position: NDArray[np.float32],
+    found: NDArray[np.float32],
+) -> None:
+    """Fills `found` (H, W) with the window depth at each pixel's centre.
+
+    Window depth is affine in the pinhole picture on every plane, so the plane through the sample
+    nearest to the centre is followed there: exact on planes, and never a mean of two surfaces. Of
+    the two slopes around that sample along each axis the flatter counts, which is that of its own
+    surface beside a depth edge. An edge lies wrong by half a sample at most.
+
+    Args:
+        window_depth: (Hs, Ws) window depth of the samples, 1 near and 0 far.
+        position: `LensMap.position`.
+        found: out, (H, W).
+    """
+    height, width = found.shape
+    for v in range(height):
+        for u in range(width):
+            x, y = position[v, u, 0], position[v, u, 1]
+            j, i = int(x + np.float32(0.5)), int(y + np.float32(0.5))
+            here = window_depth[i, j]
+            before, behind = here - window_depth[i, j - 1], window_depth[i, j + 1] - here
+            along = before if abs(before) <= abs(behind) else behind
+            before, behind = here - window_depth[i - 1, j], window_depth[i + 1, j] - here
+            across = before if abs(before) <= abs(behind) else behind
+            moved = here + (x - np.float32(j)) * along + (y - np.float32(i)) * across
+            found[v, u] = max(moved, np.float32(0.0)) if here > 0.0 else np.float32(0.0)
+
+
+def nearest_samples(lens: LensMap, samples: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Returns the sample nearest to each pixel's centre, (H, W), from (Hs, Ws)."""
+    columns, rows = np.rint(lens.position).astype(np.int32).transpose(2, 0, 1)
+    found: NDArray[np.int32] = samples[rows, columns]
+    return found

@@ -1,0 +1,191 @@
+"""What is imperfect about a sensor, and named sensors; docs/sensor.md gives the sources."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+PresetName = Literal["ideal", "davis240", "davis346", "gen4"]
+
+_Level = Annotated[float, Field(ge=0)] | None
+_Share = Annotated[float, Field(ge=0, le=1)] | None
+
+
+class SensorConfig(BaseModel):
+    """Imperfections of the sensor; what is None is taken from the preset, 0 switches it off."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    preset: PresetName = "ideal"
+    """Named sensor that all other values override; it also sets thresholds that are not given."""
+
+    threshold_sigma: _Level = None
+    """Standard deviation of every pixel's own C+ and C-, natural logarithm; drawn once."""
+
+    bandwidth_hz: _Level = None
+    """Photoreceptor's cut-off at full-scale intensity, falls with intensity, Hz; 0: unlimited."""
+
+    bandwidth_order: Literal[1, 2] | None = None
+    """Poles of the photoreceptor, all at its cut-off."""
+
+    dark_level: Annotated[float, Field(gt=0)] | None = None
+    """Intensity below which the dark current keeps cut-off and latency from changing further."""
+
+    leak_rate_hz: _Level = None
+    """Leak events of a pixel in constant light, Hz."""
+
+    leak_jitter: Annotated[float, Field(ge=0, le=0.5)] | None = None
+    """Standard deviation of the time from leak event to leak event, share of its mean."""
+
+    shot_rate_dark_hz: _Level = None
+    """Shot noise events of a pixel in the dark, both polarities together, Hz."""
+
+    shot_rate_bright_hz: _Level = None
+    """The same at full-scale intensity and above; linear in between, Hz."""
+
+    hot_pixel_fraction: _Share = None
+    """Share of the pixels that are hot; drawn once."""
+
+    hot_pixel_rate_hz: _Level = None
+    """Events of a hot pixel beside all others, Hz."""
+
+    latency_us: _Level = None
+    """Mean time from crossing to read-out request at full-scale intensity, µs; more in the dark."""
+
+    latency_jitter: _Share = None
+    """Standard deviation of the latency, share of its mean."""
+
+    readout_events_per_s: _Level = None
+    """Events that the read-out passes on, 1/s; 0: unlimited."""
+
+    readout_rows_per_s: _Level = None
+    """Rows that the arbiter selects, 1/s, on top of the time for their events; 0: unlimited."""
+
+    readout_queue_events: Annotated[int, Field(ge=1)] | None = None
+    """Requests that may wait for the read-out; more are dropped."""
+
+    timestamp_resolution_us: Annotated[int, Field(ge=1)] | None = None
+    """Time stamps are multiples of this, rounded down, µs."""
+
+    def resolved(self) -> Parameters:
+        """The preset's parameters with the given ones in their place."""
+        given = {f.name: getattr(self, f.name) for f in fields(Parameters)}
+        given = {name: value for name, value in given.items() if value is not None}
+        return replace(PRESETS[self.preset].parameters, **given)
+
+
+@dataclass(frozen=True, slots=True)
+class Parameters:
+    """All values of a sensor; names, units and meaning as in `SensorConfig`. Defaults: ideal."""
+
+    threshold_sigma: float = 0.0
+    bandwidth_hz: float = 0.0
+    bandwidth_order: int = 1
+    # v2e adds 20 of 255 grey levels.
+    dark_level: float = 20 / 255
+    leak_rate_hz: float = 0.0
+    leak_jitter: float = 0.1
+    shot_rate_dark_hz: float = 0.0
+    shot_rate_bright_hz: float = 0.0
+    hot_pixel_fraction: float = 0.0
+    hot_pixel_rate_hz: float = 0.0
+    latency_us: float = 0.0
+    latency_jitter: float = 0.0
+    readout_events_per_s: float = 0.0
+    readout_rows_per_s: float = 0.0
+    readout_queue_events: int = 4096
+    timestamp_resolution_us: int = 1
+
+    @property
+    def ideal_pixels(self) -> bool:
+        """Whether the pixels are ESIM's: no mismatch, no noise, no limit of bandwidth."""
+        return not (
+            self.threshold_sigma
+            or self.bandwidth_hz
+            or self.leak_rate_hz
+            or max(self.shot_rate_dark_hz, self.shot_rate_bright_hz)
+            or self.hot_pixel_fraction * self.hot_pixel_rate_hz
+        )
+
+    @property
+    def ideal_readout(self) -> bool:
+        """Whether every event comes out at once, at its own microsecond."""
+        return not (self.latency_us or self.limited_readout) and self.timestamp_resolution_us == 1
+
+    @property
+    def limited_readout(self) -> bool:
+        """Whether events wait for each other."""
+        return bool(self.readout_events_per_s or self.readout_rows_per_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Preset:
+    """A named sensor; `thresholds` are values for fields of `SimConfig` of the same names."""
+
+    parameters: Parameters
+    thresholds: dict[str, float | int]
+
+
+PRESETS: dict[PresetName, Preset] = {
+    "ideal": Preset(Parameters(), {}),
+    "davis240": Preset(
+        Parameters(
+            threshold_sigma=0.03,
+            bandwidth_hz=300.0,
+            leak_rate_hz=0.1,
+            shot_rate_dark_hz=0.4,
+            shot_rate_bright_hz=0.1,
+            hot_pixel_fraction=1e-4,
+            hot_pixel_rate_hz=50.0,
+            latency_us=12.0,
+            latency_jitter=0.3,
+            readout_events_per_s=12e6,
+        ),
+        {
+            "contrast_threshold_pos": 0.18,
+            "contrast_threshold_neg": 0.18,
+            "refractory_period_us": 500,
+        },
+    ),
+    "davis346": Preset(
+        Parameters(
+            threshold_sigma=0.03,
+            bandwidth_hz=300.0,
+            leak_rate_hz=0.1,
+            shot_rate_dark_hz=0.4,
+            shot_rate_bright_hz=0.1,
+            hot_pixel_fraction=1e-4,
+            hot_pixel_rate_hz=50.0,
+            latency_us=20.0,
+            latency_jitter=0.3,
+            readout_events_per_s=12e6,
+        ),
+        {
+            "contrast_threshold_pos": 0.143,
+            "contrast_threshold_neg": 0.225,
+            "refractory_period_us": 500,
+        },
+    ),
+    "gen4": Preset(
+        Parameters(
+            threshold_sigma=0.02,
+            bandwidth_hz=1000.0,
+            leak_rate_hz=0.02,
+            shot_rate_dark_hz=0.2,
+            shot_rate_bright_hz=0.05,
+            hot_pixel_fraction=2e-5,
+            hot_pixel_rate_hz=50.0,
+            latency_us=20.0,
+            latency_jitter=0.3,
+            readout_events_per_s=1.066e9,
+            readout_queue_events=65536,
+        ),
+        {
+            "contrast_threshold_pos": 0.2,
+            "contrast_threshold_neg": 0.2,
+            "refractory_period_us": 100,
+        },
+    ),
+}

@@ -1,0 +1,209 @@
+"""One camera's sensor: frames in, labelled events out, with everything that is wrong with it.
+
+The chain, in this order: photoreceptor (bandwidth), leak and comparator (mismatch), shot noise and
+hot pixels, refractory period, latency, row arbiter, clock. docs/sensor.md has models and sources.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.data.events import Events
+from emvs.errors import InputError
+from sim import sensor_kernels
+from sim.config import SimConfig
+from sim.esim import NEVER_US, EventSimulator
+from sim.labels import Drop, Label, LabelledEvents, count_names
+from sim.sensor_noise import Noise
+from sim.sensor_pixels import Batch, Pixels
+from sim.sensor_random import Randomness
+from sim.sensor_readout import Arbiter, Latency
+
+State = dict[str, NDArray[Any]]
+
+
+class Sensor:
+    """The event sensor of one camera.
+
+    Equal arguments and frames give equal events, whatever runs beside and however often the work
+    was taken out with `state` and put back with `restore`.
+
+    Args:
+        camera_index: of the rig; cameras differ in all that is drawn.
+        width_px: columns.
+        height_px: rows.
+        config: thresholds, refractory period and `sensor`.
+        seed: of all that is drawn.
+        always_full: run the full chain even where the ideal one gives the same events sooner.
+
+    Raises:
+        InputError: a negative seed.
+    """
+
+    def __init__(
+        self,
+        camera_index: int,
+        width_px: int,
+        height_px: int,
+        config: SimConfig,
+        seed: int,
+        *,
+        always_full: bool = False,
+    ) -> None:
+        parameters = config.sensor.resolved()
+        self._shape, self._config, self._parameters = (height_px, width_px), config, parameters
+        randomness = Randomness(seed, camera_index)
+        number = width_px * height_px
+        ideal = parameters.ideal_pixels and parameters.ideal_readout and not always_full
+        self._chain: _Full | EventSimulator
+        if ideal:
+            self._chain = EventSimulator(width_px, height_px, config)
+        else:
+            self._chain = _Full(self._shape, config, randomness, number)
+        self._t_us: int | None = None
+        self._counts = np.zeros(len(count_names()), np.int64)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Events sent by cause and dropped by reason, since `start`."""
+        return dict(zip(count_names(), self._counts.tolist(), strict=True))
+
+    def start(self, intensity: NDArray[np.float32], t_us: int) -> None:
+        """Takes the first frame (H, W), linear, full scale 1; all pixels have settled on it."""
+        self._chain.start(intensity, t_us)
+        self._counts[:] = 0
+        self._t_us = t_us
+
+    def step(self, intensity: NDArray[np.float32], t_us: int) -> LabelledEvents:
+        """Returns the events that come out until this frame, and have not yet.
+
+        Args:
+            intensity: (H, W) linear intensity, full scale 1.
+            t_us: time of this frame, after the frame before, µs.
+
+        Returns:
+            Events sorted by time, none before those of earlier steps and none after `t_us`. With a
+            clock coarser than 1 µs, time stamps may lie before the frame before.
+
+        Raises:
+            InputError: no first frame, time not after the frame before, or an intensity that is
+                negative, not finite or of another size.
+        """
+        if self._t_us is None:
+            raise InputError("step() before start(): give the first frame to start()")
+        if t_us <= self._t_us:
+            raise InputError(
+                f"frame at {t_us} µs after one at {self._t_us} µs: times must rise by at least 1 µs"
+            )
+        labelled, dropped = self._advance(intensity, t_us)
+        self._t_us = t_us
+        self._counts[: len(Label)] += np.bincount(labelled.label, minlength=len(Label))
+        self._counts[len(Label) :] += dropped
+        return labelled
+
+    def finish(self) -> int:
+        """Ends the recording at the last frame: drops and counts what has not come out yet."""
+        left = 0 if isinstance(self._chain, EventSimulator) else self._chain.discard()
+        self._counts[len(Label) + Drop.AFTER_END] += left
+        return left
+
+    def state(self) -> State:
+        """Everything that later events depend on; valid until the next `step`."""
+        head = {"sensor/t_us": np.array(self._t_us), "sensor/counts": self._counts.copy()}
+        return head | {f"chain/{name}": value for name, value in self._chain.state().items()}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Goes on from `state`, of a sensor that was made with the same arguments."""
+        self._t_us = int(state["sensor/t_us"])
+        self._counts = np.array(state["sensor/counts"], np.int64)
+        self._chain.restore(part_of(state, "chain"))
+
+    def _advance(
+        self, intensity: NDArray[np.float32], t_us: int
+    ) -> tuple[LabelledEvents, NDArray[np.int64]]:
+        if isinstance(self._chain, _Full):
+            return self._chain.step(intensity, t_us)
+        before = self._chain.suppressed
+        events = self._chain.step(intensity, t_us)
+        dropped = np.array([self._chain.suppressed - before, 0, 0])
+        return LabelledEvents(events, np.zeros(len(events), np.uint8)), dropped
+
+
+class _Full:
+    """The whole chain; parts that are ideal are passed by."""
+
+    def __init__(
+        self, shape: tuple[int, int], config: SimConfig, randomness: Randomness, number: int
+    ) -> None:
+        p = config.sensor.resolved()
+        thresholds = config.contrast_threshold_pos, config.contrast_threshold_neg
+        self._parameters, self._width_px = p, shape[1]
+        self._refractory_us = config.refractory_period_us
+        self._pixels = Pixels(shape, thresholds, config.log_eps, p, randomness)
+        self._noise = Noise(number, p, randomness)
+        self._latency = Latency(number, p, randomness)
+        self._arbiter = Arbiter(shape, p)
+        self._last_us = np.full(number, NEVER_US, np.int64)
+        self._t_us = NEVER_US
+
+    def start(self, intensity: NDArray[np.float32], t_us: int) -> None:
+        self._pixels.start(intensity)
+        self._t_us = t_us
+
+    def step(
+        self, intensity: NDArray[np.float32], t_us: int
+    ) -> tuple[LabelledEvents, NDArray[np.int64]]:
+        before_us, dropped = self._t_us, np.zeros(len(Drop), np.int64)
+        events = self._pixels.step(intensity, before_us, t_us)
+        light = self._pixels.frame_before, self._pixels.frame
+        noise = self._noise.step(*light, before_us, t_us)
+        events = events.joined(noise).in_time_order()
+        events, dropped[Drop.REFRACTORY] = self._awake(events)
+        if self._parameters.latency_us:
+            events = self._latency.step(events, light[1], before_us, t_us)
+        if self._parameters.limited_readout:
+            events, dropped[Drop.OVERFLOW] = self._arbiter.step(events, t_us)
+        self._t_us = t_us
+        return self._labelled(events), dropped
+
+    def discard(self) -> int:
+        return self._latency.discard() + self._arbiter.discard()
+
+    def state(self) -> State:
+        head = {"t_us": np.array(self._t_us), "last_us": self._last_us.copy()}
+        for name, part in self._parts.items():
+            head |= {f"{name}/{key}": value for key, value in part.state().items()}
+        return head
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        self._t_us, self._last_us = int(state["t_us"]), state["last_us"].copy()
+        for name, part in self._parts.items():
+            part.restore(part_of(state, name))
+
+    @property
+    def _parts(self) -> dict[str, Pixels | Latency | Arbiter]:
+        return {"pixels": self._pixels, "latency": self._latency, "arbiter": self._arbiter}
+
+    def _awake(self, events: Batch) -> tuple[Batch, int]:
+        if not (self._refractory_us and len(events)):
+            return events, 0
+        kept = np.empty(len(events), np.bool_)
+        sensor_kernels.awake(events.pixel, events.t_us, self._refractory_us, self._last_us, kept)
+        return events.take(kept), int(len(kept) - np.count_nonzero(kept))
+
+    def _labelled(self, events: Batch) -> LabelledEvents:
+        y, x = np.divmod(events.pixel, np.int32(self._width_px))
+        clock_us = self._parameters.timestamp_resolution_us
+        t_us = events.t_us if clock_us == 1 else events.t_us // clock_us * clock_us
+        columns = Events(x.astype(np.uint16), y.astype(np.uint16), t_us, events.p)
+        return LabelledEvents(columns, events.label)
+
+
+def part_of(state: Mapping[str, NDArray[Any]], name: str) -> State:
+    """The entries of a state that belong to one part."""
+    prefix = f"{name}/"
+    return {k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)}

@@ -1,0 +1,90 @@
+"""Events without a cause in the scene: shot noise and hot pixels, Poisson processes in time.
+
+A step draws how many events there are, then where and when; shot noise is thinned by the intensity
+at its own pixel and moment. So the rates hold exactly for any interval between frames.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.labels import Label
+from sim.presets import Parameters
+from sim.sensor_pixels import Batch
+from sim.sensor_random import Randomness, Use
+
+
+class Noise:
+    """Shot noise and hot pixels of one camera.
+
+    Args:
+        number: pixels.
+        parameters: rates.
+        randomness: this camera's.
+    """
+
+    def __init__(self, number: int, parameters: Parameters, randomness: Randomness) -> None:
+        self._number, self._parameters, self._randomness = number, parameters, randomness
+        count = round(parameters.hot_pixel_fraction * number)
+        generator = randomness.once(Use.HOT_PIXELS)
+        chosen = generator.choice(number, count, replace=False)
+        self.hot_pixels: NDArray[np.int32] = np.sort(chosen).astype(np.int32)
+        """Raster indices."""
+
+    def step(
+        self,
+        light_before: NDArray[np.float32],
+        light_now: NDArray[np.float32],
+        before_us: int,
+        t_us: int,
+    ) -> Batch:
+        """Noise events in (before, now], in no order, for intensity (P,) linear in between."""
+        shot = self._shot(light_before, light_now, before_us, t_us)
+        return shot.joined(self._hot(before_us, t_us))
+
+    def _shot(
+        self,
+        light_before: NDArray[np.float32],
+        light_now: NDArray[np.float32],
+        before_us: int,
+        t_us: int,
+    ) -> Batch:
+        dark_hz = self._parameters.shot_rate_dark_hz
+        bright_hz = self._parameters.shot_rate_bright_hz
+        most_hz, step_us = max(dark_hz, bright_hz), t_us - before_us
+        if most_hz == 0:
+            return Batch.empty()
+        rng = self._randomness.at(Use.SHOT_EVENTS, before_us)
+        count = rng.poisson(most_hz * self._number * step_us * 1e-6)
+        pixel = rng.integers(self._number, size=count, dtype=np.int32)
+        share, level = rng.random((2, count))
+        light = light_before[pixel] + share * (light_now[pixel] - light_before[pixel])
+        rate_hz = dark_hz + (bright_hz - dark_hz) * np.clip(light, 0, 1)
+        p = rng.integers(2, size=count, dtype=np.uint8)
+        kept = level * most_hz < rate_hz
+        return _batch(pixel[kept], share[kept], p[kept], Label.SHOT, before_us, step_us)
+
+    def _hot(self, before_us: int, t_us: int) -> Batch:
+        rate_hz, step_us = self._parameters.hot_pixel_rate_hz, t_us - before_us
+        if not (rate_hz and len(self.hot_pixels)):
+            return Batch.empty()
+        rng = self._randomness.at(Use.HOT_EVENTS, before_us)
+        count = rng.poisson(rate_hz * len(self.hot_pixels) * step_us * 1e-6)
+        pixel = self.hot_pixels[rng.integers(len(self.hot_pixels), size=count)]
+        # A hot pixel's junction leaks: it says "brighter".
+        p = np.ones(count, np.uint8)
+        return _batch(pixel, rng.random(count), p, Label.HOT, before_us, step_us)
+
+
+def _batch(
+    pixel: NDArray[np.int32],
+    share: NDArray[np.float64],
+    p: NDArray[np.uint8],
+    label: Label,
+    before_us: int,
+    step_us: int,
+) -> Batch:
+    offset_us = 1 + np.floor(share * step_us).astype(np.int64)
+    labels = np.full(len(pixel), label, np.uint8)
+    return Batch(pixel, before_us + np.minimum(offset_us, step_us), p, labels)

@@ -1,0 +1,192 @@
+"""Imperfect pixels: what the comparators of one camera say between two frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim import sensor_kernels as kernels
+from sim.esim import log_intensity, time_order
+from sim.esim_kernels import PIXEL
+from sim.presets import Parameters
+from sim.sensor_low_pass import low_pass
+from sim.sensor_random import Randomness, Use
+
+# Mismatch never takes a threshold below this share of its nominal value.
+_LEAST_THRESHOLD = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Events by pixel index, with their causes; a view of no order in particular.
+
+    Attributes:
+        pixel: (N,) int32 raster index.
+        t_us: (N,) int64 times, µs.
+        p: (N,) uint8 polarity.
+        label: (N,) uint8 `Label`.
+    """
+
+    pixel: NDArray[np.int32]
+    t_us: NDArray[np.int64]
+    p: NDArray[np.uint8]
+    label: NDArray[np.uint8]
+
+    @classmethod
+    def empty(cls) -> Batch:
+        """No events."""
+        byte = np.empty(0, np.uint8)
+        return cls(np.empty(0, np.int32), np.empty(0, np.int64), byte, byte)
+
+    def __len__(self) -> int:
+        return len(self.t_us)
+
+    def take(self, chosen: NDArray[Any] | slice) -> Batch:
+        """The events of an index, mask or slice."""
+        return Batch(*(getattr(self, f.name)[chosen] for f in fields(self)))
+
+    def joined(self, *others: Batch) -> Batch:
+        """These events, then the others'."""
+        parts = [part for part in (self, *others) if len(part)]
+        if len(parts) < 2:
+            return parts[0] if parts else self
+        return Batch(*(np.concatenate([getattr(b, f.name) for b in parts]) for f in fields(self)))
+
+    def in_time_order(self) -> Batch:
+        """Sorted by time, stable."""
+        if len(self) < 2:
+            return self
+        first_us = int(self.t_us.min()) - 1
+        offset_us = self.t_us - first_us
+        return self.take(time_order(offset_us, int(offset_us.max())))
+
+
+class Pixels:
+    """Photoreceptor, leak and comparator of every pixel of one camera.
+
+    Args:
+        shape: (H, W).
+        thresholds: nominal C+ and C-.
+        log_eps: added to intensity.
+        parameters: imperfections.
+        randomness: this camera's.
+    """
+
+    _KEPT = ("log", "frame", "inner", "light", "leaked", "speed", "leaked_last", "reference")
+
+    _light_now: NDArray[np.float64]
+    _leaked_now: NDArray[np.float64]
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        thresholds: tuple[float, float],
+        log_eps: float,
+        parameters: Parameters,
+        randomness: Randomness,
+    ) -> None:
+        self._shape, self._log_eps, self._parameters = shape, log_eps, parameters
+        self._randomness, number = randomness, shape[0] * shape[1]
+        self.c_pos, self.c_neg = self._drawn_thresholds(thresholds, number)
+        key = randomness.once(Use.LEAK).integers(2**64, dtype=np.uint64)
+        self._leak_key = np.uint64(key)
+        self._allocate(number)
+
+    def start(self, intensity: NDArray[np.float32]) -> None:
+        """Settles on the first frame."""
+        self._log = log_intensity(intensity, self._shape, self._log_eps)
+        self._frame = np.array(intensity, np.float32).ravel()
+        self._light = self._log.astype(np.float64)
+        self._inner, self._reference = self._light.copy(), self._light.copy()
+        self._memory = np.zeros(self._log.size, PIXEL)
+        self._memory["first_log"] = self._log
+        number = self._log.size
+        self._leaked, self._leaked_last = np.zeros(number), np.zeros(number)
+        self._speed = np.zeros(number)
+        if self._parameters.leak_rate_hz:
+            self._start_leak()
+
+    def step(self, intensity: NDArray[np.float32], before_us: int, t_us: int) -> Batch:
+        """Crossings between the frame before and this one, in raster order, causes named."""
+        log = log_intensity(intensity, self._shape, self._log_eps)
+        frame = np.array(intensity, np.float32).ravel()
+        step_us = t_us - before_us
+        self._respond(log, frame, step_us)
+        self._leak_on(step_us)
+        now = (self._light_now, self._leaked_now)
+        fixed = self.c_pos, self.c_neg, self._reference
+        n = kernels.find(*now, *fixed, self._memory, self._fired, self._crossings)
+        events = self._emit(n, before_us, step_us) if n else Batch.empty()
+        self.frame_before, self._log, self._frame = self._frame, log, frame
+        self._light, self._light_now = self._light_now, self._light
+        if self._parameters.leak_rate_hz:
+            self._leaked, self._leaked_now = self._leaked_now, self._leaked
+        return events
+
+    @property
+    def frame(self) -> NDArray[np.float32]:
+        """(P,) intensity of the last frame; `frame_before` has the one before."""
+        return self._frame
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Everything that later events depend on."""
+        return {name: getattr(self, f"_{name}") for name in (*self._KEPT, "memory")}
+
+    def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Goes on from `state`."""
+        for name in (*self._KEPT, "memory"):
+            setattr(self, f"_{name}", state[name].copy())
+
+    def _allocate(self, number: int) -> None:
+        self._fired, self._crossings = np.empty((2, number), np.int32)
+        self._light_now, self._leaked_now = np.empty(number), np.zeros(number)
+
+    def _drawn_thresholds(
+        self, nominal: tuple[float, float], number: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        normal = self._randomness.once(Use.THRESHOLDS).standard_normal((2, number))
+        drawn = np.asarray(nominal)[:, None] + self._parameters.threshold_sigma * normal
+        c_pos, c_neg = np.maximum(drawn, _LEAST_THRESHOLD * np.asarray(nominal)[:, None])
+        return c_pos, c_neg
+
+    def _start_leak(self) -> None:
+        """Pixels have been on for long: they are anywhere on their way to the next leak event."""
+        number = self._log.size
+        self._leaked = self._randomness.once(Use.LEAK).random((2, number))[1]
+        rate_hz, jitter = self._parameters.leak_rate_hz, self._parameters.leak_jitter
+        self._leaked_last = self._leaked.copy()
+        kernels.leak_speeds(self._leak_key, rate_hz, jitter, self._speed)
+
+    def _respond(self, log: NDArray[np.float32], frame: NDArray[np.float32], step_us: int) -> None:
+        p = self._parameters
+        if not p.bandwidth_hz:
+            self._light_now[:] = log
+            return
+        low_pass(
+            self._log, log, self._frame, frame, 2e-6 * np.pi * p.bandwidth_hz * step_us,
+            p.dark_level, p.bandwidth_order, self._inner, self._light, self._light_now,
+        )  # fmt: skip
+
+    def _leak_on(self, step_us: int) -> None:
+        p = self._parameters
+        if p.leak_rate_hz:
+            kernels.leak(
+                self._leak_key, p.leak_rate_hz, p.leak_jitter, step_us * 1e-6,
+                self._speed, self._leaked, self._leaked_now,
+            )  # fmt: skip
+
+    def _emit(self, n: int, before_us: int, step_us: int) -> Batch:
+        fired, crossings = self._fired[:n], self._crossings[:n]
+        total = int(np.abs(crossings).sum())
+        pixel, offset_us = np.empty(total, np.int32), np.empty(total, np.int64)
+        p, label = np.empty(total, np.uint8), np.empty(total, np.uint8)
+        kernels.emit(
+            self._light, self._light_now, self._leaked, self._leaked_now, self.c_pos, self.c_neg,
+            self._reference, self._leaked_last, self._memory, fired, crossings, step_us,
+            pixel, offset_us, p, label,
+        )  # fmt: skip
+        return Batch(pixel, before_us + offset_us, p, label)

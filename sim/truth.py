@@ -1,0 +1,169 @@
+"""Ground truth beside depth: optical flow, depth boundaries, camera twist, geoms, event depth.
+
+Everything here is exact for rigid scenes: it follows from rendered depth, the calibrated camera
+model and the motion's own curve, never from pictures.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from emvs.data import se3
+from emvs.data.camera import Camera
+from emvs.data.geoms import Geom
+from sim.motion import Motion
+
+BOUNDARY_JUMP = 0.02
+"""A depth discontinuity: inverse depth misses a plane's continuation by this share of itself."""
+
+_TWIST_STEP_S = 1e-4
+
+
+def flow_px(
+    camera: Camera,
+    bearing: NDArray[np.float64],
+    depth_m: NDArray[np.float32],
+    T_later_now: NDArray[np.float64],
+) -> NDArray[np.float32]:
+    """Moves the surface point at each pixel's centre along with a rigid motion of the camera.
+
+    Args:
+        camera: any model.
+        bearing: (H, W, 2) its `bearing_table()`.
+        depth_m: (H, W) z-depth now, m; inf where nothing is seen: infinitely far, so that only
+            rotation moves it.
+        T_later_now: (4, 4) from the camera frame now to the camera frame later.
+
+    Returns:
+        (H, W, 2) float32: column and row there minus column and row here, px; NaN where the point
+        is not in front of the camera any more, or the lens gives the pixel no ray. Points that
+        leave the sensor have a flow as well.
+    """
+    rays = np.concatenate([bearing, np.ones((*bearing.shape[:2], 1))], axis=-1)
+    # Scaled by inverse depth, which leaves the projection unchanged and is finite for all depths.
+    rho = 1 / depth_m.astype(np.float64)
+    later = rays @ T_later_now[:3, :3].T + rho[..., None] * T_later_now[:3, 3]
+    columns, rows = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
+    moved: NDArray[np.float64] = camera.project(later) - np.stack([columns, rows], axis=-1)
+    return moved.astype(np.float32)
+
+
+def boundary(depth_m: NDArray[np.float32], jump: float = BOUNDARY_JUMP) -> NDArray[np.bool_]:
+    """Finds the pixels whose centre lies within 1 px of a depth discontinuity.
+
+    On a plane, inverse depth is affine in the pixel. Between two neighbours of a row or column lies
+    a discontinuity where the step of inverse depth differs from the step before, from the step
+    behind, and from zero, each by more than `jump` times the larger of the two inverse depths. So
+    a slanted floor, and the fold where it meets a wall, is none. Both neighbours are marked.
+
+    Args:
+        depth_m: (H, W) z-depth, m; inf where nothing is seen.
+        jump: relative size of a discontinuity.
+
+    Returns:
+        (H, W) bool.
+    """
+    rho = 1 / depth_m.astype(np.float64)
+    marked = np.zeros(depth_m.shape, bool)
+    _mark_rows(rho, jump, marked)
+    _mark_rows(rho.T, jump, marked.T)
+    return marked
+
+
+def _mark_rows(rho: NDArray[np.float64], jump: float, marked: NDArray[np.bool_]) -> None:
+    step = np.diff(rho, axis=1)
+    unlike = np.full((*step.shape, 2), np.inf)
+    unlike[:, 1:, 0] = np.abs(step[:, 1:] - step[:, :-1])
+    unlike[:, :-1, 1] = np.abs(step[:, 1:] - step[:, :-1])
+    large = jump * np.maximum(rho[:, 1:], rho[:, :-1])
+    # At the picture's edge there is one neighbouring step only, and it may be the odd one.
+    found = (unlike.min(axis=-1) > large) & (np.abs(step) > large)
+    marked[:, 1:] |= found
+    marked[:, :-1] |= found
+
+
+def twist(
+    motion: Motion, T_body_cam: NDArray[np.float64], t_s: float, duration_s: float
+) -> NDArray[np.float64]:
+    """Velocity of a camera in its own frame, from differences of its motion 0.1 ms apart.
+
+    Args:
+        motion: the body's curve over [0, `duration_s`].
+        T_body_cam: (4, 4) where the camera sits.
+        t_s: when, s.
+        duration_s: where the curve ends, s.
+
+    Returns:
+        (6,) linear velocity in m/s, then angular velocity in rad/s, of the camera relative to the
+        world, in camera axes; the error is of second order in the step (below 1e-6 of the speed at
+        head motion's frequencies).
+    """
+    T_cam_world = se3.inverse(motion.T_world_body(t_s) @ T_body_cam)
+
+    def offset(step_s: float) -> NDArray[np.float64]:
+        T_now_then = T_cam_world @ motion.T_world_body(t_s + step_s) @ T_body_cam
+        turned = Rotation.from_matrix(T_now_then[:3, :3]).as_rotvec()
+        return np.concatenate([T_now_then[:3, 3], turned])
+
+    h = min(_TWIST_STEP_S, duration_s / 4)
+    if t_s - h < 0:
+        return (4 * offset(h) - offset(2 * h)) / (2 * h)
+    if t_s + h > duration_s:
+        return (4 * offset(-h) - offset(-2 * h)) / (-2 * h)
+    return (offset(h) - offset(-h)) / (2 * h)
+
+
+def geom_table(model: Any) -> dict[int, Geom]:
+    """What the geom ids of a compiled MuJoCo model mean.
+
+    A geom without a name goes by its body's, or by its number. Dynamic is what hangs on a joint.
+    """
+    table = {}
+    for geom_id in range(model.ngeom):
+        body_id = int(model.geom_bodyid[geom_id])
+        name = model.geom(geom_id).name or (model.body(body_id).name if body_id else "")
+        dynamic = int(model.body_weldid[body_id]) != 0
+        table[geom_id] = Geom(name=name or f"geom{geom_id}", dynamic=dynamic)
+    return table
+
+
+@numba.njit(cache=True, nogil=True)
+def depth_at_events(
+    before_m: NDArray[np.float32],
+    after_m: NDArray[np.float32],
+    before_us: int,
+    after_us: int,
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    t_us: NDArray[np.int64],
+    same: float,
+    depth_m: NDArray[np.float32],
+) -> None:
+    """Fills `depth_m` (N,) with the z-depth at each event's pixel and time.
+
+    Args:
+        before_m: (H, W) nearest depth of each pixel's samples in the frame before, m; inf for none.
+        after_m: (H, W) the same in the frame behind.
+        before_us: time of the frame before, µs.
+        after_us: time of the frame behind, µs.
+        x: (N,) columns of the events.
+        y: (N,) rows.
+        t_us: (N,) their times, up to `after_us`; before the interval counts as its beginning, µs.
+        same: inverse depths that differ by up to this share belong to one surface, whose inverse
+            depth is interpolated linearly; otherwise an edge passed and the nearer one is taken.
+        depth_m: out, (N,), m.
+    """
+    for n in range(len(t_us)):
+        a = 1.0 / np.float64(before_m[y[n], x[n]])
+        b = 1.0 / np.float64(after_m[y[n], x[n]])
+        rho = max(a, b)
+        if abs(a - b) <= same * rho:
+            # A sensor's coarse clock may say less than the time of the frame before.
+            share = max(0.0, (t_us[n] - before_us) / (after_us - before_us))
+            rho = a + share * (b - a)
+        depth_m[n] = 1.0 / rho if rho > 0.0 else np.inf

@@ -1,0 +1,210 @@
+"""Chunks rendered in processes of their own, delivered in order.
+
+Worker w of n renders chunks w, w + n, w + 2n, ... in a graphics context of its own. Pictures travel
+through memory that both processes map: a fixed number of slots per worker, so that a worker that is
+ahead waits, and memory stays bounded. Everything else travels through a pipe; when one end dies,
+the other learns of it there, so that no process is left behind.
+"""
+
+from __future__ import annotations
+
+import mmap
+import multiprocessing
+import os
+import pickle
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
+from multiprocessing import reduction
+from multiprocessing.connection import Connection
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.errors import InputError
+from sim.chunks import ChunkRenderer, Job, Shot, TruthImages
+from sim.renderer import StereoRenderer
+from sim.work import Stopped
+
+_BYTES_PER_WORKER = 160 << 20
+_MIN_SLOTS, _MAX_SLOTS = 3, 512
+Images = tuple[NDArray[np.float32], ...]
+
+
+class _Sent(NamedTuple):
+    """A shot on its way: its pictures lie in a slot."""
+
+    chunk: int
+    t_us: int
+    slot: int
+    truth: tuple[TruthImages, ...]
+
+
+class _Slots:
+    """Shared memory as slots, each with room for the pictures of one shot."""
+
+    def __init__(self, job: Job, descriptor: int, count: int) -> None:
+        self._memory = mmap.mmap(descriptor, count * slot_bytes(job))
+        self._job, self._count = job, count
+
+    def images(self, slot: int) -> Images:
+        """Views of a slot: intensity of all cameras, then depth of all where events have depth."""
+        offset, views = slot * slot_bytes(self._job), []
+        for _ in range(_kinds(self._job)):
+            for camera in self._job.rig.cameras:
+                shape = (camera.height_px, camera.width_px)
+                views.append(np.ndarray(shape, np.float32, self._memory, offset))
+                offset += 4 * camera.height_px * camera.width_px
+        return tuple(views)
+
+
+class _Descriptor:
+    """An open file that reaches a new process under whatever number it has there."""
+
+    def __init__(self, number: int) -> None:
+        self._number = number
+
+    def __reduce__(self) -> tuple[Callable[[Any], int], tuple[Any]]:
+        return _attach, (reduction.DupFd(self._number),)
+
+
+def _attach(duplicate: Any) -> int:
+    number: int = duplicate.detach()
+    return number
+
+
+def _kinds(job: Job) -> int:
+    return 2 if job.event_depth else 1
+
+
+def slot_bytes(job: Job) -> int:
+    """Memory that the pictures of one shot take."""
+    return 4 * _kinds(job) * sum(c.width_px * c.height_px for c in job.rig.cameras)
+
+
+def slot_count(job: Job) -> int:
+    """Slots of each worker."""
+    return int(np.clip(_BYTES_PER_WORKER // slot_bytes(job), _MIN_SLOTS, _MAX_SLOTS))
+
+
+def shots_in_process(job: Job, renderer: StereoRenderer, first_chunk: int) -> Iterator[Shot]:
+    """Renders the chunks from `first_chunk` on, one after the other, in this process."""
+    chunks = ChunkRenderer(job, renderer)
+    for chunk in range(first_chunk, job.chunks):
+        yield from chunks.shots(chunk)
+
+
+def shots_from_workers(job: Job, first_chunk: int, workers: int) -> Iterator[Shot]:
+    """Renders the chunks from `first_chunk` on in `workers` processes; the same shots.
+
+    Raises:
+        InputError: what a worker refuses, or a scene that cannot be sent to another process.
+        Stopped: a worker died.
+    """
+    _check_sendable(job)
+    # After a fork, threads and graphics of this process would be dead in the child: spawn.
+    context = multiprocessing.get_context("spawn")
+    with ExitStack() as stack:
+        team = [
+            stack.enter_context(_Worker(context, job, first_chunk, k, workers))
+            for k in range(workers)
+        ]
+        for chunk in range(first_chunk, job.chunks):
+            yield from team[(chunk - first_chunk) % workers].shots(chunk)
+
+
+class _Worker:
+    """The parent's side of one worker process."""
+
+    def __init__(self, context: Any, job: Job, first_chunk: int, index: int, workers: int) -> None:
+        self._job, self._end_us = job, job.bounds_us
+        count = slot_count(job)
+        descriptor = os.memfd_create("eventsweep")
+        try:
+            os.ftruncate(descriptor, count * slot_bytes(job))
+            self._slots = _Slots(job, descriptor, count)
+            self._pipe, theirs = context.Pipe()
+            chunks = range(first_chunk + index, job.chunks, workers)
+            arguments = (job, chunks, theirs, _Descriptor(descriptor), count, workers)
+            self._process = context.Process(target=_work, args=arguments, daemon=True)
+            self._process.start()
+            theirs.close()
+        finally:
+            os.close(descriptor)
+
+    def __enter__(self) -> _Worker:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pipe.close()
+        self._process.terminate()
+        self._process.join()
+
+    def shots(self, chunk: int) -> Iterator[Shot]:
+        """The shots of the worker's next chunk."""
+        while True:
+            sent = self._receive()
+            views = self._slots.images(sent.slot)
+            images = tuple(view.copy() for view in views)
+            with suppress(BrokenPipeError):
+                self._pipe.send(sent.slot)
+            cameras = len(self._job.rig)
+            yield Shot(chunk, sent.t_us, images[:cameras], images[cameras:], sent.truth)
+            if sent.t_us == self._end_us[chunk + 1]:
+                return
+
+    def _receive(self) -> _Sent:
+        try:
+            message = self._pipe.recv()
+        except (EOFError, ConnectionResetError):
+            self._process.join()
+            raise Stopped(
+                f"a rendering process ended with exit code {self._process.exitcode}: if memory ran "
+                "out, use fewer workers; run again to go on from what is done"
+            ) from None
+        if isinstance(message, BaseException):
+            raise message
+        sent: _Sent = message
+        return sent
+
+
+def _work(
+    job: Job, chunks: range, pipe: Connection, descriptor: int, count: int, workers: int
+) -> None:
+    """A worker's whole life."""
+    # Ctrl-C reaches every process of the terminal; the parent decides what it means.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Software rendering takes all cores by itself; several processes share them.
+    os.environ.setdefault("LP_NUM_THREADS", str(max(1, (os.cpu_count() or 1) // workers)))
+    slots = _Slots(job, descriptor, count)
+    free = list(range(count))
+    # The other end gone means that the parent is: end as well.
+    with suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        try:
+            with job.renderer() as renderer:
+                rendered = ChunkRenderer(job, renderer)
+                for chunk in chunks:
+                    for shot in rendered.shots(chunk):
+                        _send(shot, pipe, slots, free)
+        except (InputError, MemoryError) as error:
+            pipe.send(error)
+
+
+def _send(shot: Shot, pipe: Connection, slots: _Slots, free: list[int]) -> None:
+    while not free or pipe.poll():
+        free.append(pipe.recv())
+    slot = free.pop()
+    for view, image in zip(slots.images(slot), shot.intensity + shot.depth_m, strict=True):
+        view[:] = image
+    pipe.send(_Sent(shot.chunk, shot.t_us, slot, shot.truth))
+
+
+def _check_sendable(job: Job) -> None:
+    try:
+        pickle.dumps(job)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise InputError(
+            f"scene {job.scene.name} cannot be sent to other processes ({error}): define its "
+            "functions at the top of a module, or use one worker"
+        ) from error

@@ -1,0 +1,117 @@
+"""Slow, plain twins of the extraction by focus: one pixel at a time, in float64."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+
+def _mirror(k, size):
+    """Index of an image mirrored at its rim, the rim's pixel not repeated."""
+    while not 0 <= k < size:
+        k = -k if k < 0 else 2 * (size - 1) - k
+    return k
+
+
+def _at(plane, y, x):
+    return float(plane[_mirror(y, plane.shape[0]), _mirror(x, plane.shape[1])])
+
+
+def _each(plane, value):
+    height, width = plane.shape
+    return np.array([[value(y, x) for x in range(width)] for y in range(height)])
+
+
+def _around(plane, y, x, sigma_px):
+    """(weight, value) of a pixel's surroundings; the weights sum to 1."""
+    radius = round(4 * sigma_px)
+    weight = [math.exp(-0.5 * (k / sigma_px) ** 2) for k in range(-radius, radius + 1)]
+    total = sum(weight)
+    for i, down in enumerate(weight):
+        for j, across in enumerate(weight):
+            value = _at(plane, y + i - radius, x + j - radius)
+            yield down * across / total**2, value
+
+
+def mean(plane, sigma_px):
+    return _each(plane, lambda y, x: sum(w * v for w, v in _around(plane, y, x, sigma_px)))
+
+
+def variance(plane, sigma_px):
+    def at(y, x):
+        pairs = list(_around(plane, y, x, sigma_px))
+        middle = sum(w * v for w, v in pairs)
+        return sum(w * (v - middle) ** 2 for w, v in pairs)
+
+    return _each(plane, at)
+
+
+def mean_square(plane, sigma_px):
+    return _each(plane, lambda y, x: sum(w * v * v for w, v in _around(plane, y, x, sigma_px)))
+
+
+def gradient(plane, sigma_px):
+    def squared(y, x):
+        smooth = (1, 2, 1)
+        across = sum(
+            s * (_at(plane, y + k, x + 1) - _at(plane, y + k, x - 1))
+            for k, s in zip((-1, 0, 1), smooth, strict=True)
+        )
+        down = sum(
+            s * (_at(plane, y + 1, x + k) - _at(plane, y - 1, x + k))
+            for k, s in zip((-1, 0, 1), smooth, strict=True)
+        )
+        return (across / 8) ** 2 + (down / 8) ** 2
+
+    return mean(_each(plane, squared), sigma_px)
+
+
+def laplacian(plane, sigma_px):
+    def squared(y, x):
+        around = sum(_at(plane, y + v, x + u) for v, u in ((-1, 0), (1, 0), (0, -1), (0, 1)))
+        return (around - 4 * _at(plane, y, x)) ** 2
+
+    return mean(_each(plane, squared), sigma_px)
+
+
+def difference_of_gaussians(plane, sigma_px):
+    return mean(plane, sigma_px) - mean(plane, 1.6 * sigma_px)
+
+
+def peak(ray):
+    """(value, plane, left, right) of the first maximum along one ray; None beyond its ends."""
+    plane = max(range(len(ray)), key=lambda k: (ray[k], -k))
+    left = ray[plane - 1] if plane > 0 else None
+    right = ray[plane + 1] if plane + 1 < len(ray) else None
+    return ray[plane], plane, left, right
+
+
+def support(position, candidate, radius, tolerance):
+    """Share of the candidates around each pixel that lie within the tolerance of it."""
+
+    def at(y, x):
+        there = [
+            abs(float(position[v, u]) - float(position[y, x])) < tolerance
+            for v in range(y - radius, y + radius + 1)
+            for u in range(x - radius, x + radius + 1)
+            if (v, u) != (y, x)
+            and 0 <= v < position.shape[0]
+            and 0 <= u < position.shape[1]
+            and candidate[v, u]
+        ]
+        return sum(there) / len(there) if there else 0.0
+
+    return _each(position, at)
+
+
+def most_reliable(reliability, confidence, candidate, points, border_px):
+    """The pixels of the best `points` candidates, as a set."""
+    height, width = candidate.shape
+    inside = [
+        (-reliability[y, x], -confidence[y, x], y, x)
+        for y in range(border_px, height - border_px)
+        for x in range(border_px, width - border_px)
+        if candidate[y, x]
+    ]
+    return {(y, x) for _, _, y, x in sorted(inside)[:points]}

@@ -1,0 +1,197 @@
+"""Extraction by focus: kernels equal their twins, and depth obeys its laws."""
+
+from __future__ import annotations
+
+import naive_extraction as naive
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from emvs import focus, focus_kernels
+from emvs.errors import InputError
+from emvs.focus_config import FocusConfig
+from emvs.found import Found, at_least, most_reliable
+from emvs.in_focus import FocusFinder, find
+
+F = np.float32
+TWINS = {
+    "votes": lambda plane, _: plane,
+    "variance": naive.variance,
+    "mean-square": naive.mean_square,
+    "gradient": naive.gradient,
+    "laplacian": naive.laplacian,
+    "dog": naive.difference_of_gaussians,
+}
+
+
+def random_planes(seed, *shape):
+    return np.random.default_rng(seed).gamma(0.5, 10, shape).astype(F)
+
+
+def test_every_measure_has_a_twin():
+    assert set(TWINS) == set(focus.MEASURES)
+
+
+@pytest.mark.parametrize("name", focus.MEASURES)
+def test_measure_equals_twin(name):
+    plane = random_planes(1, 9, 13)
+    slow = TWINS[name](plane, 1.3)
+    np.testing.assert_allclose(focus.measure(name)(plane, 1.3), slow, atol=2e-4 * abs(slow).max())
+
+
+@pytest.mark.parametrize("name", ["variance", "gradient", "laplacian", "dog"])
+def test_even_votes_are_nowhere_in_focus(name):
+    even = np.full((20, 30), 37.5, F)
+    np.testing.assert_allclose(focus.measure(name)(even, 2.5), 0, atol=1e-2)
+
+
+@pytest.mark.parametrize(("name", "power"), [("variance", 2), ("gradient", 2), ("dog", 1)])
+def test_more_votes_scale_the_measure(name, power):
+    plane, measure = random_planes(2, 20, 30), focus.measure(name)
+    np.testing.assert_array_equal(measure(4 * plane, 2.0), F(4**power) * measure(plane, 2.0))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 9), st.integers(2, 40))
+def test_fold_peak_equals_twin(seed, planes, levels):
+    volume = np.random.default_rng(seed).integers(0, levels, (planes, 4, 5)).astype(F)
+    shape = volume.shape[1:]
+    best, index = np.full(shape, -np.inf, F), np.full(shape, -2, np.int16)
+    left, right, previous = (np.zeros(shape, F) for _ in range(3))
+    for k, plane in enumerate(volume):
+        focus_kernels.fold_peak(plane, k, best, index, left, right, previous)
+    for y, x in np.ndindex(shape):
+        value, plane, before, after = naive.peak(volume[:, y, x].tolist())
+        assert (best[y, x], index[y, x]) == (value, plane)
+        assert before is None or left[y, x] == before
+        assert after is None or right[y, x] == after
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.sampled_from([0.5, 2.0, 9.0]))
+def test_support_equals_twin(seed, radius, tolerance):
+    rng = np.random.default_rng(seed)
+    position, candidate = rng.uniform(0, 10, (7, 9)).astype(F), rng.random((7, 9)) < 0.4
+    out = np.empty((7, 9), F)
+    focus_kernels.support(position, candidate, radius, F(tolerance), out)
+    slow = naive.support(position, candidate, radius, tolerance)
+    np.testing.assert_allclose(out, slow, atol=1e-6)
+
+
+def some_found(seed, levels=5):
+    rng = np.random.default_rng(seed)
+    agreement, support, confidence = rng.integers(0, levels, (3, 12, 15)).astype(F) / levels
+    return Found(confidence, confidence, rng.random((12, 15)) < 0.5, agreement, support)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 120), st.integers(0, 4))
+def test_most_reliable_equals_twin(seed, points, border_px):
+    found = some_found(seed)
+    mask = most_reliable(found, points, border_px)
+    slow = naive.most_reliable(
+        found.reliability, found.confidence, found.candidate, points, border_px
+    )
+    assert {(y, x) for y, x in np.argwhere(mask)} == slow
+
+
+def test_more_points_only_add_points():
+    found = some_found(3)
+    fewer, more = most_reliable(found, 20, 1), most_reliable(found, 40, 1)
+    assert fewer.sum() == 20
+    assert more.sum() == 40
+    assert not (fewer & ~more).any()
+    strict, lax = at_least(found, 0.5, 1), at_least(found, 0.1, 1)
+    assert 0 < strict.sum() < lax.sum()
+    assert not (strict & ~lax).any()
+
+
+def slanted_line(planes=41, at_plane=20, at_px=24.4, slant_px=0.35):
+    """Votes of a vertical line seen by a camera to one side: sharp in its plane, moving past it."""
+    k = np.arange(planes)[:, None, None] - at_plane
+    x = np.arange(49)[None, None, :]
+    width_px = np.hypot(0.6, 0.25 * k)
+    blob = np.exp(-0.5 * ((x - at_px - slant_px * k) / width_px) ** 2) / width_px
+    return np.repeat(100 * blob, 33, axis=1).astype(F)
+
+
+def test_variance_finds_the_plane_beside_the_line_where_the_ray_maximum_slides_off():
+    volume = slanted_line()
+    beside = (16, slice(23, 27))
+    focused = find(volume, volume[None], 0.3).position[beside]
+    plain = find(volume, volume[None], 0.3, FocusConfig(measure="votes")).position[beside]
+    assert abs(plain - 20).max() > 1.0
+    assert abs(focused - 20).max() < 0.5 * abs(plain - 20).max()
+
+
+def test_order_of_cameras_changes_nothing():
+    votes = random_planes(4, 2, 9, 20, 25)
+    one, other = (find(votes.min(0), v, 0.3) for v in (votes, votes[::-1]))
+    np.testing.assert_array_equal(one.reliability, other.reliability)
+    np.testing.assert_array_equal(one.position, other.position)
+
+
+def test_cameras_that_agree_are_trusted_and_others_are_not():
+    here, there = slanted_line(at_plane=20), slanted_line(at_plane=30)
+    alike = find(here, np.stack([here, here]), 0.3)
+    apart = find(here, np.stack([here, there]), 0.3)
+    np.testing.assert_array_equal(alike.agreement, 1)
+    assert apart.agreement[16, 24] < 1e-2
+    assert (apart.reliability <= alike.reliability).all()
+
+
+def test_one_camera_agrees_with_itself():
+    volume = slanted_line()
+    np.testing.assert_array_equal(find(volume, volume[None], 0.3).agreement, 1)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_reliability_is_a_share_and_only_candidates_have_one(seed):
+    votes = random_planes(seed, 2, 6, 20, 25)
+    found = find(votes.min(0), votes, 0.3)
+    assert ((found.reliability >= 0) & (found.reliability <= 1)).all()
+    assert not found.reliability[~found.candidate].any()
+    assert ((found.position >= 0) & (found.position <= 5)).all()
+
+
+def test_no_votes_no_candidates():
+    empty = np.zeros((5, 12, 14), F)
+    assert not find(empty, empty[None], 0.3).candidate.any()
+
+
+def test_inputs_stay_as_they_are():
+    votes = random_planes(5, 2, 6, 20, 25)
+    fused, kept = votes.min(0), votes.copy()
+    find(fused, votes, 0.3)
+    np.testing.assert_array_equal(votes, kept)
+    np.testing.assert_array_equal(fused, kept.min(0))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"measure": "sharpness"}, "unknown focus measure 'sharpness'"),
+        ({"sigma_px": 0.0}, "sigma_px is 0.0"),
+        ({"agreement_px": -1.0}, "agreement_px is -1.0"),
+        ({"support_radius_px": 0}, "support_radius_px is 0"),
+        ({"threshold_kernel_px": 4}, "threshold_kernel_px is 4"),
+    ],
+)
+def test_impossible_parameters_are_refused(wrong, message):
+    with pytest.raises(InputError, match=message):
+        FocusConfig(**wrong)
+
+
+def test_planes_of_another_shape_are_refused():
+    plane = np.zeros((6, 8), F)
+    finder = FocusFinder(2, width_px=8, height_px=6)
+    with pytest.raises(InputError, match="1 camera planes"):
+        finder.take(plane, [plane])
+    with pytest.raises(InputError, match=r"needs 2 and a fused one, all \(6, 8\)"):
+        finder.take(plane, [plane, np.zeros((6, 9), F)])
+    with pytest.raises(InputError, match="0 planes"):
+        finder.found(0.3)
+    with pytest.raises(InputError, match=r"needs \(N, H, W\) and \(C, N, H, W\)"):
+        find(plane[None], plane[None], 0.3)

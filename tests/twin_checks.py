@@ -1,0 +1,100 @@
+"""What every twin of a data set must keep: shared by the tests of the indoor and outdoor twins."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from stereo_law import Warped, warped
+
+import scenes
+from emvs.data.camera import Camera
+from emvs.data.rig import Rig
+from sim.graphics import import_mujoco
+from sim.renderer import StereoRenderer
+from sim.rigs import rig
+
+
+def smaller(whole: Rig, factor: float) -> Rig:
+    """The same lenses before a sensor of fewer, larger pixels."""
+    return replace(whole, cameras=tuple(_smaller(camera, factor) for camera in whole.cameras))
+
+
+def _smaller(camera: Camera, factor: float) -> Camera:
+    # Pixel centres are integers, so the sensor's corner lies at -1/2 in both.
+    return replace(
+        camera,
+        width_px=round(camera.width_px / factor),
+        height_px=round(camera.height_px / factor),
+        fx_px=camera.fx_px / factor,
+        fy_px=camera.fy_px / factor,
+        cx_px=(camera.cx_px + 0.5) / factor - 0.5,
+        cy_px=(camera.cy_px + 0.5) / factor - 0.5,
+    )
+
+
+@cache
+def room(mjcf, edit, name):
+    """One spec for all cases in the same room; `name` is the first of them."""
+    return scenes.load(name).spec()
+
+
+@cache
+def opened(name: str, factor: float):
+    """(scene, rig, renderer) of a case at a fraction of its resolution."""
+    scene = scenes.load(name)
+    first = next(
+        other
+        for other in scenes.names()
+        if (scenes.load(other).mjcf, scenes.load(other).edit) == (scene.mjcf, scene.edit)
+    )
+    seen = smaller(rig(scene.rig), factor)
+    spec = room(scene.mjcf, scene.edit, first)
+    return scene, seen, StereoRenderer(spec, seen, 1, scene.depth_range_m)
+
+
+def poses(name: str, seed: int, count: int):
+    """Poses spread over a case's motion."""
+    scene = scenes.load(name)
+    motion = scene.motion(scene.duration_s, seed)
+    return [motion.T_world_body(float(t)) for t in np.linspace(0, scene.duration_s, count)]
+
+
+def share_in_range(name: str, seed: int, factor: float) -> float:
+    """Share of the pixels, over all cameras and the motion, whose depth the case declares."""
+    scene, seen, renderer = opened(name, factor)
+    low_m, high_m = scene.depth_range_m
+    shares = []
+    for T_world_body in poses(name, seed, 4):
+        for camera in range(len(seen.cameras)):
+            depth_m = renderer.depth(camera, T_world_body)
+            shares.append(np.mean((depth_m >= low_m) & (depth_m <= high_m)))
+    return float(np.min(shares))
+
+
+def clearance_m(name: str, factor: float, rays: int = 60) -> float:
+    """Least distance from any camera, on its way, to the nearest surface, by rays."""
+    mujoco = import_mujoco()
+    _, seen, renderer = opened(name, factor)
+    data = mujoco.MjData(renderer.model)
+    mujoco.mj_forward(renderer.model, data)
+    directions = np.random.default_rng(1).standard_normal((rays, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    hit, least = np.zeros(1, np.int32), np.inf
+    for seed in range(3):
+        for T_world_body in poses(name, seed, 4):
+            for T_body_cam in seen.T_body_cam:
+                centre = (T_world_body @ T_body_cam)[:3, 3]
+                for ray in directions:
+                    far = mujoco.mj_ray(renderer.model, data, centre, ray, None, 1, -1, hit)
+                    least = min(least, far if far >= 0 else np.inf)
+    return least
+
+
+def stereo(name: str, factor: float) -> Warped:
+    """The left camera's true depth, found again in the right camera's."""
+    _, seen, renderer = opened(name, factor)
+    (T_world_body,) = poses(name, 0, 1)
+    left_m, right_m = (renderer.depth(camera, T_world_body) for camera in (0, 1))
+    return warped(seen, 0, 1, left_m, right_m)
