@@ -117,7 +117,8 @@ class StoredWindow:
     @cached_property
     def slices(self) -> Slices:
         """One image row of every fused volume."""
-        width_px = self.event_image.shape[2]
+        # The view may have a size of its own, unlike the sensor whose events are counted.
+        width_px = self.depth_map(self.info.methods[0]).camera.width_px
         return read_slices(self.path / "slices.npz", self.info.methods, width_px)
 
     @cached_property

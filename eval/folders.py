@@ -67,6 +67,11 @@ def sequence_of(stored: StoredMap) -> Sequence:
     Raises:
         InputError: a recording without ground truth, gone, damaged or changed.
     """
+    if not stored.info.config.is_camera_0_view:
+        raise InputError(
+            f"{stored.path}: mapped from a view of its own, but ground truth is camera 0's: map "
+            "with reference_shift 0 and without view_* to score"
+        )
     recording = recording_of(stored)
     if not isinstance(recording, Sequence):
         raise InputError(

@@ -65,7 +65,7 @@ def _recording(stored: StoredMap) -> Recording | None:
 
 def _case(name: str, stored: StoredMap, config: EvalConfig) -> CaseView:
     recording = _recording(stored)
-    windows = tuple(_window(w, recording, config) for w in _shown(stored.windows))
+    windows = tuple(_window(w, stored, recording, config) for w in _shown(stored.windows))
     known = recording is not None and recording.name in scenes.names()
     return CaseView(
         name=name,
@@ -84,10 +84,14 @@ def _shown(windows: tuple[StoredWindow, ...]) -> tuple[StoredWindow, ...]:
     return tuple(windows[k] for k in chosen)
 
 
-def _window(window: StoredWindow, recording: Recording | None, config: EvalConfig) -> WindowView:
+def _window(
+    window: StoredWindow, stored: StoredMap, recording: Recording | None, config: EvalConfig
+) -> WindowView:
     maps = [window.depth_map(method) for method in window.info.methods]
     t_us, truth = window.info.t_ref_us, None
-    if isinstance(recording, Sequence) and t_us in recording.truth_times_us(0):
+    # Ground truth is camera 0's: it says nothing about a map from a view of its own.
+    scorable = stored.info.config.is_camera_0_view
+    if scorable and isinstance(recording, Sequence) and t_us in recording.truth_times_us(0):
         truth = truth_of(recording, t_us, config)
     (darker, brighter), events_caption = _events(window, recording)
     rho = maps[0].rho

@@ -163,11 +163,6 @@ def score_folder(folder: Path, config: EvalConfig) -> Results:
 
 
 def _score(case: str, stored: StoredMap, sequence: EventSequence, config: EvalConfig) -> list[Row]:
-    if not stored.info.config.is_camera_0_view:
-        raise InputError(
-            f"{case}: mapped from a view of its own, but ground truth is camera 0's: map with "
-            "reference_shift 0 and without view_* to score"
-        )
     windows = {}
     for window in stored.windows:
         maps = {method: window.depth_map(method) for method in window.info.methods}

@@ -159,6 +159,16 @@ def test_a_map_is_scored_and_reported_from_its_folder(tmp_path, capsys, sequence
     assert "Alg1/H" in (out / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("flag", [["--map.view-width-px", "64"], ["--map.reference-shift", "0.5"]])
+def test_a_view_of_its_own_is_reported_but_not_scored(tmp_path, capsys, sequence, flag):
+    out = str(tmp_path / "o")
+    assert main(["map", str(sequence), "--out", out, "--quiet", *flag]) == 0
+    page = (tmp_path / "o" / "report.html").read_text(encoding="utf-8")
+    assert "Alg1/H" in page
+    assert "Ground truth" not in page
+    assert "view of its own" in refused(capsys, ["score", out])
+
+
 def test_a_changed_sequence_is_not_scored(tmp_path, capsys):
     sequence = small_sequence(tmp_path / "seq")
     assert main(["map", str(sequence), "--out", str(tmp_path / "o"), "--quiet"]) == 0
