@@ -1,0 +1,67 @@
+"""The command line: one program, a verb per stage, and `run` for all of them.
+
+Only light modules are imported at the top: help must come at once, and numba, MuJoCo and open3d
+take seconds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import App, Group, Parameter
+
+from emvs.config import MapperConfig
+from eval.config import EvalConfig
+from sim.config import SimConfig
+
+_SIM, _MAP, _SCORE = (Group(f"{title} parameters") for title in ("Simulator", "Mapper", "Score"))
+SimFlags = Annotated[SimConfig, Parameter(group=_SIM)]
+MapFlags = Annotated[MapperConfig, Parameter(group=_MAP)]
+ScoreFlags = Annotated[EvalConfig, Parameter(group=_SCORE)]
+Methods = Annotated[tuple[str, ...], Parameter(negative=())]
+
+app = App(
+    name="eventsweep",
+    help="Simulate, map and score event-based multi-view stereo.",
+    version=lambda: f"eventsweep {version('eventsweep')}",
+    default_parameter=Parameter(negative_iterable=()),
+    result_action="return_value",
+    suppress_keyboard_interrupt=False,
+)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Common:
+    """What every command takes."""
+
+    config: Annotated[Path | None, Parameter(group="Common")] = None
+    "TOML file with the tables [sim], [map] and [score]; flags go before it."
+
+    force: Annotated[bool, Parameter(group="Common", negative=())] = False
+    "Replace an existing output."
+
+    quiet: Annotated[bool, Parameter(group="Common", negative=())] = False
+    "Print no progress and no summary."
+
+    json: Annotated[bool, Parameter(group="Common", negative=())] = False
+    "Print the summary as JSON."
+
+    def console(self) -> Any:
+        """Where progress and summaries go."""
+        from eval.console import Console
+
+        return Console(quiet=self.quiet, as_json=self.json)
+
+
+COMMON = Common()
+SIM, MAP, SCORE = SimConfig(), MapperConfig(), EvalConfig()
+
+
+def with_values(group: Any, **values: Any) -> Any:
+    """Returns a group with some values set, where they are not None."""
+    given = {name: value for name, value in values.items() if value is not None}
+    return group.model_copy(update=given)

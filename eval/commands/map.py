@@ -1,0 +1,36 @@
+"""`eventsweep map`: a recording to depth maps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from eval import settings
+from eval.app import COMMON, MAP, Common, MapFlags, Methods, app, with_values
+
+
+@app.command
+def map(  # noqa: A001 - the verb's name
+    recording: Path,
+    /,
+    *,
+    out: Path,
+    method: Methods = (),
+    common: Common = COMMON,
+    map: MapFlags = MAP,  # noqa: A002 - the name is the flag's prefix
+) -> None:
+    """Map a recording: depth, confidence and point cloud per method.
+
+    Args:
+        recording: A sequence of eventsweep, or a recording in its publisher's layout.
+        out: Folder to write: map.json, report.html, and a folder per window and method.
+        method: Method to map with, repeatable; as --map.methods.
+    """
+    from eval.runner import map_recording
+
+    wanted = settings.load(common.config, map=with_values(map, methods=method or None))
+    console = common.console()
+    stored = map_recording(
+        recording, out, wanted, force=common.force, report=True, progress=console.progress
+    )
+    console.mapped(stored)
+    console.wrote(out / "report.html")

@@ -1,0 +1,73 @@
+"""`eventsweep run`: simulate, map, score and report cases."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from eval import settings
+from eval.app import (
+    COMMON,
+    MAP,
+    SCORE,
+    SIM,
+    Common,
+    MapFlags,
+    Methods,
+    ScoreFlags,
+    SimFlags,
+    app,
+    with_values,
+)
+
+
+@app.command
+def run(
+    case: Annotated[tuple[str, ...], Parameter(negative=())],
+    /,
+    *,
+    out: Path,
+    rig: str | None = None,
+    seconds: float | None = None,
+    seed: int = 0,
+    workers: int = 1,
+    method: Methods = (),
+    common: Common = COMMON,
+    sim: SimFlags = SIM,
+    map: MapFlags = MAP,  # noqa: A002 - the name is the flag's prefix
+    score: ScoreFlags = SCORE,
+) -> None:
+    """Simulate, map and score cases, and write one report.
+
+    Args:
+        case: Cases to run; see `eventsweep list`.
+        out: Folder to write: results.json, results.csv, report.html, and a folder per case.
+        rig: Rig to use instead of each scene's own.
+        seconds: Length of the sequence; as --sim.duration-s.
+        seed: Seed of the head motion and the sensor's noise.
+        workers: Rendering processes.
+        method: Method to map with, repeatable; as --map.methods.
+    """
+    from eval.runner import run_cases
+
+    wanted = settings.load(
+        common.config,
+        sim=with_values(sim, duration_s=seconds),
+        map=with_values(map, methods=method or None),
+        score=score,
+    )
+    console = common.console()
+    results = run_cases(
+        case,
+        out,
+        wanted,
+        rig,
+        seed,
+        force=common.force,
+        workers=workers,
+        progress=console.progress,
+    )
+    console.results(results, wanted.score.ranking_metric)
+    console.wrote(out / "report.html")

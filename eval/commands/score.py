@@ -1,0 +1,30 @@
+"""`eventsweep score`: maps against ground truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from eval import settings
+from eval.app import COMMON, SCORE, Common, ScoreFlags, app
+
+
+@app.command
+def score(
+    folder: Path,
+    /,
+    *,
+    common: Common = COMMON,
+    score: ScoreFlags = SCORE,
+) -> None:
+    """Score the maps of a run or of one mapped sequence against ground truth.
+
+    Args:
+        folder: What `run` or `map` wrote; results.json and results.csv in it are written anew.
+    """
+    from eval.runner import score_folder
+
+    wanted = settings.load(common.config, score=score)
+    console = common.console()
+    results = score_folder(folder, wanted.score)
+    console.results(results, wanted.score.ranking_metric)
+    console.wrote(folder / "results.json")

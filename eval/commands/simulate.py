@@ -1,0 +1,54 @@
+"""`eventsweep simulate`: a scene to a sequence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from eval import settings
+from eval.app import COMMON, SIM, Common, SimFlags, app, with_values
+
+
+@app.command
+def simulate(
+    scene: str,
+    /,
+    *,
+    out: Path,
+    rig: str | None = None,
+    seconds: float | None = None,
+    seed: int = 0,
+    workers: int = 1,
+    fresh: Annotated[bool, Parameter(negative=())] = False,
+    common: Common = COMMON,
+    sim: SimFlags = SIM,
+) -> None:
+    """Render a scene and simulate its events, with exact depth and poses.
+
+    Args:
+        scene: Scene to simulate; see `eventsweep list`.
+        out: Sequence folder to write.
+        rig: Rig to use instead of the scene's own.
+        seconds: Length of the sequence; as --sim.duration-s.
+        seed: Seed of the head motion and the sensor's noise.
+        workers: Rendering processes.
+        fresh: Discard the unfinished work of an interrupted run instead of taking it up.
+    """
+    from eval.runner import simulate_scene
+
+    wanted = settings.load(common.config, sim=with_values(sim, duration_s=seconds))
+    console = common.console()
+    simulate_scene(
+        scene,
+        out,
+        wanted,
+        rig,
+        seed,
+        force=common.force,
+        workers=workers,
+        fresh=fresh,
+        progress=console.progress,
+    )
+    console.sequence(out)
