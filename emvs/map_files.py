@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from emvs.data.camera import Camera
 from emvs.depthmap import DepthMap
-from emvs.errors import InputError
+from emvs.errors import DAMAGED_NPY, InputError
 from emvs.fusion import file_name
 from emvs.result import Slices
 
@@ -83,7 +82,7 @@ def read_npz(path: Path, keys: Sequence[str]) -> Arrays:
         raise InputError(f"{path}: no such file, the map is incomplete: {CURE}") from error
     except KeyError as error:
         raise InputError(f"{path}: holds no array {error}: {CURE}") from error
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+    except DAMAGED_NPY as error:
         raise InputError(f"{path}: cannot be read ({error}), it is damaged: {CURE}") from error
 
 

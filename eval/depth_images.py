@@ -1,0 +1,170 @@
+"""Reads one depth map of anybody's making: npz, npy, 16-bit PNG, TIFF, EXR, or text points."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.errors import DAMAGED_NPY, InputError
+
+Image = NDArray[np.float64]
+
+
+def read_numbers(path: Path, height_px: int, width_px: int) -> Image:
+    """Reads what a file stores per pixel, whatever it means; NaN where it stores nothing.
+
+    Zero, negative and infinite numbers are nothing too: neither a depth nor a disparity.
+
+    Args:
+        path: the file; its suffix says the format, one of `SUFFIXES`.
+        height_px: rows that it must have.
+        width_px: columns that it must have.
+
+    Returns:
+        (H, W) float64, finite and positive, or NaN.
+
+    Raises:
+        InputError: an unknown suffix, a damaged file, another size, or no plain numbers.
+    """
+    reader = SUFFIXES.get(path.suffix.lower())
+    if reader is None:
+        raise InputError(f"{path}: unknown kind of file; needs one of {', '.join(SUFFIXES)}")
+    image = reader(path, (height_px, width_px))
+    if image.shape != (height_px, width_px):
+        raise InputError(
+            f"{path}: is {_size(image.shape)}, but the reference view has {height_px} rows and "
+            f"{width_px} columns: export it at the view's own size"
+        )
+    numbers = image.astype(np.float64)
+    return np.where(np.isfinite(numbers) & (numbers > 0), numbers, np.nan)
+
+
+def is_integral(path: Path) -> bool:
+    """Whether files of this kind hold whole numbers, whose scale must be told."""
+    return path.suffix.lower() == ".png"
+
+
+def _npz(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {key: file[key] for key in ("depth_m", "mask") if key in file}
+    except DAMAGED_NPY as error:
+        raise _damaged(path, error) from error
+    if "depth_m" not in arrays:
+        raise InputError(f"{path}: holds no array depth_m: name it so, in metres")
+    numbers = _plain(path, arrays["depth_m"])
+    mask = arrays.get("mask")
+    if mask is None:
+        return numbers
+    if mask.shape != numbers.shape or mask.dtype != np.bool_:
+        raise InputError(
+            f"{path}: mask is {mask.dtype} {mask.shape}: needs bool {numbers.shape}, as depth_m is"
+        )
+    return np.where(mask, numbers, np.nan)
+
+
+def _npy(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
+    try:
+        return _plain(path, np.load(path, allow_pickle=False))
+    except DAMAGED_NPY as error:
+        raise _damaged(path, error) from error
+
+
+def _png(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
+    image = _decoded(path)
+    if image.dtype != np.uint16:
+        raise InputError(
+            f"{path}: holds {image.dtype}, needs 16 bits per pixel: with 8 bits, depth has "
+            "256 steps"
+        )
+    return image
+
+
+def _float_image(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
+    image = _decoded(path)
+    if image.dtype.kind != "f":
+        raise InputError(f"{path}: holds {image.dtype}, needs floating point")
+    return image
+
+
+def _exr(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
+    try:
+        import OpenEXR
+    except ImportError as error:
+        raise InputError(f"{path}: reading EXR needs `pip install OpenEXR`") from error
+    try:
+        with OpenEXR.File(str(path)) as file:
+            channels = {name: one.pixels for name, one in file.channels().items()}
+    except Exception as error:  # the library raises whatever its C++ throws
+        raise _damaged(path, error) from error
+    if len(channels) != 1:
+        names = ", ".join(sorted(channels)) or "none"
+        raise InputError(f"{path}: has the channels {names}; needs exactly one")
+    return _plain(path, next(iter(channels.values())))
+
+
+def _points(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
+    """Rows of `column row number`, as the method authors' program writes them."""
+    try:
+        lines = path.read_text(encoding="ascii").splitlines()
+        if not any(lines):
+            return np.full(shape, np.nan)
+        table = np.loadtxt(lines, dtype=np.float64, ndmin=2, comments=None)
+    except (OSError, ValueError) as error:
+        raise _damaged(path, error) from error
+    if table.shape[1] != 3:
+        raise InputError(f"{path}: has {table.shape[1]} numbers a line, needs 3: column row depth")
+    columns, rows = table[:, 0], table[:, 1]
+    whole = (columns == np.floor(columns)) & (rows == np.floor(rows))
+    inside = (columns >= 0) & (columns < shape[1]) & (rows >= 0) & (rows < shape[0])
+    if not np.all(whole & inside):
+        line = int(np.argmin(whole & inside))
+        raise InputError(
+            f"{path}: point {line + 1} lies at {columns[line]:g}, {rows[line]:g}: needs a whole "
+            f"pixel of a view with {shape[1]} columns and {shape[0]} rows"
+        )
+    image = np.full(shape, np.nan)
+    image[rows.astype(np.int64), columns.astype(np.int64)] = table[:, 2]
+    return image
+
+
+def _decoded(path: Path) -> NDArray[Any]:
+    import cv2
+
+    try:
+        image = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
+    except (OSError, cv2.error) as error:
+        raise _damaged(path, error) from error
+    if image is None:
+        raise InputError(f"{path}: cannot be decoded as {path.suffix[1:].upper()}: export it again")
+    return _plain(path, image)
+
+
+def _plain(path: Path, array: NDArray[Any]) -> NDArray[Any]:
+    if array.ndim != 2 or array.dtype.kind not in "fui":
+        raise InputError(f"{path}: holds {array.dtype} {array.shape}, needs (H, W) numbers")
+    return array
+
+
+def _damaged(path: Path, error: Exception) -> InputError:
+    reason = " ".join(str(error).split()) or type(error).__name__
+    return InputError(f"{path}: cannot be read ({reason}): export it again")
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return f"{shape[0]} rows and {shape[1]} columns"
+
+
+SUFFIXES: Mapping[str, Callable[[Path, tuple[int, int]], NDArray[Any]]] = {
+    ".npz": _npz,
+    ".npy": _npy,
+    ".png": _png,
+    ".tif": _float_image,
+    ".tiff": _float_image,
+    ".exr": _exr,
+    ".txt": _points,
+}

@@ -1,0 +1,222 @@
+"""Depth maps of somebody else's method: found, checked like a submission, and read one by one."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from emvs.errors import InputError
+from eval.depth_images import SUFFIXES, is_integral, read_numbers
+
+DESCRIPTION = "prediction.toml"
+TIMES = "timestamps.txt"
+_STEM = re.compile(r"\d+(\.\d+)?")
+
+
+class Description(BaseModel):
+    """What the numbers in a prediction's files mean: `prediction.toml`, all of it optional."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str | None = Field(None, min_length=1, description="of the method; default: the folder's")
+    quantity: Literal["depth", "disparity"] = Field("depth", description="z-depth or disparity")
+    scale: FiniteFloat | None = Field(
+        None, gt=0, description="m or px per stored unit; needed for PNG, otherwise 1"
+    )
+    time_unit: Literal["us", "s"] = Field("us", description="of the times in file names")
+    time_offset_us: int = Field(0, description="added to the times, µs")
+    tolerance_us: int = Field(0, ge=0, description="how far a time may be off, µs")
+    baseline_m: FiniteFloat | None = Field(
+        None, gt=0, description="that disparities refer to; by default the rig's"
+    )
+    focal_px: FiniteFloat | None = Field(
+        None, gt=0, description="that disparities refer to; by default the reference view's"
+    )
+
+
+@dataclass(frozen=True)
+class View:
+    """A reference view that wants a depth map.
+
+    Attributes:
+        t_us: its time.
+        width_px: its columns.
+        height_px: its rows.
+        focal_px: its focal length.
+        baseline_m: distance of the rig's first two cameras; None for a rig of one.
+    """
+
+    t_us: int
+    width_px: int
+    height_px: int
+    focal_px: float
+    baseline_m: float | None
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """The depth maps of one method for one case.
+
+    Attributes:
+        name: of the method, as scores call it.
+        files: by time, µs.
+        description: what their numbers mean.
+    """
+
+    name: str
+    files: Mapping[int, Path]
+    description: Description
+
+    @classmethod
+    def open(cls, folder: Path, case: str) -> Prediction:
+        """Finds the files for a case: in the folder's subfolder of that name, or in itself.
+
+        Raises:
+            InputError: no folder, no depth map in it, times that cannot be told, or a
+                description that cannot be used.
+        """
+        if not folder.is_dir():
+            raise InputError(f"{folder}: no such folder; needs one with depth maps")
+        description = _described(folder / DESCRIPTION)
+        own = folder / case
+        files = _timed(own if own.is_dir() else folder, description)
+        name = re.sub(r"[^\w.+@~-]", "_", description.name or folder.resolve().name)
+        return cls(f"Given/{name}", files, description)
+
+    def check(self, views: Sequence[View]) -> None:
+        """Refuses a prediction that is not complete, as a submission checker does.
+
+        Raises:
+            InputError: a view without a file; says how many, and the nearest time there is.
+        """
+        missing = [view.t_us for view in views if self._file(view.t_us) is None]
+        if not missing:
+            return
+        near_us = self._nearest_us(missing[0])
+        raise InputError(
+            f"{self.name}: {len(missing)} of {len(views)} reference views have no depth map; the "
+            f"first is that at {missing[0]} µs, the nearest file, {self.files[near_us].name}, lies "
+            f"{near_us - missing[0]:+d} µs beside it: add files, or set tolerance_us in "
+            f"{DESCRIPTION}"
+        )
+
+    def unused(self, views: Iterable[View]) -> list[str]:
+        """Names of files that belong to no view."""
+        used = {self._file(view.t_us) for view in views}
+        return sorted(path.name for path in self.files.values() if path not in used)
+
+    def depth_m(self, view: View) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Reads the depth map of a view: (H, W) z-depth in metres, and where there is one.
+
+        Raises:
+            InputError: no file for it, a damaged one, one of another size, or numbers without the
+                scale, baseline or focal length that give them a meaning.
+        """
+        self.check([view])
+        path = self.files[self._nearest_us(view.t_us)]
+        stored = read_numbers(path, view.height_px, view.width_px)
+        numbers = stored * self._scale(path)
+        if self.description.quantity == "disparity":
+            _check_disparity(path)
+            numbers = self._baseline_focal(path, view) / numbers
+        depth_m = numbers.astype(np.float32)
+        mask = np.isfinite(depth_m) & (depth_m > 0)
+        return np.where(mask, depth_m, np.float32(0)), mask
+
+    def _file(self, t_us: int) -> Path | None:
+        near_us = self._nearest_us(t_us)
+        return self.files[near_us] if abs(near_us - t_us) <= self.description.tolerance_us else None
+
+    def _nearest_us(self, t_us: int) -> int:
+        return min(self.files, key=lambda at_us: abs(at_us - t_us))
+
+    def _scale(self, path: Path) -> float:
+        if self.description.scale is None and is_integral(path):
+            raise InputError(
+                f"{path}: whole numbers without a unit: set scale in {DESCRIPTION}, such as 0.001 "
+                "for millimetres of depth or 0.00390625 for disparities in 1/256 px"
+            )
+        return self.description.scale or 1.0
+
+    def _baseline_focal(self, path: Path, view: View) -> float:
+        baseline_m = self.description.baseline_m or view.baseline_m
+        if baseline_m is None:
+            raise InputError(
+                f"{path}: disparity for a rig of one camera: set baseline_m in {DESCRIPTION}"
+            )
+        return baseline_m * (self.description.focal_px or view.focal_px)
+
+
+def _check_disparity(path: Path) -> None:
+    if path.suffix.lower() == ".npz":
+        raise InputError(
+            f"{path}: holds depth_m, but quantity in {DESCRIPTION} is disparity: correct it, or "
+            "save disparities as .npy"
+        )
+
+
+def _described(path: Path) -> Description:
+    if not path.exists():
+        return Description()
+    try:
+        return Description.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: no TOML ({error}): correct it") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        known = ", ".join(Description.model_fields)
+        raise InputError(f"{path}: {where}: {first['msg']}; it may hold {known}") from error
+
+
+def _timed(folder: Path, description: Description) -> dict[int, Path]:
+    paths = sorted(
+        path
+        for path in folder.iterdir()
+        if path.suffix.lower() in SUFFIXES and path.name != TIMES and not path.name.startswith(".")
+    )
+    if not paths:
+        raise InputError(f"{folder}: no depth maps; needs files of kind {', '.join(SUFFIXES)}")
+    listed = folder / TIMES
+    times = _listed(listed, paths) if listed.exists() else [_stamp(path) for path in paths]
+    per_unit = 1_000_000 if description.time_unit == "s" else 1
+    files: dict[int, Path] = {}
+    for path, time in zip(paths, times, strict=True):
+        t_us = round(float(time) * per_unit) if "." in time else int(time) * per_unit
+        t_us += description.time_offset_us
+        if t_us in files:
+            raise InputError(
+                f"{folder}: {files[t_us].name} and {path.name} are both for {t_us} µs: leave one"
+            )
+        files[t_us] = path
+    return files
+
+
+def _listed(path: Path, files: Sequence[Path]) -> list[str]:
+    times = path.read_text(encoding="utf-8", errors="replace").split()
+    bad = [time for time in times if not _STEM.fullmatch(time)]
+    if bad or len(times) != len(files):
+        reason = f"{bad[0]!r} is no time" if bad else f"it has {len(times)} of them"
+        raise InputError(
+            f"{path}: needs one time a line for each of {len(files)} files in order of names, but "
+            f"{reason}"
+        )
+    return times
+
+
+def _stamp(path: Path) -> str:
+    found = _STEM.match(path.stem)
+    if found is None:
+        raise InputError(
+            f"{path}: its name must begin with the time of its reference view, or {TIMES} beside "
+            "it must list the times"
+        )
+    return found.group()

@@ -1,0 +1,221 @@
+"""Depth maps of others: every format gives back what was written, and nothing else is let in."""
+
+import contextlib
+
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from emvs.errors import InputError
+from eval.depth_images import SUFFIXES, read_numbers
+from eval.predictions import Prediction, View
+
+VIEW = View(t_us=250_000, width_px=7, height_px=5, focal_px=100.0, baseline_m=0.1)
+SHAPE = (VIEW.height_px, VIEW.width_px)
+
+
+def depths():
+    depth_m = np.random.default_rng(0).uniform(0.5, 4.0, SHAPE)
+    depth_m[0, :3] = np.nan
+    return depth_m
+
+
+def write(path, depth_m, scale=1.0):
+    """One depth map in the format that the suffix says."""
+    if path.suffix == ".npz":
+        np.savez(path, depth_m=depth_m)
+    elif path.suffix == ".npy":
+        np.save(path, depth_m)
+    elif path.suffix == ".png":
+        stored = np.round(np.nan_to_num(depth_m) / scale).astype(np.uint16)
+        path.write_bytes(cv2.imencode(".png", stored)[1].tobytes())
+    elif path.suffix in (".tif", ".tiff"):
+        path.write_bytes(cv2.imencode(".tiff", depth_m.astype(np.float32))[1].tobytes())
+    elif path.suffix == ".exr":
+        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+        channels = {"Z": depth_m.astype(np.float32)}
+        OpenEXR.File(header, channels).write(str(path))
+    else:
+        rows, columns = np.nonzero(np.isfinite(depth_m))
+        lines = [f"{c} {r} {depth_m[r, c]!r}" for r, c in zip(rows, columns, strict=True)]
+        path.write_text("\n".join(line.replace("np.float64(", "").rstrip(")") for line in lines))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_every_format_gives_back_what_was_written(tmp_path, suffix):
+    write(tmp_path / f"250000{suffix}", depths(), scale=1e-4)
+    (tmp_path / "prediction.toml").write_text("scale = 1e-4\n" if suffix == ".png" else "")
+
+    depth_m, mask = Prediction.open(tmp_path, "desk").depth_m(VIEW)
+
+    np.testing.assert_array_equal(mask, np.isfinite(depths()))
+    np.testing.assert_allclose(depth_m[mask], depths()[mask], atol=6e-5)
+    assert not depth_m[~mask].any()
+
+
+@given(scale=st.floats(1e-3, 10), baseline_m=st.floats(0.01, 2), focal_px=st.floats(10, 2000))
+def test_disparity_is_baseline_times_focal_length_over_depth(
+    tmp_path_factory, scale, baseline_m, focal_px
+):
+    folder = tmp_path_factory.mktemp("given")
+    np.save(folder / "250000.npy", baseline_m * focal_px / depths() / scale)
+    (folder / "prediction.toml").write_text(f'quantity = "disparity"\nscale = {scale!r}\n')
+    view = View(250_000, *SHAPE[::-1], focal_px, baseline_m)
+
+    depth_m, mask = Prediction.open(folder, "desk").depth_m(view)
+
+    np.testing.assert_allclose(depth_m[mask], depths()[mask], rtol=1e-5)
+
+
+def test_disparity_may_refer_to_a_baseline_and_focal_length_of_its_own(tmp_path):
+    np.save(tmp_path / "250000.npy", 0.6 * 500 / depths())
+    (tmp_path / "prediction.toml").write_text(
+        'quantity = "disparity"\nbaseline_m = 0.6\nfocal_px = 500\n'
+    )
+    depth_m, mask = Prediction.open(tmp_path, "desk").depth_m(VIEW)
+    np.testing.assert_allclose(depth_m[mask], depths()[mask], rtol=1e-6)
+
+
+def test_zero_negative_and_infinite_numbers_are_no_depth(tmp_path):
+    depth_m = depths()
+    depth_m[1, :4] = 0, -1, np.inf, -np.inf
+    np.save(tmp_path / "a.npy", depth_m)
+    expected = np.isfinite(depths())
+    expected[1, :4] = False
+    np.testing.assert_array_equal(np.isfinite(read_numbers(tmp_path / "a.npy", *SHAPE)), expected)
+
+
+def test_a_mask_hides_numbers(tmp_path):
+    mask = np.random.default_rng(1).random(SHAPE) > 0.5
+    np.savez(tmp_path / "250000.npz", depth_m=depths(), mask=mask)
+    _, seen = Prediction.open(tmp_path, "desk").depth_m(VIEW)
+    np.testing.assert_array_equal(seen, mask & np.isfinite(depths()))
+
+
+def test_times_come_from_names_seconds_or_a_list(tmp_path):
+    for name, description, times in [
+        ("250000_mine.npy", "", None),
+        ("0.25depth_points_fused.npy", 'time_unit = "s"', None),
+        ("0.15depth.npy", 'time_unit = "s"\ntime_offset_us = 100_000', None),
+        ("first.npy", "", "250000\n"),
+    ]:
+        folder = tmp_path / name
+        folder.mkdir()
+        np.save(folder / name, depths())
+        (folder / "prediction.toml").write_text(description)
+        if times:
+            (folder / "timestamps.txt").write_text(times)
+        assert list(Prediction.open(folder, "desk").files) == [VIEW.t_us]
+
+
+def test_each_case_has_its_folder_and_the_name_is_fit_for_a_method(tmp_path):
+    (tmp_path / "desk").mkdir()
+    np.save(tmp_path / "desk" / "1.npy", depths())
+    np.save(tmp_path / "2.npy", depths())
+    (tmp_path / "prediction.toml").write_text('name = "my method / 2"\n')
+    assert list(Prediction.open(tmp_path, "desk").files) == [1]
+    assert list(Prediction.open(tmp_path, "boxes").files) == [2]
+    assert Prediction.open(tmp_path, "desk").name == "Given/my_method___2"
+
+
+def test_a_time_within_the_tolerance_counts_and_others_are_named_as_unused(tmp_path):
+    for t_us in (249_900, 260_000):
+        np.save(tmp_path / f"{t_us}.npy", depths())
+    (tmp_path / "prediction.toml").write_text("tolerance_us = 100")
+    found = Prediction.open(tmp_path, "desk")
+    found.check([VIEW])
+    assert found.unused([VIEW]) == ["260000.npy"]
+
+
+def test_a_missing_time_is_refused_with_the_nearest_one(tmp_path):
+    np.save(tmp_path / "249900.npy", depths())
+    with pytest.raises(InputError, match=r"1 of 1 reference views .* 250000 .* -100 µs beside"):
+        Prediction.open(tmp_path, "desk").check([VIEW])
+
+
+BAD = {
+    "no folder": (lambda folder: folder.rmdir(), "no such folder"),
+    "empty": (lambda folder: None, "no depth maps"),
+    "no time": (lambda folder: np.save(folder / "depth.npy", depths()), "begin with the time"),
+    "twice": (
+        lambda folder: [np.save(folder / f"{n}.npy", depths()) for n in ("250000", "250000_b")],
+        "both for 250000 µs",
+    ),
+    "size": (lambda folder: np.save(folder / "250000.npy", depths()[1:]), "4 rows and 7 columns"),
+    "three channels": (
+        lambda folder: np.save(folder / "250000.npy", np.ones((*SHAPE, 3))),
+        r"needs \(H, W\)",
+    ),
+    "pickle": (
+        lambda folder: np.save(folder / "250000.npy", np.array([{}]), allow_pickle=True),
+        "cannot be read",
+    ),
+    "complex": (lambda folder: np.save(folder / "250000.npy", depths() * 1j), "complex"),
+    "no scale": (lambda folder: write(folder / "250000.png", depths(), 1e-3), "set scale"),
+    "8 bits": (
+        lambda folder: (folder / "250000.png").write_bytes(
+            cv2.imencode(".png", np.ones(SHAPE, np.uint8))[1].tobytes()
+        ),
+        "needs 16 bits",
+    ),
+    "outside": (lambda folder: (folder / "250000.txt").write_text("7 0 1.5"), "lies at 7, 0"),
+    "half a pixel": (lambda folder: (folder / "250000.txt").write_text("0.5 0 1"), "whole"),
+    "two columns": (lambda folder: (folder / "250000.txt").write_text("1 2"), "needs 3"),
+    "words": (lambda folder: (folder / "250000.txt").write_text("a b c"), "cannot be read"),
+    "unknown key": (
+        lambda folder: [
+            np.save(folder / "250000.npy", depths()),
+            (folder / "prediction.toml").write_text("unit = 1"),
+        ],
+        "it may hold name",
+    ),
+    "no TOML": (lambda folder: (folder / "prediction.toml").write_text("= 1"), "no TOML"),
+    "list too short": (
+        lambda folder: [
+            np.save(folder / "a.npy", depths()),
+            np.save(folder / "b.npy", depths()),
+            (folder / "timestamps.txt").write_text("1"),
+        ],
+        "it has 1 of them",
+    ),
+    "mask": (
+        lambda folder: np.savez(folder / "250000.npz", depth_m=depths(), mask=np.ones(3)),
+        "mask is float64",
+    ),
+    "npz of disparity": (
+        lambda folder: [
+            np.savez(folder / "250000.npz", depth_m=depths()),
+            (folder / "prediction.toml").write_text('quantity = "disparity"'),
+        ],
+        "quantity",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_bad_predictions_end_in_one_clear_line(tmp_path, kind):
+    spoil, message = BAD[kind]
+    folder = tmp_path / "given"
+    folder.mkdir()
+    spoil(folder)
+    with pytest.raises(InputError, match=message) as caught:
+        Prediction.open(folder, "desk").depth_m(VIEW)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@given(data=st.data())
+def test_damaged_files_end_in_one_clear_line_or_are_read(tmp_path_factory, suffix, data):
+    path = tmp_path_factory.mktemp("damaged") / f"1{suffix}"
+    write(path, depths(), 1e-3)
+    content = bytearray(path.read_bytes())
+    content = content[: data.draw(st.integers(0, len(content)))]
+    for place in data.draw(st.lists(st.integers(0, max(len(content) - 1, 0)), max_size=4)):
+        if content:
+            content[place] ^= data.draw(st.integers(1, 255))
+    path.write_bytes(bytes(content))
+    with contextlib.suppress(InputError):
+        assert read_numbers(path, *SHAPE).shape == SHAPE
