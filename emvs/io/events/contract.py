@@ -1,0 +1,157 @@
+"""What every event format offers: a lazy reader, a streaming writer, and its limits in words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from emvs.data.events import Events
+from emvs.errors import InputError
+
+Streams = Mapping[str, Iterable[Events]]
+"""Packets of events per stream name, each stream in the order in which it is to be written."""
+
+Progress = Callable[[int], None]
+"""Called with the number of events written so far."""
+
+
+class EventReader(Protocol):
+    """The event streams of a file, as the file holds them: in its order, nothing dropped.
+
+    Order in time and position on the sensor are the file's business; `Events.checked` tells of
+    events that run backwards or lie off the sensor.
+    """
+
+    @property
+    def format(self) -> str:
+        """The format's name, as `FORMATS` lists it."""
+
+    @property
+    def width_px(self) -> int | None:
+        """Sensor width (of the first stream), where the file says it."""
+
+    @property
+    def height_px(self) -> int | None:
+        """Sensor height (of the first stream), where the file says it."""
+
+    @property
+    def streams(self) -> tuple[str, ...]:
+        """One name per camera or topic."""
+
+    def span_us(self, stream: str) -> tuple[int, int]:
+        """Earliest and latest time stamp, µs; `InputError` where there are no events."""
+
+    def between(self, stream: str, t0_us: int, t1_us: int) -> Events:
+        """Events with `t0_us <= t < t1_us`, in file order."""
+
+    def chunks(self, stream: str, max_events: int = 1 << 20) -> Iterator[Events]:
+        """All events in file order, in packets of 1 to `max_events`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a format can hold; its writer refuses the rest.
+
+    Attributes:
+        max_x: largest column, px.
+        max_y: largest row, px.
+        max_us: largest time stamp that is written, µs (all begin at 0).
+        unit: what the file counts time in.
+        keeps_order: whether time stamps that run backwards survive.
+        streams: how many streams one file holds at most.
+        why: what stands behind these numbers, in a few words.
+        max_span_us: largest time between the first event of a stream and its last, µs.
+    """
+
+    max_x: int
+    max_y: int
+    max_us: int
+    unit: str
+    keeps_order: bool
+    streams: int
+    why: str
+    max_span_us: int = 1 << 62
+
+
+ANY_PX = (1 << 16) - 1
+DOUBLE_US = 1 << 51
+"""Up to here seconds in a double still round to the right microsecond."""
+ANY_US = (1 << 62) - 1
+MANY = 1 << 16
+
+
+class Checker:
+    """Refuses what a format cannot hold, and events off the sensor; counts the rest.
+
+    Args:
+        path: the output, for the error's sake.
+        limits: what the format holds.
+        width_px: sensor width.
+        height_px: sensor height.
+    """
+
+    def __init__(self, path: Path, limits: Limits, width_px: int, height_px: int) -> None:
+        if not (0 < width_px <= limits.max_x + 1 and 0 < height_px <= limits.max_y + 1):
+            raise InputError(
+                f"{path}: a sensor of {width_px}x{height_px} does not fit this format, which holds "
+                f"1x1 to {limits.max_x + 1}x{limits.max_y + 1} ({limits.why}): choose another"
+            )
+        self._path, self._limits, self._size_px = path, limits, (width_px, height_px)
+        self._first_us: dict[str, int] = {}
+        self._last_us: dict[str, int] = {}
+        self.count = 0
+
+    def __call__(self, stream: str, events: Events) -> Events:
+        """Returns the packet itself.
+
+        Raises:
+            InputError: an event that the format cannot hold.
+        """
+        if not len(events):
+            return events
+        try:
+            events._check_inside(*self._size_px)
+            if not self._limits.keeps_order:
+                events._check_sorted()
+        except InputError as error:
+            raise InputError(f"{self._path}, stream {stream!r}: {error}") from error
+        self._check_times(stream, events)
+        self.count += len(events)
+        return events
+
+    def _check_times(self, stream: str, events: Events) -> None:
+        first, last = int(events.t_us.min()), int(events.t_us.max())
+        if first < 0 or last > self._limits.max_us:
+            raise InputError(
+                f"{self._path}, stream {stream!r}: time {first if first < 0 else last} µs; this "
+                f"format holds 0 to {self._limits.max_us} µs ({self._limits.why}): shift the times"
+            )
+        before = self._last_us.get(stream, 0)
+        if not self._limits.keeps_order and first < before:
+            raise InputError(
+                f"{self._path}, stream {stream!r}: a packet begins at {first} µs, before the last "
+                f"event written ({before} µs): sort the events by time (stable)"
+            )
+        if last - self._first_us.setdefault(stream, first) > self._limits.max_span_us:
+            raise InputError(
+                f"{self._path}, stream {stream!r}: time {last} µs lies more than "
+                f"{self._limits.max_span_us} µs after the first event; this format's index by "
+                "milliseconds would outgrow the events: cut the recording or choose npz"
+            )
+        self._last_us[stream] = last
+
+
+def only_stream(path: Path, streams: Streams) -> tuple[str, Iterable[Events]]:
+    """The one stream of a format that holds one.
+
+    Raises:
+        InputError: there are none or several.
+    """
+    if len(streams) != 1:
+        raise InputError(
+            f"{path}: {len(streams)} streams ({', '.join(streams) or 'none'}) for a format that "
+            "holds one: write one file per stream, or choose mvsec, rosbag1 or aedat4"
+        )
+    return next(iter(streams.items()))

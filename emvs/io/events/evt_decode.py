@@ -1,0 +1,219 @@
+"""Compiled decoders of Prophesee's EVT2, EVT2.1 and EVT3 words and DAT records.
+
+Layouts after Prophesee's documentation of its data encoding formats. Each kernel reads `words`
+until they end, the output is nearly full, or a word is of no known kind; it returns how many words
+it used, how many events it wrote, and whether the next word is unknown. Counters that fall by half
+their range or more have wrapped; a smaller fall is time that runs backwards, as the file says.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from emvs.io.events.evt_state import (
+    BASE_X,
+    HIGH,
+    LOOPS,
+    LOW,
+    POLARITY,
+    TIMED,
+    UNTIMED,
+    State,
+    Whole,
+    Y,
+)
+
+Column = NDArray[np.uint16]
+Result = tuple[int, int, bool]
+
+MOST_PER_WORD = 32
+"""A word of EVT2.1 holds up to 32 events, one of EVT3 up to 12."""
+
+
+@njit(cache=True)
+def _raise_high(state: State, high: Whole, bits: int) -> None:
+    """Takes a new TIME_HIGH of so many bits."""
+    if state[TIMED] and state[HIGH] - high >= 1 << (bits - 1):
+        state[LOOPS] += 1
+    state[HIGH] = high
+    state[TIMED] = 1
+
+
+@njit(cache=True, nogil=True)
+def decode_evt2(
+    words: NDArray[np.uint32],
+    state: State,
+    x: Column,
+    y: Column,
+    t_us: NDArray[np.int64],
+    p: NDArray[np.uint8],
+) -> Result:
+    """32-bit words: kind (4), then low time (6), x (11), y (11), or high time (28)."""
+    n = 0
+    room = len(x)
+    timed = state[TIMED] != 0
+    base = (state[LOOPS] << 34) | (state[HIGH] << 6)
+    for k in range(len(words)):
+        word = np.int64(words[k])
+        kind = word >> 28
+        if kind <= 1:
+            if n == room:
+                return k, n, False
+            if timed:
+                x[n] = (word >> 11) & 0x7FF
+                y[n] = word & 0x7FF
+                t_us[n] = base | ((word >> 22) & 0x3F)
+                p[n] = kind
+                n += 1
+            else:
+                state[UNTIMED] += 1
+        elif kind == 8:
+            _raise_high(state, word & 0xFFFFFFF, 28)
+            base = (state[LOOPS] << 34) | (state[HIGH] << 6)
+            timed = True
+        elif not (kind == 0xA or kind == 0xE or kind == 0xF):
+            return k, n, True
+    return len(words), n, False
+
+
+@njit(cache=True, nogil=True)
+def decode_evt21(
+    words: NDArray[np.uint64],
+    state: State,
+    x: Column,
+    y: Column,
+    t_us: NDArray[np.int64],
+    p: NDArray[np.uint8],
+) -> Result:
+    """64-bit words: kind (4), low time (6), x (11), y (11), then a bit per column from x on."""
+    n = 0
+    room = len(x)
+    for k in range(len(words)):
+        valid = np.int64(words[k] & np.uint64(0xFFFFFFFF))
+        word = np.int64(words[k] >> np.uint64(32))
+        kind = word >> 28
+        if kind <= 1:
+            if n + 32 > room:
+                return k, n, False
+            stamp = (state[LOOPS] << 34) | (state[HIGH] << 6) | ((word >> 22) & 0x3F)
+            first = (word >> 11) & 0x7FF
+            for bit in range(32):
+                if (valid >> bit) & 1:
+                    if state[TIMED]:
+                        x[n] = first + bit
+                        y[n] = word & 0x7FF
+                        t_us[n] = stamp
+                        p[n] = kind
+                        n += 1
+                    else:
+                        state[UNTIMED] += 1
+        elif kind == 8:
+            _raise_high(state, word & 0xFFFFFFF, 28)
+        elif not (kind == 0xA or kind == 0xE or kind == 0xF):
+            return k, n, True
+    return len(words), n, False
+
+
+@njit(cache=True, nogil=True)
+def decode_evt3(  # noqa: C901 - one branch per kind of word
+    words: NDArray[np.uint16],
+    state: State,
+    x: Column,
+    y: Column,
+    t_us: NDArray[np.int64],
+    p: NDArray[np.uint8],
+) -> Result:
+    """16-bit words: kind (4) and a value (12); rows, times and vector bases hold until replaced."""
+    n = 0
+    room = len(x)
+    timed = state[TIMED] != 0
+    row: Whole
+    base_x: Whole
+    polarity: Whole
+    row, base_x, polarity = state[Y], state[BASE_X], state[POLARITY]
+    stamp = (state[LOOPS] << 24) | (state[HIGH] << 12) | state[LOW]
+    k = 0
+    unknown = False
+    while k < len(words):
+        word = np.int64(words[k])
+        kind = word >> 12
+        if kind == 0x2:  # ADDR_X
+            if n == room:
+                break
+            if timed:
+                x[n] = word & 0x7FF
+                y[n] = row
+                t_us[n] = stamp
+                p[n] = (word >> 11) & 1
+                n += 1
+            else:
+                state[UNTIMED] += 1
+        elif kind == 0x4 or kind == 0x5:  # VECT_12, VECT_8
+            width = 12 if kind == 0x4 else 8
+            if n + width > room:
+                break
+            valid = word & ((1 << width) - 1)
+            if valid and base_x > 0x7FF:
+                unknown = True  # a vector without its base, or running off every sensor
+                break
+            if not timed:
+                for bit in range(width):
+                    state[UNTIMED] += (valid >> bit) & 1
+            else:
+                for bit in range(width):
+                    # Written always, kept only where the bit is set: no branch to mispredict.
+                    x[n] = base_x + bit
+                    y[n] = row
+                    t_us[n] = stamp
+                    p[n] = polarity
+                    n += (int(valid) >> bit) & 1
+            base_x += width
+        elif kind == 0x0:  # ADDR_Y
+            row = word & 0x7FF
+        elif kind == 0x3:  # VECT_BASE_X
+            base_x = word & 0x7FF
+            polarity = (word >> 11) & 1
+        elif kind == 0x6:  # TIME_LOW
+            state[LOW] = word & 0xFFF
+            stamp = (state[LOOPS] << 24) | (state[HIGH] << 12) | state[LOW]
+        elif kind == 0x8:  # TIME_HIGH
+            if not timed or state[HIGH] != word & 0xFFF:
+                state[LOW] = 0  # a new high part starts at its own beginning
+            _raise_high(state, word & 0xFFF, 12)
+            timed = True
+            stamp = (state[LOOPS] << 24) | (state[HIGH] << 12) | state[LOW]
+        elif not (kind == 0x7 or kind == 0xA or kind == 0xE or kind == 0xF):
+            unknown = True
+            break
+        k += 1
+    state[Y], state[BASE_X], state[POLARITY] = row, base_x, polarity
+    return k, n, unknown
+
+
+@njit(cache=True, nogil=True)
+def decode_dat(
+    words: NDArray[np.uint64],
+    state: State,
+    x: Column,
+    y: Column,
+    t_us: NDArray[np.int64],
+    p: NDArray[np.uint8],
+) -> Result:
+    """64-bit records: time (32, low), x (14), y (14), polarity (4)."""
+    n = 0
+    for k in range(len(words)):
+        if n == len(x):
+            return k, n, False
+        stamp = np.int64(words[k] & np.uint64(0xFFFFFFFF))
+        word = np.int64(words[k] >> np.uint64(32))
+        if word >> 29:
+            return k, n, True  # a polarity that is neither 0 nor 1
+        _raise_high(state, stamp, 32)
+        x[n] = word & 0x3FFF
+        y[n] = (word >> 14) & 0x3FFF
+        t_us[n] = (state[LOOPS] << 32) | stamp
+        p[n] = word >> 28
+        n += 1
+    return len(words), n, False

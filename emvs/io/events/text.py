@@ -1,0 +1,155 @@
+"""Reads events as text: `t x y p` in lines, with or without a size line, or CSV with a header.
+
+A time with a decimal point or an exponent is in seconds, a whole number in µs, and a whole file
+is one or the other; a CSV header may name the unit instead (`t_s`, `t_ms`, `t_us`, `t_ns`)
+and the sensor (`x@1280`, `y@720`, as faery writes it).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.data.events import Events
+from emvs.errors import InputError
+from emvs.io.events.indexed import BlockReader
+from emvs.io.events.raw import STREAM, opened
+from emvs.io.events.text_kernels import parse_rows
+
+_BLOCK_BYTES = 1 << 22
+_HEAD_BYTES = 1 << 16
+_POWERS = {"t_s": 6, "t_ms": 3, "t_us": 0, "t_ns": -3}
+_NAMES = {"t": 0, "ts": 0, "time": 0, "timestamp": 0, "timestamps": 0} | dict.fromkeys(_POWERS, 0)
+_NAMES |= {"x": 1, "y": 2, "p": 3, "pol": 3, "polarity": 3, "on": 3}
+
+
+@dataclass(frozen=True)
+class TextLayout:
+    """How lines are read.
+
+    Attributes:
+        format: `text`, `esim-text` (size line) or `csv`.
+        skip: bytes of the header.
+        order: what each field is: 0 time, 1 x, 2 y, 3 polarity, -1 anything.
+        power: a time counts `10**power` µs.
+        whole_times: whether times are whole numbers.
+        size_px: width and height, where a line says them.
+    """
+
+    format: str
+    skip: int
+    order: tuple[int, ...]
+    power: int
+    whole_times: bool
+    size_px: tuple[int, int] | None = None
+
+
+class TextReader(BlockReader):
+    """A text of events: one stream, `events`.
+
+    Raises:
+        InputError: a missing file, a header without the columns, or a line that is no event.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(Path(path), (STREAM,))
+        with opened(self.path) as file:
+            self._layout = text_layout(self.path, file.read(_HEAD_BYTES))
+        self.format = self._layout.format
+        self.width_px, self.height_px = self._layout.size_px or (None, None)
+
+    def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
+        """Parses the file from front to back."""
+        del stream
+        with opened(self.path) as file:
+            offset = file.seek(self._layout.skip)
+            while text := file.read(_BLOCK_BYTES):
+                text += file.readline(_HEAD_BYTES)
+                yield (offset, len(text)), self._parse(text, offset)
+                offset += len(text)
+
+    def load(self, stream: str, place: Any) -> Events:
+        """Parses one block."""
+        del stream
+        with opened(self.path) as file:
+            file.seek(place[0])
+            return self._parse(file.read(place[1]), place[0])
+
+    def _parse(self, text: bytes, offset: int) -> Events:
+        rows = text.count(b"\n") + 1
+        t_us, p = np.empty(rows, np.int64), np.empty(rows, np.uint8)
+        x, y = np.empty(rows, np.uint16), np.empty(rows, np.uint16)
+        layout = self._layout
+        order: NDArray[np.int64] = np.array(layout.order, np.int64)
+        data = np.frombuffer(text, np.uint8)
+        count, bad = parse_rows(data, order, layout.power, layout.whole_times, t_us, x, y, p)
+        if bad >= 0:
+            line = text[bad : bad + 60].split(b"\n")[0].decode("ascii", "replace")
+            fields = " ".join("txyp"[what] if what >= 0 else "..." for what in layout.order)
+            times = "a whole number of µs" if layout.whole_times else "seconds"
+            raise InputError(
+                f"{self.path}, byte {offset + bad}: {line!r} is no event; needs `{fields}`, t >= 0 "
+                f"({times}, as the file begins), whole pixels 0 to 65535, p 0 or 1 or -1: mend or "
+                "remove the line"
+            )
+        return Events(x, y, t_us, p).slice(0, count)
+
+
+def text_layout(path: Path, head: bytes) -> TextLayout:
+    """Recognises the layout from the first bytes of a file.
+
+    Raises:
+        InputError: binary content, or a header that lacks a column.
+    """
+    if b"\0" in head or not head.isascii():
+        raise InputError(
+            f"{path}: neither text nor a known binary event format; "
+            "docs/event_formats.md lists what can be opened"
+        )
+    lines = head.splitlines(keepends=True)
+    skip = 0
+    while lines and (lines[0].startswith(b"#") or not lines[0].strip()):
+        skip += len(lines.pop(0))
+    words = lines[0].decode("ascii").replace(",", " ").split() if lines else []
+    if words and words[0][0].isalpha():
+        body = lines[1:]
+        return _csv_layout(path, words, skip + len(lines[0]), body)
+    size = None
+    if len(words) == 2 and all(word.isdigit() and len(word) < 6 for word in words):
+        size = (int(words[0]), int(words[1]))
+        skip += len(lines.pop(0))
+    seconds = _has_points(lines, 0)
+    name = "esim-text" if size else "text"
+    return TextLayout(name, skip, (0, 1, 2, 3), 6 if seconds else 0, not seconds, size)
+
+
+def _csv_layout(path: Path, words: list[str], skip: int, body: list[bytes]) -> TextLayout:
+    parts = [word.strip("\"'").lower().partition("@") for word in words]
+    names = [name for name, _, _ in parts]
+    sizes = {name: int(size) for name, _, size in parts if size.isdecimal() and len(size) < 6}
+    order = tuple(_NAMES.get(name, -1) for name in names)
+    if sorted(what for what in order if what >= 0) != [0, 1, 2, 3]:
+        raise InputError(
+            f"{path}, byte 0: columns {', '.join(names)}; needs x, y, p (or polarity) and one of "
+            f"t, {', '.join(_POWERS)}: rename them in the header"
+        )
+    place = order.index(0)
+    seconds = names[place] == "t_s" or (names[place] not in _POWERS and _has_points(body, place))
+    power = 6 if seconds else _POWERS.get(names[place], 0)
+    whole = names[place] not in _POWERS and not seconds
+    size = (sizes["x"], sizes["y"]) if {"x", "y"} <= set(sizes) else None
+    return TextLayout("csv", skip, order, power, whole, size)
+
+
+def _has_points(lines: list[bytes], place: int) -> bool:
+    """Whether times in these lines have a decimal point or an exponent."""
+    for line in lines:
+        words = line.replace(b",", b" ").replace(b";", b" ").split()
+        if len(words) > place and not words[0].startswith(b"#") and set(words[place]) & set(b".eE"):
+            return True
+    return False
