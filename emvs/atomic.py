@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -39,7 +41,8 @@ def atomic_path(path: Path) -> Iterator[Path]:
 def atomic_dir(path: Path, *, force: bool = False) -> Iterator[Path]:
     """Yields an empty folder beside `path`; renames it to `path` at the end, removes it on error.
 
-    An existing folder is replaced only with `force`, and only at the end.
+    An existing folder is replaced only with `force`, and only at the end. What a killed process
+    left beside `path` is removed first.
 
     Raises:
         InputError: `path` exists and `force` is not set, or its folder cannot be written to.
@@ -47,7 +50,8 @@ def atomic_dir(path: Path, *, force: bool = False) -> Iterator[Path]:
     path = Path(path)
     refuse_existing(path, force=force)
     _make_parent(path)
-    partial = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".partial", dir=path.parent))
+    _remove_abandoned(path)
+    partial, lock = _locked_folder(path)
     try:
         yield partial
         partial.chmod(0o777 & ~_umask())
@@ -56,6 +60,39 @@ def atomic_dir(path: Path, *, force: bool = False) -> Iterator[Path]:
         _swap(partial, path)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+        os.close(lock)
+
+
+def _locked_folder(path: Path) -> tuple[Path, int]:
+    """A new folder beside `path`, and a lock on it that lasts as long as this process lives."""
+    while True:
+        name = tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".partial", dir=path.parent)
+        try:
+            lock = os.open(name, os.O_RDONLY)
+        except FileNotFoundError:
+            continue
+        with suppress(OSError):
+            # Where the file system has no locks, nothing is ever taken for abandoned either.
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        # Another process may have taken it for abandoned before it was locked.
+        if Path(name).exists():
+            return Path(name), lock
+        os.close(lock)
+
+
+def _remove_abandoned(path: Path) -> None:
+    """Removes what killed processes left of the same target: folders that nobody holds locked."""
+    left = re.compile(rf"\.{re.escape(path.name)}\.\w{{8}}\.partial")
+    for folder in path.parent.iterdir():
+        if not left.fullmatch(folder.name) or not folder.is_dir():
+            continue
+        with suppress(OSError):
+            lock = os.open(folder, os.O_RDONLY)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(folder)
+            finally:
+                os.close(lock)
 
 
 def refuse_existing(path: Path, *, force: bool) -> None:

@@ -57,7 +57,7 @@ def back_project(
         caster = _Caster(recording, view, k, packets=config.is_reference)
         pieces = _of_camera(caster, events, config, window, splits)
         its_counts = total([rays.counts for parts in pieces[splits[0]] for rays in parts])
-        _check_any(recording.rig.camera_names[k], its_counts, window)
+        _check_any(recording.rig.camera_names[k], its_counts, window, config)
         if k == 0:
             event_image = _event_image(events, camera.width_px, camera.height_px)
         counts.append(with_left_out(its_counts, window.left_out[k]))
@@ -161,12 +161,14 @@ def _tabulated(camera: Camera) -> Camera:
     return _Tabulated(**{field.name: getattr(camera, field.name) for field in fields(camera)})
 
 
-def _check_any(name: str, counts: RayCounts, window: Window) -> None:
-    if counts.rays == 0:
+def _check_any(name: str, counts: RayCounts, window: Window, config: MapperConfig) -> None:
+    if counts.rays < config.min_events:
+        can = str(counts.rays) if counts.rays else "none"
         raise InputError(
             f"camera {name} has {counts.events} events in the window of "
-            f"{(window.t1_us - window.t0_us) / 1e6:.6f} s, and none that can vote: needs at least "
-            "1 (1025 in the mcemvs setting); choose another window or check poses and calibration"
+            f"{(window.t1_us - window.t0_us) / 1e6:.6f} s, and {can} that can vote: needs at least "
+            f"{config.min_events} (1025 or more in the mcemvs setting); choose another window or "
+            "check poses and calibration"
         )
 
 

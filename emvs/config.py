@@ -32,6 +32,27 @@ class MapperConfig(BaseModel):
     duration_s: Positive | None = Field(
         None, description="window length, s; by default all events that the poses cover"
     )
+    window_s: Positive | None = Field(
+        None, description="map sliding windows of this length, s, over the whole recording"
+    )
+    stride_s: Positive | None = Field(
+        None, description="from the begin of one window to the next, s; by default window_s"
+    )
+    window_events: int | None = Field(
+        None, ge=1, description="map sliding windows of so many events of camera 0"
+    )
+    stride_events: int | None = Field(
+        None, ge=1, description="from one window to the next, events; by default window_events"
+    )
+    min_events: int = Field(
+        1, ge=1, description="events that can vote which every camera needs in a window"
+    )
+    max_pose_gap_s: Positive | None = Field(
+        None, description="longest time between two poses, s; by default 10 usual ones, >= 0.05"
+    )
+    hot_pixels: NotNegative = Field(
+        0.0, description="drop pixels this many times as active as their surroundings; 0: none"
+    )
     reference_s: NotNegative | None = Field(
         None, description="time of the reference view, s after the first event; default: middle"
     )
@@ -53,8 +74,23 @@ class MapperConfig(BaseModel):
     polarity: Literal["both", "separate"] = Field(
         "both", description="separate: fuse darker and brighter events apart, then sum"
     )
+    voting: Literal["bilinear", "nearest"] = Field(
+        "bilinear", description="bilinear: exact; nearest: the fast variant, coarser depth"
+    )
     methods: tuple[str, ...] = Field(
         ("all",), min_length=1, description="methods by name, such as Alg1/H or Alg2/AtHc@4, or all"
+    )
+    extraction: Literal["votes", "variance", "mean-square", "gradient", "laplacian", "dog"] = Field(
+        "votes", description="what depth maximises along a ray: the votes, or a focus measure"
+    )
+    focus_sigma_px: Positive = Field(
+        2.5, le=50, description="scale of the focus measures, px of the reference view"
+    )
+    focus_reliability: float = Field(
+        0.1, ge=0, le=1, description="reliability that a point of the Focus methods needs"
+    )
+    inpaint: bool = Field(
+        False, description="also fill the gaps between points, marked as filled in"
     )
     interpolate: bool = Field(True, description="refine the maximum between planes by a parabola")
     threshold_kernel_px: OddPixels = Field(
@@ -99,17 +135,34 @@ class MapperConfig(BaseModel):
             raise ValueError(f"median_px is {self.median_px}: must be odd")
         if self.reference_s is not None and self.reference == "end":
             raise ValueError("reference_s and reference end: leave one of them out")
+        self._check_sliding()
         if self.is_reference and (self.spacing, self.polarity) != ("inverse", "both"):
             raise ValueError(
                 f"compatibility mcemvs with spacing {self.spacing} and polarity {self.polarity}: "
                 "it knows inverse and both only"
             )
+        if self.is_reference and self.voting != "bilinear":
+            raise ValueError(f"compatibility mcemvs with voting {self.voting}: needs bilinear")
         near, far = self.min_depth_m, self.max_depth_m
         if near is not None and far is not None and near >= far:
             raise ValueError(
                 f"depth range {near:g}..{far:g} m: min_depth_m must be below max_depth_m"
             )
         return self
+
+    def _check_sliding(self) -> None:
+        if self.window_s is not None and self.window_events is not None:
+            raise ValueError("window_s and window_events: leave one of them out")
+        for unit in ("s", "events"):
+            if getattr(self, f"stride_{unit}") and not getattr(self, f"window_{unit}"):
+                raise ValueError(f"stride_{unit} without window_{unit}: set both")
+        if self.slides and self.reference_s is not None:
+            raise ValueError("reference_s with sliding windows: needs reference middle or end")
+
+    @property
+    def slides(self) -> bool:
+        """Whether to map sliding windows over a whole recording."""
+        return self.window_s is not None or self.window_events is not None
 
     @property
     def is_reference(self) -> bool:

@@ -51,7 +51,13 @@ class DepthMap:
         return int(np.count_nonzero(self.mask))
 
 
-def extract(method: str, maximum: Maximum, view: ReferenceView, config: MapperConfig) -> DepthMap:
+def extract(
+    method: str,
+    maximum: Maximum,
+    view: ReferenceView,
+    config: MapperConfig,
+    sharpest: Maximum | None = None,
+) -> DepthMap:
     """Turns one method's maximum into its depth map.
 
     Args:
@@ -59,16 +65,19 @@ def extract(method: str, maximum: Maximum, view: ReferenceView, config: MapperCo
         maximum: first maximum of the fused volume.
         view: the reference view.
         config: thresholds, median, border, interpolation.
+        sharpest: maximum of a focus measure, which then says where the depth is; votes still say
+            how confident it is.
     """
     mask = confidence_mask(maximum.value, config)
-    position = maximum.position() if config.refines else maximum.plane.astype(np.float32)
+    where = maximum if sharpest is None else sharpest
+    position = where.position() if config.refines else where.plane.astype(np.float32)
     position = masked_median(position, mask, config.median_px)
     return DepthMap(
         method=method,
         depth_m=np.reciprocal(inverse_depth_at(view.rho, position)),
         confidence=maximum.value,
         mask=without_border(mask, config.border_px),
-        argmax=maximum.plane,
+        argmax=where.plane,
         rho=view.rho,
         t_us=view.t_us,
         T_world_rv=view.T_world_rv,

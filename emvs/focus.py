@@ -21,6 +21,13 @@ Floats = NDArray[np.float32]
 DOG_RATIO = 1.6  # of the two scales: closest to the Laplacian of a Gaussian (Marr, Hildreth 1980)
 
 
+def half_window(sigma_px: float) -> Floats:
+    """Weights of a Gaussian at 0, 1, 2, ... px, out to four `sigma_px`; mirrored, they sum to 1."""
+    weight = np.exp(-0.5 * (np.arange(round(4 * sigma_px) + 1) / sigma_px) ** 2)
+    weight /= weight[0] + 2 * weight[1:].sum()
+    return np.asarray(weight, np.float32)
+
+
 def blurred(plane: Floats, sigma_px: float) -> Floats:
     """The Gaussian-weighted mean around each pixel; the image is mirrored at its rim.
 

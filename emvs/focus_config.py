@@ -12,6 +12,9 @@ from emvs.errors import InputError
 class FocusConfig:
     """Parameters of the extraction; chosen on simulated data by `eval.study_extraction`.
 
+    Lengths in px are pixels of the view, disparities those of the rig's baseline: both keep their
+    meaning for other sensors, baselines and depth planes (`docs/extraction.md`).
+
     Attributes:
         measure: focus measure, by its name in `emvs.focus.MEASURES`.
         sigma_px: scale of the focus measure, px.
@@ -19,6 +22,9 @@ class FocusConfig:
             disparity.
         support_radius_px: half the square of neighbours that are asked, px.
         support_px: how far a neighbour's depth may be off to count as support, px of disparity.
+        inside_radius_px: half the square in which a pixel looks for its own surface, px.
+        inside_rise: relative rise of the votes, from the pixel to the middle of its own surface,
+            at which it rather lies beyond that surface's edge.
         threshold_kernel_px: window of the candidates' adaptive threshold, px, odd, at least 3.
         threshold_c: by how much of 255 the fused maximum must exceed its neighbours' mean.
     """
@@ -28,16 +34,20 @@ class FocusConfig:
     agreement_px: float = 0.4
     support_radius_px: int = 4
     support_px: float = 1.0
+    inside_radius_px: int = 8
+    inside_rise: float = 0.16
     threshold_kernel_px: int = 5
     threshold_c: float = 2.0
 
     def __post_init__(self) -> None:
+        """Refuses what cannot work."""
         focus.measure(self.measure)
-        for name in ("sigma_px", "agreement_px", "support_px"):
+        for name in ("sigma_px", "agreement_px", "support_px", "inside_rise"):
             if not getattr(self, name) > 0:
-                raise InputError(f"{name} is {getattr(self, name)}: must be greater than 0")
-        if self.support_radius_px < 1:
-            raise InputError(f"support_radius_px is {self.support_radius_px}: must be at least 1")
+                raise InputError(f"{name} is {getattr(self, name)}: must be above 0")
+        for name in ("support_radius_px", "inside_radius_px"):
+            if getattr(self, name) < 1:
+                raise InputError(f"{name} is {getattr(self, name)}: must be at least 1")
         if self.threshold_kernel_px < 3 or self.threshold_kernel_px % 2 == 0:
             raise InputError(
                 f"threshold_kernel_px is {self.threshold_kernel_px}: must be odd and at least 3"

@@ -8,41 +8,134 @@ from numba import njit, prange
 
 import emvs.threads  # noqa: F401  (names the threading layer before the kernels compile)
 
+_ZERO = np.float32(0)
+
+
+@njit(cache=True)
+def _fold_row(value, plane, best, index, left, right, previous):
+    """Running first maximum of one row, with the values before and after it."""
+    before, now = index.dtype.type(plane - 1), index.dtype.type(plane)
+    for x in range(len(value)):
+        # Everything is loaded before anything is chosen: only then does the loop vectorise.
+        new, last, top, where = value[x], previous[x], best[x], index[x]
+        lower, upper = left[x], right[x]
+        right[x] = new if (where == before) | (new > top) else upper
+        left[x] = last if new > top else lower
+        index[x] = now if new > top else where
+        best[x] = new if new > top else top
+        previous[x] = new
+
 
 @njit(parallel=True, cache=True)
 def fold_peak(value, plane, best, index, left, right, previous):
     """Folds plane number `plane` of one volume into its first maximum and both neighbours.
 
-    All (H, W): value float32; best starts at -inf and index (int16) at -2.
+    All (H, W): value float32; best starts at -inf and index (integer) at -2.
     """
-    height, width = value.shape
-    for y in prange(height):
+    for y in prange(len(value)):
+        _fold_row(value[y], plane, best[y], index[y], left[y], right[y], previous[y])
+
+
+@njit(cache=True)
+def _down(plane, y, row_of, weight, mean, square):
+    """Weighted column sums of the votes and of their squares around row y; the ends stay free."""
+    radius = len(weight) - 1
+    middle, w = plane[y], weight[0]
+    for x in range(len(middle)):
+        mean[radius + x] = w * middle[x]
+        square[radius + x] = w * middle[x] * middle[x]
+    for k in range(1, len(weight)):
+        above, below, w = plane[row_of[y + radius - k]], plane[row_of[y + radius + k]], weight[k]
+        for x in range(len(middle)):
+            mean[radius + x] += w * (above[x] + below[x])
+            square[radius + x] += w * (above[x] * above[x] + below[x] * below[x])
+
+
+@njit(cache=True)
+def _across(padded, column_of, weight, out):
+    """Weighted sums along one row, whose ends are mirrored here first."""
+    radius, width = len(weight) - 1, len(out)
+    for k in range(radius):
+        padded[k] = padded[radius + column_of[k]]
+        padded[radius + width + k] = padded[radius + column_of[radius + width + k]]
+    w = weight[0]
+    for x in range(width):
+        out[x] = w * padded[radius + x]
+    for k in range(1, len(weight)):
+        left, right, w = padded[radius - k :], padded[radius + k :], weight[k]
         for x in range(width):
-            now = value[y, x]
-            if index[y, x] == plane - 1:
-                right[y, x] = now
-            if now > best[y, x]:
-                best[y, x] = now
-                index[y, x] = plane
-                left[y, x] = previous[y, x]
-                right[y, x] = now
-            previous[y, x] = now
+            out[x] += w * (left[x] + right[x])
 
 
 @njit(parallel=True, cache=True)
-def support(position, candidate, radius, tolerance, out):
-    """Fills `out` with the share of candidates in a square that agree with its middle.
+def fold_variance(
+    value, plane, weight, row_of, column_of, padded, rows, best, index, left, right, previous
+):
+    """As `fold_peak`, of the weighted local variance of `value`; no plane of it is stored.
 
-    position (H, W) float32 planes; candidate (H, W) bool; a candidate agrees where it lies less
-    than `tolerance` planes away. The middle itself does not count; alone it has support 0.
+    Arrays:
+        value: (H, W) float32 votes.
+        plane: its number.
+        weight: (r + 1,) float32, half a symmetric window, the middle first.
+        row_of, column_of: (H + 2 r,), (W + 2 r,) int64, indices of the image mirrored at its rim.
+        padded: (S, 2, W + 2 r) float32 scratch; S strips of rows.
+        rows: (S, 2, W) float32 scratch.
+        best, index, left, right, previous: as in `fold_peak`.
     """
-    height, width = position.shape
+    height, strips = len(value), len(padded)
+    for s in prange(strips):
+        mean, square = rows[s, 0], rows[s, 1]
+        for y in range(s * height // strips, (s + 1) * height // strips):
+            _down(value, y, row_of, weight, padded[s, 0], padded[s, 1])
+            _across(padded[s, 0], column_of, weight, mean)
+            _across(padded[s, 1], column_of, weight, square)
+            for x in range(len(mean)):
+                spread = square[x] - mean[x] * mean[x]
+                square[x] = spread if spread > _ZERO else _ZERO
+            _fold_row(square, plane, best[y], index[y], left[y], right[y], previous[y])
+
+
+@njit(parallel=True, cache=True)
+def support(disparity, candidate, radius, tolerance, out):
+    """Fills `out`, at candidates, with the share of those around that have the same disparity.
+
+    disparity (H, W) float32; candidate (H, W) bool; the same is less than `tolerance` apart. The
+    middle itself does not count; alone it has support 0.
+    """
+    height, width = disparity.shape
     for y in prange(height):
         for x in range(width):
+            if not candidate[y, x]:
+                continue
             agree, there = 0, 0
             for v in range(max(y - radius, 0), min(y + radius + 1, height)):
                 for u in range(max(x - radius, 0), min(x + radius + 1, width)):
-                    if candidate[v, u] and not (v == y and u == x):
+                    if candidate[v, u]:
                         there += 1
-                        agree += abs(position[v, u] - position[y, x]) < tolerance
-            out[y, x] = np.float32(agree / there) if there > 0 else np.float32(0)
+                        agree += abs(disparity[v, u] - disparity[y, x]) < tolerance
+            out[y, x] = np.float32((agree - 1) / (there - 1)) if there > 1 else _ZERO
+
+
+@njit(parallel=True, cache=True)
+def own_surface(disparity, candidate, radius, tolerance, towards):
+    """Fills `towards` (2, H, W), at candidates, with where their own surface lies: x and y, px.
+
+    It is the mean, over the candidates around, of the way to those of the same disparity less the
+    way to those that are farther: what is nearer says nothing. Arrays as in `support`.
+    """
+    height, width = disparity.shape
+    for y in prange(height):
+        for x in range(width):
+            if not candidate[y, x]:
+                continue
+            across, down, there = 0, 0, 0
+            nearest, farthest = disparity[y, x] + tolerance, disparity[y, x] - tolerance
+            for v in range(max(y - radius, 0), min(y + radius + 1, height)):
+                for u in range(max(x - radius, 0), min(x + radius + 1, width)):
+                    if candidate[v, u]:
+                        there += 1
+                        sign = (disparity[v, u] < nearest) - 2 * (disparity[v, u] <= farthest)
+                        across += sign * (u - x)
+                        down += sign * (v - y)
+            towards[0, y, x] = np.float32(across / there)
+            towards[1, y, x] = np.float32(down / there)

@@ -23,6 +23,7 @@ class Found:
         candidate: (H, W) bool, where that stands out from its surroundings.
         agreement: (H, W) float32 in 0..1, of the cameras with each other; 1 with a single camera.
         support: (H, W) float32 in 0..1, share of the candidates around that have this depth too.
+        inside: (H, W) float32 in 0..1, near 0 where the pixel lies beyond its surface's edge.
     """
 
     position: Floats
@@ -30,11 +31,13 @@ class Found:
     candidate: Mask
     agreement: Floats
     support: Floats
+    inside: Floats
 
     @property
     def reliability(self) -> Floats:
-        """(H, W) float32 in 0..1, agreement times support; 0 where there is no candidate."""
-        return np.where(self.candidate, self.agreement * self.support, np.float32(0))
+        """(H, W) float32 in 0..1: agreement x support x inside; 0 where there is no candidate."""
+        product = self.agreement * self.support * self.inside
+        return np.where(self.candidate, product, np.float32(0))
 
 
 def most_reliable(found: Found, points: int, border_px: int) -> Mask:

@@ -50,6 +50,9 @@ def _maximum(votes, which, p, lo, out):
 @njit(cache=True, error_model="numpy")
 def _harmonic(votes, which, p, lo, out):
     """N / Σ(1/x): a zero gives 1/0 = inf, and N/inf = 0."""
+    if len(which) == 2:
+        _harmonic_of_two(votes, which, p, lo, out)
+        return
     count = np.float32(len(which))
     out[:] = _ZERO
     for c in range(len(which)):
@@ -58,6 +61,16 @@ def _harmonic(votes, which, p, lo, out):
             out[x] += _ONE / row[x]
     for x in range(len(out)):
         out[x] = count / out[x]
+
+
+@njit(cache=True, error_model="numpy")
+def _harmonic_of_two(votes, which, p, lo, out):
+    """2ab / (a + b), 0 where both are 0: one division, where the general form needs three."""
+    one, other = votes[which[0], p, lo : lo + len(out)], votes[which[1], p, lo : lo + len(out)]
+    for x in range(len(out)):
+        a, b = one[x], other[x]
+        both = a + b
+        out[x] = _TWO * a * b / (both if both > _ZERO else _ONE)
 
 
 @njit(cache=True)

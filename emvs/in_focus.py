@@ -1,7 +1,8 @@
 """Extraction by focus: depth where rays meet most sharply, kept where cameras and neighbours agree.
 
 Our own alternative to the ray maximum (`docs/extraction.md`). Planes pass one at a time; per pixel
-and witness 18 bytes remain, whatever the number of planes.
+and witness 18 bytes remain, whatever the number of planes. The mapper asks for it by the name of a
+method, `Focus/H`; on its own it is used so:
 
     finder = FocusFinder(cameras=2, width_px=346, height_px=260)
     for fused, votes in planes:          # (H, W) and (C, H, W), near to far
@@ -12,7 +13,7 @@ and witness 18 bytes remain, whatever the number of planes.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import cv2
 import numpy as np
@@ -22,30 +23,13 @@ from emvs import focus, focus_kernels
 from emvs.depthmap import eight_bits
 from emvs.errors import InputError
 from emvs.focus_config import FocusConfig
+from emvs.focus_peak import FocusPeak
 from emvs.found import Found
-from emvs.running import Maximum
 
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-
-class _Peak:
-    """First maximum over planes of one volume, and its neighbours, as planes pass."""
-
-    def __init__(self, height_px: int, width_px: int) -> None:
-        shape = (height_px, width_px)
-        self._best = np.full(shape, -np.inf, np.float32)
-        self._index = np.full(shape, -2, np.int16)
-        self._left, self._right = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-        self._previous = np.zeros(shape, np.float32)
-
-    def take(self, value: Floats, plane: int) -> None:
-        focus_kernels.fold_peak(
-            value, plane, self._best, self._index, self._left, self._right, self._previous
-        )
-
-    def maximum(self, planes: int) -> Maximum:
-        return Maximum(self._best, self._index, self._left, self._right, planes)
+_SLOPE_SIGMA_PX = 0.8  # scale of the votes' slope: that of a ridge of votes, not of its noise
 
 
 class FocusFinder:
@@ -63,9 +47,9 @@ class FocusFinder:
     ) -> None:
         self._config = FocusConfig() if config is None else config
         self._shape = (height_px, width_px)
-        self._measure = focus.measure(self._config.measure)
-        self._votes, self._fused = _Peak(*self._shape), _Peak(*self._shape)
-        self._cameras = [_Peak(*self._shape) for _ in range(cameras)]
+        size, measure = (width_px, height_px), (self._config.measure, self._config.sigma_px)
+        self._votes, self._fused = FocusPeak(*size, "votes", 1.0), FocusPeak(*size, *measure)
+        self._cameras = [FocusPeak(*size, *measure) for _ in range(cameras)]
         self._planes = 0
 
     def take(self, fused: Floats, votes: Iterable[Floats]) -> None:
@@ -85,11 +69,10 @@ class FocusFinder:
                 f"{len(by_camera)} camera planes of shapes {sorted(shapes)}: "
                 f"needs {len(self._cameras)} and a fused one, all {self._shape}"
             )
-        sigma_px = self._config.sigma_px
-        self._votes.take(fused, self._planes)
-        self._fused.take(self._measure(fused, sigma_px), self._planes)
+        self._votes.take(fused)
+        self._fused.take(fused)
         for peak, plane in zip(self._cameras, by_camera, strict=True):
-            peak.take(self._measure(plane, sigma_px), self._planes)
+            peak.take(plane)
         self._planes += 1
 
     def found(self, plane_px: float) -> Found:
@@ -105,25 +88,48 @@ class FocusFinder:
             raise InputError(
                 f"{self._planes} planes {plane_px} px apart: needs at least 1, and a distance > 0"
             )
-        config, confidence = self._config, self._votes.maximum(self._planes).value
-        position = self._fused.maximum(self._planes).position()
-        candidate = _candidates(confidence, config)
-        support = np.empty_like(position)
-        focus_kernels.support(
-            position, candidate, config.support_radius_px,
-            np.float32(config.support_px / plane_px), support,
-        )  # fmt: skip
-        agreement = self._agreement(position, plane_px)
-        return Found(position, confidence, candidate, agreement, support)
+        return judge(
+            self._votes.maximum().value,
+            self._fused.maximum().position(),
+            [peak.maximum().position() for peak in self._cameras],
+            -plane_px * np.arange(self._planes),
+            self._config,
+        )
 
-    def _agreement(self, position: Floats, plane_px: float) -> Floats:
-        """1 where every camera alone has its focus at the same depth; falls exponentially."""
-        apart = np.zeros_like(position)
-        if len(self._cameras) > 1:
-            for peak in self._cameras:
-                np.maximum(apart, abs(peak.maximum(self._planes).position() - position), out=apart)
-        agreement: Floats = np.exp(-apart * np.float32(plane_px / self._config.agreement_px))
-        return agreement
+
+def judge(
+    confidence: Floats,
+    position: Floats,
+    witnesses: Sequence[Floats],
+    disparity_px: NDArray[np.floating],
+    config: FocusConfig,
+) -> Found:
+    """Says how reliable each pixel's depth is.
+
+    Args:
+        confidence: (H, W) float32 maximum of the fused volume, votes.
+        position: (H, W) float32 plane index where the fused volume is most in focus.
+        witnesses: the same of each camera's own volume, whose agreement is asked for.
+        disparity_px: (N,) disparity of each plane, px; what counts are differences.
+        config: scales.
+    """
+    planes = np.arange(len(disparity_px))
+
+    def disparity(at: Floats) -> Floats:
+        return np.asarray(np.interp(at, planes, disparity_px), np.float32)
+
+    own_px = disparity(position)
+    candidate = _candidates(confidence, config)
+    support = np.zeros_like(position)
+    focus_kernels.support(
+        own_px, candidate, config.support_radius_px, np.float32(config.support_px), support
+    )
+    apart_px = np.zeros_like(position)
+    for witness in witnesses:
+        np.maximum(apart_px, abs(disparity(witness) - own_px), out=apart_px)
+    agreement: Floats = np.exp(-apart_px / np.float32(config.agreement_px))
+    inside = _inside(confidence, own_px, candidate, config)
+    return Found(position, confidence, candidate, agreement, support, inside)
 
 
 def find(fused: Floats, votes: Floats, plane_px: float, config: FocusConfig | None = None) -> Found:
@@ -158,3 +164,21 @@ def _candidates(confidence: Floats, config: FocusConfig) -> Mask:
         -config.threshold_c,
     )
     return (kept > 0) & (confidence > 0)
+
+
+def _inside(confidence: Floats, own_px: Floats, candidate: Mask, config: FocusConfig) -> Floats:
+    """Near 0 where the votes rise steeply towards the pixel's own surface: it lies beyond an edge.
+
+    The ridge of votes along a silhouette is a few pixels wide, and its outer half shows what is
+    behind. Where the own surface lies is seen from the candidates around.
+    """
+    towards = np.zeros((2, *confidence.shape), np.float32)
+    focus_kernels.own_surface(
+        own_px, candidate, config.inside_radius_px, np.float32(config.support_px), towards
+    )
+    smooth = focus.blurred(confidence, _SLOPE_SIGMA_PX)
+    slope_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
+    slope_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
+    rise = (towards[0] * slope_x + towards[1] * slope_y) / np.maximum(confidence, np.float32(1e-6))
+    steepness = np.clip(rise / np.float32(config.inside_rise), -50, 50)
+    return np.asarray(1 / (1 + np.exp(steepness)), np.float32)

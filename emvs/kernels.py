@@ -14,7 +14,8 @@ CHUNK = 1024
 # Votes that miss the image go here: spread, so that none waits for the store before it.
 DUMP_CELLS = 512
 
-_ZERO, _ONE = np.float32(0), np.float32(1)
+_ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
+_SPREAD = np.int32(DUMP_CELLS - 1)  # a mask: DUMP_CELLS is a power of 2
 
 
 def grid_cells(width_px: int, height_px: int) -> int:
@@ -22,36 +23,58 @@ def grid_cells(width_px: int, height_px: int) -> int:
     return width_px * height_px + DUMP_CELLS + width_px + 2
 
 
+# These loops run over whole arrays from 0: an offset in the index keeps them from being vectorised,
+# for numba then looks for negative indices, and they cost four times as much.
+
+
 @njit(cache=True)
-def _locate(a_u, b_u, a_v, b_v, lo, n, rho, width, height, cell, fx, fy):
-    """Cell and fractions of rays `lo..lo+n` in plane `rho`; returns how many lie inside."""
-    u_end, v_end, dump = np.float32(width - 1), np.float32(height - 1), np.int32(width * height)
-    inside = 0
-    for k in range(n):
-        u = a_u[lo + k] + rho * b_u[lo + k]
-        v = a_v[lo + k] + rho * b_v[lo + k]
+def _locate(a_u, b_u, a_v, b_v, rho, width, height, cell, fx, fy):
+    """Upper left cell and fractions of rays in plane `rho`; returns how many lie inside."""
+    u_end, v_end = np.float32(width - 1), np.float32(height - 1)
+    columns, dump = np.int32(width), np.int32(width * height)
+    inside = np.int32(0)
+    for k in range(len(a_u)):
+        u = a_u[k] + rho * b_u[k]
+        v = a_v[k] + rho * b_v[k]
         ok = (u >= _ZERO) & (v >= _ZERO) & (u < u_end) & (v < v_end)
         u = u if ok else _ZERO  # also keeps NaN and infinity away from the integer cast
         v = v if ok else _ZERO
         column, row = np.int32(u), np.int32(v)
-        spread = dump + np.int32(2 * (k & 255))
-        cell[k] = row * np.int32(width) + column if ok else spread
+        cell[k] = row * columns + column if ok else dump + (np.int32(2 * k) & _SPREAD)
         fx[k] = u - np.float32(column)
         fy[k] = v - np.float32(row)
-        inside += ok
+        inside += np.int32(ok)
     return inside
 
 
 @njit(cache=True)
-def _dump_behind(c_z, lo, n, rho, width, height, cell):
+def _locate_nearest(a_u, b_u, a_v, b_v, rho, width, height, cell):
+    """Nearest cell of rays in plane `rho`; inside is what it is for `_locate`."""
+    u_end, v_end = np.float32(width - 1), np.float32(height - 1)
+    columns, dump = np.int32(width), np.int32(width * height)
+    inside = np.int32(0)
+    for k in range(len(a_u)):
+        u = a_u[k] + rho * b_u[k]
+        v = a_v[k] + rho * b_v[k]
+        ok = (u >= _ZERO) & (v >= _ZERO) & (u < u_end) & (v < v_end)
+        u = u if ok else _ZERO
+        v = v if ok else _ZERO
+        column, row = np.int32(u + _HALF), np.int32(v + _HALF)
+        cell[k] = row * columns + column if ok else dump + (np.int32(2 * k) & _SPREAD)
+        inside += np.int32(ok)
+    return inside
+
+
+@njit(cache=True)
+def _dump_behind(c_z, rho, width, height, cell):
     """Redirects rays whose point lies behind their camera; returns (hidden, all) of them."""
     dump = np.int32(width * height)
-    hidden = behind = 0
-    for k in range(n):
-        if _ONE - c_z[lo + k] * rho <= _ZERO:
-            behind += 1
-            hidden += cell[k] < dump
-            cell[k] = max(cell[k], dump)
+    hidden = behind = np.int32(0)
+    for k in range(len(c_z)):
+        is_behind = _ONE - c_z[k] * rho <= _ZERO
+        behind += np.int32(is_behind)
+        hidden += np.int32(is_behind & (cell[k] < dump))
+        cell[k] = max(cell[k], dump) if is_behind else cell[k]
     return hidden, behind
 
 
@@ -66,6 +89,12 @@ def _scatter(cell, fx, fy, n, width, grid):
 
 
 @njit(cache=True)
+def _scatter_nearest(cell, n, grid):
+    for k in range(n):
+        grid[cell[k]] += _ONE
+
+
+@njit(cache=True)
 def _prefetch_rays(a_u, b_u, a_v, b_v, lo):
     for k in range(lo, min(lo + CHUNK, len(a_u)), 16):
         prefetch(a_u, k)
@@ -76,9 +105,10 @@ def _prefetch_rays(a_u, b_u, a_v, b_v, lo):
 
 @njit(parallel=True, cache=True)
 def vote(
-    a_u, b_u, a_v, b_v, c_z, c_z_max, rho, size, per_pass, cell, fx, fy, grids, inside, behind
-):
-    """Bilinear votes of one camera's rays in planes `rho`; a thread owns `per_pass` planes.
+    a_u, b_u, a_v, b_v, c_z, c_z_max, rho, size, per_pass, nearest, cell, fx, fy, grids,
+    inside, behind,
+):  # fmt: skip
+    """Votes of one camera's rays in planes `rho`; a thread owns `per_pass` planes.
 
     Several planes per pass over the rays: the stream of rays (16 B each) costs as much as the
     votes where a plane fits in the cache. The next chunk is fetched while this one votes, because
@@ -90,6 +120,7 @@ def vote(
         rho: (P,) float32 planes, 1/m.
         size: (width, height) px.
         per_pass: planes per thread and pass.
+        nearest: whether a ray votes in one cell, and not bilinearly in four.
         cell, fx, fy: (passes, CHUNK) scratch: int32, float32, float32.
         grids: (P, grid_cells) float32, filled: the votes, then the dump.
         inside, behind: (P,) int64, filled: votes counted, votes behind their camera.
@@ -102,16 +133,22 @@ def vote(
         inside[first:last] = 0
         behind[first:last] = 0
         for chunk in range(len(c_z_max)):
-            lo = chunk * CHUNK
-            n = min(CHUNK, len(a_u) - lo)
+            lo, hi = chunk * CHUNK, min((chunk + 1) * CHUNK, len(a_u))
+            au, bu, av, bv, cz = a_u[lo:hi], b_u[lo:hi], a_v[lo:hi], b_v[lo:hi], c_z[lo:hi]
             for p in range(first, last):
-                inside[p] += _locate(
-                    a_u, b_u, a_v, b_v, lo, n, rho[p], width, height, cell[task], fx[task], fy[task]
-                )
+                if nearest:
+                    inside[p] += _locate_nearest(au, bu, av, bv, rho[p], width, height, cell[task])
+                else:
+                    inside[p] += _locate(
+                        au, bu, av, bv, rho[p], width, height, cell[task], fx[task], fy[task]
+                    )
                 if _ONE - c_z_max[chunk] * rho[p] <= _ZERO:
-                    hidden, all_behind = _dump_behind(c_z, lo, n, rho[p], width, height, cell[task])
+                    hidden, all_behind = _dump_behind(cz, rho[p], width, height, cell[task])
                     inside[p] -= hidden
                     behind[p] += all_behind
                 if p == first:
                     _prefetch_rays(a_u, b_u, a_v, b_v, lo + CHUNK)
-                _scatter(cell[task], fx[task], fy[task], n, width, grids[p])
+                if nearest:
+                    _scatter_nearest(cell[task], hi - lo, grids[p])
+                else:
+                    _scatter(cell[task], fx[task], fy[task], hi - lo, width, grids[p])

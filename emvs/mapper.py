@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from emvs import fusion
@@ -11,15 +11,15 @@ from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.depthmap import DepthMap, extract
 from emvs.errors import InputError
+from emvs.focus_depth import extract_in_focus, parallax_baseline_m
 from emvs.late import union
 from emvs.methods import single_cameras
 from emvs.progress import Progress, Stopwatch, silent
 from emvs.recipe import Method
 from emvs.result import CameraCounts, WindowResult
-from emvs.running import Maximum
-from emvs.streaming import grouped, sweep
+from emvs.streaming import Swept, grouped, sweep
 from emvs.view import ReferenceView, reference_view
-from emvs.window import choose_window
+from emvs.window import Window, choose_window
 
 
 def map_window(
@@ -27,6 +27,7 @@ def map_window(
     config: MapperConfig,
     progress: Progress = silent,
     *,
+    window: Window | None = None,
     dsi_dir: Path | None = None,
 ) -> WindowResult:
     """Maps one window of a recording by every requested method at once (paper, Alg. 1 and 2).
@@ -35,6 +36,7 @@ def map_window(
         recording: events, poses and calibration.
         config: window, planes, methods, thresholds.
         progress: told the stage (`rays`, then `sweep`), what is done and how much there is.
+        window: one window of a plan (`emvs.windows`); by default what the configuration says.
         dsi_dir: where `save_dsi` writes the fused volumes.
 
     Raises:
@@ -45,11 +47,13 @@ def map_window(
     methods = fusion.methods(config.methods, len(recording.rig), reference=config.is_reference)
 
     # 1. Input: events of one interval, camera poses and calibration.
-    window = choose_window(recording, config)
+    window = choose_window(recording, config) if window is None else window
 
     # 2. The reference view: camera 0 at the middle of the interval, unless told otherwise.
     view = reference_view(recording, config, window.t_ref_us)
-    _check_request(config, view, dsi_dir)
+    check_request(config, view, dsi_dir)
+    by_focus = any(method.focus for method in methods)
+    baseline_m = parallax_baseline_m(recording, window) if by_focus else 0.0
 
     # 3. Back-project the events of each camera, in sub-intervals where a method asks for them.
     groups = grouped(methods, len(recording.rig))
@@ -62,7 +66,7 @@ def map_window(
     stopwatch.lap("sweep")
 
     # 5. Depth and confidence from the maxima over planes.
-    depth_maps = _extracted(methods, swept.maxima, view, config, len(recording.rig))
+    depth_maps = _extracted(methods, swept, view, config, len(recording.rig), baseline_m)
     stopwatch.lap("depth")
 
     return WindowResult(
@@ -77,13 +81,18 @@ def map_window(
 
 
 def _extracted(
-    methods: Sequence[Method], maxima: Mapping[str, Maximum], view: ReferenceView,
-    config: MapperConfig, n_cameras: int,
+    methods: Sequence[Method], swept: Swept, view: ReferenceView, config: MapperConfig,
+    n_cameras: int, baseline_m: float,
 ) -> dict[str, DepthMap]:  # fmt: skip
     """Every method's depth map, in order; late fusion joins those of the single cameras."""
     maps: dict[str, DepthMap] = {}
-    for name in maxima:
-        maps[name] = extract(name, maxima[name], view, config)
+    by_focus = {method.name for method in methods if method.focus}
+    for name, votes in swept.maxima.items():
+        found = swept.focus.get(name)
+        if found is not None and name in by_focus:
+            maps[name] = extract_in_focus(name, votes, found, view, config, baseline_m)
+        else:
+            maps[name] = extract(name, votes, view, config, found.maximum if found else None)
     for method in methods:
         if method.late:
             single = [maps[one.name] for one in single_cameras(n_cameras)]
@@ -91,7 +100,7 @@ def _extracted(
     return {method.name: maps[method.name] for method in methods}
 
 
-def _check_request(config: MapperConfig, view: ReferenceView, dsi_dir: Path | None) -> None:
+def check_request(config: MapperConfig, view: ReferenceView, dsi_dir: Path | None) -> None:
     """Refuses before any work what would fail after it."""
     rows = view.camera.height_px
     if config.slice_row is not None and config.slice_row >= rows:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from emvs import alg2, fuse_kernels
+from emvs import alg2, focus_methods, fuse_kernels
 from emvs.errors import InputError
 from emvs.recipe import CODES, MEANS, Method
 
@@ -36,9 +36,12 @@ def _late(name: str, _reference: bool) -> Method:
     return Method(name, fuse_kernels.MAX, "the single cameras' maps, joined", late=True)
 
 
-# First part of the name -> family. Its methods fuse cameras, so a rig of one has none of them.
+# First part of the name -> family. A rig of one camera has only what fuses no cameras.
 FAMILIES: dict[str, Family] = {
     "Alg2": Family(alg2.GRAMMAR, alg2.SUMMARY, alg2.EXAMPLES, alg2.build),
+    "Focus": Family(
+        focus_methods.GRAMMAR, focus_methods.SUMMARY, focus_methods.EXAMPLES, focus_methods.build
+    ),
     "Late": Family(
         "Late/union",
         "per pixel the most confident camera among those that pass their own threshold",
@@ -76,9 +79,9 @@ def unregister(name: str) -> None:
 
 
 def known_methods(n_cameras: int, *, reference: bool = False) -> tuple[Method, ...]:
-    """Lists what `all` stands for: Algorithm 1 and the single cameras.
+    """Lists what `all` stands for: Algorithm 1, the single cameras and our own `Focus/H`.
 
-    With one camera there is nothing to fuse.
+    With one camera there is nothing to fuse. The compatibility setting has no method of ours.
 
     Args:
         n_cameras: cameras of the rig.
@@ -90,7 +93,9 @@ def known_methods(n_cameras: int, *, reference: bool = False) -> tuple[Method, .
         for name, code in codes.items()
     )
     single = single_cameras(n_cameras)
-    return fused + single if n_cameras > 1 else single
+    if n_cameras == 1:
+        return single
+    return fused + single + (() if reference else (focus_methods.build("Focus/H"),))
 
 
 def single_cameras(n_cameras: int) -> tuple[Method, ...]:
@@ -115,7 +120,7 @@ def methods(names: Sequence[str], n_cameras: int, *, reference: bool = False) ->
     """Looks methods up by name.
 
     Args:
-        names: method names; `all` stands for Algorithm 1 and the single cameras.
+        names: method names; `all` stands for what `known_methods` lists.
         n_cameras: cameras of the rig.
         reference: the compatibility setting.
 
@@ -144,14 +149,21 @@ def _find(name: str, n_cameras: int, reference: bool) -> Method:
     if name in _registered:
         return _registered[name]
     family = FAMILIES.get(name.split("/")[0])
-    if family is None or n_cameras < 2:
+    method = family.build(name, reference) if family is not None else None
+    if method is None or not _fits(method, n_cameras):
         raise _unknown(name, n_cameras)
-    return family.build(name, reference)
+    return method
+
+
+def _fits(method: Method, n_cameras: int) -> bool:
+    camera = method.camera()
+    return n_cameras > 1 if camera is None else camera < n_cameras
 
 
 def _unknown(name: str, n_cameras: int) -> InputError:
     known = [method.name for method in known_methods(n_cameras)]
-    grammars = [family.grammar for family in FAMILIES.values()] if n_cameras > 1 else []
+    grammars = [family.grammar for family in FAMILIES.values()] if n_cameras > 1 else ["Focus/cam0"]
+    grammars = [grammar for grammar in grammars if grammar not in known]
     available = ", ".join([*known, *grammars, *_registered])
     return InputError(
         f"unknown method {name!r} for {n_cameras} camera(s): choose from {available} or all"

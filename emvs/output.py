@@ -14,6 +14,7 @@ from emvs.config import MapperConfig
 from emvs.depthmap import DepthMap
 from emvs.errors import InputError
 from emvs.fusion import file_name
+from emvs.inpaint import inpaint, write_dense
 from emvs.map_files import (
     check_array,
     read_depth,
@@ -58,6 +59,8 @@ def write_window(
         folder = directory / file_name(depth_map.method)
         folder.mkdir()
         write_depth(folder / "depth.npz", depth_map)
+        if config.inpaint:
+            write_dense(folder / "dense.npz", inpaint(depth_map))
         if clouds:
             cloud = back_project_map(depth_map)
             cloud = without_outliers(cloud, config.radius_m, config.radius_neighbours)

@@ -65,6 +65,7 @@ class Method:
         time_first: whether `code` fuses over time and `outer` across cameras, or the other way.
         shuffled: whether interval k of camera 0 meets interval k + n/2 (cyclic) of the others.
         late: whether it joins the single cameras' depth maps; `code` then only fills its slice.
+        focus: whether depth lies where the fused rays are most in focus (`emvs.in_focus`).
         function: a fusion of one's own, instead of the codes.
     """
 
@@ -76,6 +77,7 @@ class Method:
     time_first: bool = False
     shuffled: bool = False
     late: bool = False
+    focus: bool = False
     function: Fusion | None = field(default=None, compare=False)
 
     @classmethod
@@ -92,6 +94,11 @@ class Method:
             split: the sub-intervals that it wants votes of.
         """
         return cls(name, fuse_kernels.MAX, summary, split, function=function)
+
+    def camera(self) -> int | None:
+        """The one camera whose votes it takes; None where it fuses all of them."""
+        alone = self.function is None and self.code >= fuse_kernels.CAMERA
+        return self.code - fuse_kernels.CAMERA if alone else None
 
     @property
     def file_name(self) -> str:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from emvs.backproject import Projected
 from emvs.config import MapperConfig
+from emvs.focus_fold import FocusFold, InFocus
 from emvs.methods import single_cameras
 from emvs.progress import Progress
 from emvs.rays import Rays
@@ -44,11 +45,13 @@ class Swept:
 
     Attributes:
         maxima: method name -> maximum, of every method with a volume.
+        focus: method name -> where its rays are most in focus, of every method that asks for it.
         slices: one image row of every volume.
         votes: per camera, what became of its votes in the first group's sweep.
     """
 
     maxima: Mapping[str, Maximum]
+    focus: Mapping[str, InFocus]
     slices: Slices
     votes: list[VoteCounts]
 
@@ -81,35 +84,42 @@ def sweep(
     """
     row_px = view.camera.height_px // 2 if config.slice_row is None else config.slice_row
     maxima: dict[str, Maximum] = {}
+    focus: dict[str, InFocus] = {}
     slices: dict[str, NDArray[np.float32]] = {}
     votes: list[VoteCounts] = []
     for k, group in enumerate(groups):
-        one = _Pass(group, projected.rays[group.split], view, config, row_px)
+        cameras = len(projected.counts)
+        one = _Pass(group, projected.rays[group.split], cameras, view, config, row_px)
         for last in one.run(dsi_dir if config.save_dsi else None):
             progress("sweep", k * config.planes + last, len(groups) * config.planes)
         maxima |= {method.name: one.maxima.of(m) for m, method in enumerate(group.swept)}
+        focus |= one.focus.found()
         slices |= one.recorder.values
-        votes = votes or _per_camera(one.votes, len(projected.counts), group.split)
+        votes = votes or _per_camera(one.votes, cameras, group.split)
     in_order = {method.name: slices[method.name] for group in groups for method in group.asked}
-    return Swept(maxima, Slices(row_px, view.rho, in_order), votes)
+    return Swept(maxima, focus, Slices(row_px, view.rho, in_order), votes)
 
 
 class _Pass:
     """One group's sweep."""
 
     def __init__(
-        self, group: Group, rays: list[Rays], view: ReferenceView, config: MapperConfig, row_px: int
-    ) -> None:
+        self, group: Group, rays: list[Rays], cameras: int, view: ReferenceView,
+        config: MapperConfig, row_px: int,
+    ) -> None:  # fmt: skip
         size = view.camera.width_px, view.camera.height_px
         self._rays, self._rho, self._config = rays, view.rho, config
         self._threads = use_threads(config.threads)
-        self._load = (config.planes, self._threads, len(rays) * size[0] * size[1])
-        self._scratch = Scratch(len(rays), batch_planes(*self._load), *size)
+        self._load = (config.planes, self._threads, size[0] * size[1], len(rays))
+        self._scratch = Scratch(
+            len(rays), batch_planes(*self._load), *size, nearest=config.voting == "nearest"
+        )
         self._shape = (config.planes, size[1], size[0])
         self._with_volume = tuple(method for method in group.asked if not method.late)
         self.maxima = RunningMaxima(
             group.swept, *size, planes=config.planes, polarities=config.polarities
         )
+        self.focus = FocusFold(group.swept, cameras, *size, config)
         self.recorder = SliceRecorder(
             group.asked, config.planes, size[0], row_px, config.polarities
         )
@@ -124,6 +134,7 @@ class _Pass:
                 cast = cast_all(self._scratch, self._rays, self._rho[first:last])
                 self.maxima.fold(self._scratch.votes, last - first)
                 images = self._scratch.images(last - first)
+                self.focus.take(images)
                 self.recorder.take(first, images)
                 volumes.take(images)
                 self.votes = [a + b for a, b in zip(self.votes, cast, strict=True)]

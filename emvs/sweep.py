@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from emvs import kernels
 from emvs.rays import Rays
 
-# Planes that share one pass over the rays. With one, the sweep waits for the stream of rays; with
-# four, the planes of large sensors fall out of the cache (bench_sweep.py: test_planes_per_pass).
-PLANES_PER_PASS = 2
+# Planes that share one pass over the rays, and so are read and written in turns. With one, the
+# sweep waits for the stream of rays; with too many megabytes of planes, it waits for the planes.
+_PASS_BYTES, _MIN_PASS, _MAX_PASS = 5 << 20, 2, 4
+# Planes that are folded at once, so that the state of the fold is read and written once for all.
+_FOLD_PLANES = 8
 # Scratch planes hold 512 MB at most: 17 planes of 8 volumes of 1 Mpx (Alg. 2, 4 sub-intervals).
 _SCRATCH_PX = 128 << 20
 
@@ -43,16 +46,19 @@ class Scratch:
 
     Attributes:
         votes: (C, P, cells) float32; the first `height * width` cells of a plane are the image.
+        nearest: whether a ray votes for the nearest pixel, and not bilinearly for four.
     """
 
-    def __init__(self, cameras: int, planes: int, width_px: int, height_px: int) -> None:
-        self.width_px, self.height_px = width_px, height_px
+    def __init__(
+        self, cameras: int, planes: int, width_px: int, height_px: int, *, nearest: bool = False
+    ) -> None:
+        self.width_px, self.height_px, self.nearest = width_px, height_px, nearest
         cells = kernels.grid_cells(width_px, height_px)
         self.votes = np.zeros((cameras, planes, cells), np.float32)
-        passes = -(-planes // PLANES_PER_PASS)
-        self._cell = np.empty((passes, kernels.CHUNK), np.int32)
-        self._fx = np.empty((passes, kernels.CHUNK), np.float32)
-        self._fy = np.empty((passes, kernels.CHUNK), np.float32)
+        self._per_pass = planes_per_pass(width_px * height_px)
+        self._cell = np.empty((planes, kernels.CHUNK), np.int32)
+        self._fx = np.empty((planes, kernels.CHUNK), np.float32)
+        self._fy = np.empty((planes, kernels.CHUNK), np.float32)
 
     def images(self, planes: int) -> NDArray[np.float32]:
         """The first `planes` planes as (C, planes, H, W) views."""
@@ -61,20 +67,22 @@ class Scratch:
         return image.reshape(len(self.votes), planes, self.height_px, self.width_px)
 
     def cast(self, camera: int, rays: Rays, rho: NDArray[np.float32]) -> VoteCounts:
-        """Fills `votes[camera, :len(rho)]` with the bilinear votes of `rays` in planes `rho`.
+        """Fills `votes[camera, :len(rho)]` with the votes of `rays` in planes `rho`.
 
-        A vote counts only where all four of its cells lie in the image.
+        A vote counts only where all four pixels around it lie in the image.
 
         Raises:
             ValueError: more planes than the scratch has.
         """
         if len(rho) > self.votes.shape[1]:
             raise ValueError(f"{len(rho)} planes, scratch has {self.votes.shape[1]}")
-        passes = -(-len(rho) // PLANES_PER_PASS)
+        # Fewer planes than all threads together take in one pass are shared out among them.
+        per_pass = min(self._per_pass, max(1, -(-len(rho) // numba.get_num_threads())))
+        passes = -(-len(rho) // per_pass)
         inside, behind = np.empty(len(rho), np.int64), np.empty(len(rho), np.int64)
         kernels.vote(
             rays.a_u, rays.b_u, rays.a_v, rays.b_v, rays.c_z, rays.c_z_max, rho,
-            (self.width_px, self.height_px), PLANES_PER_PASS,
+            (self.width_px, self.height_px), per_pass, self.nearest,
             self._cell[:passes], self._fx[:passes], self._fy[:passes],
             self.votes[camera, : len(rho)], inside, behind,
         )  # fmt: skip
@@ -82,27 +90,37 @@ class Scratch:
         return VoteCounts(counted, len(rays) * len(rho) - counted - hidden, hidden)
 
 
-def batch_planes(planes: int, threads: int, volumes_px: int = 0) -> int:
-    """Returns how many planes make one batch: one pass for every thread, unless that is too large.
+def planes_per_pass(plane_px: int) -> int:
+    """Returns how many planes share one pass over the rays, by the size of a plane, px."""
+    return min(_MAX_PASS, max(_MIN_PASS, _PASS_BYTES // (4 * max(1, plane_px))))
+
+
+def batch_planes(planes: int, threads: int, plane_px: int = 1, volumes: int = 1) -> int:
+    """Returns how many planes make one batch: whole passes of every thread, enough for the fold.
 
     Args:
         planes: planes of the sweep.
         threads: threads of the kernels.
-        volumes_px: pixels of one plane of all volumes together.
+        plane_px: pixels of a plane.
+        volumes: volumes of the sweep; where one batch of all would be too large, it shrinks.
     """
-    fit = max(1, _SCRATCH_PX // max(1, volumes_px))
-    return min(planes, threads * PLANES_PER_PASS, fit)
+    one_pass = threads * planes_per_pass(plane_px)
+    wanted = max(1, _FOLD_PLANES // one_pass) * one_pass
+    fit = max(1, _SCRATCH_PX // max(1, volumes * plane_px))
+    return min(planes, wanted, fit)
 
 
-def batches(planes: int, threads: int, volumes_px: int = 0) -> Iterator[tuple[int, int]]:
+def batches(
+    planes: int, threads: int, plane_px: int = 1, volumes: int = 1
+) -> Iterator[tuple[int, int]]:
     """Yields (first, last) planes of each batch, as large as `batch_planes` says."""
-    step = batch_planes(planes, threads, volumes_px)
+    step = batch_planes(planes, threads, plane_px, volumes)
     for first in range(0, planes, step):
         yield first, min(first + step, planes)
 
 
 def dsi(
-    rays: Rays, rho: NDArray[np.float32], width_px: int, height_px: int
+    rays: Rays, rho: NDArray[np.float32], width_px: int, height_px: int, *, nearest: bool = False
 ) -> tuple[NDArray[np.float32], VoteCounts]:
     """Builds one camera's whole ray-density volume; `map_window` never needs it.
 
@@ -111,11 +129,12 @@ def dsi(
         rho: (N,) float32 planes, 1/m.
         width_px: columns of the reference view.
         height_px: rows of the reference view.
+        nearest: whether a ray votes for the nearest pixel, and not bilinearly for four.
 
     Returns:
         (N, H, W) float32 votes, and what was counted.
     """
-    scratch = Scratch(1, len(rho), width_px, height_px)
+    scratch = Scratch(1, len(rho), width_px, height_px, nearest=nearest)
     counts = scratch.cast(0, rays, rho)
     return scratch.images(len(rho))[0].copy(), counts
 

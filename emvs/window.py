@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.errors import InputError
+from emvs.pose_gaps import check_poses
 
 _COUNTING_STEP_US = 1_000_000
 
@@ -38,14 +40,16 @@ def choose_window(recording: Recording, config: MapperConfig) -> Window:
     """Finds the window that the configuration asks for.
 
     Without `start_s` and `duration_s` the window is everything that the poses cover; events before
-    the first or after the last pose are left out and counted.
+    the first or after the last pose are left out and counted. With sliding windows this is the
+    stretch that they slide over, and `emvs.windows` cuts it.
 
     Args:
         recording: events and poses.
         config: `start_s`, `duration_s`, `reference_s`, relative to the first event; `reference`.
 
     Raises:
-        InputError: a window or reference time that events or poses do not cover; says by how much.
+        InputError: a window or reference time that events or poses do not cover, or poses
+            missing in it; says by how much.
     """
     events, poses = _event_span(recording), _Span(*recording.trajectory.span_us)
     covered = _covered(events, poses)
@@ -56,9 +60,17 @@ def choose_window(recording: Recording, config: MapperConfig) -> Window:
         t1_us = t0_us + _micros(config.duration_s)
     _check_inside("events", events, t0_us, t1_us)
     _check_inside("poses", poses, t0_us, t1_us)
+    if not config.slides:
+        check_poses(recording.trajectory, t0_us, t1_us, config)
     whole = config.start_s is None and config.duration_s is None
     left_out = _left_out(recording, events, t0_us, t1_us) if whole else (0,) * len(recording.rig)
     return Window(t0_us, t1_us, _reference_us(config, events, poses, t0_us, t1_us), left_out)
+
+
+def time_steps(t0_us: int, t1_us: int) -> Iterator[tuple[int, int]]:
+    """Cuts a stretch into seconds, for passes over what may be longer than memory."""
+    for t_us in range(t0_us, t1_us, _COUNTING_STEP_US):
+        yield t_us, min(t_us + _COUNTING_STEP_US, t1_us)
 
 
 def _micros(seconds: float) -> int:
@@ -122,8 +134,5 @@ def _left_out(recording: Recording, events: _Span, t0_us: int, t1_us: int) -> tu
 
 
 def _count(recording: Recording, camera: int, t0_us: int, t1_us: int) -> int:
-    """Counts a second at a time: what is left out may be longer than memory."""
-    steps = range(t0_us, t1_us, _COUNTING_STEP_US)
-    return sum(
-        len(recording.events(camera, t_us, min(t_us + _COUNTING_STEP_US, t1_us))) for t_us in steps
-    )
+    steps = time_steps(t0_us, t1_us)
+    return sum(len(recording.events(camera, begin_us, end_us)) for begin_us, end_us in steps)

@@ -16,10 +16,14 @@ __all__ = ["commands", "main"]  # importing the commands registers them
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs one command and ends the process: 0 on success, 2 on bad input, 130 when interrupted."""
+    """Runs one command and ends the process with its code.
+
+    0 on success, 1 where a suite or gate failed, 2 on bad input, 130 when interrupted.
+    """
     with exit_code() as code:
         try:
-            app(arguments, exit_on_error=False, print_error=False)
+            returned = app(arguments, exit_on_error=False, print_error=False)
+            code.value = returned if isinstance(returned, int) else code.value
         except CycloptsError as error:
             raise InputError(_one_line(error)) from error
     if arguments is None:

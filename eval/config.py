@@ -22,6 +22,15 @@ class EvalConfig(BaseModel):
     max_truth_depth_m: float | None = Field(
         default=None, gt=0, description="Farther ground truth is left out [m]; unset: no limit."
     )
+    border_px: int = Field(
+        default=0, ge=0, description="Pixels this close to the image border are left out [px]."
+    )
+    boundary_px: int = Field(
+        default=2, ge=1, le=100, description="How far a depth boundary reaches to each side [px]."
+    )
+    edge_contrast: float = Field(
+        default=0.1, gt=0, description="Gradient of log intensity that makes an edge [1/px]."
+    )
     ranking_metric: RankingMetric = Field(
         default="mean_error", description="The metric that orders the methods; lower is better."
     )

@@ -1,9 +1,11 @@
-"""Precision, recall and F1 against the error that is tolerated, 1 cm to 15 cm."""
+"""Precision, recall and F1 against the error that is tolerated: 1 cm to 15 cm, and 1 % to 20 %."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,11 @@ from numpy.typing import NDArray
 from eval.metrics import FloatArray, Metric, Pairs
 
 THRESHOLDS_CM: tuple[int, ...] = tuple(range(1, 16))
+THRESHOLDS_PERCENT: tuple[int, ...] = (1, 2, 5, 10, 20)
+
+Errors = Callable[[Pairs], FloatArray]
+Hits = NDArray[Any]
+Share = Callable[[Pairs, Hits], float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,44 +39,98 @@ class Curve:
 
 def curve(pairs: Pairs) -> Curve:
     """Precision, recall and F1 at every whole centimetre from 1 to 15."""
+    within = [pairs.error_m < cm / 100 for cm in THRESHOLDS_CM]
     return Curve(
         np.array(THRESHOLDS_CM),
-        np.array([_precision(pairs, cm) if pairs.count else np.nan for cm in THRESHOLDS_CM]),
-        np.array([_recall(pairs, cm) for cm in THRESHOLDS_CM]),
-        np.array([_f1(pairs, cm) for cm in THRESHOLDS_CM]),
+        np.array([_precision(pairs, hits) if pairs.count else np.nan for hits in within]),
+        np.array([_recall(pairs, hits) for hits in within]),
+        np.array([_f1(pairs, hits) for hits in within]),
     )
 
 
-def _hits(pairs: Pairs, threshold_cm: int) -> int:
-    return int(np.count_nonzero(pairs.error_m < threshold_cm / 100))
+def _precision(pairs: Pairs, hits: Hits) -> float:
+    return 100 * float(np.sum(hits)) / pairs.count
 
 
-def _precision(pairs: Pairs, threshold_cm: int) -> float:
-    return 100 * _hits(pairs, threshold_cm) / pairs.count
+def _recall(pairs: Pairs, hits: Hits) -> float:
+    return 100 * float(np.sum(hits)) / pairs.truth_count if pairs.truth_count else np.nan
 
 
-def _recall(pairs: Pairs, threshold_cm: int) -> float:
-    return 100 * _hits(pairs, threshold_cm) / pairs.truth_count if pairs.truth_count else np.nan
-
-
-def _f1(pairs: Pairs, threshold_cm: int) -> float:
+def _f1(pairs: Pairs, hits: Hits) -> float:
     # 2PR/(P+R) with the quotients cleared: defined, and zero, where nothing was estimated.
     either = pairs.count + pairs.truth_count
-    return 200 * _hits(pairs, threshold_cm) / either if either else np.nan
+    return 200 * float(np.sum(hits)) / either if either else np.nan
 
 
-def _at(cm: int) -> tuple[Metric, Metric, Metric]:
-    hits, where = f"#(|e - g| < {cm} cm)", f"at {cm} cm"
-    precision = _share(f"precision_{cm}cm", f"precision {where}", f"{hits} / #e", _precision, cm)
-    recall = _share(f"recall_{cm}cm", f"recall {where}", f"{hits} / #g", _recall, cm)
-    f1 = _share(f"f1_{cm}cm", f"F1 {where}", f"2 {hits} / (#e + #g)", _f1, cm)
-    return precision, replace(recall, needs_pairs=False), replace(f1, needs_pairs=False)
+def _metres(pairs: Pairs) -> FloatArray:
+    return pairs.error_m
 
 
-def _share(
-    name: str, title: str, formula: str, share: Callable[[Pairs, int], float], cm: int
-) -> Metric:
-    return Metric(name, title, "%", "higher", formula, lambda pairs: share(pairs, cm))
+def _relative(pairs: Pairs) -> FloatArray:
+    return pairs.error_m / pairs.truth_m
 
 
-CURVE_METRICS: tuple[Metric, ...] = tuple(metric for cm in THRESHOLDS_CM for metric in _at(cm))
+def _within(pairs: Pairs, share: Share, *, errors: Errors, threshold: float) -> float:
+    return share(pairs, errors(pairs) < threshold)
+
+
+def _area(pairs: Pairs, share: Share, *, errors: Errors, largest: float) -> float:
+    """Integrates a share over thresholds from 0 to `largest`, divided by `largest`.
+
+    Exact, without sampling: a pixel of error d counts from d on, so it adds 1 - d / largest.
+    """
+    return share(pairs, np.clip(1 - errors(pairs) / largest, 0, 1))
+
+
+_SHARES: tuple[tuple[str, str, str, Share], ...] = (
+    ("precision", "precision", "{} / #e", _precision),
+    ("recall", "recall", "{} / #g", _recall),
+    ("f1", "F1", "2 {} / (#e + #g)", _f1),
+)
+
+
+def _three(key: str, title: str, hits: str, compute: Callable[..., float]) -> tuple[Metric, ...]:
+    """Precision, recall and F1 of one threshold or range; `key` and `title` have a gap for them."""
+    return tuple(
+        Metric(
+            key.format(name),
+            title.format(word),
+            "%",
+            "higher",
+            formula.format(hits),
+            partial(compute, share=share),
+            needs_pairs=name == "precision",
+        )
+        for name, word, formula, share in _SHARES
+    )
+
+
+def _at_cm(cm: int) -> tuple[Metric, ...]:
+    compute = partial(_within, errors=_metres, threshold=cm / 100)
+    return _three(f"{{}}_{cm}cm", f"{{}} at {cm} cm", f"#(|e - g| < {cm} cm)", compute)
+
+
+def _at_percent(percent: int) -> tuple[Metric, ...]:
+    compute = partial(_within, errors=_relative, threshold=percent / 100)
+    hits = f"#(|e - g| / g < {percent} %)"
+    return _three(f"{{}}_{percent}pct", f"{{}} at {percent} %", hits, compute)
+
+
+_LARGEST_CM, _LARGEST_PERCENT = THRESHOLDS_CM[-1], THRESHOLDS_PERCENT[-1]
+
+CURVE_METRICS: tuple[Metric, ...] = (
+    *(metric for cm in THRESHOLDS_CM for metric in _at_cm(cm)),
+    *(metric for percent in THRESHOLDS_PERCENT for metric in _at_percent(percent)),
+    *_three(
+        "auc_{}",
+        f"{{}} AUC to {_LARGEST_CM} cm",
+        f"(mean over tau in 0..{_LARGEST_CM} cm of #(|e - g| < tau))",
+        partial(_area, errors=_metres, largest=_LARGEST_CM / 100),
+    ),
+    *_three(
+        "auc_{}_relative",
+        f"{{}} AUC to {_LARGEST_PERCENT} %",
+        f"(mean over tau in 0..{_LARGEST_PERCENT} % of #(|e - g| / g < tau))",
+        partial(_area, errors=_relative, largest=_LARGEST_PERCENT / 100),
+    ),
+)

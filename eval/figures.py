@@ -22,6 +22,12 @@ def frame_image(intensity: NDArray[np.uint8]) -> IndexedImage:
     return IndexedImage(np.rint(255 * grey).astype(np.uint8)[intensity], grey_palette())
 
 
+def photo_image(image: NDArray[np.uint8]) -> IndexedImage:
+    """Draws (H, W) linear values as a screen shows them: nothing stretched, white stays white."""
+    shown = np.rint(255 * (np.arange(256) / 255) ** (1 / 2.2)).astype(np.uint8)
+    return IndexedImage(shown[image], grey_palette())
+
+
 def events_image(
     brighter: NDArray[np.integer], darker: NDArray[np.integer], scale: Scale
 ) -> IndexedImage:

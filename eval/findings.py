@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from eval.method_scores import CAUSE_PREFIX
 from eval.ranking import FUSED_PREFIX, SINGLE_PREFIX, column, order, with_unit
 from eval.results import Row
 
@@ -45,7 +46,20 @@ def findings(rows: Sequence[Row], metric: str) -> list[str]:
     fused = [name for name, _ in order(rows, metric, FUSED_PREFIX)]
     if HARMONIC in fused and single:
         sentences.append(_against(rows, HARMONIC, single[0], "the better single camera"))
+    if causes_text := _causes(rows, HARMONIC):
+        sentences.append(causes_text)
     return sentences
+
+
+def _causes(rows: Sequence[Row], method: str) -> str:
+    """Why a method's outliers are outliers, the largest share first; empty without any."""
+    found = [row for row in rows if row.method == method and row.metric.startswith(CAUSE_PREFIX)]
+    shares = sorted((row for row in found if row.value >= 0.5), key=lambda row: -row.value)
+    if not shares:
+        return ""
+    parts = (f"{row.metric.removeprefix(CAUSE_PREFIX)} {row.value:.0f} %" for row in shares)
+    names = ", ".join(parts).replace("_", " ")
+    return f"Why {shares[0].points} px of {method} are off by more than a tenth: {names}."
 
 
 def _against(rows: Sequence[Row], method: str, other: str, role: str) -> str:

@@ -95,4 +95,5 @@ def truth_of(sequence: Sequence, t_ref_us: int, config: EvalConfig) -> Truth:
         focal_px=camera.fx_px,
         baseline_m=sequence.rig.baseline_m() if len(sequence.rig) > 1 else None,
         limits_m=config.truth_limits_m,
+        border_px=config.border_px,
     )

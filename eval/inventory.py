@@ -5,6 +5,7 @@ from __future__ import annotations
 import scenes
 from emvs import methods
 from eval.score import ALL_METRICS
+from eval.studies.study import STUDIES
 from sim.rigs import RIGS
 
 
@@ -14,6 +15,10 @@ def inventory() -> dict[str, dict[str, str]]:
         "cases": dict(scenes.summaries()),
         "rigs": {name: _rig_line(name) for name in RIGS},
         "methods": methods.overview(),
+        "studies": {
+            study.name: f"{study.axis}, {study.amounts[0]:g} to {study.amounts[-1]:g} {study.unit}"
+            for study in STUDIES.values()
+        },
         "metrics": {
             name: f"{metric.formula} [{metric.unit}], better: {metric.better}"
             for name, metric in ALL_METRICS.items()

@@ -35,12 +35,16 @@ class Pairs:
         truth_m: (N,) true depth, m.
         truth_count: number of pixels with valid ground truth, N or more.
         baseline_focal_px_m: baseline times focal length, px·m; NaN for a rig of one camera.
+        cells: (N,) error in depth cells; None where no planes are known.
+        confidence: (N,) confidence of the estimates, larger is surer; None where there is none.
     """
 
     estimate_m: FloatArray
     truth_m: FloatArray
     truth_count: int
     baseline_focal_px_m: float
+    cells: FloatArray | None = None
+    confidence: FloatArray | None = None
 
     @property
     def count(self) -> int:
@@ -80,7 +84,15 @@ def pooled(parts: Sequence[Pairs]) -> Pairs:
         np.concatenate([part.truth_m for part in parts]),
         sum(part.truth_count for part in parts),
         parts[0].baseline_focal_px_m,
+        _joined([part.cells for part in parts]),
+        _joined([part.confidence for part in parts]),
     )
+
+
+def _joined(parts: Sequence[FloatArray | None]) -> FloatArray | None:
+    """One array of all, or none where a part has none: half a column is not comparable."""
+    known = [part for part in parts if part is not None]
+    return np.concatenate(known) if len(known) == len(parts) else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from eval.figures import (
     error_of,
     events_image,
     frame_image,
+    photo_image,
     point_size_px,
 )
 from eval.findings import findings
@@ -67,6 +68,7 @@ def window_panel(window: WindowView, methods: Sequence[str], rows: Sequence[Row]
         "name": window.name,
         "t_s": f"{window.t_us / 1e6:.3f}",
         "frame": None if window.frame is None else _uri(frame_image(window.frame)),
+        **_photo_panel(window),
         "events": _events_uri(window, scales["events_scale"]),
         "events_caption": window.events_caption,
         "truth": _truth_uri(window, scales["depth_scale"]),
@@ -129,6 +131,24 @@ def _events_cap(window: WindowView) -> int:
         return 1
     either = np.maximum(window.brighter, window.darker)
     return max(1, round(float(np.percentile(either[either > 0], 90)))) if either.any() else 1
+
+
+def _photo_panel(window: WindowView) -> dict[str, Any]:
+    """An ordinary camera's picture as its display shows it, and what of it says nothing."""
+    photo = window.photo
+    if photo is None:
+        return {"photo": None}
+    exposure = f"{(photo.end_us - photo.start_us) / 1000:g} ms exposure"
+    off_us = photo.t_us - window.t_us
+    return {
+        "photo": _uri(photo_image(photo.image)),
+        "photo_unit": exposure + (f", {off_us / 1000:+.0f} ms" if off_us else ""),
+        "photo_note": f"{_share(photo.white)} of the pixels white, {_share(photo.black)} black",
+    }
+
+
+def _share(value: float) -> str:
+    return "none" if value == 0 else f"{100 * value:.1f} %" if value >= 5e-4 else "< 0.1 %"
 
 
 def _events_uri(window: WindowView, scale: Scale) -> str | None:

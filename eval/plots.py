@@ -56,12 +56,11 @@ _STYLES = {
     "Alg1/A": LineStyle("#009e73", (0, (3, 2))),
     "Alg1/RMS": LineStyle("#0072b2", (0, (6, 1, 1, 1, 1, 1))),
     "Alg1/max": LineStyle("#56b4e9", (0, (1, 1))),
+    "Alg2/AtHc@4": LineStyle("#7a5195", (0, (8, 2, 2, 2))),
     "EMVS/cam0": LineStyle("#8c8c8c", "solid"),
     "EMVS/cam1": LineStyle("#8c8c8c", (0, (2, 2))),
 }
-_OTHERS = [
-    LineStyle(colour, (0, (5, 1))) for colour in ("#7a5195", "#a6761d", "#666666", "#1b9e77")
-]
+_OTHERS = [LineStyle(colour, (0, (5, 1))) for colour in ("#a6761d", "#666666", "#1b9e77")]
 
 
 def line_style(method: str, position: int = 0) -> LineStyle:

@@ -7,9 +7,11 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from eval.method_scores import ALL_METRICS, BAD_POINTS, CAUSE_PREFIX
 from eval.metrics import Better
+from eval.regions import REGIONS
 from eval.results import Row
-from eval.score import ALL_METRICS, COMMON_PREFIX
+from eval.taxonomy import CAUSES
 
 FUSED_PREFIX = "Alg1/"
 SINGLE_PREFIX = "EMVS/"
@@ -31,6 +33,7 @@ RANKING_COLUMNS = (
 _SHOWN = {"m": ("cm", 100.0)}
 _CONTEXT = {
     "truth_points": ("ground truth", "number of pixels with g"),
+    BAD_POINTS: ("outlier points", "number of pixels with |e - g| / g > 0.10"),
     "baseline_focal": ("baseline x focal length", "b f"),
 }
 
@@ -106,13 +109,25 @@ def column(name: str) -> Column:
     if name in _CONTEXT:
         title, formula = _CONTEXT[name]
         return Column(name, title, "px·m" if name == "baseline_focal" else "px", "none", formula)
-    metric = ALL_METRICS[name.removeprefix(COMMON_PREFIX)]
+    if name.startswith(CAUSE_PREFIX):
+        cause = name.removeprefix(CAUSE_PREFIX)
+        title = f"outliers: {cause.replace('_', ' ')}"
+        return Column(name, title, "%", "none", f"share of the outliers: {CAUSES[cause]}")
+    region = _region(name)
+    metric = ALL_METRICS[name.removeprefix(f"{region}_")]
     unit, _ = _SHOWN.get(metric.unit, (metric.unit, 1.0))
     unit = unit.replace("x100", "×100")
-    if not name.startswith(COMMON_PREFIX):
+    if not region:
         return Column(name, metric.title, unit, metric.better, metric.formula)
-    formula = f"{metric.formula}, over the pixels that all methods report"
-    return Column(name, f"{metric.title}, common", unit, metric.better, formula)
+    formula = f"{metric.formula}, over {REGIONS[region]}"
+    return Column(name, f"{metric.title}, {region}", unit, metric.better, formula)
+
+
+def _region(name: str) -> str:
+    """The region that a metric's name begins with; empty for all pixels."""
+    if name in ALL_METRICS:
+        return ""
+    return next(region for region in REGIONS if name.startswith(f"{region}_"))
 
 
 def mean_over_cases(rows: Sequence[Row], label: str) -> list[Row]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import scenes
+from emvs.data.frame_store import Photo
 from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
 from emvs.depthmap import DepthMap
@@ -106,7 +107,14 @@ def _window(
         truth=truth,
         events_caption=events_caption,
         counts=_readable(window.info.counts),
+        photo=_photo(recording, t_us),
     )
+
+
+def _photo(recording: Recording | None, t_us: int) -> Photo | None:
+    if isinstance(recording, Sequence) and len(recording.photo_times_us(0)):
+        return recording.photo(0, t_us)
+    return None
 
 
 def _events(window: StoredWindow, recording: Recording | None) -> tuple[NDArray[np.uint32], str]:

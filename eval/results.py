@@ -32,7 +32,22 @@ Value = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One number: of what, how much, in which unit, and which direction is better."""
+    """One number: of what, how much, in which unit, which direction is better, from which pixels.
+
+    Attributes:
+        case: scene or recording.
+        window: a window's name, `all` for all windows pooled, `mean` for their plain average.
+        method: as the paper names it.
+        metric: unique within case, window and method: outside of region `all` its name begins
+            with the region's, as in `common_mean_error`.
+        value: the number; NaN where it is undefined.
+        unit: of the value, and of `low` and `high`.
+        better: the direction that is better.
+        region: which pixels count, see `eval.masks`.
+        points: how many pixels the value is made of; None where it is of no pixels.
+        low: lower end of the 95 % confidence interval; None where none is known.
+        high: its upper end.
+    """
 
     case: str
     window: str
@@ -41,6 +56,10 @@ class Row:
     value: Value
     unit: str
     better: Literal["lower", "higher", "none"]
+    region: str = "all"
+    points: int | None = None
+    low: float | None = None
+    high: float | None = None
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
@@ -139,4 +158,4 @@ def _write_csv(path: Path, rows: Sequence[Row]) -> None:
 
 
 def _undefined(cell: object) -> bool:
-    return isinstance(cell, float) and not math.isfinite(cell)
+    return cell is None or (isinstance(cell, float) and not math.isfinite(cell))

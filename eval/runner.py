@@ -16,10 +16,10 @@ from emvs.output import StoredMap, read_map, write_index, write_window
 from eval import folders
 from eval.config import EvalConfig
 from eval.progress import Progress, Silent, mapping
-from eval.report import write_report
 from eval.results import Results, Row, write_results
-from eval.score import case_rows, pair_methods
+from eval.score import case_rows
 from eval.settings import Settings
+from eval.window_pairs import window_pairs
 from sim.generate import simulate
 from sim.rigs import rig as named_rig
 
@@ -60,8 +60,7 @@ def run_cases(
             simulate_scene(case, sequence, settings, rig, seed, workers=workers, progress=progress)
             map_recording(sequence, folder / case / folders.MAP_FOLDER, settings, progress=progress)
         results = score_folder(folder, settings.score)
-        with progress.stage("report", 1):
-            write_report(folder)
+        _report(folder, progress)
     return results
 
 
@@ -125,8 +124,7 @@ def map_recording(
             info = write_window(window, result, settings.map, recording.rig.camera_names)
             write_index(folder, folders.describe(recording, path, out), settings.map, [info])
         if report:
-            with progress.stage("report", 1):
-                write_report(folder)
+            _report(folder, progress)
     return read_map(out)
 
 
@@ -163,13 +161,18 @@ def score_folder(folder: Path, config: EvalConfig) -> Results:
 
 
 def _score(case: str, stored: StoredMap, sequence: EventSequence, config: EvalConfig) -> list[Row]:
-    windows = {}
-    for window in stored.windows:
-        maps = {method: window.depth_map(method) for method in window.info.methods}
-        estimates = {method: (found.depth_m, found.mask) for method, found in maps.items()}
-        truth = folders.truth_of(sequence, window.info.t_ref_us, config)
-        windows[window.info.name] = pair_methods(estimates, truth)
+    windows = {
+        window.info.name: window_pairs(sequence, window, config) for window in stored.windows
+    }
     return case_rows(case, windows)
+
+
+def _report(folder: Path, progress: Progress) -> None:
+    # Its figures need matplotlib: 0.3 s before the first event, were it imported at the top.
+    from eval.report import write_report
+
+    with progress.stage("report", 1):
+        write_report(folder)
 
 
 def _check_run(cases: Sequence[str], settings: Settings, rig: str | None) -> None:

@@ -1,76 +1,47 @@
-"""From depth maps and ground truth to rows of scores."""
+"""From depth maps and ground truth to rows: per window, pooled over pixels, and averaged."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from eval.curves import CURVE_METRICS
-from eval.metrics import METRICS, Better, Metric, Pairs, pooled
+from eval.bootstrap import intervals
+from eval.method_scores import ALL_METRICS, COMMON_PREFIX, Score, score_method, score_pairs
+from eval.pairing import (
+    DepthImage,
+    Estimate,
+    MaskImage,
+    MethodPairs,
+    Truth,
+    pair,
+    pair_methods,
+    pooled_methods,
+)
 from eval.results import Row
 
+__all__ = [
+    "ALL_METRICS",
+    "COMMON_PREFIX",
+    "MEAN",
+    "POOLED",
+    "Estimate",
+    "MethodPairs",
+    "Score",
+    "Truth",
+    "case_rows",
+    "mean_rows",
+    "pair",
+    "pair_methods",
+    "score_depth",
+    "score_method",
+    "score_pairs",
+]
+
 POOLED = "all"
-COMMON_PREFIX = "common_"
-_COMMON_NAMES = ("points", "mean_error", "median_error", "bad_published")
-ALL_METRICS: dict[str, Metric] = {metric.name: metric for metric in (*METRICS, *CURVE_METRICS)}
-
-DepthImage = NDArray[np.floating]
-MaskImage = NDArray[np.bool_]
-Estimate = tuple[DepthImage, MaskImage]
-
-
-@dataclass(frozen=True, slots=True)
-class Score:
-    """One number about one depth map."""
-
-    metric: str
-    value: float
-    unit: str
-    better: Better
-
-
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """Ground truth in the reference view, and the rig that disparities refer to.
-
-    Attributes:
-        depth_m: (H, W) true z-depth, m.
-        valid: (H, W) where it is known.
-        focal_px: focal length of the reference view, px.
-        baseline_m: distance between the two cameras, m; None for a rig of one.
-        limits_m: closed range of true depths that are scored, m.
-    """
-
-    depth_m: DepthImage
-    valid: MaskImage
-    focal_px: float
-    baseline_m: float | None = None
-    limits_m: tuple[float, float] = (0.0, float("inf"))
-
-    @property
-    def scored(self) -> MaskImage:
-        """(H, W) pixels that are scored: valid, finite, positive and within the limits."""
-        near_m, far_m = self.limits_m
-        depth_m = np.where(self.valid, self.depth_m, np.nan)
-        known = np.isfinite(depth_m) & (depth_m > 0)
-        return known & (depth_m >= near_m) & (depth_m <= far_m)
-
-    @property
-    def baseline_focal_px_m(self) -> float:
-        """Baseline times focal length, px·m; NaN without a second camera."""
-        return float("nan") if self.baseline_m is None else self.focal_px * self.baseline_m
-
-
-@dataclass(frozen=True, slots=True)
-class MethodPairs:
-    """One method's pairs: at its own pixels, and at those that all methods share."""
-
-    own: Pairs
-    common: Pairs
+MEAN = "mean"
 
 
 def score_depth(
@@ -101,86 +72,64 @@ def score_depth(
     return score_pairs(pair(depth_m, mask, truth))
 
 
-def pair(depth_m: DepthImage, mask: MaskImage, truth: Truth) -> Pairs:
-    """Collects estimate and truth where both are valid, in float64."""
-    _check(depth_m, mask, truth)
-    scored = truth.scored
-    both = mask & scored
-    return Pairs(
-        depth_m[both].astype(np.float64),
-        truth.depth_m[both].astype(np.float64),
-        int(np.count_nonzero(scored)),
-        truth.baseline_focal_px_m,
-    )
-
-
-def pair_methods(estimates: Mapping[str, Estimate], truth: Truth) -> dict[str, MethodPairs]:
-    """Pairs every method with the truth, and again on the pixels that all methods report.
-
-    A method without a single point is left out of the common support, which it would empty.
-    """
-    filled = [mask for _, mask in estimates.values() if mask.any()]
-    shared = np.logical_and.reduce(filled) if filled else np.zeros(truth.valid.shape, np.bool_)
-    return {
-        method: MethodPairs(pair(depth_m, mask, truth), pair(depth_m, mask & shared, truth))
-        for method, (depth_m, mask) in estimates.items()
-    }
-
-
-def score_pairs(pairs: Pairs) -> list[Score]:
-    """Every metric of one set of pairs, and the two numbers that put them into proportion."""
-    context = [
-        Score("truth_points", float(pairs.truth_count), "px", "none"),
-        Score("baseline_focal", pairs.baseline_focal_px_m, "px·m", "none"),
-    ]
-    return context + [_score(metric, pairs) for metric in ALL_METRICS.values()]
-
-
-def score_method(pairs: MethodPairs) -> list[Score]:
-    """Every metric on the method's own pixels, and the few that rank it on the common ones."""
-    common = (_score(ALL_METRICS[name], pairs.common, COMMON_PREFIX) for name in _COMMON_NAMES)
-    return [*score_pairs(pairs.own), *common]
-
-
-def case_rows(case: str, windows: Mapping[str, Mapping[str, MethodPairs]]) -> list[Row]:
-    """The rows of one case: each window, then all windows pooled over pixels as window `all`.
+def case_rows(
+    case: str, windows: Mapping[str, Mapping[str, MethodPairs]], *, seed: int = 0
+) -> list[Row]:
+    """The rows of one case: each window, then window `all`, then window `mean`.
 
     Args:
         case: name of the case.
         windows: per window name, each method's pairs.
+        seed: of the bootstrap.
     """
-    rows = [row for name, methods in windows.items() for row in _rows(case, name, methods.items())]
-    return rows + list(_rows(case, POOLED, _pool(list(windows.values()))))
-
-
-def _pool(windows: Sequence[Mapping[str, MethodPairs]]) -> Iterator[tuple[str, MethodPairs]]:
-    for method in windows[0] if windows else ():
-        parts = [window[method] for window in windows]
-        own, common = pooled([part.own for part in parts]), pooled([part.common for part in parts])
-        yield method, MethodPairs(own, common)
+    single = [list(_rows(case, name, methods.items())) for name, methods in windows.items()]
+    pooled = _rows(case, POOLED, pooled_methods(list(windows.values())).items())
+    rows = [row for found in single for row in found]
+    return [*rows, *pooled, *mean_rows(single, seed=seed)]
 
 
 def _rows(case: str, window: str, methods: Iterable[tuple[str, MethodPairs]]) -> Iterator[Row]:
     for method, pairs in methods:
         for score in score_method(pairs):
-            yield Row(case, window, method, score.metric, score.value, score.unit, score.better)
+            yield Row(
+                case, window, method, score.metric, score.value, score.unit, score.better,
+                score.region, score.points,
+            )  # fmt: skip
 
 
-def _score(metric: Metric, pairs: Pairs, prefix: str = "") -> Score:
-    return Score(prefix + metric.name, metric(pairs), metric.unit, metric.better)
+def mean_rows(windows: Sequence[Sequence[Row]], *, seed: int = 0) -> list[Row]:
+    """Averages windows of one case, every window weighing the same, with 95 % intervals.
 
+    A number that a window lacks or leaves undefined is undefined here: an average over fewer
+    windows would not be comparable between methods.
 
-def _check(depth_m: DepthImage, mask: MaskImage, truth: Truth) -> None:
-    shapes = {array.shape for array in (depth_m, mask, truth.depth_m, truth.valid)}
-    if len(shapes) != 1:
-        raise InputError(f"images of shapes {sorted(shapes)}: depth, mask and truth must agree")
-    reported = depth_m[mask]
-    unusable = int(np.count_nonzero(~(np.isfinite(reported) & (reported > 0))))
-    if unusable:
-        raise InputError(
-            f"{unusable} of {reported.size} reported depths are not finite and positive: "
-            "clear those pixels in the mask"
+    Args:
+        windows: the rows of each window.
+        seed: of the bootstrap over windows.
+    """
+    tables = [{(row.method, row.metric): row for row in rows} for rows in windows]
+    keys = list(dict.fromkeys(key for table in tables for key in table))
+    found = [[table.get(key) for key in keys] for table in tables]
+    values = np.array([[math.nan if row is None else row.value for row in rows] for rows in found])
+    if not values.size:
+        return []
+    means = values.mean(axis=0)
+    lows, highs = intervals(values, [len(values)], seed=seed)
+    first = [next(table[key] for table in tables if key in table) for key in keys]
+    points = [_total(rows) for rows in zip(*found, strict=True)]
+    numbers = zip(first, means, lows, highs, points, strict=True)
+    return [
+        replace(
+            row, window=MEAN, value=float(mean), points=total, low=_known(low), high=_known(high)
         )
-    for name, value in (("focal length", truth.focal_px), ("baseline", truth.baseline_m)):
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise InputError(f"{name} {value}: it must be finite and positive")
+        for row, mean, low, high, total in numbers
+    ]
+
+
+def _total(rows: Sequence[Row | None]) -> int | None:
+    counts = [row.points for row in rows if row is not None and row.points is not None]
+    return sum(counts) if len(counts) == len(rows) else None
+
+
+def _known(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,8 +1,8 @@
 """The study of `docs/extraction.md`: `python -m eval.study_extraction --help`.
 
 Every extraction of `eval.study_variants` reports as many pixels as Alg1/H does on the same volumes,
-and every number is a ratio to that of Alg1/H. Seeds 0 and 1 chose the parameters; the others show
-what they are worth.
+and every number is a ratio to that of Alg1/H. The development samples of `eval.study_samples` chose
+the parameters; the others show what they are worth.
 """
 
 from __future__ import annotations
@@ -20,13 +20,25 @@ from emvs.errors import InputError
 from emvs.planes import inverse_depth_at
 from eval.score import ALL_METRICS, pair
 from eval.study_cache import Sample, load_sample
-from eval.study_variants import BASE, OURS, Estimate, Volumes, estimates
+from eval.study_samples import SETS, Wanted
+from eval.study_variants import (
+    BASE,
+    BEFORE,
+    OURS,
+    RELIABILITIES,
+    Estimate,
+    Volumes,
+    estimates,
+    finalists,
+    threshold_name,
+    thresholds,
+)
 
-DEVELOPMENT_SEEDS = (0, 1)
+ABLATED = "development"
+PICTURED = Wanted("tumvie-6dof")
 METRICS = ("median_error", "mean_error", "bad_published", "bad_1px")
 WANTED = {"median_error": 0.75, "mean_error": 0.80, "bad_published": 0.80}
 _BLOCK_PX = 8
-_BEGIN, _END = "<!-- study: begin -->\n", "<!-- study: end -->\n"
 
 Numbers = dict[str, float]
 
@@ -51,9 +63,10 @@ class Outcome:
         return all(self.ratio(name, metric) <= limit for metric, limit in WANTED.items())
 
 
-def study(sample: Sample) -> Outcome:
-    """Tries every extraction on one sample."""
-    found = estimates(Volumes.of(sample))
+def study(sample: Sample, *, ablate: bool = True) -> Outcome:
+    """Tries every extraction on one sample, or only the finalists."""
+    volumes = Volumes.of(sample)
+    found = estimates(volumes) | thresholds(volumes) if ablate else finalists(volumes)
     numbers = {name: _numbers(sample, estimate) for name, estimate in found.items()}
     return Outcome(sample.case, sample.seed, numbers)
 
@@ -80,7 +93,8 @@ def ablation_table(outcomes: list[Outcome]) -> str:
         "| Extraction | median | mean | bad pixels | bad 1 px | blocks | met |",
         "|---|--:|--:|--:|--:|--:|--:|",
     ]
-    for name in outcomes[0].numbers:
+    skipped = {threshold_name(reliability) for reliability in RELIABILITIES}
+    for name in (name for name in outcomes[0].numbers if name not in skipped):
         ratios = [_geometric([o.ratio(name, m) for o in outcomes]) for m in (*METRICS, "blocks")]
         met = sum(o.meets(name) for o in outcomes)
         cells = " | ".join(f"{value:.2f}" for value in ratios)
@@ -108,27 +122,60 @@ def case_table(outcomes: Iterable[Outcome]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def report(outcomes: list[Outcome]) -> str:
-    """Markdown: each sample, then the ablation on both sets of seeds."""
-    parts = ["### Every sample, Alg1/H → ours\n", case_table(outcomes)]
-    for title, development in (("held-out", False), ("development", True)):
-        chosen = [o for o in outcomes if (o.seed in DEVELOPMENT_SEEDS) == development]
-        if chosen:
-            seeds = ", ".join(str(seed) for seed in sorted({o.seed for o in chosen}))
-            parts += [f"### Ablation, {title} seeds {seeds}\n", ablation_table(chosen)]
+def calibration_table(outcomes: Iterable[Outcome]) -> str:
+    """One line for each reliability: points and errors over those of Alg1/H, and the precision."""
+    lines = [
+        "| `focus_reliability` | points | fewest | median | mean | bad pixels | within 1 px % |",
+        "|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    chosen = list(outcomes)
+    for reliability in RELIABILITIES:
+        name = threshold_name(reliability)
+        points = [o.ratio(name, "points") for o in chosen]
+        ratios = [_geometric([o.ratio(name, metric) for o in chosen]) for metric in WANTED]
+        precise = 100 - float(np.mean([o.numbers[name]["bad_1px"] for o in chosen]))
+        cells = " | ".join(f"{v:.2f}" for v in (_geometric(points), min(points), *ratios))
+        lines.append(f"| {reliability:g} | {cells} | {precise:.0f} |")
+    return "\n".join(lines) + "\n"
+
+
+def report(outcomes: Mapping[str, list[Outcome]]) -> str:
+    """Markdown: each set's samples, then calibration and ablation on the development set."""
+    parts = []
+    for title, chosen in outcomes.items():
+        met = sum(o.meets(OURS) for o in chosen)
+        parts += [
+            f"### Every {title} sample, Alg1/H → ours: {met} of {len(chosen)} met\n",
+            case_table(chosen),
+            summary_table(chosen),
+        ]
+    ablated = outcomes.get(ABLATED, [])
+    if ablated:
+        parts += ["### Reliability, development samples\n", calibration_table(ablated)]
+        parts += ["### Ablation, development samples\n", ablation_table(ablated)]
     return "\n".join(parts)
 
 
-def into_page(page: Path, text: str) -> None:
-    """Puts the tables between the page's two marks.
+def summary_table(outcomes: list[Outcome]) -> str:
+    """The finalists' lines of the ablation."""
+    kept = [
+        Outcome(o.case, o.seed, {name: o.numbers[name] for name in (BASE, BEFORE, OURS)})
+        for o in outcomes
+    ]
+    return ablation_table(kept)
+
+
+def into_page(page: Path, text: str, mark: str = "study") -> None:
+    """Puts the tables between the page's two marks of that name.
 
     Raises:
         InputError: a page without the marks.
     """
-    before, begin, rest = page.read_text(encoding="utf-8").partition(_BEGIN)
-    _, end, after = rest.partition(_END)
+    first, last = f"<!-- {mark}: begin -->\n", f"<!-- {mark}: end -->\n"
+    before, begin, rest = page.read_text(encoding="utf-8").partition(first)
+    _, end, after = rest.partition(last)
     if not begin or not end:
-        raise InputError(f"{page}: needs the lines {_BEGIN.strip()} and {_END.strip()}")
+        raise InputError(f"{page}: needs the lines {first.strip()} and {last.strip()}")
     page.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")
 
 
@@ -144,27 +191,29 @@ def _bold(name: str) -> str:
 def main(arguments: list[str] | None = None) -> None:
     """Runs the study and prints its tables."""
     parser = argparse.ArgumentParser(description="Compare extractions at equal points.")
-    parser.add_argument("--cases", nargs="+", default=["planes", "desk", "boxes"])
-    parser.add_argument("--seeds", nargs="+", type=int, default=[0, 1, 2, 3])
-    parser.add_argument("--rig", default="davis346")
-    parser.add_argument("--seconds", type=float, default=0.5)
+    parser.add_argument("--sets", nargs="+", default=list(SETS), choices=list(SETS))
     parser.add_argument("--cache", type=Path, default=Path("out/study"))
     parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")
-    parser.add_argument("--picture", type=Path, help="PNG of the first sample")
+    parser.add_argument("--mark", default="study", help="name of that part")
+    parser.add_argument("--picture", type=Path, help="PNG of the picture's sample")
     chosen = parser.parse_args(arguments)
-    outcomes: list[Outcome] = []
-    for case in chosen.cases:
-        for seed in chosen.seeds:
-            sample = load_sample(
-                case, seed, chosen.cache, MapperConfig(), rig=chosen.rig, seconds=chosen.seconds
-            )
-            if chosen.picture is not None and not outcomes:
-                _draw(sample, chosen.picture)
-            outcomes.append(study(sample))
+    if chosen.picture is not None:
+        _draw(_load(PICTURED, chosen.cache), chosen.picture)
+    outcomes: dict[str, list[Outcome]] = {}
+    for name in chosen.sets:
+        outcomes[name] = [
+            study(_load(wanted, chosen.cache), ablate=name == ABLATED) for wanted in SETS[name]
+        ]
     text = report(outcomes)
     sys.stdout.write(text)
     if chosen.page is not None:
-        into_page(chosen.page, text)
+        into_page(chosen.page, text, chosen.mark)
+
+
+def _load(wanted: Wanted, cache: Path) -> Sample:
+    return load_sample(
+        wanted.case, wanted.seed, cache, MapperConfig(), rig=wanted.rig, seconds=wanted.seconds
+    )
 
 
 def _draw(sample: Sample, path: Path) -> None:

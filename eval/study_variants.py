@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,7 +13,7 @@ from emvs import focus
 from emvs.config import MapperConfig
 from emvs.depthmap import confidence_mask, without_border
 from emvs.focus_config import FocusConfig
-from emvs.found import Found, most_reliable
+from emvs.found import Found, at_least, most_reliable
 from emvs.fusion import FUSIONS
 from emvs.in_focus import find
 from emvs.median import masked_median
@@ -20,8 +21,10 @@ from emvs.running import Maximum
 from eval.study_cache import Sample
 
 BASE = "Alg1/H"
-OURS = "variance, agreement × support"
+OURS = "variance, agreement × support × inside"
+BEFORE = "variance, agreement × support"
 RIVAL_GAP_PLANES = 6
+RELIABILITIES = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4)
 
 # The difference of Gaussians filters votes and gathers none: it needs the scale of an edge.
 _SCALES_PX = {"variance": 2.5, "mean-square": 2.5, "gradient": 2.5, "laplacian": 2.5, "dog": 0.7}
@@ -88,7 +91,8 @@ class Volumes:
         """The most reliable pixels, as many as Alg1/H reports."""
         if reliability is not None:
             # `reliability` is a product of both: all of it goes into one
-            found = replace(found, agreement=reliability, support=np.ones_like(found.support))
+            ones = np.ones_like(found.support)
+            found = replace(found, agreement=reliability, support=ones, inside=ones)
         points = int(np.count_nonzero(self.base.mask))
         return Estimate(found.position, most_reliable(found, points, self.config.border_px))
 
@@ -106,6 +110,29 @@ def maximum_of(volume: Floats) -> Maximum:
     return Maximum(at(index), index.astype(np.int16), at(index - 1), at(index + 1), planes)
 
 
+def finalists(volumes: Volumes) -> dict[str, Estimate]:
+    """Alg1/H and ours, with and without its last factor."""
+    ours = volumes.found(FocusConfig())
+    without = volumes.best(ours, ours.agreement * ours.support)
+    return {BASE: volumes.base, BEFORE: without, OURS: volumes.best(ours)}
+
+
+def threshold_name(reliability: float) -> str:
+    """What the estimate of every pixel with at least this reliability is called."""
+    return f"reliability at least {reliability:g}"
+
+
+def thresholds(volumes: Volumes) -> dict[str, Estimate]:
+    """Ours as the mapper reports it: every pixel that is reliable enough."""
+    found, border_px = volumes.found(FocusConfig()), volumes.config.border_px
+    return {
+        threshold_name(reliability): Estimate(
+            found.position, at_least(found, reliability, border_px)
+        )
+        for reliability in RELIABILITIES
+    }
+
+
 def estimates(volumes: Volumes) -> dict[str, Estimate]:
     """Every extraction by its name, Alg1/H first."""
     base = volumes.base
@@ -115,15 +142,13 @@ def estimates(volumes: Volumes) -> dict[str, Estimate]:
     out |= _same_pixels(volumes)
     out |= {
         "Alg1/H's depth at our pixels": Estimate(base.position, chosen.mask),
-        "votes, agreement × support": volumes.best(volumes.found(FocusConfig(measure="votes"))),
+        "votes, ours": volumes.best(volumes.found(FocusConfig(measure="votes"))),
     }
     out |= {f"variance, {name}": volumes.best(ours, r) for name, r in _ranks(volumes, ours).items()}
-    out["variance, agreement × support, 5 px median"] = Estimate(
-        masked_median(ours.position, chosen.mask, 5), chosen.mask
-    )
+    out["ours, 5 px median"] = Estimate(masked_median(ours.position, chosen.mask, 5), chosen.mask)
     for sigma_px in (1.5, 3.5):
         found = volumes.found(FocusConfig(sigma_px=sigma_px))
-        out[f"{OURS}, scale {sigma_px} px"] = volumes.best(found)
+        out[f"ours, scale {sigma_px} px"] = volumes.best(found)
     return out | {OURS: chosen}
 
 
@@ -141,16 +166,22 @@ def _same_pixels(volumes: Volumes) -> dict[str, Estimate]:
 def _ranks(volumes: Volumes, ours: Found) -> dict[str, Floats]:
     """Reliabilities that pick the pixels, with the depth of the local variance."""
     peak = maximum_of(volumes.focused)
-    both = ours.agreement * ours.support
+    all_three = ours.agreement * ours.support * ours.inside
     rival, spread = _rival_ratio(volumes.focused, peak), _z_score(volumes.focused, peak)
+    around = cv2.dilate(ours.confidence, np.ones((3, 3), np.uint8))
+    crest = ours.confidence / np.maximum(around, np.float32(1e-6))
     return {
         "strongest votes": ours.confidence,
         "agreement": ours.agreement,
         "support": ours.support,
         "second-peak ratio": rival,
         "z-score along the ray": spread,
-        "z-score × agreement": spread * ours.agreement,
-        "second-peak ratio × agreement × support": rival * both,
+        "agreement × support": ours.agreement * ours.support,
+        "agreement × inside": ours.agreement * ours.inside,
+        "support × inside": ours.support * ours.inside,
+        "ours × second-peak ratio": rival * all_three,
+        "ours × z-score": spread * all_three,
+        "ours × share of the strongest neighbour": crest * all_three,
     }
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from emvs.data.frame_store import Photo
 from eval.plots import DsiSlice
 from eval.results import Results, Row
 from eval.score import Truth
@@ -45,6 +46,7 @@ class WindowView:
         methods: the maps.
         depth_range_m: nearest and farthest plane, m.
         frame: (H, W) linear intensity, 0..255; None where there is none.
+        photo: what an ordinary camera in the same place took; None where there is none.
         brighter: (H, W) events of positive polarity per pixel; None where not counted.
         darker: (H, W) events of negative polarity per pixel; None where not counted.
         truth: ground truth; None for a recording without.
@@ -62,6 +64,7 @@ class WindowView:
     truth: Truth | None = None
     events_caption: str = "per pixel, whole window"
     counts: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    photo: Photo | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,6 +46,8 @@ def case(
         rig="tumvie-kb4",
         edit=edit,
         hdr=True,
+        log_eps=0.001,
+        frames_rate_hz=20.0,
     )
 
 

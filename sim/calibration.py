@@ -49,7 +49,7 @@ def read_rig(path: Path, cameras: Sequence[str | int] = ()) -> Rig:
     Raises:
         InputError: a file that cannot be read, or a missing or impossible value; names the key.
     """
-    values = _parsed(path)
+    values = parsed(path)
     try:
         if "cameras" in values:
             return Rig.from_json(values)
@@ -59,7 +59,26 @@ def read_rig(path: Path, cameras: Sequence[str | int] = ()) -> Rig:
         raise InputError(f"{path}: {error}") from error
 
 
-def _parsed(path: Path) -> dict[str, Any]:
+def read_imu_cam(path: Path) -> NDArray[np.float64]:
+    """Where the first event camera sits on the IMU, `T_imu_cam` (4, 4), from a Basalt JSON.
+
+    Raises:
+        InputError: a file that cannot be read, or a missing or impossible value; names the key.
+    """
+    values = parsed(path)
+    try:
+        entries = _basalt(_get(values, "value0", "the file", dict))
+        return _chosen(entries, values, ())[0].T_common_cam
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def parsed(path: Path) -> dict[str, Any]:
+    """The mapping that a JSON or YAML file holds.
+
+    Raises:
+        InputError: a file that cannot be read, or holds something else.
+    """
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -127,11 +146,12 @@ def _basalt(value0: Any) -> list[_Entry]:
         names = ("fx", "fy", "cx", "cy", *_TERMS[terms])
         given = [_number(numbers, name, f"{key}.intrinsics") for name in names]
         camera = _camera(size, given[:4], model, given[4:], f"value0.resolution[{k}]", key)
-        found.append(_Entry(f"cam{k}", camera, _pose_of(place, f"value0.T_imu_cam[{k}]")))
+        found.append(_Entry(f"cam{k}", camera, pose_of(place, f"value0.T_imu_cam[{k}]")))
     return found
 
 
-def _pose_of(place: Any, key: str) -> NDArray[np.float64]:
+def pose_of(place: Any, key: str) -> NDArray[np.float64]:
+    """A rigid motion (4, 4) from px, py, pz, qx, qy, qz, qw; a fault names `key`."""
     position = [_number(place, name, key) for name in ("px", "py", "pz")]
     quaternion = [_number(place, name, key) for name in ("qx", "qy", "qz", "qw")]
     norm = float(np.linalg.norm(quaternion))
@@ -159,8 +179,8 @@ def _kalibr(values: dict[str, Any]) -> list[_Entry]:
 def _link(entry: Any, extrinsics: Any, k: int) -> NDArray[np.float64]:
     name, between = f"cam{k}", f"T_{k}{k - 1}"
     if isinstance(extrinsics, dict) and between in extrinsics:
-        return _matrix(extrinsics[between], f"extrinsics.{between}")
-    return _matrix(_get(entry, "T_cn_cnm1", name, list), f"{name}.T_cn_cnm1")
+        return matrix(extrinsics[between], f"extrinsics.{between}")
+    return matrix(_get(entry, "T_cn_cnm1", name, list), f"{name}.T_cn_cnm1")
 
 
 def _kalibr_camera(entry: Any, name: str) -> Camera:
@@ -193,7 +213,8 @@ def _camera(
         raise InputError(f"{key}: {error}") from error
 
 
-def _matrix(rows: Any, key: str) -> NDArray[np.float64]:
+def matrix(rows: Any, key: str) -> NDArray[np.float64]:
+    """A rigid motion (4, 4) from four rows of four; a fault names `key`."""
     try:
         T = np.array(rows, np.float64)
     except (TypeError, ValueError) as error:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from emvs.data import se3
 from emvs.data.rig import Rig
 from sim import truth
+from sim.bodies import MovingBodies
 from sim.config import SimConfig
 from sim.motion import Motion
 from sim.renderer import StereoRenderer
@@ -128,13 +129,17 @@ class ChunkRenderer:
         self._renderer, self._motion = renderer, job.motion()
         self._config = _capped(job)
         self._last: Exposure | None = None
+        animate = job.scene.animate
+        self._bodies = MovingBodies(renderer, animate) if animate is not None else None
 
     def shots(self, chunk: int) -> Iterator[Shot]:
         """What the cameras see after the chunk's beginning up to its end; chunk 0 from time 0."""
         job = self.job
         stops_us = list(job.bounds_us[chunk : chunk + 2])
         known = self._last if self._last and self._last.t_us == stops_us[0] else None
-        for exposure in exposures(self._renderer, self._motion, stops_us, self._config, known):
+        for exposure in exposures(
+            self._renderer, self._motion, stops_us, self._config, known, self._bodies
+        ):
             self._last = exposure
             if chunk == 0 or exposure.t_us > stops_us[0]:
                 yield self._shot(chunk, exposure)
@@ -179,21 +184,21 @@ class ChunkRenderer:
         later_us = next((t for t in self.job.truth_us if t > exposure.t_us), None)
         if later_us is None:
             return np.full((*depth_m.shape, 2), np.nan, np.float32)
-        T_body_cam = self.job.rig.T_body_cam[k]
-        T_world_later = self._motion.T_world_body(later_us * 1e-6) @ T_body_cam
-        T_later_now = se3.inverse(T_world_later) @ exposure.T_world_body @ T_body_cam
-        camera = self.job.rig.cameras[k]
-        flow_px = truth.flow_px(camera, self._bearings[k], depth_m, T_later_now)
-        if self.job.scene.animate is not None:
-            # The camera's motion says nothing about bodies that move by themselves.
-            flow_px[self._moves_by_itself(k, exposure)] = np.nan
+        T_world_cam, T_world_later = (
+            pose @ self.job.rig.T_body_cam[k]
+            for pose in (exposure.T_world_body, self._motion.T_world_body(later_us * 1e-6))
+        )
+        camera, bearing = self.job.rig.cameras[k], self._bearings[k]
+        T_later_world = se3.inverse(T_world_later)
+        flow_px = truth.flow_px(camera, bearing, depth_m, T_later_world @ T_world_cam)
+        if self._bodies is not None:
+            geoms = self._renderer.segmentation(k, exposure.T_world_body)
+            moved = self._bodies.moved(exposure.t_us, later_us)
+            for geom in np.unique(geoms[self._bodies.moves[geoms]]):
+                shown = geoms == geom
+                T_later_now = T_later_world @ moved[geom] @ T_world_cam
+                flow_px[shown] = truth.body_flow_px(camera, bearing, depth_m, shown, T_later_now)
         return flow_px
-
-    def _moves_by_itself(self, k: int, exposure: Exposure) -> NDArray[np.bool_]:
-        model = self._renderer.model
-        moving = np.append(model.body_weldid[model.geom_bodyid] != 0, False)
-        found: NDArray[np.bool_] = moving[self._renderer.segmentation(k, exposure.T_world_body)]
-        return found
 
     @cached_property
     def _bearings(self) -> list[NDArray[np.float64]]:
@@ -201,9 +206,10 @@ class ChunkRenderer:
 
 
 def _capped(job: Job) -> SimConfig:
-    """The parameters, with frames no further apart than the bodies that move allow.
+    """The parameters, with frames no further apart than the animation allows.
 
-    Frames are spaced by the head's motion, which knows nothing of the bodies'.
+    Frames are spaced by how far the pixels move that are seen; what would cross the view between
+    two frames is seen in neither.
     """
     if job.scene.animate is None:
         return job.config

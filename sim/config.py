@@ -6,8 +6,11 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from sim.frames_config import FramesConfig
+from sim.imu_config import ImuConfig
 from sim.light import LightConfig
 from sim.presets import PRESETS, SensorConfig
+from sim.replay_config import ReplayConfig
 
 TruthName = Literal["flow", "segmentation", "boundary", "twist", "event_depth"]
 """Ground truth on request, see docs/truth.md."""
@@ -44,6 +47,15 @@ class SimConfig(BaseModel):
 
     light: LightConfig = LightConfig()
     """How the pictures' light is measured, see docs/light.md."""
+
+    frames: FramesConfig = FramesConfig()
+    """Pictures of an ordinary camera in each event camera's place, see docs/light.md."""
+
+    imu: ImuConfig = ImuConfig()
+    """Inertial samples, see docs/motion.md."""
+
+    replay: ReplayConfig = ReplayConfig()
+    """A recorded trajectory instead of the scene's own motion, see docs/motion.md."""
 
     pose_rate_hz: Annotated[float, Field(gt=0)] = 1000.0
     """Stored poses per second, Hz."""

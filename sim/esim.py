@@ -64,17 +64,12 @@ class EventSimulator:
             InputError: no first frame, time not after the frame before, or an intensity that is
                 negative, not finite or of another size.
         """
-        if self._t_us is None:
-            raise InputError("step() before start(): give the first frame to start()")
-        if t_us <= self._t_us:
-            raise InputError(
-                f"frame at {t_us} µs after one at {self._t_us} µs: times must rise by at least 1 µs"
-            )
+        before_us = time_before(self._t_us, t_us)
         log_now = self._log_of(intensity)
         number = kernels.find(
             log_now, self._reference, self._memory, *self._thresholds, self._fired, self._crossings
         )
-        events = self._emit(log_now, self._t_us, t_us, number) if number else Events.empty()
+        events = self._emit(log_now, before_us, t_us, number) if number else Events.empty()
         self._log, self._t_us = log_now, t_us
         return events
 
@@ -115,6 +110,21 @@ class EventSimulator:
 
     def _log_of(self, intensity: NDArray[np.float32]) -> NDArray[np.float32]:
         return log_intensity(intensity, self._shape, self._config.log_eps)
+
+
+def time_before(before_us: int | None, t_us: int) -> int:
+    """The time of the frame before one at `t_us`, µs.
+
+    Raises:
+        InputError: there was none, or it was not earlier.
+    """
+    if before_us is None:
+        raise InputError("step() before start(): give the first frame to start()")
+    if t_us <= before_us:
+        raise InputError(
+            f"frame at {t_us} µs after one at {before_us} µs: times must rise by at least 1 µs"
+        )
+    return before_us
 
 
 def log_intensity(

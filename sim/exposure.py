@@ -8,33 +8,20 @@ are close in time, the same that the events come from.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
 
 from emvs.errors import InputError
 from sim.config import SimConfig
+from sim.frames_config import FramesConfig, ShutterConfig
 from sim.motion import Motion
 from sim.sampling import FrameSource, exposures
 
 Light = NDArray[np.float32]
-
-
-class ShutterConfig(BaseModel):
-    """How a frame camera turns light into a picture."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    exposure_us: Annotated[int, Field(ge=1)] = 10_000
-    """How long the shutter is open, µs."""
-
-    gain: Annotated[float, Field(gt=0)] = 1.0
-    """Pixel value per mean light: 1 saturates at intensity 1."""
-
-    bits: Annotated[int, Field(ge=1, le=8)] = 8
-    """Resolution of the converter."""
+TimedLight = tuple[int, Light]
+"""A frame: time, µs, and (H, W) linear intensity."""
 
 
 class Photograph(NamedTuple):
@@ -53,7 +40,32 @@ class Photograph(NamedTuple):
     black: float
 
 
-def mean_light(frames: Iterable[tuple[int, Light]], start_us: int, end_us: int) -> Light:
+class Exposing:
+    """A shutter that is open from `start_us` to `end_us`: sums up the light, linear between frames.
+
+    Raises:
+        InputError: it closes before it opens.
+    """
+
+    def __init__(self, start_us: int, end_us: int) -> None:
+        if end_us <= start_us:
+            raise InputError(f"a shutter open from {start_us} to {end_us} µs: must close later")
+        self.start_us, self.end_us = start_us, end_us
+        self.total: NDArray[np.float64] | None = None
+
+    def add(self, before: TimedLight, after: TimedLight) -> None:
+        """Adds what comes in between two frames; they may reach beyond the exposure."""
+        if after[0] > self.start_us and before[0] < self.end_us:
+            part = _integral(before, after, self.start_us, self.end_us)
+            self.total = part if self.total is None else self.total + part
+
+    def light(self) -> Light:
+        """(H, W) mean light of the whole exposure."""
+        assert self.total is not None
+        return (self.total / (self.end_us - self.start_us)).astype(np.float32)
+
+
+def mean_light(frames: Iterable[TimedLight], start_us: int, end_us: int) -> Light:
     """Averages light over [`start_us`, `end_us`], linear between frames.
 
     Args:
@@ -64,31 +76,25 @@ def mean_light(frames: Iterable[tuple[int, Light]], start_us: int, end_us: int) 
     Raises:
         InputError: the frames do not reach from the start to the end, or do not rise.
     """
-    if end_us <= start_us:
-        raise InputError(f"a shutter open from {start_us} to {end_us} µs: must close later")
-    total: NDArray[np.float64] | None = None
-    before: tuple[int, Light] | None = None
+    exposing, before = Exposing(start_us, end_us), None
     reached_us = start_us
-    for t_us, light in frames:
-        if before is not None and t_us <= before[0]:
-            raise InputError(f"frame at {t_us} µs after one at {before[0]} µs: times must rise")
-        if before is not None and t_us > start_us and before[0] < end_us:
-            part = _integral(before, (t_us, light), start_us, end_us)
-            total = part if total is None else total + part
-            reached_us = min(t_us, end_us)
-        elif before is None and t_us > start_us:
+    for frame in frames:
+        if before is not None and frame[0] <= before[0]:
+            raise InputError(f"frame at {frame[0]} µs after one at {before[0]} µs: times must rise")
+        if before is not None:
+            exposing.add(before, frame)
+            reached_us = min(frame[0], end_us)
+        elif frame[0] > start_us:
             break
-        before = (t_us, light)
-    if total is None or reached_us < end_us:
+        before = frame
+    if exposing.total is None or reached_us < end_us:
         raise InputError(
             f"frames do not cover the exposure from {start_us} to {end_us} µs: render more of them"
         )
-    return (total / (end_us - start_us)).astype(np.float32)
+    return exposing.light()
 
 
-def _integral(
-    a: tuple[int, Light], b: tuple[int, Light], start_us: int, end_us: int
-) -> NDArray[np.float64]:
+def _integral(a: TimedLight, b: TimedLight, start_us: int, end_us: int) -> NDArray[np.float64]:
     """Light times µs of the part of [a, b] within the exposure, by the trapezoid's middle."""
     first_us, last_us = max(a[0], start_us), min(b[0], end_us)
     share = ((first_us + last_us) / 2 - a[0]) / (b[0] - a[0])
@@ -141,3 +147,13 @@ def photograph(
     taken = exposures(source, motion, [start_us, end_us], config)
     frames = ((e.t_us, e.frames[camera].intensity) for e in taken)
     return develop(mean_light(frames, start_us, end_us), shutter)
+
+
+def shutter_for(light: Light, frames: FramesConfig) -> ShutterConfig:
+    """The shutter that takes a picture of some mean light (H, W): with its gain, if automatic."""
+    gain = frames.gain
+    if gain is None:
+        least = frames.auto_level / frames.auto_max_gain
+        found = max(float(np.percentile(light, frames.auto_percentile)), least)
+        gain = frames.auto_level / found
+    return ShutterConfig(exposure_us=frames.exposure_us, gain=gain, bits=frames.bits)

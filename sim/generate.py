@@ -6,34 +6,26 @@ strictly in order; what is done lies in parts on disk, from which the sequence i
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import numpy as np
 
 from emvs.atomic import refuse_existing
 from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
 from emvs.data.writer import SequenceWriter
 from emvs.errors import InputError
-from emvs.versions import versions
 from sim import preflight
 from sim.cameras import Cameras, Packet
 from sim.chunks import Job, Shot, chunk_bounds_us
 from sim.config import SimConfig
-from sim.graphics import import_mujoco
-from sim.motion import sampled
+from sim.facts import Facts, facts_of
 from sim.parts import PartWriter
-from sim.renderer import StereoRenderer
+from sim.photos import Photographer, spans_us
+from sim.replay_scene import replayed
 from sim.sampling import truth_times_us
 from sim.scene import Scene
-from sim.truth import geom_table
 from sim.work import Notice, WorkFolder
 from sim.workers import shots_from_workers, shots_in_process
 
@@ -105,7 +97,7 @@ def simulate(
     with ExitStack() as stack, ExitStack() as drawing:
         renderer = drawing.enter_context(job.renderer())
         preflight.check_outside(job, renderer.model)
-        facts = _facts(job, renderer)
+        facts = facts_of(job, renderer)
         work = stack.enter_context(WorkFolder(out, facts.key, rig, resume=resume, notice=notice))
         if work.next_chunk:
             _tell(job, work, notice)
@@ -123,59 +115,17 @@ def make_job(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> Job:
     """Decides the times of truth and the chunks.
 
     Raises:
-        InputError: an impossible duration or truth time.
+        InputError: an impossible duration, truth time, exposure or recorded trajectory.
     """
+    scene, config = replayed(scene, scene.configured(config))
     duration_s = scene.duration_s if config.duration_s is None else config.duration_s
     duration_us = round(duration_s * 1e6)
     if duration_us < 2:
         raise InputError(f"duration_s={duration_s}: a sequence lasts at least 2 µs")
+    spans_us(config.frames, duration_us)
     more_us = [round(t_s * 1e6) for t_s in config.truth_times_s]
     truth_us = truth_times_us(duration_us, round(config.truth_interval_s * 1e6), more_us)
     return Job(scene, rig, config, seed, tuple(truth_us), tuple(chunk_bounds_us(truth_us)))
-
-
-class _Facts(NamedTuple):
-    """What the manifest says of a sequence, and the key of its unfinished work."""
-
-    arguments: dict[str, Any]
-    key: str
-
-
-def _facts(job: Job, renderer: StereoRenderer) -> _Facts:
-    duration_s = job.duration_us * 1e-6
-    trajectory = sampled(job.motion(), duration_s, job.config.pose_rate_hz)
-    arguments = {
-        "name": job.scene.name,
-        "rig": job.rig,
-        "trajectory": trajectory,
-        "config": job.config.model_dump(mode="json"),
-        "seed": job.seed,
-        "renderer": renderer.description,
-        "depth_range_m": job.scene.depth_range_m,
-    }
-    if "segmentation" in job.config.truth:
-        arguments["geoms"] = geom_table(renderer.model)
-    return _Facts(arguments, _key(job, renderer, trajectory))
-
-
-def _key(job: Job, renderer: StereoRenderer, trajectory: Trajectory) -> str:
-    """A hash over all that decides the sequence: parameters, geometry, pictures and motion."""
-    mj = import_mujoco()
-    model = np.zeros(mj.mj_sizeModel(renderer.model), np.uint8)
-    mj.mj_saveModel(renderer.model, None, model)
-    plain = {
-        "scene": [job.scene.name, job.scene.depth_range_m],
-        "rig": job.rig.to_json(),
-        "config": job.config.model_dump(mode="json"),
-        "seed": job.seed,
-        "bounds_us": job.bounds_us,
-        "renderer": renderer.description,
-        "versions": versions(),
-    }
-    digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
-    for array in (model, trajectory.t_us, trajectory.positions_m, trajectory.quats_xyzw):
-        digest.update(np.ascontiguousarray(array).data)
-    return digest.hexdigest()
 
 
 def _run(
@@ -187,16 +137,21 @@ def _run(
     committed_s = time.monotonic()
     with ThreadPoolExecutor(len(job.rig)) as pool:
         cameras = Cameras(job, pool, state)
+        photographer = Photographer(job.config.frames, job.duration_us, state)
         for shot in shots:
             done += _write_events(work.writer, cameras.collect())
             cameras.take(shot)
+            for photos in photographer.take(shot.t_us, shot.intensity):
+                for k, photo in enumerate(photos):
+                    work.writer.append_photo(k, photo)
             _write_truth(work.writer, shot)
             if shot.t_us == job.bounds_us[shot.chunk + 1]:
                 done += _write_events(work.writer, cameras.collect())
                 last = shot.chunk + 1 == job.chunks
                 if last or time.monotonic() - committed_s >= commit_s:
                     counts = cameras.finish() if last else ()
-                    work.commit(cameras.state(), shot.chunk + 1, counts)
+                    state = cameras.state() | photographer.state()
+                    work.commit(state, shot.chunk + 1, counts)
                     committed_s = time.monotonic()
             progress(shot.t_us, job.duration_us, done)
 
@@ -216,7 +171,7 @@ def _write_truth(part: PartWriter, shot: Shot) -> None:
         writer.append(shot.t_us, depth_m, intensity, optional)
 
 
-def _assemble(job: Job, work: WorkFolder, facts: _Facts, out: Path, *, force: bool) -> None:
+def _assemble(job: Job, work: WorkFolder, facts: Facts, out: Path, *, force: bool) -> None:
     """Streams all parts into the sequence."""
     counts = work.parts[-1].counts if job.labelled else None
     with SequenceWriter(out, **facts.arguments, sensor_counts=counts, force=force) as writer:
@@ -225,6 +180,8 @@ def _assemble(job: Job, work: WorkFolder, facts: _Facts, out: Path, *, force: bo
                 events, truth = part.readers(k, job.rig)
                 for block, extra in events.blocks():
                     writer.append_events(k, block, **extra)
+                for photo in part.photos(k):
+                    writer.append_photo(k, photo)
                 for t_us, images in truth.times():
                     depth_m, intensity = images.pop("depth_m"), images.pop("intensity")
                     writer.append_truth(k, t_us, depth_m, intensity, images)

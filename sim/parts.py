@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.event_store import EventReader, EventWriter
+from emvs.data.frame_store import FrameReader, FrameWriter, Photo
 from emvs.data.rig import Rig
 from emvs.data.truth_store import TruthReader, TruthWriter
 
@@ -52,6 +53,11 @@ class Part:
         events = EventReader(self.path / _events_file(camera), seen.width_px, seen.height_px)
         return events, TruthReader(self.path / _truth_file(camera))
 
+    def photos(self, camera: int) -> Iterator[Photo]:
+        """One camera's pictures that were completed in this part."""
+        path = self.path / _frames_file(camera)
+        return FrameReader(path).photos() if path.exists() else iter(())
+
     @property
     def has_state(self) -> bool:
         """Whether the simulation can go on behind this part."""
@@ -74,7 +80,8 @@ class PartWriter:
         self.path, self.first_chunk, self.events = path, first_chunk, 0
         shutil.rmtree(path, ignore_errors=True)
         path.mkdir()
-        self._files = ExitStack()
+        self._files, self._rig = ExitStack(), rig
+        self._frame_writers: dict[int, FrameWriter] = {}
         self.event_writers: list[EventWriter] = []
         self.truth_writers: list[TruthWriter] = []
         for k, camera in enumerate(rig.cameras):
@@ -83,6 +90,14 @@ class PartWriter:
             self.event_writers.append(self._files.enter_context(events))
             truth = TruthWriter(path / _truth_file(k), *size_px)
             self.truth_writers.append(self._files.enter_context(truth))
+
+    def append_photo(self, camera: int, photo: Photo) -> None:
+        """Adds a picture; the first one of a camera makes its file."""
+        if camera not in self._frame_writers:
+            seen = self._rig.cameras[camera]
+            file = FrameWriter(self.path / _frames_file(camera), seen.width_px, seen.height_px)
+            self._frame_writers[camera] = self._files.enter_context(file)
+        self._frame_writers[camera].append(photo)
 
     def close(self) -> None:
         """Closes its files."""
@@ -141,3 +156,7 @@ def _events_file(camera: int) -> str:
 
 def _truth_file(camera: int) -> str:
     return f"cam{camera}.truth.h5"
+
+
+def _frames_file(camera: int) -> str:
+    return f"cam{camera}.frames.h5"

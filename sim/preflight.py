@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from emvs.errors import InputError
 from sim.chunks import Job
 from sim.graphics import import_mujoco
+from sim.photos import spans_us
 from sim.workers import slot_bytes, slot_count
 
 # Lossless compression of rendered images gains at least this.
@@ -31,8 +32,9 @@ def check_disk(job: Job, out: Path) -> None:
         _IMAGE_BYTES.get(name, 0) for name in ("depth_m", "intensity", *job.config.truth)
     )
     pixels = sum(c.width_px * c.height_px for c in job.rig.cameras)
+    photos = len(spans_us(job.config.frames, job.duration_us))
     # It lies there twice while the sequence is put together from its parts.
-    needed = 2 * _COMPRESSED * per_pixel * pixels * len(job.truth_us)
+    needed = 2 * _COMPRESSED * pixels * (per_pixel * len(job.truth_us) + photos)
     folder = out.absolute()
     while not folder.exists():
         folder = folder.parent

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 _ORDER = 3
 _MAX_OVERSAMPLING = 250.0
+_MEMORY_PERIODS = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,14 +64,34 @@ class Replay:
             InputError: too short, a gap, a jump, or a cut-off that the pose rate does not carry.
         """
         self._check_settings()
-        t_s = (recorded.t_us - recorded.t_us[0]) * 1e-6
-        self._check_steps(recorded, t_s)
-        grid_s, channels = _even(t_s, np.hstack([recorded.positions_m, recorded.quats_xyzw]))
+        all_s = (recorded.t_us - recorded.t_us[0]) * 1e-6
+        near = self._near(all_s)
+        self._check_steps(recorded, all_s, near)
+        channels = np.hstack([recorded.positions_m, recorded.quats_xyzw])[near]
+        grid_s, channels = _even(all_s[near] - all_s[near][0], channels)
         rate_hz = 1 / (grid_s[1] - grid_s[0])
         positions = smoothed(channels[:, :3], rate_hz, self.position_hz)
         quats = smoothed(channels[:, 3:], rate_hz, self.rotation_hz)
         placed = self._placed(positions, quats)
-        return self._cut(curve(grid_s, *se3.to_quat_xyzw(placed)), rate_hz)
+        start_s = self.start_s - float(all_s[near][0])
+        return self._cut(curve(grid_s, *se3.to_quat_xyzw(placed)), start_s, rate_hz)
+
+    def _near(self, t_s: Array) -> slice:
+        """The poses that the replayed part depends on.
+
+        The smoothing of order 3 forgets by exp(-pi f t): e^-31 within ten periods of the cut-off.
+        """
+        length_s = float(t_s[-1]) if self.duration_s is None else self.duration_s
+        if not 0 < length_s <= t_s[-1] - self.start_s + 1e-9:
+            wanted = "anything" if self.duration_s is None else f"{self.duration_s:g} s"
+            raise InputError(
+                f"asked for {wanted} from {self.start_s:g} s on, but the trajectory lasts "
+                f"{t_s[-1]:.3f} s: start earlier or replay less"
+            )
+        margin_s = _MEMORY_PERIODS / min(self.position_hz, self.rotation_hz)
+        end_s = self.start_s + length_s
+        first, last = np.searchsorted(t_s, [self.start_s - margin_s, end_s + margin_s])
+        return slice(max(0, int(first) - 2 * _ORDER), int(last) + 2 * _ORDER)
 
     def _placed(self, positions: Array, quats: Array) -> Array:
         """Poses of the camera in the scene: the hand-eye first (never scaled), then the scale."""
@@ -81,17 +102,12 @@ class Replay:
         placed: Array = T_scene_world @ T_world_cam
         return placed
 
-    def _cut(self, whole: CurveMotion, rate_hz: float) -> CurveMotion:
-        left_s = whole.duration_s - self.start_s
+    def _cut(self, whole: CurveMotion, start_s: float, rate_hz: float) -> CurveMotion:
+        left_s = whole.duration_s - start_s
         duration_s = left_s if self.duration_s is None else self.duration_s
-        if not 0 < duration_s <= left_s + 1e-9:
-            raise InputError(
-                f"asked for {duration_s} s from {self.start_s} s, but the trajectory lasts "
-                f"{whole.duration_s:.3f} s: start earlier or replay less"
-            )
         count = max(6, int(np.ceil(duration_s * rate_hz)) + 1)
         times = np.linspace(0, min(duration_s, left_s), count)
-        poses = whole.poses(self.start_s + times)
+        poses = whole.poses(start_s + times)
         return curve(times, *se3.to_quat_xyzw(poses))
 
     def _check_settings(self) -> None:
@@ -106,19 +122,44 @@ class Replay:
             if pose is not None and not se3.is_rigid(np.asarray(pose)):
                 raise InputError(f"{name} is no rigid (4, 4) motion: give a rotation and a shift")
 
-    def _check_steps(self, recorded: Trajectory, t_s: Array) -> None:
+    def _check_steps(self, recorded: Trajectory, t_s: Array, near: slice) -> None:
         if len(recorded) < 2 * _ORDER:
             raise InputError(f"trajectory of {len(recorded)} poses: replay needs {2 * _ORDER}")
+        t_s, quats = t_s[near], recorded.quats_xyzw[near]
         step_s = np.diff(t_s)
-        shift_m = np.linalg.norm(np.diff(recorded.positions_m, axis=0), axis=1)
-        cosine = np.abs(np.sum(recorded.quats_xyzw[1:] * recorded.quats_xyzw[:-1], axis=1))
+        shift_m = np.linalg.norm(np.diff(recorded.positions_m[near], axis=0), axis=1)
+        cosine = np.abs(np.sum(quats[1:] * quats[:-1], axis=1))
         turn_rad = 2 * np.arccos(np.minimum(cosine, 1))
-        _refuse(step_s, self.max_gap_s, t_s, "a gap of {:.3f} s", "max_gap_s", "fill or cut it")
+        _refuse(
+            step_s,
+            self.max_gap_s,
+            t_s,
+            near.start,
+            "a gap of {:.3f} s",
+            "max_gap_s",
+            "fill or cut it",
+        )
         cure = "remove the jump"
         speed = shift_m / step_s
-        _refuse(speed, self.max_speed_m_s, t_s, "a jump at {:.3g} m/s", "max_speed_m_s", cure)
+        _refuse(
+            speed,
+            self.max_speed_m_s,
+            t_s,
+            near.start,
+            "a jump at {:.3g} m/s",
+            "max_speed_m_s",
+            cure,
+        )
         rate = turn_rad / step_s
-        _refuse(rate, self.max_rate_rad_s, t_s, "a turn at {:.3g} rad/s", "max_rate_rad_s", cure)
+        _refuse(
+            rate,
+            self.max_rate_rad_s,
+            t_s,
+            near.start,
+            "a turn at {:.3g} rad/s",
+            "max_rate_rad_s",
+            cure,
+        )
 
 
 def smoothed(values: Array, rate_hz: float, cutoff_hz: float) -> Array:
@@ -189,10 +230,12 @@ def _even(t_s: Array, values: Array) -> tuple[Array, Array]:
     return grid_s, np.asarray(CubicSpline(t_s, values)(grid_s), np.float64)
 
 
-def _refuse(value: Array, limit: float, t_s: Array, what: str, name: str, cure: str) -> None:
+def _refuse(
+    value: Array, limit: float, t_s: Array, first: int, what: str, name: str, cure: str
+) -> None:
     k = int(np.argmax(value))
     if value[k] > limit * (1 + 1e-9):
         raise InputError(
             f"the trajectory has {what.format(value[k])} {t_s[k]:.3f} s after its start, between "
-            f"poses {k} and {k + 1} (limit {limit:g}): {cure}, or raise {name}"
+            f"poses {first + k} and {first + k + 1} (limit {limit:g}): {cure}, or raise {name}"
         )

@@ -2,7 +2,8 @@
 
 ESIM (Rebecq et al., CoRL 2018, section 3.3) bounds the motion of one camera's pixels by first-order
 optical flow. Here every pixel of every camera is moved exactly, by its depth and the relative pose,
-and once more backwards from the new frame, where surfaces may have come into view.
+and once more backwards from the new frame, where surfaces may have come into view. Pixels of
+bodies that move by themselves are moved by the body's motion as well.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from emvs.data.rig import Rig
 from emvs.errors import InputError
+from sim.bodies import BodyPixels, MovingBodies
 from sim.config import SimConfig
 from sim.displacement import largest_displacement_px
 from sim.motion import Motion
@@ -45,11 +47,13 @@ class Exposure(NamedTuple):
         t_us: time, µs.
         T_world_body: (4, 4) pose at that time.
         frames: one per camera.
+        bodies: per camera, the pixels of bodies that move by themselves; none without such.
     """
 
     t_us: int
     T_world_body: NDArray[np.float64]
     frames: tuple[Frame, ...]
+    bodies: tuple[BodyPixels, ...] = ()
 
 
 def truth_times_us(duration_us: int, interval_us: int, more_us: Sequence[int] = ()) -> list[int]:
@@ -74,6 +78,7 @@ def exposures(
     stops_us: list[int],
     config: SimConfig,
     first: Exposure | None = None,
+    bodies: MovingBodies | None = None,
 ) -> Iterator[Exposure]:
     """Yields exposures from the first of `stops_us` to the last, as rarely as motion allows.
 
@@ -86,42 +91,67 @@ def exposures(
         stops_us: rising times that must be exposed, µs; at least two.
         config: limits on displacement and interval.
         first: the exposure at the first stop, if it is there already.
+        bodies: of the scene that `source` draws, where some move by themselves.
 
     Raises:
         InputError: motion so fast that even the least frame interval exceeds the limit.
     """
     stops = np.asarray(stops_us)
-    now = first or _expose(source, motion, int(stops[0]))
+    view = _View(source, motion, bodies)
+    now = first or view.expose(int(stops[0]))
     yield now
     step_us = config.min_frame_interval_us * 8
     while now.t_us < stops[-1]:
         next_stop_us = int(stops[np.searchsorted(stops, now.t_us, side="right")])
         longest_us = min(config.max_frame_interval_us, next_stop_us - now.t_us)
         before_us = now.t_us
-        now = _advance(source, motion, now, step_us, longest_us, config)
+        now = _advance(view, now, step_us, longest_us, config)
         step_us = now.t_us - before_us
         yield now
 
 
+class _View(NamedTuple):
+    """What is needed to take pictures and to foresee how far their pixels move."""
+
+    source: FrameSource
+    motion: Motion
+    bodies: MovingBodies | None
+
+    def expose(self, t_us: int) -> Exposure:
+        T_world_body = self.motion.T_world_body(t_us * 1e-6)
+        self.source.at(t_us * 1e-6)
+        frames = tuple(self.source.frame(k, T_world_body) for k in range(len(self.source.rig)))
+        seen = self.bodies.seen(T_world_body) if self.bodies else ()
+        return Exposure(t_us, T_world_body, frames, seen)
+
+    def moved_px(self, seen: Exposure, then_us: int) -> float:
+        """The furthest that a pixel of `seen` goes until `then_us`, or came since then, px."""
+        T_world_then = self.motion.T_world_body(then_us * 1e-6)
+        depths_m = [frame.nearest_depth_m for frame in seen.frames]
+        moved_px = largest_displacement_px(
+            self.source.rig, depths_m, seen.T_world_body, T_world_then
+        )
+        if self.bodies is None:
+            return moved_px
+        span_us = seen.t_us, then_us
+        own_px = self.bodies.moved_px(seen.bodies, span_us, seen.T_world_body, T_world_then)
+        return max(moved_px, own_px)
+
+
 def _advance(
-    source: FrameSource,
-    motion: Motion,
-    now: Exposure,
-    guess_us: int,
-    longest_us: int,
-    config: SimConfig,
+    view: _View, now: Exposure, guess_us: int, longest_us: int, config: SimConfig
 ) -> Exposure:
     """The next exposure, at most `longest_us` later."""
     limit_px = config.max_displacement_px
     shortest_us = min(config.min_frame_interval_us, longest_us)
 
     def forward_px(step_us: int) -> float:
-        return _moved_px(source.rig, now, motion.T_world_body((now.t_us + step_us) * 1e-6))
+        return view.moved_px(now, now.t_us + step_us)
 
     step_us, moved_px = longest_step(forward_px, limit_px, guess_us, shortest_us, longest_us)
     while moved_px <= limit_px:
-        ahead = _expose(source, motion, now.t_us + step_us)
-        moved_px = _moved_px(source.rig, ahead, now.T_world_body)
+        ahead = view.expose(now.t_us + step_us)
+        moved_px = view.moved_px(ahead, now.t_us)
         if moved_px <= limit_px:
             return ahead
         if step_us > shortest_us:
@@ -177,15 +207,3 @@ def _rescaled(step_us: int, moved_px: float, limit_px: float) -> int:
     """The step that would move a little less than the limit, if displacement grew linearly."""
     share = _AIM * limit_px / max(moved_px, 1e-3 * limit_px)
     return max(1, int(step_us * share))
-
-
-def _moved_px(rig: Rig, seen: Exposure, T_world_body: NDArray[np.float64]) -> float:
-    depths_m = [frame.nearest_depth_m for frame in seen.frames]
-    return largest_displacement_px(rig, depths_m, seen.T_world_body, T_world_body)
-
-
-def _expose(source: FrameSource, motion: Motion, t_us: int) -> Exposure:
-    T_world_body = motion.T_world_body(t_us * 1e-6)
-    source.at(t_us * 1e-6)
-    frames = tuple(source.frame(k, T_world_body) for k in range(len(source.rig)))
-    return Exposure(t_us, T_world_body, frames)

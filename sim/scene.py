@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
+from sim.config import SimConfig
 from sim.motion import Motion
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ class Animation(Protocol):
 
     @property
     def max_interval_us(self) -> int:
-        """Frames must never be further apart, µs: sampling by depth does not see bodies move."""
+        """Frames must never be further apart, µs, lest a body cross the view between two."""
         ...
 
     def __call__(self, model: mujoco.MjModel, data: mujoco.MjData, t_s: float) -> None:
@@ -47,6 +48,10 @@ class Scene:
         edit: adds procedural geometry to the parsed spec, if any.
         hdr: draw light in floating point: the scene has parts brighter than 1 or darker than 8 bits
             can tell apart.
+        log_eps: what to add to intensity before the logarithm where the user's configuration does
+            not say; None for `SimConfig`'s own default. A scene with dark parts needs less.
+        frames_rate_hz: pictures per second of an ordinary camera where the user's configuration
+            does not say, Hz; 0 for none.
         animate: moves the bodies that move by themselves, if any.
     """
 
@@ -60,7 +65,18 @@ class Scene:
     duration_s: float = 0.5
     edit: Callable[[mujoco.MjSpec], None] | None = None
     hdr: bool = False
+    log_eps: float | None = None
     animate: Animation | None = None
+    frames_rate_hz: float = 0.0
+
+    def configured(self, config: SimConfig) -> SimConfig:
+        """Returns `config` with the scene's own defaults for what its user did not set."""
+        own: dict[str, object] = {}
+        if self.log_eps is not None and "log_eps" not in config.model_fields_set:
+            own["log_eps"] = self.log_eps
+        if config.frames.rate_hz is None:
+            own["frames"] = config.frames.model_copy(update={"rate_hz": self.frames_rate_hz})
+        return config.model_copy(update=own)
 
     def spec(self) -> mujoco.MjSpec:
         """Returns the scene as an editable MuJoCo specification, textures in place.

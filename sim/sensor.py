@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
-from emvs.errors import InputError
 from sim import sensor_kernels
 from sim.config import SimConfig
-from sim.esim import NEVER_US, EventSimulator
+from sim.esim import NEVER_US, EventSimulator, time_before
 from sim.labels import Drop, Label, LabelledEvents, count_names
 from sim.sensor_noise import Noise
 from sim.sensor_pixels import Batch, Pixels
@@ -93,12 +92,7 @@ class Sensor:
             InputError: no first frame, time not after the frame before, or an intensity that is
                 negative, not finite or of another size.
         """
-        if self._t_us is None:
-            raise InputError("step() before start(): give the first frame to start()")
-        if t_us <= self._t_us:
-            raise InputError(
-                f"frame at {t_us} µs after one at {self._t_us} µs: times must rise by at least 1 µs"
-            )
+        time_before(self._t_us, t_us)
         labelled, dropped = self._advance(intensity, t_us)
         self._t_us = t_us
         self._counts[: len(Label)] += np.bincount(labelled.label, minlength=len(Label))

@@ -1,7 +1,7 @@
 """Ground truth beside depth: optical flow, depth boundaries, camera twist, geoms, event depth.
 
-Everything here is exact for rigid scenes: it follows from rendered depth, the calibrated camera
-model and the motion's own curve, never from pictures.
+Everything here is exact for rigid bodies, still or moving: it follows from rendered depth, the
+calibrated camera model and the motions' own curves, never from pictures.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from emvs.data import se3
 from emvs.data.camera import Camera
 from emvs.data.geoms import Geom
+from sim.bodies import moving_geoms
 from sim.motion import Motion
 
 BOUNDARY_JUMP = 0.02
@@ -44,22 +45,58 @@ def flow_px(
         is not in front of the camera any more, or the lens gives the pixel no ray. Points that
         leave the sensor have a flow as well.
     """
-    rays = np.concatenate([bearing, np.ones((*bearing.shape[:2], 1))], axis=-1)
+    columns, rows = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
+    return _moved_px(camera, np.stack([columns, rows], axis=-1), bearing, depth_m, T_later_now)
+
+
+def body_flow_px(
+    camera: Camera,
+    bearing: NDArray[np.float64],
+    depth_m: NDArray[np.float32],
+    shown: NDArray[np.bool_],
+    T_later_now: NDArray[np.float64],
+) -> NDArray[np.float32]:
+    """The same for the pixels of one moving body, with the body's motion in `T_later_now`.
+
+    Args:
+        camera: any model.
+        bearing: (H, W, 2) its `bearing_table()`.
+        depth_m: (H, W) z-depth now, m.
+        shown: (H, W) bool, which N pixels show the body.
+        T_later_now: (4, 4) takes a point of the body in the camera frame now to the same point of
+            the body in the camera frame later.
+
+    Returns:
+        (N, 2) float32 in row-major order of the pixels, as `flow_px`.
+    """
+    rows, columns = np.nonzero(shown)
+    pixels = np.stack([columns, rows], axis=-1)
+    return _moved_px(camera, pixels, bearing[shown], depth_m[shown], T_later_now)
+
+
+def _moved_px(
+    camera: Camera,
+    pixels: NDArray[np.int64],
+    bearing: NDArray[np.float64],
+    depth_m: NDArray[np.float32],
+    T_later_now: NDArray[np.float64],
+) -> NDArray[np.float32]:
+    rays = np.concatenate([bearing, np.ones((*bearing.shape[:-1], 1))], axis=-1)
     # Scaled by inverse depth, which leaves the projection unchanged and is finite for all depths.
     rho = 1 / depth_m.astype(np.float64)
     later = rays @ T_later_now[:3, :3].T + rho[..., None] * T_later_now[:3, 3]
-    columns, rows = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
-    moved: NDArray[np.float64] = camera.project(later) - np.stack([columns, rows], axis=-1)
+    moved: NDArray[np.float64] = camera.project(later) - pixels
     return moved.astype(np.float32)
 
 
 def boundary(depth_m: NDArray[np.float32], jump: float = BOUNDARY_JUMP) -> NDArray[np.bool_]:
     """Finds the pixels whose centre lies within 1 px of a depth discontinuity.
 
-    On a plane, inverse depth is affine in the pixel. Between two neighbours of a row or column lies
-    a discontinuity where the step of inverse depth differs from the step before, from the step
-    behind, and from zero, each by more than `jump` times the larger of the two inverse depths. So
-    a slanted floor, and the fold where it meets a wall, is none. Both neighbours are marked.
+    On a plane, inverse depth is affine in the pixel. Between two neighbours of a row, a column or
+    a diagonal lies a discontinuity where the step of inverse depth differs from the step before,
+    from the step behind, and from zero, each by more than `jump` times the larger of the two
+    inverse depths. So a slanted floor, and the fold where it meets a wall, is none. Both neighbours
+    are marked. Only a diagonal finds the pixel in which two wires cross.
 
     Args:
         depth_m: (H, W) z-depth, m; inf where nothing is seen.
@@ -70,21 +107,36 @@ def boundary(depth_m: NDArray[np.float32], jump: float = BOUNDARY_JUMP) -> NDArr
     """
     rho = 1 / depth_m.astype(np.float64)
     marked = np.zeros(depth_m.shape, bool)
-    _mark_rows(rho, jump, marked)
-    _mark_rows(rho.T, jump, marked.T)
+    for down, right in ((0, 1), (1, 0), (1, 1)):
+        _mark(rho, jump, down, right, marked)
+    _mark(rho[:, ::-1], jump, 1, 1, marked[:, ::-1])
     return marked
 
 
-def _mark_rows(rho: NDArray[np.float64], jump: float, marked: NDArray[np.bool_]) -> None:
-    step = np.diff(rho, axis=1)
-    unlike = np.full((*step.shape, 2), np.inf)
-    unlike[:, 1:, 0] = np.abs(step[:, 1:] - step[:, :-1])
-    unlike[:, :-1, 1] = np.abs(step[:, 1:] - step[:, :-1])
-    large = jump * np.maximum(rho[:, 1:], rho[:, :-1])
-    # At the picture's edge there is one neighbouring step only, and it may be the odd one.
-    found = (unlike.min(axis=-1) > large) & (np.abs(step) > large)
-    marked[:, 1:] |= found
-    marked[:, :-1] |= found
+def _mark(
+    rho: NDArray[np.float64], jump: float, down: int, right: int, marked: NDArray[np.bool_]
+) -> None:
+    """Marks both ends of the steps by (`down`, `right`) pixels that no plane explains."""
+    here, there = _ends(rho, down, right)
+    step = there - here
+    unlike = np.full((2, *step.shape), np.inf)
+    before, behind = _ends(step, down, right)
+    change = np.abs(behind - before)
+    _ends(unlike[0], down, right)[0][:] = change
+    _ends(unlike[1], down, right)[1][:] = change
+    least = unlike.min(axis=0)
+    large = jump * np.maximum(here, there)
+    # At the picture's edge there is one neighbouring step only, and it may be the odd one; in
+    # its corners the diagonal has none.
+    found = (least > large) & np.isfinite(least) & (np.abs(step) > large)
+    for ends in _ends(marked, down, right):
+        ends |= found
+
+
+def _ends(values: NDArray[Any], down: int, right: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """The first and the second of all pairs (`down`, `right`) apart, as views."""
+    height, width = values.shape
+    return values[: height - down, : width - right], values[down:, right:]
 
 
 def twist(
@@ -121,14 +173,14 @@ def twist(
 def geom_table(model: Any) -> dict[int, Geom]:
     """What the geom ids of a compiled MuJoCo model mean.
 
-    A geom without a name goes by its body's, or by its number. Dynamic is what hangs on a joint.
+    A geom without a name goes by its body's, or by its number. Dynamic is what hangs on a joint,
+    or on a mocap body.
     """
-    table = {}
+    table, moving = {}, moving_geoms(model)
     for geom_id in range(model.ngeom):
         body_id = int(model.geom_bodyid[geom_id])
         name = model.geom(geom_id).name or (model.body(body_id).name if body_id else "")
-        dynamic = int(model.body_weldid[body_id]) != 0
-        table[geom_id] = Geom(name=name or f"geom{geom_id}", dynamic=dynamic)
+        table[geom_id] = Geom(name=name or f"geom{geom_id}", dynamic=bool(moving[geom_id]))
     return table
 
 

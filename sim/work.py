@@ -19,7 +19,7 @@ Notice = Callable[[str], None]
 """Called with one line for people to read."""
 
 _KEY, _LOCK = "job.json", "lock"
-_FORMAT = 1
+_FORMAT = 2
 # A damaged part costs what follows from it, and with it the work back to the last state.
 _STATES_KEPT = 3
 

@@ -25,7 +25,7 @@ from emvs.view import ReferenceView
 EVENTS, PLANES, ROUNDS = 2_000_000, 20, 3
 MOTION = sideways(0.2)
 NAMES = (
-    ("Alg1/H",), ("all",), ("Alg2/AtHc@2",), ("Alg2/AtHc@4",), ("Alg2/HcAt@4",),
+    ("Alg1/H",), ("Focus/H",), ("all",), ("Alg2/AtHc@2",), ("Alg2/AtHc@4",), ("Alg2/HcAt@4",),
     ("Alg2/AtHc@16",), ("Alg2/AtHc@4", "Alg2/AcAt@4", "Alg2/HtHc@4", "Alg2/HcHt@4"),
 )  # fmt: skip
 SENSORS = {"346x260": (346, 260, 226.0), "1280x720": (1280, 720, 1050.0)}

@@ -1,4 +1,6 @@
-"""What the mapper costs: `pytest tests/bench_sweep.py --benchmark-only`.
+"""What the mapper's loops cost, and their choices: `pytest tests/bench_sweep.py --benchmark-only`.
+
+`python -m eval.study_cost` holds the whole mapper against its limits.
 
 Events of edge points at many depths with 10 % noise, seen by a camera that moves sideways, on one
 thread. Each figure is the best round: on a shared machine the others measure the neighbours.
@@ -12,12 +14,13 @@ from point_world import edge_stream, sideways
 
 from emvs import sweep as sweep_module
 from emvs.data.camera import Camera
-from emvs.fusion import known_methods
+from emvs.methods import methods
 from emvs.planes import inverse_depth_planes
 from emvs.rays import event_rays
 from emvs.running import RunningMaxima
 from emvs.sweep import Scratch, batches
 from emvs.threads import use_threads
+from eval.cost_limits import PAPER
 
 EVENTS = 1_000_000
 PLANES = 20
@@ -58,10 +61,11 @@ def report(capsys, benchmark, what, units):
 @pytest.mark.parametrize("events", [1_000_000, 4_000_000], ids=["1M", "4M"])
 def test_sweep(benchmark, camera, events, capsys):
     rays = cast_rays(camera, events)
-    scratch = Scratch(1, 2, camera.width_px, camera.height_px)
+    load = (PLANES, 1, camera.width_px * camera.height_px)
+    scratch = Scratch(1, next(batches(*load))[1], camera.width_px, camera.height_px)
 
     def sweep():
-        for first, last in batches(PLANES, 1):
+        for first, last in batches(*load):
             scratch.cast(0, rays, RHO[first:last])
 
     benchmark.pedantic(sweep, rounds=9, warmup_rounds=1)
@@ -71,31 +75,29 @@ def test_sweep(benchmark, camera, events, capsys):
 
 @pytest.mark.parametrize("planes_per_pass", [1, 2, 4])
 def test_planes_per_pass(benchmark, camera, planes_per_pass, monkeypatch, capsys):
-    monkeypatch.setattr(sweep_module, "PLANES_PER_PASS", planes_per_pass)
+    monkeypatch.setattr(sweep_module, "planes_per_pass", lambda _: planes_per_pass)
     rays = cast_rays(camera, 4_000_000)
     scratch = Scratch(1, planes_per_pass, camera.width_px, camera.height_px)
 
     def sweep():
-        for first, last in batches(PLANES, 1):
-            scratch.cast(0, rays, RHO[first:last])
+        for first in range(0, PLANES, planes_per_pass):
+            scratch.cast(0, rays, RHO[first : first + planes_per_pass])
 
     benchmark.pedantic(sweep, rounds=3, warmup_rounds=1)
     size = f"{camera.width_px}x{camera.height_px}, {planes_per_pass} planes per pass"
     report(capsys, benchmark, f"sweep {size}, per event and plane", len(rays) * PLANES)
 
 
-def test_fold(benchmark, camera, capsys):
-    chosen = known_methods(2)
-    votes = (
-        np.random.default_rng(0)
-        .exponential(5, (2, 4, camera.width_px * camera.height_px))
-        .astype(np.float32)
-    )
+@pytest.mark.parametrize("planes", [2, 8])
+def test_fold(benchmark, camera, planes, capsys):
+    chosen = methods(PAPER, 2)
+    pixels = camera.width_px * camera.height_px
+    votes = np.random.default_rng(0).exponential(5, (2, planes, pixels)).astype(np.float32)
     maxima = RunningMaxima(chosen, camera.width_px, camera.height_px)
-    benchmark.pedantic(lambda: maxima.fold(votes, 4), rounds=9, warmup_rounds=1)
-    units = 4 * camera.width_px * camera.height_px * len(chosen)
-    size = f"{camera.width_px}x{camera.height_px}"
-    report(capsys, benchmark, f"fold {size}, 8 methods, per voxel and method", units)
+    benchmark.pedantic(lambda: maxima.fold(votes, planes), rounds=9, warmup_rounds=1)
+    units = planes * pixels * len(chosen)
+    what = f"fold {camera.width_px}x{camera.height_px}, 8 methods, {planes} planes at once"
+    report(capsys, benchmark, f"{what}, per voxel and method", units)
 
 
 def test_rays(benchmark, camera, capsys):

@@ -87,22 +87,37 @@ def peak(ray):
     return ray[plane], plane, left, right
 
 
-def support(position, candidate, radius, tolerance):
-    """Share of the candidates around each pixel that lie within the tolerance of it."""
+def _others(candidate, y, x, radius):
+    """The candidates in a square around a pixel, without itself."""
+    return [
+        (v, u)
+        for v in range(max(y - radius, 0), min(y + radius + 1, candidate.shape[0]))
+        for u in range(max(x - radius, 0), min(x + radius + 1, candidate.shape[1]))
+        if (v, u) != (y, x) and candidate[v, u]
+    ]
+
+
+def support(disparity, candidate, radius, tolerance):
+    """Share of the candidates around each candidate that lie within the tolerance of it."""
 
     def at(y, x):
-        there = [
-            abs(float(position[v, u]) - float(position[y, x])) < tolerance
-            for v in range(y - radius, y + radius + 1)
-            for u in range(x - radius, x + radius + 1)
-            if (v, u) != (y, x)
-            and 0 <= v < position.shape[0]
-            and 0 <= u < position.shape[1]
-            and candidate[v, u]
-        ]
-        return sum(there) / len(there) if there else 0.0
+        others = _others(candidate, y, x, radius) if candidate[y, x] else []
+        near = [abs(disparity[v, u] - disparity[y, x]) < tolerance for v, u in others]
+        return sum(near) / len(near) if near else 0.0
 
-    return _each(position, at)
+    return _each(disparity, at)
+
+
+def own_surface(disparity, candidate, radius, tolerance):
+    """(x, y) way from each candidate to those like it, away from those behind it, on average."""
+    towards = np.zeros((2, *candidate.shape))
+    for y, x in np.argwhere(candidate):
+        others = _others(candidate, y, x, radius)
+        for v, u in others:
+            apart = disparity[v, u] - disparity[y, x]
+            sign = 1 if abs(apart) < tolerance else -1 if apart < 0 else 0
+            towards[:, y, x] += np.array([sign * (u - x), sign * (v - y)]) / (len(others) + 1)
+    return towards
 
 
 def most_reliable(reliability, confidence, candidate, points, border_px):

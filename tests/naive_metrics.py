@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 
-def all_metrics(depth, mask, truth, valid, baseline_focal):
+def all_metrics(depth, mask, truth, valid, baseline_focal, confidence, rho):
     """Every metric by name, over the pixels where mask and valid both hold."""
     rows, columns = depth.shape
     pixels = [(i, j) for i in range(rows) for j in range(columns)]
@@ -13,7 +14,14 @@ def all_metrics(depth, mask, truth, valid, baseline_focal):
         (float(depth[i, j]), float(truth[i, j])) for i, j in pixels if mask[i, j] and valid[i, j]
     ]
     truth_count = sum(bool(valid[i, j]) for i, j in pixels)
-    return {**_errors(pairs, baseline_focal), **_shares(pairs, truth_count, baseline_focal)}
+    sure = [float(confidence[i, j]) for i, j in pixels if mask[i, j] and valid[i, j]]
+    return {
+        **_errors(pairs, baseline_focal),
+        **_shares(pairs, truth_count, baseline_focal),
+        **_cells(pairs, [float(r) for r in rho]),
+        **_areas(pairs, truth_count),
+        **_coverage(pairs, sure, truth_count),
+    }
 
 
 def _errors(pairs, baseline_focal):
@@ -56,8 +64,68 @@ def _shares(pairs, truth_count, baseline_focal):
         shares[f"delta_{k}"] = share(lambda e, g, k=k: max(e / g, g / e) < 1.25**k)
     for cm in range(1, 16):
         hits = sum(1 for e, g in pairs if abs(e - g) < cm / 100)
-        precision, recall = 100 * hits / n, 100 * hits / truth_count
-        shares[f"precision_{cm}cm"], shares[f"recall_{cm}cm"] = precision, recall
-        both = precision + recall
-        shares[f"f1_{cm}cm"] = 2 * precision * recall / both if both else 0.0
+        shares |= _three(hits, n, truth_count, f"{{}}_{cm}cm")
+    for percent in (1, 2, 5, 10, 20):
+        hits = sum(1 for e, g in pairs if abs(e - g) / g < percent / 100)
+        shares |= _three(hits, n, truth_count, f"{{}}_{percent}pct")
     return shares
+
+
+def _three(hits, n, truth_count, name):
+    precision, recall = 100 * hits / n, 100 * hits / truth_count
+    both = precision + recall
+    f1 = 2 * precision * recall / both if both else 0.0
+    return {name.format(k): v for k, v in zip(SHARES, (precision, recall, f1), strict=True)}
+
+
+SHARES = ("precision", "recall", "f1")
+
+
+def _areas(pairs, truth_count):
+    """Integrates the staircases of precision, recall and F1 from step to step."""
+    found = {}
+    for name, largest, errors in (
+        ("auc_{}", 0.15, [abs(e - g) for e, g in pairs]),
+        ("auc_{}_relative", 0.20, [abs(e - g) / g for e, g in pairs]),
+    ):
+        steps = sorted({0.0, largest, *(x for x in errors if x < largest)})
+        total = dict.fromkeys(SHARES, 0.0)
+        for left, right in itertools.pairwise(steps):
+            hits = sum(1 for x in errors if x <= left)
+            for key, value in _three(hits, len(errors), truth_count, "{}").items():
+                total[key] += value * (right - left) / largest
+        found |= {name.format(key): value for key, value in total.items()}
+    return found
+
+
+def _cells(pairs, rho):
+    planes = sorted(rho)
+
+    def position(r):
+        k = sum(1 for plane in planes if plane <= r) - 1
+        k = min(max(k, 0), len(planes) - 2)
+        return k + (r - planes[k]) / (planes[k + 1] - planes[k])
+
+    between = sorted(abs(position(1 / e) - position(1 / g)) for e, g in pairs)
+    n = len(between)
+    found = {f"bad_{c}cell": 100 * sum(1 for x in between if x > c) / n for c in (1, 2, 5)}
+    middle = (between[(n - 1) // 2] + between[n // 2]) / 2
+    return {**found, "mean_cells": sum(between) / n, "median_cells": middle}
+
+
+def _coverage(pairs, sure, truth_count):
+    """Admits one confidence after the other, asking all pixels each time."""
+    errors = [abs(e - g) for e, g in pairs]
+    n = len(errors)
+    kept, area, best = [], 0.0, 0.0
+    for threshold in sorted(set(sure), reverse=True):
+        inside = [x for x, c in zip(errors, sure, strict=True) if c >= threshold]
+        new = len(inside) - (kept[-1][0] if kept else 0)
+        kept.append((len(inside), sum(inside) / len(inside)))
+        area += new / n * kept[-1][1]
+        best += new / n * sum(sorted(errors)[: len(inside)]) / len(inside)
+    found = {"aurc": area, "ause": area - best}
+    for percent in (1, 2, 5, 10, 20):
+        enough = [mean for count, mean in kept if 100 * count / truth_count >= percent]
+        found[f"mean_error_top_{percent}pct"] = enough[0] if enough else math.nan
+    return found

@@ -61,8 +61,9 @@ def _slerp(q0, q1, share):
     return (math.sin((1 - share) * angle) * q0 + math.sin(share * angle) * q1) / math.sin(angle)
 
 
-def vote(a_u, b_u, a_v, b_v, c_z, rho, width, height):
+def vote(a_u, b_u, a_v, b_v, c_z, rho, width, height, cast=None):
     """Votes (N, H, W), and per plane how many counted and how many lay behind their camera."""
+    cast = cast or bilinear
     volume = np.zeros((len(rho), height, width), np.float32)
     counted, behind = np.zeros(len(rho), int), np.zeros(len(rho), int)
     with np.errstate(all="ignore"):
@@ -72,13 +73,24 @@ def vote(a_u, b_u, a_v, b_v, c_z, rho, width, height):
                     behind[i] += 1
                     continue
                 u, v = a_u[k] + r * b_u[k], a_v[k] + r * b_v[k]
-                counted[i] += _bilinear(volume[i], u, v)
+                counted[i] += cast(volume[i], u, v)
     return volume, counted, behind
 
 
-def _bilinear(image, u, v):
+def _is_inside(image, u, v):
     height, width = image.shape
-    if not (u >= 0 and v >= 0 and u < width - 1 and v < height - 1):
+    return u >= 0 and v >= 0 and u < width - 1 and v < height - 1
+
+
+def nearest(image, u, v):
+    if not _is_inside(image, u, v):
+        return 0
+    image[math.floor(v + F(0.5)), math.floor(u + F(0.5))] += F(1)
+    return 1
+
+
+def bilinear(image, u, v):
+    if not _is_inside(image, u, v):
         return 0
     x, y = math.floor(u), math.floor(v)
     right, down = F(u) - F(x), F(v) - F(y)

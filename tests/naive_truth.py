@@ -18,21 +18,25 @@ def flow_px(camera, depth_m, T_later_now):
 
 
 def boundary(depth_m, jump):
-    """(H, W): the two neighbours of every step of inverse depth that no plane explains."""
+    """(H, W): the two ends of every step of inverse depth, in four directions, that is no plane."""
     rho = 1 / depth_m.astype(float)
+    height, width = rho.shape
     marked = np.zeros(depth_m.shape, bool)
-    for line, mark in ((rho, marked), (rho.T, marked.T)):
-        for i in range(line.shape[0]):
-            for j in range(line.shape[1] - 1):
-                step = line[i, j + 1] - line[i, j]
-                others = [0.0]
-                if j > 0:
-                    others.append(line[i, j] - line[i, j - 1])
-                if j + 2 < line.shape[1]:
-                    others.append(line[i, j + 2] - line[i, j + 1])
-                large = jump * max(line[i, j], line[i, j + 1])
-                if all(abs(step - other) > large for other in others):
-                    mark[i, j] = mark[i, j + 1] = True
+
+    def at(i, j):
+        return rho[i, j] if 0 <= i < height and 0 <= j < width else None
+
+    for di, dj in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        for i, j in np.ndindex(height, width):
+            there = at(i + di, j + dj)
+            if there is None:
+                continue
+            step, before, behind = there - rho[i, j], at(i - di, j - dj), at(i + 2 * di, j + 2 * dj)
+            others = [] if before is None else [rho[i, j] - before]
+            others += [] if behind is None else [behind - there]
+            large = jump * max(rho[i, j], there)
+            if others and all(abs(step - other) > large for other in [0.0, *others]):
+                marked[i, j] = marked[i + di, j + dj] = True
     return marked
 
 

@@ -22,7 +22,7 @@ from sim.rigs import rig
 STAGES = (
     (renderer.StereoRenderer, "frame", "render frames"),
     (chunks.ChunkRenderer, "_truth", "render truth"),
-    (sampling, "_moved_px", "choose times"),
+    (sampling._View, "moved_px", "choose times"),
     (cameras.Cameras, "_step", "events (threads)"),
     (cameras.Cameras, "collect", "wait for events"),
     (event_store.EventWriter, "append", "write events"),

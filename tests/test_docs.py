@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from emvs import methods
 from eval.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -28,6 +29,8 @@ def commands(text: str) -> list[list[str]]:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_code_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    # What a page registers must not be known to the tests after it.
+    monkeypatch.setattr(methods, "_registered", dict(methods._registered))
     names: dict[str, object] = {}
     for language, text in blocks(page):
         if language == "python":

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from emvs import focus, focus_kernels
 from emvs.errors import InputError
 from emvs.focus_config import FocusConfig
+from emvs.focus_peak import FocusPeak
 from emvs.found import Found, at_least, most_reliable
 from emvs.in_focus import FocusFinder, find
 
@@ -73,16 +74,45 @@ def test_fold_peak_equals_twin(seed, planes, levels):
 def test_support_equals_twin(seed, radius, tolerance):
     rng = np.random.default_rng(seed)
     position, candidate = rng.uniform(0, 10, (7, 9)).astype(F), rng.random((7, 9)) < 0.4
-    out = np.empty((7, 9), F)
+    out = np.zeros((7, 9), F)
     focus_kernels.support(position, candidate, radius, F(tolerance), out)
     slow = naive.support(position, candidate, radius, tolerance)
     np.testing.assert_allclose(out, slow, atol=1e-6)
 
 
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 9), st.sampled_from([0.5, 2.0, 9.0]))
+def test_own_surface_equals_twin(seed, radius, tolerance):
+    rng = np.random.default_rng(seed)
+    disparity, candidate = rng.uniform(0, 10, (7, 9)).astype(F), rng.random((7, 9)) < 0.4
+    out = np.zeros((2, 7, 9), F)
+    focus_kernels.own_surface(disparity, candidate, radius, F(tolerance), out)
+    slow = naive.own_surface(disparity, candidate, radius, tolerance)
+    np.testing.assert_allclose(out, slow, atol=1e-5)
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1), height=st.integers(2, 7), width=st.integers(2, 7),
+    sigma_px=st.sampled_from([0.4, 1.3, 2.0]),
+)  # fmt: skip
+def test_the_compiled_variance_equals_the_measure_and_its_twin(seed, height, width, sigma_px):
+    """Also where the window is wider than the image."""
+    planes = random_planes(seed, 4, height, width)
+    compiled = FocusPeak(width, height, "variance", sigma_px)
+    for plane in planes:
+        compiled.take(plane)
+    slow = np.array([naive.variance(plane, sigma_px) for plane in planes])
+    np.testing.assert_allclose(compiled.maximum().value, slow.max(0), atol=2e-4 * slow.max() + 1e-6)
+    chosen = np.take_along_axis(slow, compiled.maximum().plane[None].astype(int), 0)[0]
+    np.testing.assert_allclose(chosen, slow.max(0), atol=2e-4 * slow.max() + 1e-6)
+
+
 def some_found(seed, levels=5):
     rng = np.random.default_rng(seed)
-    agreement, support, confidence = rng.integers(0, levels, (3, 12, 15)).astype(F) / levels
-    return Found(confidence, confidence, rng.random((12, 15)) < 0.5, agreement, support)
+    agreement, support, confidence, inside = rng.integers(0, levels, (4, 12, 15)).astype(F) / levels
+    candidate = rng.random((12, 15)) < 0.5
+    return Found(confidence, confidence, candidate, agreement, support, inside)
 
 
 @settings(max_examples=25, deadline=None)

@@ -114,7 +114,8 @@ def test_a_parabola_is_found_exactly():
 def test_method_names():
     two = ["Alg1/min", "Alg1/H", "Alg1/G", "Alg1/A", "Alg1/RMS", "Alg1/max", "EMVS/cam0",
            "EMVS/cam1"]  # fmt: skip
-    assert [method.name for method in methods(("all",), 2)] == two
+    assert [method.name for method in methods(("all",), 2)] == [*two, "Focus/H"]
+    assert [method.name for method in methods(("all",), 2, reference=True)] == two
     assert [method.name for method in methods(("EMVS/cam1", "Alg1/H", "Alg1/H"), 2)] == [
         "Alg1/H", "EMVS/cam1",
     ]  # fmt: skip

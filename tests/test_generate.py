@@ -107,10 +107,10 @@ def test_truth_holds_the_start_the_middle_the_end_and_the_right_depth(sequence):
         assert in_box.any()
 
 
-def test_the_manifest_says_how_it_was_made(sequence):
+def test_the_manifest_says_how_it_was_made(scene, sequence):
     manifest = sequence.manifest
     assert manifest.name == "noise"
-    assert SimConfig(**manifest.configuration) == CONFIG
+    assert SimConfig(**manifest.configuration) == scene.configured(CONFIG)
     assert manifest.renderer.startswith("mujoco 4")
     assert manifest.depth_range_m == (0.7, 3.0)
 

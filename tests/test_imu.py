@@ -9,9 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from emvs.data import se3
+from emvs.data.imu import ImuSamples, read_imu, write_imu
 from emvs.errors import InputError
 from sim.heads import run, shake, walk
-from sim.imu import GRAVITY_M_S2, ImuConfig, ImuSamples, imu_samples, read_imu, write_imu
+from sim.imu import GRAVITY_M_S2, imu_samples
+from sim.imu_config import ImuConfig
 from sim.motion import look_at
 
 QUIET = ImuConfig(rate_hz=200).noiseless()
@@ -125,25 +127,72 @@ def test_times_cover_the_motion_at_the_rate():
 
 
 def test_written_samples_read_back(tmp_path):
-    samples = imu_samples(walk(0.2, 0), 0.2, ImuConfig(), 0)
+    samples = imu_samples(walk(0.2, 0), 0.2, ImuConfig(), 0, T_BODY_IMU)
     write_imu(tmp_path / "imu.csv", samples)
     back = read_imu(tmp_path / "imu.csv")
+    np.testing.assert_allclose(back.T_body_imu, T_BODY_IMU, atol=1e-11)
     assert np.array_equal(back.t_us, samples.t_us)
     np.testing.assert_allclose(back.gyro_rad_s, samples.gyro_rad_s, rtol=1e-8)
     np.testing.assert_allclose(back.accel_m_s2, samples.accel_m_s2, rtol=1e-8)
 
 
-def test_bad_input_is_refused(tmp_path):
-    for settings in ({"rate_hz": 0.0}, {"gyro_noise": -1.0}, {"accel_walk": float("nan")},
-                     {"gyro_bias": (0, 0, float("inf"))}):  # fmt: skip
-        with pytest.raises(InputError):
-            ImuConfig(**settings)
+def test_the_place_in_the_configuration_is_where_the_imu_sits():
+    quat = tuple(Rotation.from_matrix(T_BODY_IMU[:3, :3]).as_quat().tolist())
+    placed = ImuConfig(position_m=tuple(T_BODY_IMU[:3, 3].tolist()), quat_xyzw=quat)
+    motion = walk(0.5, 0)
+    one = imu_samples(motion, 0.5, placed.noiseless(), 0)
+    other = imu_samples(motion, 0.5, QUIET, 0, T_BODY_IMU)
+    np.testing.assert_allclose(one.gyro_rad_s, other.gyro_rad_s, atol=1e-12)
+    np.testing.assert_allclose(one.accel_m_s2, other.accel_m_s2, atol=1e-9)
+    np.testing.assert_allclose(one.T_body_imu, T_BODY_IMU, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"rate_hz": -1.0}, {"gyro_noise": -1.0}, {"accel_walk": float("nan")},
+        {"gyro_bias": (0, 0, float("inf"))}, {"quat_xyzw": (0, 0, 0, 2)}, {"rate": 200},
+    ],
+)  # fmt: skip
+def test_impossible_settings_are_refused(settings):
+    with pytest.raises(ValueError, match=next(iter(settings))):
+        ImuConfig(**settings)
+
+
+def test_bad_motions_are_refused():
     with pytest.raises(InputError, match="rigid"):
         imu_samples(walk(1, 0), 1, QUIET, 0, 2 * np.eye(4))
     with pytest.raises(InputError):
         imu_samples(walk(1, 0), 0, QUIET, 0)
-    (tmp_path / "imu.csv").write_text("1,2,3\n")
-    with pytest.raises(InputError, match="seven"):
-        read_imu(tmp_path / "imu.csv")
+    with pytest.raises(InputError, match="0 Hz"):
+        imu_samples(walk(1, 0), 1, ImuConfig(rate_hz=0), 0)
+
+
+HEAD = "# T_body_imu x_m y_m z_m qx qy qz qw: 0 0 0 0 0 0 1\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (HEAD + "1,2,3\n", "seven"),
+        (HEAD + "1,2,3,4,5,6,nan\n", "finite"),
+        (HEAD + "1,2,3,4,5,6,7\n1,2,3,4,5,6,7\n", "rise"),
+        (HEAD + "1,2,3,4,5,6,x\n", "cannot be read"),
+        ("1,2,3,4,5,6,7\n", "first line"),
+        (HEAD.replace("1\n", "2\n") + "1,2,3,4,5,6,7\n", "unit quaternion"),
+        (HEAD.replace(" 1\n", "\n") + "1,2,3,4,5,6,7\n", "seven numbers"),
+        ("", "first line"),
+        ("\xb5", "cannot be read"),
+    ],
+)
+def test_files_that_hold_no_samples_are_refused(tmp_path, text, message):
+    path = tmp_path / "imu.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=message) as caught:
+        read_imu(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         read_imu(tmp_path / "none.csv")

@@ -106,7 +106,7 @@ def test_streaming_equals_whole_volumes():
     stacked = np.stack(volumes)
     expected = {f"Alg1/{name}": fuse(stacked) for name, fuse in FUSIONS.items()}
     expected |= {"EMVS/cam0": volumes[0], "EMVS/cam1": volumes[1]}
-    assert list(result.depth_maps) == list(ALL)
+    assert list(result.depth_maps) == [*ALL, "Focus/H"]
     for method, volume in expected.items():
         depth = result.depth_maps[method]
         np.testing.assert_array_equal(depth.argmax, volume.argmax(axis=0))
@@ -167,7 +167,7 @@ def test_any_number_of_cameras(cameras):
     result = map_window(fronto_parallel(1.23, cameras=cameras), CONFIG)
     assert "EMVS/cam0" in result.depth_maps
     assert len(result.counts) == cameras
-    assert len(result.depth_maps) == (1 if cameras == 1 else 9)
+    assert len(result.depth_maps) == (1 if cameras == 1 else 10)
     method = "EMVS/cam0" if cameras == 1 else "Alg1/H"
     assert steps_off(result, method, 1.23) < 0.5
 

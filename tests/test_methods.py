@@ -252,7 +252,7 @@ def test_polarities_apart_obey_the_means():
     apart, together = (mapped(recording, "all", polarity=p) for p in ("separate", "both"))
     for name, rows in together.slices.values.items():
         other, eps = apart.slices.values[name], 1e-4
-        if name in ("Alg1/min", "Alg1/H", "Alg1/G"):
+        if name in ("Alg1/min", "Alg1/H", "Alg1/G", "Focus/H"):
             assert np.all(other <= rows + eps)
             assert (other < rows - eps).any()
         elif name in ("Alg1/RMS", "Alg1/max"):
@@ -395,7 +395,8 @@ def test_unknown_names_get_one_line_with_the_grammar(name, words):
 
 def test_one_camera_has_nothing_to_fuse():
     for name in ("Alg2/AtHc@2", "Late/union"):
-        with pytest.raises(InputError, match=r"1 camera\(s\): choose from EMVS/cam0 or all"):
+        words = r"1 camera\(s\): choose from EMVS/cam0, Focus/cam0 or all"
+        with pytest.raises(InputError, match=words):
             find(name, 1)
 
 
@@ -485,10 +486,10 @@ def test_only_camera_0s_view_has_ground_truth():
 
 def test_scratch_planes_have_a_limit():
     one_mpx = 1280 * 720
-    assert batch_planes(100, 2) == 4
-    assert batch_planes(100, 2, 8 * one_mpx) == 4
-    assert batch_planes(100, 2, 128 * one_mpx) == 1
-    assert list(batches(3, 2, 128 * one_mpx)) == [(0, 1), (1, 2), (2, 3)]
+    assert batch_planes(100, 2, one_mpx, 8) == 8
+    assert batch_planes(100, 16, one_mpx, 2) == 32
+    assert batch_planes(100, 2, one_mpx, 128) == 1
+    assert list(batches(3, 2, one_mpx, 128)) == [(0, 1), (1, 2), (2, 3)]
 
 
 def test_batches_do_not_change_a_bit(monkeypatch):

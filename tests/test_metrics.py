@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from emvs.errors import InputError
+from eval.cells import CELL_METRICS
 from eval.config import EvalConfig
+from eval.coverage import COVERAGE_METRICS
 from eval.curves import CURVE_METRICS, curve
 from eval.metrics import METRICS, Pairs, pooled
 from eval.score import (
@@ -64,11 +66,18 @@ def scene(seed, shape=(13, 17)):
 @pytest.mark.parametrize("seed", range(5))
 def test_every_metric_equals_its_slow_twin(seed):
     depth_m, mask, truth_m, valid = scene(seed)
-    got = {s.metric: s.value for s in score_depth(depth_m, mask, truth_m, valid, 226.0, 0.1)}
-    expected = naive_metrics.all_metrics(depth_m, mask, truth_m, valid, 22.6)
+    # Few values of confidence, so that many pixels share one.
+    confidence = np.random.default_rng(seed).integers(0, 20, mask.shape) / 4
+    rho = np.linspace(1 / 5.0, 1 / 0.6, 25)[:: 1 if seed % 2 else -1]
+    truth = Truth(truth_m, valid, 226.0, 0.1)
+    got = {
+        s.metric: s.value
+        for s in score_pairs(pair(depth_m, mask, truth, confidence=confidence, rho=rho))
+    }
+    expected = naive_metrics.all_metrics(depth_m, mask, truth_m, valid, 22.6, confidence, rho)
     assert set(expected) == set(ALL_METRICS)
     for name, value in expected.items():
-        assert got[name] == pytest.approx(value, rel=1e-9, abs=1e-9), name
+        assert got[name] == pytest.approx(value, rel=1e-9, abs=1e-9, nan_ok=True), name
 
 
 def test_hand_computed_three_by_three():
@@ -134,7 +143,9 @@ def test_no_truth_at_all_is_undefined():
 
 def test_perfect_prediction_is_perfect():
     _, _, truth_m, valid = scene(1)
-    got = {s.metric: s for s in score_depth(truth_m, valid, truth_m, valid, 226.0, 0.1)}
+    truth = Truth(truth_m, valid, 226.0, 0.1)
+    pairs = pair(truth_m, valid, truth, confidence=truth_m, rho=np.linspace(0.2, 1.0, 9))
+    got = {s.metric: s for s in score_pairs(pairs)}
     for name in ALL_METRICS:
         if name != "points":
             assert got[name].value == (100 if got[name].better == "higher" else 0), name
@@ -244,6 +255,7 @@ def test_one_camera_has_no_disparity_metric_but_all_others():
     assert {name for name, value in got.items() if np.isnan(value)} == {
         "baseline_focal",
         *DISPARITY_METRICS,
+        *(metric.name for metric in (*CELL_METRICS, *COVERAGE_METRICS)),
     }
 
 
@@ -300,18 +312,20 @@ def test_case_rows_hold_every_window_and_their_pool():
         windows[f"w{seed:03d}"] = pair_methods({"Alg1/H": (depth_m, mask)}, truth)
     rows = case_rows("desk", windows)
     points = {row.window: row.value for row in rows if row.metric == "points"}
+    assert points["mean"] == points["all"] / 2
     assert points["all"] == points["w000"] + points["w001"]
     assert {row.case for row in rows} == {"desk"}
     assert len({(row.window, row.method, row.metric) for row in rows}) == len(rows)
 
 
 def test_every_metric_says_what_it_is():
-    for metric in (*METRICS, *CURVE_METRICS):
+    for metric in ALL_METRICS.values():
         assert metric.title
         assert metric.formula
         assert metric.unit
         assert metric.better in ("lower", "higher")
-    assert len(ALL_METRICS) == len(METRICS) + len(CURVE_METRICS)
+    registries = (METRICS, CELL_METRICS, CURVE_METRICS, COVERAGE_METRICS)
+    assert len(ALL_METRICS) == sum(map(len, registries))
 
 
 def test_configuration_refuses_reversed_limits_and_unknown_keys():

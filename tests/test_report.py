@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 
+from emvs.data.frame_store import Photo
 from emvs.errors import InputError
 from eval.findings import findings, fusion_order
 from eval.plots import DsiSlice
@@ -156,6 +158,20 @@ def test_a_recording_without_truth_has_maps_but_no_scores():
     assert "Ground truth" not in text
     assert 'alt="Depth [m] of Alg1/H' in text
     assert re.search(r"Alg1/H</b> · points \d+ px", text)
+
+
+def test_an_ordinary_cameras_picture_says_what_it_lost():
+    image = np.full(SHAPE, 100, np.uint8)
+    image[:6], image[23, :1] = 255, 0
+    data = _report("desk")
+    window = replace(data.cases[0].windows[0], photo=Photo(240_000, 250_000, 1.5, image))
+    case = replace(data.cases[0], windows=(window,))
+    text = render(replace(data, cases=(case,)))
+    _Page(text)
+    assert "Ordinary camera" in text
+    assert "10 ms exposure, -5 ms" in text
+    assert "25.0 % of the pixels white, 0.1 % black" in text
+    assert "Ordinary camera" not in render(data)
 
 
 def test_a_folder_without_maps_is_refused(tmp_path):

@@ -37,7 +37,10 @@ def test_undefined_is_null_in_json_and_empty_in_csv(tmp_path):
     assert content["rows"][1]["value"] is None
     with (tmp_path / "results.csv").open(newline="") as stream:
         table = list(csv.DictReader(stream))
-    assert list(table[0]) == ["case", "window", "method", "metric", "value", "unit", "better"]
+    assert list(table[0]) == [
+        "case", "window", "method", "metric", "value", "unit", "better",
+        "region", "points", "low", "high",
+    ]  # fmt: skip
     assert [row["value"] for row in table] == ["0.0625", "", "12345.0"]
 
 

@@ -1,6 +1,7 @@
 """Sequences on disk: what goes in comes out, whole or not at all."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -150,3 +151,46 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="cannot make"), atomic_dir(tmp_path / "file" / "out"):
         pass
+
+
+KILLED_WRITER = """
+import os, pathlib, signal, sys
+from emvs.atomic import atomic_dir
+with atomic_dir(pathlib.Path(sys.argv[1])) as folder:
+    (folder / "half").write_text("half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_what_a_killed_process_left_is_removed_and_what_a_living_one_holds_is_not(tmp_path):
+    import subprocess
+    import sys
+
+    target, other = tmp_path / "out", tmp_path / "out2"
+    for path in (target, other):
+        subprocess.run([sys.executable, "-c", KILLED_WRITER, str(path)], check=False)
+    left = {path.name.split(".")[1] for path in tmp_path.iterdir()}
+    assert left == {"out", "out2"}
+    with atomic_dir(target) as first:
+        (first / "kept").write_text("kept")
+        with atomic_dir(target, force=True) as second:
+            hidden = {path for path in tmp_path.iterdir() if path.name.startswith(".out.")}
+            assert hidden == {first, second}
+        shutil.rmtree(target)
+    assert [path.name for path in target.iterdir()] == ["kept"]
+    assert sorted(p.name.split(".")[1] for p in tmp_path.iterdir() if p != target) == ["out2"]
+
+
+def test_folders_that_only_look_alike_are_left_alone(tmp_path):
+    alike = [
+        "._out.12345678.partial",
+        ".out.1234567.partial",
+        ".out.12345678.old",
+        ".outer.partial",
+    ]
+    for name in alike:
+        (tmp_path / name).mkdir()
+    (tmp_path / ".out.12345678.partial").write_text("a file")
+    with atomic_dir(tmp_path / "out"):
+        pass
+    assert {p.name for p in tmp_path.iterdir()} == {*alike, ".out.12345678.partial", "out"}

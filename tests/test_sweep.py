@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 from emvs.kernels import CHUNK
 from emvs.planes import inverse_depth_at, inverse_depth_planes, reference_planes
 from emvs.rays import RayCounts, Rays
-from emvs.sweep import PLANES_PER_PASS, Scratch, batches, dsi
+from emvs.sweep import Scratch, batches, dsi, planes_per_pass
 from emvs.threads import use_threads
 
 W, H = 12, 9
+NEAREST = pytest.mark.parametrize("nearest", [False, True])
 EDGES = [
     0.0, -0.0, 0.5, 3.0, 2.9999998, -1e-7, W - 1, H - 1,
     np.nextafter(np.float32(W - 1), 0), np.nextafter(np.float32(H - 1), 0),
@@ -35,10 +36,11 @@ def random_rays(seed, n, depth_spread=0.3):
     )  # fmt: skip
 
 
-def check_against_twin(rays, rho):
-    volume, counts = dsi(rays, rho, W, H)
+def check_against_twin(rays, rho, nearest):
+    volume, counts = dsi(rays, rho, W, H, nearest=nearest)
+    cast = naive_sweep.nearest if nearest else naive_sweep.bilinear
     twin, counted, behind = naive_sweep.vote(
-        rays.a_u, rays.b_u, rays.a_v, rays.b_v, rays.c_z, rho, W, H
+        rays.a_u, rays.b_u, rays.a_v, rays.b_v, rays.c_z, rho, W, H, cast
     )
     np.testing.assert_array_equal(volume, twin)
     assert counts.counted == counted.sum()
@@ -51,15 +53,34 @@ def check_against_twin(rays, rho):
     seed=st.integers(0, 2**32 - 1),
     n=st.sampled_from([1, 7, CHUNK, CHUNK + 3]),
     depth_spread=st.sampled_from([0.0, 0.3, 2.0]),
+    nearest=st.booleans(),
 )
-def test_kernel_equals_twin_bit_for_bit(seed, n, depth_spread):
-    check_against_twin(random_rays(seed, n, depth_spread), inverse_depth_planes(0.4, 5, 3))
+def test_kernel_equals_twin_bit_for_bit(seed, n, depth_spread, nearest):
+    rays = random_rays(seed, n, depth_spread)
+    check_against_twin(rays, inverse_depth_planes(0.4, 5, 3), nearest)
 
 
-def test_kernel_equals_twin_on_edges_poles_and_planes_behind():
+@NEAREST
+def test_kernel_equals_twin_on_edges_poles_and_planes_behind(nearest):
     slopes = [0.0, 1.0, -1e30, np.inf]
     columns = np.array(list(itertools.product(EDGES, slopes, EDGES, [0.0, -1.0], [-1, 0, 0.5, 2])))
-    check_against_twin(make_rays(*columns.T), np.array([2, 1, 0.5], np.float32))
+    check_against_twin(make_rays(*columns.T), np.array([2, 1, 0.5], np.float32), nearest)
+
+
+def test_nearest_votes_are_whole_and_as_many_as_bilinear_ones():
+    rays, rho = random_rays(5, 5000), inverse_depth_planes(0.4, 5, 6)
+    volume, counts = dsi(rays, rho, W, H, nearest=True)
+    np.testing.assert_array_equal(volume, np.rint(volume))
+    assert volume.sum(dtype=np.float64) == counts.counted
+    assert counts == dsi(rays, rho, W, H)[1]
+
+
+def test_nearest_and_bilinear_votes_agree_on_whole_pixels():
+    rng = np.random.default_rng(0)
+    rays = make_rays(rng.integers(0, W - 1, 99), np.zeros(99), rng.integers(0, H - 1, 99),
+                     np.zeros(99), np.full(99, -1))  # fmt: skip
+    rho = inverse_depth_planes(0.4, 5, 2)
+    np.testing.assert_array_equal(dsi(rays, rho, W, H)[0], dsi(rays, rho, W, H, nearest=True)[0])
 
 
 def test_sum_of_a_plane_is_the_number_of_votes_inside_it():
@@ -76,14 +97,18 @@ def test_planes_behind_the_camera_get_no_vote():
     assert (counts.counted, counts.behind, counts.outside) == (1, 2, 0)
 
 
-def test_threads_do_not_change_a_bit():
+@NEAREST
+def test_neither_threads_nor_batches_change_a_bit(nearest):
     rays, rho = random_rays(3, 20_000), inverse_depth_planes(0.4, 5, 7)
     volumes = []
     for threads in (1, 2):
         use_threads(threads)
-        volumes.append(dsi(rays, rho, W, H)[0])
+        volumes.append(dsi(rays, rho, W, H, nearest=nearest)[0])
     use_threads(0)
-    np.testing.assert_array_equal(*volumes)
+    volumes.append(np.concatenate([dsi(rays, rho[k : k + 1], W, H, nearest=nearest)[0]
+                                   for k in range(7)]))  # fmt: skip
+    np.testing.assert_array_equal(volumes[0], volumes[1])
+    np.testing.assert_array_equal(volumes[0], volumes[2])
 
 
 def test_scratch_is_cleared_between_batches():
@@ -99,11 +124,16 @@ def test_too_many_planes_for_the_scratch_are_refused():
         Scratch(1, 2, W, H).cast(0, random_rays(1, 5), inverse_depth_planes(0.4, 5, 3))
 
 
-@given(st.integers(1, 300), st.integers(1, 16))
-def test_batches_cover_every_plane_once(planes, threads):
-    ranges = list(batches(planes, threads))
+@given(
+    st.integers(1, 300), st.integers(1, 64), st.sampled_from([1, 90_000, 300_000, 1 << 20]),
+    st.integers(1, 200),
+)  # fmt: skip
+def test_batches_cover_every_plane_once_and_keep_all_threads_busy(planes, threads, px, volumes):
+    ranges = list(batches(planes, threads, px, volumes))
     assert [k for first, last in ranges for k in range(first, last)] == list(range(planes))
-    assert all(last - first <= threads * PLANES_PER_PASS for first, last in ranges)
+    step = ranges[0][1]
+    full = step % (threads * planes_per_pass(px)) == 0
+    assert full or step == planes or (step + 1) * volumes * px > 128 << 20
 
 
 @given(st.floats(0.05, 10), st.floats(1.01, 100), st.integers(2, 300))

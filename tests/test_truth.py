@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from stereo_law import warped
 
 import scenes
 from emvs.data import se3
@@ -23,6 +22,7 @@ from eval.config import EvalConfig
 from eval.folders import truth_of
 from sim import truth
 from sim.config import SimConfig
+from sim.consistency import warped
 from sim.generate import simulate
 from sim.motion import HeadSway, look_at
 from sim.renderer import StereoRenderer
@@ -126,6 +126,8 @@ def test_boundary_is_both_sides_of_a_step_and_nothing_on_planes_and_folds():
     assert (truth.boundary(stepped_m) == np.isin(u, (19, 20))).all()
     cable_m = np.where(v == 7, 1.0, np.inf).astype(np.float32)
     assert (truth.boundary(cable_m) == np.isin(v, (6, 7, 8))).all()
+    crossing_m = np.where((v == 7) | (u == 9), 1.0, np.inf).astype(np.float32)
+    assert (truth.boundary(crossing_m) == (np.isin(v, (6, 7, 8)) | np.isin(u, (8, 9, 10)))).all()
 
 
 @pytest.mark.parametrize("t_s", [0.0, 0.3, 1.0])

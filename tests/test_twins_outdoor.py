@@ -2,7 +2,17 @@
 
 import numpy as np
 import pytest
-from twin_checks import opened, poses, smaller, stereo
+from twin_checks import (
+    check_original,
+    check_same_every_time,
+    check_textures,
+    factor,
+    opened,
+    picture,
+    poses,
+    smaller,
+    stereo,
+)
 
 import scenes
 from emvs.errors import InputError
@@ -22,21 +32,13 @@ TWINS = {
 HARD = ["moving-objects", "low-texture", "repetitive", "thin-structures", "reflective"]
 ALL = [*TWINS, *HARD]
 OUTDOORS = ["tumvie-run", "tumvie-bike", "dsec-street", "repetitive", "thin-structures"]
-SMALL = {346: 2.5, 640: 5.0, 1280: 8.0}
-
-
-def factor(name):
-    return SMALL[rig(scenes.load(name).rig).cameras[0].width_px]
 
 
 @pytest.mark.parametrize("name", TWINS)
 def test_rig_and_depth_range_are_those_of_the_original(name):
-    rig_name, width_px, height_px, baseline_m, depth_range_m = TWINS[name]
-    scene = scenes.load(name)
-    seen = rig(scene.rig)
-    assert (scene.rig, scene.depth_range_m) == (rig_name, depth_range_m)
-    assert all((c.width_px, c.height_px) == (width_px, height_px) for c in seen.cameras)
-    assert seen.baseline_m(0, 1) == pytest.approx(baseline_m, abs=1e-3)
+    rig_name, *rest = TWINS[name]
+    assert scenes.load(name).rig == rig_name
+    check_original(name, *rest)
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -77,11 +79,7 @@ def test_nothing_stands_in_the_way(name):
 def test_a_place_is_cheap_complete_and_within_bounds(name):
     model = opened(name, factor(name))[2].model
     assert 20 < model.ngeom <= 300
-    assert not np.any(model.tex_width <= 2)
-    assert model.tex_data.size < 60e6
-    assert model.tex_data.min() >= DARKEST
-    assert model.tex_data.max() <= BRIGHTEST
-    assert not np.any(model.vis.headlight.diffuse)
+    check_textures(model)
     if name != "reflective":
         assert not np.any(model.mat_specular)
         assert not np.any(model.mat_reflectance)
@@ -98,26 +96,20 @@ def test_the_reflective_kitchen_breaks_the_rule_that_points_keep_their_brightnes
     ["dsec-street", "moving-objects", *(pytest.param(n, marks=pytest.mark.slow) for n in ALL)],
 )
 def test_a_place_is_the_same_every_time(name):
-    model = opened(name, factor(name))[2].model
-    again = scenes.load(name).spec().compile()
-    for part in ("tex_data", "geom_pos", "geom_size", "geom_quat", "mesh_vert", "qpos0"):
-        assert np.array_equal(getattr(model, part), getattr(again, part)), part
+    parts = "tex_data", "geom_pos", "geom_size", "geom_quat", "mesh_vert", "qpos0"
+    check_same_every_time(name, parts)
 
 
 @pytest.mark.parametrize("name", ALL)
 def test_pictures_are_neither_black_nor_saturated_and_have_contrast(name):
-    _, _, renderer = opened(name, factor(name))
-    intensity = renderer.frame(0, poses(name, 0, 3)[1]).intensity
-    assert np.mean(intensity > 0.98) < 0.02
-    assert np.mean(intensity < 0.04) < 0.01
-    assert np.std(np.log(intensity)) > 0.15
+    assert np.std(np.log(picture(name))) > 0.15
 
 
 @pytest.mark.parametrize("name", ALL)
 def test_left_depth_warps_onto_the_right(name):
-    law = stereo(name, factor(name) / 2)
-    assert law.seen > 0.3
-    assert np.mean(law.error_px < 0.5) > 0.998
+    for law in stereo(name, factor(name) / 2):
+        assert law.seen > 0.3
+        assert law.error_px.max() < 0.5
 
 
 @pytest.mark.parametrize("name", ALL)

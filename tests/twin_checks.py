@@ -4,16 +4,26 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from itertools import permutations
 
 import numpy as np
-from stereo_law import Warped, warped
 
 import scenes
 from emvs.data.camera import Camera
 from emvs.data.rig import Rig
+from scenes.textures import BRIGHTEST, DARKEST
+from sim.consistency import Warped, warped
 from sim.graphics import import_mujoco
 from sim.renderer import StereoRenderer
 from sim.rigs import rig
+
+SMALL = {240: 2.0, 346: 2.5, 640: 5.0, 1280: 8.0}
+"""By how much the quick tests shrink a sensor, by its width."""
+
+
+def factor(name: str) -> float:
+    """By how much the quick tests shrink a case's sensors."""
+    return SMALL[rig(scenes.load(name).rig).cameras[0].width_px]
 
 
 def smaller(whole: Rig, factor: float) -> Rig:
@@ -73,6 +83,41 @@ def share_in_range(name: str, seed: int, factor: float) -> float:
     return float(np.min(shares))
 
 
+def check_original(name, width_px, height_px, baseline_m, depth_range_m):
+    """Resolution, baseline to 0.15 mm and depth range are the original's."""
+    scene = scenes.load(name)
+    seen = rig(scene.rig)
+    assert scene.depth_range_m == depth_range_m
+    assert all((c.width_px, c.height_px) == (width_px, height_px) for c in seen.cameras)
+    assert abs(seen.baseline_m(0, 1) - baseline_m) < 1.5e-4
+
+
+def check_textures(model):
+    """Every texture is there and in bounds, all together are small, and no light rides along."""
+    assert not np.any(model.tex_width <= 2)
+    assert model.tex_data.size < 60e6
+    assert model.tex_data.min() >= DARKEST
+    assert model.tex_data.max() <= BRIGHTEST
+    assert not np.any(model.vis.headlight.diffuse)
+
+
+def check_same_every_time(name, parts):
+    """A scene made again is the same, bit by bit."""
+    model = opened(name, factor(name))[2].model
+    again = scenes.load(name).spec().compile()
+    for part in parts:
+        assert np.array_equal(getattr(model, part), getattr(again, part)), part
+
+
+def picture(name):
+    """A frame of camera 0 in the middle of the motion; neither black nor saturated."""
+    _, _, renderer = opened(name, factor(name))
+    intensity = renderer.frame(0, poses(name, 0, 3)[1]).intensity
+    assert np.mean(intensity > 0.98) < 0.02
+    assert np.mean(intensity < 0.04) < 0.01
+    return intensity
+
+
 def clearance_m(name: str, factor: float, rays: int = 60) -> float:
     """Least distance from any camera, on its way, to the nearest surface, by rays."""
     mujoco = import_mujoco()
@@ -92,9 +137,10 @@ def clearance_m(name: str, factor: float, rays: int = 60) -> float:
     return least
 
 
-def stereo(name: str, factor: float) -> Warped:
-    """The left camera's true depth, found again in the right camera's."""
+def stereo(name: str, factor: float, at: int = 0) -> list[Warped]:
+    """Every camera's true depth, found again in every other's, at the start, middle or end."""
     _, seen, renderer = opened(name, factor)
-    (T_world_body,) = poses(name, 0, 1)
-    left_m, right_m = (renderer.depth(camera, T_world_body) for camera in (0, 1))
-    return warped(seen, 0, 1, left_m, right_m)
+    T_world_body = poses(name, 0, 3)[at]
+    depths_m = [renderer.depth(camera, T_world_body) for camera in range(len(seen))]
+    pairs = permutations(range(len(seen)), 2)
+    return [warped(seen, a, b, depths_m[a], depths_m[b]) for a, b in pairs]

@@ -12,7 +12,11 @@ from numpy.typing import NDArray
 from emvs.data import manifest
 from emvs.data.event_store import EventReader
 from emvs.data.events import Events
+from emvs.data.frame_store import FILE_NAME as FRAMES_NAME
+from emvs.data.frame_store import FrameReader, Photo
 from emvs.data.geoms import Geom, read_geoms
+from emvs.data.imu import FILE_NAME as IMU_NAME
+from emvs.data.imu import ImuSamples, read_imu
 from emvs.data.rig import Rig
 from emvs.data.trajectory import Trajectory
 from emvs.data.truth_store import TruthReader
@@ -74,6 +78,42 @@ class Sequence:
         if not len(times_us):
             return None
         return self.truth_intensity(camera, int(times_us[np.argmin(np.abs(times_us - t_us))]))
+
+    def photo_times_us(self, camera: int) -> NDArray[np.int64]:
+        """(T,) middles of the exposures of the ordinary camera in a camera's place, µs."""
+        frames = self._frames[camera]
+        return np.empty(0, np.int64) if frames is None else frames.t_us
+
+    def photo(self, camera: int, t_us: int) -> Photo:
+        """The ordinary camera's picture whose exposure's middle is nearest to `t_us`.
+
+        Raises:
+            InputError: no pictures are stored.
+        """
+        frames = self._frames[camera]
+        if frames is None or not len(frames):
+            raise InputError(
+                f"{self.path}: has no frames of an ordinary camera; simulate with "
+                "--sim.frames.rate-hz"
+            )
+        return frames.photo(int(np.argmin(np.abs(frames.t_us - t_us))))
+
+    @property
+    def has_imu(self) -> bool:
+        """Whether inertial samples are stored."""
+        return IMU_NAME in self.manifest.files
+
+    def imu(self) -> ImuSamples:
+        """The inertial samples, read when asked for.
+
+        Raises:
+            InputError: none are stored, or a damaged file.
+        """
+        if not self.has_imu:
+            raise InputError(
+                f"{self.path}: has no IMU samples; simulate with --sim.imu.rate-hz above 0"
+            )
+        return read_imu(self.path / IMU_NAME)
 
     def truth_times_us(self, camera: int) -> NDArray[np.int64]:
         """Times at which ground truth is stored, µs."""
@@ -176,6 +216,11 @@ class Sequence:
             EventReader(self.path / f"cam{k}" / "events.h5", camera.width_px, camera.height_px)
             for k, camera in enumerate(self.rig.cameras)
         ]
+
+    @cached_property
+    def _frames(self) -> list[FrameReader | None]:
+        names = [f"cam{k}/{FRAMES_NAME}" for k in range(len(self.rig))]
+        return [FrameReader(self.path / n) if n in self.manifest.files else None for n in names]
 
     @cached_property
     def _truth(self) -> list[TruthReader]:

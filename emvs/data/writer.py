@@ -16,7 +16,11 @@ from emvs.atomic import atomic_dir, refuse_existing
 from emvs.data import manifest
 from emvs.data.event_store import EventWriter
 from emvs.data.events import Events
+from emvs.data.frame_store import FILE_NAME as FRAMES_NAME
+from emvs.data.frame_store import FrameWriter, Photo
 from emvs.data.geoms import GeomTable, write_geoms
+from emvs.data.imu import FILE_NAME as IMU_NAME
+from emvs.data.imu import ImuSamples, write_imu
 from emvs.data.rig import Rig
 from emvs.data.trajectory import Trajectory
 from emvs.data.truth_store import TruthWriter
@@ -39,6 +43,7 @@ class SequenceWriter:
         span_us: first and last instant of the recording; by default those of the trajectory.
         geoms: what the ids in a segmentation mean, if there is one.
         sensor_counts: per camera, what became of its events: sent by cause, dropped by reason.
+        imu: inertial samples, if there is an IMU.
         force: whether an existing folder is replaced.
 
     Raises:
@@ -59,12 +64,13 @@ class SequenceWriter:
         span_us: tuple[int, int] | None = None,
         geoms: GeomTable | None = None,
         sensor_counts: Collection[dict[str, int]] | None = None,
+        imu: ImuSamples | None = None,
         force: bool = False,
     ) -> None:
         refuse_existing(Path(path), force=force)
         self._path, self._force = Path(path), force
         self._name, self._rig, self._trajectory = name, rig, trajectory
-        self._geoms, self._sensor_counts = geoms, sensor_counts
+        self._geoms, self._sensor_counts, self._imu = geoms, sensor_counts, imu
         self._facts: dict[str, Any] = {
             "configuration": config,
             "seed": seed,
@@ -139,6 +145,15 @@ class SequenceWriter:
         """
         self._truth[camera].append(t_us, depth_m, intensity_u8, optional)
 
+    def append_photo(self, camera: int, photo: Photo) -> None:
+        """Adds a picture of the ordinary camera in one camera's place, in order of time."""
+        if camera not in self._frames:
+            seen = self._rig.cameras[camera]
+            path = self._folder / f"cam{camera}" / FRAMES_NAME
+            writer = FrameWriter(path, seen.width_px, seen.height_px)
+            self._frames[camera] = self._file_stack.enter_context(writer)
+        self._frames[camera].append(photo)
+
     def _open_files(self) -> None:
         rig_text = json.dumps(self._rig.to_json(), indent=2) + "\n"
         (self._folder / "rig.json").write_text(rig_text, encoding="utf-8")
@@ -148,6 +163,9 @@ class SequenceWriter:
         if self._sensor_counts is not None:
             counts_text = json.dumps(list(self._sensor_counts), indent=1) + "\n"
             (self._folder / "sensor.json").write_text(counts_text, encoding="utf-8")
+        if self._imu is not None:
+            write_imu(self._folder / IMU_NAME, self._imu)
+        self._frames: dict[int, FrameWriter] = {}
         self._events: list[EventWriter] = []
         self._truth: list[TruthWriter] = []
         for k, camera in enumerate(self._rig.cameras):

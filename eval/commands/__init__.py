@@ -4,4 +4,14 @@ Modules here import what is light at their top and what is heavy inside their fu
 come at once.
 """
 
-from eval.commands import inventory, map, report, run, score, simulate  # noqa: A004, F401
+from eval.commands import (  # noqa: F401
+    gate,
+    inventory,
+    map,  # noqa: A004
+    report,
+    run,
+    score,
+    simulate,
+    study,
+    suite,
+)

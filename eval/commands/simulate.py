@@ -19,6 +19,7 @@ def simulate(
     out: Path,
     rig: str | None = None,
     seconds: float | None = None,
+    trajectory: Path | None = None,
     seed: int = 0,
     workers: int = 1,
     fresh: Annotated[bool, Parameter(negative=())] = False,
@@ -32,13 +33,15 @@ def simulate(
         out: Sequence folder to write.
         rig: Rig to use instead of the scene's own.
         seconds: Length of the sequence; as --sim.duration-s.
+        trajectory: Poses in TUM format to move the head by; as --sim.replay.trajectory.
         seed: Seed of the head motion and the sensor's noise.
         workers: Rendering processes.
         fresh: Discard the unfinished work of an interrupted run instead of taking it up.
     """
     from eval.runner import simulate_scene
 
-    wanted = settings.load(common.config, sim=with_values(sim, duration_s=seconds))
+    replay = with_values(sim.replay, trajectory=trajectory) if trajectory else None
+    wanted = settings.load(common.config, sim=with_values(sim, duration_s=seconds, replay=replay))
     console = common.console()
     simulate_scene(
         scene,

@@ -1,0 +1,79 @@
+"""Inertial samples of a sequence, and their file: `imu.csv`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.atomic import atomic_path
+from emvs.data import se3
+from emvs.errors import InputError
+
+Array = NDArray[np.float64]
+FILE_NAME = "imu.csv"
+_PLACE = "# T_body_imu x_m y_m z_m qx qy qz qw:"
+_COLUMNS = "#t_us,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z"
+
+
+@dataclass(frozen=True, eq=False)
+class ImuSamples:
+    """What an IMU reports, in its own axes.
+
+    Attributes:
+        t_us: (N,) int64, µs.
+        gyro_rad_s: (N, 3) rotation rate.
+        accel_m_s2: (N, 3) specific force: at rest it is 9.8 upwards.
+        T_body_imu: (4, 4) where the IMU sits on the body.
+    """
+
+    t_us: NDArray[np.int64]
+    gyro_rad_s: Array
+    accel_m_s2: Array
+    T_body_imu: Array = field(default_factory=lambda: np.eye(4))
+
+    def __len__(self) -> int:
+        return len(self.t_us)
+
+
+def write_imu(path: Path, samples: ImuSamples) -> None:
+    """Writes one row per sample: time in µs, gyroscope in rad/s, accelerometer in m/s^2."""
+    position_m, quat_xyzw = se3.to_quat_xyzw(samples.T_body_imu)
+    place = " ".join(f"{value:.12f}" for value in (*position_m, *quat_xyzw))
+    with atomic_path(Path(path)) as partial, partial.open("w", encoding="ascii") as file:
+        file.write(f"{_PLACE} {place}\n{_COLUMNS}\n")
+        rows = np.hstack([samples.gyro_rad_s, samples.accel_m_s2]).tolist()
+        for t_us, row in zip(samples.t_us.tolist(), rows, strict=True):
+            file.write(f"{t_us}," + ",".join(f"{value:.9g}" for value in row) + "\n")
+
+
+def read_imu(path: Path) -> ImuSamples:
+    """Reads what `write_imu` wrote.
+
+    Raises:
+        InputError: no such file, not seven finite numbers in every row, times that do not rise,
+            or no place on the body in the first line.
+    """
+    try:
+        with Path(path).open(encoding="ascii") as file:
+            T_body_imu = _place(file.readline())
+        table = np.loadtxt(path, delimiter=",", ndmin=2)
+    except (OSError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: cannot be read as IMU samples ({reason})") from error
+    if table.shape[1] != 7 or not np.isfinite(table).all():
+        raise InputError(f"{path}: needs rows of seven finite numbers, t_us, gyro, accel")
+    if not (np.diff(table[:, 0]) > 0).all():
+        raise InputError(f"{path}: times must rise from row to row")
+    return ImuSamples(table[:, 0].astype(np.int64), table[:, 1:4], table[:, 4:], T_body_imu)
+
+
+def _place(line: str) -> Array:
+    if not line.startswith(_PLACE):
+        raise ValueError(f"its first line must begin with {_PLACE!r}")
+    numbers = np.array([float(word) for word in line.removeprefix(_PLACE).split()])
+    if numbers.shape != (7,) or not np.isclose(np.linalg.norm(numbers[3:]), 1, atol=1e-6):
+        raise ValueError("T_body_imu needs a position and a unit quaternion, seven numbers")
+    return se3.from_quat_xyzw(numbers[:3], numbers[3:])

@@ -1,0 +1,44 @@
+"""Methods whose depth is found by focus, by name: our own extraction over any fusion."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+from emvs import alg2, fuse_kernels
+from emvs.errors import InputError
+from emvs.recipe import CODES, MEANS, Method
+
+GRAMMAR = "Focus/<F>, Focus/camK or Focus/<an Algorithm 2, such as AtHc@4>"
+SUMMARY = (
+    "our own: depth where the fused rays are most in focus, kept where cameras and neighbours "
+    "agree; camK: one camera, without agreement"
+)
+EXAMPLES = ("Focus/H", "Focus/cam0", "Focus/AtHc@4")
+
+_CAMERA = re.compile(r"cam(0|[1-9]\d*)")
+
+
+def build(name: str, reference: bool = False) -> Method:
+    """Makes the method of a name.
+
+    Args:
+        name: such as `Focus/H`.
+        reference: the compatibility setting, whose H across cameras is 2ab / (a + b + 0.1).
+
+    Raises:
+        InputError: a name that does not follow the grammar.
+    """
+    fused = name.removeprefix("Focus/")
+    camera = _CAMERA.fullmatch(fused)
+    if camera is not None:
+        k = int(camera.group(1))
+        return Method(name, fuse_kernels.CAMERA + k, f"camera {k} alone, by focus", focus=True)
+    if fused in CODES:
+        code = fuse_kernels.HARMONIC_EPS if reference and fused == "H" else CODES[fused]
+        return Method(name, code, f"{MEANS[fused]} across cameras, by focus", focus=True)
+    try:
+        method = alg2.build(f"Alg2/{fused}", reference)
+    except InputError as error:
+        raise InputError(f"unknown method {name!r}: the names are {GRAMMAR}") from error
+    return replace(method, name=name, summary=f"{method.summary}; by focus", focus=True)

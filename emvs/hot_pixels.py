@@ -1,0 +1,148 @@
+"""Pixels that fire far more often than what surrounds them: found, counted and left out.
+
+Edges sweep over neighbouring pixels alike, so a pixel of a working sensor is about as active as the
+most active of its neighbours; a defective one stands out alone. The reference of a pixel is the
+fourth highest count among the 24 others of its 5 x 5 window (up to three of them may be defective
+too), and at least the median of all pixels that fired. A pixel is hot where its count n exceeds
+`ratio` times that reference by more than five standard deviations of a Poisson count:
+
+    n > r + 5 sqrt(r),    r = ratio * max(fourth highest neighbour, median)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.data.events import Events
+from emvs.data.recording import Recording
+from emvs.data.rig import Rig
+from emvs.data.trajectory import Trajectory
+from emvs.progress import Progress, silent
+from emvs.window import time_steps
+
+Mask = NDArray[np.bool_]
+Counts = NDArray[np.int64]
+
+_WINDOW_PX, _RANK, _SIGMAS = 5, 4, 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class HotPixels:
+    """The hot pixels of one camera.
+
+    Attributes:
+        mask: (H, W) bool, set where hot.
+        events: events that those pixels sent in the stretch looked at.
+    """
+
+    mask: Mask
+    events: int
+
+    @property
+    def pixels(self) -> int:
+        """How many there are."""
+        return int(self.mask.sum())
+
+
+def find_hot_pixels(
+    recording: Recording, t0_us: int, t1_us: int, ratio: float, progress: Progress = silent
+) -> tuple[HotPixels, ...]:
+    """Looks for hot pixels in `t0_us <= t < t1_us`; reads the events once, a second at a time.
+
+    Args:
+        recording: the events.
+        t0_us: begin, included.
+        t1_us: end, excluded.
+        ratio: how many times its surroundings' activity makes a pixel hot.
+        progress: told the stage `hot pixels`, cameras done and all.
+
+    Returns:
+        One per camera.
+    """
+    found = []
+    for camera in range(len(recording.rig)):
+        progress("hot pixels", camera, len(recording.rig))
+        counts = _counts(recording, camera, t0_us, t1_us)
+        mask = hot_mask(counts, ratio)
+        found.append(HotPixels(mask, int(counts[mask].sum())))
+    return tuple(found)
+
+
+def hot_mask(counts: Counts, ratio: float) -> Mask:
+    """(H, W) bool: where a count stands out of its surroundings by more than `ratio`.
+
+    Args:
+        counts: (H, W) int64 events per pixel.
+        ratio: above 0.
+    """
+    from scipy.ndimage import rank_filter  # needed by those who ask for it only
+
+    fired = counts[counts > 0]
+    if not fired.size:
+        return np.zeros(counts.shape, bool)
+    others = np.ones((_WINDOW_PX, _WINDOW_PX), bool)
+    others[_WINDOW_PX // 2, _WINDOW_PX // 2] = False
+    around = rank_filter(counts, -_RANK, footprint=others, mode="mirror")
+    usual = ratio * np.maximum(around, np.median(fired))
+    hot: Mask = counts > usual + _SIGMAS * np.sqrt(usual)
+    return hot
+
+
+class WithoutPixels:
+    """A recording without the events of some pixels.
+
+    Attributes:
+        recording: the one that is filtered.
+        masks: per camera, (H, W) bool, set at pixels whose events are left out.
+    """
+
+    def __init__(self, recording: Recording, masks: Sequence[Mask]) -> None:
+        self.recording, self.masks = recording, tuple(masks)
+
+    @property
+    def name(self) -> str:
+        """What the recording is called."""
+        return self.recording.name
+
+    @property
+    def rig(self) -> Rig:
+        """Its cameras."""
+        return self.recording.rig
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """`T_world_body` over time."""
+        return self.recording.trajectory
+
+    @property
+    def depth_range_m(self) -> tuple[float, float] | None:
+        """Nearest and farthest depth, where the recording knows it."""
+        return self.recording.depth_range_m
+
+    def event_span_us(self, camera: int) -> tuple[int, int]:
+        """The span of the recording as it was: windows do not move because of the filter."""
+        return self.recording.event_span_us(camera)
+
+    def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
+        """Events of a camera with `t0_us <= t < t1_us` from the pixels that remain."""
+        events = self.recording.events(camera, t0_us, t1_us)
+        kept = ~self.masks[camera][events.y, events.x]
+        return Events(events.x[kept], events.y[kept], events.t_us[kept], events.p[kept])
+
+    def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
+        """The image nearest to a time, if any."""
+        return self.recording.frame(camera, t_us)
+
+
+def _counts(recording: Recording, camera: int, t0_us: int, t1_us: int) -> Counts:
+    its = recording.rig.cameras[camera]
+    counts = np.zeros(its.width_px * its.height_px, np.int64)
+    for begin_us, end_us in time_steps(t0_us, t1_us):
+        events = recording.events(camera, begin_us, end_us)
+        cell = events.y.astype(np.int64) * its.width_px + events.x
+        counts += np.bincount(cell, minlength=counts.size)
+    return counts.reshape(its.height_px, its.width_px)

@@ -1,0 +1,97 @@
+"""Dense depth from points: the gaps between them filled in, and marked as filled in.
+
+Points are joined to triangles (Delaunay); a plane in space is linear in inverse depth over the
+image, so a triangle on one surface is filled exactly. A triangle that spans a depth edge would be
+a ramp that nobody saw: there each pixel takes the inverse depth of the corner it belongs to most,
+and the edge stays a step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.depthmap import DepthMap
+
+if TYPE_CHECKING:
+    from scipy.spatial import Delaunay
+
+Floats = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+MAX_RATIO = 1.5  # of the corners' depths, far over near: above it a triangle spans an edge
+
+
+@dataclass(frozen=True, eq=False)
+class Dense:
+    """A depth map with its gaps filled; what is filled in is a guess and never scored as points.
+
+    Attributes:
+        depth_m: (H, W) float32; finite everywhere, meaningful where `measured` or `filled` is set.
+        measured: (H, W) bool, the method's own points.
+        filled: (H, W) bool, pixels between them.
+    """
+
+    depth_m: Floats
+    measured: Mask
+    filled: Mask
+
+
+def inpaint(depth_map: DepthMap) -> Dense:
+    """Fills the gaps between a depth map's points; nothing outside their convex hull."""
+    depth_m, filled = fill(depth_map.depth_m, depth_map.mask)
+    return Dense(depth_m, depth_map.mask, filled)
+
+
+def fill(depth_m: Floats, mask: Mask, max_ratio: float = MAX_RATIO) -> tuple[Floats, Mask]:
+    """Fills a depth image between its points.
+
+    Args:
+        depth_m: (H, W) float32, positive where `mask` is set.
+        mask: (H, W) bool, the points.
+        max_ratio: of the depths of a triangle's corners, above which it keeps a step.
+
+    Returns:
+        (H, W) float32 depth, unchanged at the points, and (H, W) bool, where it was filled in.
+    """
+    from scipy.spatial import Delaunay, QhullError  # loaded by those who ask for it only
+
+    rows, columns = np.nonzero(mask)
+    out, filled = depth_m.copy(), np.zeros_like(mask)
+    try:
+        mesh = Delaunay(np.stack([columns, rows], axis=1).astype(np.float64))
+    except (QhullError, ValueError):  # fewer than three points, or all on one line
+        return out, filled
+    gap_rows, gap_columns = np.nonzero(~mask)
+    pixels = np.stack([gap_columns, gap_rows], axis=1).astype(np.float64)
+    triangle = mesh.find_simplex(pixels)
+    inside = triangle >= 0
+    triangle, pixels = triangle[inside], pixels[inside]
+    weight = _barycentric(mesh, triangle, pixels)
+    rho = (1 / depth_m[rows, columns].astype(np.float64))[mesh.simplices[triangle]]
+    smooth = (weight * rho).sum(axis=1)
+    own = np.take_along_axis(rho, weight.argmax(axis=1)[:, None], axis=1)[:, 0]
+    step = rho.max(axis=1) > max_ratio * rho.min(axis=1)
+    at = gap_rows[inside], gap_columns[inside]
+    out[at] = 1 / np.where(step, own, smooth)
+    filled[at] = True
+    return out, filled
+
+
+def _barycentric(
+    mesh: Delaunay, triangle: NDArray[np.intp], pixels: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(K, 3) weights of the corners of each pixel's triangle."""
+    to_weights = mesh.transform[triangle]
+    two = np.einsum("kij,kj->ki", to_weights[:, :2], pixels - to_weights[:, 2])
+    weight: NDArray[np.float64] = np.column_stack([two, 1 - two.sum(axis=1)])
+    return weight
+
+
+def write_dense(path: Path, dense: Dense) -> None:
+    """Writes `dense.npz`: depth_m, measured, filled."""
+    np.savez(path, depth_m=dense.depth_m, measured=dense.measured, filled=dense.filled)

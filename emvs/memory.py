@@ -1,0 +1,103 @@
+"""What mapping needs at the very least, against what there is: hopeless requests end at once."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+from emvs.config import MapperConfig
+from emvs.data.recording import Recording
+from emvs.errors import InputError
+from emvs.view import ReferenceView
+from emvs.window import Window, time_steps
+
+_EVENT_BYTES = 13 + 16  # columns of the event, float32 of its ray
+_PIXEL_BYTES = 4 + 4 + 4 + 1  # depth, confidence, argmax, mask
+
+
+def check_view_fits(view: ReferenceView, methods: int, config: MapperConfig, out: Path) -> None:
+    """Refuses planes and images that memory, or with `save_dsi` the disk, cannot hold.
+
+    Args:
+        view: size and planes.
+        methods: how many maps are made.
+        config: `save_dsi`.
+        out: a folder on the disk that takes the volumes; its parents may not exist yet.
+
+    Raises:
+        InputError: what is needed, what there is, and what to lower.
+    """
+    pixels = view.camera.width_px * view.camera.height_px
+    rows = len(view.rho) * view.camera.width_px
+    what = f"{methods} maps of {view.camera.width_px} x {view.camera.height_px} px and "
+    what += f"{len(view.rho)} planes"
+    need_memory(methods * (_PIXEL_BYTES * pixels + 4 * rows), what, "lower the planes or methods")
+    volumes = 4 * methods * len(view.rho) * pixels
+    free = shutil.disk_usage(_existing(out)).free
+    if config.save_dsi and volumes > free:
+        raise InputError(
+            f"save_dsi of {what} needs {_gb(volumes)} on the disk, it has {_gb(free)}: lower the "
+            "planes or methods, or leave save_dsi out"
+        )
+
+
+def check_window_fits(recording: Recording, window: Window) -> None:
+    """Refuses a window whose events alone are more than memory holds; counts them only in doubt.
+
+    Raises:
+        InputError: what is needed, what there is, and what to lower.
+    """
+    known = getattr(recording, "event_count", None)
+    cameras = range(len(recording.rig))
+    available = available_bytes()
+    if known is not None and _EVENT_BYTES * sum(map(known, cameras)) <= available:
+        return
+    events = 0
+    for t0_us, t1_us in time_steps(window.t0_us, window.t1_us):
+        events += sum(len(recording.events(camera, t0_us, t1_us)) for camera in cameras)
+        what = f"a window of {(window.t1_us - window.t0_us) / 1e6:g} s with {events} events or more"
+        need_memory(_EVENT_BYTES * events, what, "choose a shorter one")
+
+
+def need_memory(needed: int, what: str, cure: str) -> None:
+    """Refuses what needs more memory than there is.
+
+    Raises:
+        InputError: it does.
+    """
+    available = available_bytes()
+    if needed > available:
+        raise InputError(
+            f"{what} needs at least {_gb(needed)} of memory, {_gb(available)} are free: {cure}"
+        )
+
+
+def available_bytes() -> int:
+    """Memory that a process can still get: the system's, or its control group's if that is less."""
+    return min(_system_bytes(), _group_bytes())
+
+
+def _system_bytes() -> int:
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        return next(1024 * int(line.split()[1]) for line in lines if line[:12] == "MemAvailable")
+    except (OSError, StopIteration, ValueError):
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def _group_bytes() -> int:
+    group = Path("/sys/fs/cgroup")
+    try:
+        most = int((group / "memory.max").read_text(encoding="ascii"))
+        return most - int((group / "memory.current").read_text(encoding="ascii"))
+    except (OSError, ValueError):  # no control group, or one without a limit
+        return 1 << 62
+
+
+def _existing(path: Path) -> Path:
+    return next(folder for folder in (path, *path.absolute().parents) if folder.exists())
+
+
+def _gb(count: int) -> str:
+    return f"{count / 1e9:.3g} GB"

@@ -1,0 +1,134 @@
+"""What a gate holds results against: a file that says who measured it, with what, and why."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from emvs.atomic import atomic_path
+from emvs.errors import InputError
+from eval.gate_series import Key, Measured, Series
+
+SCHEMA_VERSION = 1
+_CURE = "write it again with `eventsweep gate --update --reason ...`"
+
+
+class Change(BaseModel):
+    """Why a baseline was written, and when (UTC)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    date: str
+    reason: str
+
+
+class Baseline(BaseModel):
+    """A baseline.
+
+    Attributes:
+        name: of the suite that was measured.
+        seeds: that it was measured with.
+        history: why it was written, the latest last.
+        versions: of everything that shapes the numbers.
+        series: the numbers.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    schema_version: int = SCHEMA_VERSION
+    name: str
+    seeds: tuple[int, ...]
+    history: tuple[Change, ...]
+    versions: dict[str, str]
+    series: tuple[Series, ...]
+
+    def by_key(self) -> Mapping[Key, Series]:
+        """The series, by what they are about."""
+        return {one.key: one for one in self.series}
+
+
+def make_baseline(measured: Measured, reason: str, before: Baseline | None) -> Baseline:
+    """A result as a baseline.
+
+    Args:
+        measured: the result; everything in it was measured and is a number.
+        reason: why there is a new one.
+        before: the one that it replaces, whose history goes on.
+
+    Raises:
+        InputError: no reason, failed jobs, or undefined numbers.
+    """
+    if not reason.strip():
+        raise InputError("a new baseline needs --reason: why may the numbers change?")
+    if measured.failures:
+        name, why = next(iter(measured.failures.items()))
+        raise InputError(f"no baseline of a run with failed jobs: {name}: {why}")
+    undefined = [one.key for one in measured.series.values() if not _whole(one, measured)]
+    if undefined or not measured.series:
+        what = f"{undefined[0]} is undefined or lacks seeds" if undefined else "there is no number"
+        raise InputError(f"no baseline of an incomplete result: {what}")
+    history = before.history if before else ()
+    now = Change(date=datetime.now(UTC).date().isoformat(), reason=" ".join(reason.split()))
+    return Baseline(
+        name=measured.name,
+        seeds=measured.seeds,
+        history=(*history, now),
+        versions=dict(measured.versions),
+        series=tuple(sorted(measured.series.values(), key=lambda one: one.key)),
+    )
+
+
+def _whole(one: Series, measured: Measured) -> bool:
+    seeds = set(one.values)
+    return all(map(math.isfinite, one.values.values())) and (
+        seeds >= set(measured.seeds) or one.key.method == "mapper"
+    )
+
+
+def write_baseline(path: Path, baseline: Baseline) -> None:
+    """Writes the file atomically, one series a line, so that a change shows in a diff.
+
+    Values keep seven digits, far more than any tolerance.
+    """
+    content = baseline.model_dump(mode="json")
+    lines = ",\n  ".join(_lines(content.pop("series")))
+    head = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False).removesuffix("\n}")
+    with atomic_path(path) as partial:
+        partial.write_text(f'{head},\n "series": [\n  {lines}\n ]\n}}\n', encoding="utf-8")
+
+
+def _lines(series: Iterable[dict[str, Any]]) -> Iterable[str]:
+    for one in series:
+        values = {seed: float(f"{value:.7g}") for seed, value in one["values"].items()}
+        yield json.dumps({**one, "values": values}, ensure_ascii=False, allow_nan=False)
+
+
+def read_baseline(path: Path) -> Baseline:
+    """Reads a baseline.
+
+    Raises:
+        InputError: no such file, one of another version, or a damaged one.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"baseline {path}: cannot be read ({error.strerror}): {_CURE}") from error
+    except ValueError as error:
+        raise InputError(f"baseline {path}: not complete JSON ({error}): {_CURE}") from error
+    found = content.get("schema_version") if isinstance(content, dict) else None
+    if found != SCHEMA_VERSION:
+        raise InputError(
+            f"baseline {path}: schema version {found}, needs {SCHEMA_VERSION}: {_CURE}"
+        )
+    try:
+        return Baseline.model_validate(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"baseline {path}: {where}: {first['msg']}: {_CURE}") from error

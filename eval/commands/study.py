@@ -1,0 +1,55 @@
+"""`eventsweep study`: what happens to every method when one thing is spoilt."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from eval import suite_app
+from eval.app import COMMON, Common, Methods, app
+from eval.studies.study import CASES, METHODS, SEEDS
+from eval.suite_app import WHERE, Where
+
+_FAILED = 1
+
+
+@app.command
+def study(
+    name: Annotated[tuple[str, ...], Parameter(negative=())],
+    /,
+    *,
+    out: Path,
+    case: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    seeds: str | None = None,
+    method: Methods = (),
+    where: Where = WHERE,
+    common: Common = COMMON,
+) -> int:
+    """Spoil one thing by growing amounts and see where each method breaks.
+
+    Args:
+        name: Studies to run, such as pose-noise; `all` runs all that `eventsweep list` names.
+        out: Folder to write: NAME.png, .svg, .csv and .json for each study.
+        case: Scene to run instead of boxes, desk and planes, repeatable.
+        seeds: Seeds instead of 0,1,2, such as 0-9.
+        method: Method to compare, repeatable, instead of a choice of five.
+    """
+    from eval.studies import console
+    from eval.studies.run import run_study, write_study
+    from eval.studies.study import STUDIES, study_named
+
+    names = tuple(STUDIES) if name == ("all",) else name
+    chosen = [study_named(one) for one in names]
+    asked = suite_app.numbers(seeds, "--seeds") or SEEDS
+    screen, failed = common.console(), 0
+    for one in chosen:
+        result = run_study(
+            one, method or METHODS, case or CASES, asked, where.open, screen.progress
+        )
+        written = write_study(out, result)
+        failed += len(result.failures)
+        console.show(result, as_json=common.json, quiet=common.quiet)
+        screen.wrote(written[0])
+    return _FAILED if failed else 0

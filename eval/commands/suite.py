@@ -1,0 +1,72 @@
+"""`eventsweep suite`: a frozen set of cases, run as jobs; `eventsweep cache`: their store."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from eval import suite_app
+from eval.app import COMMON, Common, app
+from eval.suite_app import WHERE, Where
+
+_FAILED = 1
+
+
+@app.command
+def suite(
+    name: str,
+    /,
+    *,
+    out: Path,
+    seeds: str | None = None,
+    case: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    speed: bool = True,
+    where: Where = WHERE,
+    common: Common = COMMON,
+) -> int:
+    """Run a suite of cases, or a subset of one; what was done before is not done again.
+
+    Args:
+        name: Such as quick, suite-v1, suite-v1:quick, or FILE.toml.
+        out: Folder to write: suite.json and suite.csv.
+        seeds: Seeds instead of the suite's own, such as 0,1,2 or 100-109.
+        case: Only this case, repeatable.
+        speed: Whether to time the mapper at the end.
+    """
+    from eval import suite_output
+    from eval.suite import load
+
+    chosen, subset = load(name)
+    asked = suite_app.numbers(seeds, "--seeds")
+    console = common.console()
+    folder = suite_output.prepared(out, force=common.force)
+    result = suite_app.run(
+        chosen, subset, where, console.progress, seeds=asked, cases=case, speed=speed
+    )
+    suite_output.write(folder, result)
+    suite_output.show(result, where.cache_folder(), as_json=common.json, quiet=common.quiet)
+    console.wrote(folder / "suite.json")
+    return _FAILED if result.failures else 0
+
+
+@app.command
+def cache(
+    *, cache: Path | None = None, prune: float | None = None, common: Common = COMMON
+) -> None:
+    """Say how much the suite's cache holds, and make it smaller.
+
+    Args:
+        cache: The cache's folder; by default $EVENTSWEEP_CACHE or the user's cache folder.
+        prune: Gigabytes to keep; what was not used for longest goes. 0 empties it.
+    """
+    from emvs.errors import InputError
+    from eval.cache import Cache, default_cache
+    from eval.suite_output import say
+
+    store = Cache(cache or default_cache())
+    if prune is not None and prune < 0:
+        raise InputError(f"--prune {prune:g}: gigabytes to keep, 0 or more")
+    freed = 0 if prune is None else store.prune(round(prune * 1e9))
+    say(store.folder, store.size_bytes(), freed, as_json=common.json, quiet=common.quiet)

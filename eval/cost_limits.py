@@ -1,0 +1,235 @@
+"""What the mapper costs, held against the limits that it is built for."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import numba
+import numpy as np
+
+from emvs.config import MapperConfig
+from emvs.mapper import map_window
+from emvs.methods import methods
+from emvs.planes import inverse_depth_planes
+from emvs.rays import Rays, event_rays
+from emvs.recipe import CODES
+from emvs.running import RunningMaxima
+from emvs.sweep import Scratch, batches
+from emvs.threads import use_threads
+from eval.cost_stream import DEPTH_RANGE_M, WINDOW_US, MovingEdges
+
+SENSORS = {"346x260": (346, 260), "640x480": (640, 480), "1280x720": (1280, 720)}
+VOTE_LIMIT_NS = {"346x260": 2.6, "640x480": 3.0, "1280x720": 3.6}
+_LARGE = "1280x720"
+PAPER = (*(f"Alg1/{name}" for name in CODES), "EMVS/cam0", "EMVS/cam1")
+_PLANES_TIMED = 24
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One measured cost.
+
+    Attributes:
+        what: what was measured.
+        value: the number.
+        unit: its unit.
+        limit: what it must not exceed, or reach; None where there is no limit.
+        better: which side of the limit is wanted.
+    """
+
+    what: str
+    value: float
+    unit: str
+    limit: float | None = None
+    better: Literal["lower", "higher"] = "lower"
+
+    @property
+    def is_held(self) -> bool | None:
+        """Whether the limit is kept, None without one."""
+        if self.limit is None:
+            return None
+        return self.value <= self.limit if self.better == "lower" else self.value >= self.limit
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is measured; less for a trial run.
+
+    Attributes:
+        vote_events: events for the time of a vote.
+        whole_events: events per camera for the whole algorithm.
+        planes: planes of the whole algorithm.
+        rounds: of each measurement the best of so many counts.
+        whole_rounds: the same for the whole algorithm.
+    """
+
+    vote_events: int = 2_000_000
+    whole_events: int = 4_000_000
+    planes: int = 100
+    rounds: int = 7
+    whole_rounds: int = 2
+
+
+def limits(effort: Effort) -> list[Figure]:
+    """Measures every figure that has a limit, and its neighbours."""
+    figures = []
+    for sensor in SENSORS:
+        figures += _votes(sensor, effort)
+    figures += [_fusion(effort), *_whole(effort), _memory(effort), _start()]
+    use_threads(0)
+    return figures
+
+
+def sideways_rays(recording: MovingEdges, camera: int) -> Rays:
+    """Rays of one camera of a recording, seen from camera 0 in the middle of the first window."""
+    rig, motion = recording.rig, recording.trajectory
+    T_world_rv = motion.at(WINDOW_US // 2)
+    events = recording.events(camera, 0, WINDOW_US)
+    return event_rays(
+        events, rig.cameras[camera], rig.T_body_cam[camera], motion, T_world_rv, rig.cameras[0]
+    )
+
+
+def _votes(sensor: str, effort: Effort) -> list[Figure]:
+    """Votes: both variants on one thread, and what a second thread gives."""
+    size = SENSORS[sensor]
+    rays = sideways_rays(MovingEdges(size, effort.vote_events, cameras=1), 0)
+    votes = len(rays) * _PLANES_TIMED
+    runs = {
+        "bilinear": partial(_cast, rays, size, 1),
+        "nearest": partial(_cast, rays, size, 1, nearest=True),
+    }
+    cpu_s = _best(runs, effort.rounds, time.process_time)
+    figures = [
+        Figure(f"bilinear vote, {sensor}", 1e9 * cpu_s["bilinear"] / votes, "ns",
+               VOTE_LIMIT_NS[sensor]),
+        Figure(f"nearest vote, {sensor}", 1e9 * cpu_s["nearest"] / votes, "ns"),
+    ]  # fmt: skip
+    if numba.config.NUMBA_NUM_THREADS > 1:  # type: ignore[attr-defined]
+        both = {str(n): partial(_cast, rays, size, n) for n in (1, 2)}
+        wall_s = _best(both, effort.rounds, time.perf_counter)
+        gain = wall_s["1"] / wall_s["2"]
+        figures.append(Figure(f"two threads against one, {sensor}", gain, "×", 1.8, "higher"))
+    return figures
+
+
+def _cast(rays: Rays, size: tuple[int, int], threads: int, *, nearest: bool = False) -> None:
+    use_threads(threads)
+    load = (_PLANES_TIMED, threads, size[0] * size[1])
+    scratch = Scratch(1, next(batches(*load))[1], *size, nearest=nearest)
+    rho = inverse_depth_planes(*DEPTH_RANGE_M, _PLANES_TIMED)
+    for first, last in batches(*load):
+        scratch.cast(0, rays, rho[first:last])
+
+
+def _fusion(effort: Effort) -> Figure:
+    """Fusion by H and its running maximum, inside the sweep that casts the votes; one thread."""
+    use_threads(1)
+    width, height = SENSORS[_LARGE]
+    recording = MovingEdges((width, height), effort.whole_events // 8)
+    rays = [sideways_rays(recording, k) for k in (0, 1)]
+    rho = inverse_depth_planes(*DEPTH_RANGE_M, effort.planes)
+    load = (effort.planes, 1, width * height, 2)
+    scratch = Scratch(2, next(batches(*load))[1], width, height)
+    best_s = np.inf
+    for _ in range(effort.rounds):
+        maxima, spent_s = RunningMaxima(methods(("Alg1/H",), 2), width, height), 0.0
+        for first, last in batches(*load):
+            for k in (0, 1):
+                scratch.cast(k, rays[k], rho[first:last])
+            begin = time.process_time()
+            maxima.fold(scratch.votes, last - first)
+            spent_s += time.process_time() - begin
+        best_s = min(best_s, spent_s)
+    what = f"fusion by H and argmax, {_LARGE}, {effort.planes} planes, one thread"
+    return Figure(what, 1e3 * best_s, "ms", 60)
+
+
+def _whole(effort: Effort) -> list[Figure]:
+    """Algorithm 1 from events to depth maps: one function against six and both cameras."""
+    recording = MovingEdges(SENSORS[_LARGE], effort.whole_events)
+    recording.event_span_us(0)  # makes the events now
+    asked = {"one": ("Alg1/H",), "eight": PAPER, "all": ("all",)}
+    configs = {
+        name: MapperConfig(planes=effort.planes, methods=names, threads=1)
+        for name, names in asked.items()
+    }
+    runs = {name: partial(map_window, recording, config) for name, config in configs.items()}
+    cpu_s = _best(runs, effort.whole_rounds, time.process_time)
+    what = f"Alg. 1, 2 × {effort.whole_events / 1e6:g} M events, {_LARGE}, {effort.planes} planes"
+    eight, with_focus = (cpu_s[name] / cpu_s["one"] for name in ("eight", "all"))
+    return [
+        Figure(f"{what}, one thread: H alone", cpu_s["one"], "s"),
+        Figure("six functions and both cameras, against H alone", eight, "×", 1.3),
+        Figure("`all`, which has `Focus/H` too, against H alone", with_focus, "×"),
+    ]
+
+
+_PEAK = """
+import resource, sys
+from emvs.config import MapperConfig
+from emvs.io import open_recording
+from emvs.mapper import map_window
+map_window(open_recording(sys.argv[1]), MapperConfig(planes={planes}, methods={methods}))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+"""
+
+_FIRST_EVENT = """
+import os, sys
+from eval.cli import main
+from emvs.data.sequence import Sequence
+def first(*_):
+    print("first", flush=True)
+    os._exit(0)
+Sequence.events = first
+main(["map", sys.argv[1], "--out", sys.argv[1] + "-map", "--quiet"])
+"""
+
+
+def _memory(effort: Effort) -> Figure:
+    """Peak memory of a process that maps a recording from disk."""
+    code = _PEAK.format(planes=effort.planes, methods=PAPER)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "edges"
+        MovingEdges(SENSORS[_LARGE], effort.whole_events).write(path)
+        done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True,
+                              text=True, check=True)  # fmt: skip
+    what = "peak memory of that run of eight, read from disk"
+    return Figure(what, float(done.stdout), "MB", 700)
+
+
+def _start() -> Figure:
+    """From the start of the process to the first event that `eventsweep map` reads."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "edges"
+        MovingEdges(SENSORS["346x260"], 100_000).write(path)
+        best_s = np.inf
+        for _ in range(3):
+            begin = time.perf_counter()
+            subprocess.run([sys.executable, "-c", _FIRST_EVENT, str(path)], check=True,
+                           capture_output=True)  # fmt: skip
+            best_s = min(best_s, time.perf_counter() - begin)
+    return Figure("`eventsweep map`, from its start to its first event", float(best_s), "s", 2)
+
+
+def _best(
+    runs: Mapping[str, Callable[[], object]], rounds: int, clock: Callable[[], float]
+) -> dict[str, float]:
+    """The best time of each run, s; they take turns, so that a disturbance meets all of them."""
+    best = dict.fromkeys(runs, float("inf"))
+    for run in runs.values():
+        run()
+    for _ in range(rounds):
+        for name, run in runs.items():
+            begin = clock()
+            run()
+            best[name] = min(best[name], clock() - begin)
+    return best

@@ -1,0 +1,214 @@
+"""The gate: is a result worse than the baseline, by more than seeds differ?
+
+With the seeds of the baseline every value has its own counterpart: the same scene, the same motion.
+Only the code differs, so a small part of the spread between seeds counts. With other seeds the
+means are compared, and the spread decides how far two means of unchanged code may lie apart.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy import stats
+
+from eval.gate_series import SPEED_METRIC, Key, Measured, Series
+
+Status = Literal["worse", "failed", "gone", "not comparable", "better", "new", "same"]
+RED: tuple[Status, ...] = ("worse", "failed", "gone")
+"""What makes the gate fail."""
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """How much is nothing.
+
+    Attributes:
+        paired: share of the seeds' standard deviation that a mean difference between equal seeds
+            may reach.
+        error_rate: chance that one of all compared numbers of unchanged code is called worse or
+            better, with other seeds.
+        relative: share of the baseline that counts as nothing, whatever the spread.
+        relative_alone: the same where the baseline has one seed, and so no spread.
+        absolute: by unit, what counts as nothing.
+        speed: factor by which the mapper may slow down or speed up.
+    """
+
+    paired: float = 0.1
+    error_rate: float = 1e-3
+    relative: float = 0.002
+    relative_alone: float = 0.02
+    speed: float = 1.5
+
+    def absolute(self, unit: str) -> float:
+        """What counts as nothing in this unit."""
+        return {"m": 2e-4, "%": 0.02}.get(unit, 0.0)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the gate says of one number.
+
+    Attributes:
+        key: case, method and metric.
+        status: the verdict.
+        unit: of the values.
+        baseline: mean of the baseline, over the seeds that are compared.
+        value: mean of the result.
+        tolerance: what `value` may differ by, either way.
+        why: for people, where the numbers do not say it.
+    """
+
+    key: Key
+    status: Status
+    unit: str = ""
+    baseline: float = math.nan
+    value: float = math.nan
+    tolerance: float = math.nan
+    why: str = ""
+
+    @property
+    def change(self) -> float:
+        """Value minus baseline."""
+        return self.value - self.baseline
+
+    @property
+    def severity(self) -> float:
+        """Change in tolerances: what to look at first."""
+        if math.isnan(self.change) or self.tolerance == 0:
+            return math.inf
+        return abs(self.change) / self.tolerance
+
+
+def compare(
+    baseline: Mapping[Key, Series], measured: Measured, tolerances: Tolerances
+) -> list[Verdict]:
+    """Judges every number of both, the most telling first.
+
+    Args:
+        baseline: the series to hold against.
+        measured: what was measured.
+        tolerances: how much is nothing.
+    """
+    tests = sum(not _common(one, measured.series.get(key)) for key, one in baseline.items())
+    verdicts = [_judge(one, measured, tolerances, max(tests, 1)) for one in baseline.values()]
+    verdicts += [
+        Verdict(Key("(jobs)", name, ""), "failed", why=reason)
+        for name, reason in measured.failures.items()
+    ]
+    verdicts += [_new(one) for key, one in measured.series.items() if key not in baseline]
+    order: Sequence[Status] = (*RED, "not comparable", "better", "new", "same")
+    return sorted(verdicts, key=lambda one: (order.index(one.status), -one.severity, one.key))
+
+
+def is_red(verdicts: Iterable[Verdict]) -> bool:
+    """Whether the gate fails."""
+    return any(one.status in RED for one in verdicts)
+
+
+def _new(series: Series) -> Verdict:
+    value = _mean(series.values.values())
+    if math.isnan(value):
+        return Verdict(series.key, "failed", series.unit, why="undefined (NaN)")
+    return Verdict(series.key, "new", series.unit, value=value)
+
+
+def _judge(base: Series, measured: Measured, tolerances: Tolerances, tests: int) -> Verdict:
+    found = measured.series.get(base.key)
+    if found is None:
+        return _absent(base, measured)
+    if found.identity != base.identity:
+        why = "another case, scene or metric than the baseline's"
+        return Verdict(base.key, "not comparable", base.unit, why=why)
+    undefined = sorted(seed for seed, value in found.values.items() if not math.isfinite(value))
+    if undefined:
+        why = f"undefined (NaN) for seed {', '.join(map(str, undefined))}"
+        return Verdict(base.key, "failed", base.unit, why=why)
+    lost = sorted(set(measured.seeds) - set(found.values))
+    if lost and base.metric != SPEED_METRIC:
+        why = f"missing for seed {', '.join(map(str, lost))}"
+        return Verdict(base.key, "failed", base.unit, why=why)
+    if base.metric == SPEED_METRIC:
+        return _judge_speed(base, found, tolerances)
+    before, now, tolerance = _compared(base, found, tolerances, tests)
+    return Verdict(
+        base.key, _status(base, now - before, tolerance), base.unit, before, now, tolerance
+    )
+
+
+def _absent(base: Series, measured: Measured) -> Verdict:
+    before = _mean(base.values.values())
+    if base.case not in measured.cases:
+        return Verdict(base.key, "gone", base.unit, before, why="the case was not run")
+    if any(f"/{base.case}/" in name for name in measured.failures):
+        return Verdict(base.key, "failed", base.unit, before, why="its job failed")
+    return Verdict(base.key, "gone", base.unit, before, why="missing or undefined (NaN)")
+
+
+def _judge_speed(base: Series, found: Series, tolerances: Tolerances) -> Verdict:
+    """By a factor, and by the best of all repeats: whatever disturbs only slows down."""
+    before, now = min(base.values.values()), min(found.values.values())
+    tolerance = before * (tolerances.speed - 1)
+    status: Status = "same"
+    if now > before * tolerances.speed:
+        status = "worse"
+    elif now < before / tolerances.speed:
+        status = "better"
+    return Verdict(base.key, status, base.unit, before, now, tolerance)
+
+
+def _compared(
+    base: Series, found: Series, tolerances: Tolerances, tests: int
+) -> tuple[float, float, float]:
+    """Means of baseline and result, and by how much they may differ."""
+    common = _common(base, found)
+    spread = _spread(base)
+    if common:
+        before = _mean(base.values[seed] for seed in common)
+        now = _mean(found.values[seed] for seed in common)
+        by_spread = tolerances.paired * spread
+    else:
+        before, now = _mean(base.values.values()), _mean(found.values.values())
+        by_spread = spread * _between_means(len(base.values), len(found.values), tests, tolerances)
+    relative = tolerances.relative if len(base.values) > 1 else tolerances.relative_alone
+    least = max(tolerances.absolute(base.unit), relative * abs(before))
+    return before, now, max(by_spread, least)
+
+
+def _common(base: Series, found: Series | None) -> list[int]:
+    """The result's seeds, if the baseline has every one of them."""
+    if found is None or not set(found.values) <= set(base.values):
+        return []
+    return sorted(found.values)
+
+
+def _spread(base: Series) -> float:
+    """Standard deviation between seeds; 0 where there is one seed."""
+    values = list(base.values.values())
+    return float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
+
+
+def _between_means(n: int, k: int, tests: int, tolerances: Tolerances) -> float:
+    """Standard deviations that two means of unchanged code lie apart at most.
+
+    Student's t for the spread of n seeds, at a chance that is shared by all tests (Bonferroni).
+    """
+    if n < 2:
+        return 0.0
+    chance = tolerances.error_rate / tests
+    return float(stats.t.isf(chance / 2, n - 1)) * math.sqrt(1 / n + 1 / k)
+
+
+def _status(base: Series, change: float, tolerance: float) -> Status:
+    if abs(change) <= tolerance:
+        return "same"
+    if base.better == "none":  # nothing says that more of it is better
+        return "worse"
+    return "better" if (change < 0) == (base.better == "lower") else "worse"
+
+
+def _mean(values: Iterable[float]) -> float:
+    return float(np.mean(list(values)))

@@ -1,0 +1,176 @@
+"""A job: one stage with its parameters and the jobs that it needs; and how it is done.
+
+A job is a value. It names its stage, so any process can do it; what it makes is kept in the cache
+under a key that says all that decides it, so nothing is made twice.
+"""
+
+from __future__ import annotations
+
+import importlib
+import traceback
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache as once
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+from emvs.errors import InputError
+from emvs.versions import versions
+from eval.cache import Cache, Entry, key_of
+from eval.code_version import code_version
+from eval.stage_files import RESULT
+
+
+@dataclass(frozen=True)
+class Job:
+    """One piece of work.
+
+    Attributes:
+        name: unique in its graph, such as `map/desk/seed0/w000`.
+        stage: module of the stage, see `Stage`.
+        parameters: plain JSON values; with the code and the inputs, all that decides the outcome.
+        needs: jobs whose files this one reads.
+    """
+
+    name: str
+    stage: str
+    parameters: Mapping[str, Any]
+    needs: tuple[Job, ...] = ()
+
+
+class Stage(Protocol):
+    """What a stage's module offers."""
+
+    def code(self, parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
+        """Modules and files that the stage reaches by computed names; itself is implied."""
+
+    def run(self, parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
+        """Writes the job's files into `out`, an empty folder; `inputs` are those of `needs`."""
+
+
+@dataclass(frozen=True)
+class Done:
+    """A job that was done, or found done.
+
+    Attributes:
+        name: the job's.
+        key: its entry in the cache.
+        digest: hash of what it made.
+        seconds: what making it took, whenever that was, s.
+        found: whether the cache had it.
+        code: version of the code that made it.
+        text: the content of `result.json`, where the job made one.
+    """
+
+    name: str
+    key: str
+    digest: str
+    seconds: float
+    found: bool
+    code: str
+    text: str | None = None
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A job that was not done: `reason` in one line, and the traceback where there is one."""
+
+    name: str
+    reason: str
+    details: str = field(default="", compare=False)
+
+
+Outcome = Done | Failed
+
+
+def do(job: Job, cache_folder: str) -> Outcome:
+    """Does a job, unless the cache has it; whatever goes wrong is told, never raised.
+
+    Inputs that are lost or damaged are made again, here.
+    """
+    try:
+        made = entry(job, Cache(Path(cache_folder)))
+        text = _text(made)
+    except InputError as error:
+        return Failed(job.name, str(error))
+    except (OSError, MemoryError) as error:
+        return Failed(job.name, _one_line(error), traceback.format_exc())
+    except Exception as error:  # a job that fails must not stop the others
+        return Failed(
+            job.name, f"{type(error).__name__}: {_one_line(error)}", traceback.format_exc()
+        )
+    return _done(job, made, text)
+
+
+def find(job: Job, cache: Cache, digests: Mapping[str, str]) -> Done | None:
+    """The outcome of a job that was done before, if the cache has it; does nothing otherwise.
+
+    Args:
+        job: the job.
+        cache: where to look.
+        digests: by name, what the jobs made that this one needs.
+    """
+    made = cache.find(key_of(_facts(job, [digests[need.name] for need in job.needs])))
+    return None if made is None else _done(job, made, _text(made))
+
+
+def entry(job: Job, cache: Cache) -> Entry:
+    """Finds or makes what a job makes, and all that it needs; errors pass through."""
+    inputs = [entry(need, cache) for need in job.needs]
+    facts, stage = _facts(job, [made.digest for made in inputs]), _stage(job)
+    paths = [made.path for made in inputs]
+    return cache.get(key_of(facts), facts, lambda out: stage.run(job.parameters, paths, out))
+
+
+def _facts(job: Job, inputs: Sequence[str]) -> dict[str, Any]:
+    """All that decides what a job makes."""
+    return {
+        "stage": job.stage,
+        "parameters": dict(job.parameters),
+        "code": code_of(job),
+        "inputs": list(inputs),
+        "versions": _libraries(),
+    }
+
+
+def _done(job: Job, made: Entry, text: str | None) -> Done:
+    code = code_of(job)
+    return Done(job.name, made.key, made.digest, made.seconds, made.found, code, text)
+
+
+def _text(made: Entry) -> str | None:
+    result = made.path / RESULT
+    return result.read_text(encoding="utf-8") if result.is_file() else None
+
+
+def code_of(job: Job) -> str:
+    """Version of the code that a job runs."""
+    modules, files = _stage(job).code(job.parameters)
+    return _version((job.stage, *modules), tuple(files))
+
+
+def order(jobs: Iterable[Job]) -> list[Job]:
+    """The jobs and all that they need, each once, what is needed before what needs it."""
+    found: dict[str, Job] = {}
+    for job in jobs:
+        for one in (*order(job.needs), job):
+            found.setdefault(one.name, one)
+    return list(found.values())
+
+
+def _stage(job: Job) -> Stage:
+    return cast(Stage, importlib.import_module(job.stage))
+
+
+@once
+def _version(modules: tuple[str, ...], files: tuple[Path, ...]) -> str:
+    return code_version(modules, files)
+
+
+@once
+def _libraries() -> dict[str, str]:
+    return {name: version for name, version in versions().items() if name != "eventsweep"}
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__

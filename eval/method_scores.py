@@ -1,0 +1,87 @@
+"""Every metric of one method's pairs, by region, and why its bad pixels are bad."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from eval.cells import CELL_METRICS
+from eval.coverage import COVERAGE_METRICS
+from eval.curves import CURVE_METRICS
+from eval.metrics import METRICS, Better, Metric, Pairs
+from eval.pairing import MethodPairs
+from eval.taxonomy import CAUSES
+
+ALL = "all"
+COMMON = "common"
+COMMON_PREFIX = "common_"
+CAUSE_PREFIX = "cause_"
+BAD_POINTS = "outlier_points"
+COMMON_NAMES = ("points", "mean_error", "median_error", "bad_published")
+REGION_NAMES = (
+    "points",
+    "completeness",
+    "mean_error",
+    "median_error",
+    "abs_rel",
+    "bad_published",
+    "outlier_share",
+    "f1_5cm",
+)
+ALL_METRICS: dict[str, Metric] = {
+    metric.name: metric for metric in (*METRICS, *CELL_METRICS, *CURVE_METRICS, *COVERAGE_METRICS)
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """One number about one depth map.
+
+    Attributes:
+        metric: its name, with the region's before it unless that is `all`.
+        value: the number; NaN where it is undefined.
+        unit: of the value.
+        better: which direction is better.
+        region: which pixels count, see `eval.masks`.
+        points: how many pixels the value is made of; None where it is of none.
+    """
+
+    metric: str
+    value: float
+    unit: str
+    better: Better
+    region: str = ALL
+    points: int | None = None
+
+
+def score_pairs(pairs: Pairs) -> list[Score]:
+    """Every metric of one set of pairs, and the two numbers that put them into proportion."""
+    context = [
+        Score("truth_points", float(pairs.truth_count), "px", "none"),
+        Score("baseline_focal", pairs.baseline_focal_px_m, "px·m", "none"),
+    ]
+    return context + [_score(metric, pairs, ALL) for metric in ALL_METRICS.values()]
+
+
+def score_method(pairs: MethodPairs) -> list[Score]:
+    """Every metric on the method's own pixels, and a few on the common ones and in each region."""
+    scores = score_pairs(pairs.own)
+    scores += [_score(ALL_METRICS[name], pairs.common, COMMON) for name in COMMON_NAMES]
+    for region, found in pairs.regions.items():
+        scores += [_score(ALL_METRICS[name], found, region) for name in REGION_NAMES]
+    return [*scores, *_cause_scores(pairs.causes)]
+
+
+def _cause_scores(causes: Mapping[str, int] | None) -> Iterator[Score]:
+    if causes is None:
+        return
+    bad = sum(causes.values())
+    yield Score(BAD_POINTS, float(bad), "px", "none", ALL, bad)
+    for cause in CAUSES:
+        share = 100 * causes[cause] / bad if bad else float("nan")
+        yield Score(CAUSE_PREFIX + cause, share, "%", "none", ALL, bad)
+
+
+def _score(metric: Metric, pairs: Pairs, region: str) -> Score:
+    name = metric.name if region == ALL else f"{region}_{metric.name}"
+    return Score(name, metric(pairs), metric.unit, metric.better, region, pairs.count)

@@ -1,0 +1,195 @@
+"""Estimates beside ground truth: which pixels are compared, for every method alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.errors import InputError
+from eval.cells import cell_error
+from eval.masks import away_from_border
+from eval.metrics import OUTLIER_RELATIVE_ERROR, Pairs, pooled
+from eval.taxonomy import pooled_causes
+
+DepthImage = NDArray[np.floating]
+MaskImage = NDArray[np.bool_]
+
+
+class Estimate(NamedTuple):
+    """What a method says of one view; a plain pair of the first two will do.
+
+    Attributes:
+        depth_m: (H, W) estimated z-depth, m.
+        mask: (H, W) where the method reports a depth.
+        confidence: (H, W) larger where it is surer; None where it does not say.
+        rho: (P,) inverse depths of the planes that were swept, 1/m; None where there are none.
+    """
+
+    depth_m: DepthImage
+    mask: MaskImage
+    confidence: NDArray[np.floating] | None = None
+    rho: NDArray[np.floating] | None = None
+
+
+AnyEstimate = Estimate | tuple[DepthImage, MaskImage]
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """Ground truth in the reference view, and the rig that disparities refer to.
+
+    Attributes:
+        depth_m: (H, W) true z-depth, m.
+        valid: (H, W) where it is known.
+        focal_px: focal length of the reference view, px.
+        baseline_m: distance between the two cameras, m; None for a rig of one.
+        limits_m: closed range of true depths that are scored, m.
+        border_px: how many rows and columns at each end of the image are left out.
+        regions: (H, W) masks by name, see `eval.masks`.
+    """
+
+    depth_m: DepthImage
+    valid: MaskImage
+    focal_px: float
+    baseline_m: float | None = None
+    limits_m: tuple[float, float] = (0.0, float("inf"))
+    border_px: int = 0
+    regions: Mapping[str, MaskImage] = field(default_factory=dict)
+
+    @property
+    def scored(self) -> MaskImage:
+        """(H, W) pixels that are scored: valid, finite, within the limits, not in the border."""
+        near_m, far_m = self.limits_m
+        depth_m = np.where(self.valid, self.depth_m, np.nan)
+        known = np.isfinite(depth_m) & (depth_m > 0)
+        known &= away_from_border(depth_m.shape, self.border_px)
+        return known & (depth_m >= near_m) & (depth_m <= far_m)
+
+    @property
+    def baseline_focal_px_m(self) -> float:
+        """Baseline times focal length, px·m; NaN without a second camera."""
+        return float("nan") if self.baseline_m is None else self.focal_px * self.baseline_m
+
+
+@dataclass(frozen=True, slots=True)
+class MethodPairs:
+    """One method's pairs, by region.
+
+    Attributes:
+        own: at all pixels that it reports.
+        common: at those that all methods report.
+        regions: at its own pixels in each region of ground truth.
+        causes: why its bad pixels are bad, see `eval.taxonomy`; None where it was not asked.
+    """
+
+    own: Pairs
+    common: Pairs
+    regions: Mapping[str, Pairs] = field(default_factory=dict)
+    causes: Mapping[str, int] | None = None
+
+
+def pair(
+    depth_m: DepthImage,
+    mask: MaskImage,
+    truth: Truth,
+    *,
+    region: MaskImage | None = None,
+    confidence: NDArray[np.floating] | None = None,
+    rho: NDArray[np.floating] | None = None,
+) -> Pairs:
+    """Collects estimate and truth where both are valid, in float64.
+
+    Args:
+        depth_m: (H, W) estimated z-depth, m.
+        mask: (H, W) where the method reports a depth.
+        truth: ground truth of the same view.
+        region: (H, W) which part of the truth counts; None for all of it.
+        confidence: (H, W) of the estimate.
+        rho: (P,) planes that were swept, 1/m.
+
+    Raises:
+        InputError: images of different shape, a reported depth that is not finite and positive,
+            or a focal length or baseline that is not.
+    """
+    _check(depth_m, mask, truth)
+    scored = truth.scored if region is None else truth.scored & region
+    both = mask & scored
+    estimate_m, truth_m = depth_m[both].astype(np.float64), truth.depth_m[both].astype(np.float64)
+    return Pairs(
+        estimate_m,
+        truth_m,
+        int(np.count_nonzero(scored)),
+        truth.baseline_focal_px_m,
+        None if rho is None else cell_error(estimate_m, truth_m, rho),
+        None if confidence is None else confidence[both].astype(np.float64),
+    )
+
+
+def pair_methods(estimates: Mapping[str, AnyEstimate], truth: Truth) -> dict[str, MethodPairs]:
+    """Pairs every method with the truth, and again by region and on the pixels all report.
+
+    A method without a single point is left out of the common support, which it would empty.
+    """
+    full = {method: Estimate(*found) for method, found in estimates.items()}
+    filled = [found.mask for found in full.values() if found.mask.any()]
+    shared = np.logical_and.reduce(filled) if filled else np.zeros(truth.valid.shape, np.bool_)
+    return {method: _method_pairs(found, shared, truth) for method, found in full.items()}
+
+
+def _method_pairs(found: Estimate, shared: MaskImage, truth: Truth) -> MethodPairs:
+    depth_m, mask, confidence, rho = found
+    regions = {
+        name: pair(depth_m, mask, truth, region=region, confidence=confidence, rho=rho)
+        for name, region in truth.regions.items()
+    }
+    return MethodPairs(
+        pair(depth_m, mask, truth, confidence=confidence, rho=rho),
+        pair(depth_m, mask & shared, truth, confidence=confidence, rho=rho),
+        regions,
+    )
+
+
+def bad_pixels(found: AnyEstimate, truth: Truth) -> MaskImage:
+    """(H, W) pixels with an estimate that is off by more than a tenth of the truth."""
+    both = found[1] & truth.scored
+    bad = np.zeros(both.shape, np.bool_)
+    truth_m = truth.depth_m[both].astype(np.float64)
+    error_m = np.abs(found[0][both].astype(np.float64) - truth_m)
+    bad[both] = error_m / truth_m > OUTLIER_RELATIVE_ERROR
+    return bad
+
+
+def pooled_methods(windows: Sequence[Mapping[str, MethodPairs]]) -> dict[str, MethodPairs]:
+    """Joins every method's pairs of all windows; a region that a window lacks is left out."""
+    methods = windows[0] if windows else {}
+    return {method: _pooled([window[method] for window in windows]) for method in methods}
+
+
+def _pooled(parts: Sequence[MethodPairs]) -> MethodPairs:
+    names = [name for name in parts[0].regions if all(name in part.regions for part in parts)]
+    return MethodPairs(
+        pooled([part.own for part in parts]),
+        pooled([part.common for part in parts]),
+        {name: pooled([part.regions[name] for part in parts]) for name in names},
+        pooled_causes([part.causes for part in parts]),
+    )
+
+
+def _check(depth_m: DepthImage, mask: MaskImage, truth: Truth) -> None:
+    shapes = {array.shape for array in (depth_m, mask, truth.depth_m, truth.valid)}
+    if len(shapes) != 1:
+        raise InputError(f"images of shapes {sorted(shapes)}: depth, mask and truth must agree")
+    reported = depth_m[mask]
+    unusable = int(np.count_nonzero(~(np.isfinite(reported) & (reported > 0))))
+    if unusable:
+        raise InputError(
+            f"{unusable} of {reported.size} reported depths are not finite and positive: "
+            "clear those pixels in the mask"
+        )
+    for name, value in (("focal length", truth.focal_px), ("baseline", truth.baseline_m)):
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise InputError(f"{name} {value}: it must be finite and positive")

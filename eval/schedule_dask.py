@@ -1,0 +1,190 @@
+"""Jobs on an existing Dask cluster: SLURM, Kubernetes or a few machines under one scheduler."""
+
+from __future__ import annotations
+
+import ipaddress
+import queue
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+from emvs.errors import InputError
+from eval.jobs import Failed, Job, Outcome, code_of, do
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+_CONNECT_S = 10
+_START = "start one with `dask scheduler --host 127.0.0.1`, or leave --scheduler out"
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """Where a scheduler listens, and how to talk to it.
+
+    Attributes:
+        address: such as `tcp://127.0.0.1:8786` or `tls://head:8786`.
+        remote: whether an unencrypted address may be another machine's.
+        tls_ca: certificate of the authority, for `tls://`.
+        tls_cert: this side's certificate.
+        tls_key: its key.
+    """
+
+    address: str
+    remote: bool = False
+    tls_ca: Path | None = None
+    tls_cert: Path | None = None
+    tls_key: Path | None = None
+
+    def check(self) -> None:
+        """Refuses what is no address, and what would send work unprotected over a network.
+
+        Raises:
+            InputError: says which, and what to do.
+        """
+        place = urlsplit(self.address)
+        if place.scheme not in ("tcp", "tls") or not place.hostname or ":" not in place.netloc:
+            raise InputError(
+                f"scheduler {self.address!r}: needs tcp://HOST:PORT or tls://HOST:PORT"
+            )
+        if place.scheme == "tls":
+            self._check_files()
+        elif not self.remote and not _is_loopback(place.hostname):
+            raise InputError(
+                f"scheduler {self.address}: another machine over tcp:// is neither encrypted nor "
+                "authenticated: use tls:// with --tls-ca, --tls-cert and --tls-key, an SSH tunnel "
+                "to 127.0.0.1, or --remote on a network that you trust"
+            )
+
+    def _check_files(self) -> None:
+        files = {"--tls-ca": self.tls_ca, "--tls-cert": self.tls_cert, "--tls-key": self.tls_key}
+        for flag, path in files.items():
+            if path is None or not path.is_file():
+                raise InputError(f"scheduler {self.address}: needs {flag} FILE, not {path}")
+
+    def connect(self) -> Client:
+        """Opens a connection.
+
+        Raises:
+            InputError: no library, no scheduler, or one that refuses.
+        """
+        self.check()
+        try:
+            from distributed import Client
+        except ImportError as error:
+            raise InputError(
+                "--scheduler needs the library distributed: pip install 'eventsweep[cluster]'"
+            ) from error
+        try:
+            return Client(
+                self.address, timeout=_CONNECT_S, security=self._security(), set_as_default=False
+            )
+        except (OSError, ValueError, RuntimeError) as error:
+            reason = " ".join(str(error).split())[:200] or type(error).__name__
+            raise InputError(
+                f"scheduler {self.address}: not reached ({reason}): {_START}"
+            ) from error
+
+    def _security(self) -> Any:
+        from distributed import Security
+
+        if self.tls_ca is None:
+            return Security()
+        return Security(
+            tls_ca_file=str(self.tls_ca),
+            tls_client_cert=str(self.tls_cert),
+            tls_client_key=str(self.tls_key),
+            require_encryption=True,
+        )
+
+
+@contextmanager
+def dask_workers(cluster: Cluster, cache: Path) -> Iterator[DaskWorkers]:
+    """Connects to a cluster, and lets go of it without stopping it.
+
+    Args:
+        cluster: where it is.
+        cache: folder of the jobs' cache, as the workers see it; best one that they share.
+
+    Raises:
+        InputError: as `Cluster.connect`.
+    """
+    client = cluster.connect()
+    try:
+        yield DaskWorkers(client, cache)
+    finally:
+        client.close()
+
+
+class DaskWorkers:
+    """The workers of a cluster; they may come and go.
+
+    Args:
+        client: the connection.
+        cache: folder of the jobs' cache.
+    """
+
+    def __init__(self, client: Client, cache: Path) -> None:
+        self._client, self._cache = client, str(cache)
+        self._over: queue.SimpleQueue[tuple[str, Future[Any]]] = queue.SimpleQueue()
+        self._futures: dict[str, Future[Any]] = {}
+
+    @property
+    def count(self) -> int:
+        """Threads of all workers that are there now."""
+        try:
+            return sum(self._client.nthreads().values())
+        except (OSError, RuntimeError):
+            return 0
+
+    def submit(self, job: Job) -> None:
+        """Hands over a job; a worker that dies of it is replaced as the scheduler is told to."""
+        future = self._client.submit(
+            _do_same_code, job, self._cache, code_of(job), key=f"eventsweep-{job.name}", pure=False
+        )
+        self._futures[job.name] = future
+        future.add_done_callback(lambda over, name=job.name: self._over.put((name, over)))
+
+    def wait(self, timeout_s: float) -> list[Outcome]:
+        """The outcomes since the last call; waits for one, but no longer than that."""
+        try:
+            over = [self._over.get(timeout=timeout_s)]
+        except queue.Empty:
+            return []
+        while not self._over.empty():
+            over.append(self._over.get())
+        return [self._outcome(name, future) for name, future in over]
+
+    def _outcome(self, name: str, future: Future[Any]) -> Outcome:
+        self._futures.pop(name, None)
+        try:
+            outcome: Outcome = future.result(timeout=60)
+        except Exception as error:  # whatever a cluster can do to a job
+            reason = " ".join(str(error).split())[:300]
+            return Failed(name, f"{type(error).__name__}: {reason}")
+        return outcome
+
+
+def _do_same_code(job: Job, cache: str, code: str) -> Outcome:
+    """Does a job, unless this machine would do it with other code."""
+    here = code_of(job)
+    if here != code:
+        return Failed(
+            job.name,
+            f"worker {socket.gethostname()} has other code ({here}, not {code}): install the same "
+            "version on all machines",
+        )
+    return do(job, cache)
+
+
+def _is_loopback(host: str) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

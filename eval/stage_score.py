@@ -1,0 +1,122 @@
+"""The third stage of a suite's jobs: the depth maps of one sequence against ground truth."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from emvs.data.sequence import Sequence as EventSequence
+from emvs.output import StoredWindow
+from eval import stage_window
+from eval.config import EvalConfig
+from eval.regions import DRAWN
+from eval.results import Row
+from eval.score import POOLED, Estimate, MethodPairs, Truth, case_rows, pair_methods
+from eval.stage_files import RESULT, SEQUENCE
+from eval.suite_rows import DEFAULT_MAPPER, Sample, SampleFacts, mapper_method
+from eval.window_pairs import window_pairs
+
+EVENTS = "events"
+"""What stands in a row's place of a method where the row is about the events themselves."""
+
+
+def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
+    """Nothing beside what this module imports."""
+    del parameters
+    return (), ()
+
+
+def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
+    """Scores every window and all of them pooled, for each of the case's mappers."""
+    case, config = str(parameters["case"]), EvalConfig.model_validate(parameters["score"])
+    sequence = EventSequence.open(inputs[0] / SEQUENCE)
+    stored = [stage_window.read(path) for path in inputs[1:]]
+    rows: list[Row] = []
+    for mapper, windows in _by_mapper(parameters["mappers"], stored).items():
+        scored = {one.info.name: window_pairs(sequence, one, config) for one in windows}
+        rows += [_named(row, mapper) for row in case_rows(case, scored)]
+        rows += _event_rows(case, windows) if mapper == DEFAULT_MAPPER else ()
+    facts = _facts(sequence, str(parameters["scene_digest"]))
+    sample = Sample(case, int(parameters["seed"]), tuple(rows), facts)
+    (out / RESULT).write_text(sample.to_json(), encoding="utf-8")
+
+
+def metric_versions() -> dict[str, str]:
+    """What each metric makes of fixed maps, as a hash: it changes when the metric's meaning does.
+
+    Made of results and not of source, so that code may be rewritten without any effect.
+    """
+    values: dict[str, list[str]] = {}
+    for row in case_rows("fixed", {"w000": _fixed_pairs(1), "w001": _fixed_pairs(2)}):
+        if row.window == POOLED:
+            text = f"{row.method} {row.value:.9g} {row.unit} {row.better}"
+            values.setdefault(row.metric, []).append(text)
+    return {name: _short_hash("\n".join(lines)) for name, lines in values.items()}
+
+
+def _fixed_pairs(salt: int) -> dict[str, MethodPairs]:
+    """Maps of two methods with errors of all sizes; whole numbers, the same on every machine."""
+    cell = np.arange(48 * 64).reshape(48, 64)
+    truth_m = 1 + (cell * 37 * salt % 101) / 32
+    regions = {name: cell % (3 + k) != 0 for k, name in enumerate(DRAWN)}
+    truth = Truth(truth_m, cell % 11 != 0, 200.0, 0.125, regions=regions)
+    confidence, rho = (cell * 7 % 61) / 64, 1 / np.linspace(0.5, 6.0, 50)
+    estimates = {}
+    for name, step in (("a", 13), ("b", 29)):
+        depth_m = truth_m + ((cell * step % 257) - 128) / 256 * (cell % 7) / 8
+        estimates[name] = Estimate(depth_m, (cell + salt) % step != 0, confidence, rho)
+    return pair_methods(estimates, truth)
+
+
+def _by_mapper(
+    mappers: Sequence[str], stored: Sequence[StoredWindow]
+) -> dict[str, list[StoredWindow]]:
+    found: dict[str, list[StoredWindow]] = {}
+    for mapper, window in zip(mappers, stored, strict=True):
+        found.setdefault(mapper, []).append(window)
+    return found
+
+
+def _event_rows(case: str, windows: Sequence[StoredWindow]) -> Iterator[Row]:
+    """What became of the events: a fault may lose some without a trace in the depth."""
+    counts = [camera for window in windows for camera in window.info.counts.values()]
+    total = {name: sum(camera[name] for camera in counts) for name in counts[0]}
+    votes = sum(total[f"votes_{fate}"] for fate in ("counted", "outside_image", "behind_camera"))
+    image = sum(window.event_image.sum((1, 2), dtype=np.int64) for window in windows)
+    shares = {
+        "brighter_share": (image[1], image.sum()),
+        "voting_share": (total["voting"], total["events"]),
+        "votes_in_image_share": (total["votes_counted"], votes),
+    }
+    yield Row(case, "all", EVENTS, "events", float(total["events"]), "events", "none")
+    yield Row(case, "all", EVENTS, "dropped_tail", float(total["dropped_tail"]), "events", "none")
+    for name, (part, whole) in shares.items():
+        share = 100 * float(part) / float(whole) if whole else math.nan
+        yield Row(case, "all", EVENTS, name, share, "%", "none")
+
+
+def _named(row: Row, mapper: str) -> Row:
+    return replace(row, method=mapper_method(row.method, mapper))
+
+
+def _facts(sequence: EventSequence, scene_digest: str) -> SampleFacts:
+    manifest = sequence.manifest
+    return SampleFacts(
+        sequence=manifest.digest(),
+        truth=manifest.files["cam0/truth.h5"].sha256,
+        scene=scene_digest,
+        renderer=manifest.renderer,
+        sim=manifest.configuration,
+        versions=manifest.versions,
+        metrics=metric_versions(),
+    )
+
+
+def _short_hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:12]

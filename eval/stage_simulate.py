@@ -1,0 +1,54 @@
+"""The first stage of a suite's jobs: a scene to a sequence with ground truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import scenes
+from eval.code_version import closure, source_digest, with_includes
+from eval.stage_files import SEQUENCE
+from sim.config import SimConfig
+from sim.generate import simulate
+from sim.graphics import backend
+from sim.rigs import rig as named_rig
+
+
+def parameters(scene: str, rig: str | None, seed: int, sim: Mapping[str, Any]) -> dict[str, Any]:
+    """What decides a sequence beside code; `sim` holds the settings that are not the defaults."""
+    return {
+        "scene": scene,
+        "rig": rig or scenes.load(scene).rig,
+        "seed": seed,
+        "sim": dict(sim),
+        "graphics": backend(),
+    }
+
+
+def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
+    """The scene's own module and files."""
+    scene = str(parameters["scene"])
+    return (_module(scene),), with_includes(scenes.load(scene).mjcf)
+
+
+def scene_digest(scene: str) -> str:
+    """A hash over what defines a scene: its modules, textures and MJCF, not the simulator."""
+    modules = {name for name in closure([_module(scene)]) if name.startswith("scenes.")}
+    return source_digest(modules, with_includes(scenes.load(scene).mjcf))
+
+
+def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
+    """Writes the sequence, in one process and one thread for the pictures."""
+    del inputs
+    simulate(
+        scenes.load(parameters["scene"]),
+        named_rig(parameters["rig"]),
+        SimConfig.model_validate(parameters["sim"]),
+        parameters["seed"],
+        out / SEQUENCE,
+    )
+
+
+def _module(scene: str) -> str:
+    return f"scenes.{scene.replace('-', '_')}"

@@ -1,0 +1,26 @@
+"""The second stage of a study's jobs: a spoilt sequence to the depth maps of all methods."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from emvs.io import open_recording
+from eval import stage_map
+from eval.stage_files import SEQUENCE
+from eval.studies.perturbation import Perturbation
+from eval.studies.spoilt import Spoilt
+
+
+def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
+    """Nothing beside what this module imports."""
+    del parameters
+    return (), ()
+
+
+def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
+    """Maps what is left of the recording."""
+    wrong = Perturbation.model_validate(parameters["perturb"])
+    recording = Spoilt(open_recording(inputs[0] / SEQUENCE), wrong, parameters["seed"])
+    stage_map.map_into(recording, parameters, out)

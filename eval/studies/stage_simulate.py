@@ -1,0 +1,105 @@
+"""The first stage of a study's jobs: a scene to a sequence, with another rig, way or light."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import scenes
+from emvs.data.rig import Rig
+from eval import stage_simulate
+from eval.stage_files import SEQUENCE
+from sim.config import SimConfig
+from sim.generate import simulate
+from sim.motion import Motion
+from sim.rigs import rig as named_rig
+from sim.scene import Scene
+
+if TYPE_CHECKING:
+    import mujoco
+
+WAY_M = 0.25
+
+
+@dataclass(frozen=True)
+class Straight:
+    """A straight way through the middle of another motion, in one direction, without turning.
+
+    Attributes:
+        T_world_middle: pose half way.
+        heading_deg: 0 along camera 0's x axis, 90 along its z axis.
+        duration_s: time for the way of `WAY_M`.
+    """
+
+    T_world_middle: NDArray[np.float64]
+    heading_deg: float
+    duration_s: float
+
+    def T_world_body(self, t_s: float) -> NDArray[np.float64]:
+        """Pose (4, 4) at `t_s`."""
+        angle = np.deg2rad(self.heading_deg)
+        ahead = np.array([np.cos(angle), 0.0, np.sin(angle)])
+        pose = self.T_world_middle.copy()
+        pose[:3, 3] += WAY_M * (t_s / self.duration_s - 0.5) * (pose[:3, :3] @ ahead)
+        return pose
+
+
+def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
+    """The scene's own module and files."""
+    return stage_simulate.code(parameters)
+
+
+def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
+    """Writes the sequence.
+
+    `change` may hold `baseline_m`, `heading_deg` (the head then goes straight) and `light`, a
+    factor on every lamp.
+    """
+    del inputs
+    config = SimConfig.model_validate(parameters["sim"])
+    scene, rig = scenes.load(parameters["scene"]), named_rig(parameters["rig"])
+    change = parameters["change"]
+    if "baseline_m" in change:
+        rig = with_baseline(rig, change["baseline_m"])
+    if "heading_deg" in change:
+        scene = going_straight(scene, change["heading_deg"])
+    if "light" in change:
+        scene = lit(scene, change["light"])
+    simulate(scene, rig, config, parameters["seed"], out / SEQUENCE)
+
+
+def with_baseline(rig: Rig, baseline_m: float) -> Rig:
+    """The rig with its first two cameras this far apart, in the direction that they have."""
+    T_1 = rig.T_body_cam[1].copy()
+    T_1[:3, 3] = rig.T_body_cam[0][:3, 3] + (T_1[:3, 3] - rig.T_body_cam[0][:3, 3]) * (
+        baseline_m / rig.baseline_m()
+    )
+    return replace(rig, T_body_cam=(rig.T_body_cam[0], T_1, *rig.T_body_cam[2:]))
+
+
+def going_straight(scene: Scene, heading_deg: float) -> Scene:
+    """The scene with a straight way through the middle of its own motion."""
+
+    def motion(duration_s: float, seed: int) -> Motion:
+        middle = scene.motion(duration_s, seed).T_world_body(duration_s / 2)
+        return Straight(middle, heading_deg, duration_s)
+
+    return replace(scene, motion=motion)
+
+
+def lit(scene: Scene, factor: float) -> Scene:
+    """The scene with every lamp `factor` times as bright."""
+
+    def edit(spec: mujoco.MjSpec) -> None:
+        if scene.edit is not None:
+            scene.edit(spec)
+        for lamp in (*spec.lights, spec.visual.headlight):
+            for kind in ("ambient", "diffuse", "specular"):
+                setattr(lamp, kind, np.asarray(getattr(lamp, kind)) * factor)
+
+    return replace(scene, edit=edit)

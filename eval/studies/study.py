@@ -1,0 +1,177 @@
+"""The studies: what is spoilt, by which amounts, and what that means for simulator and mapper."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from emvs.errors import InputError
+
+METHODS = ("Alg1/H", "Alg1/min", "Alg1/A", "Alg2/AtHc@4", "EMVS/cam0")
+CASES = ("boxes", "desk", "planes")
+SEEDS = (0, 1, 2)
+# Clear of both ends of the sequence, so that late clocks find events and poses; the truth that is
+# stored in the middle lies in the middle.
+START_S, DURATION_S, MIDDLE_S = 0.05, 0.4, 0.25
+
+
+@dataclass(frozen=True)
+class Change:
+    """What one amount of a study changes; each part is plain JSON values.
+
+    Attributes:
+        sim: fields of `SimConfig`.
+        scene: `baseline_m`, `heading_deg` or `light`, see `eval.studies.stage_simulate`.
+        perturb: fields of `Perturbation`.
+        map: fields of `MapperConfig`.
+    """
+
+    sim: Mapping[str, Any] = field(default_factory=dict)
+    scene: Mapping[str, float] = field(default_factory=dict)
+    perturb: Mapping[str, float] = field(default_factory=dict)
+    map: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Study:
+    """One thing that is spoilt.
+
+    Attributes:
+        name: what the command line calls it.
+        axis: what grows, for the figure.
+        unit: of the amounts.
+        amounts: from the one that spoils nothing onwards.
+        change: what an amount changes.
+        logarithmic: whether amounts are spaced by factors.
+    """
+
+    name: str
+    axis: str
+    unit: str
+    amounts: tuple[float, ...]
+    change: Callable[[float], Change]
+    logarithmic: bool = False
+
+    @property
+    def sound(self) -> float:
+        """The amount that spoils nothing."""
+        return self.amounts[0]
+
+
+def _spoil(**per_unit: float) -> Callable[[float], Change]:
+    return lambda amount: Change(perturb={key: v * amount for key, v in per_unit.items()})
+
+
+def _window(seconds: float) -> Change:
+    return Change(map={"start_s": MIDDLE_S - seconds / 2, "duration_s": seconds})
+
+
+def _thresholds(value: float) -> Change:
+    return Change(sim={"contrast_threshold_pos": value, "contrast_threshold_neg": value})
+
+
+def _shot_noise(rate_hz: float) -> Change:
+    rates = {"shot_rate_dark_hz": rate_hz, "shot_rate_bright_hz": rate_hz}
+    return Change(sim={"sensor": rates})
+
+
+def _light(share: float) -> Change:
+    sim = {"sensor": {"preset": "davis346"}, "light": {"renderer": "float"}, "log_eps": 1e-3}
+    return Change(sim=sim, scene={"light": share})
+
+
+STUDIES: dict[str, Study] = {
+    study.name: study
+    for study in (
+        Study(
+            "pose-noise", "white noise of every pose, with 0.05 deg per mm", "mm",
+            (0, 0.5, 1, 2, 5, 10, 20), _spoil(pose_white_mm=1, pose_white_deg=0.05),
+        ),
+        Study(
+            "pose-walk", "random walk of the poses, with 0.05 deg per mm", "mm per sqrt(s)",
+            (0, 2, 5, 10, 20, 50, 100), _spoil(pose_walk_mm=1, pose_walk_deg=0.05),
+        ),
+        Study(
+            "pose-drift", "odometry's drift, with 1 deg/s of yaw per 5 %", "% of the way",
+            (0, 1, 2, 5, 10, 20), _spoil(drift_percent=1, drift_yaw_deg_s=0.2),
+        ),
+        Study(
+            "pose-rate", "rate of the poses", "Hz",
+            (1000, 200, 100, 50, 20, 10, 5),
+            lambda rate_hz: Change(perturb={"pose_rate_hz": rate_hz}), logarithmic=True,
+        ),
+        Study(
+            "pose-delay", "poses late against events", "ms",
+            (0, 1, 2, 5, 10, 20, 40), _spoil(pose_delay_ms=1),
+        ),
+        Study(
+            "camera-delay", "camera 1 late against camera 0", "ms",
+            (0, 1, 2, 5, 10, 20, 40), _spoil(camera_delay_ms=1),
+        ),
+        Study(
+            "focal-length", "focal lengths told too long", "%",
+            (0, 0.5, 1, 2, 5, 10), _spoil(focal_percent=1),
+        ),
+        Study(
+            "principal-point", "principal points told too far right", "px",
+            (0, 0.5, 1, 2, 5, 10), _spoil(centre_px=1),
+        ),
+        Study(
+            "stereo-yaw", "camera 1 told to be turned outwards", "deg",
+            (0, 0.1, 0.2, 0.5, 1, 2), _spoil(stereo_yaw_deg=1),
+        ),
+        Study(
+            "stereo-pitch", "camera 1 told to be tilted", "deg",
+            (0, 0.1, 0.2, 0.5, 1, 2), _spoil(stereo_pitch_deg=1),
+        ),
+        Study(
+            "baseline-error", "baseline told too long", "%",
+            (0, 1, 2, 5, 10, 20), _spoil(baseline_percent=1),
+        ),
+        Study(
+            "event-share", "share of events that is kept", "%",
+            (100, 50, 20, 10, 5, 2, 1), _spoil(keep_events=0.01), logarithmic=True,
+        ),
+        Study(
+            "window-length", "length of the window", "s",
+            (0.4, 0.2, 0.1, 0.05, 0.02), _window, logarithmic=True,
+        ),
+        Study(
+            "planes", "depth planes", "planes",
+            (400, 200, 100, 50, 25, 12), lambda n: Change(map={"planes": int(n)}), logarithmic=True,
+        ),
+        Study(
+            "contrast-threshold", "contrast threshold of both polarities", "log intensity",
+            (0.1, 0.2, 0.3, 0.45, 0.7, 1.0), _thresholds,
+        ),
+        Study(
+            "sensor-noise", "shot noise events of every pixel", "Hz",
+            (0, 0.5, 1, 2, 5, 10, 20), _shot_noise,
+        ),
+        Study(
+            "baseline", "baseline of the rig", "m",
+            (0.4, 0.2, 0.1, 0.05, 0.02),
+            lambda width_m: Change(scene={"baseline_m": width_m}), logarithmic=True,
+        ),
+        Study(
+            "heading", "direction of a straight way: 0 sideways, 90 ahead", "deg",
+            (0, 15, 30, 45, 60, 75, 90), lambda a: Change(scene={"heading_deg": a}),
+        ),
+        Study(
+            "illumination", "light, with the noise of a DAVIS346", "times day",
+            (1, 0.3, 0.1, 0.03, 0.01), _light, logarithmic=True,
+        ),
+    )
+}  # fmt: skip
+
+
+def study_named(name: str) -> Study:
+    """Finds a study.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    if name not in STUDIES:
+        raise InputError(f"no study {name!r}: choose from {', '.join(STUDIES)}")
+    return STUDIES[name]

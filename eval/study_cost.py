@@ -1,0 +1,125 @@
+"""The measurements of `docs/performance.md`: `python -m eval.study_cost --help`.
+
+Times on one thread are processor times, and the best of several rounds counts: on a machine that
+others use too, everything else measures the neighbours.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from emvs.atomic import atomic_path
+from emvs.errors import InputError
+from eval.cost_growth import SERIES, Growth, Load, growth
+from eval.cost_limits import Effort, Figure, limits
+
+_BEGIN, _END = "<!-- {}: begin -->\n", "<!-- {}: end -->\n"
+# The authors' C++ (their main branch of June 2025, -O2), one thread of a 2-core AMD Zen 4 machine.
+AUTHORS_NS = {"346x260": 7.35, "640x480": 7.92, "1280x720": 8.69}
+
+
+def limit_table(figures: Sequence[Figure]) -> str:
+    """Markdown: every figure beside its limit."""
+    lines = ["| What | measured | limit | held |", "|---|--:|--:|---|"]
+    for one in figures:
+        sign = {"lower": "≤", "higher": "≥"}[one.better]
+        limit = "–" if one.limit is None else f"{sign} {one.limit:g} {one.unit}"
+        held = {None: "–", True: "yes", False: "**no**"}[one.is_held]
+        lines.append(f"| {one.what} | {_number(one.value)} {one.unit} | {limit} | {held} |")
+    return "\n".join(lines) + "\n"
+
+
+def authors_table(figures: Sequence[Figure]) -> str:
+    """Markdown: ns per event and plane of the authors' program over ours."""
+    ours = {one.what: one.value for one in figures}
+    lines = ["| ns per event and plane | authors' C++ | bilinear | ratio | nearest |",
+             "|---|--:|--:|--:|--:|"]  # fmt: skip
+    for sensor, theirs in AUTHORS_NS.items():
+        bilinear, nearest = (ours[f"{kind} vote, {sensor}"] for kind in ("bilinear", "nearest"))
+        lines.append(
+            f"| {sensor} | {theirs:.2f} | {bilinear:.2f} | {theirs / bilinear:.1f} × "
+            f"| {nearest:.2f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def growth_table(grown: Sequence[Growth]) -> str:
+    """Markdown: every series with the exponent that fits it."""
+    lines = ["| Grows | from … to | processor time, s | exponent | of the last two |",
+             "|---|---|---|--:|--:|"]  # fmt: skip
+    for one in grown:
+        seconds = ", ".join(f"{value:.2f}" for value in one.seconds)
+        amounts = f"{one.amounts[0]:,} … {one.amounts[-1]:,}".replace(",", " ")
+        lines.append(
+            f"| {one.quantity} | {amounts} | {seconds} | {one.exponent:.2f} "
+            f"| {one.last_exponent:.2f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def into_page(page: Path, name: str, text: str) -> None:
+    """Puts a text between the page's two marks of that name.
+
+    Raises:
+        InputError: a page without the marks.
+    """
+    first, last = _BEGIN.format(name), _END.format(name)
+    before, begin, rest = page.read_text(encoding="utf-8").partition(first)
+    _, end, after = rest.partition(last)
+    if not begin or not end:
+        raise InputError(f"{page}: needs the lines {first.strip()} and {last.strip()}")
+    with atomic_path(page) as partial:
+        partial.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")
+
+
+def _number(value: float) -> str:
+    return f"{value:.2f}" if value < 10 else f"{value:.0f}"
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Measures, prints the tables, and writes page and picture where they are asked for."""
+    parser = argparse.ArgumentParser(description="Measure what the mapper costs.")
+    parser.add_argument("--only", choices=["limits", "growth"], help="measure this part only")
+    parser.add_argument("--rounds", type=int, default=5, help="of so many rounds the best counts")
+    parser.add_argument("--page", type=Path, help="page whose marked parts get the tables")
+    parser.add_argument("--picture", type=Path, help="PNG of the growth")
+    chosen = parser.parse_args(arguments)
+    texts: dict[str, str] = {}
+    if chosen.only != "growth":
+        machine = _machine()
+        figures = limits(Effort(rounds=chosen.rounds))
+        texts["limits"] = f"{machine}\n\n{limit_table(figures)}"
+        texts["authors"] = authors_table(figures)
+    if chosen.only != "limits":
+        grown = growth(Load(), SERIES, max(1, chosen.rounds // 2))
+        texts["growth"] = growth_table(grown)
+        if chosen.picture is not None:
+            _draw(grown, chosen.picture)
+    sys.stdout.write("\n".join(texts.values()))
+    for name, text in texts.items() if chosen.page is not None else ():
+        into_page(chosen.page, name, text)
+
+
+def _draw(grown: list[Growth], path: Path) -> None:
+    from eval.cost_picture import draw
+
+    draw(grown, Load(), path)
+
+
+def _machine() -> str:
+    """The processors as Linux tells them, and how busy they are with other work."""
+    text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    names = [line.partition(":")[2].strip() for line in text.splitlines() if "model name" in line]
+    load = os.getloadavg()[0]
+    what = f"{os.cpu_count()} × {names[0] if names else platform.machine()}"
+    state = "quiet" if load < 0.5 else "busy with other work"
+    return f"{what}; load average {load:.1f} before the measurement: {state}."
+
+
+if __name__ == "__main__":
+    main()

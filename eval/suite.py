@@ -1,0 +1,197 @@
+"""A suite: which cases, seeds, windows and methods make one comparable set of numbers.
+
+A suite is data, a TOML file under a name with a version. Its digest is in every result: numbers
+of different suites are not comparable, neither better nor worse.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from emvs.errors import InputError
+from eval.settings import Settings, explain
+
+FOLDER = Path(__file__).parent / "suites"
+NEWEST = "suite-v1"
+ALL = "all"
+
+_Name = Annotated[str, Field(pattern=r"^[\w.-]+$")]
+_Seeds = Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1)]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class WindowSpec(_Model):
+    """A stretch of a sequence, s; its reference view is in the middle, where truth is rendered."""
+
+    start_s: Annotated[float, Field(ge=0)]
+    duration_s: Annotated[float, Field(gt=0)]
+
+    @property
+    def reference_s(self) -> float:
+        """Time of the reference view, s."""
+        return self.start_s + self.duration_s / 2
+
+
+class CaseSpec(_Model):
+    """One scene, rig and length, and how it is mapped."""
+
+    scene: str
+    rig: str | None = None
+    seconds: Annotated[float, Field(gt=0)]
+    windows: Annotated[tuple[WindowSpec, ...], Field(min_length=1)]
+    mappers: Annotated[tuple[_Name, ...], Field(min_length=1)] = ("default",)
+    sim: dict[str, Any] = {}
+
+    @model_validator(mode="after")
+    def _windows_inside(self) -> CaseSpec:
+        for window in self.windows:
+            if window.start_s + window.duration_s > self.seconds + 1e-9:
+                raise ValueError(
+                    f"window of {window.duration_s:g} s from {window.start_s:g} s: the case has "
+                    f"{self.seconds:g} s"
+                )
+        return self
+
+
+class Subset(_Model):
+    """Some of the cases, with fewer seeds."""
+
+    cases: Annotated[tuple[str, ...], Field(min_length=1)]
+    seeds: _Seeds
+
+
+class Suite(_Model):
+    """The whole definition.
+
+    Attributes:
+        name: with its version; a changed definition gets another one.
+        summary: one sentence.
+        seeds: of every case.
+        spread_seeds: seeds that a baseline measures the spread with; the first ones are `seeds`.
+        metrics: what a gate compares.
+        speed_case: case whose mapping is timed.
+        sim: simulator settings of every case.
+        score: settings of the scores.
+        mappers: mapper settings by name.
+        cases: by name.
+        subsets: by name.
+    """
+
+    name: _Name
+    summary: str
+    seeds: _Seeds
+    spread_seeds: _Seeds
+    metrics: tuple[str, ...]
+    speed_case: str | None = None
+    sim: dict[str, Any] = {}
+    score: dict[str, Any] = {}
+    mappers: dict[str, dict[str, Any]] = {"default": {}}
+    cases: dict[_Name, CaseSpec]
+    subsets: dict[_Name, Subset] = {}
+
+    @model_validator(mode="after")
+    def _known(self) -> Suite:
+        if self.speed_case is not None:
+            _refuse_unknown("speed_case", (self.speed_case,), self.cases)
+        for name, subset in self.subsets.items():
+            _refuse_unknown(f"subsets.{name}.cases", subset.cases, self.cases)
+        for name, case in self.cases.items():
+            _refuse_unknown(f"cases.{name}.mappers", case.mappers, self.mappers)
+        for settings in self._settings():
+            Settings.model_validate(settings)
+        return self
+
+    def _settings(self) -> Iterator[dict[str, Any]]:
+        for settings in self.mappers.values():
+            yield {"map": settings, "score": self.score}
+        for case in self.cases.values():
+            yield {"sim": self.sim_of(case)}
+
+    def subset(self, name: str) -> Subset:
+        """Cases and seeds of a subset, or of the whole suite, `all`.
+
+        Raises:
+            InputError: there is no such subset.
+        """
+        if name == ALL:
+            return Subset(cases=tuple(self.cases), seeds=self.seeds)
+        if name not in self.subsets:
+            known = ", ".join([ALL, *self.subsets])
+            raise InputError(f"{self.name} has no subset {name!r}: choose one of {known}")
+        return self.subsets[name]
+
+    def sim_of(self, case: CaseSpec) -> dict[str, Any]:
+        """Simulator settings of a case; truth is rendered at every window's reference time."""
+        times_s = sorted({round(window.reference_s, 6) for window in case.windows})
+        length = {"duration_s": case.seconds, "truth_times_s": times_s}
+        return {**self.sim, **case.sim, **length}
+
+    def digest_of(self, case: str) -> str:
+        """A hash over all that the definition says of a case, its seeds left out."""
+        spec = self.cases[case]
+        facts = {
+            "case": spec.model_dump(mode="json"),
+            "sim": self.sim,
+            "score": self.score,
+            "mappers": {name: self.mappers[name] for name in spec.mappers},
+        }
+        return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+
+    @property
+    def digest(self) -> str:
+        """A hash over the whole definition."""
+        return hashlib.sha256(self.model_dump_json().encode()).hexdigest()[:16]
+
+
+def load(name: str) -> tuple[Suite, str]:
+    """Finds a suite and one of its subsets.
+
+    Args:
+        name: `quick` for the newest suite's subset of that name, `suite-v1` for all of a suite,
+            `suite-v1:quick`, or a TOML file, `FILE.toml` or `FILE.toml:quick`.
+
+    Raises:
+        InputError: an unknown name, or a file that is no suite.
+    """
+    place, _, subset = name.partition(":")
+    path = Path(place) if place.endswith(".toml") else FOLDER / f"{place}.toml"
+    if not subset and not path.is_file() and not place.endswith(".toml"):
+        place, subset, path = NEWEST, place, FOLDER / f"{NEWEST}.toml"
+    if not path.is_file():
+        known = ", ".join(sorted(file.stem for file in FOLDER.glob("*.toml")))
+        raise InputError(f"unknown suite {place!r}: choose one of {known}, or name a TOML file")
+    suite = read(path)
+    suite.subset(subset or ALL)
+    return suite, subset or ALL
+
+
+def read(path: Path) -> Suite:
+    """Reads a suite's definition.
+
+    Raises:
+        InputError: a file that cannot be read, or is no suite.
+    """
+    try:
+        return Suite.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); needs a TOML file") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not TOML: {error}") from error
+    except ValidationError as error:
+        raise InputError(explain(error, where=f"{path}: ")) from error
+
+
+def _refuse_unknown(where: str, names: tuple[str, ...], known: Mapping[str, Any]) -> None:
+    for name in names:
+        if name not in known:
+            raise ValueError(f"{where}: no {name!r}, there are {', '.join(known)}")

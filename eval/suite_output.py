@@ -1,0 +1,136 @@
+"""What a suite's run leaves and prints."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from rich.console import Console as RichConsole
+from rich.table import Table
+
+from emvs.atomic import atomic_path
+from emvs.errors import InputError
+from eval.cache import Cache
+from eval.gate_series import Series, of_suite
+from eval.suite_rows import FILE_NAME, SuiteResult, write_suite
+
+CSV_NAME = "suite.csv"
+_SHOWN = ("points", "median_error", "mean_error", "abs_rel", "bad_published", "completeness")
+
+
+def prepared(out: Path, *, force: bool) -> Path:
+    """Makes a folder for results before the work begins.
+
+    Raises:
+        InputError: it holds a result already and `force` is not set, or cannot be written to.
+    """
+    if (out / FILE_NAME).exists() and not force:
+        raise InputError(
+            f"{out / FILE_NAME} exists: choose another output, or add --force to replace it"
+        )
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be made ({error.strerror}); choose another") from error
+    if not os.access(out, os.W_OK):
+        raise InputError(f"{out}: no permission to write there; choose another output")
+    return out
+
+
+def write(folder: Path, result: SuiteResult) -> None:
+    """Writes `suite.json`, with all that made the numbers, and `suite.csv` with the numbers."""
+    write_suite(folder, result)
+    with (
+        atomic_path(folder / CSV_NAME) as path,
+        path.open("w", encoding="utf-8", newline="") as stream,
+    ):
+        table = csv.writer(stream, lineterminator="\n")
+        table.writerow(["case", "seed", "window", "method", "metric", "value", "unit", "better"])
+        for sample in result.samples:
+            for row in sample.rows:
+                value = "" if math.isnan(row.value) else row.value
+                about = [row.case, sample.seed, row.window, row.method, row.metric]
+                table.writerow([*about, value, row.unit, row.better])
+
+
+def show(result: SuiteResult, cache: Path, *, as_json: bool, quiet: bool) -> None:
+    """Prints means and spreads over seeds, what failed, and how much the cache holds."""
+    if quiet:
+        return
+    out = RichConsole(highlight=False)
+    if as_json:
+        facts = {
+            "suite": result.suite,
+            "subset": result.subset,
+            "digest": result.digest,
+            "seeds": result.seeds,
+            "jobs": len(result.jobs),
+            "found": sum(job.found for job in result.jobs),
+            "failed": {job.name: job.failure for job in result.failures},
+        }
+        out.out(json.dumps(facts, indent=2, ensure_ascii=False), highlight=False)
+        return
+    for case in result.cases:
+        found = [one for one in of_suite(result).series.values() if one.case == case]
+        out.print(_table(case, found, result.seeds))
+    for job in result.failures:
+        out.print(f"failed: {job.name}: {job.failure}", style="bold", markup=False)
+    made = sum(not job.found for job in result.jobs if not job.failure)
+    out.print(
+        f"{result.suite} {result.subset}: {len(result.jobs)} jobs, {made} done now, "
+        f"{len(result.failures)} failed; the cache {cache} holds {megabytes(cache)}",
+        markup=False,
+        soft_wrap=True,
+    )
+
+
+def megabytes(cache: Path) -> str:
+    """Size of a cache, for people."""
+    return f"{Cache(cache).size_bytes() / 1e6:.0f} MB"
+
+
+def _table(case: str, series: Iterable[Series], seeds: Sequence[int]) -> Table:
+    cells: dict[str, dict[str, str]] = {}
+    units: dict[str, str] = {}
+    for one in series:
+        if one.metric in _SHOWN:
+            cells.setdefault(one.method, {})[one.metric] = _mean_and_spread(one)
+            units[one.metric] = one.unit
+    title = f"{case}: mean over {len(seeds)} seeds ± standard deviation"
+    table = Table(title=title, title_justify="left")
+    table.add_column("method", no_wrap=True)
+    metrics = [metric for metric in _SHOWN if metric in units]
+    for metric in metrics:
+        table.add_column(f"{metric.replace('_', ' ')}\n{units[metric]}", justify="right")
+    for method, found in cells.items():
+        table.add_row(method, *(found.get(metric, "") for metric in metrics))
+    return table
+
+
+def _mean_and_spread(one: Series) -> str:
+    values = list(one.values.values())
+    mean = sum(values) / len(values)
+    if math.isnan(mean):
+        return "–"
+    text = f"{mean:.0f}" if one.metric == "points" else f"{mean:.3f}"
+    if len(values) < 2:
+        return text
+    spread = math.sqrt(sum((value - mean) ** 2 for value in values) / (len(values) - 1))
+    return f"{text} ± {spread:.0f}" if one.metric == "points" else f"{text} ± {spread:.3f}"
+
+
+def say(cache: Path, size: int, freed: int, *, as_json: bool, quiet: bool) -> None:
+    """Prints what a cache holds, and what pruning freed, in bytes."""
+    if quiet:
+        return
+    out = RichConsole(highlight=False)
+    if as_json:
+        facts = {"cache": str(cache), "bytes": size, "freed_bytes": freed}
+        out.out(json.dumps(facts, indent=2), highlight=False)
+        return
+    words = f"; freed {freed / 1e6:.0f} MB" if freed else ""
+    out.print(f"{cache}: {size / 1e6:.0f} MB{words}", markup=False, soft_wrap=True)

@@ -1,0 +1,176 @@
+"""What a suite's run says: samples, one per case and seed, and what became of its jobs."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from emvs.atomic import atomic_path
+from emvs.errors import InputError
+from emvs.versions import versions
+from eval.results import Row, platform_name
+
+SCHEMA_VERSION = 1
+FILE_NAME = "suite.json"
+DEFAULT_MAPPER = "default"
+
+_STRICT = ConfigDict(extra="forbid")
+
+
+def mapper_method(method: str, mapper: str) -> str:
+    """A method's name in the rows of a mapper that is not the default one."""
+    return method if mapper == DEFAULT_MAPPER else f"{method} {mapper}"
+
+
+@dataclass(frozen=True, slots=True)
+class SampleFacts:
+    """Where a sample's numbers came from.
+
+    Attributes:
+        sequence: hash over the sequence's files.
+        truth: hash of camera 0's ground truth.
+        scene: hash over what defines the scene.
+        renderer: the graphics library.
+        sim: the simulator's whole configuration.
+        versions: of everything that made the sequence.
+        metrics: per metric, the hash of what it makes of fixed maps.
+    """
+
+    sequence: str
+    truth: str
+    scene: str
+    renderer: str
+    sim: dict[str, Any]
+    versions: dict[str, str]
+    metrics: dict[str, str]
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One case with one seed."""
+
+    case: str
+    seed: int
+    rows: tuple[Row, ...]
+    facts: SampleFacts
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    def to_json(self) -> str:
+        """As the text that `sample_from` reads; undefined numbers are null."""
+        return _SAMPLE.dump_json(self, indent=1).decode()
+
+
+@dataclass(frozen=True, slots=True)
+class JobNote:
+    """What became of one job: its key in the cache, or why it failed."""
+
+    name: str
+    key: str = ""
+    code: str = ""
+    seconds: float = 0.0
+    found: bool = False
+    failure: str = ""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+
+@dataclass(frozen=True, slots=True)
+class SuiteResult:
+    """A whole run of a suite or a subset.
+
+    Attributes:
+        suite: name of the definition, with its version.
+        subset: what of it was run.
+        digest: hash over the definition.
+        definition: the definition, as plain JSON values.
+        cases: per case that was asked for, the hash over its part of the definition.
+        seeds: that were asked for.
+        samples: one per case and seed that was scored.
+        jobs: what became of every job.
+        speed: per case, CPU time of the mapper over that of the calibration loop, repeated.
+        versions: of everything that shapes the numbers, on the machine that collected them.
+        platform: of that machine.
+        schema_version: of this layout.
+    """
+
+    suite: str
+    subset: str
+    digest: str
+    definition: dict[str, Any]
+    cases: dict[str, str]
+    seeds: tuple[int, ...]
+    samples: tuple[Sample, ...]
+    jobs: tuple[JobNote, ...] = ()
+    speed: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=versions)
+    platform: str = field(default_factory=platform_name)
+    schema_version: int = SCHEMA_VERSION
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+    @property
+    def failures(self) -> tuple[JobNote, ...]:
+        """The jobs that failed."""
+        return tuple(job for job in self.jobs if job.failure)
+
+
+_SAMPLE = TypeAdapter(Sample)
+_RESULT = TypeAdapter(SuiteResult)
+
+
+def sample_from(text: str) -> Sample:
+    """Reads what `Sample.to_json` wrote."""
+    return _SAMPLE.validate_json(text)
+
+
+def write_suite(folder: Path, result: SuiteResult) -> Path:
+    """Writes `suite.json`, atomically, one row a line."""
+    content = _RESULT.dump_python(result, mode="json")
+    samples = content.pop("samples")
+    head = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False).removesuffix("\n}")
+    parts = ",\n".join(_sample_text(sample) for sample in samples)
+    path = folder / FILE_NAME
+    with atomic_path(path) as partial:
+        partial.write_text(f'{head},\n "samples": [\n{parts}\n ]\n}}\n', encoding="utf-8")
+    return path
+
+
+def _sample_text(sample: dict[str, Any]) -> str:
+    rows = ",\n   ".join(json.dumps(row, ensure_ascii=False) for row in sample.pop("rows"))
+    head = json.dumps(sample, ensure_ascii=False, allow_nan=False).removesuffix("}")
+    return f'  {head}, "rows": [\n   {rows}\n  ]}}'
+
+
+def read_suite(path: Path) -> SuiteResult:
+    """Reads `suite.json`, given the file or its folder.
+
+    Raises:
+        InputError: the file is missing, truncated, of another schema version or malformed.
+    """
+    file = path / FILE_NAME if path.is_dir() else path
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        message = f"{file}: cannot be read ({error.strerror}); `eventsweep suite` writes it"
+        raise InputError(message) from error
+    except ValueError as error:
+        raise InputError(f"{file}: not complete JSON ({error}); run the suite again") from error
+    found = content.get("schema_version") if isinstance(content, dict) else None
+    if found != SCHEMA_VERSION:
+        raise InputError(
+            f"{file}: schema version {found}, but this program reads {SCHEMA_VERSION}; "
+            "run the suite again with this version"
+        )
+    try:
+        return _RESULT.validate_python(content)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"{file}: {where}: {first['msg']}; run the suite again") from error

@@ -1,0 +1,61 @@
+"""One window of a map beside ground truth: pairs of every method, by region, with causes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from emvs.data.sequence import Sequence
+from emvs.depthmap import DepthMap
+from emvs.output import StoredWindow
+from eval.config import EvalConfig
+from eval.evidence import Evidence
+from eval.folders import truth_of
+from eval.masks import region_masks
+from eval.pairing import Estimate, MethodPairs, Truth, bad_pixels, pair_methods
+from eval.seen import count_events
+
+
+def window_pairs(
+    sequence: Sequence, window: StoredWindow, config: EvalConfig
+) -> dict[str, MethodPairs]:
+    """Pairs all maps of a window with the truth, and says why bad pixels are bad.
+
+    Raises:
+        InputError: no ground truth at the window's reference time, or damaged files.
+    """
+    t_us = window.info.t_ref_us
+    truth = truth_of(sequence, t_us, config)
+    truth = replace(truth, regions=region_masks(sequence, t_us, truth.depth_m, config))
+    maps = {method: window.depth_map(method) for method in window.info.methods}
+    estimates = {
+        method: Estimate(found.depth_m, found.mask, found.confidence, found.rho)
+        for method, found in maps.items()
+    }
+    pairs = pair_methods(estimates, truth)
+    evidence = _evidence(sequence, window, next(iter(maps.values())), truth, config)
+    return {
+        method: replace(
+            found,
+            causes=evidence.causes(maps[method].depth_m, bad_pixels(estimates[method], truth)),
+        )
+        for method, found in pairs.items()
+    }
+
+
+def _evidence(
+    sequence: Sequence, window: StoredWindow, found: DepthMap, truth: Truth, config: EvalConfig
+) -> Evidence:
+    info = window.info
+    counts = (
+        count_events(sequence, camera, info.t0_us, info.t1_us)
+        for camera in range(len(sequence.rig))
+    )
+    return Evidence(
+        sequence=sequence,
+        t_us=info.t_ref_us,
+        counts=tuple(counts),
+        truth_m=truth.depth_m,
+        range_m=(1 / float(found.rho.max()), 1 / float(found.rho.min())),
+        masks=truth.regions,
+        contrast=config.edge_contrast,
+    )

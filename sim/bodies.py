@@ -1,0 +1,131 @@
+"""Bodies that move by themselves: where their geoms are, and how far their pixels move."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.data import se3
+from sim.graphics import import_mujoco
+
+if TYPE_CHECKING:
+    from sim.renderer import StereoRenderer
+    from sim.scene import Animation
+
+Pose = NDArray[np.float64]
+_RECENT = 64
+
+
+def moving_geoms(model: Any) -> NDArray[np.bool_]:
+    """(G,) which geoms of a compiled model hang on a joint or on a mocap body."""
+    driven = model.body_mocapid[model.body_rootid] >= 0
+    moving: NDArray[np.bool_] = ((model.body_weldid != 0) | driven)[model.geom_bodyid]
+    return moving
+
+
+class BodyPixels(NamedTuple):
+    """The pixels of one camera that show bodies which move by themselves.
+
+    Attributes:
+        pixels_px: (N, 2) column and row.
+        points_m: (N, 3) their surface points in the camera frame, m.
+        geoms: (N,) geom ids.
+    """
+
+    pixels_px: NDArray[np.int64]
+    points_m: NDArray[np.float64]
+    geoms: NDArray[np.int32]
+
+
+class MovingBodies:
+    """The geoms of a scene's animation; exact, because an animation is a function of time.
+
+    Args:
+        renderer: of the scene; the calling thread's.
+        animate: moves the bodies.
+    """
+
+    def __init__(self, renderer: StereoRenderer, animate: Animation) -> None:
+        self._mj: Any = import_mujoco()
+        self._renderer, self._animate = renderer, animate
+        self._data = self._mj.MjData(renderer.model)
+        self._recent: dict[int, Pose] = {}
+
+    @cached_property
+    def moves(self) -> NDArray[np.bool_]:
+        """(G + 1,) whether a geom can move by itself; the last, id -1, is none."""
+        return np.append(moving_geoms(self._renderer.model), False)
+
+    def poses(self, t_us: int) -> Pose:
+        """(G, 4, 4) `T_world_geom` of all geoms at a time, µs."""
+        if t_us not in self._recent:
+            if len(self._recent) >= _RECENT:
+                self._recent.clear()
+            self._animate(self._renderer.model, self._data, t_us * 1e-6)
+            self._mj.mj_kinematics(self._renderer.model, self._data)
+            found = np.tile(np.eye(4), (self._renderer.model.ngeom, 1, 1))
+            found[:, :3, :3] = self._data.geom_xmat.reshape(-1, 3, 3)
+            found[:, :3, 3] = self._data.geom_xpos
+            self._recent[t_us] = found
+        return self._recent[t_us]
+
+    def moved(self, now_us: int, later_us: int) -> Pose:
+        """(G, 4, 4) how each geom moves in the world: `p_world_later = T @ p_world_now`."""
+        return self.poses(later_us) @ se3.inverse(self.poses(now_us))
+
+    def seen(self, T_world_body: Pose) -> tuple[BodyPixels, ...]:
+        """Per camera, the pixels whose centres show a moving body from `T_world_body` (4, 4).
+
+        `renderer.at` must have been called.
+        """
+        return tuple(self._seen(k, T_world_body) for k in range(len(self._renderer.rig)))
+
+    def _seen(self, k: int, T_world_body: Pose) -> BodyPixels:
+        geoms = self._renderer.segmentation(k, T_world_body)
+        # At the centre: a frame's nearest depth is off by too much where a face is seen edge on.
+        depth_m = self._renderer.depth(k, T_world_body).astype(np.float64)
+        # A direction without a ray has no bearing, and one without a surface no depth.
+        known = np.isfinite(depth_m) & np.isfinite(self._bearings[k][..., 0])
+        rows, columns = np.nonzero(self.moves[geoms] & known)
+        rays = np.column_stack([self._bearings[k][rows, columns], np.ones(len(rows))])
+        points_m = rays * depth_m[rows, columns, None]
+        return BodyPixels(np.stack([columns, rows], -1), points_m, geoms[rows, columns])
+
+    @cached_property
+    def _bearings(self) -> list[NDArray[np.float64]]:
+        return [camera.bearing_table() for camera in self._renderer.rig.cameras]
+
+    def moved_px(
+        self,
+        seen: Sequence[BodyPixels],
+        span_us: tuple[int, int],
+        T_world_body: Pose,
+        T_world_body_then: Pose,
+    ) -> float:
+        """The furthest that a moving body's pixel goes, px, by its own motion and the head's.
+
+        Args:
+            seen: per camera, the pixels at `span_us[0]`.
+            span_us: when they were seen, and the other time, before or behind, µs.
+            T_world_body: (4, 4) pose of the rig when they were seen.
+            T_world_body_then: (4, 4) its pose at the other time.
+
+        Returns:
+            px; inf if a point is not in front of its camera then.
+        """
+        rig, moved, largest = self._renderer.rig, self.moved(*span_us), 0.0
+        for camera, T_body_cam, found in zip(rig.cameras, rig.T_body_cam, seen, strict=True):
+            if len(found.geoms) == 0:
+                continue
+            T_then_now = (
+                se3.inverse(T_world_body_then @ T_body_cam) @ moved @ T_world_body @ T_body_cam
+            )[found.geoms]
+            points = np.einsum("nij,nj->ni", T_then_now[:, :3, :3], found.points_m)
+            there = camera.project(points + T_then_now[:, :3, 3])
+            way_px = np.linalg.norm(there - found.pixels_px, axis=1)
+            largest = max(largest, float(np.nan_to_num(way_px, nan=np.inf).max()))
+        return largest

@@ -1,0 +1,250 @@
+"""Depth cells, error against coverage, areas under curves, regions in rows: by hand and by law."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from emvs.errors import InputError
+from emvs.planes import inverse_depth_planes
+from eval.cells import cell_error
+from eval.coverage import coverage_curve
+from eval.findings import findings
+from eval.method_scores import REGION_NAMES
+from eval.metrics import Pairs, pooled
+from eval.pairing import Estimate, MethodPairs
+from eval.ranking import column
+from eval.regions import REGIONS
+from eval.results import Results, Row, read_results, write_results
+from eval.score import Truth, case_rows, mean_rows, pair_methods, score_method, score_pairs
+from eval.taxonomy import CAUSES
+from eval.units import rank_runs, unit_values
+
+
+def values(pairs):
+    return {score.metric: score.value for score in score_pairs(pairs)}
+
+
+def by_hand():
+    """Errors 0.5, 0, 0.2, 0.1 m on 1 m; confidence 9, 5, 5, 1; eight pixels of truth."""
+    truth_m = np.ones(4)
+    estimate_m = np.array([1.5, 1.0, 1.2, 1.1])
+    return Pairs(estimate_m, truth_m, 8, 10.0, confidence=np.array([9.0, 5.0, 5.0, 1.0]))
+
+
+def test_coverage_by_hand():
+    found = coverage_curve(by_hand())
+    np.testing.assert_array_equal(found.points, [1, 3, 4])
+    np.testing.assert_allclose(found.coverage, [12.5, 37.5, 50])
+    np.testing.assert_allclose(found.mean_error_m, [0.5, 0.7 / 3, 0.2])
+    np.testing.assert_allclose(found.best_error_m, [0, 0.1, 0.2])
+    got = values(by_hand())
+    assert got["aurc"] == pytest.approx((1 * 0.5 + 2 * 0.7 / 3 + 1 * 0.2) / 4)
+    assert got["ause"] == pytest.approx((1 * 0.5 + 2 * (0.7 / 3 - 0.1) + 0) / 4)
+    assert got["mean_error_top_10pct"] == 0.5
+    assert got["mean_error_top_20pct"] == pytest.approx(0.7 / 3)
+
+
+def test_areas_by_hand():
+    # To 15 cm: the pixels without error, and with 10 cm for the last third, count 1 + 1/3.
+    got = values(by_hand())
+    assert got["auc_precision"] == pytest.approx(100 * (4 / 3) / 4)
+    assert got["auc_recall"] == pytest.approx(100 * (4 / 3) / 8)
+    assert got["auc_f1"] == pytest.approx(200 * (4 / 3) / 12)
+    # To 20 %: no error, and 10 %, count 1 + 1/2; 20 % itself counts nothing.
+    assert got["auc_precision_relative"] == pytest.approx(100 * 1.5 / 4)
+
+
+def test_cells_by_hand():
+    rho = np.array([1.0, 0.5, 0.25])  # 1 m, 2 m, 4 m: cells of 0.5 and 0.25 1/m
+    got = cell_error(np.array([1.0, 2.0, 4.0, 1 / 0.75, 8.0]), np.full(5, 2.0), rho)
+    np.testing.assert_allclose(got, [1, 0, 1, 0.5, 1.5])
+
+
+@given(st.integers(2, 60), st.data())
+def test_on_equal_steps_cells_are_inverse_depth(count, data):
+    rho = inverse_depth_planes(0.5, 6.0, count)
+    depths = hnp.arrays(np.float64, 5, elements=st.floats(0.3, 9))
+    e, g = data.draw(depths), data.draw(depths)
+    step = (float(rho[0]) - float(rho[-1])) / (count - 1)
+    expected = np.abs(1 / e - 1 / g) / step
+    np.testing.assert_allclose(cell_error(e, g, rho), expected, rtol=1e-3, atol=1e-3)
+    np.testing.assert_array_equal(cell_error(e, g, rho), cell_error(e, g, rho[::-1]))
+    np.testing.assert_array_equal(cell_error(e, g, rho), cell_error(g, e, rho))
+
+
+@st.composite
+def confident_pairs(draw):
+    n = draw(st.integers(1, 25))
+    depths = hnp.arrays(np.float64, n, elements=st.floats(0.25, 50))
+    sure = draw(hnp.arrays(np.float64, n, elements=st.sampled_from([0.0, 1.0, 2.5, 7.0])))
+    return Pairs(draw(depths), draw(depths), n + draw(st.integers(0, 9)), 22.6, confidence=sure)
+
+
+@given(confident_pairs())
+def test_coverage_ends_at_all_pixels_and_no_order_beats_the_best(pairs):
+    found, got = coverage_curve(pairs), values(pairs)
+    assert found.mean_error_m[-1] == pytest.approx(got["mean_error"])
+    assert found.coverage[-1] == pytest.approx(got["completeness"])
+    assert (found.best_error_m <= found.mean_error_m * (1 + 1e-12)).all()
+    assert 0 <= got["ause"] <= got["aurc"] * (1 + 1e-12) + 1e-12
+    perfect = Pairs(pairs.estimate_m, pairs.truth_m, pairs.truth_count, 22.6,
+                    confidence=-pairs.error_m)  # fmt: skip
+    assert values(perfect)["ause"] == pytest.approx(0, abs=1e-12)
+
+
+@given(confident_pairs(), st.randoms())
+def test_coverage_does_not_depend_on_the_order_of_pixels_or_on_the_scale(pairs, random):
+    order = list(range(pairs.count))
+    random.shuffle(order)
+    turned = Pairs(pairs.estimate_m[order], pairs.truth_m[order], pairs.truth_count, 22.6,
+                   confidence=pairs.confidence[order] * 8 + 3)  # fmt: skip
+    for name in ("aurc", "ause", "mean_error_top_5pct"):
+        assert values(turned)[name] == pytest.approx(values(pairs)[name], abs=1e-9, nan_ok=True)
+
+
+@given(confident_pairs())
+def test_areas_lie_between_the_ends_of_their_curves(pairs):
+    got = values(pairs)
+    assert 0 <= got["auc_precision"] <= got["precision_15cm"] + 1e-9
+    assert 0 <= got["auc_recall_relative"] <= got["recall_20pct"] + 1e-9
+    assert got["auc_recall"] <= got["auc_precision"] + 1e-9
+    shares = [got[f"precision_{percent}pct"] for percent in (1, 2, 5, 10, 20)]
+    assert (np.diff(shares) >= 0).all()
+    cells = [got[f"bad_{cells}cell"] for cells in (1, 2, 5)]
+    assert np.isnan(cells).all()
+
+
+def test_a_window_without_confidence_leaves_the_pool_without():
+    known = by_hand()
+    unknown = Pairs(known.estimate_m, known.truth_m, 8, 10.0)
+    assert pooled([known, unknown]).confidence is None
+    assert len(pooled([known, known]).confidence) == 8
+
+
+def regional_pairs(shift=0.0):
+    truth_m = np.array([[1.0, 2.0, 4.0], [1.0, 2.0, 4.0], [1.0, 2.0, 4.0]])
+    left = np.zeros((3, 3), bool)
+    left[:, 0] = True
+    truth = Truth(truth_m, np.ones((3, 3), bool), 100.0, 0.1,
+                  regions={"boundary": left, "interior": ~left})  # fmt: skip
+    found = Estimate(truth_m + np.array([[0.5, 0, 0.25]]) + shift, np.eye(3, dtype=bool))
+    silent = Estimate(truth_m, np.zeros((3, 3), bool))
+    return pair_methods({"Alg1/H": found, "silent": silent}, truth)
+
+
+def test_regions_by_hand():
+    got = {s.metric: s for s in score_method(regional_pairs()["Alg1/H"])}
+    assert got["boundary_points"].value == 1
+    assert got["boundary_completeness"].value == pytest.approx(100 / 3)
+    assert got["boundary_mean_error"].value == 0.5
+    assert got["interior_mean_error"].value == 0.125
+    assert got["interior_completeness"].value == pytest.approx(100 * 2 / 6)
+    assert got["interior_mean_error"].region == "interior"
+    assert got["common_points"].region == "common"
+    assert (got["mean_error"].points, got["interior_mean_error"].points) == (3, 2)
+
+
+def test_an_empty_prediction_has_no_errors_in_any_region_and_completes_none():
+    got = {s.metric: s.value for s in score_method(regional_pairs()["silent"])}
+    for region in ("boundary", "interior"):
+        assert got[f"{region}_completeness"] == got[f"{region}_points"] == 0
+        assert math.isnan(got[f"{region}_mean_error"])
+    assert math.isnan(got["aurc"])
+    assert got["auc_recall"] == 0
+
+
+def test_shares_of_causes_add_up_and_say_of_how_many():
+    causes = dict(zip(CAUSES, (1, 0, 4, 0, 0, 2, 0, 1), strict=True))
+    pairs = regional_pairs()["Alg1/H"]
+    got = score_method(MethodPairs(pairs.own, pairs.common, causes=causes))
+    shares = {s.metric: s for s in got if s.metric.startswith("cause_")}
+    assert set(shares) == {f"cause_{cause}" for cause in CAUSES}
+    assert sum(s.value for s in shares.values()) == pytest.approx(100)
+    assert shares["cause_occlusion"].value == 50
+    assert {s.points for s in shares.values()} == {8}
+
+
+def test_findings_name_the_causes_of_outliers_from_the_most_frequent_on():
+    causes = dict(zip(CAUSES, (1, 0, 5, 0, 2, 0, 0, 0), strict=True))
+    pairs = regional_pairs()["Alg1/H"]
+    windows = {"w000": {"Alg1/H": MethodPairs(pairs.own, pairs.common, causes=causes)}}
+    rows = [row for row in case_rows("desk", windows) if row.window == "all"]
+    assert findings(rows, "mean_error")[-1].endswith(
+        "8 px of Alg1/H are off by more than a tenth: "
+        "occlusion 62 %, few events 25 %, out of range 12 %."
+    )
+    without = {"w000": {"Alg1/H": MethodPairs(pairs.own, pairs.common)}}
+    assert not any("tenth" in line for line in findings(case_rows("desk", without), "mean_error"))
+
+
+def test_every_row_has_a_heading_that_says_its_region():
+    causes = dict.fromkeys(CAUSES, 1)
+    pairs = regional_pairs()["Alg1/H"]
+    for score in score_method(MethodPairs(pairs.own, pairs.common, pairs.regions, causes)):
+        found = column(score.metric)
+        assert (found.name, found.better) == (score.metric, score.better)
+        assert score.region in REGIONS
+        assert score.region == "all" or REGIONS[score.region] in found.formula
+    assert len(REGION_NAMES) == len(set(REGION_NAMES))
+
+
+def test_mean_of_windows_weighs_windows_and_has_an_interval():
+    windows = {f"w{k:03d}": regional_pairs(0.1 * k) for k in range(4)}
+    rows = [row for row in case_rows("desk", windows) if row.method == "Alg1/H"]
+    errors = [row for row in rows if row.metric == "median_error"]
+    single = [row.value for row in errors if row.window.startswith("w")]
+    (mean,) = [row for row in errors if row.window == "mean"]
+    assert mean.value == pytest.approx(np.mean(single))
+    assert min(single) <= mean.low <= mean.value <= mean.high <= max(single)
+    assert mean.points == 12
+    assert [row.low for row in errors if row.window != "mean"] == [None] * 5
+    again = [row for row in case_rows("desk", windows) if row.method == "Alg1/H"]
+    assert repr(again) == repr(rows)
+
+
+def test_a_number_that_a_window_lacks_has_no_mean():
+    one = Row("desk", "w000", "Alg1/H", "mean_error", 1.0, "m", "lower", points=3)
+    other = Row("desk", "w001", "Alg1/H", "rmse", 2.0, "m", "lower", points=3)
+    rows = mean_rows([[one, other], [one]])
+    assert (rows[0].metric, rows[0].value) == ("mean_error", 1.0)
+    assert math.isnan(rows[1].value)
+    assert rows[1].points is None
+    assert mean_rows([]) == []
+
+
+def test_regions_and_intervals_travel_to_disk(tmp_path):
+    row = Row("desk", "mean", "Alg1/H", "interior_mean_error", 0.5, "m", "lower",
+              "interior", 12, 0.25, 0.75)  # fmt: skip
+    write_results(tmp_path, Results((row,)))
+    assert read_results(tmp_path).rows == (row,)
+    assert (tmp_path / "results.csv").read_text().splitlines()[1] == (
+        "desk,mean,Alg1/H,interior_mean_error,0.5,m,lower,interior,12,0.25,0.75"
+    )
+
+
+def run(seed, **errors):
+    rows = [Row("desk", "mean", method, "mean_error", value, "m", "lower")
+            for method, value in errors.items()]  # fmt: skip
+    return Results(tuple(rows), seed=seed)
+
+
+def test_runs_of_several_seeds_are_ranked_with_ties():
+    rng = np.random.default_rng(0)
+    runs = [run(seed, a=1 + (x := rng.normal()), b=x + 2, c=x + 1 + rng.normal(0, 0.1))
+            for seed in range(8)]  # fmt: skip
+    found = rank_runs(runs, "mean_error")
+    assert {one.method: one.rank for one in found.standings} == {"a": 1, "c": 1, "b": 3}
+    units, table, better = unit_values([*runs[:1], run(9, b=1.0)], "mean_error")
+    assert units == (("desk", 0), ("desk", 9))
+    assert np.isnan(table["a"][1])
+    assert better == "lower"
+    with pytest.raises(InputError, match="in two runs"):
+        rank_runs([runs[0], runs[0]], "mean_error")
+    with pytest.raises(InputError, match="no rows of metric rmse"):
+        rank_runs(runs, "rmse")

@@ -1,0 +1,146 @@
+"""Studies: curves by hand, changed rigs and ways by geometry, and one study end to end."""
+
+import json
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+import scenes
+from emvs.config import MapperConfig
+from emvs.errors import InputError
+from eval.cli import main
+from eval.studies.curves import Value, curves
+from eval.studies.jobs import study_jobs
+from eval.studies.perturbation import Perturbation
+from eval.studies.stage_simulate import WAY_M, going_straight, lit, with_baseline
+from eval.studies.study import DURATION_S, MIDDLE_S, START_S, STUDIES, study_named
+from sim.config import SimConfig
+from sim.rigs import rig as named_rig
+
+
+def values_of(table, metric="mean_error"):
+    """Values from {(case, seed): [one per amount]} for the amounts 0, 1, 2, ..."""
+    return [
+        Value(case, seed, float(amount), "Alg1/H", metric, value, "m")
+        for (case, seed), row in table.items()
+        for amount, value in enumerate(row)
+    ]
+
+
+def curve_of(table, cases):
+    amounts = tuple(float(k) for k in range(len(next(iter(table.values())))))
+    return curves(values_of(table), amounts, ["Alg1/H"], cases)[0]
+
+
+def test_a_curve_is_the_mean_over_cases_of_the_mean_over_seeds():
+    curve = curve_of({("a", 0): [1, 2], ("a", 1): [3, 4], ("b", 0): [10, 20]}, ["a", "b"])
+    np.testing.assert_allclose(curve.mean, [(2 + 10) / 2, (3 + 20) / 2])
+    assert curve.samples.tolist() == [3, 3]
+    # Seeds 1 and 3 of case a can come up as means 1..3, case b is always 10.
+    assert (curve.low[0], curve.high[0]) == (5.5, 6.5)
+
+
+def test_a_method_breaks_where_it_passes_twice_its_first_value():
+    assert curve_of({("a", 0): [1, 1.5, 2.5, 9]}, ["a"]).breaking_amount() == 1.5
+    assert curve_of({("a", 0): [1, 1.5, 2.0]}, ["a"]).breaking_amount() is None
+
+
+def test_an_amount_without_a_map_is_broken_and_a_study_without_a_start_says_nothing():
+    assert curve_of({("a", 0): [1, math.nan, 1]}, ["a"]).breaking_amount() == 1
+    assert curve_of({("a", 0): [math.nan, 1, 9]}, ["a"]).breaking_amount() is None
+
+
+def test_a_sample_that_is_missing_leaves_no_mean_over_the_others():
+    curve = curve_of({("a", 0): [1, 2], ("b", 0): [1, math.nan]}, ["a", "b"])
+    assert np.isnan(curve.mean[1])
+    assert np.isnan(curve.low[1])
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_every_study_spoils_nothing_at_first_and_something_then(name):
+    study = study_named(name)
+    assert len(set(study.amounts)) == len(study.amounts) >= 5
+    changes = [study.change(amount) for amount in study.amounts]
+    assert len({str(change) for change in changes}) == len(changes)
+    for change in changes:
+        Perturbation(**change.perturb)
+        MapperConfig(**{"start_s": START_S, "duration_s": DURATION_S, **change.map})
+        SimConfig(**change.sim)
+    first = changes[0]
+    if first.perturb and name != "pose-rate":
+        assert Perturbation(**first.perturb) == Perturbation()
+    if first.perturb and name == "pose-rate":
+        assert study.sound == SimConfig().pose_rate_hz
+
+
+@pytest.mark.parametrize("amount", STUDIES["window-length"].amounts)
+def test_windows_of_all_lengths_lie_about_the_stored_truth(amount):
+    window = STUDIES["window-length"].change(amount).map
+    assert window["start_s"] + window["duration_s"] / 2 == pytest.approx(MIDDLE_S)
+
+
+def test_amounts_share_the_sequences_that_they_do_not_change():
+    jobs = study_jobs(STUDIES["pose-noise"], ["Alg1/H"], ["planes"], [0, 1])
+    needs = {job.needs[0].name for job in jobs.values()}
+    assert needs == {"simulate/planes/seed0", "simulate/planes/seed1"}
+    changed = study_jobs(STUDIES["baseline"], ["Alg1/H"], ["planes"], [0])
+    assert len({job.needs[0].name for job in changed.values()}) == len(changed)
+
+
+@pytest.mark.parametrize("baseline_m", [0.02, 0.4])
+def test_a_rig_gets_the_baseline_and_keeps_all_else(baseline_m):
+    rig = named_rig("tumvie-kb4")
+    wide = with_baseline(rig, baseline_m)
+    assert wide.baseline_m() == pytest.approx(baseline_m)
+    np.testing.assert_array_equal(wide.T_body_cam[1][:3, :3], rig.T_body_cam[1][:3, :3])
+    along = [r.T_body_cam[1][:3, 3] / r.baseline_m() for r in (rig, wide)]
+    np.testing.assert_allclose(*along)
+    assert wide.cameras == rig.cameras
+
+
+@pytest.mark.parametrize("heading_deg", [0, 30, 90])
+def test_a_straight_way_has_its_length_and_heading_and_never_turns(heading_deg):
+    scene = scenes.load("planes")
+    motion = going_straight(scene, heading_deg).motion(0.5, 0)
+    poses = np.array([motion.T_world_body(t_s) for t_s in (0, 0.25, 0.5)])
+    np.testing.assert_allclose(poses[1], scene.motion(0.5, 0).T_world_body(0.25))
+    way_cam = poses[1][:3, :3].T @ (poses[2] - poses[0])[:3, 3]
+    angle = np.deg2rad(heading_deg)
+    np.testing.assert_allclose(
+        way_cam, WAY_M * np.array([np.cos(angle), 0, np.sin(angle)]), atol=1e-12
+    )
+    np.testing.assert_array_equal(poses[0][:3, :3], poses[2][:3, :3])
+
+
+def test_every_lamp_becomes_as_dim_as_asked():
+    scene = scenes.load("desk")
+    bright, dim = (one.spec().compile() for one in (scene, lit(scene, 0.1)))
+    assert bright.nlight == dim.nlight > 0
+    np.testing.assert_allclose(dim.light_diffuse, 0.1 * bright.light_diffuse, rtol=1e-6)
+    for kind in ("ambient", "diffuse", "specular"):
+        before, after = (np.array(getattr(m.vis.headlight, kind)) for m in (bright, dim))
+        np.testing.assert_allclose(after, 0.1 * before, rtol=1e-6)
+    assert isinstance(dim, mujoco.MjModel)
+
+
+def test_an_unknown_study_case_or_method_is_refused(tmp_path):
+    with pytest.raises(InputError, match="choose from pose-noise"):
+        study_named("nothing")
+    for flags in (["--case", "nowhere"], ["--method", "Alg9/H"], ["--seeds", "x"]):
+        assert main(["study", "planes", "--out", str(tmp_path / "s"), *flags]) == 2
+    assert not (tmp_path / "s").exists()
+
+
+@pytest.mark.slow
+def test_delaying_one_camera_breaks_stereo_and_leaves_the_other_camera_alone(tmp_path):
+    command = ["study", "camera-delay", "--case", "planes", "--seeds", "0", "--quiet"]
+    places = ["--out", str(tmp_path / "s"), "--cache", str(tmp_path / "cache")]
+    methods = ["--method", "Alg1/H", "--method", "EMVS/cam0"]
+    assert main([*command, *places, *methods]) == 0
+    facts = json.loads((tmp_path / "s" / "camera-delay.json").read_text())
+    assert facts["breaks_at"]["EMVS/cam0"] is None
+    assert facts["breaks_at"]["Alg1/H"] < 40
+    assert not facts["failures"]
+    assert (tmp_path / "s" / "camera-delay.png").stat().st_size > 10_000

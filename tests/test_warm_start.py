@@ -1,0 +1,53 @@
+"""A second run starts at once: nothing heavy is imported too early, nothing compiled again."""
+
+import subprocess
+import sys
+
+from eval.cost_stream import MovingEdges
+
+HEAVY = ("open3d", "matplotlib", "pandas", "mujoco", "dash", "OpenGL", "hypothesis")
+
+# Ends the process where `eventsweep map` reads its first event.
+FIRST_EVENT = """
+import os, sys
+from eval.cli import main
+from emvs.data.sequence import Sequence
+
+def first(*_):
+    print(*sys.modules, flush=True)
+    os._exit(0)
+
+Sequence.events = first
+main(["map", sys.argv[1], "--out", sys.argv[2], "--quiet"])
+"""
+
+COMPILED = """
+from numba.core import event
+from emvs.config import MapperConfig
+from emvs.mapper import map_window
+from eval.cost_stream import MovingEdges
+
+with event.install_recorder("numba:compile") as recorder:
+    config = MapperConfig(planes=9, methods=("all", "Alg2/AtHc@2"))
+    map_window(MovingEdges((64, 48), 3000), config)
+starts = [e.data["dispatcher"] for _, e in recorder.buffer if e.is_start]
+print(*starts)
+"""
+
+
+def run(code, *arguments):
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+
+
+def test_nothing_heavy_is_imported_before_the_first_event(tmp_path):
+    MovingEdges((64, 48), 3000).write(tmp_path / "edges")
+    names = run(FIRST_EVENT, tmp_path / "edges", tmp_path / "map")
+    modules = {name.partition(".")[0] for name in names}
+    assert {"numba", "emvs"} <= modules
+    assert not modules & set(HEAVY)
+
+
+def test_a_second_process_compiles_nothing():
+    run(COMPILED)
+    assert run(COMPILED) == []
