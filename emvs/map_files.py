@@ -64,7 +64,9 @@ def read_slices(path: Path, methods: Sequence[str], width_px: int) -> Slices:
     check_array(path, "row_px", arrays["row_px"], "i", ())
     check_array(path, "rho", arrays["rho"], "f", arrays["rho"].shape[:1])
     for name in map(file_name, methods):
-        check_array(path, name, arrays[name], "f", (len(arrays["rho"]), width_px))
+        # A method without a volume has a slice of no planes.
+        planes = len(arrays["rho"]) if len(arrays[name]) else 0
+        check_array(path, name, arrays[name], "f", (planes, width_px))
     values = {method: arrays[file_name(method)] for method in methods}
     return Slices(int(arrays["row_px"]), arrays["rho"], values)
 

@@ -35,16 +35,51 @@ class WindowInfo(_Model):
     t_ref_us: int
     methods: tuple[str, ...]
     counts: dict[str, dict[str, int]]
+    points: dict[str, int] = {}
+
+
+class SkippedWindow(_Model):
+    """A sliding window that could not be mapped, and why."""
+
+    name: str
+    t0_us: int
+    t1_us: int
+    reason: str
+
+
+class HotPixelInfo(_Model):
+    """The hot pixels of one camera: (x, y) of each, and how many events they sent."""
+
+    pixels: tuple[tuple[int, int], ...]
+    events: int
 
 
 class MapInfo(_Model):
-    """The whole of `map.json`."""
+    """The whole of `map.json`.
+
+    Attributes:
+        schema_version: of this file.
+        recording: what was mapped.
+        config: every parameter.
+        versions: of everything that can change a result.
+        windows: those mapped, in order.
+        skipped: those that could not be.
+        hot_pixels: per camera, where the filter is on.
+        without_pose: with sliding windows, events per camera that no pose covers.
+        recording_sha256: with sliding windows, of calibration, poses and spans.
+        complete: False while a run with sliding windows goes on, or where it was stopped.
+    """
 
     schema_version: int
     recording: RecordingInfo
     config: MapperConfig
     versions: dict[str, str]
     windows: tuple[WindowInfo, ...]
+    skipped: tuple[SkippedWindow, ...] = ()
+    hot_pixels: dict[str, HotPixelInfo] = {}
+    without_pose: dict[str, int] = {}
+    recording_sha256: str | None = None
+    complete: bool = True
 
 
 def read_info(directory: Path) -> MapInfo:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from emvs import fusion
 from emvs.backproject import back_project
@@ -15,9 +18,10 @@ from emvs.focus_depth import extract_in_focus, parallax_baseline_m
 from emvs.late import union
 from emvs.methods import single_cameras
 from emvs.progress import Progress, Stopwatch, silent
-from emvs.recipe import Method
-from emvs.result import CameraCounts, WindowResult
+from emvs.recipe import WHOLE, Method
+from emvs.result import CameraCounts, Slices, WindowResult
 from emvs.streaming import Swept, grouped, sweep
+from emvs.sweep import VoteCounts
 from emvs.view import ReferenceView, reference_view
 from emvs.window import Window, choose_window
 
@@ -35,7 +39,8 @@ def map_window(
     Args:
         recording: events, poses and calibration.
         config: window, planes, methods, thresholds.
-        progress: told the stage (`rays`, then `sweep`), what is done and how much there is.
+        progress: told the stage (`rays`, then `sweep`, then each method without a volume by its
+            name), what is done and how much there is.
         window: one window of a plan (`emvs.windows`); by default what the configuration says.
         dsi_dir: where `save_dsi` writes the fused volumes.
 
@@ -56,8 +61,9 @@ def map_window(
     baseline_m = parallax_baseline_m(recording, window) if by_focus else 0.0
 
     # 3. Back-project the events of each camera, in sub-intervals where a method asks for them.
-    groups = grouped(methods, len(recording.rig))
-    splits = [group.split for group in groups]
+    rivals = [method for method in methods if method.rival is not None]
+    groups = grouped([m for m in methods if m.rival is None], len(recording.rig))
+    splits = [group.split for group in groups] or [WHOLE]
     projected = back_project(recording, config, window, view, progress, splits)
     stopwatch.lap("rays")
 
@@ -69,12 +75,20 @@ def map_window(
     depth_maps = _extracted(methods, swept, view, config, len(recording.rig), baseline_m)
     stopwatch.lap("depth")
 
+    # Methods without a volume see the same input and answer in the same reference view.
+    for done, method in enumerate(rivals, 1):
+        progress(method.name, done, len(rivals))
+        depth_maps[method.name] = _estimated(method, recording, window, view, config)
+        stopwatch.lap(method.name)
+
     return WindowResult(
         window=window,
         view=view,
-        depth_maps=depth_maps,
-        counts=tuple(map(CameraCounts, projected.counts, swept.votes)),
-        slices=swept.slices,
+        depth_maps={method.name: depth_maps[method.name] for method in methods},
+        counts=tuple(
+            map(CameraCounts, projected.counts, swept.votes or [VoteCounts()] * len(recording.rig))
+        ),
+        slices=_with_empty(swept.slices, rivals, view),
         event_image=projected.event_image,
         seconds=stopwatch.seconds,
     )
@@ -97,7 +111,21 @@ def _extracted(
         if method.late:
             single = [maps[one.name] for one in single_cameras(n_cameras)]
             maps[method.name] = union(method.name, single)
-    return {method.name: maps[method.name] for method in methods}
+    return maps
+
+
+def _estimated(
+    method: Method, recording: Recording, window: Window, view: ReferenceView, config: MapperConfig
+) -> DepthMap:
+    """A rival's depth map, under the name that was asked for."""
+    assert method.rival is not None
+    return replace(method.rival.estimate(recording, window, view, config), method=method.name)
+
+
+def _with_empty(slices: Slices, rivals: Sequence[Method], view: ReferenceView) -> Slices:
+    """The slices, with one of no planes for every method that has no volume."""
+    empty = np.empty((0, view.camera.width_px), np.float32)
+    return replace(slices, values={**slices.values, **{rival.name: empty for rival in rivals}})
 
 
 def check_request(config: MapperConfig, view: ReferenceView, dsi_dir: Path | None) -> None:

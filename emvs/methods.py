@@ -6,9 +6,10 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from emvs import alg2, focus_methods, fuse_kernels
+from emvs import alg2, focus_methods, fuse_kernels, plugins
 from emvs.errors import InputError
 from emvs.recipe import CODES, MEANS, Method
+from emvs.rivals import catalogue
 
 _NAME = re.compile(r"\w[\w.+@~-]*(/[\w.+@~-]+)+")
 
@@ -36,6 +37,23 @@ def _late(name: str, _reference: bool) -> Method:
     return Method(name, fuse_kernels.MAX, "the single cameras' maps, joined", late=True)
 
 
+def _rival(name: str, reference: bool) -> Method:
+    rival = catalogue.rival(name)
+    if rival is None:
+        known = ", ".join(rival.name for rival in catalogue.RIVALS)
+        raise InputError(f"unknown method {name!r}: the rivals are {known}")
+    if reference:
+        raise InputError(f"{name} does not know the mcemvs setting: choose compatibility none")
+    return Method.from_rival(rival)
+
+
+def _rival_family(family: str) -> Family:
+    own = [rival for rival in catalogue.RIVALS if rival.name.startswith(f"{family}/")]
+    names = tuple(rival.name for rival in own)
+    summary = "; ".join(rival.summary for rival in own)
+    return Family(", ".join(names), summary, names, _rival)
+
+
 # First part of the name -> family. A rig of one camera has only what fuses no cameras.
 FAMILIES: dict[str, Family] = {
     "Alg2": Family(alg2.GRAMMAR, alg2.SUMMARY, alg2.EXAMPLES, alg2.build),
@@ -48,7 +66,7 @@ FAMILIES: dict[str, Family] = {
         ("Late/union",),
         _late,
     ),
-}
+} | {family: _rival_family(family) for family in catalogue.FAMILIES}
 
 _registered: dict[str, Method] = {}
 
@@ -108,6 +126,7 @@ def single_cameras(n_cameras: int) -> tuple[Method, ...]:
 
 def overview(n_cameras: int = 2) -> dict[str, str]:
     """Every method's name or grammar, and one line on it, for people to choose from."""
+    plugins.load()
     known = {method.name: method.summary for method in known_methods(n_cameras)}
     families = {
         family.grammar: f"{family.summary}; such as {', '.join(family.examples)}"
@@ -120,7 +139,8 @@ def methods(names: Sequence[str], n_cameras: int, *, reference: bool = False) ->
     """Looks methods up by name.
 
     Args:
-        names: method names; `all` stands for what `known_methods` lists.
+        names: method names; `all` stands for what `known_methods` lists, `rivals` for the
+            methods of `emvs.rivals` that need nothing but events.
         n_cameras: cameras of the rig.
         reference: the compatibility setting.
 
@@ -133,7 +153,10 @@ def methods(names: Sequence[str], n_cameras: int, *, reference: bool = False) ->
             setting with other than two cameras.
     """
     known = known_methods(n_cameras, reference=reference)
+    names = [one for name in names for one in (catalogue.names() if name == "rivals" else (name,))]
     others = [name for name in dict.fromkeys(names) if name not in {m.name for m in known}]
+    if any(name != "all" for name in others):
+        plugins.load()
     extra = tuple(_find(name, n_cameras, reference) for name in others if name != "all")
     chosen = tuple(m for m in known if "all" in names or m.name in names) + extra
     for method in chosen:
@@ -150,6 +173,10 @@ def _find(name: str, n_cameras: int, reference: bool) -> Method:
         return _registered[name]
     family = FAMILIES.get(name.split("/")[0])
     method = family.build(name, reference) if family is not None else None
+    if method is not None and method.rival is not None and n_cameras < 2:
+        raise InputError(
+            f"{name} matches two cameras, this rig has {n_cameras}: choose EMVS/cam0 or Focus/cam0"
+        )
     if method is None or not _fits(method, n_cameras):
         raise _unknown(name, n_cameras)
     return method

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,14 @@ from emvs.map_files import (
     write_depth,
     write_slices,
 )
-from emvs.map_info import SCHEMA_VERSION, MapInfo, RecordingInfo, WindowInfo, read_info
+from emvs.map_info import (
+    SCHEMA_VERSION,
+    HotPixelInfo,
+    MapInfo,
+    RecordingInfo,
+    WindowInfo,
+    read_info,
+)
 from emvs.pointcloud import back_project_map, without_outliers, write_ply
 from emvs.result import Slices, WindowResult
 from emvs.versions import versions
@@ -41,6 +49,7 @@ def write_window(
     camera_names: Sequence[str],
     *,
     clouds: bool = True,
+    name: str | None = None,
 ) -> WindowInfo:
     """Writes one window's folder; `directory` is made, and its name becomes the window's.
 
@@ -50,6 +59,7 @@ def write_window(
         config: radius filter of the clouds.
         camera_names: one per camera, for the counts.
         clouds: whether to write `cloud.ply` (loads open3d).
+        name: of the window, where its folder has another one for now.
 
     Returns:
         The window's entry of `map.json`, for `write_index`.
@@ -68,7 +78,7 @@ def write_window(
     write_slices(directory / "slices.npz", result.slices)
     np.savez(directory / "events.npz", counts=result.event_image)
     return WindowInfo(
-        name=directory.name,
+        name=name or directory.name,
         t0_us=result.window.t0_us,
         t1_us=result.window.t1_us,
         t_ref_us=result.window.t_ref_us,
@@ -76,11 +86,16 @@ def write_window(
         counts={
             name: counts.to_json() for name, counts in zip(camera_names, result.counts, strict=True)
         },
+        points={method: found.points for method, found in result.depth_maps.items()},
     )
 
 
 def write_index(
-    directory: Path, recording: RecordingInfo, config: MapperConfig, windows: Sequence[WindowInfo]
+    directory: Path,
+    recording: RecordingInfo,
+    config: MapperConfig,
+    windows: Sequence[WindowInfo],
+    hot_pixels: Mapping[str, HotPixelInfo] = MappingProxyType({}),
 ) -> None:
     """Writes `map.json`, last: a folder without it is no map."""
     info = MapInfo(
@@ -89,6 +104,7 @@ def write_index(
         config=config,
         versions=versions(),
         windows=tuple(windows),
+        hot_pixels=dict(hot_pixels),
     )
     text = json.dumps(info.model_dump(mode="json"), indent=2, ensure_ascii=False)
     (directory / "map.json").write_text(text + "\n", encoding="utf-8")

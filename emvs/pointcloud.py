@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from emvs.atomic import atomic_path
 from emvs.data import se3
 from emvs.depthmap import DepthMap
-from emvs.errors import InputError
+from emvs.open3d_library import open3d
 
 ColourBy = Literal["depth", "confidence"]
 
@@ -60,7 +60,7 @@ def without_outliers(cloud: PointCloud, radius_m: float, neighbours: int) -> Poi
     """
     if neighbours == 0 or len(cloud) == 0:
         return cloud
-    o3d = _open3d()
+    o3d = open3d()
     points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points_world))
     # open3d counts the point itself, and wants more than nb_points
     _, kept = points.remove_radius_outlier(nb_points=neighbours, radius=radius_m)
@@ -68,20 +68,28 @@ def without_outliers(cloud: PointCloud, radius_m: float, neighbours: int) -> Poi
     return PointCloud(cloud.points_world[chosen], cloud.colours[chosen])
 
 
-def write_ply(path: Path, cloud: PointCloud) -> None:
+def write_ply(path: Path, cloud: PointCloud, windows: NDArray[np.int32] | None = None) -> None:
     """Writes a binary PLY with colours, whole or not at all; open3d would refuse an empty one.
+
+    Args:
+        path: the file.
+        cloud: the points.
+        windows: (N,) how many windows saw each point, as a further property; None leaves it out.
 
     Raises:
         InputError: the folder cannot be written to.
         OSError: the disk is full.
     """
     properties = [(axis, "<f8") for axis in "xyz"] + [(c, "u1") for c in ("red", "green", "blue")]
+    properties += [] if windows is None else [("windows", "<i4")]
     vertices = np.empty(len(cloud), properties)
+    if windows is not None:
+        vertices["windows"] = windows
     for axis, values in zip("xyz", cloud.points_world.T, strict=True):
         vertices[axis] = values
     for colour, levels in zip(("red", "green", "blue"), cloud.colours.T, strict=True):
         vertices[colour] = levels
-    kinds = {"<f8": "double", "u1": "uchar"}
+    kinds = {"<f8": "double", "u1": "uchar", "<i4": "int"}
     header = [
         "ply", "format binary_little_endian 1.0", f"element vertex {len(cloud)}",
         *(f"property {kinds[kind]} {name}" for name, kind in properties), "end_header", "",
@@ -100,19 +108,17 @@ def _colours(
     else:
         values = depth_map.confidence[rows, columns]
         low, high = 0.0, float(depth_map.confidence.max())
+    return _palette(values, low, high)
+
+
+def depth_colours(depth_m: NDArray[np.float32], near_m: float, far_m: float) -> NDArray[np.uint8]:
+    """(..., 3) red, green, blue of depths: red near, blue far, even in inverse depth."""
+    return _palette(np.reciprocal(depth_m), 1 / far_m, 1 / near_m)
+
+
+def _palette(values: NDArray[np.floating], low: float, high: float) -> NDArray[np.uint8]:
     grey = np.rint(255 * np.clip((values - low) / (high - low), 0, 1)).astype(np.uint8)
     palette = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_TURBO)
-    blue_green_red = palette[:, 0].astype(np.uint8)
-    return blue_green_red[grey][:, ::-1].copy()
-
-
-def _open3d() -> Any:
-    """Loads open3d where it is needed: it takes two seconds and 200 MB."""
-    try:
-        import open3d
-    except (ImportError, OSError) as error:
-        raise InputError(
-            f"open3d cannot be loaded ({error}): install its system libraries "
-            "(Debian: libgl1 libegl1 libx11-6 libusb-1.0-0 libgomp1)"
-        ) from error
-    return open3d
+    red_green_blue = palette[:, 0, ::-1].astype(np.uint8)
+    colours: NDArray[np.uint8] = red_green_blue[grey]
+    return colours

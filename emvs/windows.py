@@ -50,9 +50,7 @@ class Plan:
         return f"w{k:0{max(3, len(str(len(self) - 1)))}d}"
 
 
-def plan_windows(
-    recording: Recording, config: MapperConfig, progress: Progress = silent
-) -> Plan:
+def plan_windows(recording: Recording, config: MapperConfig, progress: Progress = silent) -> Plan:
     """Cuts what events and poses cover, or `start_s` and `duration_s` of it, into sliding windows.
 
     Windows by time follow each other every `stride_s`; windows by count hold `window_events` events

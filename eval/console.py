@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console as RichConsole
 from rich.markup import escape
@@ -13,10 +13,13 @@ from rich.table import Table
 
 from emvs.data.sequence import Sequence as EventSequence
 from emvs.output import StoredMap
-from eval import findings, ranking
+from eval import findings, map_summary, ranking
 from eval.progress import Bars, Progress, Silent
 from eval.results import Results, Row, to_json
 from eval.score import POOLED
+
+if TYPE_CHECKING:
+    from emvs.fuse_windows import FusedInfo
 
 
 class Console:
@@ -39,17 +42,21 @@ class Console:
                 self._out.print(sentence, style="dim")
 
     def mapped(self, stored: StoredMap) -> None:
-        """What became of the events, and how many points each method found."""
-        windows = [
-            {
-                **window.info.model_dump(mode="json", exclude={"methods"}),
-                "points": {name: window.depth_map(name).points for name in window.info.methods},
-            }
-            for window in stored.windows
-        ]
-        self._dump({"map": str(stored.path), "windows": windows})
-        for window in windows if self._show else ():
-            self._out.print(_counts(window["counts"]), _points(window["points"]))
+        """What became of the events, how many points each method found, and what was left out."""
+        self._dump({"map": str(stored.path), **map_summary.facts(stored)})
+        if self._show:
+            for part in map_summary.tables(stored):
+                self._out.print(part)
+
+    def fused(self, path: Path, info: FusedInfo) -> None:
+        """What joining the windows of a map gave."""
+        self._dump({"path": str(path), **info.model_dump(mode="json")})
+        if self._show:
+            mesh = "" if info.triangles is None else f", a mesh of {info.triangles:,} triangles"
+            self._out.print(
+                f"{info.method}: {info.window_points:,} points of {info.windows} windows, "
+                f"{info.points:,} voxels of {info.config.voxel_m:g} m{mesh}, in {path}"
+            )
 
     def sequence(self, path: Path) -> None:
         """What a sequence holds."""
@@ -101,24 +108,4 @@ def _ranking(case: str, rows: Sequence[Row], metric: str) -> Table:
     for line in content.lines:
         cells = (f"[bold]{cell.text}" if cell.best else cell.text for cell in line.cells)
         table.add_row(line.method, *cells)
-    return table
-
-
-def _counts(cameras: Mapping[str, Mapping[str, int]]) -> Table:
-    table = Table(title="what became of the events", title_justify="left")
-    table.add_column("")
-    for camera in cameras:
-        table.add_column(camera, justify="right")
-    for name in next(iter(cameras.values())):
-        cells = (f"{counts[name]:,}" for counts in cameras.values())
-        table.add_row(name.replace("_", " "), *cells)
-    return table
-
-
-def _points(methods: Mapping[str, int]) -> Table:
-    table = Table(title="points", title_justify="left")
-    table.add_column("method")
-    table.add_column("pixels with depth", justify="right")
-    for name, count in methods.items():
-        table.add_row(name, f"{count:,}")
     return table

@@ -173,13 +173,15 @@ def _whole(effort: Effort) -> list[Figure]:
     ]
 
 
+# Not `ru_maxrss`: that begins with what the parent process held when it forked.
 _PEAK = """
-import resource, sys
+import re, sys
+from pathlib import Path
 from emvs.config import MapperConfig
 from emvs.io import open_recording
 from emvs.mapper import map_window
 map_window(open_recording(sys.argv[1]), MapperConfig(planes={planes}, methods={methods}))
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+print(int(re.search(r"VmHWM:\\s*([0-9]+)", Path("/proc/self/status").read_text())[1]) / 1024)
 """
 
 _FIRST_EVENT = """

@@ -10,7 +10,7 @@ from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
 from emvs.io import open_recording
-from emvs.output import RecordingInfo, StoredMap, read_map
+from emvs.output import RecordingInfo, StoredMap, StoredWindow, read_map
 from eval.config import EvalConfig
 from eval.score import Truth
 
@@ -25,12 +25,18 @@ def find_maps(folder: Path) -> dict[str, StoredMap]:
         InputError: neither is there.
     """
     if (folder / _INDEX).exists():
-        stored = read_map(folder)
+        stored = _with_windows(read_map(folder))
         return {stored.info.recording.name: stored}
     found = sorted(folder.glob(f"*/{MAP_FOLDER}/{_INDEX}"))
     if not found:
         raise InputError(f"{folder}: no maps; needs a folder that `run` or `map` wrote")
-    return {path.parents[1].name: read_map(path.parent) for path in found}
+    return {path.parents[1].name: _with_windows(read_map(path.parent)) for path in found}
+
+
+def _with_windows(stored: StoredMap) -> StoredMap:
+    if not stored.windows:
+        raise InputError(f"{stored.path}: holds no window yet; map until one is finished")
+    return stored
 
 
 def describe(recording: Recording, path: Path, map_folder: Path) -> RecordingInfo:
@@ -79,6 +85,19 @@ def sequence_of(stored: StoredMap) -> Sequence:
         )
     recording.verify()
     return recording
+
+
+def with_truth(stored: StoredMap, sequence: Sequence) -> tuple[StoredWindow, ...]:
+    """The windows whose reference time has ground truth.
+
+    Raises:
+        InputError: none has; says which time is missing, and which there are.
+    """
+    times_us = set(map(int, sequence.truth_times_us(0)))
+    found = tuple(window for window in stored.windows if window.info.t_ref_us in times_us)
+    if not found:
+        sequence.truth_view_depth_m(0, stored.windows[0].info.t_ref_us)
+    return found
 
 
 def truth_of(sequence: Sequence, t_ref_us: int, config: EvalConfig) -> Truth:

@@ -79,7 +79,7 @@ def mapping(update: Update) -> Callable[[str, int, int], None]:
     """Turns the mapper's progress, stage by stage, into the movement of one bar."""
 
     def show(stage: str, done: int, total: int) -> None:
-        start, share = _MAPPING_SHARES[stage]
+        start, share = _MAPPING_SHARES.get(stage, (1.0, 0.0))  # methods without a volume
         update(start + share * done / max(total, 1), f"{stage} {done}/{total}")
 
     return show

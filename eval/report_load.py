@@ -133,6 +133,8 @@ def _events(window: StoredWindow, recording: Recording | None) -> tuple[NDArray[
 
 def _method(found: DepthMap, slices: Slices, truth: Truth | None) -> MethodView:
     row_px = slices.row_px
+    if not len(slices.values[found.method]):  # a method without a volume
+        return MethodView(found.method, found.depth_m, found.mask, found.confidence)
     piece = DsiSlice(
         row_px,
         slices.rho,

@@ -10,18 +10,20 @@ from emvs import fusion
 from emvs.atomic import atomic_dir
 from emvs.data.sequence import Sequence as EventSequence
 from emvs.errors import InputError
-from emvs.io import open_recording
-from emvs.mapper import map_window
-from emvs.output import StoredMap, read_map, write_index, write_window
+from emvs.output import StoredWindow
 from eval import folders
 from eval.config import EvalConfig
-from eval.progress import Progress, Silent, mapping
+from eval.given import estimates, opened, view_of
+from eval.map_stage import map_recording, write_report_stage
+from eval.progress import Progress, Silent
 from eval.results import Results, Row, write_results
 from eval.score import case_rows
 from eval.settings import Settings
 from eval.window_pairs import window_pairs
 from sim.generate import simulate
 from sim.rigs import rig as named_rig
+
+__all__ = ["map_recording", "run_cases", "score_folder", "simulate_scene"]
 
 _SILENT = Silent()
 
@@ -60,7 +62,7 @@ def run_cases(
             simulate_scene(case, sequence, settings, rig, seed, workers=workers, progress=progress)
             map_recording(sequence, folder / case / folders.MAP_FOLDER, settings, progress=progress)
         results = score_folder(folder, settings.score)
-        _report(folder, progress)
+        write_report_stage(folder, progress)
     return results
 
 
@@ -101,40 +103,20 @@ def simulate_scene(
         )
 
 
-def map_recording(
-    path: Path,
-    out: Path,
-    settings: Settings,
-    *,
-    force: bool = False,
-    report: bool = False,
-    progress: Progress = _SILENT,
-) -> StoredMap:
-    """Maps one window of a recording and writes the map folder, with its own report on request.
-
-    Raises:
-        InputError: what `open_recording` or `map_window` refuses, or an existing `out`.
-    """
-    recording = open_recording(path)
-    with atomic_dir(out, force=force) as folder:
-        window = folder / "w000"
-        with progress.stage(f"map {recording.name}", 1) as update:
-            result = map_window(recording, settings.map, mapping(update), dsi_dir=window / "dsi")
-        with progress.stage("write maps", 1):
-            info = write_window(window, result, settings.map, recording.rig.camera_names)
-            write_index(folder, folders.describe(recording, path, out), settings.map, [info])
-        if report:
-            _report(folder, progress)
-    return read_map(out)
-
-
-def score_folder(folder: Path, config: EvalConfig) -> Results:
+def score_folder(folder: Path, config: EvalConfig, predictions: Sequence[Path] = ()) -> Results:
     """Scores every map of a run, or the one map that the folder is.
 
-    Writes `results.json` and `results.csv` into the folder.
+    Writes `results.json` and `results.csv` into the folder. Windows without ground truth at their
+    reference time are left out, and counted in the configuration of their case.
+
+    Args:
+        folder: what `run` or `map` wrote.
+        config: masks and limits.
+        predictions: folders with depth maps of others, scored and ranked beside ours.
 
     Raises:
-        InputError: no map there, a recording without ground truth, or damaged files.
+        InputError: no map there, a recording without ground truth, damaged files, or a prediction
+            that is not complete.
     """
     rows: list[Row] = []
     sequences = {}
@@ -142,13 +124,17 @@ def score_folder(folder: Path, config: EvalConfig) -> Results:
     maps = folders.find_maps(folder)
     for case, stored in maps.items():
         sequence = folders.sequence_of(stored)
-        rows += _score(case, stored, sequence, config)
+        windows = folders.with_truth(stored, sequence)
+        rows += _score(case, windows, sequence, config, predictions)
         sequences[case] = sequence.manifest
         configuration[case] = {
             "rig": sequence.rig.name,
             "sim": sequence.manifest.configuration,
             "map": stored.info.config.model_dump(mode="json"),
         }
+        if len(windows) < len(stored.windows):
+            counts = {"scored": len(windows), "without_truth": len(stored.windows) - len(windows)}
+            configuration[case]["windows"] = counts
     seeds = {manifest.seed for manifest in sequences.values()}
     results = Results(
         tuple(rows),
@@ -160,19 +146,22 @@ def score_folder(folder: Path, config: EvalConfig) -> Results:
     return results
 
 
-def _score(case: str, stored: StoredMap, sequence: EventSequence, config: EvalConfig) -> list[Row]:
-    windows = {
-        window.info.name: window_pairs(sequence, window, config) for window in stored.windows
+def _score(
+    case: str,
+    windows: Sequence[StoredWindow],
+    sequence: EventSequence,
+    config: EvalConfig,
+    predictions: Sequence[Path],
+) -> list[Row]:
+    views = {window.info.name: view_of(sequence, window) for window in windows}
+    others = opened(predictions, case, list(views.values()))
+    pairs = {
+        window.info.name: window_pairs(
+            sequence, window, config, estimates(others, views[window.info.name])
+        )
+        for window in windows
     }
-    return case_rows(case, windows)
-
-
-def _report(folder: Path, progress: Progress) -> None:
-    # Its figures need matplotlib: 0.3 s before the first event, were it imported at the top.
-    from eval.report import write_report
-
-    with progress.stage("report", 1):
-        write_report(folder)
+    return case_rows(case, pairs)
 
 
 def _check_run(cases: Sequence[str], settings: Settings, rig: str | None) -> None:

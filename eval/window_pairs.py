@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from types import MappingProxyType
 
 from emvs.data.sequence import Sequence
 from emvs.depthmap import DepthMap
@@ -14,11 +16,22 @@ from eval.masks import region_masks
 from eval.pairing import Estimate, MethodPairs, Truth, bad_pixels, pair_methods
 from eval.seen import count_events
 
+NOTHING_GIVEN: Mapping[str, Estimate] = MappingProxyType({})
+
 
 def window_pairs(
-    sequence: Sequence, window: StoredWindow, config: EvalConfig
+    sequence: Sequence,
+    window: StoredWindow,
+    config: EvalConfig,
+    given: Mapping[str, Estimate] = NOTHING_GIVEN,
 ) -> dict[str, MethodPairs]:
     """Pairs all maps of a window with the truth, and says why bad pixels are bad.
+
+    Args:
+        sequence: the recording, with ground truth.
+        window: its maps.
+        config: masks and limits.
+        given: by name, depth maps of others for the same view.
 
     Raises:
         InputError: no ground truth at the window's reference time, or damaged files.
@@ -31,12 +44,13 @@ def window_pairs(
         method: Estimate(found.depth_m, found.mask, found.confidence, found.rho)
         for method, found in maps.items()
     }
+    estimates |= given
     pairs = pair_methods(estimates, truth)
     evidence = _evidence(sequence, window, next(iter(maps.values())), truth, config)
     return {
         method: replace(
             found,
-            causes=evidence.causes(maps[method].depth_m, bad_pixels(estimates[method], truth)),
+            causes=evidence.causes(estimates[method].depth_m, bad_pixels(estimates[method], truth)),
         )
         for method, found in pairs.items()
     }

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
+from sim.bodies import MovingBodies
 from sim.config import SimConfig
 from sim.frames_config import FramesConfig, ShutterConfig
 from sim.motion import Motion
@@ -129,6 +130,7 @@ def photograph(
     start_us: int,
     config: SimConfig,
     shutter: ShutterConfig,
+    bodies: MovingBodies | None = None,
 ) -> Photograph:
     """Takes a picture with one of the rig's cameras while the rig moves.
 
@@ -139,12 +141,13 @@ def photograph(
         start_us: when the shutter opens, µs.
         config: how densely frames are taken during the exposure.
         shutter: exposure, gain and bits.
+        bodies: of the scene that `source` draws, where some move by themselves.
 
     Raises:
         InputError: motion too fast for the configuration.
     """
     end_us = start_us + shutter.exposure_us
-    taken = exposures(source, motion, [start_us, end_us], config)
+    taken = exposures(source, motion, [start_us, end_us], config, bodies=bodies)
     frames = ((e.t_us, e.frames[camera].intensity) for e in taken)
     return develop(mean_light(frames, start_us, end_us), shutter)
 

@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -112,3 +113,28 @@ def test_planes_are_found_within_a_part_of_a_plane_step(planes_sequence, interpo
     assert found.points > 2000
     steps = np.abs(1 / found.depth_m - 1 / truth_m)[found.mask] / step
     assert np.median(steps) <= share
+
+
+def test_a_prediction_that_copies_ours_gets_our_score_and_an_incomplete_one_none(
+    desk_run, tmp_path
+):
+    copy = tmp_path / "run"
+    shutil.copytree(desk_run, copy)
+    given = tmp_path / "theirs"
+    given.mkdir()
+    window = read_map(copy / "desk" / "map").windows[0]
+    ours = window.depth_map("Alg1/H")
+    np.save(given / f"{ours.t_us}.npy", np.where(ours.mask, ours.depth_m, np.nan))
+
+    assert main(["score", str(copy), "--prediction", str(given), "--quiet"]) == 0
+
+    both = {
+        method: {r.metric: r.value for r in read_results(copy).rows if r.method == method}
+        for method in ("Alg1/H", "Given/theirs")
+    }
+    same = ("points", "mean_error", "median_error", "bad_published", "cause_occlusion")
+    assert all(both["Alg1/H"][name] == both["Given/theirs"][name] for name in same)
+    (given / f"{ours.t_us}.npy").rename(given / "7.npy")
+    before = (copy / "results.json").read_bytes()
+    assert main(["score", str(copy), "--prediction", str(given), "--quiet"]) == 2
+    assert (copy / "results.json").read_bytes() == before

@@ -11,6 +11,7 @@ import scenes
 from emvs.errors import InputError
 from scenes._shadows import SHELL_GROUP, bake
 from scenes.planes import PLANE_DEPTHS_M
+from sim.config import SimConfig
 from sim.graphics import import_mujoco
 from sim.renderer import StereoRenderer
 from sim.rigs import rig
@@ -227,3 +228,12 @@ def test_a_geom_without_a_known_shadow_is_refused():
     put_texture(spec, "t", np.full((8, 8, 3), 99, np.uint8))
     with pytest.raises(InputError, match=r"'pond'.*group 2"):
         bake(spec, top="t")
+
+
+@pytest.mark.parametrize(
+    ("given", "used"), [({}, 0.001), ({"log_eps": 0.02}, 0.02), ({"log_eps": 0.5}, 0.5)]
+)
+def test_a_dark_scene_lowers_log_eps_unless_the_user_chose_it(given, used):
+    dark, bright = scenes.load("hdr-night"), scenes.load("desk")
+    assert dark.configured(SimConfig(**given)).log_eps == used
+    assert bright.configured(SimConfig(**given)).log_eps == given.get("log_eps", 0.02)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import re
-import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from memory_simulate import peaks_mb
 
 from emvs.data.camera import Camera
 from emvs.data.event_store import EventReader, EventWriter
@@ -156,32 +153,14 @@ if __name__ == "__main__":
 """
 
 
-def memory_mb(group: int) -> float:
-    """Memory of a process group; what several processes share counts once."""
-    total_kb = 0
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            if os.getpgid(int(folder.name)) == group:
-                text = (folder / "smaps_rollup").read_text()
-                total_kb += int(re.search(r"^Pss: *(\d+)", text, re.MULTILINE)[1])
-        except (OSError, TypeError):
-            continue
-    return total_kb / 1024
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_1_mpx_takes_less_than_2_gb_and_no_more_for_longer(tmp_path, workers):
     script = tmp_path / "memory.py"
     script.write_text(MEMORY.format(tests=str(Path(__file__).parent)))
-    peaks_mb = []
+    peaks = []
     for seconds in ("0.04", "0.16"):
         command = [sys.executable, str(script), str(tmp_path / seconds), seconds, str(workers)]
-        process, peak_mb = subprocess.Popen(command, start_new_session=True), 0.0
-        while process.poll() is None:
-            peak_mb = max(peak_mb, memory_mb(process.pid))
-            time.sleep(0.1)
-        assert process.returncode == 0
-        peaks_mb.append(peak_mb)
-    assert peaks_mb[1] < 2000
-    assert peaks_mb[1] < 1.15 * peaks_mb[0]
+        peaks.append(max(peaks_mb(command)))
+    assert peaks[1] < 2000
+    assert peaks[1] < 1.15 * peaks[0]

@@ -42,6 +42,10 @@ class EventCameraDataset:
         """Times of the first and the last event, µs."""
         return self._events(camera).span_us
 
+    def event_count(self, camera: int) -> int:
+        """Events of the camera."""
+        return self._events(camera).count
+
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """Events with `t0_us <= t < t1_us`."""
         return self._events(camera).read(t0_us, t1_us)

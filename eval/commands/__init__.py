@@ -5,6 +5,7 @@ come at once.
 """
 
 from eval.commands import (  # noqa: F401
+    fuse,
     gate,
     inventory,
     map,  # noqa: A004

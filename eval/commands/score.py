@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from eval import settings
 from eval.app import COMMON, SCORE, Common, ScoreFlags, app
@@ -13,6 +16,7 @@ def score(
     folder: Path,
     /,
     *,
+    prediction: Annotated[tuple[Path, ...], Parameter(negative=())] = (),
     common: Common = COMMON,
     score: ScoreFlags = SCORE,
 ) -> None:
@@ -20,11 +24,12 @@ def score(
 
     Args:
         folder: What `run` or `map` wrote; results.json and results.csv in it are written anew.
+        prediction: Folder with depth maps of another method, scored beside ours, repeatable.
     """
     from eval.runner import score_folder
 
     wanted = settings.load(common.config, score=score)
     console = common.console()
-    results = score_folder(folder, wanted.score)
+    results = score_folder(folder, wanted.score, prediction)
     console.results(results, wanted.score.ranking_metric)
     console.wrote(folder / "results.json")

@@ -1,0 +1,122 @@
+"""Joins the windows of a map folder to one cloud and one mesh, a window at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict
+
+from emvs.atomic import atomic_dir
+from emvs.depthmap import DepthMap
+from emvs.errors import InputError
+from emvs.fuse_config import FuseConfig
+from emvs.fusion import file_name
+from emvs.global_cloud import VoxelCloud
+from emvs.inpaint import inpaint
+from emvs.mesh import SurfaceFusion, write_mesh
+from emvs.output import StoredMap
+from emvs.pointcloud import back_project_map, depth_colours, without_outliers, write_ply
+
+FOLDER = "global"
+_PREFERRED = "Alg1/H"
+
+
+class FusedInfo(BaseModel):
+    """What was made, as `fuse.json` says it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    method: str
+    config: FuseConfig
+    windows: int
+    window_points: int
+    points: int
+    vertices: int | None = None
+    triangles: int | None = None
+
+
+def chosen_method(stored: StoredMap, method: str | None) -> str:
+    """The method asked for; by default harmonic-mean fusion, else the first that was mapped.
+
+    Raises:
+        InputError: no windows, or a method that was not mapped.
+    """
+    if not stored.windows:
+        raise InputError(f"{stored.path}: holds no window yet; map until one is finished")
+    known = stored.windows[0].info.methods
+    if method is not None and method not in known:
+        raise InputError(f"{stored.path}: no method {method!r}, it has {', '.join(known)}")
+    return method or (_PREFERRED if _PREFERRED in known else known[0])
+
+
+def fuse_windows(
+    stored: StoredMap,
+    config: FuseConfig,
+    method: str | None = None,
+    progress: Callable[[int, int], None] = lambda _done, _total: None,
+) -> tuple[Path, FusedInfo]:
+    """Writes `MAP/global/<method>/cloud.ply`, `mesh.ply` on request, and `fuse.json`, anew.
+
+    Args:
+        stored: the map folder.
+        config: voxels, support and mesh.
+        method: whose depth maps; see `chosen_method`.
+        progress: told the windows done and all.
+
+    Returns:
+        The folder, and what is in it.
+
+    Raises:
+        InputError: see `chosen_method`; damaged files; no voxel with enough windows.
+    """
+    method = chosen_method(stored, method)
+    mapped = stored.info.config
+    voxels, window_points = VoxelCloud(config.voxel_m), 0
+    surface = None
+    if config.mesh:
+        surface = SurfaceFusion(config.voxel_m, config.mesh_truncation)
+    for k, window in enumerate(stored.windows):
+        progress(k, len(stored.windows))
+        found = window.depth_map(method)
+        cloud = without_outliers(back_project_map(found), mapped.radius_m, mapped.radius_neighbours)
+        window_points += len(cloud)
+        voxels.add(cloud)
+        if surface is not None:
+            _add(surface, found)
+    cloud, windows = voxels.cloud(config.min_windows)
+    _check_any(stored, len(cloud), window_points, config)
+    facts: dict[str, Any] = {
+        "method": method, "config": config, "windows": len(stored.windows),
+        "window_points": window_points, "points": len(cloud),
+    }  # fmt: skip
+    folder = stored.path / FOLDER / file_name(method)
+    with atomic_dir(folder, force=True) as partial:
+        write_ply(partial / "cloud.ply", cloud, windows)
+        if surface is not None:
+            mesh = surface.mesh(config.mesh_part)
+            write_mesh(partial / "mesh.ply", mesh)
+            facts |= {"vertices": len(mesh.vertices), "triangles": len(mesh.triangles)}
+        info = FusedInfo(**facts)
+        text = info.model_dump_json(indent=2, exclude_none=True)
+        (partial / "fuse.json").write_text(text + "\n", encoding="utf-8")
+    return folder, info
+
+
+def _add(surface: SurfaceFusion, found: DepthMap) -> None:
+    dense = inpaint(found)
+    near_m, far_m = float(1 / found.rho.max()), float(1 / found.rho.min())
+    # Pixels without depth may hold anything; their colour is never used.
+    colours = depth_colours(dense.depth_m.clip(near_m, far_m), near_m, far_m)
+    mask = dense.measured | dense.filled
+    surface.add(dense.depth_m, mask, colours, found.camera, found.T_world_rv)
+
+
+def _check_any(stored: StoredMap, points: int, window_points: int, config: FuseConfig) -> None:
+    if points == 0:
+        raise InputError(
+            f"{stored.path}: {window_points} points in {len(stored.windows)} windows, no voxel of "
+            f"{config.voxel_m:g} m with points of {config.min_windows}: lower min_windows or raise "
+            "voxel_m"
+        )

@@ -1,0 +1,205 @@
+"""Maps a whole recording in sliding windows: constant memory, results as they come, resumable."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from emvs import fusion
+from emvs.config import MapperConfig
+from emvs.data.recording import Recording
+from emvs.data.rig import Rig
+from emvs.errors import InputError
+from emvs.hot_pixels import HotPixels, WithoutPixels, find_hot_pixels
+from emvs.map_info import (
+    SCHEMA_VERSION,
+    HotPixelInfo,
+    MapInfo,
+    RecordingInfo,
+    SkippedWindow,
+    read_info,
+)
+from emvs.map_store import MapStore, identity, open_store, read_entry
+from emvs.mapper import check_request, map_window
+from emvs.memory import check_view_fits, check_window_fits
+from emvs.output import write_window
+from emvs.pose_gaps import check_poses
+from emvs.progress import Progress, silent
+from emvs.versions import versions
+from emvs.view import reference_view
+from emvs.windows import Plan, plan_windows
+
+
+def map_windows(
+    recording: Recording,
+    out: Path,
+    config: MapperConfig,
+    about: RecordingInfo,
+    progress: Progress = silent,
+    *,
+    force: bool = False,
+    clouds: bool = True,
+) -> MapInfo:
+    """Maps a recording window by window into a map folder.
+
+    Every window is on disk, whole, before the next one begins. A run that was stopped at any moment
+    goes on where it was when called again with the same arguments, and ends with the same bytes. A
+    window that cannot be mapped is left out and named in `skipped`.
+
+    Args:
+        recording: events, poses and calibration.
+        out: the map folder: new, or of the same run.
+        config: `window_s` or `window_events`, and everything else.
+        about: what `map.json` says of the recording.
+        progress: told `count`, `hot pixels`, then `windows` done and all, with the stages of
+            `map_window` in between.
+        force: whether what `out` holds is removed first.
+        clouds: whether to write each window's `cloud.ply`.
+
+    Returns:
+        What `map.json` says in the end.
+
+    Raises:
+        InputError: settings that suit no window, an output of another run, or no window that could
+            be mapped; the reasons are in `map.json`.
+    """
+    head = MapInfo(
+        schema_version=SCHEMA_VERSION,
+        recording=about,
+        config=config,
+        versions=versions(),
+        windows=(),
+        recording_sha256=identity(recording),
+        complete=False,
+    )
+    check_settings(recording, config, out)
+    with open_store(out, head, force=force) as store:
+        plan = plan_windows(recording, config, progress)
+        hot = find_hot(recording, config, plan.stretch.t0_us, plan.stretch.t1_us, progress)
+        lost = zip(recording.rig.camera_names, plan.stretch.left_out, strict=True)
+        store.begin(head, anew=force)
+        head = head.model_copy(
+            update={"hot_pixels": described(recording.rig, hot), "without_pose": dict(lost)}
+        )
+        run = _Run(without(recording, hot), config, plan, store, clouds, progress)
+        skipped = run.all_windows(head)
+    if len(skipped) == len(plan):
+        raise InputError(
+            f"none of {len(plan)} windows could be mapped; {skipped[0].name}: {skipped[0].reason}"
+        )
+    return read_info(out)
+
+
+class _Run:
+    """One call of `map_windows`: what stays the same from window to window."""
+
+    def __init__(
+        self, recording: Recording, config: MapperConfig, plan: Plan, store: MapStore,
+        clouds: bool, progress: Progress,
+    ) -> None:  # fmt: skip
+        self._recording, self._config, self._plan = recording, config, plan
+        self._store, self._clouds, self._progress = store, clouds, progress
+
+    def all_windows(self, head: MapInfo) -> list[SkippedWindow]:
+        """Maps what is not there yet; the index is written however this ends."""
+        skipped: list[SkippedWindow] = []
+        complete, tried = False, 0
+        try:
+            for k in range(len(self._plan)):
+                self._progress("windows", k, len(self._plan))
+                skipped += self._one(k)
+                tried = k + 1
+                if self._store.index_is_due():
+                    self._index(head, skipped, tried, complete=False)
+            self._progress("windows", tried, tried)
+            complete = True
+        finally:
+            self._index(head, skipped, tried, complete=complete)
+        return skipped
+
+    def _one(self, k: int) -> Iterable[SkippedWindow]:
+        name, window = self._plan.name(k), self._plan.window(k)
+        if self._store.has(name):
+            _check_entry(self._store.path / name, window.t0_us, window.t1_us)
+            return ()
+        try:
+            self._map(k)
+        except InputError as error:
+            reason = str(error)
+        except MemoryError:
+            reason = "not enough memory: choose a shorter window"
+        else:
+            return ()
+        return (SkippedWindow(name=name, t0_us=window.t0_us, t1_us=window.t1_us, reason=reason),)
+
+    def _map(self, k: int) -> None:
+        recording, config, window = self._recording, self._config, self._plan.window(k)
+        check_poses(recording.trajectory, window.t0_us, window.t1_us, config)
+        check_window_fits(recording, window)
+        name = self._plan.name(k)
+        with self._store.window(name) as folder:
+            result = map_window(
+                recording, config, self._progress, window=window, dsi_dir=folder / "dsi"
+            )
+            names = recording.rig.camera_names
+            info = write_window(folder, result, config, names, clouds=self._clouds, name=name)
+            self._store.write_entry(folder, info)
+
+    def _index(
+        self, head: MapInfo, skipped: list[SkippedWindow], tried: int, *, complete: bool
+    ) -> None:
+        left_out = {window.name for window in skipped}
+        update = {"skipped": tuple(skipped), "complete": complete}
+        self._store.write_index(head.model_copy(update=update), self._finished(left_out, tried))
+
+    def _finished(self, left_out: set[str], tried: int) -> Iterator[str]:
+        """Names of the windows on disk; those of an earlier call may lie beyond `tried`."""
+        for k in range(len(self._plan)):
+            name = self._plan.name(k)
+            if name not in left_out and (k < tried or self._store.has(name)):
+                yield name
+
+
+def check_settings(recording: Recording, config: MapperConfig, out: Path) -> None:
+    """Refuses, before any event is read, settings that suit no window of a recording.
+
+    Raises:
+        InputError: an unknown method, an impossible depth range or row, or planes that memory or
+            disk cannot hold.
+    """
+    methods = fusion.methods(config.methods, len(recording.rig), reference=config.is_reference)
+    view = reference_view(recording, config, recording.trajectory.span_us[0])
+    check_request(config, view, out)
+    check_view_fits(view, len(methods), config, out)
+
+
+def find_hot(
+    recording: Recording, config: MapperConfig, t0_us: int, t1_us: int, progress: Progress = silent
+) -> tuple[HotPixels, ...] | None:
+    """The hot pixels of every camera, or None where the filter is off."""
+    if config.hot_pixels == 0:
+        return None
+    return find_hot_pixels(recording, t0_us, t1_us, config.hot_pixels, progress)
+
+
+def without(recording: Recording, hot: tuple[HotPixels, ...] | None) -> Recording:
+    """The recording without its hot pixels; itself where the filter is off."""
+    return recording if hot is None else WithoutPixels(recording, [its.mask for its in hot])
+
+
+def described(rig: Rig, hot: tuple[HotPixels, ...] | None) -> dict[str, HotPixelInfo]:
+    """What `map.json` says of hot pixels; nothing where the filter is off."""
+    return {
+        name: HotPixelInfo(
+            pixels=tuple((int(x), int(y)) for y, x in np.argwhere(its.mask)), events=its.events
+        )
+        for name, its in zip(rig.camera_names, hot or (), strict=hot is not None)
+    }
+
+
+def _check_entry(path: Path, t0_us: int, t1_us: int) -> None:
+    found = read_entry(path)
+    if (found.t0_us, found.t1_us) != (t0_us, t1_us):
+        raise InputError(f"{path}: is another window; remove it, and map again")

@@ -1,0 +1,41 @@
+"""`eventsweep fuse`: the windows of a map to one cloud and one mesh."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Group, Parameter
+
+from emvs.fuse_config import FuseConfig
+from eval.app import COMMON, Common, app
+
+FuseFlags = Annotated[FuseConfig, Parameter(name="*", group=Group("Fusion parameters"))]
+_DEFAULT = FuseConfig()
+
+
+@app.command
+def fuse(
+    folder: Path,
+    /,
+    *,
+    method: str | None = None,
+    common: Common = COMMON,
+    config: FuseFlags = _DEFAULT,
+) -> None:
+    """Join the windows of a map: one point cloud in the world, and on request a mesh.
+
+    Args:
+        folder: What `map` wrote; global/METHOD in it is written anew.
+        method: Whose depth maps; by default Alg1/H.
+    """
+    from emvs.fuse_windows import fuse_windows
+    from emvs.output import read_map
+
+    console = common.console()
+    stored = read_map(folder)
+    with console.progress.stage("fuse", len(stored.windows)) as update:
+        where, info = fuse_windows(
+            stored, config, method, lambda done, total: update(done, f"{done} of {total} windows")
+        )
+    console.fused(where, info)
