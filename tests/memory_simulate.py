@@ -16,16 +16,25 @@ from pathlib import Path
 
 
 def memory_mb(group: int) -> float:
-    """Memory of a process group; what several processes share counts once."""
+    """Memory of a process group; what its processes share of it counts once.
+
+    Program files count in full for each process: their shared part would change with whatever else
+    runs on the machine.
+    """
     total_kb = 0
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             if os.getpgid(int(folder.name)) == group:
-                text = (folder / "smaps_rollup").read_text()
-                total_kb += int(re.search(r"^Pss: *(\d+)", text, re.MULTILINE)[1])
-        except (OSError, TypeError):
+                own, files = (folder / "smaps_rollup").read_text(), (folder / "status").read_text()
+                total_kb += sum(_kb(name, own) for name in ("Pss_Anon", "Pss_Shmem"))
+                total_kb += _kb("RssFile", files)
+        except (OSError, TypeError):  # it has just ended
             continue
     return total_kb / 1024
+
+
+def _kb(name: str, text: str) -> int:
+    return int(re.search(rf"^{name}:\s*(\d+)", text, re.MULTILINE)[1])
 
 
 def peaks_mb(command: list[str], quarters: int = 4) -> list[float]:
