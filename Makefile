@@ -2,7 +2,7 @@
 BIN := .venv/bin
 SEED ?= 0
 
-.PHONY: demo test slow lint bench pictures setup clean
+.PHONY: demo test slow lint gate bench pictures setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup
@@ -20,6 +20,10 @@ lint: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# Whether maps and scores are as good as in the committed baseline.
+gate: setup
+	$(BIN)/eventsweep gate --baseline reports/baseline.json --strict
 
 bench: setup
 	$(BIN)/python -m pytest tests/bench_*.py --benchmark-only -p no:xdist

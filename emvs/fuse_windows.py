@@ -85,6 +85,7 @@ def fuse_windows(
         voxels.add(cloud)
         if surface is not None:
             _add(surface, found)
+    progress(len(stored.windows), len(stored.windows))
     cloud, windows = voxels.cloud(config.min_windows)
     _check_any(stored, len(cloud), window_points, config)
     facts: dict[str, Any] = {

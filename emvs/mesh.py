@@ -80,11 +80,15 @@ class SurfaceFusion:
         Args:
             smallest_part: triangles that a connected part needs to be kept.
         """
+        if self._grid.hashmap().size() == 0:
+            return self._o3d.geometry.TriangleMesh()
         mesh = self._grid.extract_triangle_mesh(weight_threshold=1.0).to_legacy()
         if smallest_part > 1 and len(mesh.triangles):
             part, sizes, _ = mesh.cluster_connected_triangles()
             mesh.remove_triangles_by_mask(np.asarray(sizes)[np.asarray(part)] < smallest_part)
             mesh.remove_unreferenced_vertices()
+        colours = np.asarray(mesh.vertex_colors).clip(0, 1)
+        mesh.vertex_colors = self._o3d.utility.Vector3dVector(colours)
         mesh.compute_vertex_normals()
         return mesh
 

@@ -40,6 +40,13 @@ class Console:
             self._out.print(_ranking(case, rows, ranking_metric))
             for sentence in findings.findings(rows, ranking_metric):
                 self._out.print(sentence, style="dim")
+            counts = results.configuration.get(case, {}).get("windows")
+            if counts is not None:
+                lacking, scored = counts["without_truth"], counts["scored"]
+                self._out.print(
+                    f"{scored} of {scored + lacking} windows scored: {lacking} have no ground "
+                    "truth at their reference time."
+                )
 
     def mapped(self, stored: StoredMap) -> None:
         """What became of the events, how many points each method found, and what was left out."""

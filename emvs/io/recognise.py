@@ -10,9 +10,11 @@ from emvs.data.sequence import Sequence
 from emvs.errors import InputError
 from emvs.io.event_camera_dataset import FILES, EventCameraDataset
 
+DESCRIPTOR = "recording.toml"
+
 
 def open_recording(path: Path) -> Recording:
-    """Opens a sequence of ours, or a data set as its publisher lays it out.
+    """Opens a sequence of ours, a data set as its publisher lays it out, or a `recording.toml`.
 
     Raises:
         InputError: nothing there, nothing known, or a file that is missing, damaged or impossible.
@@ -21,9 +23,14 @@ def open_recording(path: Path) -> Recording:
     if not path.exists():
         raise InputError(f"{path}: no such folder; needs a recording")
     if not path.is_dir():
-        raise InputError(f"{path}: is a file; needs the folder of a recording")
+        return _file(path)
     if (path / FILE_NAME).exists():
         return Sequence.open(path)
+    if (path / DESCRIPTOR).exists():
+        return _file(path / DESCRIPTOR)
+    found = _data_set(path)
+    if found is not None:
+        return found
     missing = [name for name in FILES if not (path / name).exists()]
     if not missing:
         return EventCameraDataset(path)
@@ -32,6 +39,37 @@ def open_recording(path: Path) -> Recording:
             f"{path}: looks like the Event Camera Dataset, but lacks {', '.join(missing)}"
         )
     raise InputError(
-        f"{path}: no recording recognised; needs {FILE_NAME} (a sequence of eventsweep) "
-        f"or {', '.join(FILES)} (Event Camera Dataset)"
+        f"{path}: no recording recognised; needs {FILE_NAME} (a sequence of eventsweep), "
+        f"{', '.join(FILES)} (Event Camera Dataset), events/left/events.h5 (DSEC), "
+        f"*-events_left.h5 (TUM-VIE), *_data.hdf5 (MVSEC), a ROS bag, or a {DESCRIPTOR}"
     )
+
+
+def _file(path: Path) -> Recording:
+    from emvs.io.descriptor import open_described
+
+    if path.suffix == ".toml":
+        return open_described(path)
+    if path.suffix == ".bag":
+        from emvs.io.rosbag_recording import open_bag_recording
+
+        return open_bag_recording(path)
+    raise InputError(
+        f"{path}: is a file; needs the folder of a recording, a ROS1 bag or a {DESCRIPTOR}"
+    )
+
+
+def _data_set(path: Path) -> Recording | None:
+    """A data set with a module of its own, if the folder looks like one."""
+    from emvs.io import dsec, mvsec, rosbag_recording, tumvie
+
+    if dsec.is_dsec(path):
+        return dsec.open_dsec(path)
+    if tumvie.is_tumvie(path):
+        return tumvie.open_tumvie(path)
+    if mvsec.is_mvsec(path):
+        return mvsec.open_mvsec(path)
+    if (path / "metadata.yaml").exists():
+        return rosbag_recording.open_bag_recording(path)
+    bag = rosbag_recording.find_bag(path)
+    return None if bag is None else rosbag_recording.open_bag_recording(bag)

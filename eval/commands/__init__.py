@@ -5,8 +5,10 @@ come at once.
 """
 
 from eval.commands import (  # noqa: F401
+    convert,
     fuse,
     gate,
+    info,
     inventory,
     map,  # noqa: A004
     report,

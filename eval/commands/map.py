@@ -20,6 +20,9 @@ def map(  # noqa: A001 - the verb's name
 ) -> None:
     """Map a recording: depth, confidence and point cloud per method.
 
+    With --map.window-s or --map.window-events it maps sliding windows over the whole recording; the
+    same command goes on where it was stopped.
+
     Args:
         recording: A sequence of eventsweep, or a recording in its publisher's layout.
         out: Folder to write: map.json, report.html, and a folder per window and method.

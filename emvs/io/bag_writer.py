@@ -1,0 +1,78 @@
+"""Writes a whole recording into a ROS1 bag: events, poses and `camera_info`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.typesys import Stores, get_typestore
+
+from emvs.data import se3
+from emvs.data.camera import Camera
+from emvs.data.rig import Rig
+from emvs.data.trajectory import Trajectory
+from emvs.io.events.rosbag_writer import RosbagWriter
+
+POSE_TOPIC = "/T_world_cam0"
+_LENS = {"pinhole": "plumb_bob", "radtan": "plumb_bob", "kb4": "equidistant"}
+
+
+class RecordingBag(RosbagWriter):
+    """A bag with events; `append_poses` and `append_cameras` add the rest."""
+
+    def __init__(self, path: Path, width_px: int, height_px: int, names: list[str]) -> None:
+        super().__init__(path, width_px, height_px, names)
+        self._store = get_typestore(Stores.ROS1_NOETIC)
+
+    def append_poses(self, trajectory: Trajectory) -> None:
+        """Writes `T_world_cam0` as geometry_msgs/PoseStamped."""
+        kind = "geometry_msgs/msg/PoseStamped"
+        types = self._store.types
+        topic = self._bag.add_connection(POSE_TOPIC, kind, typestore=self._store)
+        rows = zip(
+            trajectory.t_us, trajectory.positions_m, trajectory.quats_xyzw, strict=True
+        )  # fmt: skip
+        for k, (t_us, position_m, quat_xyzw) in enumerate(rows):
+            pose = types["geometry_msgs/msg/Pose"](
+                position=types["geometry_msgs/msg/Point"](*map(float, position_m)),
+                orientation=types["geometry_msgs/msg/Quaternion"](*map(float, quat_xyzw)),
+            )
+            message = types[kind](header=self._header(k, int(t_us), "world"), pose=pose)
+            data = self._store.serialize_ros1(message, kind)
+            self._bag.write(topic, int(t_us) * 1000, data)
+
+    def append_cameras(self, names: list[str], rig: Rig, t_us: int) -> None:
+        """Writes one sensor_msgs/CameraInfo per camera; the cameras are stated relative to cam0."""
+        kind = "sensor_msgs/msg/CameraInfo"
+        T_first = se3.inverse(rig.T_body_cam[0])
+        for name, camera, T_body_cam in zip(names, rig.cameras, rig.T_body_cam, strict=True):
+            topic = self._bag.add_connection(name, kind, typestore=self._store)
+            message = self._info(camera, T_first @ T_body_cam, t_us)
+            self._bag.write(topic, t_us * 1000, self._store.serialize_ros1(message, kind))
+
+    def _info(self, camera: Camera, T_cam0_cam: Any, t_us: int) -> Any:
+        types = self._store.types
+        terms = np.array(camera.distortion or (0.0,) * (4 if camera.model == "kb4" else 5))
+        P = np.zeros((3, 4))
+        P[:, :3] = camera.K
+        P[:, 3] = -camera.K @ T_cam0_cam[:3, 3]
+        return types["sensor_msgs/msg/CameraInfo"](
+            header=self._header(0, t_us, "cam"),
+            height=camera.height_px,
+            width=camera.width_px,
+            distortion_model=_LENS[camera.model],
+            D=terms,
+            K=camera.K.ravel(),
+            R=T_cam0_cam[:3, :3].ravel(),
+            P=P.ravel(),
+            binning_x=0,
+            binning_y=0,
+            roi=types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False),
+        )
+
+    def _header(self, sequence: int, t_us: int, frame: str) -> Any:
+        types = self._store.types
+        seconds, rest_us = divmod(t_us, 1_000_000)
+        stamp = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=rest_us * 1000)
+        return types["std_msgs/msg/Header"](seq=sequence, stamp=stamp, frame_id=frame)

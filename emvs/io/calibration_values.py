@@ -1,0 +1,103 @@
+"""Values of calibration files: each is checked, and a fault names the key that it stands under."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from emvs.data import se3
+from emvs.data.camera import Camera, Model
+from emvs.errors import InputError
+
+_LARGEST_PX = 20_000
+
+
+def parsed(path: Path) -> dict[str, Any]:
+    """The mapping that a JSON or YAML file holds.
+
+    Raises:
+        InputError: a file that cannot be read, or holds something else.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not a text file"
+        raise InputError(f"{path}: cannot read the calibration ({reason}): correct the path") from (
+            error
+        )
+    try:
+        values = json.loads(text) if path.suffix == ".json" else yaml.safe_load(text)
+    except (ValueError, yaml.YAMLError) as error:
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(f"{path}: no usable JSON or YAML ({reason}): correct the file") from error
+    if not isinstance(values, dict):
+        raise InputError(f"{path}: holds no calibration: needs Basalt JSON or Kalibr YAML")
+    return values
+
+
+def pose_of(place: Any, key: str) -> NDArray[np.float64]:
+    """A rigid motion (4, 4) from px, py, pz, qx, qy, qz, qw; a fault names `key`."""
+    position = [number_of(place, name, key) for name in ("px", "py", "pz")]
+    quaternion = [number_of(place, name, key) for name in ("qx", "qy", "qz", "qw")]
+    norm = float(np.linalg.norm(quaternion))
+    if abs(norm - 1) > 1e-3:
+        raise InputError(f"{key}: the quaternion's norm is {norm:.6g}: needs 1")
+    return se3.from_quat_xyzw(np.array(position), np.array(quaternion) / norm)
+
+
+def camera_of(
+    size: Any, four: list[float], model: Model, terms: list[float], size_key: str, key: str
+) -> Camera:
+    """A camera from its size, fx, fy, cx, cy (px) and lens terms; a fault names `key`."""
+    width, height = numbers_of(size, 2, size_key)
+    if not all(1 <= n <= _LARGEST_PX and n == int(n) for n in (width, height)):
+        raise InputError(f"{size_key} is {width:g}x{height:g}: needs whole numbers above 0")
+    fx, fy, cx, cy = four
+    if not (-width < cx < 2 * width and -height < cy < 2 * height):
+        raise InputError(f"{key}: principal point ({cx:g}, {cy:g}) is far off the sensor")
+    try:
+        return Camera(int(width), int(height), fx, fy, cx, cy, model, tuple(terms))
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from error
+
+
+def matrix(rows: Any, key: str) -> NDArray[np.float64]:
+    """A rigid motion (4, 4) from four rows of four; a fault names `key`."""
+    try:
+        T = np.array(rows, np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{key} holds something that is no number: needs 4x4 numbers") from error
+    if T.shape != (4, 4) or not se3.is_rigid(T):
+        raise InputError(f"{key} is no rigid motion: needs a 4x4 matrix with a rotation")
+    return T
+
+
+def entry_of(mapping: Any, name: str, key: str, kind: type) -> Any:
+    """What stands under a name, of the given type."""
+    if not isinstance(mapping, dict) or name not in mapping:
+        raise InputError(f"{key}.{name} is missing: add it")
+    if not isinstance(mapping[name], kind):
+        raise InputError(f"{key}.{name} is {mapping[name]!r:.60}: needs a {kind.__name__}")
+    return mapping[name]
+
+
+def number_of(mapping: Any, name: str, key: str) -> float:
+    """The finite number under a name."""
+    if not isinstance(mapping, dict) or name not in mapping:
+        raise InputError(f"{key}.{name} is missing: add it")
+    return numbers_of([mapping[name]], 1, f"{key}.{name}")[0]
+
+
+def numbers_of(values: Any, count: int, key: str) -> list[float]:
+    """A list of that many finite numbers."""
+    plain = isinstance(values, list) and all(
+        isinstance(v, int | float) and not isinstance(v, bool) for v in values
+    )
+    if not plain or len(values) != count or not np.all(np.isfinite(values)):
+        raise InputError(f"{key} is {values!r:.60}: needs {count} finite numbers")
+    return [float(v) for v in values]

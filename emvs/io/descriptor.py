@@ -1,0 +1,182 @@
+"""`recording.toml`: names the files of any recording, so that it opens like a data set."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from emvs.data import se3
+from emvs.data.rig import Rig
+from emvs.data.trajectory import Trajectory
+from emvs.errors import InputError
+from emvs.io.calibration import read_imu_cam, read_rig
+from emvs.io.calibration_values import matrix, parsed, pose_of
+from emvs.io.posed import EventSource, PosedRecording, on_first_camera
+from emvs.io.poses import read_poses
+
+FILE_NAME = "recording.toml"
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class EventsTable(_Table):
+    """One camera's events.
+
+    Attributes:
+        file: event file or ROS2 folder, any format of `emvs.io.events`.
+        stream: which stream, where the file has several.
+        time_offset_us: added to the file's times.
+    """
+
+    file: str
+    stream: str = ""
+    time_offset_us: int = 0
+
+
+class CalibrationTable(_Table):
+    """The rig.
+
+    Attributes:
+        file: whatever `emvs.io.calibration.read_rig` reads, or a ROS bag with `camera_info`.
+        cameras: which of its cameras, in the order of the events; by default its event cameras.
+    """
+
+    file: str
+    cameras: tuple[int | str, ...] = ()
+
+
+class PosesTable(_Table):
+    """The trajectory.
+
+    Attributes:
+        file: text `t x y z qx qy qz qw`, or a ROS bag.
+        topic: the bag's topic, where it has several with poses.
+        unit: of `t`; a bag says it itself.
+        time_offset_us: added to the file's times.
+        hand_eye: where the first camera sits on what was tracked: JSON or YAML with `T_body_cam`,
+            or TUM-VIE's mocap calibration; without it the poses are the first camera's.
+        imu_cam: Basalt calibration that says where the camera sits on the IMU, for the latter.
+    """
+
+    file: str
+    topic: str = ""
+    unit: Literal["s", "ms", "us", "ns"] = "s"
+    time_offset_us: int = 0
+    hand_eye: str | None = None
+    imu_cam: str | None = None
+
+
+class Descriptor(_Table):
+    """A whole recording."""
+
+    name: str | None = None
+    depth_range_m: tuple[float, float] | None = None
+    calibration: CalibrationTable
+    poses: PosesTable
+    events: tuple[EventsTable, ...] = Field(min_length=1, max_length=64)
+
+
+def read_descriptor(path: Path) -> Descriptor:
+    """Reads a `recording.toml`.
+
+    Raises:
+        InputError: an unreadable file, or a missing, unknown or impossible key.
+    """
+    try:
+        return Descriptor(**tomllib.loads(path.read_text(encoding="utf-8")))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as TOML ({error}); correct it") from error
+    except RecursionError as error:
+        raise InputError(f"{path}: nested too deeply; correct it") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"{path}: {key}: {first['msg']}; see docs/datasets.md") from error
+
+
+def open_described(path: Path, layout: str = FILE_NAME) -> PosedRecording:
+    """Opens what a `recording.toml` describes.
+
+    Args:
+        path: the descriptor; its file names are relative to its folder.
+        layout: what to call the layout.
+
+    Raises:
+        InputError: a bad descriptor, or a file that it names is missing or bad.
+    """
+    return assembled(path.parent, read_descriptor(path), layout)
+
+
+def assembled(folder: Path, what: Descriptor, layout: str) -> PosedRecording:
+    """Opens the recording that a descriptor describes, relative to a folder."""
+    rig = _rig(folder / what.calibration.file, what)
+    poses = _poses(folder / what.poses.file, what.poses)
+    if what.poses.hand_eye is not None:
+        imu_cam = None if what.poses.imu_cam is None else folder / what.poses.imu_cam
+        poses = on_first_camera(poses, read_hand_eye(folder / what.poses.hand_eye, imu_cam))
+    sources = tuple(
+        EventSource(folder / one.file, one.stream, one.time_offset_us) for one in what.events
+    )
+    return PosedRecording(
+        path=folder,
+        layout=layout,
+        name=what.name or folder.resolve().name,
+        rig=rig,
+        trajectory=poses,
+        sources=sources,
+        depth_range_m=what.depth_range_m,
+    )
+
+
+def _rig(path: Path, what: Descriptor) -> Rig:
+    if not is_bag(path):
+        return read_rig(path, what.calibration.cameras)
+    from emvs.io.bag_cameras import read_bag_rig
+
+    return read_bag_rig(path, [one.stream for one in what.events])
+
+
+def _poses(path: Path, table: PosesTable) -> Trajectory:
+    if not is_bag(path):
+        return read_poses(path, table.unit, table.time_offset_us)
+    from emvs.io.bag_poses import read_bag_poses
+
+    return read_bag_poses(path, table.topic, table.time_offset_us)
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a ROS1 bag, or the folder of a ROS2 bag."""
+    return path.suffix == ".bag" or (path / "metadata.yaml").exists()
+
+
+def read_hand_eye(path: Path, imu_cam: Path | None = None) -> NDArray[np.float64]:
+    """Where the first event camera sits on what was tracked, `T_tracked_cam` (4, 4).
+
+    Args:
+        path: JSON or YAML with the key `T_body_cam` (rows of four), or TUM-VIE's mocap-IMU
+            calibration with `value0.T_imu_marker`.
+        imu_cam: TUM-VIE's camera calibration, for the latter.
+
+    Raises:
+        InputError: an unreadable file, or a missing or impossible value.
+    """
+    values = parsed(path)
+    try:
+        if "T_body_cam" in values:
+            return matrix(values["T_body_cam"], "T_body_cam")
+        value0 = values.get("value0")
+        if not isinstance(value0, dict) or "T_imu_marker" not in value0:
+            raise InputError("no key T_body_cam or value0.T_imu_marker: needs one of them")
+        T_imu_marker = pose_of(value0["T_imu_marker"], "value0.T_imu_marker")
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    if imu_cam is None:
+        raise InputError(f"{path}: says where the marker sits on the IMU; needs imu_cam as well")
+    return se3.inverse(T_imu_marker) @ read_imu_cam(imu_cam)

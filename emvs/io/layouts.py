@@ -1,0 +1,214 @@
+"""Writes a recording as a data set's publisher lays it out, or as files with a `recording.toml`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+import yaml
+
+from emvs.atomic import atomic_dir
+from emvs.data.events import Events
+from emvs.data.recording import Recording
+from emvs.data.rig import Rig
+from emvs.data.trajectory import Trajectory
+from emvs.data.tum import write_tum
+from emvs.errors import InputError
+from emvs.io import dsec_writer
+from emvs.io.calibration_writers import basalt, kalibr_chain, pose_values, write_rig_json
+from emvs.io.events import FORMATS, write_events
+from emvs.io.events.contract import Checker
+from emvs.io.events.write import _in_time_order
+from emvs.io.posed import EventSource
+
+Told = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is to be written.
+
+    Attributes:
+        recording: its rig, name and ground truth.
+        sources: its events, per camera.
+        shift_us: added to all times.
+        told: told of the events written so far.
+    """
+
+    recording: Recording
+    sources: tuple[EventSource, ...]
+    shift_us: int
+    told: Told
+
+    @property
+    def rig(self) -> Rig:
+        """The cameras."""
+        return self.recording.rig
+
+    def poses(self) -> Trajectory:
+        """`T_world_cam0`, on the shifted clock."""
+        moved = self.recording.trajectory.times(self.rig.T_body_cam[0])
+        return Trajectory(moved.t_us + self.shift_us, moved.positions_m, moved.quats_xyzw)
+
+    def T_cam0_cam(self) -> tuple[np.ndarray, ...]:
+        """Where each camera sits in the first one's frame."""
+        first = np.linalg.inv(self.rig.T_body_cam[0])
+        return tuple(first @ T for T in self.rig.T_body_cam)
+
+    def packets(self, camera: int) -> Iterator[Events]:
+        """A camera's events on the shifted clock."""
+        for e in self.sources[camera].chunks():
+            yield Events(e.x, e.y, e.t_us + self.shift_us, e.p) if self.shift_us else e
+
+    def write_camera(self, path: Path, kind: str, camera: int) -> None:
+        """Writes one camera's events into a file."""
+        sensor = self.rig.cameras[camera]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        size = (sensor.width_px, sensor.height_px)
+        write_events(path, kind, *size, {"events": self.packets(camera)}, self.told)
+
+
+def write_recording(job: Job, out: Path, kind: str, *, force: bool = False) -> None:
+    """Writes a folder that `open_recording` opens again.
+
+    Args:
+        job: what to write.
+        out: the folder; it appears whole or not at all.
+        kind: a key of `LAYOUTS`, or an event format with a file per camera.
+        force: whether to replace an existing folder.
+
+    Raises:
+        InputError: a format that does not exist, or that cannot hold the recording.
+    """
+    write = LAYOUTS.get(kind)
+    if write is None and not (kind in FORMATS and FORMATS[kind].writes):
+        raise InputError(f"{out}: layout {kind!r} is unknown; choose {', '.join(kinds())}")
+    if kind in ("dsec", "tumvie", "mvsec") and len(job.rig) != 2:
+        raise InputError(f"{out}: {kind} has two cameras, {job.recording.name} {len(job.rig)}")
+    if kind == "sequence":
+        _sequence(job, out, force=force)
+        return
+    with atomic_dir(out, force=force) as folder:
+        if write is None:
+            _described(job, folder, kind)
+        else:
+            write(job, folder)
+
+
+def kinds() -> list[str]:
+    """Every layout that can be written."""
+    return list(dict.fromkeys([*LAYOUTS, *(n for n, f in FORMATS.items() if f.writes)]))
+
+
+def _described(job: Job, folder: Path, kind: str) -> None:
+    """A file of events per camera, our calibration, poses, and a descriptor."""
+    files = [f"cam{k}{FORMATS[kind].suffix}" for k in range(len(job.rig))]
+    for k, name in enumerate(files):
+        job.write_camera(folder / name, kind, k)
+    rig = Rig(job.rig.name, job.rig.cameras, job.T_cam0_cam(), job.rig.camera_names)
+    write_rig_json(folder / "rig.json", rig)
+    write_tum(folder / "poses.txt", job.poses())
+    what: dict[str, Any] = {
+        "name": job.recording.name,
+        "calibration": {"file": "rig.json"},
+        "poses": {"file": "poses.txt"},
+        "events": [{"file": name} for name in files],
+    }
+    if job.recording.depth_range_m is not None:
+        what["depth_range_m"] = [float(v) for v in job.recording.depth_range_m]
+    (folder / "recording.toml").write_text(tomli_w.dumps(what), encoding="utf-8")
+
+
+def _tumvie(job: Job, folder: Path) -> None:
+    name = job.recording.name
+    places = job.T_cam0_cam()
+    four = (*job.rig.cameras, *job.rig.cameras)  # entries 0 and 1 would be the frame cameras
+    calibration = basalt(four, (*places, *places))
+    (folder / "camera-calibrationA.json").write_text(json.dumps(calibration, indent=4))
+    marker = {"value0": {"T_imu_marker": pose_values(np.eye(4)), "mocap_to_imu_offset_ns": 0}}
+    (folder / "mocap-imu-calibrationA.json").write_text(json.dumps(marker, indent=4))
+    for k, side in enumerate(("left", "right")):
+        job.write_camera(folder / f"{name}-events_{side}.h5", "tumvie", k)
+    poses = job.poses()
+    data = folder / f"{name}-vi_gt_data" / "mocap_data.txt"
+    data.parent.mkdir()
+    with data.open("w", encoding="ascii") as file:
+        file.write("# timestamp(us) x y z qx qy qz qw\n")
+        for t, position, quat in zip(poses.t_us, poses.positions_m, poses.quats_xyzw, strict=True):
+            file.write(f"{t} " + " ".join(f"{v:.12f}" for v in (*position, *quat)) + "\n")
+
+
+def _mvsec(job: Job, folder: Path) -> None:
+    from emvs.io.mvsec_writer import write_truth
+
+    name, size = job.recording.name, job.rig.cameras[0]
+    streams = {"davis/left": job.packets(0), "davis/right": job.packets(1)}
+    data = folder / f"{name}_data.hdf5"
+    write_events(data, "mvsec", size.width_px, size.height_px, streams, job.told)
+    chain = yaml.safe_dump(kalibr_chain(job.rig), sort_keys=False)
+    (folder / f"camchain-imucam-{name}.yaml").write_text(chain, encoding="utf-8")
+    write_truth(folder / f"{name}_gt.hdf5", job.recording, job.poses(), job.shift_us)
+
+
+def _rosbag(job: Job, folder: Path) -> None:
+    from emvs.io.bag_writer import RecordingBag
+
+    path, sensor = folder / f"{job.recording.name}.bag", job.rig.cameras[0]
+    size = (sensor.width_px, sensor.height_px)
+    prefixes = [f"/cam{k}" for k in range(len(job.rig))]
+    names = [f"{prefix}/events" for prefix in prefixes]
+    check = Checker(path, FORMATS["rosbag1"].limits, *size)
+    poses = job.poses()
+    if poses.span_us[0] < 0:
+        raise InputError(f"{path}: poses begin at {poses.span_us[0]} µs; shift the times above 0")
+    streams: Mapping[str, Iterator[Events]] = {n: job.packets(k) for k, n in enumerate(names)}
+    with RecordingBag(path, *size, names) as bag:
+        bag.append_cameras([f"{p}/camera_info" for p in prefixes], job.rig, poses.span_us[0])
+        bag.append_poses(poses)
+        for stream, events in _in_time_order(streams):
+            bag.append(stream, check(stream, events))
+            job.told(check.count)
+
+
+def _sequence(job: Job, folder: Path, *, force: bool = False) -> None:
+    from emvs.data.writer import SequenceWriter
+
+    moved = Rig(job.rig.name, job.rig.cameras, job.T_cam0_cam(), job.rig.camera_names)
+    done = 0
+    with SequenceWriter(
+        folder,
+        name=job.recording.name,
+        rig=moved,
+        trajectory=job.poses(),
+        config={"converted_from": job.recording.name},
+        depth_range_m=job.recording.depth_range_m,
+        force=force,
+    ) as writer:
+        for camera in range(len(job.rig)):
+            for events in job.packets(camera):
+                writer.append_events(camera, events)
+                done += len(events)
+                job.told(done)
+
+
+def _dsec(job: Job, folder: Path) -> None:
+    for k, side in enumerate(("left", "right")):
+        job.write_camera(folder / "events" / side / "events.h5", "dsec", k)
+    dsec_writer.write_calibration(folder, job.rig)
+    write_tum(folder / "poses.txt", job.poses())
+    dsec_writer.write_truth(folder, job.recording, job.shift_us)
+
+
+LAYOUTS: dict[str, Callable[[Job, Path], None]] = {
+    "sequence": _sequence,
+    "dsec": _dsec,
+    "tumvie": _tumvie,
+    "mvsec": _mvsec,
+    "rosbag1": _rosbag,
+}
+"""Layouts of their own; every other event format becomes files with a `recording.toml`."""

@@ -1,0 +1,184 @@
+"""A recording put together from files: event streams, a rig, poses, and ground truth if any.
+
+Every data set is one of these; the modules beside this one only say which file is what.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.data.events import Events
+from emvs.data.rig import Rig
+from emvs.data.trajectory import Trajectory
+from emvs.errors import InputError
+from emvs.io.events import EventReader, open_events
+
+
+class DepthTruth(Protocol):
+    """Depth that a data set gives for its first camera."""
+
+    @property
+    def t_us(self) -> NDArray[np.int64]:
+        """(T,) times, µs."""
+
+    def view_depth_m(self, t_us: int) -> NDArray[np.float32]:
+        """(H, W) z-depth in camera 0's undistorted view at one of the times, m; else NaN."""
+
+
+@dataclass
+class EventSource:
+    """One camera's events: a stream of a file, on the recording's clock.
+
+    Attributes:
+        path: the file.
+        stream: its stream; the only one where it is empty.
+        shift_us: added to the file's times, µs.
+    """
+
+    path: Path
+    stream: str = ""
+    shift_us: int = 0
+    _span_us: tuple[int, int] | None = field(default=None, init=False, repr=False)
+
+    @cached_property
+    def reader(self) -> EventReader:
+        """The open file."""
+        reader = open_events(self.path)
+        self.stream = self.stream or _only(self.path, reader.streams)
+        if self.stream not in reader.streams:
+            raise InputError(
+                f"{self.path}: no stream {self.stream!r}; there are {', '.join(reader.streams)}"
+            )
+        return reader
+
+    def span_us(self) -> tuple[int, int]:
+        """Earliest and latest event, µs."""
+        if self._span_us is None:
+            first_us, last_us = self.reader.span_us(self._name)
+            self._span_us = first_us + self.shift_us, last_us + self.shift_us
+        return self._span_us
+
+    def between(self, t0_us: int, t1_us: int) -> Events:
+        """Events with `t0_us <= t < t1_us`, as the file holds them."""
+        found = self.reader.between(self._name, t0_us - self.shift_us, t1_us - self.shift_us)
+        return self._shifted(found)
+
+    def chunks(self, max_events: int = 1 << 20) -> Iterator[Events]:
+        """All events in file order, in packets."""
+        for events in self.reader.chunks(self._name, max_events):
+            yield self._shifted(events)
+
+    @property
+    def _name(self) -> str:
+        """The stream's name, which an unopened file may not have told yet."""
+        return self.reader.streams[0] if not self.stream else self.stream
+
+    def _shifted(self, events: Events) -> Events:
+        if not self.shift_us or not len(events):
+            return events
+        return Events(events.x, events.y, events.t_us + self.shift_us, events.p)
+
+
+@dataclass(frozen=True)
+class PosedRecording:
+    """A `Recording` of files that other people laid out.
+
+    Attributes:
+        path: the folder or file that was opened.
+        layout: what it was recognised as.
+        name: what the recording is called.
+        rig: its cameras, in the order of `sources`.
+        trajectory: `T_world_body`.
+        sources: events per camera.
+        truth: ground truth of camera 0, if there is some.
+        depth_range_m: nearest and farthest depth, where known.
+    """
+
+    path: Path
+    layout: str
+    name: str
+    rig: Rig
+    trajectory: Trajectory
+    sources: tuple[EventSource, ...]
+    truth: DepthTruth | None = None
+    depth_range_m: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.sources) != len(self.rig):
+            raise InputError(
+                f"{self.path}: {len(self.sources)} event streams for {len(self.rig)} calibrated "
+                "cameras; needs one per camera: choose the calibration's cameras"
+            )
+
+    def event_span_us(self, camera: int) -> tuple[int, int]:
+        """Times of the first and the last event, µs."""
+        return self._source(camera).span_us()
+
+    def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
+        """Events of a camera with `t0_us <= t < t1_us`."""
+        source, sensor = self._source(camera), self.rig.cameras[camera]
+        try:
+            return source.between(t0_us, t1_us).checked(sensor.width_px, sensor.height_px)
+        except InputError as error:
+            text = str(error)
+            raise InputError(
+                text if str(source.path) in text else f"{source.path}, from {t0_us} µs: {text}"
+            ) from error
+
+    def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
+        """None: pictures are not read."""
+        del camera, t_us
+        return None
+
+    def truth_times_us(self, camera: int) -> NDArray[np.int64]:
+        """(T,) times with ground truth, µs; none for cameras beside the first."""
+        return np.empty(0, np.int64) if self.truth is None or camera else self.truth.t_us
+
+    def truth_view_depth_m(self, camera: int, t_us: int) -> NDArray[np.float32]:
+        """(H, W) z-depth in the camera's undistorted view, m; not finite where unknown.
+
+        Raises:
+            InputError: none at that time.
+        """
+        times_us = self.truth_times_us(camera)
+        if self.truth is None or t_us not in times_us:
+            near = "" if not len(times_us) else (
+                f"; the nearest time is {times_us[np.argmin(np.abs(times_us - t_us))]} µs"
+            )  # fmt: skip
+            raise InputError(f"{self.path}: no ground truth of camera {camera} at {t_us} µs{near}")
+        return self.truth.view_depth_m(t_us)
+
+    def _source(self, camera: int) -> EventSource:
+        if not 0 <= camera < len(self.sources):
+            raise InputError(
+                f"{self.path}: camera {camera} asked for, there are {len(self.sources)}"
+            )
+        return self.sources[camera]
+
+
+def _only(path: Path, streams: tuple[str, ...]) -> str:
+    if len(streams) != 1:
+        raise InputError(
+            f"{path}: streams {', '.join(streams)}; say which one is meant (key `stream`)"
+        )
+    return streams[0]
+
+
+def on_first_camera(trajectory: Trajectory, T_tracked_cam: NDArray[np.float64]) -> Trajectory:
+    """Poses of the rig's body, its first camera, from poses of what was tracked.
+
+    Args:
+        trajectory: `T_world_tracked`.
+        T_tracked_cam: (4, 4) where the first camera sits on it, m (hand-eye).
+
+    Returns:
+        `T_world_body`.
+    """
+    return trajectory.times(T_tracked_cam)

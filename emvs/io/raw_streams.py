@@ -1,0 +1,93 @@
+"""The event streams of anything readable, as its files hold them: unsorted or stray events too."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from emvs.data.recording import Recording
+from emvs.data.rig import Rig
+from emvs.data.sequence import Sequence
+from emvs.errors import InputError
+from emvs.io.event_camera_dataset import EventCameraDataset
+from emvs.io.events import FORMATS, open_events
+from emvs.io.posed import EventSource, PosedRecording
+from emvs.io.recognise import open_recording
+
+
+@dataclass(frozen=True)
+class Readable:
+    """What was found at a path.
+
+    Attributes:
+        path: the path.
+        what: what it is, in words.
+        recording: the recording, or None where there are only events.
+        streams: name and events of each camera or topic.
+        sizes_px: width and height per stream, None where nobody says.
+    """
+
+    path: Path
+    what: str
+    recording: Recording | None
+    streams: tuple[tuple[str, EventSource], ...]
+    sizes_px: tuple[tuple[int, int] | None, ...]
+
+
+def open_readable(path: Path) -> Readable:
+    """Opens a recording, or else an event file.
+
+    A ROS bag without calibration or poses is opened for its events alone.
+
+    Raises:
+        InputError: nothing there or nothing known, or a damaged file.
+    """
+    path = Path(path)
+    if path.is_dir() and not (path / "metadata.yaml").exists():
+        return _recording(path)
+    if path.suffix == ".toml":
+        return _recording(path)
+    try:
+        reader = open_events(path)
+    except InputError:
+        if path.suffix == ".bag" or path.is_dir():
+            return _recording(path)
+        raise
+    if reader.format.startswith("rosbag"):
+        try:
+            return _recording(path)
+        except InputError:
+            pass  # no calibration or no poses: its events are still worth reading
+    size_px = _size(reader.width_px, reader.height_px)
+    streams = tuple((name, EventSource(path, name)) for name in reader.streams)
+    what = f"{FORMATS[reader.format].what} ({reader.format})"
+    sizes = tuple(size_px if k == 0 else None for k in range(len(streams)))
+    return Readable(path, what, None, streams, sizes)
+
+
+def _recording(path: Path) -> Readable:
+    recording = open_recording(path)
+    what, sources = _sources(recording)
+    streams = tuple(zip(recording.rig.camera_names, sources, strict=True))
+    return Readable(path, what, recording, streams, sensor_sizes(recording.rig))
+
+
+def sensor_sizes(rig: Rig) -> tuple[tuple[int, int], ...]:
+    """Width and height of each camera."""
+    return tuple((camera.width_px, camera.height_px) for camera in rig.cameras)
+
+
+def _sources(recording: Recording) -> tuple[str, tuple[EventSource, ...]]:
+    match recording:
+        case Sequence():
+            files = [recording.path / f"cam{k}" / "events.h5" for k in range(len(recording.rig))]
+            return "sequence of eventsweep", tuple(EventSource(file) for file in files)
+        case EventCameraDataset():
+            return "Event Camera Dataset", (EventSource(recording.path / "events.txt"),)
+        case PosedRecording():
+            return f"recording ({recording.layout})", recording.sources
+    raise InputError(f"{recording.name}: its event files are unknown")
+
+
+def _size(width_px: int | None, height_px: int | None) -> tuple[int, int] | None:
+    return None if width_px is None or height_px is None else (width_px, height_px)

@@ -1,0 +1,53 @@
+"""Every rival by name. A method of one's own needs no entry here: `emvs.methods.register`."""
+
+from __future__ import annotations
+
+from emvs.rivals.rival import Rival, found_in
+
+# What `--method rivals` stands for is all of these that need events only, in this order.
+RIVALS: tuple[Rival, ...] = (
+    Rival(
+        "SGM/ts",
+        "semi-global matching of the two time surfaces at the reference time",
+        found_in("emvs.rivals.sgm"),
+    ),
+    Rival(
+        "SGM/window",
+        "SGM/ts at 20 Hz, averaged over the window by the poses",
+        found_in("emvs.rivals.sgm", "estimate_window"),
+    ),
+    Rival(
+        "ESVO/own-rate",
+        "ESVO's mapping: events refined on time surfaces, the last 20 maps fused",
+        found_in("emvs.rivals.esvo"),
+    ),
+    Rival(
+        "ESVO/window",
+        "ESVO's mapping, every map of the window fused",
+        found_in("emvs.rivals.esvo", "estimate_window"),
+    ),
+    Rival(
+        "GTS/events",
+        "pairs of events that coincide in row, time and motion",
+        found_in("emvs.rivals.gts"),
+    ),
+    Rival(
+        "Frames/sgm",
+        "semi-global matching of an ordinary stereo camera's pictures",
+        found_in("emvs.rivals.frames"),
+        needs="frames of an ordinary camera",
+    ),
+)
+
+_BY_NAME = {rival.name: rival for rival in RIVALS}
+FAMILIES = tuple(dict.fromkeys(rival.name.split("/")[0] for rival in RIVALS))
+
+
+def rival(name: str) -> Rival | None:
+    """The rival of this name, if there is one."""
+    return _BY_NAME.get(name)
+
+
+def names() -> tuple[str, ...]:
+    """What `rivals` stands for: every rival that needs nothing but the events of two cameras."""
+    return tuple(rival.name for rival in RIVALS if not rival.needs)

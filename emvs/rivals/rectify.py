@@ -1,0 +1,210 @@
+"""Row-aligned pinhole views of two cameras: matching points lie in one row.
+
+The views share one pinhole camera and one orientation: x along the baseline, from camera i to
+camera j, and z as near to the mean optical axis as that allows (Fusiello et al., *A compact
+algorithm for rectification of stereo pairs*, MVA 2000). So camera i is always the left one, its
+disparities are never negative, and `depth_m = fx_px * baseline_m / disparity_px`; a rig with camera
+j on the left, above or below is turned about the optical axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from emvs.data import se3
+from emvs.data.camera import Camera
+from emvs.data.events import Events
+from emvs.data.rig import Rig
+from emvs.errors import InputError
+
+# Beyond these the views no longer show what the cameras see.
+_MAX_SLOPE_DEG = 40.0
+_MAX_TURN_DEG = 60.0
+_MAX_ZOOM = 2.0  # a view has at most so many times the columns and rows of a sensor
+
+Matrix = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Rectified:
+    """A rectified stereo pair; index 0 of each pair is camera i (left), index 1 camera j (right).
+
+    Attributes:
+        cameras: (i, j), as the rig counts them.
+        camera: the pinhole camera that both views share.
+        baseline_m: distance of the two centres, m.
+        R_rect_cam: per camera, (3, 3): `p_rect = R_rect_cam @ p_cam`.
+        T_body_rect: per camera, (4, 4) pose of its view on the body, m.
+        maps: per camera, (H, W, 2) float32 rectified pixel of every sensor pixel; NaN for none.
+        sources: per camera, (2, H', W') float32 sensor column and row of every rectified pixel; far
+            outside for none.
+    """
+
+    cameras: tuple[int, int]
+    camera: Camera
+    baseline_m: float
+    R_rect_cam: tuple[Matrix, Matrix]
+    T_body_rect: tuple[Matrix, Matrix]
+    maps: tuple[Image, Image]
+    sources: tuple[Image, Image]
+
+    @classmethod
+    def of(cls, rig: Rig, i: int = 0, j: int = 1) -> Rectified:
+        """Rectifies cameras i and j of a rig.
+
+        Args:
+            rig: at least two cameras.
+            i: the camera whose depth is asked for.
+            j: another one.
+
+        Raises:
+            InputError: a camera that the rig does not have, no baseline, or axes too steep.
+        """
+        _check_pair(rig, i, j)
+        R_body_rect = _orientation(rig, i, j)
+        R_rect_cam = tuple(R_body_rect.T @ rig.T_body_cam[k][:3, :3] for k in (i, j))
+        bearings = [_turned(rig.cameras[k], R) for k, R in zip((i, j), R_rect_cam, strict=True)]
+        camera = _shared_camera(rig.cameras[i], bearings)
+        maps = tuple(_pixels(camera, bearing) for bearing in bearings)
+        sources = tuple(
+            _sources(camera, rig.cameras[k], R) for k, R in zip((i, j), R_rect_cam, strict=True)
+        )
+        poses = tuple(_pose(R_body_rect, rig.T_body_cam[k]) for k in (i, j))
+        return cls(
+            (i, j), camera, rig.baseline_m(i, j), _two(R_rect_cam), _two(poses), _two(maps),
+            _two(sources),
+        )  # fmt: skip
+
+    def events_px(self, side: int, events: Events) -> Image:
+        """(N, 2) float32 rectified pixels of events of camera `cameras[side]`; NaN for none."""
+        pixels: Image = self.maps[side][events.y, events.x]
+        return pixels
+
+    def image(self, side: int, sensor_image: NDArray[np.generic]) -> Image:
+        """(H', W') float32 view of a sensor image by bilinear interpolation; 0 outside it."""
+        source = np.ascontiguousarray(sensor_image, np.float32)
+        columns, rows = self.sources[side]
+        return np.asarray(cv2.remap(source, columns, rows, cv2.INTER_LINEAR), np.float32)
+
+    def disparity_px(self, depth_m: ArrayLike) -> Matrix:
+        """Disparities of z-depths in the rectified views, px."""
+        return self.camera.fx_px * self.baseline_m / np.asarray(depth_m, np.float64)
+
+    def points_body(self, uv_px: ArrayLike, disparity_px: ArrayLike) -> Matrix:
+        """Triangulates.
+
+        Args:
+            uv_px: (N, 2) positions in the view of camera i, px.
+            disparity_px: (N,) column there minus column in the view of camera j, above 0, px.
+
+        Returns:
+            (N, 3) points in the body frame, m.
+        """
+        bearing = self.camera.unproject(uv_px)
+        depth_m = self.camera.fx_px * self.baseline_m / np.asarray(disparity_px, np.float64)
+        points_rect = np.concatenate([bearing, np.ones_like(bearing[:, :1])], axis=1)
+        return se3.transform(self.T_body_rect[0], points_rect * depth_m[:, None])
+
+
+def _two(pair: tuple[NDArray[np.generic], ...]) -> tuple[NDArray, NDArray]:  # type: ignore[type-arg]
+    first, second = pair
+    return first, second
+
+
+def _check_pair(rig: Rig, i: int, j: int) -> None:
+    if len(rig) < 2:
+        raise InputError(
+            f"rig {rig.name} has 1 camera: stereo matching needs 2; choose EMVS/cam0 or Focus/cam0"
+        )
+    if not (0 <= i < len(rig) and 0 <= j < len(rig)) or i == j:
+        raise InputError(
+            f"rig {rig.name}: cameras {i} and {j} asked for, needs two different ones of "
+            f"0..{len(rig) - 1}"
+        )
+    if rig.baseline_m(i, j) == 0:
+        raise InputError(
+            f"rig {rig.name}: cameras {i} and {j} have one centre: stereo matching needs a baseline"
+        )
+
+
+def _orientation(rig: Rig, i: int, j: int) -> Matrix:
+    """R_body_rect: its columns are the axes of the views on the body."""
+    x = rig.T_body_cam[j][:3, 3] - rig.T_body_cam[i][:3, 3]
+    x = x / np.linalg.norm(x)
+    axes = [rig.T_body_cam[k][:3, 2] for k in (i, j)]
+    mean = axes[0] + axes[1]
+    mean = mean / max(float(np.linalg.norm(mean)), np.finfo(float).tiny)
+    slope_deg = float(np.degrees(np.arcsin(min(abs(float(x @ mean)), 1.0))))
+    _check_angle(
+        rig, (i, j), slope_deg, _MAX_SLOPE_DEG, "the baseline rises out of the image plane"
+    )
+    z = mean - (x @ mean) * x
+    z = z / np.linalg.norm(z)
+    for axis in axes:
+        turn_deg = float(np.degrees(np.arccos(np.clip(axis @ z, -1, 1))))
+        _check_angle(rig, (i, j), turn_deg, _MAX_TURN_DEG, "an optical axis leaves the common one")
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def _check_angle(
+    rig: Rig, pair: tuple[int, int], angle_deg: float, limit_deg: float, what: str
+) -> None:
+    if angle_deg > limit_deg:
+        raise InputError(
+            f"rig {rig.name}: cameras {pair[0]} and {pair[1]} cannot be rectified, {what} by "
+            f"{angle_deg:.1f} degrees: needs at most {limit_deg:g}; choose a method that fuses "
+            "volumes, such as Alg1/H"
+        )
+
+
+def _turned(camera: Camera, R_rect_cam: Matrix) -> Matrix:
+    """(H, W, 2) bearings of every sensor pixel in the rectified frame; NaN for none in front."""
+    bearing = camera.bearing_table()
+    ray = np.concatenate([bearing, np.ones_like(bearing[..., :1])], axis=-1) @ R_rect_cam.T
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(ray[..., 2:] > 0, ray[..., :2] / ray[..., 2:], np.nan)
+
+
+def _shared_camera(camera: Camera, bearings: list[Matrix]) -> Camera:
+    """Common rows of both, all columns of either, at the focal length of camera i."""
+    focal_px = float(np.sqrt(camera.fx_px * camera.fy_px))
+    spans = [np.nanquantile(b.reshape(-1, 2), [0, 1], axis=0) * focal_px for b in bearings]
+    left_px, right_px = min(s[0, 0] for s in spans), max(s[1, 0] for s in spans)
+    top_px, bottom_px = max(s[0, 1] for s in spans), min(s[1, 1] for s in spans)
+    limit_px = _MAX_ZOOM * max(camera.width_px, camera.height_px)
+    left_px, right_px = max(left_px, -limit_px / 2), min(right_px, limit_px / 2)
+    top_px, bottom_px = max(top_px, -limit_px / 2), min(bottom_px, limit_px / 2)
+    if bottom_px - top_px < 1 or right_px - left_px < 1:
+        raise InputError("the cameras have no row in common: stereo matching needs a common view")
+    # A tolerance, so that a rig that is rectified already keeps its size
+    width_px, height_px = (
+        int(np.ceil(size - 1e-6)) + 1 for size in (right_px - left_px, bottom_px - top_px)
+    )
+    return Camera(width_px, height_px, focal_px, focal_px, -float(left_px), -float(top_px))
+
+
+def _pixels(camera: Camera, bearing: Matrix) -> Image:
+    uv_px = bearing * (camera.fx_px, camera.fy_px) + (camera.cx_px, camera.cy_px)
+    return uv_px.astype(np.float32)
+
+
+def _sources(view: Camera, camera: Camera, R_rect_cam: Matrix) -> Image:
+    """Where each pixel of the view lies on the sensor."""
+    bearing = view.bearing_table()
+    rays_cam = np.concatenate([bearing, np.ones_like(bearing[..., :1])], axis=-1) @ R_rect_cam
+    uv_px = camera.project(rays_cam)
+    known = np.isfinite(uv_px).all(axis=-1, keepdims=True)
+    columns_rows = np.moveaxis(np.where(known, uv_px, -1e4), -1, 0)
+    return np.ascontiguousarray(columns_rows, np.float32)
+
+
+def _pose(R_body_rect: Matrix, T_body_cam: Matrix) -> Matrix:
+    T_body_rect = np.eye(4)
+    T_body_rect[:3, :3] = R_body_rect
+    T_body_rect[:3, 3] = T_body_cam[:3, 3]
+    return T_body_rect

@@ -1,0 +1,51 @@
+"""What a rival is: a method that makes its depth map by itself, without a volume."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from emvs.config import MapperConfig
+    from emvs.data.recording import Recording
+    from emvs.depthmap import DepthMap
+    from emvs.view import ReferenceView
+    from emvs.window import Window
+
+    Estimate = Callable[[Recording, Window, ReferenceView, MapperConfig], DepthMap]
+
+
+@dataclass(frozen=True)
+class Rival:
+    """A method that needs no rays and no planes.
+
+    Attributes:
+        name: of the form Family/variant; its depth map carries the same.
+        summary: what it does, in a few words.
+        estimate: recording, window, reference view and configuration to the depth map in that view.
+        needs: what a recording must hold besides the events of two cameras, if anything.
+    """
+
+    name: str
+    summary: str
+    estimate: Estimate
+    needs: str = ""
+
+
+def found_in(module: str, function: str = "estimate") -> Estimate:
+    """A function that is imported only when it is called: listing methods stays cheap.
+
+    Args:
+        module: such as `emvs.rivals.sgm`.
+        function: its name there.
+    """
+
+    def estimate(
+        recording: Recording, window: Window, view: ReferenceView, config: MapperConfig
+    ) -> DepthMap:
+        found: Estimate = getattr(import_module(module), function)
+        return found(recording, window, view, config)
+
+    return estimate

@@ -1,0 +1,57 @@
+"""`eventsweep convert`: anything readable into anything writable."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from eval.app import COMMON, Common, app
+
+
+@app.command
+def convert(
+    source: Path,
+    out: Path,
+    /,
+    *,
+    to: str,
+    stream: str = "",
+    shift_us: int = 0,
+    from_zero: bool = False,
+    unit: str = "s",
+    width_px: int | None = None,
+    height_px: int | None = None,
+    baseline_m: float | None = None,
+    common: Common = COMMON,
+) -> None:
+    """Convert a recording, events, poses, a calibration, a depth map or a point cloud.
+
+    Args:
+        source: What to read; `eventsweep info` says what it is.
+        out: File or folder to write, whole or not at all.
+        to: A data set's layout or event format, tum, kitti, kalibr, basalt, opencv, rig,
+            depth-png, depth-npy, depth-tiff, depth-exr, disparity-png, ply or pcd.
+        stream: The only stream to convert, of an event file with several.
+        shift_us: Added to all times, µs.
+        from_zero: Shift all times so that the first event or pose is at 0.
+        unit: Unit of time in a text of poses: s, ms, us or ns.
+        width_px: Sensor width, where the input does not say it.
+        height_px: Sensor height, likewise.
+        baseline_m: Distance between the cameras, for disparity-png.
+    """
+    from eval.convert import Options
+    from eval.convert import convert as run
+
+    console = common.console()
+    options = Options(
+        to=to,
+        stream=stream,
+        shift_us=None if from_zero else shift_us,
+        unit=unit,
+        width_px=width_px,
+        height_px=height_px,
+        baseline_m=baseline_m,
+        force=common.force,
+    )
+    said = run(source, out, options, console.progress)
+    console.progress.say(said)
+    console.wrote(out)

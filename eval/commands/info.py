@@ -1,0 +1,42 @@
+"""`eventsweep info`: what a recording or event file is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from eval.app import COMMON, Common, app
+
+
+@app.command
+def info(
+    path: Path,
+    /,
+    *,
+    picture: Path | None = None,
+    common: Common = COMMON,
+) -> None:
+    """Say what lies at a path: cameras, times, event counts and faults, and what poses cover.
+
+    Args:
+        path: A sequence, a data set's folder, a recording.toml, an event file or a bag.
+        picture: PNG to draw: events per pixel and polarity, and their rate over time.
+    """
+    from eval.info import facts, inspect
+
+    if picture is not None:
+        from emvs.atomic import refuse_existing
+
+        refuse_existing(picture, force=common.force)
+    console = common.console()
+    readable, counts = inspect(path, console.progress)
+    found = facts(readable, counts)
+    if not common.quiet:
+        from eval.info_print import show
+
+        show(found, as_json=common.json)
+    if picture is not None:
+        from eval.info_picture import draw
+
+        names = [name for name, _ in readable.streams]
+        draw(picture, f"{readable.path.resolve().name}: {readable.what}", names, counts)
+        console.wrote(picture)

@@ -1,0 +1,224 @@
+"""Converts anything readable into anything writable: recordings, events, poses, rigs, depth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from emvs.atomic import refuse_existing
+from emvs.data.events import Events
+from emvs.data.rig import Rig
+from emvs.data.trajectory import Trajectory
+from emvs.data.tum import write_tum
+from emvs.errors import InputError
+from emvs.io import calibration_writers, depth_writers
+from emvs.io.events import FORMATS, write_events
+from emvs.io.layouts import Job, kinds, write_recording
+from emvs.io.posed import EventSource
+from emvs.io.raw_streams import Readable, open_readable
+from eval.progress import Progress
+
+POSES = ("tum", "kitti")
+CLOUDS = ("ply", "pcd")
+
+
+@dataclass(frozen=True)
+class Options:
+    """What can be chosen.
+
+    Attributes:
+        to: the format to write.
+        stream: the only stream to convert, of an event file with several.
+        shift_us: added to all times; None: such that the first event or pose is at 0.
+        unit: unit of time of a text of poses.
+        width_px: sensor width, where the input does not say it.
+        height_px: sensor height, likewise.
+        baseline_m: distance between the cameras, for disparity.
+        force: whether to replace an existing output.
+    """
+
+    to: str
+    stream: str = ""
+    shift_us: int | None = 0
+    unit: str = "s"
+    width_px: int | None = None
+    height_px: int | None = None
+    baseline_m: float | None = None
+    force: bool = False
+
+
+def targets() -> list[str]:
+    """Every format that can be written."""
+    disparity = ["disparity-png"]
+    rigs, depths = list(calibration_writers.WRITERS), list(depth_writers.WRITERS)
+    return [*kinds(), *POSES, *rigs, *depths, *disparity, *CLOUDS]
+
+
+def convert(source: Path, out: Path, options: Options, progress: Progress) -> str:
+    """Converts one thing.
+
+    Returns:
+        One sentence about what was written.
+
+    Raises:
+        InputError: an unreadable input, an unknown format, or something the format cannot hold.
+    """
+    refuse_existing(out, force=options.force)
+    if out.exists() and out.resolve() == source.resolve():
+        raise InputError(f"{out}: is the input itself; choose another output")
+    to = options.to
+    if to not in targets():
+        raise InputError(f"--to {to}: unknown; choose from {', '.join(targets())}")
+    if to in POSES:
+        return _poses(source, out, options)
+    if to in calibration_writers.WRITERS:
+        calibration_writers.WRITERS[to](out, _rig(source))
+        return f"calibration as {to}"
+    if to in depth_writers.WRITERS or to == "disparity-png":
+        return _depth(source, out, options)
+    if to in CLOUDS:
+        return _cloud(source, out, to)
+    return _events(open_readable(source), out, options, progress)
+
+
+def _events(readable: Readable, out: Path, options: Options, progress: Progress) -> str:
+    shift_us = options.shift_us if options.shift_us is not None else -_start_us(readable)
+    counted = [0]
+    with progress.stage(f"write {options.to}", 1.0) as update:
+
+        def told(done: int) -> None:
+            counted[0] = max(counted[0], done)
+            update(0.0, f"{done:,} events")
+
+        if readable.recording is not None:
+            sources = tuple(source for _, source in readable.streams)
+            job = Job(readable.recording, sources, shift_us, told)
+            write_recording(job, out, options.to, force=options.force)
+            what = f"recording of {len(sources)} cameras as {options.to}"
+        else:
+            count = _event_file(readable, out, options, shift_us, told)
+            what = f"{count:,} events as {options.to}"
+    moved = f", all times shifted by {shift_us} µs" if shift_us else ", times as they were"
+    return what + moved
+
+
+def _event_file(
+    readable: Readable, out: Path, options: Options, shift_us: int, told: Callable[[int], None]
+) -> int:
+    names = [name for name, _ in readable.streams]
+    if options.to == "sequence" or not FORMATS[options.to].writes:
+        raise InputError(f"{readable.path}: only events, no poses; cannot become {options.to}")
+    if options.stream and options.stream not in names:
+        raise InputError(f"{readable.path}: no stream {options.stream}; there are {names}")
+    chosen = [(n, s) for n, s in readable.streams if options.stream in ("", n)]
+    if len(chosen) > 1 and FORMATS[options.to].limits.streams == 1:
+        raise InputError(
+            f"{readable.path}: {len(chosen)} streams ({', '.join(names)}) into {options.to}, which "
+            "holds one: choose with --stream"
+        )
+
+    def packets(source: EventSource) -> Iterator[Events]:
+        for e in source.chunks():
+            yield Events(e.x, e.y, e.t_us + shift_us, e.p) if shift_us else e
+
+    known = next((size for size in readable.sizes_px if size), (None, None))
+    width, height = options.width_px or known[0], options.height_px or known[1]
+    if width is None or height is None:
+        raise InputError(
+            f"{readable.path}: does not say the sensor's size; add --width-px and --height-px"
+        )
+    streams = {name: packets(source) for name, source in chosen}
+    return write_events(out, options.to, width, height, streams, told)
+
+
+def _start_us(readable: Readable) -> int:
+    """The earliest event or pose."""
+    first = [source.span_us()[0] for _, source in readable.streams]
+    if readable.recording is not None:
+        first.append(readable.recording.trajectory.span_us[0])
+    return min(first)
+
+
+def _poses(source: Path, out: Path, options: Options) -> str:
+    from emvs.io.poses import write_kitti
+
+    found = _trajectory(source, options.unit)
+    if options.shift_us is None or options.shift_us:
+        shift = -found.span_us[0] if options.shift_us is None else options.shift_us
+        found = Trajectory(found.t_us + shift, found.positions_m, found.quats_xyzw)
+    if options.to == "kitti":
+        write_kitti(out, found)
+        return f"{len(found)} poses as KITTI rows, without their times"
+    write_tum(out, found)
+    return f"{len(found)} poses as TUM rows"
+
+
+def _trajectory(source: Path, unit: str) -> Trajectory:
+    from emvs.io.bag_poses import read_bag_poses
+    from emvs.io.descriptor import is_bag
+    from emvs.io.poses import read_poses
+    from emvs.io.recognise import open_recording
+
+    if is_bag(source):
+        return read_bag_poses(source)
+    if source.is_dir() or source.suffix == ".toml":
+        return open_recording(source).trajectory
+    return read_poses(source, unit)
+
+
+def _rig(source: Path) -> Rig:
+    from emvs.io.calibration import read_rig
+    from emvs.io.recognise import open_recording
+
+    if source.is_dir() or source.suffix in (".toml", ".bag"):
+        return open_recording(source).rig
+    return read_rig(source)
+
+
+def _depth(source: Path, out: Path, options: Options) -> str:
+    depth_m = depth_writers.read_depth(source)
+    if options.to != "disparity-png":
+        depth_writers.WRITERS[options.to](out, depth_m)
+        return f"depth map of {depth_m.shape[1]}x{depth_m.shape[0]} as {options.to}"
+    from emvs.atomic import atomic_path
+    from emvs.io.dsec_writer import write_disparity
+
+    focal_px = _focal_px(source)
+    if options.baseline_m is None:
+        raise InputError(f"{source}: holds no baseline; add --baseline-m")
+    with atomic_path(out) as partial:
+        write_disparity(partial, depth_m, focal_px * options.baseline_m)
+    return f"disparity, b·f {focal_px * options.baseline_m:.3f} px·m"
+
+
+def _focal_px(source: Path) -> float:
+    import json
+
+    import numpy as np
+
+    if source.suffix != ".npz":
+        raise InputError(f"{source}: holds no focal length; needs a map's depth.npz")
+    try:
+        with np.load(source, allow_pickle=False) as stored:
+            return float(json.loads(str(stored["camera"]))["fx_px"])
+    except (KeyError, ValueError, OSError, TypeError) as error:
+        raise InputError(f"{source}: holds no camera; needs a map's depth.npz") from error
+
+
+def _cloud(source: Path, out: Path, to: str) -> str:
+    import open3d as o3d
+
+    from emvs.atomic import atomic_path
+
+    if source.suffix not in (".ply", ".pcd") or not source.is_file():
+        raise InputError(f"{source}: no point cloud; needs a .ply or .pcd file")
+    cloud = o3d.io.read_point_cloud(source)
+    if not cloud.has_points():
+        raise InputError(f"{source}: no points in it, or damaged; make it again")
+    if out.suffix != f".{to}":
+        raise InputError(f"{out}: needs a name that ends in .{to}")
+    with atomic_path(out) as partial:
+        if not o3d.io.write_point_cloud(partial, cloud):
+            raise InputError(f"{out}: could not be written; is the disk full?")
+    return f"{len(cloud.points):,} points as {to}"

@@ -1,0 +1,70 @@
+"""Slow, plain twins of the kernels of `emvs.rivals.esvo*` and `gts*`."""
+
+import math
+
+import numpy as np
+
+
+def zncc(left, right, u, v, d, half):
+    """ZNCC of the block around (u, v) and the one d columns further left."""
+    x, y = half
+    one = left[v - y : v + y + 1, u - x : u + x + 1].astype(float)
+    other = right[v - y : v + y + 1, u - d - x : u - d + x + 1].astype(float)
+    one, other = one - one.mean(), other - other.mean()
+    return float((one * other).sum() / math.sqrt((one**2).sum() * (other**2).sum()))
+
+
+def bilinear(image, x, y):
+    i, j = math.floor(x), math.floor(y)
+    fx, fy = x - i, y - j
+    top = (1 - fx) * image[j, i] + fx * image[j, i + 1]
+    bottom = (1 - fx) * image[j + 1, i] + fx * image[j + 1, i + 1]
+    return (1 - fy) * float(top) + fy * float(bottom)
+
+
+def cost(left, right, a, b, camera, rho, half, dof, scale):
+    """Negative log-likelihood, times 2 and without its constant, of a patch's differences."""
+    f, cx, cy, baseline = camera
+    x, y, z = np.asarray(a) + rho * np.asarray(b)
+    u, v = f * x / z + cx, f * y / z + cy
+    w = f * (x - baseline * rho) / z + cx
+    total = 0.0
+    for j in range(-half[1], half[1] + 1):
+        for i in range(-half[0], half[0] + 1):
+            r = bilinear(left, u + i, v + j) - bilinear(right, w + i, v + j)
+            total += (dof + 1) * math.log1p((r / scale) ** 2 / dof)
+    return total
+
+
+def smooth(rho, deviation, radius, least):
+    """Mean over compatible neighbours, weighted by inverse variance."""
+    out = np.full(rho.shape, np.nan)
+    for v, u in np.argwhere(np.isfinite(rho)):
+        rows = slice(max(0, v - radius), v + radius + 1)
+        columns = slice(max(0, u - radius), u + radius + 1)
+        near, width = rho[rows, columns].ravel(), deviation[rows, columns].ravel()
+        like = np.abs(near - rho[v, u]) <= 2 * np.maximum(width, deviation[v, u])
+        if like.sum() > least:
+            out[v, u] = np.average(near[like], weights=width[like] ** -2)
+    return out
+
+
+def best_pairs(left, right, low, high, settings):
+    """For each left event, index of the right one of least energy, -1 for none."""
+    found = []
+    for k in range(len(left.t_us)):
+        best, where = settings.most_energy, -1
+        for m in range(len(right.t_us)):
+            du, dv = left.uv_px[k] - right.uv_px[m]
+            dt = float(right.t_us[m] - left.t_us[k])
+            far = abs(dv) > 2 * settings.row_px or abs(dt) > 2 * settings.time_us
+            if far or not low <= du <= high or left.p[k] != right.p[m]:
+                continue
+            one, other = left.slope[k], right.slope[m]
+            moved = 2 * ((one - other) ** 2).sum() / ((one**2).sum() + (other**2).sum())
+            value = (dv / settings.row_px) ** 2 + (dt / settings.time_us) ** 2
+            value += moved / settings.motion**2
+            if value < best:
+                best, where = value, m
+        found.append(where)
+    return np.array(found)

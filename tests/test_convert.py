@@ -1,0 +1,184 @@
+"""`eventsweep convert`: what goes in comes out, or is refused in one line."""
+
+from __future__ import annotations
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+
+from emvs.data.events import Events
+from emvs.data.se3 import from_quat_xyzw
+from emvs.data.trajectory import Trajectory
+from emvs.data.tum import read_tum, write_tum
+from emvs.errors import InputError
+from emvs.io import calibration_writers as rigs
+from emvs.io.calibration import read_rig
+from emvs.io.dsec import read_disparity
+from emvs.io.events import FORMATS, open_events, write_events
+from emvs.io.poses import read_kitti, read_poses
+from eval.cli import main
+from eval.convert import targets
+from sim.rigs import RIGS
+
+WRITABLE = [name for name, entry in FORMATS.items() if entry.writes]
+TIMES = [0, 0, 7, 20_000_000, 20_000_000, 1 << 33]
+
+
+def run(*words) -> int:
+    return main(["convert", *map(str, words), "--quiet"])
+
+
+def events() -> Events:
+    x = np.arange(len(TIMES), dtype=np.uint16)
+    return Events(x, x[::-1].copy(), np.array(TIMES), (x % 2).astype(np.uint8))
+
+
+@pytest.mark.parametrize(("first", "second"), list(itertools.permutations(WRITABLE, 2)))
+def test_every_pair_of_event_formats_keeps_every_event(tmp_path, first, second):
+    a, b = tmp_path / "a", tmp_path / "b"
+    write_events(a, first, 640, 480, {"davis/left": [events()]})
+    assert run(a, b, "--to", second, "--width-px", 640, "--height-px", 480) == 0
+    reader = open_events(b)
+    assert reader.format == second
+    got = Events.concat(list(reader.chunks(reader.streams[0])))
+    for name in ("x", "y", "t_us", "p"):
+        np.testing.assert_array_equal(getattr(got, name), getattr(events(), name))
+
+
+def test_a_shift_is_applied_and_printed(tmp_path, capsys):
+    a, b = tmp_path / "a.txt", tmp_path / "b.raw"
+    late = events()
+    late = Events(late.x, late.y, late.t_us + (1 << 50), late.p)
+    write_events(a, "text", 640, 480, {"e": [late]})
+    size = ("--width-px", 640, "--height-px", 480)
+    assert run(a, b, "--to", "evt3", *size) == 2
+    assert not b.exists()
+    assert main(["convert", str(a), str(b), "--to", "evt3", *map(str, size), "--from-zero"]) == 0
+    assert f"shifted by -{1 << 50} µs" in capsys.readouterr().err
+    assert open_events(b).span_us("events") == (0, 1 << 33)
+
+
+def test_outputs_are_kept_unless_forced(tmp_path):
+    a = tmp_path / "a.npz"
+    write_events(a, "npz", 64, 64, {"e": [events()]})
+    assert run(a, a, "--to", "npz") == 2
+    assert run(a, a, "--to", "npz", "--force") == 2
+    assert run(a, tmp_path / "b", "--to", "nothing") == 2
+    assert run(a, tmp_path / "b", "--to", "sequence") == 2
+
+
+def test_slider_depth_becomes_a_bag_and_a_folder(shared_data, tmp_path):
+    folder = tmp_path / "slider"
+    assert run(shared_data / "slider_depth", folder, "--to", "evt3") == 0
+    said = (folder / "recording.toml").read_text()
+    assert 'file = "cam0.raw"' in said
+    assert sum(len(p) for p in open_events(folder / "cam0.raw").chunks("events")) == 1_078_541
+
+
+def poses(n=20) -> Trajectory:
+    rng = np.random.default_rng(3)
+    quats = rng.normal(size=(n, 4))
+    quats /= np.linalg.norm(quats, axis=1, keepdims=True)
+    return Trajectory(np.arange(n) * 5000 + (1 << 45), rng.normal(size=(n, 3)), quats)
+
+
+def test_trajectories_go_to_tum_and_kitti(tmp_path):
+    made, a = poses(), tmp_path / "a.txt"
+    write_tum(a, made)
+    assert run(a, tmp_path / "b", "--to", "tum") == 0
+    assert run(a, tmp_path / "c", "--to", "kitti") == 0
+    for got in (read_tum(tmp_path / "b"), read_kitti(tmp_path / "c", made.t_us)):
+        np.testing.assert_array_equal(got.t_us, made.t_us)
+        np.testing.assert_allclose(got.at(made.t_us), made.at(made.t_us), atol=1e-9)
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("s", 1e-6), ("ms", 1e-3), ("us", 1), ("ns", 1000)])
+def test_units_of_time(tmp_path, unit, scale):
+    path = tmp_path / "p.txt"
+    path.write_text(f"time,x,y,z,qx,qy,qz,qw\n{5_000_000 * scale},1,2,3,0,0,0,1\n")
+    assert read_poses(path, unit).t_us.tolist() == [5_000_000]
+
+
+@pytest.mark.parametrize("name", RIGS)
+@pytest.mark.parametrize("kind", ["kalibr", "basalt", "rig"])
+def test_calibrations_come_back(tmp_path, name, kind):
+    made, path = RIGS[name], tmp_path / ("rig.yaml" if kind == "kalibr" else "rig.json")
+    if kind == "basalt" and made.cameras[0].model == "radtan":
+        with pytest.raises(InputError, match="no Basalt form"):
+            rigs.write_basalt(path, made)
+        return
+    rigs.WRITERS[kind](path, made)
+    got = read_rig(path)
+    for k in range(len(made)):
+        np.testing.assert_allclose(got.T_body_cam[k], made.T_body_cam[k], atol=1e-9)
+        assert got.cameras[k].K.tolist() == made.cameras[k].K.tolist()
+        assert got.cameras[k].distortion[:4] == made.cameras[k].distortion[:4]
+
+
+def test_opencv_reads_its_own_yaml(tmp_path):
+    import cv2
+
+    rigs.write_opencv(tmp_path / "c.yaml", RIGS["mvsec"])
+    store = cv2.FileStorage(str(tmp_path / "c.yaml"), cv2.FileStorage_READ)
+    np.testing.assert_array_equal(store.getNode("cam1_K").mat(), RIGS["mvsec"].cameras[1].K)
+    assert store.getNode("cam0_model").string() == "fisheye"
+
+
+def test_depth_maps_go_to_every_image_format(tmp_path):
+    import cv2
+
+    depth_m = np.array([[1.0, 2.5, 60.0], [0.5, 4.0, 8.0]], np.float32)
+    mask = depth_m != 4.0
+    a = tmp_path / "depth.npz"
+    camera = json.dumps({"fx_px": 100.0})
+    np.savez(a, depth_m=depth_m, mask=mask, camera=camera)
+    known = np.where(mask, depth_m, np.nan)
+    for kind in ("depth-png", "depth-npy", "depth-tiff"):
+        assert run(a, tmp_path / kind, "--to", kind) == 0
+    png = cv2.imread(str(tmp_path / "depth-png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(png, np.where(mask, depth_m * 1000, 0))
+    tiff = cv2.imread(str(tmp_path / "depth-tiff"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(tiff, known)
+    np.testing.assert_array_equal(np.load(tmp_path / "depth-npy"), known)
+    out = tmp_path / "d.png"
+    assert run(a, out, "--to", "disparity-png") == 2
+    assert run(a, out, "--to", "disparity-png", "--baseline-m", 0.1) == 0
+    np.testing.assert_allclose(read_disparity(out, 10.0), known, rtol=0.02)
+
+
+def test_depth_is_never_unpickled(tmp_path):
+    path = tmp_path / "evil.npy"
+    np.save(path, np.array([{"a": 1}], object), allow_pickle=True)
+    assert run(path, tmp_path / "b", "--to", "depth-npy") == 2
+
+
+def test_clouds_go_to_pcd_and_back(tmp_path):
+    import open3d as o3d
+
+    points = np.random.default_rng(0).normal(size=(50, 3))
+    a = tmp_path / "a.ply"
+    o3d.io.write_point_cloud(str(a), o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points)))
+    assert run(a, tmp_path / "b.pcd", "--to", "pcd") == 0
+    assert run(tmp_path / "b.pcd", tmp_path / "c.ply", "--to", "ply") == 0
+    got = np.asarray(o3d.io.read_point_cloud(str(tmp_path / "c.ply")).points)
+    np.testing.assert_allclose(got, points, atol=1e-6)
+
+
+def test_every_target_is_named_in_the_docs():
+    from pathlib import Path
+
+    text = (Path(__file__).parents[1] / "docs" / "convert.md").read_text()
+    assert [name for name in targets() if f"`{name}`" not in text] == []
+
+
+def test_kitti_refuses_what_is_no_rotation(tmp_path):
+    path = tmp_path / "k.txt"
+    path.write_text("2 0 0 0 0 1 0 0 0 0 1 0\n")
+    with pytest.raises(InputError, match="line 1 is no rigid motion"):
+        read_kitti(path, np.array([0]))
+    T = from_quat_xyzw(np.zeros(3), np.array([0, 0, 0, 1.0]))
+    np.savetxt(path, T[:3].reshape(1, 12))
+    with pytest.raises(InputError, match="1 poses for 2 times"):
+        read_kitti(path, np.array([0, 1]))

@@ -1,0 +1,89 @@
+"""`eventsweep info`: counts equal a plain count, faults are found, and pictures are drawn."""
+
+from __future__ import annotations
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from emvs.data.events import Events
+from emvs.io.events import write_events
+from eval.cli import main
+from eval.info_stream import GAP_US, StreamCount
+
+
+def made(times, columns=None) -> Events:
+    t_us = np.array(times, np.int64)
+    x = np.zeros(len(t_us), np.uint16) if columns is None else np.array(columns, np.uint16)
+    return Events(x, x, t_us, (np.arange(len(t_us)) % 2).astype(np.uint8))
+
+
+@given(
+    st.lists(st.integers(0, 1 << 40) | st.integers(0, 5000), min_size=1, max_size=40),
+    st.integers(1, 40),
+)
+def test_packets_count_as_one_plain_pass(times, packet):
+    events = made(times)
+    found = StreamCount((1, 1))
+    for start in range(0, len(times), packet):
+        found.add(events.slice(start, start + packet))
+    pairs = list(itertools.pairwise(times))
+    assert (found.events, found.first_us, found.last_us) == (len(times), min(times), max(times))
+    assert found.backwards == sum(b < a for a, b in pairs)
+    assert found.backwards_events == sum(t < max(times[: k + 1]) for k, t in enumerate(times))
+    assert found.gap_count == sum(b - a >= GAP_US for a, b in pairs)
+    starts, rates = found.rates()
+    assert rates.sum() == len(times)
+    assert rates[1].sum() == found.brighter == len(times) // 2
+    inside = [int(((np.array(times) // found.bin_us) == s // found.bin_us).sum()) for s in starts]
+    if found._origin_us % found.bin_us == 0:
+        assert rates.sum(axis=0).tolist() == inside
+
+
+def test_strays_are_counted_and_named(tmp_path, capsys):
+    path = tmp_path / "e.raw"
+    write_events(path, "evt2", 64, 64, {"e": [made([0, 10, 300_000], [1, 2, 63])]})
+    raw = path.read_bytes().replace(b"64", b"32")
+    path.write_bytes(raw)
+    main(["info", str(path), "--json"])
+    stream = json.loads(capsys.readouterr().out)["streams"][0]
+    assert stream["sensor_px"] == [32, 32]
+    assert (stream["events"], stream["outside_sensor"], stream["gaps"]) == (3, 1, 1)
+    assert stream["longest_gaps_us"] == [[10, 300_000]]
+
+
+def test_a_picture_of_a_file_that_says_no_size(tmp_path):
+    path, picture = tmp_path / "e.txt", tmp_path / "e.png"
+    write_events(path, "text", 64, 64, {"e": [made([0, 10, 20])]})
+    assert main(["info", str(path), "--quiet", "--picture", str(picture)]) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert main(["info", str(path), "--quiet", "--picture", str(picture)]) == 2
+
+
+def test_a_file_that_is_nothing_is_refused(tmp_path, capsys):
+    path = tmp_path / "e.raw"
+    path.write_bytes(b"\x00\x01\x02")
+    assert main(["info", str(path)]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_slider_depth_is_known(shared_data, capsys):
+    main(["info", str(shared_data / "slider_depth"), "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert found["what"] == "Event Camera Dataset"
+    assert found["streams"][0]["events"] == 1_078_541
+    assert found["recording"]["poses_cover_events"] is False
+    assert found["recording"]["poses"] == 339
+
+
+@pytest.mark.parametrize("word", ["--json", "--quiet"])
+def test_nothing_but_what_was_asked_for(tmp_path, capsys, word):
+    path = tmp_path / "e.npz"
+    write_events(path, "npz", 64, 64, {"e": [made([0, 10, 20])]})
+    main(["info", str(path), word])
+    out = capsys.readouterr().out
+    assert json.loads(out) if word == "--json" else not out

@@ -1,0 +1,134 @@
+"""A whole sequence by the command line: sliding windows, scores, report, global cloud."""
+
+import json
+
+import pytest
+
+from emvs.data.rig import Rig
+from emvs.errors import InputError
+from emvs.hot_pixels import find_hot_pixels
+from emvs.io import open_recording
+from emvs.output import read_map
+from eval.cli import main
+from eval.results import read_results
+
+SLIDING = ("--map.window-s", "0.04", "--map.stride-s", "0.02", "--map.planes", "20")
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory):
+    path = tmp_path_factory.mktemp("sequence") / "planes"
+    arguments = ["simulate", "planes", "--out", str(path), "--seconds", "0.1", "--quiet"]
+    assert main([*arguments, "--sim.truth-interval-s", "0.04"]) == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def mapped(sequence):
+    out = sequence.parent / "map"
+    assert map_into(out, sequence, "--quiet") == 0
+    return out
+
+
+def map_into(out, sequence, *flags):
+    return main(["map", str(sequence), "--out", str(out), "--method", "Alg1/H", *SLIDING, *flags])
+
+
+def test_every_window_is_a_window_of_the_map(mapped):
+    stored = read_map(mapped)
+    assert [w.info.t0_us for w in stored.windows] == [0, 20_000, 40_000, 60_000]
+    assert [w.info.t_ref_us for w in stored.windows] == [20_000, 40_000, 60_000, 80_000]
+    assert (mapped / "report.html").is_file()
+    assert (mapped / "w003" / "Alg1-H" / "cloud.ply").is_file()
+
+
+def test_the_same_command_again_changes_nothing_and_says_what_there_is(mapped, sequence, capsys):
+    before = {path: path.stat().st_mtime_ns for path in mapped.glob("w*/**/*.npz")}
+    assert map_into(mapped, sequence, "--json") == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert (len(facts["windows"]), facts["skipped"], facts["complete"]) == (4, [], True)
+    assert {path: path.stat().st_mtime_ns for path in mapped.glob("w*/**/*.npz")} == before
+
+
+def test_other_settings_are_one_line_and_exit_code_2(mapped, sequence, capsys):
+    assert map_into(mapped, sequence, "--quiet", "--map.median-px", "3") == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_bad_windows_are_told_at_the_end_and_the_exit_code_stays_0(sequence, tmp_path, capsys):
+    counts = [
+        min(camera["voting"] for camera in window.counts.values())
+        for window in read_map(sequence.parent / "map").info.windows
+    ]
+    least = str(sorted(counts)[2])
+    assert map_into(tmp_path / "map", sequence, "--map.min-events", least) == 0
+    told = capsys.readouterr().out
+    assert "2 of 4 windows could not be mapped" in told
+    assert f"at least {least}" in " ".join(told.split())
+    assert map_into(tmp_path / "none", sequence, "--map.min-events", "99999999", "--quiet") == 2
+    assert "none of 4 windows could be mapped" in capsys.readouterr().err
+
+
+def test_windows_without_truth_are_left_out_and_counted(mapped, capsys):
+    assert main(["score", str(mapped)]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "2 of 4 windows scored: 2 have no ground truth" in told
+    results = read_results(mapped)
+    assert {row.window for row in results.rows} == {"w001", "w003", "all", "mean"}
+    assert results.configuration["planes"]["windows"] == {"scored": 2, "without_truth": 2}
+
+
+def test_no_window_with_truth_is_an_error(sequence, tmp_path, capsys):
+    assert map_into(tmp_path / "map", sequence, "--quiet", "--map.start-s", "0.001") == 0
+    assert main(["score", str(tmp_path / "map"), "--quiet"]) == 2
+    error = capsys.readouterr().err
+    assert "21000" in error
+    assert error.count("\n") == 1
+
+
+def test_no_pixel_of_a_clean_simulation_is_hot(sequence):
+    recording = open_recording(sequence)
+    t0_us, t1_us = recording.event_span_us(0)
+    for span in ((t0_us, t1_us + 1), (t0_us, t0_us + 20_000)):
+        assert [found.pixels for found in find_hot_pixels(recording, *span, 3.0)] == [0, 0]
+
+
+def test_fuse_joins_the_windows(mapped, capsys):
+    assert main(["fuse", str(mapped), "--voxel-m", "0.02", "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["windows"] == 4
+    assert 0 < facts["points"] < facts["window_points"]
+    assert (mapped / "global" / "Alg1-H" / "cloud.ply").is_file()
+    assert main(["fuse", str(mapped), "--min-windows", "9", "--quiet"]) == 2
+    assert "lower min_windows" in capsys.readouterr().err
+
+
+def test_a_camera_without_calibration_is_refused_in_one_line(sequence, tmp_path):
+    values = json.loads((sequence / "rig.json").read_text())
+    del values["cameras"][1]["fx_px"]
+    with pytest.raises(InputError, match="fx_px") as error:
+        Rig.from_json(values)
+    assert "\n" not in str(error.value)
+    for name in ("events.txt", "groundtruth.txt"):
+        (tmp_path / name).write_text("")
+    with pytest.raises(InputError, match=r"lacks calib\.txt"):
+        open_recording(tmp_path)
+
+
+def test_a_map_without_a_window_yet_cannot_be_scored_or_reported(mapped, tmp_path, capsys):
+    (tmp_path / "map").mkdir()
+    index = json.loads((mapped / "map.json").read_text()) | {"windows": [], "complete": False}
+    (tmp_path / "map" / "map.json").write_text(json.dumps(index))
+    for verb in ("score", "report", "fuse"):
+        assert main([verb, str(tmp_path / "map"), "--quiet"]) == 2
+        assert "holds no window yet" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_many_windows_leave_the_report_small(mapped, sequence, tmp_path):
+    flags = ("--quiet", "--map.window-s", "0.01", "--map.stride-s", "0.0018")
+    arguments = ["map", str(sequence), "--out", str(tmp_path / "map"), "--method", "Alg1/H"]
+    assert main([*arguments, "--map.planes", "10", *flags]) == 0
+    assert len(read_map(tmp_path / "map").windows) >= 50
+    few, many = ((folder / "report.html").stat().st_size for folder in (mapped, tmp_path / "map"))
+    assert many < 1.5 * few
