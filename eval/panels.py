@@ -24,11 +24,13 @@ from eval.figures import (
     point_size_px,
 )
 from eval.findings import findings
+from eval.plot_causes import causes_svg, outlier_causes
 from eval.plots import curves_svg, slice_svg
 from eval.png import IndexedImage
 from eval.ranking import FUSED_PREFIX, column, order, shown, table, with_unit
 from eval.results import Row
 from eval.score import POOLED
+from eval.viewer import window_data
 from eval.views import CaseView, MethodView, ReportData, WindowView
 
 _CAPTION = ("points", "completeness", "mean_error", "median_error", "bad_published")
@@ -56,6 +58,7 @@ def case_panel(
         ],
         "window_count": case.window_count,
         "curves_svg": _curves(rows, methods, identity),
+        "causes_svg": _causes(rows, methods),
         "every": table(rows, metric, every) if rows else None,
     }
 
@@ -78,6 +81,8 @@ def window_panel(window: WindowView, methods: Sequence[str], rows: Sequence[Row]
         "has_slices": any(m.piece is not None for m in window.methods),
         "counts": window.counts,
         "count_names": list(names),
+        "data": window_data(window, methods, scales["error_scale"], scales["depth_scale"]),
+        "has_cloud": window.camera is not None,
         **scales,
     }
 
@@ -187,12 +192,21 @@ def _chosen(rows: Sequence[Row], metric: str, methods: Sequence[str]) -> int:
 
 
 def _curves(rows: Sequence[Row], methods: Sequence[str], prefix: str) -> Markup | None:
+    drawn = curves_of(rows, methods)
+    return Markup(curves_svg(drawn, prefix)) if drawn else None
+
+
+def curves_of(rows: Sequence[Row], methods: Sequence[str]) -> list[tuple[str, Curve]]:
+    """The curves of all methods, from the rows of one case; none where nothing was scored."""
     values = {(row.method, row.metric): row.value for row in rows}
-    scored = [method for method in methods if (method, "points") in values]
-    if not scored:
-        return None
-    drawn = [(method, _curve_of(values, method)) for method in methods]
-    return Markup(curves_svg(drawn, prefix))
+    if not any((method, "points") in values for method in methods):
+        return []
+    return [(method, _curve_of(values, method)) for method in methods]
+
+
+def _causes(rows: Sequence[Row], methods: Sequence[str]) -> Markup | None:
+    shares = outlier_causes(rows, methods)
+    return Markup(causes_svg(shares)) if shares else None
 
 
 def _curve_of(values: dict[tuple[str, str], float], method: str) -> Curve:

@@ -19,11 +19,12 @@ from eval.curves import Curve
 
 # Matplotlib knows no `currentColor`: draw in a colour that nothing else has, then rename it.
 _INK = "#010203"
-_STYLE: Any = {
+STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "eventsweep",
     "font.family": "sans-serif",
     "font.size": 9,
+    "text.parse_math": False,
     "text.color": _INK,
     "axes.edgecolor": _INK,
     "axes.labelcolor": _INK,
@@ -75,14 +76,19 @@ def curves_svg(curves: Sequence[tuple[str, Curve]], prefix: str) -> str:
         curves: method names and their curves.
         prefix: begins the id of every line, `{prefix}-curve-{position}`, unique in a page.
     """
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(10.5, 3.3), layout="constrained")
-        panels = figure.subplots(1, 3)
-        for axes, name in zip(panels, ("precision", "recall", "f1"), strict=True):
-            _draw_curves(axes, curves, name, prefix)
-        handles = panels[0].get_lines()
-        figure.legend(handles=handles, loc="outside right center", handlelength=3.2)
-        return _svg(figure)
+    with mpl.rc_context(STYLE):
+        return svg_of(curves_figure(curves, prefix))
+
+
+def curves_figure(curves: Sequence[tuple[str, Curve]], prefix: str) -> Figure:
+    """The same as a figure; made within a context of `STYLE`."""
+    figure = Figure(figsize=(10.5, 3.3), layout="constrained")
+    panels = figure.subplots(1, 3)
+    for axes, name in zip(panels, ("precision", "recall", "f1"), strict=True):
+        _draw_curves(axes, curves, name, prefix)
+    handles = panels[0].get_lines()
+    figure.legend(handles=handles, loc="outside right center", handlelength=3.2)
+    return figure
 
 
 def _draw_curves(axes: Axes, curves: Sequence[tuple[str, Curve]], name: str, prefix: str) -> None:
@@ -129,27 +135,32 @@ class DsiSlice:
 
 def slice_svg(piece: DsiSlice) -> str:
     """Seen from above, the camera below: ray density, extracted depth and true depth of one row."""
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(10.5, 3.6), layout="constrained")
-        axes = figure.subplots()
-        _draw_votes(axes, piece)
-        columns = np.flatnonzero(piece.mask)
-        if piece.truth_m is not None:
-            x_px = np.arange(len(piece.truth_m))
-            axes.plot(x_px, 1 / piece.truth_m, ".", ms=1.6, color=TRUTH_COLOUR, label="true depth")
-        axes.plot(
-            columns,
-            1 / piece.depth_m[columns],
-            "o",
-            ms=3.6,
-            mfc="none",
-            mew=1.1,
-            color=ESTIMATE_COLOUR,
-            label="extracted depth",
-        )
-        axes.set_ylim(float(piece.rho.max()), float(piece.rho.min()))
-        figure.legend(loc="outside upper right", ncols=2, markerscale=1.8)
-        return _svg(figure)
+    with mpl.rc_context(STYLE):
+        return svg_of(slice_figure(piece))
+
+
+def slice_figure(piece: DsiSlice) -> Figure:
+    """The same as a figure; made within a context of `STYLE`."""
+    figure = Figure(figsize=(10.5, 3.6), layout="constrained")
+    axes = figure.subplots()
+    _draw_votes(axes, piece)
+    columns = np.flatnonzero(piece.mask)
+    if piece.truth_m is not None:
+        x_px = np.arange(len(piece.truth_m))
+        axes.plot(x_px, 1 / piece.truth_m, ".", ms=1.6, color=TRUTH_COLOUR, label="true depth")
+    axes.plot(
+        columns,
+        1 / piece.depth_m[columns],
+        "o",
+        ms=3.6,
+        mfc="none",
+        mew=1.1,
+        color=ESTIMATE_COLOUR,
+        label="extracted depth",
+    )
+    axes.set_ylim(float(piece.rho.max()), float(piece.rho.min()))
+    figure.legend(loc="outside upper right", ncols=2, markerscale=1.8)
+    return figure
 
 
 def _draw_votes(axes: Axes, piece: DsiSlice) -> None:
@@ -175,7 +186,8 @@ def _draw_votes(axes: Axes, piece: DsiSlice) -> None:
     axes.set_xlabel(f"x [px], image row {piece.row_px}")
 
 
-def _svg(figure: Figure) -> str:
+def svg_of(figure: Figure) -> str:
+    """A figure as SVG to put into a page, in the colour of the text around it."""
     stream = io.StringIO()
     figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
     drawing = stream.getvalue()

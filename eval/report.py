@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from importlib import resources
 from pathlib import Path
 from typing import Any
-
-import jinja2
-from markupsafe import Markup
 
 from emvs.atomic import atomic_path
 from eval.findings import findings
 from eval.overview import overview_png
+from eval.pages import environment, inline
 from eval.panels import case_panel
 from eval.plots import line_style
 from eval.ranking import column, mean_over_cases, table
@@ -46,13 +43,7 @@ def write_report(run_dir: Path) -> Path:
 
 def render(data: ReportData) -> str:
     """The page as text; the same data give the same bytes."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("eval", "templates"),
-        autoescape=True,
-        trim_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    template = environment.get_template("report.html.j2")
+    template = environment().get_template("report.html.j2")
     return template.render(_context(data))
 
 
@@ -75,8 +66,10 @@ def _context(data: ReportData) -> dict[str, Any]:
         "version": data.results.versions.get("eventsweep", ""),
         "colour_of": lambda method: line_style(method).colour,
         "count": lambda value: "–" if value is None else f"{value:,}".replace(",", "\u202f"),
-        "css": _inline("report.css"),
-        "js": _inline("report.js"),
+        "css": inline("report.css"),
+        "js": inline("report.js"),
+        "viewer_css": inline("viewer.css"),
+        "viewer_js": inline("viewer.js"),
     }
 
 
@@ -105,8 +98,3 @@ def _provenance(data: ReportData) -> list[tuple[str, str]]:
 def _rows_named(rows: Iterable[Row], metric: str) -> list[tuple[str, str]]:
     found = {row.case: f"{row.value:.4g} {row.unit}" for row in rows if row.metric == metric}
     return list(found.items())
-
-
-def _inline(name: str) -> Markup:
-    text = resources.files("eval").joinpath("templates", name).read_text(encoding="utf-8")
-    return Markup(text)

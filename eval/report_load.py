@@ -108,6 +108,7 @@ def _window(
         events_caption=events_caption,
         counts=_readable(window.info.counts),
         photo=_photo(recording, t_us),
+        camera=maps[0].camera,
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from emvs.data.camera import Camera
 from emvs.data.frame_store import Photo
 from eval.plots import DsiSlice
 from eval.results import Results, Row
@@ -47,6 +48,7 @@ class WindowView:
         depth_range_m: nearest and farthest plane, m.
         frame: (H, W) linear intensity, 0..255; None where there is none.
         photo: what an ordinary camera in the same place took; None where there is none.
+        camera: the reference view's; None where the page needs no point cloud.
         brighter: (H, W) events of positive polarity per pixel; None where not counted.
         darker: (H, W) events of negative polarity per pixel; None where not counted.
         truth: ground truth; None for a recording without.
@@ -65,6 +67,7 @@ class WindowView:
     events_caption: str = "per pixel, whole window"
     counts: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
     photo: Photo | None = None
+    camera: Camera | None = None
 
 
 @dataclass(frozen=True, slots=True)

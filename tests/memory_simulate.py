@@ -18,19 +18,19 @@ from pathlib import Path
 def memory_mb(group: int) -> float:
     """Memory of a process group; what its processes share of it counts once.
 
-    Program files count in full for each process: their shared part would change with whatever else
-    runs on the machine.
+    Program files count once and in full, those of the process that maps most: each one's
+    share would change with whatever else runs on the machine.
     """
-    total_kb = 0
+    total_kb = files_kb = 0
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             if os.getpgid(int(folder.name)) == group:
                 own, files = (folder / "smaps_rollup").read_text(), (folder / "status").read_text()
                 total_kb += sum(_kb(name, own) for name in ("Pss_Anon", "Pss_Shmem"))
-                total_kb += _kb("RssFile", files)
+                files_kb = max(files_kb, _kb("RssFile", files))
         except (OSError, TypeError):  # it has just ended
             continue
-    return total_kb / 1024
+    return (total_kb + files_kb) / 1024
 
 
 def _kb(name: str, text: str) -> int:

@@ -5,119 +5,37 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from report_data import METHODS, SHAPE, WellFormed, report_data
 
 from emvs.data.frame_store import Photo
 from emvs.errors import InputError
 from eval.findings import findings, fusion_order
-from eval.plots import DsiSlice
 from eval.ranking import mean_over_cases, order, shown, table
 from eval.report import render, write_report
-from eval.results import Results, Row
-from eval.score import Truth, case_rows, pair_methods
-from eval.views import CaseView, MethodView, ReportData, WindowView
-
-SHAPE = (24, 32)
-# Relative error and share of pixels per method: what the report must find out by itself.
-METHODS = {
-    "Alg1/max": (0.30, 0.9),
-    "Alg1/H": (0.02, 0.4),
-    "Alg1/A": (0.05, 0.6),
-    "EMVS/cam0": (0.10, 0.7),
-}
-
-
-def _window(name, seed, truth=True):
-    rng = np.random.default_rng(seed)
-    truth_m = rng.uniform(0.6, 3.0, SHAPE)
-    rho = np.linspace(2.0, 0.25, 12)
-    methods = []
-    for method, (error, share) in METHODS.items():
-        depth_m = truth_m * (1 + error)
-        mask = rng.random(SHAPE) < share
-        row = truth_m[12] if truth else None
-        piece = DsiSlice(12, rho, rng.random((12, 32)), depth_m[12], mask[12], row)
-        methods.append(MethodView(method, depth_m, mask, rng.random(SHAPE) * 30, piece))
-    return WindowView(
-        name=name,
-        t_us=250_000,
-        methods=tuple(methods),
-        depth_range_m=(0.5, 4.0),
-        frame=rng.integers(0, 256, SHAPE).astype(np.uint8) if truth else None,
-        brighter=rng.integers(0, 4, SHAPE),
-        darker=rng.integers(0, 4, SHAPE),
-        truth=Truth(truth_m, np.ones(SHAPE, bool), 30.0, 0.1) if truth else None,
-        counts={"left": {"events": 1234567, "without pose": 3}},
-    )
-
-
-def _rows(case, windows):
-    pairs = {
-        w.name: pair_methods({m.name: (m.depth_m, m.mask) for m in w.methods}, w.truth)
-        for w in windows
-    }
-    return case_rows(case, pairs)
-
-
-def _report(*names, windows=1, truth=True):
-    cases, rows = [], []
-    for position, name in enumerate(names):
-        views = tuple(_window(f"w{k:03d}", 10 * position + k, truth) for k in range(windows))
-        cases.append(CaseView(name, "a test <scene>", views, windows + 2, (("rig", "two eyes"),)))
-        rows += _rows(name, views) if truth else []
-    results = Results(tuple(rows), {}, 7, dict.fromkeys(names, "ab" * 32))
-    return ReportData(tuple(cases), results, "mean_error", "planes = 12\n")
-
-
-class _Page(HTMLParser):
-    """Checks that tags nest, and collects what a test asks about."""
-
-    VOID = frozenset({"meta", "img", "input", "br"})
-
-    def __init__(self, text):
-        super().__init__()
-        self.open, self.ids, self.sources, self.checked = [], [], [], []
-        self.feed(text)
-        assert not self.open
-
-    def handle_starttag(self, tag, attributes):
-        values = dict(attributes)
-        self.ids += [values["id"]] if "id" in values else []
-        self.sources += [values[key] for key in ("src", "href", "xlink:href") if key in values]
-        self.checked += [values["id"]] if "checked" in values else []
-        if tag not in self.VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attributes):
-        self.handle_starttag(tag, attributes)
-        if tag not in self.VOID:
-            self.open.pop()
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
+from eval.results import Row
 
 
 @pytest.fixture(scope="module")
 def one_case():
-    return render(_report("desk"))
+    return render(report_data("desk"))
 
 
 def test_the_page_is_well_formed_and_loads_nothing(one_case):
-    page = _Page(one_case)
+    page = WellFormed(one_case)
     assert page.sources
     assert all(source.startswith(("data:", "#")) for source in page.sources)
     assert not re.search(r"url\(\s*['\"]?https?:|@import|<link|<script src", one_case)
 
 
 def test_same_data_same_page(one_case):
-    assert render(_report("desk")) == one_case
+    assert render(report_data("desk")) == one_case
 
 
 def test_the_best_fused_method_is_shown_first(one_case):
-    page = _Page(one_case)
+    page = WellFormed(one_case)
     assert page.checked == ["case0-m1"]
     assert page.ids.index("ranking") < page.ids.index("case0") < page.ids.index("provenance")
 
@@ -144,7 +62,7 @@ def test_text_from_outside_is_escaped(one_case):
 
 
 def test_several_cases_and_windows_have_ids_of_their_own():
-    page = _Page(text := render(_report("desk", "boxes", windows=2)))
+    page = WellFormed(text := render(report_data("desk", "boxes", windows=2)))
     own = [name for name in page.ids if name.startswith("case")]
     assert len(own) == len(set(own))
     assert "mean of 2 cases" in text
@@ -152,8 +70,8 @@ def test_several_cases_and_windows_have_ids_of_their_own():
 
 
 def test_a_recording_without_truth_has_maps_but_no_scores():
-    text = render(_report("slider", truth=False))
-    _Page(text)
+    text = render(report_data("slider", truth=False))
+    WellFormed(text)
     assert "Ranking" not in text
     assert "Ground truth" not in text
     assert 'alt="Depth [m] of Alg1/H' in text
@@ -163,11 +81,11 @@ def test_a_recording_without_truth_has_maps_but_no_scores():
 def test_an_ordinary_cameras_picture_says_what_it_lost():
     image = np.full(SHAPE, 100, np.uint8)
     image[:6], image[23, :1] = 255, 0
-    data = _report("desk")
+    data = report_data("desk")
     window = replace(data.cases[0].windows[0], photo=Photo(240_000, 250_000, 1.5, image))
     case = replace(data.cases[0], windows=(window,))
     text = render(replace(data, cases=(case,)))
-    _Page(text)
+    WellFormed(text)
     assert "Ordinary camera" in text
     assert "10 ms exposure, -5 ms" in text
     assert "25.0 % of the pixels white, 0.1 % black" in text
@@ -182,7 +100,7 @@ def test_a_folder_without_maps_is_refused(tmp_path):
 
 @pytest.fixture(scope="module")
 def rows():
-    data = _report("desk")
+    data = report_data("desk")
     return data.rows_of("desk", "all")
 
 

@@ -5,6 +5,7 @@ come at once.
 """
 
 from eval.commands import (  # noqa: F401
+    compare,
     convert,
     fuse,
     gate,

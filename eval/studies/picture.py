@@ -24,7 +24,7 @@ def draw(study: Study, curves: Sequence[Curve], path: Path) -> None:
         _draw_panel(axes, study, [curve for curve in curves if curve.metric == metric])
     handles, labels = panels[0].get_legend_handles_labels()
     figure.supxlabel(f"{study.axis} [{study.unit}]", fontsize=10)
-    figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False, fontsize=9)
+    figure.legend(handles, labels, loc="outside right center", frameon=False, fontsize=9)
     with atomic_path(path) as partial, partial.open("wb") as stream:
         figure.savefig(stream, format=path.suffix[1:], dpi=130, facecolor="white")
 

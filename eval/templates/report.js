@@ -13,6 +13,7 @@ for (const head of document.querySelectorAll("th.sorts")) {
     const rows = [...body.rows].sort((a, b) => {
       if (at === 0) return (up ? 1 : -1) * name(a).localeCompare(name(b));
       const x = value(a), y = value(b);
+      if (isNaN(x) && isNaN(y)) return (up ? 1 : -1) * a.cells[at].textContent.localeCompare(b.cells[at].textContent);
       if (isNaN(x) || isNaN(y)) return isNaN(x) - isNaN(y);
       return up ? x - y : y - x;
     });
@@ -43,6 +44,9 @@ document.addEventListener("click", (event) => {
   const base = picture.querySelector("img");
   caption.textContent = picture.closest("figure").querySelector("figcaption").innerText;
   dialog.style.setProperty("--aspect", base.naturalWidth / base.naturalHeight || 4 / 3);
-  dialog.replaceChildren(copy, caption);
+  dialog.source = picture.closest(".linked");
+  const readout = document.createElement("p");
+  readout.className = "readout";
+  dialog.replaceChildren(copy, readout, caption);
   dialog.showModal();
 });

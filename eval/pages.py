@@ -1,0 +1,121 @@
+"""Pages that are tables: what they show, as plain values, and the text that they become."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Literal
+
+import jinja2
+from markupsafe import Markup
+
+Kind = Literal["", "better", "worse", "other", "best"]
+
+
+@dataclass(frozen=True, slots=True)
+class Head:
+    """A column's heading; `better` says which end sorts to the top first."""
+
+    title: str
+    unit: str = ""
+    better: str = "lower"
+
+
+@dataclass(frozen=True, slots=True)
+class GridCell:
+    """One cell: as read, as sorted, and how it stands out."""
+
+    text: str
+    value: float = math.nan
+    kind: Kind = ""
+    colour: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """A sortable table."""
+
+    heads: tuple[Head, ...]
+    lines: tuple[tuple[GridCell, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A part of a page: one table per metric, of which one is shown at a time.
+
+    Attributes:
+        id: unique in the page.
+        title: heading.
+        names: of the tables, on the buttons.
+        tables: as many as names.
+        text: below the heading.
+        figure: a picture, as an address that holds it.
+        failures: (what, why) pairs.
+        choice: what the buttons choose.
+        chosen: which table is shown first.
+    """
+
+    id: str
+    title: str
+    names: tuple[str, ...]
+    tables: tuple[Grid, ...]
+    text: str = ""
+    figure: str = ""
+    failures: tuple[tuple[str, str], ...] = ()
+    choice: str = "Metric"
+    chosen: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """A whole page."""
+
+    title: str
+    subtitle: str
+    sections: tuple[Section, ...]
+    provenance: Grid
+    overview: Grid | None = None
+    findings: tuple[str, ...] = ()
+    note: str = ""
+    version: str = ""
+
+
+def page_text(page: Page) -> str:
+    """The page as HTML; names from files are escaped, and nothing is loaded from elsewhere."""
+    return environment().get_template("tables.html.j2").render(
+        title=page.title, subtitle=page.subtitle, sections=page.sections, note=page.note,
+        provenance=page.provenance, overview=page.overview, findings=page.findings,
+        version=page.version, most=max((len(s.names) for s in page.sections), default=0),
+        css=inline("report.css"), tables_css=inline("tables.css"), js=inline("report.js"),
+    )  # fmt: skip
+
+
+def versions_grid(names: Sequence[str], versions: Sequence[Mapping[str, str]]) -> Grid:
+    """Versions side by side; a line where they differ stands out."""
+    libraries = sorted({name for one in versions for name in one})
+    lines = []
+    for library in libraries:
+        found = [one.get(library, "absent") for one in versions]
+        kind: Kind = "worse" if len(set(found)) > 1 else ""
+        lines.append((GridCell(library), *(GridCell(text, kind=kind) for text in found)))
+    return Grid((Head("version of"), *(Head(name) for name in names)), tuple(lines))
+
+
+@cache
+def environment() -> jinja2.Environment:
+    """Templates that escape everything that is not marked as safe."""
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader("eval", "templates"),
+        autoescape=True,
+        trim_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+
+
+def inline(name: str) -> Markup:
+    """A file beside the templates, as it stands."""
+    text = resources.files("eval").joinpath("templates", name).read_text(encoding="utf-8")
+    return Markup(text)

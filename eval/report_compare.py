@@ -1,0 +1,194 @@
+"""Several runs side by side: same case and method, with differences where they mean something."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from emvs.atomic import atomic_path
+from eval.comparison import JUDGED, Comparison, compare_runs, read_runs
+from eval.gate import Status, Verdict
+from eval.gate_series import Key, Series
+from eval.pages import Grid, GridCell, Head, Kind, Page, Section, page_text, versions_grid
+from eval.plots import line_style
+from eval.ranking import RANKING_COLUMNS, column, shown
+from eval.tables import TextCell, TextTable, in_unit, write_tables
+
+HTML_NAME = "compare.html"
+TABLES_FOLDER = "tables"
+_NOTE = (
+    "Better and worse are said as the gate says them: by more than seeds differ, or by more than "
+    "2 % where there is one seed. What was measured on other sequences, by another definition or "
+    "by other code is not comparable, whatever its numbers. Values are means over seeds; "
+    "differences are over the seeds of the later result, where the first one has them all."
+)
+_VERDICT, _MOST_CHANGES, _CHOSEN = "verdict", 200, "mean_error"
+_KINDS: dict[str, Kind] = {"better": "better", "worse": "worse", "same": ""}
+
+
+def write_comparison(paths: Sequence[Path], out: Path) -> Path:
+    """Writes `compare.html` and `tables/` into a folder and returns the page's path.
+
+    Raises:
+        InputError: fewer than two results, or one is missing or damaged.
+    """
+    found = compare_runs(read_runs(paths))
+    text = page_text(comparison_page(found))
+    with atomic_path(out / HTML_NAME) as path:
+        path.write_text(text, encoding="utf-8")
+    write_tables(out / TABLES_FOLDER, comparison_tables(found))
+    return out / HTML_NAME
+
+
+def comparison_page(found: Comparison) -> Page:
+    """What the page shows: a section per case, in it a table per metric."""
+    names = [run.name for run in found.runs]
+    cases = list(dict.fromkeys(key.case for run in found.runs for key in run.measured.series))
+    sections = [_section(found, case, k) for k, case in enumerate(cases)]
+    return Page(
+        title=" against ".join((names[0], ", ".join(names[1:]))),
+        subtitle=f"{len(names)} results; differences are to {names[0]}.",
+        sections=(*(section for section in sections if section.names), _changes(found)),
+        provenance=versions_grid(names, [run.measured.versions for run in found.runs]),
+        overview=_overview(found),
+        findings=tuple(_sentence(found, k) for k in range(len(found.verdicts))),
+        note=_NOTE,
+        version=found.runs[0].measured.versions.get("eventsweep", ""),
+    )
+
+
+def comparison_tables(found: Comparison) -> dict[str, TextTable]:
+    """One table per case and metric."""
+    tables = {}
+    for section in comparison_page(found).sections[:-1]:
+        for name, grid in zip(section.names, section.tables, strict=True):
+            heads = tuple(f"{h.title} [{h.unit}]" if h.unit else h.title for h in grid.heads)
+            lines = tuple(
+                (TextCell(line[0].text, line[0].text), *map(_text_cell, line[1:], grid.heads[1:]))
+                for line in grid.lines
+            )
+            tables[f"{section.title}-{name}"] = TextTable(f"{section.title}: {name}", heads, lines)
+    return tables
+
+
+def _text_cell(cell: GridCell, head: Head) -> TextCell:
+    value = cell.text if head.title == _VERDICT else in_unit(cell.value, head.unit)
+    return TextCell(cell.text, value)
+
+
+def metrics_of(found: Comparison, case: str) -> list[str]:
+    """The metrics of a case that people rank by, those of the ranking first."""
+    present = {key.metric for run in found.runs for key in run.measured.series if key.case == case}
+    return [name for name in RANKING_COLUMNS if name in present]
+
+
+def _changes(found: Comparison) -> Section:
+    """What differs most, whatever it is, one table per result."""
+    names = tuple(run.name for run in found.runs[1:])
+    grids = tuple(map(_changed, found.verdicts))
+    text = f"Everything that is not the same, the most telling first, up to {_MOST_CHANGES} lines."
+    return Section("changes", "What differs", names, grids, text, choice="Result")
+
+
+def _changed(verdicts: Mapping[Key, Verdict]) -> Grid:
+    titles = ("case", "method", "metric", "before", "now", "Δ", "tolerance", _VERDICT, "why")
+    differing = [one for one in verdicts.values() if one.status != "same"][:_MOST_CHANGES]
+    return Grid(tuple(map(Head, titles)), tuple(map(_changed_line, differing)))
+
+
+def _changed_line(one: Verdict) -> tuple[GridCell, ...]:
+    kind = _KINDS.get(one.status, "other")
+    numbers = (one.baseline, one.value, one.change, one.tolerance)
+    cells = (GridCell(_plain(value, one.unit), value) for value in numbers)
+    key = (GridCell(text) for text in one.key)
+    return (*key, *cells, GridCell(one.status, kind=kind), GridCell(one.why))
+
+
+def _plain(value: float, unit: str) -> str:
+    return "–" if math.isnan(value) else f"{value:.4g} {unit}".rstrip()
+
+
+def _section(found: Comparison, case: str, position: int) -> Section:
+    metrics = metrics_of(found, case)
+    grids = tuple(_grid(found, case, metric) for metric in metrics)
+    titles = tuple(column(metric).title for metric in metrics)
+    chosen = metrics.index(_CHOSEN) if _CHOSEN in metrics else 0
+    return Section(f"case{position}", case, titles, grids, chosen=chosen)
+
+
+def _grid(found: Comparison, case: str, metric: str) -> Grid:
+    head = column(metric)
+    first, *others = (run.name for run in found.runs)
+    heads = [Head("method"), Head(first, head.unit, head.better)]
+    for name in others:
+        heads += [Head(name, head.unit, head.better), Head("Δ", head.unit), Head("Δ", "%")]
+        heads.append(Head(_VERDICT))
+    keys = dict.fromkeys(
+        key for run in found.runs for key in run.measured.series
+        if (key.case, key.metric) == (case, metric)
+    )  # fmt: skip
+    return Grid(tuple(heads), tuple(_line(found, key) for key in keys))
+
+
+def _line(found: Comparison, key: Key) -> tuple[GridCell, ...]:
+    colour = line_style(key.method).colour
+    first, *others = (run.measured.series.get(key) for run in found.runs)
+    cells = [GridCell(key.method, colour=colour), _value(first)]
+    for verdicts, series in zip(found.verdicts, others, strict=True):
+        cells += [_value(series), *_difference(verdicts.get(key), first, series)]
+    return tuple(cells)
+
+
+def _value(series: Series | None) -> GridCell:
+    if series is None:
+        return GridCell("–")
+    mean = _mean(series)
+    return GridCell(shown(mean, series.unit), mean)
+
+
+def _difference(
+    verdict: Verdict | None, first: Series | None, other: Series | None
+) -> tuple[GridCell, GridCell, GridCell]:
+    status: Status = verdict.status if verdict else "not comparable"
+    if first is None or other is None or status not in JUDGED or verdict is None:
+        nothing = GridCell("–")
+        return nothing, nothing, GridCell(status, kind="other")
+    kind, change = _KINDS[status], verdict.change
+    share = 100 * change / abs(verdict.baseline) if verdict.baseline else math.nan
+    sign = "+" if change > 0 else "−" if change < 0 else ""
+    text = sign + shown(abs(change), first.unit)
+    relative = "–" if math.isnan(share) else f"{sign}{abs(share):.1f}"
+    return (
+        GridCell(text, change, kind),
+        GridCell(relative, share, kind),
+        GridCell(status, kind=kind),
+    )
+
+
+def _overview(found: Comparison) -> Grid:
+    statuses: tuple[Status, ...] = (
+        "better", "same", "worse", "not comparable", "new", "gone", "failed",
+    )  # fmt: skip
+    lines = []
+    for run, verdicts in zip(found.runs[1:], found.verdicts, strict=True):
+        counts = (sum(one.status == status for one in verdicts.values()) for status in statuses)
+        cells = (GridCell(str(count), float(count)) for count in counts)
+        lines.append((GridCell(run.name), *cells))
+    return Grid(
+        (Head("numbers that are"), *(Head(s, "", "higher") for s in statuses)), tuple(lines)
+    )
+
+
+def _sentence(found: Comparison, position: int) -> str:
+    run, verdicts = found.runs[position + 1], found.verdicts[position].values()
+    reasons = {one.why for one in verdicts if one.status == "not comparable"}
+    counts = {s: sum(one.status == s for one in verdicts) for s in ("better", "worse", "same")}
+    words = ", ".join(f"{count} {status}" for status, count in counts.items() if count)
+    text = f"{run.name} against {found.runs[0].name}: {words or 'nothing is comparable'}"
+    return text + (f"; not comparable: {'; '.join(sorted(reasons))}." if reasons else ".")
+
+
+def _mean(series: Series) -> float:
+    values = list(series.values.values())
+    return sum(values) / len(values) if values else math.nan

@@ -1,0 +1,180 @@
+"""The page of a folder of studies: each figure, its numbers, and where each method breaks."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from emvs.atomic import atomic_path
+from emvs.errors import InputError
+from eval.pages import Grid, GridCell, Head, Page, Section, page_text, versions_grid
+from eval.plots import line_style
+from eval.ranking import column, shown
+from eval.results import Value
+from eval.studies.curves import BREAKS_AT
+
+HTML_NAME = "report.html"
+
+
+class StudyCurve(BaseModel):
+    """One metric of one method over the amounts, as `eventsweep study` wrote it."""
+
+    model_config = ConfigDict(frozen=True)
+
+    method: str
+    metric: str
+    unit: str
+    mean: tuple[Value, ...]
+    low: tuple[Value, ...]
+    high: tuple[Value, ...]
+
+
+class StoredStudy(BaseModel):
+    """A study's JSON file; what the page does not show is not looked at."""
+
+    model_config = ConfigDict(frozen=True)
+
+    study: str
+    axis: str
+    unit: str
+    cases: tuple[str, ...]
+    seeds: tuple[int, ...]
+    amounts: tuple[float, ...]
+    breaks_at: dict[str, float | None]
+    curves: tuple[StudyCurve, ...]
+    failures: dict[str, str]
+    versions: dict[str, str]
+
+
+def find_studies(folder: Path) -> list[Path]:
+    """The studies' JSON files in a folder."""
+    return [path for path in sorted(folder.glob("*.json")) if _is_study(path)]
+
+
+def _is_study(path: Path) -> bool:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return isinstance(content, dict) and {"study", "breaks_at"} <= content.keys()
+
+
+def read_study(path: Path) -> StoredStudy:
+    """Reads a study's JSON file.
+
+    Raises:
+        InputError: it is missing or malformed.
+    """
+    try:
+        content: Any = json.loads(path.read_text(encoding="utf-8"))
+        found = StoredStudy.model_validate(content)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise InputError(f"{path}: {where}: {first['msg']}; run the study again") from error
+    except ValueError as error:
+        raise InputError(f"{path}: not complete JSON ({error}); run the study again") from error
+    wrong = next((c for c in found.curves if len(c.mean) != len(found.amounts)), None)
+    if wrong is not None:
+        raise InputError(
+            f"{path}: {wrong.method} {wrong.metric} has {len(wrong.mean)} values for "
+            f"{len(found.amounts)} amounts; run the study again"
+        )
+    return found
+
+
+def write_study_report(folder: Path) -> Path:
+    """Writes `report.html` for all studies of a folder and returns its path.
+
+    Raises:
+        InputError: the folder holds no study, or a damaged one.
+    """
+    paths = find_studies(folder)
+    if not paths:
+        raise InputError(f"{folder}: no study; `eventsweep study NAME --out {folder}` writes one")
+    studies = [read_study(path) for path in paths]
+    figures = [_figure(path.with_suffix(".svg")) for path in paths]
+    with atomic_path(folder / HTML_NAME) as path:
+        path.write_text(page_text(study_page(studies, figures)), encoding="utf-8")
+    return folder / HTML_NAME
+
+
+def study_page(studies: list[StoredStudy], figures: list[str]) -> Page:
+    """What the page shows."""
+    names = [one.study for one in studies]
+    return Page(
+        title=names[0] if len(names) == 1 else f"{len(names)} studies",
+        subtitle="One thing is spoilt by growing amounts: what becomes of every method.",
+        sections=tuple(
+            _section(one, figure, k)
+            for k, (one, figure) in enumerate(zip(studies, figures, strict=True))
+        ),
+        provenance=versions_grid(names, [one.versions for one in studies]),
+        overview=_overview(studies),
+        note=f"The amount at which a method's mean error reaches {BREAKS_AT:g} times that of sound "
+        "input; “never” means not within what was tried.",
+        version=studies[0].versions.get("eventsweep", ""),
+    )
+
+
+def _figure(path: Path) -> str:
+    """The figure as an image, in which no script can run; empty where there is none."""
+    if not path.is_file():
+        return ""
+    return "data:image/svg+xml;base64," + base64.b64encode(path.read_bytes()).decode("ascii")
+
+
+def _overview(studies: list[StoredStudy]) -> Grid:
+    methods = list(dict.fromkeys(method for one in studies for method in one.breaks_at))
+    heads = (Head("study"), Head("unit"), *(Head(method) for method in methods))
+    lines = []
+    for one in studies:
+        cells = (_breaking(one, method) for method in methods)
+        lines.append((GridCell(one.study), GridCell(one.unit), *cells))
+    return Grid(heads, tuple(lines))
+
+
+def _breaking(study: StoredStudy, method: str) -> GridCell:
+    if method not in study.breaks_at:
+        return GridCell("–")
+    amount = study.breaks_at[method]
+    return GridCell("never", kind="other") if amount is None else GridCell(f"{amount:.3g}", amount)
+
+
+def _section(study: StoredStudy, figure: str, position: int) -> Section:
+    metrics = list(dict.fromkeys(curve.metric for curve in study.curves))
+    seeds = f"{len(study.seeds)} seed{'s' * (len(study.seeds) != 1)}"
+    return Section(
+        id=f"study{position}",
+        title=study.study,
+        names=tuple(column(metric).title for metric in metrics),
+        tables=tuple(_grid(study, metric) for metric in metrics),
+        text=f"{study.axis[:1].upper()}{study.axis[1:]}, in {study.unit}. Means over "
+        f"{', '.join(study.cases)} and {seeds}; ± is half of the 95 % band.",
+        figure=figure,
+        failures=tuple(study.failures.items()),
+    )
+
+
+def _grid(study: StoredStudy, metric: str) -> Grid:
+    head = column(metric)
+    heads = (Head("method"), *(Head(f"{a:g} {study.unit}", head.unit, head.better)
+                               for a in study.amounts))  # fmt: skip
+    curves = [curve for curve in study.curves if curve.metric == metric]
+    return Grid(heads, tuple(_line(curve) for curve in curves))
+
+
+def _line(curve: StudyCurve) -> tuple[GridCell, ...]:
+    cells = [GridCell(curve.method, colour=line_style(curve.method).colour)]
+    for mean, low, high in zip(curve.mean, curve.low, curve.high, strict=True):
+        half = (high - low) / 2
+        band = "" if math.isnan(half) else f" ± {shown(half, curve.unit)}"
+        cells.append(GridCell(shown(mean, curve.unit) + band, mean))
+    return tuple(cells)
