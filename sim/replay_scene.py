@@ -14,8 +14,8 @@ from emvs.data import se3
 from emvs.data.trajectory import Trajectory
 from emvs.data.tum import read_tum
 from emvs.errors import InputError
+from emvs.io.descriptor import read_hand_eye
 from sim.config import SimConfig
-from sim.hand_eye import read_hand_eye
 from sim.motion import Motion
 from sim.motion_curve import CurveMotion, moved
 from sim.replay import Replay

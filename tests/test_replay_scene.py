@@ -17,11 +17,11 @@ from emvs.data.sequence import Sequence
 from emvs.data.trajectory import Trajectory
 from emvs.data.tum import read_tum, write_tum
 from emvs.errors import InputError
+from emvs.io.descriptor import read_hand_eye
 from sim import replay_cost
 from sim.config import SimConfig
 from sim.facts import facts_of
 from sim.generate import make_job, simulate
-from sim.hand_eye import read_hand_eye
 from sim.heads import six_dof
 from sim.motion import look_at, sampled
 from sim.replay_config import ReplayConfig

@@ -178,5 +178,8 @@ def read_hand_eye(path: Path, imu_cam: Path | None = None) -> NDArray[np.float64
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     if imu_cam is None:
-        raise InputError(f"{path}: says where the marker sits on the IMU; needs imu_cam as well")
+        raise InputError(
+            f"{path} says where the marker sits on the IMU, but not the camera: give the camera "
+            "calibration as well (imu_cam)"
+        )
     return se3.inverse(T_imu_marker) @ read_imu_cam(imu_cam)
