@@ -16,6 +16,7 @@ from emvs.data.events import Events
 from emvs.data.recording import Recording
 from emvs.errors import InputError
 from emvs.progress import Progress
+from emvs.ray_order import grouped_by_rows
 from emvs.rays import RayCounts, Rays, event_rays
 from emvs.recipe import Split
 from emvs.split import concatenated, cuts, part, total, with_left_out
@@ -79,10 +80,12 @@ class _Caster:
         self._trajectory, self._view, self.packets = recording.trajectory, view, packets
 
     def __call__(self, events: Events) -> Rays:
-        return event_rays(
+        rays = event_rays(
             events, self._camera, self._T_body_cam, self._trajectory, self._view.T_world_rv,
             self._view.camera, packets=self.packets,
         )  # fmt: skip
+        middle = float(self._view.rho[len(self._view.rho) // 2])
+        return grouped_by_rows(rays, middle, self._view.camera.height_px)
 
 
 # per split: per polarity: the rays of each sub-interval

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,7 +49,7 @@ class RayCounts:
 
 @dataclass(frozen=True, eq=False)
 class Rays:
-    """Rays of one camera in the reference view, in the order of their events.
+    """Rays of one camera in the reference view.
 
     The ray meets inverse depth `rho` at pixel `(a_u + rho b_u, a_v + rho b_v)`; that point lies in
     front of the event's camera where `1 - c_z rho > 0`.
@@ -67,6 +68,18 @@ class Rays:
     c_z: Floats
     c_z_max: Floats
     counts: RayCounts
+
+    @classmethod
+    def of(cls, columns: Sequence[Floats], counts: RayCounts) -> Rays:
+        """Rays from their five columns a_u, b_u, a_v, b_v, c_z, each (N,) float32."""
+        a_u, b_u, a_v, b_v, c_z = columns
+        c_z_max = np.maximum.reduceat(c_z, np.arange(0, len(c_z), CHUNK)) if len(c_z) else c_z
+        return cls(a_u, b_u, a_v, b_v, c_z, c_z_max, counts)
+
+    @property
+    def columns(self) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+        """The five columns, one value per ray."""
+        return self.a_u, self.b_u, self.a_v, self.b_v, self.c_z
 
     def __len__(self) -> int:
         return len(self.a_u)
@@ -95,6 +108,9 @@ def event_rays(
         T_world_rv: (4, 4) pose of the reference view.
         rv_camera: pinhole camera of the reference view.
         packets: the compatibility setting.
+
+    Returns:
+        The rays in the order of their events.
 
     Raises:
         InputError: an event outside the sensor, events not sorted, or a trajectory of one pose.
@@ -126,9 +142,7 @@ def _voting(columns: tuple[Floats, ...], fate: NDArray[np.uint8], events: int) -
     if counts.rays < len(fate):
         votes = fate == ray_kernel.VOTES
         columns = tuple(column[votes] for column in columns)
-    a_u, b_u, a_v, b_v, c_z = columns
-    c_z_max = np.maximum.reduceat(c_z, np.arange(0, len(c_z), CHUNK)) if len(c_z) else c_z
-    return Rays(a_u, b_u, a_v, b_v, c_z, c_z_max, counts)
+    return Rays.of(columns, counts)
 
 
 def _packet_times_us(t_us: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.kernels import CHUNK
 from emvs.rays import RayCounts, Rays
 from emvs.recipe import Split
 
@@ -39,17 +38,13 @@ def concatenated(parts: Sequence[Rays]) -> Rays:
     """Joins rays in the order given."""
     if len(parts) == 1:
         return parts[0]
-    columns = [
-        np.concatenate([getattr(part, name) for part in parts])
-        for name in ("a_u", "b_u", "a_v", "b_v", "c_z")
-    ]
-    return _rays(columns, total([part.counts for part in parts]))
+    columns = [np.concatenate(pieces) for pieces in zip(*(p.columns for p in parts), strict=True)]
+    return Rays.of(columns, total([part.counts for part in parts]))
 
 
 def part(rays: Rays, first: int, last: int, counts: RayCounts) -> Rays:
     """Returns rays `first` to `last` (exclusive) as views, with counts of their own."""
-    columns = [column[first:last] for column in (rays.a_u, rays.b_u, rays.a_v, rays.b_v, rays.c_z)]
-    return _rays(columns, counts)
+    return Rays.of([column[first:last] for column in rays.columns], counts)
 
 
 def total(counts: Sequence[RayCounts]) -> RayCounts:
@@ -63,9 +58,3 @@ def with_left_out(counts: RayCounts, left_out: int) -> RayCounts:
     return replace(
         counts, events=counts.events + left_out, without_pose=counts.without_pose + left_out
     )
-
-
-def _rays(columns: Sequence[NDArray[np.float32]], counts: RayCounts) -> Rays:
-    a_u, b_u, a_v, b_v, c_z = columns
-    c_z_max = np.maximum.reduceat(c_z, np.arange(0, len(c_z), CHUNK)) if len(c_z) else c_z
-    return Rays(a_u, b_u, a_v, b_v, c_z, c_z_max, counts)

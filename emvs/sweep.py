@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from emvs import kernels
 from emvs.rays import Rays
 
-# Planes that share one pass over the rays, and so are read and written in turns. With one, the
-# sweep waits for the stream of rays; with too many megabytes of planes, it waits for the planes.
-_PASS_BYTES, _MIN_PASS, _MAX_PASS = 5 << 20, 2, 4
+# Planes that share one pass over the rays, and so are read and written in turns: with one, the
+# sweep waits for the stream of rays.
+PASS_PLANES = 4
 # Planes that are folded at once, so that the state of the fold is read and written once for all.
 _FOLD_PLANES = 8
 # Scratch planes hold 512 MB at most: 17 planes of 8 volumes of 1 Mpx (Alg. 2, 4 sub-intervals).
@@ -55,7 +55,6 @@ class Scratch:
         self.width_px, self.height_px, self.nearest = width_px, height_px, nearest
         cells = kernels.grid_cells(width_px, height_px)
         self.votes = np.zeros((cameras, planes, cells), np.float32)
-        self._per_pass = planes_per_pass(width_px * height_px)
         self._cell = np.empty((planes, kernels.CHUNK), np.int32)
         self._fx = np.empty((planes, kernels.CHUNK), np.float32)
         self._fy = np.empty((planes, kernels.CHUNK), np.float32)
@@ -77,7 +76,7 @@ class Scratch:
         if len(rho) > self.votes.shape[1]:
             raise ValueError(f"{len(rho)} planes, scratch has {self.votes.shape[1]}")
         # Fewer planes than all threads together take in one pass are shared out among them.
-        per_pass = min(self._per_pass, max(1, -(-len(rho) // numba.get_num_threads())))
+        per_pass = min(PASS_PLANES, max(1, -(-len(rho) // numba.get_num_threads())))
         passes = -(-len(rho) // per_pass)
         inside, behind = np.empty(len(rho), np.int64), np.empty(len(rho), np.int64)
         kernels.vote(
@@ -90,11 +89,6 @@ class Scratch:
         return VoteCounts(counted, len(rays) * len(rho) - counted - hidden, hidden)
 
 
-def planes_per_pass(plane_px: int) -> int:
-    """Returns how many planes share one pass over the rays, by the size of a plane, px."""
-    return min(_MAX_PASS, max(_MIN_PASS, _PASS_BYTES // (4 * max(1, plane_px))))
-
-
 def batch_planes(planes: int, threads: int, plane_px: int = 1, volumes: int = 1) -> int:
     """Returns how many planes make one batch: whole passes of every thread, enough for the fold.
 
@@ -104,7 +98,7 @@ def batch_planes(planes: int, threads: int, plane_px: int = 1, volumes: int = 1)
         plane_px: pixels of a plane.
         volumes: volumes of the sweep; where one batch of all would be too large, it shrinks.
     """
-    one_pass = threads * planes_per_pass(plane_px)
+    one_pass = threads * PASS_PLANES
     wanted = max(1, _FOLD_PLANES // one_pass) * one_pass
     fit = max(1, _SCRATCH_PX // max(1, volumes * plane_px))
     return min(planes, wanted, fit)

@@ -19,6 +19,7 @@ from emvs.config import MapperConfig
 from emvs.mapper import map_window
 from emvs.methods import methods
 from emvs.planes import inverse_depth_planes
+from emvs.ray_order import grouped_by_rows
 from emvs.rays import Rays, event_rays
 from emvs.recipe import CODES
 from emvs.running import RunningMaxima
@@ -89,13 +90,15 @@ def limits(effort: Effort) -> list[Figure]:
 
 
 def sideways_rays(recording: MovingEdges, camera: int) -> Rays:
-    """Rays of one camera of a recording, seen from camera 0 in the middle of the first window."""
+    """Rays of one camera of a recording, as the mapper casts them into camera 0's view."""
     rig, motion = recording.rig, recording.trajectory
     T_world_rv = motion.at(WINDOW_US // 2)
     events = recording.events(camera, 0, WINDOW_US)
-    return event_rays(
+    rays = event_rays(
         events, rig.cameras[camera], rig.T_body_cam[camera], motion, T_world_rv, rig.cameras[0]
     )
+    rho = inverse_depth_planes(*DEPTH_RANGE_M, _PLANES_TIMED)
+    return grouped_by_rows(rays, float(rho[_PLANES_TIMED // 2]), rig.cameras[0].height_px)
 
 
 def _votes(sensor: str, effort: Effort) -> list[Figure]:

@@ -16,6 +16,7 @@ from emvs import sweep as sweep_module
 from emvs.data.camera import Camera
 from emvs.methods import methods
 from emvs.planes import inverse_depth_planes
+from emvs.ray_order import BAND_ROWS, grouped_by_rows
 from emvs.rays import event_rays
 from emvs.running import RunningMaxima
 from emvs.sweep import Scratch, batches
@@ -46,9 +47,12 @@ def _one_thread():
     use_threads(0)
 
 
-def cast_rays(camera, n=EVENTS):
+def cast_rays(camera, n=EVENTS, band_rows=BAND_ROWS):
     events = edge_stream(camera, MOTION, n)
-    return event_rays(events, camera, np.eye(4), MOTION, MOTION.at(250_000), camera)
+    rays = event_rays(events, camera, np.eye(4), MOTION, MOTION.at(250_000), camera)
+    if band_rows is None:
+        return rays
+    return grouped_by_rows(rays, RHO[PLANES // 2], camera.height_px, band_rows)
 
 
 def report(capsys, benchmark, what, units):
@@ -73,9 +77,9 @@ def test_sweep(benchmark, camera, events, capsys):
     report(capsys, benchmark, f"sweep {size}, per event and plane", len(rays) * PLANES)
 
 
-@pytest.mark.parametrize("planes_per_pass", [1, 2, 4])
+@pytest.mark.parametrize("planes_per_pass", [1, 2, 4, 8])
 def test_planes_per_pass(benchmark, camera, planes_per_pass, monkeypatch, capsys):
-    monkeypatch.setattr(sweep_module, "planes_per_pass", lambda _: planes_per_pass)
+    monkeypatch.setattr(sweep_module, "PASS_PLANES", planes_per_pass)
     rays = cast_rays(camera, 4_000_000)
     scratch = Scratch(1, planes_per_pass, camera.width_px, camera.height_px)
 
@@ -86,6 +90,22 @@ def test_planes_per_pass(benchmark, camera, planes_per_pass, monkeypatch, capsys
     benchmark.pedantic(sweep, rounds=3, warmup_rounds=1)
     size = f"{camera.width_px}x{camera.height_px}, {planes_per_pass} planes per pass"
     report(capsys, benchmark, f"sweep {size}, per event and plane", len(rays) * PLANES)
+
+
+@pytest.mark.parametrize("band_rows", [None, 1, 4, 8, 16, 64])
+def test_order_of_rays(benchmark, camera, band_rows, capsys):
+    rays = cast_rays(camera, 4_000_000, band_rows)
+    scratch = Scratch(1, sweep_module.PASS_PLANES, camera.width_px, camera.height_px)
+    rho = RHO[:: PLANES // sweep_module.PASS_PLANES]
+    benchmark.pedantic(scratch.cast, (0, rays, rho), rounds=5, warmup_rounds=1)
+    size = f"{camera.width_px}x{camera.height_px}, bands of {band_rows} rows"
+    report(capsys, benchmark, f"sweep {size}, per event and plane", len(rays) * len(rho))
+
+
+def test_grouping_of_rays(benchmark, camera, capsys):
+    rays = cast_rays(camera, 4_000_000, None)
+    benchmark.pedantic(grouped_by_rows, (rays, 0.7, camera.height_px), rounds=5, warmup_rounds=1)
+    report(capsys, benchmark, f"grouping for {camera.height_px} rows, per event", len(rays))
 
 
 @pytest.mark.parametrize("planes", [2, 8])

@@ -487,7 +487,7 @@ def test_only_camera_0s_view_has_ground_truth():
 def test_scratch_planes_have_a_limit():
     one_mpx = 1280 * 720
     assert batch_planes(100, 2, one_mpx, 8) == 8
-    assert batch_planes(100, 16, one_mpx, 2) == 32
+    assert batch_planes(100, 16, one_mpx, 2) == 64
     assert batch_planes(100, 2, one_mpx, 128) == 1
     assert list(batches(3, 2, one_mpx, 128)) == [(0, 1), (1, 2), (2, 3)]
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from emvs.kernels import CHUNK
 from emvs.planes import inverse_depth_at, inverse_depth_planes, reference_planes
 from emvs.rays import RayCounts, Rays
-from emvs.sweep import Scratch, batches, dsi, planes_per_pass
+from emvs.sweep import PASS_PLANES, Scratch, batches, dsi
 from emvs.threads import use_threads
 
 W, H = 12, 9
@@ -132,7 +132,7 @@ def test_batches_cover_every_plane_once_and_keep_all_threads_busy(planes, thread
     ranges = list(batches(planes, threads, px, volumes))
     assert [k for first, last in ranges for k in range(first, last)] == list(range(planes))
     step = ranges[0][1]
-    full = step % (threads * planes_per_pass(px)) == 0
+    full = step % (threads * PASS_PLANES) == 0
     assert full or step == planes or (step + 1) * volumes * px > 128 << 20
 
 
