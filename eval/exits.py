@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -31,6 +32,7 @@ def exit_code() -> Iterator[ExitCode]:
     code = ExitCode()
     # A polite kill ends like Ctrl-C, so that temporary folders are removed.
     signal.signal(signal.SIGTERM, _interrupt)
+    sys.unraisablehook = _send_again
     try:
         yield code
     except InputError as error:
@@ -45,6 +47,18 @@ def exit_code() -> Iterator[ExitCode]:
     except MemoryError as error:
         words = f"{error}: not enough memory; lower the resolution, the planes or the window"
         code.value = _tell(words, BAD_INPUT)
+    finally:
+        sys.unraisablehook = sys.__unraisablehook__
+
+
+def _send_again(lost: sys.UnraisableHookArgs) -> None:
+    """Python drops an interrupt that arrives inside a destructor: it comes once more."""
+    if not isinstance(lost.exc_value, KeyboardInterrupt):
+        sys.__unraisablehook__(lost)
+        return
+    later = threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGTERM))
+    later.daemon = True
+    later.start()
 
 
 def _interrupt(_number: int, _frame: FrameType | None) -> None:

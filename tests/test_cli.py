@@ -234,6 +234,29 @@ def test_an_interrupted_run_leaves_nothing(tmp_path, kind):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_an_interrupt_inside_a_destructor_is_not_lost():
+    script = """
+import signal, sys, time
+from eval.exits import exit_code
+
+class Late:
+    def __del__(self):
+        signal.raise_signal(signal.SIGTERM)
+        len([])  # Python heeds a signal between two steps.
+
+with exit_code() as code:
+    Late()
+    for _ in range(600):
+        time.sleep(0.1)
+sys.exit(code.value)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 130
+    assert done.stderr.count("\n") == 1
+
+
 def test_no_usable_graphics_is_one_line(tmp_path):
     arguments = ["simulate", "planes", "--out", str(tmp_path / "s"), "--quiet"]
     done = subprocess.run(
