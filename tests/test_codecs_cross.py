@@ -2,14 +2,22 @@
 
 faery (EVT2, EVT3, DAT, AEDAT4, CSV), expelliarmus (EVT2, DAT; its EVT3 loses the high part of
 times when it writes, and adds 4096 µs for each low part that falls when it reads), dv-processing
-(AEDAT4, iniVation's own) and rosbags (ROS messages through its typed decoder).
+(AEDAT4, iniVation's own), rosbags (ROS messages through its typed decoder), h5py as the publishers
+of DSEC, TUM-VIE and MVSEC use it, and HDF5's own loader of filters.
 """
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
+import sys
+
+import h5py
 import naive_codecs as naive
 import numpy as np
 import pytest
+from event_files import CD
 from rosbags.highlevel import AnyReader
 
 from emvs.data.events import Events
@@ -174,3 +182,90 @@ def test_numpy_loads_the_archive_without_pickles(tmp_path):
         assert archive["t_us"].tolist() == [row[0] for row in expected]
         assert archive["x"].dtype == np.uint16
         assert int(archive["width_px"]) == SIZE_PX[0]
+
+
+def by_milliseconds(file, t0_us, t1_us):
+    """Slices as scripts for DSEC and TUM-VIE do: a look-up by millisecond, then a search."""
+    index, offset_us = file["ms_to_idx"], int(file["t_offset"][()]) if "t_offset" in file else 0
+    t0_us, t1_us = t0_us - offset_us, t1_us - offset_us
+    first, last = int(index[t0_us // 1000]), int(index[-(-t1_us // 1000)])
+    t_us = file["events/t"][first:last].astype(np.int64)
+    start, stop = first + np.searchsorted(t_us, [t0_us, t1_us])
+    columns = [file[f"events/{name}"][start:stop].tolist() for name in "txyp"]
+    return [(t + offset_us, x, y, int(p)) for t, x, y, p in zip(*columns, strict=True)]
+
+
+@pytest.mark.parametrize("kind", ["dsec", "tumvie"])
+def test_scripts_of_dsec_and_tumvie_slice_what_is_written(tmp_path, kind):
+    expected = rows(2_000_000, 7_777_777)
+    first_us, last_us = expected[0][0], expected[-1][0]
+    with h5py.File(written(tmp_path, kind, expected)) as file:
+        assert file["events/x"].dtype == np.uint16
+        for t0_us in (first_us, first_us + 777, last_us - 50_000):
+            for t1_us in (t0_us + 1, t0_us + 12_345, last_us // 1000 * 1000):
+                wanted = [row for row in expected if t0_us <= row[0] < t1_us]
+                assert by_milliseconds(file, t0_us, t1_us) == wanted
+
+
+def test_scripts_of_mvsec_read_what_is_written(tmp_path):
+    expected = rows(2_000_000, 1_506_117_900_000_000)
+    path = tmp_path / "f.hdf5"
+    write_events(path, "mvsec", *SIZE_PX, {"davis/left": [naive.events_of(expected)]})
+    with h5py.File(path) as file:
+        table = file["davis"]["left"]["events"][:]
+    assert table.dtype == np.float64
+    t_us = np.rint(table[:, 2] * 1e6).astype(int).tolist()
+    x, y, sign = table[:, [0, 1, 3]].astype(int).T.tolist()
+    assert [(*row, int(p > 0)) for *row, p in zip(t_us, x, y, sign, strict=True)] == expected
+    assert set(sign) == {-1, 1}
+
+
+PLUG_IN = """
+#include <stddef.h>
+typedef size_t (*Filter)(unsigned, size_t, const unsigned *, size_t, size_t *, void **);
+typedef struct { int version, id; unsigned encodes, decodes; const char *name; void *a, *b;
+                 Filter run; } Class;
+static size_t run(unsigned flags, size_t n, const unsigned *values, size_t size, size_t *room,
+                  void **data) {
+    for (size_t k = 0; k < size; ++k) ((unsigned char *)*data)[k] ^= 0x5a;
+    return size;
+}
+static const Class filter = {1, 0x8ECF, 1, 1, "stands in for ECF", NULL, NULL, run};
+int H5PLget_plugin_type(void) { return 0; }
+const void *H5PLget_plugin_info(void) { return &filter; }
+"""
+READ = """
+import sys
+from pathlib import Path
+from emvs.io.events import open_events
+reader = open_events(Path(sys.argv[1]))
+print(reader.format, *(n for e in reader.chunks("events") for n in (len(e), e.t_us[0], e.x[-1])))
+"""
+WRITE = """
+import sys, h5py, numpy as np
+rows = np.load(sys.argv[2])
+plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+plist.set_chunk((100,))
+plist.set_filter(0x8ECF, 0)
+with h5py.File(sys.argv[1], "w") as file:
+    space, kind = h5py.h5s.create_simple(rows.shape), h5py.h5t.py_create(rows.dtype)
+    data = h5py.h5d.create(file.create_group("CD").id, b"events", kind, space, plist)
+    h5py.Dataset(data)[:] = rows
+"""
+
+
+@pytest.mark.skipif(not shutil.which("cc"), reason="no C compiler for the plug-in")
+def test_the_ecf_filter_is_taken_from_where_hdf5_looks_for_plug_ins(tmp_path):
+    (tmp_path / "ecf.c").write_text(PLUG_IN)
+    plug_ins = tmp_path / "plug-ins"
+    plug_ins.mkdir()
+    build = ["cc", "-shared", "-fPIC", "-o", plug_ins / "libecf.so", tmp_path / "ecf.c"]
+    subprocess.run(build, check=True)
+    table = np.zeros(250, CD)
+    table["t"], table["x"] = np.arange(250) + 7, np.arange(250)
+    np.save(tmp_path / "rows.npy", table)
+    env, path = os.environ | {"HDF5_PLUGIN_PATH": str(plug_ins)}, tmp_path / "f.hdf5"
+    run = [sys.executable, "-c"]
+    subprocess.run([*run, WRITE, path, tmp_path / "rows.npy"], env=env, check=True)
+    done = subprocess.run([*run, READ, path], env=env, check=True, capture_output=True, text=True)
+    assert done.stdout.split() == ["prophesee-hdf5", "250", "7", "249"]

@@ -7,6 +7,10 @@ import json
 
 import numpy as np
 import pytest
+from event_files import READ_ONLY, WRITTEN, write_any
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from memory_convert import run_chain
 
 from emvs.data.events import Events
 from emvs.data.se3 import from_quat_xyzw
@@ -16,46 +20,88 @@ from emvs.errors import InputError
 from emvs.io import calibration_writers as rigs
 from emvs.io.calibration import read_rig
 from emvs.io.dsec import read_disparity
-from emvs.io.events import FORMATS, open_events, write_events
+from emvs.io.events import open_events, write_events
 from emvs.io.poses import read_kitti, read_poses
 from eval.cli import main
 from eval.convert import targets
 from sim.rigs import RIGS
 
-WRITABLE = [name for name, entry in FORMATS.items() if entry.writes]
-TIMES = [0, 0, 7, 20_000_000, 20_000_000, 1 << 33]
+SIZE_PX = (640, 480)
+SIZE = ("--width-px", 640, "--height-px", 480)
+# Zero, repeated, a burst that EVT3 writes as vectors, a gap beyond its clock, beyond 32 bits.
+TIMES = [0, 0, 7, *[20_000_000] * 40, 1 << 33]
 
 
 def run(*words) -> int:
     return main(["convert", *map(str, words), "--quiet"])
 
 
-def events() -> Events:
-    x = np.arange(len(TIMES), dtype=np.uint16)
-    return Events(x, x[::-1].copy(), np.array(TIMES), (x % 2).astype(np.uint8))
+def events(times=TIMES) -> Events:
+    x = np.arange(len(times), dtype=np.uint16)
+    return Events(x, x // 40, np.array(times), (x % 32 > 2).astype(np.uint8))
 
 
-@pytest.mark.parametrize(("first", "second"), list(itertools.permutations(WRITABLE, 2)))
-def test_every_pair_of_event_formats_keeps_every_event(tmp_path, first, second):
-    a, b = tmp_path / "a", tmp_path / "b"
-    write_events(a, first, 640, 480, {"davis/left": [events()]})
-    assert run(a, b, "--to", second, "--width-px", 640, "--height-px", 480) == 0
-    reader = open_events(b)
-    assert reader.format == second
+def assert_same(path, kind, expected):
+    reader = open_events(path)
+    assert reader.format == kind
     got = Events.concat(list(reader.chunks(reader.streams[0])))
     for name in ("x", "y", "t_us", "p"):
-        np.testing.assert_array_equal(getattr(got, name), getattr(events(), name))
+        np.testing.assert_array_equal(getattr(got, name), getattr(expected, name))
+
+
+@pytest.mark.parametrize(("first", "second"), list(itertools.permutations(WRITTEN, 2)))
+def test_every_pair_of_event_formats_keeps_every_event(tmp_path, first, second):
+    a, b = tmp_path / "a", tmp_path / "b"
+    write_any(a, first, SIZE_PX, [events()])
+    assert run(a, b, "--to", second, *SIZE) == 0
+    assert_same(b, second, events())
+
+
+@pytest.mark.parametrize("first", READ_ONLY)
+@pytest.mark.parametrize("second", ["evt3", "npz", "rosbag1"])
+def test_formats_that_are_only_read_convert_too(tmp_path, first, second):
+    made = events([*TIMES[:-1], 1 << 31] if first == "dat" else TIMES)
+    write_any(tmp_path / "a", first, SIZE_PX, [made])
+    assert run(tmp_path / "a", tmp_path / "b", "--to", second, *SIZE) == 0
+    assert_same(tmp_path / "b", second, made)
+
+
+@settings(max_examples=8)
+@given(
+    order=st.permutations(WRITTEN),
+    start_us=st.sampled_from([0, 2**24 - 1, 2**32 - 2]),
+    steps_us=st.lists(
+        st.tuples(st.sampled_from([0, 1, 999, 4096, 2**24, 17_000_000]), st.integers(1, 40)),
+        min_size=1,
+        max_size=8,
+    ),
+)
+def test_events_survive_a_walk_through_all_formats(tmp_path, order, start_us, steps_us):
+    stamps = start_us + np.cumsum([step for step, _ in steps_us])
+    made = events(np.repeat(stamps, [count for _, count in steps_us]))
+    path = write_any(tmp_path / "0", order[0], SIZE_PX, [made])
+    for k, kind in enumerate(order[1:], 1):
+        assert run(path, tmp_path / f"{k}", "--to", kind, *SIZE, "--force") == 0
+        path = tmp_path / f"{k}"
+        assert_same(path, kind, made)
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_the_file(tmp_path):
+    chain = ("dsec", "evt3", "rosbag1", "npz", "mvsec", "csv")
+    short, long = (run_chain(tmp_path, count, chain) for count in (4_000_000, 40_000_000))
+    assert max(np.subtract(long, short)) < 30
+    assert max(long) < 400
 
 
 def test_a_shift_is_applied_and_printed(tmp_path, capsys):
     a, b = tmp_path / "a.txt", tmp_path / "b.raw"
     late = events()
     late = Events(late.x, late.y, late.t_us + (1 << 50), late.p)
-    write_events(a, "text", 640, 480, {"e": [late]})
-    size = ("--width-px", 640, "--height-px", 480)
-    assert run(a, b, "--to", "evt3", *size) == 2
+    write_events(a, "text", *SIZE_PX, {"e": [late]})
+    assert run(a, b, "--to", "evt3", *SIZE) == 2
     assert not b.exists()
-    assert main(["convert", str(a), str(b), "--to", "evt3", *map(str, size), "--from-zero"]) == 0
+    assert main(["convert", str(a), str(b), "--to", "evt3", *map(str, SIZE), "--from-zero"]) == 0
     assert f"shifted by -{1 << 50} µs" in capsys.readouterr().err
     assert open_events(b).span_us("events") == (0, 1 << 33)
 

@@ -47,7 +47,8 @@ class EventWriter:
         self._hdf5 = Hdf5Writer(path)
         self._file = self._hdf5.file
         for name, kind in _COLUMNS.items():
-            self._create(name, kind)
+            self._create(f"events/{name}", kind, kind)
+        self._create("ms_to_idx", np.uint64, np.int64)
 
     def append(self, events: Events, extra: Mapping[str, Column] | None = None) -> None:
         """Adds a packet that begins no earlier than the last one ended.
@@ -85,8 +86,7 @@ class EventWriter:
             return
         try:
             self._write(self._waiting_count)
-            index = np.concatenate([np.zeros(0, np.int64), *self._ms_to_idx])
-            self._file.create_dataset("ms_to_idx", data=index.astype(np.uint64))
+            self._write_index()
             self._file.create_dataset("t_offset", data=np.int64(self._offset_us))
         finally:
             self._hdf5.close()
@@ -102,15 +102,10 @@ class EventWriter:
     ) -> None:
         self.close()
 
-    def _create(self, name: str, kind: DTypeLike) -> None:
-        self._file.create_dataset(
-            f"events/{name}",
-            (0,),
-            kind,
-            maxshape=(None,),
-            chunks=(_CHUNK,),
-            **COMPRESSION[np.dtype(kind)],
-        )
+    def _create(self, name: str, kind: DTypeLike, like: DTypeLike) -> None:
+        """A growing column, compressed as those of type `like`."""
+        kept = COMPRESSION[np.dtype(like)]
+        self._file.create_dataset(name, (0,), kind, maxshape=(None,), chunks=(_CHUNK,), **kept)
 
     def _checked_extra(self, extra: Mapping[str, Column], count: int) -> dict[str, Column]:
         if self._extra is None:
@@ -120,7 +115,7 @@ class EventWriter:
                 raise InputError(f"event columns {sorted(unknown)} are unknown: there are {known}")
             self._extra = tuple(name for name in EXTRA_COLUMNS if name in extra)
             for name in self._extra:
-                self._create(name, EXTRA_COLUMNS[name])
+                self._create(f"events/{name}", EXTRA_COLUMNS[name], EXTRA_COLUMNS[name])
         if set(extra) != set(self._extra):
             raise InputError(
                 f"event packet with columns {sorted(extra)} after packets with "
@@ -154,9 +149,20 @@ class EventWriter:
 
     def _extend_index(self, t_us: NDArray[np.int64]) -> None:
         after_ms = int(t_us[-1]) // 1000 + 1
-        milliseconds = np.arange(self._next_ms, after_ms) * 1000
-        self._ms_to_idx.append(self._written + np.searchsorted(t_us, milliseconds, side="left"))
+        for first_ms in range(self._next_ms, after_ms, _CHUNK):  # a gap may last for hours
+            milliseconds = np.arange(first_ms, min(first_ms + _CHUNK, after_ms)) * 1000
+            self._ms_to_idx.append(self._written + np.searchsorted(t_us, milliseconds, side="left"))
+            if sum(map(len, self._ms_to_idx)) >= _CHUNK:
+                self._write_index()
         self._next_ms = max(self._next_ms, after_ms)
+
+    def _write_index(self) -> None:
+        """Writes the part of the index that waits."""
+        part = np.concatenate([np.zeros(0, np.int64), *self._ms_to_idx])
+        index = self._file["ms_to_idx"]
+        index.resize((len(index) + len(part),))
+        index[len(index) - len(part) :] = part
+        self._ms_to_idx = []
 
 
 class EventReader:

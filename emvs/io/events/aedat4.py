@@ -7,26 +7,21 @@ streams, then packets (stream, size, compressed buffer), then a table of them, w
 from __future__ import annotations
 
 import struct
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 from xml.etree import ElementTree
 
-import lz4.frame
 import numpy as np
 
 from emvs.data.events import Events
 from emvs.errors import InputError
+from emvs.io.events.bounded import MOST_BYTES, unpacked
 from emvs.io.events.convert_columns import to_events
 from emvs.io.events.flatbuffer import Table
 from emvs.io.events.indexed import BlockReader
 from emvs.io.events.raw import opened
-
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
+from emvs.io.events.wording import quoted, said
 
 MAGIC = b"#!AER-DAT4.0\r\n"
 EVENT = np.dtype(
@@ -38,7 +33,6 @@ EVENT = np.dtype(
     }
 )
 _MOST_HEADER = 1 << 20
-_MOST_PACKET = 1 << 28
 
 
 class Aedat4Reader(BlockReader):
@@ -89,7 +83,7 @@ class Aedat4Reader(BlockReader):
     def _packet_head(self, file: BinaryIO, at: int, stop: int) -> tuple[int, int]:
         data = file.read(8)
         number, length = struct.unpack("<ii", data) if len(data) == 8 else (-1, -1)
-        if length < 0 or at + 8 + length > stop or length > _MOST_PACKET:
+        if length < 0 or at + 8 + length > stop or length > MOST_BYTES:
             raise InputError(
                 f"{self.path}, byte {at}: a packet of {length} bytes with {max(0, stop - at - 8)} "
                 "left; the file is cut off or damaged, fetch it again"
@@ -98,27 +92,11 @@ class Aedat4Reader(BlockReader):
 
     def _packet(self, file: BinaryIO, at: int, length: int) -> Events:
         where = f"{self.path}, packet at byte {at}"
-        data = self._decompress(file.read(length), where)
+        data = file.read(length)
+        if self._compression:
+            data = unpacked(data, "lz4" if self._compression < 3 else "zstd", where)
         rows = np.frombuffer(Table(data, b"EVTS", where).vector(0, EVENT.itemsize), EVENT)
         return to_events(where, rows["x"], rows["y"], rows["t"], rows["p"], 1e-6)
-
-    def _decompress(self, data: bytes, where: str) -> bytes:
-        """One frame, of bounded size."""
-        if self._compression == 0:
-            return data
-        frame: Any = (
-            lz4.frame.LZ4FrameDecompressor() if self._compression < 3 else zstd.ZstdDecompressor()
-        )
-        try:
-            out = bytes(frame.decompress(data, max_length=_MOST_PACKET))
-        except (RuntimeError, zstd.ZstdError, EOFError, MemoryError) as error:
-            raise InputError(f"{where}: cannot be decompressed ({error}); damaged") from error
-        if not frame.eof:
-            raise InputError(
-                f"{where}: its compressed frame does not end, or holds more than {_MOST_PACKET} "
-                "bytes; the file is damaged, fetch it again"
-            )
-        return out
 
 
 def _header(path: Path, file: BinaryIO) -> tuple[int, int, ElementTree.Element]:
@@ -139,7 +117,7 @@ def _header(path: Path, file: BinaryIO) -> tuple[int, int, ElementTree.Element]:
     try:
         tree = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise InputError(f"{path}, header: damaged XML ({error}); fetch it again") from error
+        raise InputError(f"{path}, header: damaged XML ({said(error)}); fetch it again") from error
     return compression, table.number(1, "q", -1), tree
 
 
@@ -157,7 +135,9 @@ def _streams(
         number = node.get("name", "")
         size = info.get("sizeX", "0"), info.get("sizeY", "0")
         if not all(w.isdecimal() and w.isascii() and len(w) < 6 for w in (number, *size)):
-            raise InputError(f"{path}, header: stream {number!r} of size {size}; damaged")
+            raise InputError(
+                f"{path}, header: stream {quoted(number)} of size {quoted(*size)}; damaged"
+            )
         name = values.get("originalOutputName") or "events"
         name = name if name not in numbers else f"{name}-{number}"
         numbers[name] = int(number)

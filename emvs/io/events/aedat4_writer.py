@@ -5,8 +5,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 from xml.etree import ElementTree
 
 import lz4.frame
@@ -15,49 +13,38 @@ import numpy as np
 from emvs.data.events import Events
 from emvs.io.events.aedat4 import EVENT, MAGIC
 from emvs.io.events.flatbuffer import one_vector
+from emvs.io.events.writer import FileWriter
 
-_PACKET = 1 << 14
 _LZ4 = 1
 
 
-class Aedat4Writer:
-    """Appends packets of up to 16384 events; use it as a context."""
+class Aedat4Writer(FileWriter):
+    """Appends packets of up to 16384 events."""
+
+    packet = 1 << 14
 
     def __init__(self, path: Path, width_px: int, height_px: int, names: Sequence[str]) -> None:
         self._numbers = {name: k for k, name in enumerate(names)}
         self._tree = _tree(width_px, height_px, names)
         self._table: list[tuple[int, int, int, int, int, int]] = []
-        self._file = path.open("wb")
+        super().__init__(path)
         self._file.write(MAGIC + _header(self._tree, -1))
 
-    def append(self, stream: str, events: Events) -> None:
-        """Writes a packet."""
-        for start in range(0, len(events), _PACKET):
-            part = events.slice(start, min(start + _PACKET, len(events)))
-            rows = np.zeros(len(part), EVENT)
-            rows["t"], rows["x"], rows["y"] = part.t_us, part.x, part.y
-            rows["p"] = part.p > 0
-            data = lz4.frame.compress(one_vector(b"EVTS", len(part), rows.tobytes()))
-            number = self._numbers[stream]
-            times = int(part.t_us[0]), int(part.t_us[-1])
-            self._table.append((self._file.tell() + 8, number, len(data), len(part), *times))
-            self._file.write(struct.pack("<ii", number, len(data)) + data)
+    def _put(self, stream: str, events: Events) -> None:
+        rows = np.zeros(len(events), EVENT)
+        rows["t"], rows["x"], rows["y"] = events.t_us, events.x, events.y
+        rows["p"] = events.p > 0
+        data = lz4.frame.compress(one_vector(b"EVTS", len(events), rows.tobytes()))
+        number = self._numbers[stream]
+        times = int(events.t_us[0]), int(events.t_us[-1])
+        self._table.append((self._file.tell() + 8, number, len(data), len(events), *times))
+        self._file.write(struct.pack("<ii", number, len(data)) + data)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        with self._file as file:
-            if error is None:
-                place = file.tell()
-                file.write(lz4.frame.compress(_packet_table(self._table)))
-                file.seek(len(MAGIC))
-                file.write(_header(self._tree, place))
+    def _finish(self) -> None:
+        place = self._file.tell()
+        self._file.write(lz4.frame.compress(_packet_table(self._table)))
+        self._file.seek(len(MAGIC))
+        self._file.write(_header(self._tree, place))
 
 
 def _header(tree: bytes, table_place: int) -> bytes:

@@ -41,6 +41,38 @@ def _raise_high(state: State, high: Whole, bits: int) -> None:
     state[TIMED] = 1
 
 
+@njit(cache=True)
+def _high_us(state: State) -> Whole:
+    """Time without its six low bits (EVT2, EVT2.1), µs."""
+    high_us: Whole = (state[LOOPS] << 34) | (state[HIGH] << 6)
+    return high_us
+
+
+@njit(cache=True)
+def _is_passed_over(kind: Whole) -> bool:
+    """External triggers, and words that continue or end others."""
+    return kind == 0xA or kind == 0xE or kind == 0xF
+
+
+@njit(cache=True, inline="always")
+def _put(
+    x: Column,
+    y: Column,
+    t_us: NDArray[np.int64],
+    p: NDArray[np.uint8],
+    n: int,
+    column: Whole,
+    row: Whole,
+    stamp: Whole,
+    polarity: Whole,
+) -> None:
+    """Writes event n."""
+    x[n] = column
+    y[n] = row
+    t_us[n] = stamp
+    p[n] = polarity
+
+
 @njit(cache=True, nogil=True)
 def decode_evt2(
     words: NDArray[np.uint32],
@@ -54,7 +86,7 @@ def decode_evt2(
     n = 0
     room = len(x)
     timed = state[TIMED] != 0
-    base = (state[LOOPS] << 34) | (state[HIGH] << 6)
+    high_us = _high_us(state)
     for k in range(len(words)):
         word = np.int64(words[k])
         kind = word >> 28
@@ -62,18 +94,16 @@ def decode_evt2(
             if n == room:
                 return k, n, False
             if timed:
-                x[n] = (word >> 11) & 0x7FF
-                y[n] = word & 0x7FF
-                t_us[n] = base | ((word >> 22) & 0x3F)
-                p[n] = kind
+                stamp = high_us | ((word >> 22) & 0x3F)
+                _put(x, y, t_us, p, n, (word >> 11) & 0x7FF, word & 0x7FF, stamp, kind)
                 n += 1
             else:
                 state[UNTIMED] += 1
         elif kind == 8:
             _raise_high(state, word & 0xFFFFFFF, 28)
-            base = (state[LOOPS] << 34) | (state[HIGH] << 6)
+            high_us = _high_us(state)
             timed = True
-        elif not (kind == 0xA or kind == 0xE or kind == 0xF):
+        elif not _is_passed_over(kind):
             return k, n, True
     return len(words), n, False
 
@@ -97,21 +127,18 @@ def decode_evt21(
         if kind <= 1:
             if n + 32 > room:
                 return k, n, False
-            stamp = (state[LOOPS] << 34) | (state[HIGH] << 6) | ((word >> 22) & 0x3F)
+            stamp = _high_us(state) | ((word >> 22) & 0x3F)
             first = (word >> 11) & 0x7FF
             for bit in range(32):
                 if (valid >> bit) & 1:
                     if state[TIMED]:
-                        x[n] = first + bit
-                        y[n] = word & 0x7FF
-                        t_us[n] = stamp
-                        p[n] = kind
+                        _put(x, y, t_us, p, n, first + bit, word & 0x7FF, stamp, kind)
                         n += 1
                     else:
                         state[UNTIMED] += 1
         elif kind == 8:
             _raise_high(state, word & 0xFFFFFFF, 28)
-        elif not (kind == 0xA or kind == 0xE or kind == 0xF):
+        elif not _is_passed_over(kind):
             return k, n, True
     return len(words), n, False
 
@@ -143,10 +170,7 @@ def decode_evt3(  # noqa: C901 - one branch per kind of word
             if n == room:
                 break
             if timed:
-                x[n] = word & 0x7FF
-                y[n] = row
-                t_us[n] = stamp
-                p[n] = (word >> 11) & 1
+                _put(x, y, t_us, p, n, word & 0x7FF, row, stamp, (word >> 11) & 1)
                 n += 1
             else:
                 state[UNTIMED] += 1
@@ -164,10 +188,7 @@ def decode_evt3(  # noqa: C901 - one branch per kind of word
             else:
                 for bit in range(width):
                     # Written always, kept only where the bit is set: no branch to mispredict.
-                    x[n] = base_x + bit
-                    y[n] = row
-                    t_us[n] = stamp
-                    p[n] = polarity
+                    _put(x, y, t_us, p, n, base_x + bit, row, stamp, polarity)
                     n += (int(valid) >> bit) & 1
             base_x += width
         elif kind == 0x0:  # ADDR_Y
@@ -184,7 +205,7 @@ def decode_evt3(  # noqa: C901 - one branch per kind of word
             _raise_high(state, word & 0xFFF, 12)
             timed = True
             stamp = (state[LOOPS] << 24) | (state[HIGH] << 12) | state[LOW]
-        elif not (kind == 0x7 or kind == 0xA or kind == 0xE or kind == 0xF):
+        elif not (kind == 0x7 or _is_passed_over(kind)):
             unknown = True
             break
         k += 1
@@ -211,9 +232,7 @@ def decode_dat(
         if word >> 29:
             return k, n, True  # a polarity that is neither 0 nor 1
         _raise_high(state, stamp, 32)
-        x[n] = word & 0x3FFF
-        y[n] = (word >> 14) & 0x3FFF
-        t_us[n] = (state[LOOPS] << 32) | stamp
-        p[n] = word >> 28
+        stamp |= state[LOOPS] << 32
+        _put(x, y, t_us, p, n, word & 0x3FFF, (word >> 14) & 0x3FFF, stamp, word >> 28)
         n += 1
     return len(words), n, False

@@ -17,6 +17,7 @@ from emvs.data.hdf5 import open_hdf5
 from emvs.errors import InputError
 from emvs.io.events.convert_columns import times_us, to_events
 from emvs.io.events.matrix_kernel import convert_rows
+from emvs.io.events.wording import quoted, said
 
 ECF = 0x8ECF
 """The filter of Prophesee's codec."""
@@ -37,9 +38,9 @@ def opened_hdf5(path: Path) -> Iterator[h5py.File]:
         with open_hdf5(path) as file:
             yield file
     except InputError as error:
-        raise InputError(" ".join(str(error).split())) from error
+        raise InputError(said(error, 1000)) from error
     except (ValueError, ArithmeticError, MemoryError) as error:
-        raise InputError(f"{path}: damaged ({error}); fetch it again") from error
+        raise InputError(f"{path}: damaged ({said(error)}); fetch it again") from error
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ def hdf5_layout(path: Path) -> Hdf5Layout:
         if len(there) == len(columns):
             kind = "dsec" if "t_offset" in file else "tumvie"
             return Hdf5Layout(kind, {"events": columns}, _columns, _column_times)
-        found = ", ".join(sorted(file)[:8]) or "nothing"
+        found = quoted(*sorted(file)) or "nothing"
     if there:
         missing = ", ".join(sorted(set(columns) - set(there)))
         raise InputError(f"{path}: lacks {missing}; needs all of {', '.join(columns)}")
@@ -202,7 +203,7 @@ def _cd(file: h5py.File, where: str, stream: str, start: int, stop: int) -> Even
     del stream
     data = file[_CD]
     if data.dtype.names is None or not {"x", "y", "t", "p"} <= set(data.dtype.names):
-        raise InputError(f"{where}: fields {data.dtype.names}, needs x, y, p, t")
+        raise InputError(f"{where}: fields {quoted(*(data.dtype.names or ()))}; needs x, y, p, t")
     rows = data[start:stop]
     x, y, t, p = (np.ascontiguousarray(rows[name]) for name in "xytp")
     return to_events(where, x, y, t, p, 1e-6)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import hdf5plugin
 import numpy as np
@@ -14,36 +13,32 @@ from emvs.data.event_store import EventWriter
 from emvs.data.events import Events
 from emvs.data.hdf5 import COMPRESSION, Hdf5Writer
 from emvs.errors import InputError
+from emvs.io.events.writer import StreamWriter
 
 _ROWS = 1 << 16
 _COLUMNS = {"x": np.uint16, "y": np.uint16, "t": np.int64, "p": np.uint8}
 
 
-class DsecWriter:
+class DsecWriter(StreamWriter):
     """The layout of this project's own sequences, too."""
+
+    packet = 1 << 20
 
     def __init__(self, path: Path, width_px: int, height_px: int) -> None:
         self._writer = EventWriter(path, width_px, height_px)
 
-    def append(self, stream: str, events: Events) -> None:
-        """Writes a packet."""
+    def _put(self, stream: str, events: Events) -> None:
         del stream
         self._writer.append(events)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def _close(self) -> None:
         self._writer.close()
 
 
-class TumvieWriter:
+class TumvieWriter(StreamWriter):
     """Columns with `ms_to_idx`, and no offset: times count from the recording's zero."""
+
+    packet = 1 << 20
 
     def __init__(self, path: Path) -> None:
         self._hdf5 = Hdf5Writer(path)
@@ -52,11 +47,9 @@ class TumvieWriter:
             _create(self._hdf5, f"events/{name}", kind, (0,))
         _create(self._hdf5, "ms_to_idx", np.int64, (0,))
 
-    def append(self, stream: str, events: Events) -> None:
+    def _put(self, stream: str, events: Events) -> None:
         """Writes a packet and its part of the index."""
         del stream
-        if not len(events):
-            return
         for name, kind in _COLUMNS.items():
             column = getattr(events, "t_us" if name == "t" else name)
             _extend(self._hdf5, f"events/{name}", column.astype(kind, copy=False))
@@ -68,20 +61,14 @@ class TumvieWriter:
         self._next_ms = max(self._next_ms, after_ms)
         self._count += len(events)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def _close(self) -> None:
         self._hdf5.close()
 
 
-class MvsecWriter:
+class MvsecWriter(StreamWriter):
     """`davis/left/events` and `davis/right/events`: rows of x, y, t in seconds, p as -1 or 1."""
+
+    packet = 1 << 20
 
     def __init__(self, path: Path, names: Sequence[str]) -> None:
         sides = {name: name.rpartition("/")[2] for name in names}
@@ -94,24 +81,13 @@ class MvsecWriter:
         for name in self._names.values():
             _create(self._hdf5, name, np.float64, (0, 4))
 
-    def append(self, stream: str, events: Events) -> None:
-        """Writes a packet."""
-        if not len(events):
-            return
+    def _put(self, stream: str, events: Events) -> None:
         rows = np.empty((len(events), 4), np.float64)
         rows[:, 0], rows[:, 1], rows[:, 2] = events.x, events.y, events.t_us / 1e6
         rows[:, 3] = np.where(events.p > 0, 1.0, -1.0)
         _extend(self._hdf5, self._names[stream], rows)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def _close(self) -> None:
         self._hdf5.close()
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from emvs.data.events import Events
 from emvs.errors import InputError
+from emvs.io.events.wording import quoted
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +51,7 @@ class BlockReader:
         """Earliest and latest time stamp, µs."""
         entries = self._index(stream)
         if not entries:
-            raise InputError(f"{self.path}, stream {stream!r}: no events; record it again")
+            raise InputError(f"{self.path}, stream {quoted(stream)}: no events; record it again")
         return min(e.first_us for e in entries), max(e.last_us for e in entries)
 
     def between(self, stream: str, t0_us: int, t1_us: int) -> Events:
@@ -71,7 +72,7 @@ class BlockReader:
         """Refuses a stream that the file does not have."""
         if stream not in self.streams:
             raise InputError(
-                f"{self.path}: no stream {stream!r}; there are {', '.join(self.streams) or 'none'}"
+                f"{self.path}: no stream {stream!r}; there are {quoted(*self.streams) or 'none'}"
             )
 
     def _index(self, stream: str) -> list[Entry]:

@@ -1,4 +1,4 @@
-"""Reads and writes events as columns in an npz archive; nothing is ever unpickled.
+"""Reads events as columns in an npz archive; nothing is ever unpickled.
 
 Members `x`, `y`, `p` and a time: `t_us`, `t_ns`, `t_s`, or `t` (µs where whole, seconds where
 floating); optionally `width_px` and `height_px`. Columns are read as streams, so that memory holds
@@ -7,13 +7,14 @@ a block of them, compressed or not.
 
 from __future__ import annotations
 
-import shutil
+import io
+import struct
 import zipfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,17 +23,32 @@ from emvs.data.events import Events
 from emvs.errors import InputError
 from emvs.io.events.convert_columns import to_events
 from emvs.io.events.indexed import BlockReader
-from emvs.io.events.raw import STREAM
+from emvs.io.events.raw import STREAM, opened
+from emvs.io.events.wording import quoted, said
 
 _TIMES = {"t_us": 1e-6, "t_ns": 1e-9, "t_s": 1.0, "t": None, "ts": None, "timestamps": None}
 _POLARITIES = ("p", "pol", "polarity")
 _ROWS = 1 << 18
-_COLUMNS: dict[str, type[np.generic]] = {
-    "x": np.uint16,
-    "y": np.uint16,
-    "t_us": np.int64,
-    "p": np.uint8,
-}
+_MOST_HEADER = 1 << 14
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    """A member of the archive.
+
+    Attributes:
+        name: as the archive has it, without `.npy`.
+        count: how many values it declares.
+        kind: their type.
+        head: bytes in front of the values.
+        place: where the values lie in the file, byte; None where they are compressed.
+    """
+
+    name: str
+    count: int
+    kind: np.dtype[Any]
+    head: int
+    place: int | None
 
 
 class NpzReader(BlockReader):
@@ -48,138 +64,102 @@ class NpzReader(BlockReader):
         super().__init__(Path(path), (STREAM,))
         with _archive(self.path) as archive:
             names = {name.removesuffix(".npy") for name in archive.namelist()}
-            self._columns = self._choose(names)
-            counts = {}
-            for name in self._columns:
-                with archive.open(f"{name}.npy") as member:
-                    counts[name] = _header(self.path, name, member)[0]
-                    self._check_size(archive, name, member, counts[name])
+            chosen = _choose(self.path, names)
+            self._columns = [_column(self.path, archive, name) for name in chosen]
             self.width_px, self.height_px = (
                 _scalar(self.path, archive, name) if name in names else None
                 for name in ("width_px", "height_px")
             )
+        counts = {column.name: column.count for column in self._columns}
         if len(set(counts.values())) != 1:
             raise InputError(f"{self.path}: columns of lengths {counts}; needs one length")
         self._count = counts["x"]
 
     def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
-        """Reads all columns side by side."""
+        """Reads all columns side by side, and so checks the archive's sums."""
         del stream
         with _archive(self.path) as archive, ExitStack() as stack:
-            members = [stack.enter_context(archive.open(f"{n}.npy")) for n in self._columns]
-            kinds = [
-                _header(self.path, n, m)[1] for n, m in zip(self._columns, members, strict=True)
-            ]
+            files = [_member(archive, stack, column, 0) for column in self._columns]
             for start in range(0, self._count, _ROWS):
                 stop = min(start + _ROWS, self._count)
-                yield (start, stop), self._read(members, kinds, start, stop)
+                yield (start, stop), self._read(files, start, stop)
 
     def load(self, stream: str, place: Any) -> Events:
-        """Reads one block."""
+        """Reads one block: straight from the file where it is not compressed."""
         del stream
         with _archive(self.path) as archive, ExitStack() as stack:
-            members = [stack.enter_context(archive.open(f"{n}.npy")) for n in self._columns]
-            kinds = [
-                _header(self.path, n, m)[1] for n, m in zip(self._columns, members, strict=True)
-            ]
-            for kind, member in zip(kinds, members, strict=True):
-                member.seek(place[0] * kind.itemsize, 1)
-            return self._read(members, kinds, *place)
+            files = [self._at(archive, stack, column, place[0]) for column in self._columns]
+            return self._read(files, *place)
 
-    def _read(
-        self, members: list[IO[bytes]], kinds: list[np.dtype[Any]], start: int, stop: int
-    ) -> Events:
-        columns = []
-        for name, kind, member in zip(self._columns, kinds, members, strict=True):
-            data = member.read((stop - start) * kind.itemsize)
-            if len(data) != (stop - start) * kind.itemsize:
+    def _at(
+        self, archive: zipfile.ZipFile, stack: ExitStack, column: _Column, row: int
+    ) -> IO[bytes]:
+        if column.place is None:
+            return _member(archive, stack, column, row)
+        file = stack.enter_context(opened(self.path))
+        file.seek(column.place + row * column.kind.itemsize)
+        return file
+
+    def _read(self, files: list[IO[bytes]], start: int, stop: int) -> Events:
+        values = []
+        for column, file in zip(self._columns, files, strict=True):
+            size = (stop - start) * column.kind.itemsize
+            data = file.read(size)
+            if len(data) != size:
                 raise InputError(
-                    f"{self.path}, column {name}: ends before row {stop} of {self._count}; the "
-                    "file is damaged, fetch it again"
+                    f"{self.path}, column {column.name}: ends before row {stop} of {self._count}; "
+                    "the file is damaged, fetch it again"
                 )
-            columns.append(np.frombuffer(data, kind))
-        x, y, t, p = columns
+            values.append(np.frombuffer(data, column.kind))
+        x, y, t, p = values
         where = f"{self.path}, rows {start} to {stop}"
-        return to_events(where, x, y, t, p, _TIMES[self._columns[2]])
-
-    def _choose(self, names: set[str]) -> tuple[str, str, str, str]:
-        time = next((name for name in _TIMES if name in names), "")
-        polarity = next((name for name in _POLARITIES if name in names), "")
-        if not (time and polarity and {"x", "y"} <= names):
-            raise InputError(
-                f"{self.path}: columns {', '.join(sorted(names)) or 'none'}; needs x, y, p and one "
-                f"of {', '.join(_TIMES)}: rename them"
-            )
-        return "x", "y", time, polarity
-
-    def _check_size(
-        self, archive: zipfile.ZipFile, name: str, member: IO[bytes], count: int
-    ) -> None:
-        """Refuses counts that the archive itself contradicts, before anything is reserved."""
-        member.seek(0)
-        _, kind = _header(self.path, name, member)
-        size = archive.getinfo(f"{name}.npy").file_size - member.tell()
-        if size != count * kind.itemsize:
-            raise InputError(
-                f"{self.path}, column {name}: {count} rows of {kind.itemsize} bytes declared, "
-                f"{size} bytes there; the file is damaged, fetch it again"
-            )
+        return to_events(where, x, y, t, p, _TIMES[self._columns[2].name])
 
 
-class NpzWriter:
-    """Appends to one plain file per column; the archive is put together at the end."""
-
-    def __init__(self, path: Path, width_px: int, height_px: int) -> None:
-        self._path, self._size_px = path, {"width_px": width_px, "height_px": height_px}
-        self._count = 0
-        self._parts = {name: path.with_name(f"{path.name}.{name}") for name in _COLUMNS}
-        self._files = {name: part.open("wb") for name, part in self._parts.items()}
-
-    def append(self, stream: str, events: Events) -> None:
-        """Writes a packet."""
-        del stream
-        self._count += len(events)
-        for name, kind in _COLUMNS.items():
-            self._files[name].write(np.ascontiguousarray(getattr(events, name), kind).data)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        try:
-            for file in self._files.values():
-                file.close()
-            if error is None:
-                self._assemble()
-        finally:
-            for part in self._parts.values():
-                part.unlink(missing_ok=True)
-
-    def _assemble(self) -> None:
-        with zipfile.ZipFile(self._path, "w", zipfile.ZIP_STORED) as archive:
-            for name, kind in _COLUMNS.items():
-                member = zipfile.ZipInfo(f"{name}.npy")
-                with (
-                    archive.open(member, "w", force_zip64=True) as out,
-                    self._parts[name].open("rb") as part,
-                ):
-                    _write_header(out, kind, (self._count,))
-                    shutil.copyfileobj(part, out, 1 << 20)
-            for name, value in self._size_px.items():
-                with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w") as out:
-                    _write_header(out, np.int64, ())
-                    out.write(np.int64(value).tobytes())
+def _choose(path: Path, names: set[str]) -> tuple[str, str, str, str]:
+    time = next((name for name in _TIMES if name in names), "")
+    polarity = next((name for name in _POLARITIES if name in names), "")
+    if not (time and polarity and {"x", "y"} <= names):
+        raise InputError(
+            f"{path}: columns {quoted(*sorted(names)) or 'none'}; needs x, y, p and one "
+            f"of {', '.join(_TIMES)}: rename them"
+        )
+    return "x", "y", time, polarity
 
 
-def _write_header(out: IO[bytes], kind: type[np.generic], shape: tuple[int, ...]) -> None:
-    descr = np.lib.format.dtype_to_descr(np.dtype(kind))
-    header = {"descr": descr, "fortran_order": False, "shape": shape}
-    np.lib.format.write_array_header_1_0(out, header)
+def _column(path: Path, archive: zipfile.ZipFile, name: str) -> _Column:
+    """Looks a column up; refuses a count that the archive contradicts."""
+    info = archive.getinfo(f"{name}.npy")
+    with archive.open(info) as member:
+        shape, kind = _header(path, name, member)
+        head = member.tell()
+    if len(shape) != 1:
+        raise InputError(f"{path}, column {name}: shape {shape}; needs (N,)")
+    size = info.file_size - head
+    if size != shape[0] * kind.itemsize:
+        raise InputError(
+            f"{path}, column {name}: {shape[0]} rows of {kind.itemsize} bytes declared, "
+            f"{size} bytes there; the file is damaged, fetch it again"
+        )
+    place = None
+    if info.compress_type == zipfile.ZIP_STORED:
+        place = _content_at(path, info.header_offset) + head
+    return _Column(name, shape[0], kind, head, place)
+
+
+def _content_at(path: Path, header_at: int) -> int:
+    """Where a member's bytes begin: behind 30 bytes, a name and a field of any length."""
+    with opened(path) as file:
+        file.seek(header_at + 26)
+        name, extra = struct.unpack("<HH", file.read(4))
+        return int(header_at + 30 + name + extra)
+
+
+def _member(archive: zipfile.ZipFile, stack: ExitStack, column: _Column, row: int) -> IO[bytes]:
+    """A column opened at a row, by unpacking what comes before it."""
+    member = stack.enter_context(archive.open(f"{column.name}.npy"))
+    member.seek(column.head + row * column.kind.itemsize)
+    return member
 
 
 @contextmanager
@@ -187,43 +167,42 @@ def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
     try:
         with zipfile.ZipFile(path) as archive:
             yield archive
-    except (OSError, zipfile.BadZipFile, zipfile.LargeZipFile, EOFError, KeyError) as error:
-        raise InputError(f"{path}: not a whole npz archive ({error}); make it again") from error
-    except (NotImplementedError, RuntimeError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: not a readable npz archive ({error})") from error
-    except Exception as error:  # zlib.error derives from nothing narrower
-        raise InputError(f"{path}: damaged npz archive ({error}); make it again") from error
+    except InputError:
+        raise
+    except Exception as error:  # of zipfile, of four decompressors, and of damaged names
+        raise InputError(
+            f"{path}: not a whole npz archive ({said(error)}); make it again"
+        ) from error
 
 
-def _header(path: Path, name: str, member: IO[bytes]) -> tuple[int, np.dtype[Any]]:
-    """Rows and type of a column; leaves the member where its values begin."""
-    shape, kind = _any_header(path, name, member)
-    if len(shape) != 1:
-        raise InputError(f"{path}, column {name}: shape {shape}; needs (N,)")
-    return shape[0], kind
-
-
-def _any_header(path: Path, name: str, member: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
+def _header(path: Path, name: str, member: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Shape and type; leaves the member where its values begin."""
     try:
         version = np.lib.format.read_magic(member)
+        size = member.read(2 if version == (1, 0) else 4)
+        length = int.from_bytes(size, "little")
+        if length > _MOST_HEADER:
+            raise ValueError(f"it declares {length} bytes")
         read = (
             np.lib.format.read_array_header_1_0
             if version == (1, 0)
             else np.lib.format.read_array_header_2_0
         )
-        shape, _, kind = read(member)
-    except (ValueError, TypeError, SyntaxError, OSError, MemoryError, RecursionError) as error:
-        raise InputError(f"{path}, column {name}: no npy header ({error})") from error
+        shape, _, kind = read(io.BytesIO(size + member.read(length)))
+    except (ValueError, TypeError, SyntaxError, OSError, RecursionError) as error:
+        raise InputError(
+            f"{path}, column {name}: no npy header ({said(error)}); make the archive again"
+        ) from error
     if kind.kind not in "iufb" or kind.itemsize > 8:
-        raise InputError(f"{path}, column {name}: of type {kind}; needs plain numbers")
+        raise InputError(
+            f"{path}, column {name}: of type {kind}; needs plain numbers of up to 8 bytes"
+        )
     return shape, kind
 
 
 def _scalar(path: Path, archive: zipfile.ZipFile, name: str) -> int:
     with archive.open(f"{name}.npy") as member:
-        shape, kind = _any_header(path, name, member)
+        shape, kind = _header(path, name, member)
         data = member.read(kind.itemsize)
     value: NDArray[Any] = np.frombuffer(data, kind)
     if shape not in ((), (1,)) or len(value) != 1 or not 0 < value[0] <= 1 << 16:

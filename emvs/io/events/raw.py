@@ -20,6 +20,7 @@ from emvs.io.events import evt_decode
 from emvs.io.events.evt_state import UNTIMED, State, initial_state
 from emvs.io.events.indexed import BlockReader
 from emvs.io.events.raw_header import RawHeader, read_raw_header
+from emvs.io.events.wording import quoted
 
 _BLOCK_BYTES = 1 << 20
 _ROOM = 1 << 19
@@ -126,7 +127,9 @@ def _coding(path: Path, header: RawHeader, file: BinaryIO) -> tuple[_Coding, int
         return CODINGS[header.kind], header.data_offset
     if header.kind:
         known = ", ".join(kind for kind in CODINGS if kind != "DAT")
-        raise InputError(f"{path}: coded as {header.kind}, known are {known}: convert it first")
+        raise InputError(
+            f"{path}: coded as {quoted(header.kind)}, known are {known}: convert it first"
+        )
     kind, size = (*file.read(2), 0, 0)[:2]
     if kind not in (0x00, 0x0C) or size != 8:
         raise InputError(

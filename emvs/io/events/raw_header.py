@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from emvs.errors import InputError
+from emvs.io.events.wording import quoted
 
 _MOST_BYTES = 1 << 16
 _SENSORS = {"gen31": (640, 480), "gen3": (640, 480), "gen41": (1280, 720), "gen42": (1280, 720)}
@@ -77,5 +78,7 @@ def _size(
         sensor = re.sub(r"[^a-z0-9]", "", fields.get("sensor_name", fields.get("generation", "")))
         return _SENSORS.get(sensor, (None, None))
     if not all(re.fullmatch(r"[1-9]\d{0,4}", word) for word in (width, height)):
-        raise InputError(f"{path}: sensor size {width!r} x {height!r}; needs whole pixels > 0")
+        raise InputError(
+            f"{path}: sensor size {quoted(width)} x {quoted(height)}; needs whole pixels > 0"
+        )
     return int(width), int(height)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from emvs.data.events import Events
 from emvs.errors import InputError
+from emvs.io.events.bounded import BoundedPath, unpacked
 from emvs.io.events.indexed import BlockReader, within
 from emvs.io.events.ros_messages import TYPES, array_events, array_head
+from emvs.io.events.wording import quoted, said
 
 _BLOCK_EVENTS = 1 << 18
 _MOST_NS = 1 << 62
@@ -34,7 +37,7 @@ class RosbagReader(BlockReader):
             kinds = {c.topic: c.msgtype for c in bag.connections}
             super().__init__(path, tuple(t for t, kind in kinds.items() if kind in TYPES))
             if not self.streams:
-                shown = ", ".join(f"{t} ({kind})" for t, kind in list(kinds.items())[:6]) or "none"
+                shown = quoted(*(f"{t} ({kind})" for t, kind in kinds.items())) or "none"
                 raise InputError(f"{path}: topics {shown}; needs one of {' or '.join(TYPES)}")
             self._counts = {
                 t: sum(c.msgcount for c in bag.connections if c.topic == t) for t in self.streams
@@ -59,7 +62,7 @@ class RosbagReader(BlockReader):
             yield (first_ns, last_ns + 1), Events.concat(waiting)
         if messages != self._counts[stream]:
             raise InputError(
-                f"{self.path}, topic {stream}: {messages} messages found, its index says "
+                f"{self.path}, topic {quoted(stream)}: {messages} messages found, its index says "
                 f"{self._counts[stream]}; the bag is damaged, reindex or record it again"
             )
 
@@ -82,14 +85,14 @@ class RosbagReader(BlockReader):
             for number, (_, stamp_ns, data) in enumerate(
                 bag.messages(wanted, start=start_ns, stop=stop_ns)
             ):
-                where = f"{self.path}, topic {stream}, message {number} at {stamp_ns} ns"
+                where = f"{self.path}, topic {quoted(stream)}, message {number} at {stamp_ns} ns"
                 yield stamp_ns, array_events(data, self._ros2, where)
 
     def _first_size(self, bag: Any) -> None:
         """Takes the sensor's size from the first message of the first stream."""
         wanted = [c for c in bag.connections if c.topic == self.streams[0]]
         for _, _, data in bag.messages(wanted):
-            head = array_head(data, self._ros2, f"{self.path}, topic {self.streams[0]}")
+            head = array_head(data, self._ros2, f"{self.path}, topic {quoted(self.streams[0])}")
             if head.width_px and head.height_px:
                 self.width_px, self.height_px = head.width_px, head.height_px
             return
@@ -106,13 +109,26 @@ def opened_bag(path: Path) -> Iterator[Any]:
     from rosbags.rosbag2 import Reader as Reader2
 
     try:
-        with Reader2(path) if path.is_dir() else Reader1(path) as bag:
+        own = BoundedPath(path)
+        with Reader2(own) if path.is_dir() else Reader1(own) as bag:
+            if isinstance(bag, Reader1):
+                bag.chunks = {at: _bounded(path, at, chunk) for at, chunk in bag.chunks.items()}
             yield bag
     except InputError:
         raise
     except Exception as error:  # damaged bags end in asserts, struct errors, decoders' own, ...
-        said = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
-            f"{path}: cannot be read as a ROS bag ({said[:200]}); it is cut off or damaged, "
+            f"{path}: cannot be read as a ROS bag ({said(error)}); it is cut off or damaged, "
             "reindex or record it again"
         ) from error
+
+
+def _bounded(path: Path, at: int, chunk: Any) -> Any:
+    """A ROS1 chunk whose unpacking ends at a bound; the library's own does not."""
+    from rosbags.rosbag1.reader import decompressors
+
+    kind = next(name for name, unpack in decompressors.items() if unpack is chunk.decompressor)
+    if kind == "none":
+        return chunk
+    where = f"{path}, chunk at byte {at}"
+    return chunk._replace(decompressor=partial(unpacked, compression=kind, where=where))

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from emvs.data.events import Events
 from emvs.io.events.ros_messages import TYPES, array_bytes
+from emvs.io.events.writer import StreamWriter
 
 _EVENT = "uint16 x\nuint16 y\ntime ts\nbool polarity\n"
 _ARRAY = "Header header\nuint32 height\nuint32 width\ndvs_msgs/Event[] events\n"
-_PACKET = 1 << 14
 
 
-class RosbagWriter:
+class RosbagWriter(StreamWriter):
     """Appends messages of up to 16384 events; the times of recording never run backwards."""
+
+    packet = 1 << 14
 
     def __init__(self, path: Path, width_px: int, height_px: int, names: Sequence[str]) -> None:
         self._size_px = (width_px, height_px)
@@ -36,22 +36,12 @@ class RosbagWriter:
         self._last_us = dict.fromkeys(names, 0)
         self._sequence = dict.fromkeys(names, 0)
 
-    def append(self, stream: str, events: Events) -> None:
-        """Writes a packet as messages, each recorded when its last event happened."""
-        for start in range(0, len(events), _PACKET):
-            part = events.slice(start, min(start + _PACKET, len(events)))
-            self._last_us[stream] = max(self._last_us[stream], int(part.t_us.max()))
-            data = array_bytes(part, self._sequence[stream], *self._size_px)
-            self._bag.write(self._topics[stream], self._last_us[stream] * 1000, data)
-            self._sequence[stream] += 1
+    def _put(self, stream: str, events: Events) -> None:
+        """Writes a message, recorded when its last event happened."""
+        self._last_us[stream] = max(self._last_us[stream], int(events.t_us.max()))
+        data = array_bytes(events, self._sequence[stream], *self._size_px)
+        self._bag.write(self._topics[stream], self._last_us[stream] * 1000, data)
+        self._sequence[stream] += 1
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def _close(self) -> None:
         self._bag.close()

@@ -20,6 +20,7 @@ from emvs.errors import InputError
 from emvs.io.events.indexed import BlockReader
 from emvs.io.events.raw import STREAM, opened
 from emvs.io.events.text_kernels import parse_rows
+from emvs.io.events.wording import quoted
 
 _BLOCK_BYTES = 1 << 22
 _HEAD_BYTES = 1 << 16
@@ -115,7 +116,12 @@ def text_layout(path: Path, head: bytes) -> TextLayout:
     skip = 0
     while lines and (lines[0].startswith(b"#") or not lines[0].strip()):
         skip += len(lines.pop(0))
-    words = lines[0].decode("ascii").replace(",", " ").split() if lines else []
+    if not lines:
+        raise InputError(
+            f"{path}: no line beside blank ones and remarks in the first {len(head)} bytes; needs "
+            "lines `t x y p`: the file is cut off or empty, fetch it again"
+        )
+    words = lines[0].decode("ascii").replace(",", " ").split()
     if words and words[0][0].isalpha():
         body = lines[1:]
         return _csv_layout(path, words, skip + len(lines[0]), body)
@@ -135,7 +141,7 @@ def _csv_layout(path: Path, words: list[str], skip: int, body: list[bytes]) -> T
     order = tuple(_NAMES.get(name, -1) for name in names)
     if sorted(what for what in order if what >= 0) != [0, 1, 2, 3]:
         raise InputError(
-            f"{path}, byte 0: columns {', '.join(names)}; needs x, y, p (or polarity) and one of "
+            f"{path}, byte 0: columns {quoted(*names)}; needs x, y, p (or polarity) and one of "
             f"t, {', '.join(_POWERS)}: rename them in the header"
         )
     place = order.index(0)

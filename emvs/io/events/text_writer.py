@@ -3,43 +3,27 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
 from emvs.data.events import Events
 from emvs.io.events.text_kernels import format_rows
+from emvs.io.events.writer import FileWriter
 
-_PACKET = 1 << 16
 
-
-class TextWriter:
-    """Appends lines; use it as a context."""
+class TextWriter(FileWriter):
+    """Appends lines."""
 
     def __init__(self, path: Path, kind: str, width_px: int, height_px: int) -> None:
+        super().__init__(path)
         self._seconds = kind != "csv"
         self._gap = ord("," if kind == "csv" else " ")
-        self._file = path.open("wb")
         head = {"csv": "t_us,x,y,p\n", "esim-text": f"{width_px} {height_px}\n"}.get(kind, "")
         self._file.write(head.encode("ascii"))
 
-    def append(self, stream: str, events: Events) -> None:
-        """Writes a packet."""
+    def _put(self, stream: str, events: Events) -> None:
         del stream
-        for start in range(0, len(events), _PACKET):
-            part = events.slice(start, min(start + _PACKET, len(events)))
-            text = np.empty(48 * len(part), np.uint8)
-            size = format_rows(part.t_us, part.x, part.y, part.p, self._seconds, self._gap, text)
-            self._file.write(text[:size].data)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._file.close()
+        text = np.empty(48 * len(events), np.uint8)
+        columns = events.t_us, events.x, events.y, events.p
+        size = format_rows(*columns, self._seconds, self._gap, text)
+        self._file.write(text[:size].data)

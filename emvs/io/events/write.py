@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Protocol
 
 from emvs.atomic import atomic_path
 from emvs.data.events import Events
 from emvs.errors import InputError
 from emvs.io.events.contract import Checker, Progress, Streams, only_stream
 from emvs.io.events.formats import FORMATS
-
-
-class _Writer(Protocol):
-    """What every format's writer does."""
-
-    def append(self, stream: str, events: Events) -> None: ...
+from emvs.io.events.writer import StreamWriter
 
 
 def write_events(
@@ -93,8 +86,8 @@ def _writer(
     width_px: int,
     height_px: int,
     names: Sequence[str],
-) -> AbstractContextManager[_Writer]:
-    from emvs.io.events import hdf5_writer, npz, raw_writer, text_writer
+) -> StreamWriter:
+    from emvs.io.events import hdf5_writer, npz_writer, raw_writer, text_writer
 
     match kind:
         case "evt2" | "evt3":
@@ -102,7 +95,7 @@ def _writer(
         case "text" | "esim-text" | "csv":
             return text_writer.TextWriter(path, kind, width_px, height_px)
         case "npz":
-            return npz.NpzWriter(path, width_px, height_px)
+            return npz_writer.NpzWriter(path, width_px, height_px)
         case "dsec":
             return hdf5_writer.DsecWriter(path, width_px, height_px)
         case "tumvie":

@@ -1,0 +1,162 @@
+"""Sound event files of every kind, for tests, fuzzing and benchmarks: of read-only formats, too.
+
+What the product only reads is written here from the publishers' descriptions, plainly and
+vectorised. Times must not fall, but in `dat` and `prophesee-hdf5`; those of `dat` step by less
+than 2^31 µs from a first one below 2^32 µs, as its 32 bits demand.
+"""
+
+from __future__ import annotations
+
+import struct
+
+import h5py
+import numpy as np
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Ros2Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from emvs.data.events import Events
+from emvs.io.events import FORMATS, write_events
+
+ALL = list(FORMATS)
+WRITTEN = [name for name, entry in FORMATS.items() if entry.writes]
+READ_ONLY = [name for name in FORMATS if name not in WRITTEN]
+CD = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
+ROS2_EVENT = np.dtype(
+    {
+        "names": ["y", "s", "ns", "p", "next_x"],
+        "formats": ["<u2", "<u4", "<u4", "u1", "<u2"],
+        "offsets": [0, 4, 8, 12, 14],
+        "itemsize": 16,
+    }
+)
+ROS2_MESSAGE = 1 << 14
+
+
+def moving_edges(count, packet=1 << 18, step_us=1):
+    """What a 1280x720 sensor gives of moving edges, in packets: bursts along rows in time's order.
+
+    Rows fire together, 4 to 24 pixels of one polarity, `step_us` apart on average.
+    """
+    rng, last_us = np.random.default_rng(0), 0
+    for start in range(0, count, packet):
+        size = min(packet, count - start)
+        length = rng.integers(4, 24, size // 4 + 1)
+        run = np.repeat(np.arange(len(length)), length)[:size]
+        first = np.cumsum(length) - length
+        x = rng.integers(0, 1256, len(length))[run] + np.arange(size) - first[run]
+        y = rng.integers(0, 720, len(length))[run]
+        p = rng.integers(0, 2, len(length))[run]
+        t_us = last_us + np.cumsum(rng.integers(0, 2 * step_us + 1, len(length)))[run]
+        last_us = int(t_us[-1])
+        yield Events(x.astype(np.uint16), y.astype(np.uint16), t_us, p.astype(np.uint8))
+
+
+def stream_of(kind):
+    """The name of the stream that a file of this kind holds."""
+    return "davis/left" if kind == "mvsec" else "/events" if "rosbag" in kind else "events"
+
+
+def write_any(path, kind, size_px, packets):
+    """Writes packets of events in any format, read-only ones too; returns the path."""
+    writers = {
+        "evt21": write_evt21,
+        "dat": write_dat,
+        "rosbag2": write_rosbag2,
+        "prophesee-hdf5": write_prophesee_hdf5,
+    }
+    if kind in writers:
+        writers[kind](path, size_px, filter(len, packets))
+    else:
+        write_events(path, kind, *size_px, {stream_of(kind): packets})
+    return path
+
+
+def write_evt21(path, size_px, packets):
+    """A word per run of up to 32 neighbours of one time, row and polarity."""
+    high = None
+    with path.open("wb") as file:
+        file.write(f"% evt 2.1\n% geometry {size_px[0]}x{size_px[1]}\n% end\n".encode())
+        for e in packets:
+            head, words = _evt21_runs(e)
+            times, before = _evt21_times(e.t_us[head] >> 6, high)
+            file.write(np.insert(words, before, times).astype("<u8").tobytes())
+            high = int(e.t_us[-1]) >> 6
+
+
+def _evt21_runs(e):
+    x, y, t, p = (column.astype(np.int64) for column in (e.x, e.y, e.t_us, e.p))
+    same = (np.diff(x) == 1) & (np.diff(y) == 0) & (np.diff(t) == 0) & (np.diff(p) == 0)
+    first = np.flatnonzero(np.concatenate([[True], ~same]))
+    run = np.arange(len(x)) - np.repeat(first, np.diff(np.append(first, len(x))))
+    head = np.flatnonzero(run % 32 == 0)
+    count = np.diff(np.append(head, len(x)))
+    word = p[head] << 28 | (t[head] & 63) << 22 | x[head] << 11 | y[head]
+    return head, word.astype(np.uint64) << np.uint64(32) | ((1 << count) - 1).astype(np.uint64)
+
+
+def _evt21_times(highs, before):
+    """Time words, in steps of a quarter of their clock at most, and before which run each goes."""
+    step = np.diff(highs, prepend=0 if before is None else before)
+    count = -(-step >> 26)
+    count[0] += before is None and step[0] == 0
+    run = np.repeat(np.arange(len(highs)), count)
+    k = np.arange(len(run)) - np.repeat(np.cumsum(count) - count, count) + 1
+    value = (highs - step)[run] + np.minimum(k << 26, step[run])
+    high = (value & (2**28 - 1)).astype(np.uint64) << np.uint64(32)
+    return np.uint64(8 << 60) | high, run
+
+
+def write_dat(path, size_px, packets):
+    with path.open("wb") as file:
+        file.write(f"% Height {size_px[1]}\n% Width {size_px[0]}\n\x0c\x08".encode("latin-1"))
+        for e in packets:
+            place = e.p.astype(np.int64) << 28 | e.y.astype(np.int64) << 14 | e.x
+            file.write(np.stack([e.t_us & (2**32 - 1), place], axis=1).astype("<u4").tobytes())
+
+
+def write_prophesee_hdf5(path, size_px, packets):
+    """Without the maker's codec."""
+    with h5py.File(path, "w") as file:
+        file.attrs["geometry"] = "{}x{}".format(*size_px)
+        data = file.create_dataset("CD/events", (0,), CD, maxshape=(None,), chunks=(1 << 14,))
+        for e in packets:
+            rows = np.empty(len(e), CD)
+            rows["x"], rows["y"], rows["t"], rows["p"] = e.x, e.y, e.t_us, e.p
+            data.resize(len(data) + len(e), axis=0)
+            data[-len(e) :] = rows
+
+
+def write_rosbag2(path, size_px, packets, storage=StoragePlugin.SQLITE3, package="dvs_msgs"):
+    """Messages of up to 16384 events, recorded when their latest event happened."""
+    kind, last_us = f"{package}/msg/EventArray", 0
+    with Ros2Writer(path, version=9, storage_plugin=storage) as bag:
+        topic = bag.add_connection("/events", kind, typestore=ros2_types(package))
+        for e in packets:
+            for start in range(0, len(e), ROS2_MESSAGE):
+                part = e.slice(start, min(start + ROS2_MESSAGE, len(e)))
+                last_us = max(last_us, int(part.t_us.max()))
+                bag.write(topic, last_us * 1000, ros2_message(part, size_px))
+
+
+def ros2_types(package="dvs_msgs"):
+    """ROS2's own types and the package's."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    event = "uint16 x\nuint16 y\nbuiltin_interfaces/Time ts\nbool polarity\n"
+    array = f"std_msgs/Header header\nuint32 height\nuint32 width\n{package}/Event[] events\n"
+    store.register(get_types_from_msg(event, f"{package}/msg/Event"))
+    store.register(get_types_from_msg(array, f"{package}/msg/EventArray"))
+    return store
+
+
+def ros2_message(e, size_px, frame=b"cam\0"):
+    """An EventArray as CDR aligns it: x of all but the first event ends the row before its own."""
+    head = b"\x00\x01\x00\x00" + struct.pack("<III", 0, 0, len(frame)) + frame
+    head += bytes(-len(frame) % 4) + struct.pack("<III", size_px[1], size_px[0], len(e))
+    rows = np.zeros(len(e), ROS2_EVENT)
+    rows["y"], rows["s"], rows["p"] = e.y, e.t_us // 10**6, e.p
+    rows["ns"] = e.t_us % 10**6 * 1000
+    rows["next_x"][:-1] = e.x[1:]
+    body = bytearray(rows.tobytes())[: -3 if len(e) else None]
+    body[:4] = struct.pack("<HH", int(e.x[0]), int(e.y[0])) if len(e) else b""
+    return head + bytes(body)
