@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
-from functools import cached_property
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
-from emvs.data.camera import Camera
 from emvs.data.events import Events
 from emvs.data.recording import Recording
 from emvs.errors import InputError
 from emvs.progress import Progress
-from emvs.ray_order import grouped_by_rows
-from emvs.rays import RayCounts, Rays, event_rays
+from emvs.projector import AnyRays, Caster, Projector
+from emvs.rays import RayCounts
 from emvs.recipe import Split
-from emvs.split import concatenated, cuts, part, total, with_left_out
+from emvs.split import cuts, total, with_left_out
 from emvs.view import ReferenceView
 from emvs.window import Window
 
@@ -34,7 +32,7 @@ class Projected:
         event_image: (2, H, W) uint32 events of camera 0 per pixel: darker, brighter.
     """
 
-    rays: Mapping[Split, list[Rays]]
+    rays: Mapping[Split, list[AnyRays]]
     counts: list[RayCounts]
     event_image: NDArray[np.uint32]
 
@@ -46,6 +44,7 @@ def back_project(
     view: ReferenceView,
     progress: Progress,
     splits: Sequence[Split],
+    projector: Projector,
 ) -> Projected:
     """Casts the rays of every camera in the window into the reference view (paper, Alg. 1, line 3).
 
@@ -54,13 +53,13 @@ def back_project(
     """
     cast, counts = [], []
     for k, camera in enumerate(recording.rig.cameras):
-        events = recording.events(k, window.t0_us, window.t1_us)
-        caster = _Caster(recording, view, k, packets=config.is_reference)
+        events = projector.received(recording.events(k, window.t0_us, window.t1_us))
+        caster = projector.caster(recording, view, k, packets=config.is_reference)
         pieces = _of_camera(caster, events, config, window, splits)
         its_counts = total([rays.counts for parts in pieces[splits[0]] for rays in parts])
         _check_any(recording.rig.camera_names[k], its_counts, window, config)
         if k == 0:
-            event_image = _event_image(events, camera.width_px, camera.height_px)
+            event_image = projector.event_image(events, camera.width_px, camera.height_px)
         counts.append(with_left_out(its_counts, window.left_out[k]))
         cast.append(pieces)
         progress("rays", k + 1, len(recording.rig))
@@ -69,31 +68,12 @@ def back_project(
     return Projected(ordered, counts, event_image)
 
 
-class _Caster:
-    """Casts rays of one camera."""
-
-    def __init__(
-        self, recording: Recording, view: ReferenceView, camera: int, *, packets: bool
-    ) -> None:
-        self._camera = _tabulated(recording.rig.cameras[camera])
-        self._T_body_cam = recording.rig.T_body_cam[camera]
-        self._trajectory, self._view, self.packets = recording.trajectory, view, packets
-
-    def __call__(self, events: Events) -> Rays:
-        rays = event_rays(
-            events, self._camera, self._T_body_cam, self._trajectory, self._view.T_world_rv,
-            self._view.camera, packets=self.packets,
-        )  # fmt: skip
-        middle = float(self._view.rho[len(self._view.rho) // 2])
-        return grouped_by_rows(rays, middle, self._view.camera.height_px)
-
-
 # per split: per polarity: the rays of each sub-interval
-_Pieces = dict[Split, list[list[Rays]]]
+_Pieces = dict[Split, list[list[AnyRays]]]
 
 
 def _of_camera(
-    caster: _Caster, events: Events, config: MapperConfig, window: Window, splits: Sequence[Split]
+    caster: Caster, events: Events, config: MapperConfig, window: Window, splits: Sequence[Split]
 ) -> _Pieces:
     edges = {split: cuts(events.t_us, split, window.t0_us, window.t1_us) for split in splits}
     pieces: _Pieces = {split: [] for split in splits}
@@ -118,8 +98,8 @@ def _of_polarity(
 
 
 def _cut_packets(
-    caster: _Caster, events: Events, edges: Mapping[Split, NDArray[np.int64]]
-) -> dict[Split, list[Rays]]:
+    caster: Caster, events: Events, edges: Mapping[Split, NDArray[np.int64]]
+) -> dict[Split, list[AnyRays]]:
     """Every sub-interval has packets and a dropped tail of its own, as in the authors' program."""
     return {
         split: [caster(events.slice(int(i), int(j))) for i, j in pairwise(edge)]
@@ -128,40 +108,17 @@ def _cut_packets(
 
 
 def _cut_shared(
-    caster: _Caster, events: Events, edges: Mapping[Split, NDArray[np.int64]]
-) -> dict[Split, list[Rays]]:
-    """Casts every event once; the sub-intervals of all splits are views of the same rays."""
+    caster: Caster, events: Events, edges: Mapping[Split, NDArray[np.int64]]
+) -> dict[Split, list[AnyRays]]:
+    """Casts every event once; the sub-intervals of all splits share the same rays."""
     every = np.unique(np.concatenate([*edges.values(), [0, len(events)]]))
     pieces = [caster(events.slice(int(i), int(j))) for i, j in pairwise(every)] or [caster(events)]
-    whole, counts = concatenated(pieces), [piece.counts for piece in pieces]
-    if len(pieces) == 1:
-        every = np.array([0, len(events)])
-    starts = np.r_[0, np.cumsum([count.rays for count in counts])]
-    cut: dict[Split, list[Rays]] = {}
+    joined = caster.joined(pieces)
+    cut: dict[Split, list[AnyRays]] = {}
     for split, edge in edges.items():
-        if split.intervals == 1:
-            cut[split] = [whole]
-            continue
-        at = np.searchsorted(every, edge)
-        cut[split] = [
-            part(whole, int(starts[i]), int(starts[j]), total(counts[i:j])) for i, j in pairwise(at)
-        ]
+        at = np.searchsorted(every, edge) if split.intervals > 1 else (0, len(pieces))
+        cut[split] = [joined.between(int(i), int(j)) for i, j in pairwise(at)]
     return cut
-
-
-class _Tabulated(Camera):
-    """A camera that works out its table of bearings once, for all its sub-intervals."""
-
-    @cached_property
-    def _table(self) -> NDArray[np.float64]:
-        return super().bearing_table()
-
-    def bearing_table(self) -> NDArray[np.float64]:
-        return self._table
-
-
-def _tabulated(camera: Camera) -> Camera:
-    return _Tabulated(**{field.name: getattr(camera, field.name) for field in fields(camera)})
 
 
 def _check_any(name: str, counts: RayCounts, window: Window, config: MapperConfig) -> None:
@@ -173,14 +130,3 @@ def _check_any(name: str, counts: RayCounts, window: Window, config: MapperConfi
             f"{config.min_events} (1025 or more in the mcemvs setting); choose another window or "
             "check poses and calibration"
         )
-
-
-def _event_image(events: Events, width_px: int, height_px: int) -> NDArray[np.uint32]:
-    """Events per pixel, (2, H, W): polarity 0, polarity 1."""
-    image = np.empty((2, height_px, width_px), np.uint32)
-    for polarity in (0, 1):
-        chosen = events.p == polarity
-        cell = events.y[chosen].astype(np.int32) * width_px + events.x[chosen]
-        counts = np.bincount(cell, minlength=width_px * height_px)
-        image[polarity] = counts.reshape(height_px, width_px)
-    return image

@@ -4,10 +4,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
+from emvs.rivals.esvo_parameters import EsvoParameters
+from emvs.rivals.parameters import FrameParameters, GtsParameters, SgmParameters
+
 DEFAULT_DEPTH_RANGE_M = (0.2, 5.0)
 
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NotNegative = Annotated[FiniteFloat, Field(ge=0)]
+DeviceName = Literal["cpu", "cuda", "auto"]
 OddPixels = Annotated[int, Field(ge=1, le=99)]
 
 
@@ -78,7 +82,9 @@ class MapperConfig(BaseModel):
         "bilinear", description="bilinear: exact; nearest: the fast variant, coarser depth"
     )
     methods: tuple[str, ...] = Field(
-        ("all",), min_length=1, description="methods by name, such as Alg1/H or Alg2/AtHc@4, or all"
+        ("all",),
+        min_length=1,
+        description="methods by name, such as Alg1/H or Alg2/AtHc@4; or all, rivals, everything",
     )
     extraction: Literal["votes", "variance", "mean-square", "gradient", "laplacian", "dog"] = Field(
         "votes", description="what depth maximises along a ray: the votes, or a focus measure"
@@ -114,9 +120,19 @@ class MapperConfig(BaseModel):
     )
     save_dsi: bool = Field(False, description="write every fused volume as .npy")
     threads: int = Field(0, ge=0, description="threads of the kernels; 0: all")
+    device: DeviceName = Field(
+        "cpu", description="where the sweep runs; auto: on an NVIDIA GPU where there is one"
+    )
+    voting_precision: Literal["fixed", "float"] = Field(
+        "fixed", description="how a GPU sums votes; fixed: the same bits in every run"
+    )
     slice_row: int | None = Field(
         None, ge=0, description="image row of the DSI slice, px; by default the middle row"
     )
+    sgm: SgmParameters = Field(SgmParameters(), description="of SGM on time surfaces")
+    esvo: EsvoParameters = Field(EsvoParameters(), description="of ESVO mapping")
+    gts: GtsParameters = Field(GtsParameters(), description="of event coincidence")
+    frames: FrameParameters = Field(FrameParameters(), description="of SGBM on frames")
 
     @model_validator(mode="before")
     @classmethod

@@ -14,6 +14,7 @@ from emvs.data.camera import Camera
 from emvs.depthmap import DepthMap
 from emvs.errors import DAMAGED_NPY, InputError
 from emvs.fusion import file_name
+from emvs.inpaint import Dense
 from emvs.result import Slices
 
 CURE = "run `eventsweep map` again"
@@ -46,6 +47,26 @@ def read_depth(path: Path, method: str) -> DepthMap:
     check_array(path, "t_us", arrays["t_us"], "i", ())
     fields = {key: arrays[key] for key in _DEPTH_KEYS if key not in ("camera", "t_us")}
     return DepthMap(method=method, camera=camera, t_us=int(arrays["t_us"]), **fields)
+
+
+def read_dense(path: Path, shape: tuple[int, ...]) -> Dense:
+    """Reads what `emvs.inpaint.write_dense` wrote.
+
+    Args:
+        path: `dense.npz` of a method.
+        shape: (H, W) of its depth map.
+
+    Raises:
+        InputError: a missing or damaged file, or a pixel both measured and filled.
+    """
+    arrays = read_npz(path, ("depth_m", "measured", "filled"))
+    for key, kind in (("depth_m", "f"), ("measured", "b"), ("filled", "b")):
+        check_array(path, key, arrays[key], kind, shape)
+    dense = Dense(arrays["depth_m"], arrays["measured"], arrays["filled"])
+    both = int(np.count_nonzero(dense.measured & dense.filled))
+    if both:
+        raise InputError(f"{path}: {both} pixels are both measured and filled: {CURE}")
+    return dense
 
 
 def write_slices(path: Path, slices: Slices) -> None:

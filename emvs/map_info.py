@@ -27,7 +27,10 @@ class RecordingInfo(_Model):
 
 
 class WindowInfo(_Model):
-    """One window in `map.json`; times in µs, counts per camera and by what became of events."""
+    """One window in `map.json`; times in µs, counts per camera and by what became of events.
+
+    `device` is what swept it: `cpu`, or the name of a GPU.
+    """
 
     name: str = Field(pattern=r"^\w[\w-]*$")
     t0_us: int
@@ -36,6 +39,7 @@ class WindowInfo(_Model):
     methods: tuple[str, ...]
     counts: dict[str, dict[str, int]]
     points: dict[str, int] = {}
+    device: str = "cpu"
 
 
 class SkippedWindow(_Model):

@@ -8,11 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from emvs import device as devices
 from emvs import fusion
 from emvs.backproject import back_project
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.depthmap import DepthMap, extract
+from emvs.device import Device
 from emvs.errors import InputError
 from emvs.focus_depth import extract_in_focus, parallax_baseline_m
 from emvs.late import union
@@ -33,6 +35,7 @@ def map_window(
     *,
     window: Window | None = None,
     dsi_dir: Path | None = None,
+    device: Device | None = None,
 ) -> WindowResult:
     """Maps one window of a recording by every requested method at once (paper, Alg. 1 and 2).
 
@@ -43,12 +46,14 @@ def map_window(
             name), what is done and how much there is.
         window: one window of a plan (`emvs.windows`); by default what the configuration says.
         dsi_dir: where `save_dsi` writes the fused volumes.
+        device: what computes (`emvs.device.choose`); by default what the configuration says.
 
     Raises:
         InputError: a window that events or poses do not cover, no events in it, an impossible depth
-            range, an unknown method.
+            range, an unknown method, a GPU that is not there or has too little memory.
     """
     stopwatch = Stopwatch()
+    device = devices.choose(config.device) if device is None else device
     methods = fusion.methods(config.methods, len(recording.rig), reference=config.is_reference)
 
     # 1. Input: events of one interval, camera poses and calibration.
@@ -64,11 +69,12 @@ def map_window(
     rivals = [method for method in methods if method.rival is not None]
     groups = grouped([m for m in methods if m.rival is None], len(recording.rig))
     splits = [group.split for group in groups] or [WHOLE]
-    projected = back_project(recording, config, window, view, progress, splits)
+    projector = devices.projector(device)
+    projected = back_project(recording, config, window, view, progress, splits, projector)
     stopwatch.lap("rays")
 
     # 3. and 4. One volume per camera, fused by every method at once; plane by plane, none is kept.
-    swept = sweep(projected, view, groups, config, dsi_dir, progress)
+    swept = sweep(projected, view, groups, config, dsi_dir, progress, device)
     stopwatch.lap("sweep")
 
     # 5. Depth and confidence from the maxima over planes.
@@ -91,6 +97,7 @@ def map_window(
         slices=_with_empty(swept.slices, rivals, view),
         event_image=projected.event_image,
         seconds=stopwatch.seconds,
+        device=device.name,
     )
 
 

@@ -140,7 +140,8 @@ def methods(names: Sequence[str], n_cameras: int, *, reference: bool = False) ->
 
     Args:
         names: method names; `all` stands for what `known_methods` lists, `rivals` for the
-            methods of `emvs.rivals` that need nothing but events.
+            methods of `emvs.rivals` that need nothing but events, `everything` for both and the
+            late fusion.
         n_cameras: cameras of the rig.
         reference: the compatibility setting.
 
@@ -153,7 +154,7 @@ def methods(names: Sequence[str], n_cameras: int, *, reference: bool = False) ->
             setting with other than two cameras.
     """
     known = known_methods(n_cameras, reference=reference)
-    names = [one for name in names for one in (catalogue.names() if name == "rivals" else (name,))]
+    names = [one for name in names for one in catalogue.GROUPS.get(name, (name,))]
     others = [name for name in dict.fromkeys(names) if name not in {m.name for m in known}]
     if any(name != "all" for name in others):
         plugins.load()

@@ -15,9 +15,10 @@ from emvs.config import MapperConfig
 from emvs.depthmap import DepthMap
 from emvs.errors import InputError
 from emvs.fusion import file_name
-from emvs.inpaint import inpaint, write_dense
+from emvs.inpaint import Dense, inpaint, write_dense
 from emvs.map_files import (
     check_array,
+    read_dense,
     read_depth,
     read_npz,
     read_slices,
@@ -87,6 +88,7 @@ def write_window(
             name: counts.to_json() for name, counts in zip(camera_names, result.counts, strict=True)
         },
         points={method: found.points for method, found in result.depth_maps.items()},
+        device=result.device,
     )
 
 
@@ -127,11 +129,27 @@ class StoredWindow:
         Raises:
             InputError: a method that was not mapped, or a missing or damaged file.
         """
+        return read_depth(self._folder(method) / "depth.npz", method)
+
+    def dense(self, method: str) -> Dense:
+        """Reads one method's depth with its gaps filled, which `inpaint` writes.
+
+        Raises:
+            InputError: a method that was not mapped, a map made without `inpaint`, or a damaged
+                file.
+        """
+        path = self._folder(method) / "dense.npz"
+        if not path.exists():
+            raise InputError(f"{path}: no such file; map with inpaint (`--map.inpaint`) to fill")
+        camera = self.depth_map(method).camera
+        return read_dense(path, (camera.height_px, camera.width_px))
+
+    def _folder(self, method: str) -> Path:
         if method not in self.info.methods:
             raise InputError(
                 f"{self.path}: no method {method!r}, it has {', '.join(self.info.methods)}"
             )
-        return read_depth(self.path / file_name(method) / "depth.npz", method)
+        return self.path / file_name(method)
 
     @cached_property
     def slices(self) -> Slices:

@@ -116,15 +116,12 @@ def event_rays(
         InputError: an event outside the sensor, events not sorted, or a trajectory of one pose.
     """
     events.checked(camera.width_px, camera.height_px)
-    kept = max(len(events) - 1, 0) // PACKET * PACKET if packets else len(events)
-    voters = events.slice(0, kept)
-    pose_us = _packet_times_us(voters.t_us) if packets else voters.t_us
-    columns = tuple(np.empty(kept, np.float32) for _ in range(5))
-    fate = np.empty(kept, np.uint8)
-    knots = _knots(trajectory, T_world_rv)
+    chosen, pose_us = voters(events, packets=packets)
+    columns = tuple(np.empty(len(chosen), np.float32) for _ in range(5))
+    fate = np.empty(len(chosen), np.uint8)
     ray_kernel.rays(  # type: ignore[call-arg]
-        voters.x, voters.y, pose_us, camera.bearing_table(), *knots, T_body_cam, rv_camera.K,
-        *columns, fate,
+        chosen.x, chosen.y, pose_us, camera.bearing_table(), *knots(trajectory, T_world_rv),
+        T_body_cam, rv_camera.K, *columns, fate,
     )  # fmt: skip
     return _voting(columns, fate, len(events))
 
@@ -145,14 +142,30 @@ def _voting(columns: tuple[Floats, ...], fate: NDArray[np.uint8], events: int) -
     return Rays.of(columns, counts)
 
 
-def _packet_times_us(t_us: NDArray[np.int64]) -> NDArray[np.int64]:
-    return np.repeat(t_us[_PACKET_POSE::PACKET], PACKET)
+def voters(events: Events, *, packets: bool) -> tuple[Events, NDArray[np.int64]]:
+    """The events that are cast, and the (N,) int64 times of their poses, µs.
+
+    Args:
+        events: one camera's events, sorted.
+        packets: the compatibility setting.
+    """
+    if not packets:
+        return events, events.t_us
+    kept = events.slice(0, max(len(events) - 1, 0) // PACKET * PACKET)
+    return kept, np.repeat(kept.t_us[_PACKET_POSE::PACKET], PACKET)
 
 
-def _knots(
+def knots(
     trajectory: Trajectory, T_world_rv: NDArray[np.float64]
 ) -> tuple[NDArray[np.generic], ...]:
-    """Pose times, positions and rotations of the body in the reference view, and their turns."""
+    """The body's poses in the reference view, as `emvs.ray_kernel.rays` takes them.
+
+    Returns:
+        Times, positions and rotations, and from each to the next the turn's axis and angle.
+
+    Raises:
+        InputError: a trajectory of one pose.
+    """
     if len(trajectory) < 2:
         raise InputError("trajectory with one pose: needs at least 2 to pose events between them")
     T_world_body = se3.from_quat_xyzw(trajectory.positions_m, trajectory.quats_xyzw)

@@ -69,6 +69,7 @@ class WindowResult:
         slices: one image row of every fused volume.
         event_image: (2, H, W) uint32 events of camera 0 per pixel: darker, brighter.
         seconds: wall time per stage.
+        device: what computed the sweep: `cpu`, or the name of a GPU.
     """
 
     window: Window
@@ -78,3 +79,4 @@ class WindowResult:
     slices: Slices
     event_image: NDArray[np.uint32]
     seconds: Mapping[str, float]
+    device: str = "cpu"

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
+from emvs import device as devices
 from emvs import fusion
+from emvs.ahead import ReadAhead
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.data.rig import Rig
+from emvs.device import Device
 from emvs.errors import InputError
 from emvs.hot_pixels import HotPixels, WithoutPixels, find_hot_pixels
 from emvs.map_info import (
@@ -29,6 +33,7 @@ from emvs.pose_gaps import check_poses
 from emvs.progress import Progress, silent
 from emvs.versions import versions
 from emvs.view import reference_view
+from emvs.window import Window
 from emvs.windows import Plan, plan_windows
 
 
@@ -65,6 +70,7 @@ def map_windows(
         InputError: settings that suit no window, an output of another run, or no window that could
             be mapped; the reasons are in `map.json`.
     """
+    device = devices.choose(config.device)
     head = MapInfo(
         schema_version=SCHEMA_VERSION,
         recording=about,
@@ -83,8 +89,10 @@ def map_windows(
         head = head.model_copy(
             update={"hot_pixels": described(recording.rig, hot), "without_pose": dict(lost)}
         )
-        run = _Run(without(recording, hot), config, plan, store, clouds, progress)
-        skipped = run.all_windows(head)
+        received, on_gpu = devices.projector(device).received, device.kind == "cuda"
+        with ReadAhead(without(recording, hot), received, ahead=on_gpu) as ahead:
+            run = _Run(ahead, config, plan, store, clouds, progress, device)
+            skipped = run.all_windows(head)
     if len(skipped) == len(plan):
         raise InputError(
             f"none of {len(plan)} windows could be mapped; {skipped[0].name}: {skipped[0].reason}"
@@ -96,10 +104,10 @@ class _Run:
     """One call of `map_windows`: what stays the same from window to window."""
 
     def __init__(
-        self, recording: Recording, config: MapperConfig, plan: Plan, store: MapStore,
-        clouds: bool, progress: Progress,
+        self, ahead: ReadAhead, config: MapperConfig, plan: Plan, store: MapStore,
+        clouds: bool, progress: Progress, device: Device,
     ) -> None:  # fmt: skip
-        self._recording, self._config, self._plan = recording, config, plan
+        self._ahead, self._config, self._plan, self._device = ahead, config, plan, device
         self._store, self._clouds, self._progress = store, clouds, progress
 
     def all_windows(self, head: MapInfo) -> list[SkippedWindow]:
@@ -122,7 +130,7 @@ class _Run:
     def _one(self, k: int) -> Iterable[SkippedWindow]:
         name, window = self._plan.name(k), self._plan.window(k)
         if self._store.has(name):
-            _check_entry(self._store.path / name, window.t0_us, window.t1_us)
+            _check_entry(self._store.path / name, window, self._device)
             return ()
         try:
             self._map(k)
@@ -135,17 +143,31 @@ class _Run:
         return (SkippedWindow(name=name, t0_us=window.t0_us, t1_us=window.t1_us, reason=reason),)
 
     def _map(self, k: int) -> None:
-        recording, config, window = self._recording, self._config, self._plan.window(k)
-        check_poses(recording.trajectory, window.t0_us, window.t1_us, config)
-        check_window_fits(recording, window)
+        ahead, config, window = self._ahead, self._config, self._plan.window(k)
+        check_poses(ahead.trajectory, window.t0_us, window.t1_us, config)
+        check_window_fits(ahead.recording, window)
         name = self._plan.name(k)
-        with self._store.window(name) as folder:
+        with self._store.window(name) as folder, self._read_ahead(k):
             result = map_window(
-                recording, config, self._progress, window=window, dsi_dir=folder / "dsi"
-            )
-            names = recording.rig.camera_names
+                ahead, config, self._progress, window=window, dsi_dir=folder / "dsi",
+                device=self._device,
+            )  # fmt: skip
+            names = ahead.rig.camera_names
             info = write_window(folder, result, config, names, clouds=self._clouds, name=name)
             self._store.write_entry(folder, info)
+
+    @contextmanager
+    def _read_ahead(self, k: int) -> Iterator[None]:
+        """Reads the next window that is not there yet while window `k` is mapped."""
+        self._ahead.start(self._plan.window(k))
+        later = range(k + 1, len(self._plan))
+        following = next((i for i in later if not self._store.has(self._plan.name(i))), None)
+        if following is not None:
+            self._ahead.start(self._plan.window(following))
+        try:
+            yield
+        finally:
+            self._ahead.drop(self._plan.window(k))
 
     def _index(
         self, head: MapInfo, skipped: list[SkippedWindow], tried: int, *, complete: bool
@@ -166,10 +188,11 @@ def check_settings(recording: Recording, config: MapperConfig, out: Path) -> Non
     """Refuses, before any event is read, settings that suit no window of a recording.
 
     Raises:
-        InputError: an unknown method, an impossible depth range or row, or planes that memory or
-            disk cannot hold.
+        InputError: an unknown method, a GPU that is not there, an impossible depth range or row, or
+            planes that memory or disk cannot hold.
     """
     methods = fusion.methods(config.methods, len(recording.rig), reference=config.is_reference)
+    devices.check(config.device)
     view = reference_view(recording, config, recording.trajectory.span_us[0])
     check_request(config, view, out)
     check_view_fits(view, len(methods), config, out)
@@ -199,7 +222,12 @@ def described(rig: Rig, hot: tuple[HotPixels, ...] | None) -> dict[str, HotPixel
     }
 
 
-def _check_entry(path: Path, t0_us: int, t1_us: int) -> None:
+def _check_entry(path: Path, window: Window, device: Device) -> None:
     found = read_entry(path)
-    if (found.t0_us, found.t1_us) != (t0_us, t1_us):
+    if (found.t0_us, found.t1_us) != (window.t0_us, window.t1_us):
         raise InputError(f"{path}: is another window; remove it, and map again")
+    if found.device != device.name:
+        raise InputError(
+            f"{path}: was mapped on {found.device}, not {device.name}: choose that device, another "
+            "output, or add --force to replace it"
+        )

@@ -9,19 +9,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from emvs import device as devices
+from emvs.backend import Backend, Task
 from emvs.backproject import Projected
 from emvs.config import MapperConfig
-from emvs.focus_fold import FocusFold, InFocus
+from emvs.device import CPU, Device
+from emvs.focus_fold import InFocus
 from emvs.methods import single_cameras
 from emvs.progress import Progress
-from emvs.rays import Rays
 from emvs.recipe import Method, Split
 from emvs.result import Slices
-from emvs.running import Maximum, RunningMaxima
-from emvs.sweep import Scratch, VoteCounts, batch_planes, batches, cast_all
-from emvs.threads import use_threads
+from emvs.running import Maximum
+from emvs.sweep import VoteCounts
 from emvs.view import ReferenceView
-from emvs.volume import SliceRecorder, volume_writer
+from emvs.volume import volume_writer
 
 
 @dataclass(frozen=True)
@@ -77,10 +78,15 @@ def sweep(
     config: MapperConfig,
     dsi_dir: Path | None,
     progress: Progress,
+    device: Device = CPU,
 ) -> Swept:
     """Sweeps the planes once per group, casting, fusing and folding a few planes at a time.
 
-    Memory holds the scratch planes of one batch: two per thread, camera, sub-interval and polarity.
+    Memory, of the device, holds the planes of one batch of every volume: camera, sub-interval and
+    polarity.
+
+    Raises:
+        InputError: a GPU with too little memory for one plane.
     """
     row_px = view.camera.height_px // 2 if config.slice_row is None else config.slice_row
     maxima: dict[str, Maximum] = {}
@@ -89,56 +95,39 @@ def sweep(
     votes: list[VoteCounts] = []
     for k, group in enumerate(groups):
         cameras = len(projected.counts)
-        one = _Pass(group, projected.rays[group.split], cameras, view, config, row_px)
-        for last in one.run(dsi_dir if config.save_dsi else None):
+        task = _task(group, cameras, view, row_px, config)
+        backend = devices.backend(device, task, projected.rays[group.split])
+        for last in _planes(backend, task, dsi_dir if config.save_dsi else None):
             progress("sweep", k * config.planes + last, len(groups) * config.planes)
-        maxima |= {method.name: one.maxima.of(m) for m, method in enumerate(group.swept)}
-        focus |= one.focus.found()
-        slices |= one.recorder.values
-        votes = votes or _per_camera(one.votes, cameras, group.split)
+        found = backend.outcome()
+        maxima |= found.maxima
+        focus |= found.focus
+        slices |= found.rows
+        votes = votes or _per_camera(found.votes, cameras, group.split)
     in_order = {method.name: slices[method.name] for group in groups for method in group.asked}
     return Swept(maxima, focus, Slices(row_px, view.rho, in_order), votes)
 
 
-class _Pass:
-    """One group's sweep."""
+def _task(
+    group: Group, cameras: int, view: ReferenceView, row_px: int, config: MapperConfig
+) -> Task:
+    size = view.camera.width_px, view.camera.height_px
+    return Task(group.swept, group.asked, cameras, *size, view.rho, row_px, config)
 
-    def __init__(
-        self, group: Group, rays: list[Rays], cameras: int, view: ReferenceView,
-        config: MapperConfig, row_px: int,
-    ) -> None:  # fmt: skip
-        size = view.camera.width_px, view.camera.height_px
-        self._rays, self._rho, self._config = rays, view.rho, config
-        self._threads = use_threads(config.threads)
-        self._load = (config.planes, self._threads, size[0] * size[1], len(rays))
-        self._scratch = Scratch(
-            len(rays), batch_planes(*self._load), *size, nearest=config.voting == "nearest"
-        )
-        self._shape = (config.planes, size[1], size[0])
-        self._with_volume = tuple(method for method in group.asked if not method.late)
-        self.maxima = RunningMaxima(
-            group.swept, *size, planes=config.planes, polarities=config.polarities
-        )
-        self.focus = FocusFold(group.swept, cameras, *size, config)
-        self.recorder = SliceRecorder(
-            group.asked, config.planes, size[0], row_px, config.polarities
-        )
-        self.votes = [VoteCounts()] * len(rays)
 
-    def run(self, dsi_dir: Path | None) -> Iterator[int]:
-        """Sweeps; yields how many planes are done, batch by batch."""
-        with volume_writer(
-            dsi_dir, self._with_volume, self._shape, self._config.polarities
-        ) as volumes:
-            for first, last in batches(*self._load):
-                cast = cast_all(self._scratch, self._rays, self._rho[first:last])
-                self.maxima.fold(self._scratch.votes, last - first)
-                images = self._scratch.images(last - first)
-                self.focus.take(images)
-                self.recorder.take(first, images)
-                volumes.take(images)
-                self.votes = [a + b for a, b in zip(self.votes, cast, strict=True)]
-                yield last
+def _planes(backend: Backend, task: Task, dsi_dir: Path | None) -> Iterator[int]:
+    """One group's sweep; yields how many planes are done, batch by batch."""
+    planes, step = len(task.rho), backend.planes_in_flight
+    shape = planes, task.height_px, task.width_px
+    with_volume = tuple(method for method in task.asked if not method.late)
+    with volume_writer(dsi_dir, with_volume, shape, task.config.polarities) as volumes:
+        for first in range(0, planes, step):
+            last = min(first + step, planes)
+            backend.cast(first, last)
+            backend.fold()
+            if dsi_dir is not None:
+                volumes.take(backend.images())
+            yield last
 
 
 def _per_camera(votes: Sequence[VoteCounts], n_cameras: int, split: Split) -> list[VoteCounts]:

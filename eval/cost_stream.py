@@ -12,7 +12,6 @@ from emvs.data.camera import Camera
 from emvs.data.events import Events
 from emvs.data.rig import Rig
 from emvs.data.trajectory import Trajectory
-from emvs.data.writer import SequenceWriter
 
 DEPTH_RANGE_M = (0.45, 4.0)
 WINDOW_US = 500_000
@@ -69,6 +68,9 @@ class MovingEdges:
 
     def write(self, path: Path) -> None:
         """Writes the recording as a sequence folder."""
+        # Only now: it needs HDF5, which measuring from memory does not.
+        from emvs.data.writer import SequenceWriter
+
         rig, trajectory, span_m = self.rig, self.trajectory, self.depth_range_m
         with SequenceWriter(
             path, name=self.name, rig=rig, trajectory=trajectory, config={}, depth_range_m=span_m

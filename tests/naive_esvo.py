@@ -22,18 +22,34 @@ def bilinear(image, x, y):
     return (1 - fy) * float(top) + fy * float(bottom)
 
 
-def cost(left, right, a, b, camera, rho, half, dof, scale):
-    """Negative log-likelihood, times 2 and without its constant, of a patch's differences."""
+def residuals(left, right, a, b, camera, rho, half):
+    """Differences of two patches, seen at inverse depth rho."""
     f, cx, cy, baseline = camera
     x, y, z = np.asarray(a) + rho * np.asarray(b)
     u, v = f * x / z + cx, f * y / z + cy
     w = f * (x - baseline * rho) / z + cx
-    total = 0.0
-    for j in range(-half[1], half[1] + 1):
-        for i in range(-half[0], half[0] + 1):
-            r = bilinear(left, u + i, v + j) - bilinear(right, w + i, v + j)
-            total += (dof + 1) * math.log1p((r / scale) ** 2 / dof)
-    return total
+    return np.array([
+        bilinear(left, u + i, v + j) - bilinear(right, w + i, v + j)
+        for j in range(-half[1], half[1] + 1) for i in range(-half[0], half[0] + 1)
+    ])  # fmt: skip
+
+
+def cost(left, right, a, b, camera, rho, half, dof, scale):
+    """Negative log-likelihood, times 2 and without its constant, of a patch's differences."""
+    differences = residuals(left, right, a, b, camera, rho, half)
+    return sum((dof + 1) * math.log1p((r / scale) ** 2 / dof) for r in differences.tolist())
+
+
+def weighted(differences, dof, scale):
+    """Residuals times the square roots of their Student t weights."""
+    return differences * np.sqrt((dof + 1) / (dof + (differences / scale) ** 2))
+
+
+def spread(differences, dof, scale):
+    """Scale at which the mean square of the weighted residuals is its square."""
+    for _ in range(500):
+        scale = math.sqrt((weighted(differences, dof, scale) ** 2).mean())
+    return scale
 
 
 def smooth(rho, deviation, radius, least):

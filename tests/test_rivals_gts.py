@@ -10,15 +10,17 @@ from emvs.data.events import Events
 from emvs.data.rig import Rig
 from emvs.errors import InputError
 from emvs.rivals import gts
-from emvs.rivals.gts_match import Coincidence, Stream, pairs
+from emvs.rivals.gts_match import Stream, pairs
 from emvs.rivals.gts_motion import time_slopes
+from emvs.rivals.parameters import Coincidence, GtsParameters
+from emvs.threads import use_threads
 from emvs.view import reference_view
 from emvs.window import choose_window
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25, border_px=0)
 
 
-def mapped(recording, parameters=gts.DEFAULT):
+def mapped(recording, parameters=None):
     window = choose_window(recording, CONFIG)
     view = reference_view(recording, CONFIG, window.t_ref_us)
     return gts.estimate(recording, window, view, CONFIG, parameters)
@@ -33,7 +35,7 @@ def random_stream(seed, n=120):
 
 def test_pairs_against_the_twin_choose_each_other():
     left, right = random_stream(1), random_stream(2)
-    settings = Coincidence(1.0, 1000.0, 0.5, 4.0)
+    settings = Coincidence(row_px=1.0, time_us=1000.0, motion=0.5, most_energy=4.0)
     i, j, energy = pairs(left, right, (1, 12), settings)
     to_right = naive_esvo.best_pairs(left, right, 1, 12, settings)
     to_left = naive_esvo.best_pairs(right, left, -12, -1, settings)
@@ -91,9 +93,28 @@ def edge_world(depth_m, f=80.0, speed_m_s=0.8):
 @pytest.mark.parametrize("disparity_px", [4.0, 6.0, 8.0])
 def test_a_lone_edge_is_triangulated_exactly(disparity_px):
     """At the reference time it fills one column; so slow an edge needs a long memory."""
-    found = mapped(edge_world(8 / disparity_px), gts.GtsParameters(memory_s=0.2))
+    found = mapped(edge_world(8 / disparity_px), GtsParameters(memory_s=0.2))
     assert found.points > 50
     np.testing.assert_allclose(8 / found.depth_m[found.mask], disparity_px, atol=1e-3)
+
+
+def test_one_thread_and_two_give_the_same_bits():
+    maps = []
+    for threads in (1, 2):
+        use_threads(threads)
+        maps.append(mapped(edge_world(1.0), GtsParameters(memory_s=0.2)))
+    use_threads(0)
+    for field in ("depth_m", "confidence", "mask", "argmax"):
+        np.testing.assert_array_equal(getattr(maps[0], field), getattr(maps[1], field))
+
+
+def test_settings_of_the_configuration_reach_the_matching():
+    recording, patient = edge_world(1.0), GtsParameters(memory_s=0.2)
+    config = CONFIG.model_copy(update={"gts": patient})
+    window = choose_window(recording, config)
+    view = reference_view(recording, config, window.t_ref_us)
+    by_config = gts.estimate(recording, window, view, config)
+    np.testing.assert_array_equal(by_config.depth_m, mapped(recording, patient).depth_m)
 
 
 # Bad input

@@ -1,4 +1,4 @@
-"""The rivals through the mapper: registry, recordings in memory, simulated scenes, bad input."""
+"""The rivals through the mapper: registry, recordings in memory, bad input."""
 
 from dataclasses import replace
 
@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from point_world import Recorded, fronto_parallel
 
-import scenes
 from emvs.config import MapperConfig
 from emvs.data.events import Events
-from emvs.data.sequence import Sequence
 from emvs.errors import InputError
 from emvs.map_files import read_depth, read_slices
 from emvs.mapper import map_window
@@ -17,12 +15,10 @@ from emvs.methods import methods, overview, register, unregister
 from emvs.output import write_window
 from emvs.recipe import Method
 from emvs.rivals import catalogue, sgm
+from emvs.rivals.parameters import SemiGlobal
 from emvs.rivals.rival import Rival
-from emvs.rivals.semi_global import SemiGlobal, match
+from emvs.rivals.semi_global import match
 from emvs.window import Window
-from sim.config import SimConfig
-from sim.generate import simulate
-from sim.rigs import rig as named_rig
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25, border_px=0)
 ALWAYS = ("SGM/ts", "SGM/window")
@@ -176,51 +172,3 @@ def test_recordings_without_frames_are_told_how_to_get_them():
     with pytest.raises(InputError, match="has no frames of an ordinary camera") as error:
         mapped(fronto_parallel(1.5), "Frames/sgm")
     assert lines(error) == 1
-
-
-# Simulated scenes, without noise
-
-
-@pytest.fixture(scope="module")
-def planes(tmp_path_factory):
-    return sequence_of("planes", tmp_path_factory.mktemp("rivals"))
-
-
-def sequence_of(name, folder):
-    scene = scenes.load(name)
-    config = SimConfig.model_validate({"duration_s": 0.12, "frames": {"rate_hz": 20.0}})
-    simulate(scene, named_rig(scene.rig), config, 0, folder / name)
-    return Sequence.open(folder / name)
-
-
-def disparity_errors_px(sequence, name, **values):
-    config = MapperConfig(methods=(name,), **values)
-    found = map_window(sequence, config).depth_maps[name]
-    t_us = sequence.truth_times_us(0)
-    nearest_us = int(t_us[np.argmin(np.abs(t_us - found.t_us))])
-    truth_m = sequence.truth_view_depth_m(0, nearest_us)
-    scale = sequence.rig.cameras[0].fx_px * sequence.rig.baseline_m()
-    known = found.mask & (truth_m > 0)
-    return scale * np.abs(1 / found.depth_m[known] - 1 / truth_m[known])
-
-
-@pytest.mark.parametrize(("name", "points"), [*((n, 3000) for n in ALWAYS), ("Frames/sgm", 50000)])
-def test_planes_are_found_to_half_a_pixel_of_disparity(planes, name, points):
-    errors_px = disparity_errors_px(planes, name)
-    assert len(errors_px) > points
-    assert np.median(errors_px) < 0.5
-    assert (errors_px < 1).mean() > 0.85
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [*ALWAYS, "Frames/sgm"])
-def test_a_desk_is_found_to_half_a_pixel_of_disparity(tmp_path, name):
-    errors_px = disparity_errors_px(sequence_of("desk", tmp_path), name)
-    assert np.median(errors_px) < 0.5
-    assert (errors_px < 1).mean() > 0.6
-
-
-def test_frames_must_lie_in_the_window(planes):
-    config = MapperConfig(methods=("Frames/sgm",), start_s=0.01, duration_s=0.02)
-    with pytest.raises(InputError, match="nearest frame at 50000 µs lies outside the window"):
-        map_window(planes, config)

@@ -1,95 +1,92 @@
-"""The settings of ESVO's mapping; values are those that its authors published where they did.
+"""Parameters of ESVO's mapping: those of its authors' configuration for MVSEC.
 
-Those are the ones of the authors' configuration for MVSEC; docs/rivals_esvo.md lists them.
+Zhou, Gallego, Shen, TRO 2021, and the configuration that they published with their program;
+docs/rivals_esvo.md lists both beside ours. No numpy is imported.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from pydantic import Field
 
-from emvs.rivals.time_surface import DECAY_S, MEDIAN_PX
-
-
-@dataclass(frozen=True)
-class Matching:
-    """Block matching that starts each estimate.
-
-    Attributes:
-        width_px: columns of a block, odd.
-        height_px: rows of a block, odd.
-        coarse_px: step of the first search along the row, px; the second goes pixel by pixel.
-        least_zncc: zero-mean normalised cross-correlation that a match must reach, -1..1.
-    """
-
-    width_px: int = 15
-    height_px: int = 7
-    coarse_px: int = 2
-    least_zncc: float = 0.8
+from emvs.rivals.parameters import (
+    Count,
+    MedianPixels,
+    NotNegative,
+    OddPixels,
+    Parameters,
+    Positive,
+)
 
 
-@dataclass(frozen=True)
-class Refinement:
-    """The non-linear least squares of one inverse depth; surfaces count 0..255.
+class Matching(Parameters):
+    """Block matching that starts each estimate."""
 
-    Attributes:
-        width_px: columns of the compared patch, odd.
-        height_px: rows of the compared patch, odd.
-        steps: most iterations.
-        dof: degrees of freedom of the Student t distribution of residuals.
-        scale: its scale.
-        most_rms: root mean square of a patch's residuals beyond which an estimate is dropped.
-    """
-
-    width_px: int = 15
-    height_px: int = 7
-    steps: int = 10
-    dof: float = 2.182
-    scale: float = 17.277
-    most_rms: float = 20.0
+    width_px: OddPixels = Field(15, description="columns of a block, odd, px")
+    height_px: OddPixels = Field(7, description="rows of a block, odd, px")
+    coarse_px: Count = Field(
+        1, description="step of the first search along the row, px; the second takes every pixel"
+    )
+    least_zncc: float = Field(
+        0.8, ge=-1, le=1, description="zero-mean normalised cross-correlation that a match needs"
+    )
 
 
-@dataclass(frozen=True)
-class Regularisation:
-    """Clean-up of the fused map.
+class Refinement(Parameters):
+    """The non-linear least squares of one inverse depth; time surfaces count 0..255."""
 
-    Attributes:
-        most_deviation_px: largest standard deviation of an estimate, as disparity, px; the
-            published 0.15 / m on the rig of MVSEC.
-        least_count: how many estimates a pixel needs that were fused into one.
-        radius_px: half a side of the square that counts as neighbourhood.
-        least_neighbours: compatible neighbours that a pixel needs to stay.
-    """
-
-    most_deviation_px: float = 3.4
-    least_count: int = 1
-    radius_px: int = 5
-    least_neighbours: int = 8
+    width_px: OddPixels = Field(15, description="columns of the compared patch, odd, px")
+    height_px: OddPixels = Field(7, description="rows of the compared patch, odd, px")
+    steps: int = Field(10, ge=0, description="most iterations; 0: as block matching left it")
+    dof: float = Field(
+        2.182, gt=2, description="degrees of freedom of the residuals' Student t distribution"
+    )
+    scale: Positive = Field(17.277, description="its scale")
 
 
-@dataclass(frozen=True)
-class EsvoParameters:
-    """Parameters of the whole mapping.
+class CleanUp(Parameters):
+    """Which estimates count: the first two before they are fused, all of them afterwards."""
 
-    Attributes:
-        decay_s: time constant of the time surfaces, s.
-        median_px: median over them, px.
-        blur_sigma_px: standard deviation of the Gaussian after it, px.
-        recent_s: how long before a map's time an event may have come, s.
-        most_events: events that are looked at for one map, the newest ones.
-        rate_hz: maps per second, Hz.
-        maps: how many of the last maps `ESVO/own-rate` fuses.
-        matching: of blocks.
-        refinement: of inverse depths.
-        regularisation: of the fused map.
-    """
+    most_deviation_px: Positive = Field(
+        3.4,
+        description="largest standard deviation of an estimate, as disparity, px; the published "
+        "0.15 / m on the rig of MVSEC",
+    )
+    most_spread: Positive = Field(
+        20.0, description="largest scale of a patch's residuals, refitted after refinement"
+    )
+    least_fusions: int = Field(
+        1, ge=0, description="how often a pixel's first estimate must have met one like it"
+    )
 
-    decay_s: float = DECAY_S
-    median_px: int = MEDIAN_PX
-    blur_sigma_px: float = 0.0
-    recent_s: float = 0.01
-    most_events: int = 1000
-    rate_hz: float = 20.0
-    maps: int = 20
-    matching: Matching = field(default_factory=Matching)
-    refinement: Refinement = field(default_factory=Refinement)
-    regularisation: Regularisation = field(default_factory=Regularisation)
+
+class Regularisation(Parameters):
+    """A mean over like neighbours; off, as in the published configuration."""
+
+    radius_px: int = Field(
+        0, ge=0, le=50, description="half a side of the neighbourhood, px; 0: none; elsewhere 5"
+    )
+    least_neighbours: int = Field(
+        8, ge=0, description="neighbours like it that a pixel needs to stay, itself left out"
+    )
+
+
+class EsvoParameters(Parameters):
+    """ESVO's mapping: `ESVO/own-rate` and `ESVO/window`."""
+
+    decay_s: Positive = Field(0.03, description="time constant of the time surfaces, s")
+    median_px: MedianPixels = Field(3, description="median over them, 1 (none), 3 or 5 px")
+    blur_sigma_px: NotNegative = Field(
+        0.0, description="standard deviation of a Gaussian after it, px; 0: none"
+    )
+    recent_s: Positive = Field(
+        0.01, description="how long before a map's time an event may have come, s"
+    )
+    most_events: Count = Field(1000, description="events that one map looks at, the newest ones")
+    rate_hz: Positive = Field(20.0, description="maps per second, Hz")
+    most_points: Count = Field(
+        4500, description="estimates that ESVO/own-rate fuses, of whole maps, the newest ones"
+    )
+    matching: Matching = Matching()
+    refinement: Refinement = Refinement()
+    clean_up: CleanUp = CleanUp()
+    regularisation: Regularisation = Regularisation()

@@ -3,8 +3,10 @@
 Zhou, Gallego, Shen, TRO 2021, section IV: an event of time t - eps, with inverse depth rho in its
 own view, is carried to time t by the poses and seen by both cameras there. The residuals are
 differences of the two time surfaces over a patch, Student t distributed; Levenberg-Marquardt with
-the weights of that distribution minimises them. Its scale, carried through the derivative, is the
-scale of rho: `s_rho^2 = s_r^2 / |J|^2`.
+the weights of that distribution minimises them. Its scale, carried through the derivative of the
+weighted residuals, is the scale of rho: `s_rho^2 = s_r^2 / |J|^2`. As in the authors' program the
+weights of that derivative take the distribution's scale from the patch itself, which is also what
+says how well the patch fits.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return"
@@ -24,6 +26,8 @@ Image = NDArray[np.float32]
 Floats = NDArray[np.float64]
 
 _CONVERGED = 1e-4  # px of disparity
+_SPREAD_CONVERGED = 0.05  # of its square
+_LEAST_SPREAD = 1e-3  # of surfaces that count 0..255
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,14 +54,14 @@ class Refined:
     """Inverse depths in the events' own views.
 
     Attributes:
-        rho: (N,) inverse depth, 1/m; NaN where a patch leaves the picture or nothing converges.
+        rho: (N,) inverse depth, 1/m; NaN where a patch leaves the picture or is flat.
         scale: (N,) scale of its Student t distribution, 1/m.
-        rms: (N,) root mean square of the patch's residuals, surfaces counting 0..255.
+        spread: (N,) scale of the residuals, fitted to the patch; surfaces count 0..255.
     """
 
     rho: Floats
     scale: Floats
-    rms: Floats
+    spread: Floats
 
 
 def refine(left: Image, right: Image, lines: Lines, rho: Floats, settings: Refinement) -> Refined:
@@ -92,63 +96,100 @@ def _at(image, x, y):
 
 
 @njit(cache=True)
-def _sums(left, right, a, b, camera, rho, half_x, half_y, dof, scale):
-    """Weighted cost, JWr, JWJ, JJ and mean square of a patch; the cost is inf outside."""
+def _differences(left, right, a, b, camera, rho, half_x, half_y, out, slope):
+    """Fills a patch's residuals and their derivatives by rho; False where it leaves a picture."""
     height, width = left.shape
     f, cx, cy, baseline = camera
     x, y, z = a[0] + rho * b[0], a[1] + rho * b[1], a[2] + rho * b[2]
     if not z > 0:
-        return np.inf, 0.0, 0.0, 0.0, 0.0
+        return False
     u, v = f * x / z + cx, f * y / z + cy
     w = u - f * baseline * rho / z
     du, dv = f * (b[0] * z - x * b[2]) / (z * z), f * (b[1] * z - y * b[2]) / (z * z)
     dw = du - f * baseline * a[2] / (z * z)
     if not (half_x <= u < width - 1 - half_x and half_x <= w < width - 1 - half_x):
-        return np.inf, 0.0, 0.0, 0.0, 0.0
+        return False
     if not half_y <= v < height - 1 - half_y:
-        return np.inf, 0.0, 0.0, 0.0, 0.0
-    cost, jr, jwj, jj, squares = 0.0, 0.0, 0.0, 0.0, 0.0
+        return False
+    n = 0
     for j in range(-half_y, half_y + 1):
         for i in range(-half_x, half_x + 1):
             p, px, py = _at(left, u + i, v + j)
             q, qx, qy = _at(right, w + i, v + j)
-            r = p - q
-            d = px * du + py * dv - qx * dw - qy * dv
-            t = r * r / (scale * scale)
-            weight = (dof + 1) / (dof + t)
-            cost += (dof + 1) * np.log1p(t / dof)
-            jr += weight * d * r
-            jwj += weight * d * d
-            jj += d * d
-            squares += r * r
-    n = (2 * half_x + 1) * (2 * half_y + 1)
-    return cost, jr, jwj, jj, squares / n
+            out[n], slope[n] = p - q, px * du + py * dv - qx * dw - qy * dv
+            n += 1
+    return True
+
+
+@njit(cache=True)
+def _sums(residual, slope, dof, scale):
+    """Cost of a patch, its half gradient, and the weighted square of the derivatives."""
+    cost, jr, jwj = 0.0, 0.0, 0.0
+    for k in range(len(residual)):
+        r, d = residual[k], slope[k]
+        t = r * r / (scale * scale)
+        weight = (dof + 1) / (dof + t)
+        cost += (dof + 1) * np.log1p(t / dof)
+        jr += weight * d * r
+        jwj += weight * d * d
+    return cost, jr, jwj
+
+
+@njit(cache=True)
+def _spread(residual, dof, scale):
+    """Scale of a Student t distribution that fits the residuals, by its fixed point."""
+    square = scale * scale
+    while square > _LEAST_SPREAD * _LEAST_SPREAD:
+        new = 0.0
+        for r in residual:
+            new += (dof + 1) * r * r / (dof + r * r / square)
+        new /= len(residual)
+        if abs(new - square) <= _SPREAD_CONVERGED * square:
+            return np.sqrt(new)
+        square = new
+    return _LEAST_SPREAD
+
+
+@njit(cache=True)
+def _information(residual, slope, dof, spread):
+    """Sum of squared derivatives of the weighted residuals `sqrt(w(r)) r`."""
+    total = 0.0
+    for k in range(len(residual)):
+        t = residual[k] * residual[k] / (spread * spread)
+        total += (dof + 1) / (dof + t) * (dof / (dof + t) * slope[k]) ** 2
+    return total
 
 
 @njit(cache=True, parallel=True)
 def _refine_all(left, right, a, b, camera, start, half_x, half_y, steps, dof, scale, out):
-    """Fills rho, its scale and the rms; a thread owns the rows of its events."""
+    """Fills rho, its scale and the spread; a thread owns the rows of its events."""
+    n = (2 * half_x + 1) * (2 * half_y + 1)
     for k in prange(len(start)):
+        here, there = np.empty((2, n)), np.empty((2, n))
         rho, damping = start[k], 1e-3
-        cost, jr, jwj, jj, square = _sums(
-            left, right, a[k], b[k], camera, rho, half_x, half_y, dof, scale
-        )
-        if not cost < np.inf:
+        if not _differences(left, right, a[k], b[k], camera, rho, half_x, half_y, here[0], here[1]):
             continue
+        cost, jr, jwj = _sums(here[0], here[1], dof, scale)
         for _ in range(steps):
-            if jwj <= 0:
+            if jwj <= 0 or damping > 1e6:
                 break
             change = -jr / (jwj * (1 + damping))
-            new = _sums(left, right, a[k], b[k], camera, rho + change, half_x, half_y, dof, scale)
-            if new[0] < cost and rho + change > 0:
+            if rho + change > 0 and _differences(
+                left, right, a[k], b[k], camera, rho + change, half_x, half_y, there[0], there[1]
+            ):
+                new = _sums(there[0], there[1], dof, scale)
+            else:
+                new = (np.inf, 0.0, 0.0)
+            if new[0] < cost:
                 rho += change
-                cost, jr, jwj, jj, square = new
+                here, there = there, here
+                cost, jr, jwj = new
                 damping = max(damping / 10, 1e-9)
                 if abs(change) * camera[0] * camera[3] < _CONVERGED:
                     break
             else:
                 damping = max(damping, 1e-4) * 10
-                if damping > 1e6:
-                    break
-        if jj > 0:
-            out[k, 0], out[k, 1], out[k, 2] = rho, scale / np.sqrt(jj), np.sqrt(square)
+        spread = _spread(here[0], dof, scale)
+        information = _information(here[0], here[1], dof, spread)
+        if information > 0:
+            out[k, 0], out[k, 1], out[k, 2] = rho, scale / np.sqrt(information), spread

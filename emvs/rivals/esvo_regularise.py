@@ -1,7 +1,7 @@
 """ESVO's last step: lonely or vague estimates go, the others are averaged with their like.
 
 Zhou, Gallego, Shen, TRO 2021, section IV: a mean over compatible neighbours, weighted by their
-variances, that leaves depth edges alone.
+variances, that leaves depth edges alone. Their configuration for MVSEC leaves the mean out.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return"
@@ -12,16 +12,19 @@ import numpy as np
 from numba import njit, prange
 
 import emvs.threads  # noqa: F401
-from emvs.rivals.esvo_parameters import Regularisation
+from emvs.rivals.esvo_parameters import CleanUp, Regularisation
 from emvs.rivals.esvo_student_t import Estimates, Floats, compatible
 
 
-def regularised(known: Estimates, settings: Regularisation, most_deviation: float) -> Floats:
+def regularised(
+    known: Estimates, clean_up: CleanUp, settings: Regularisation, most_deviation: float
+) -> Floats:
     """Cleans a fused map.
 
     Args:
         known: (H, W) map.
-        settings: of the clean-up.
+        clean_up: which estimates stay.
+        settings: of the mean over neighbours.
         most_deviation: standard deviation beyond which an estimate is left out, 1/m.
 
     Returns:
@@ -29,9 +32,11 @@ def regularised(known: Estimates, settings: Regularisation, most_deviation: floa
     """
     deviation = known.deviation
     with np.errstate(invalid="ignore"):
-        sure = (known.count >= settings.least_count) & (deviation <= most_deviation)
-    out = np.empty(known.rho.shape)
-    rho = np.where(sure, known.rho, np.nan)
+        sure = (known.count > clean_up.least_fusions) & (deviation <= most_deviation)
+    rho: Floats = np.where(sure, known.rho, np.nan)
+    if not settings.radius_px:
+        return rho
+    out = np.empty(rho.shape)
     _smooth(rho, deviation, settings.radius_px, settings.least_neighbours, out)
     return out
 

@@ -29,19 +29,21 @@ class Estimates:
         scale: its scale, 1/m.
         dof: its degrees of freedom.
         count: int64, how many were fused into it.
+        spread: the smallest scale of residuals among those (`Refined.spread`).
     """
 
     rho: Floats
     scale: Floats
     dof: Floats
     count: NDArray[np.int64]
+    spread: Floats
 
     @classmethod
     def empty(cls, height_px: int, width_px: int) -> Estimates:
         """A map without any."""
         shape = height_px, width_px
         return cls(np.full(shape, np.nan), np.zeros(shape), np.zeros(shape),
-                   np.zeros(shape, np.int64))  # fmt: skip
+                   np.zeros(shape, np.int64), np.zeros(shape))  # fmt: skip
 
     @property
     def deviation(self) -> Floats:
@@ -97,44 +99,58 @@ def propagate(
         return points[:, :2] / points[:, 2:], new, scale * slope
 
 
-def fuse_into(known: Estimates, uv_px: Floats, rho: Floats, scale: Floats, dof: float) -> Estimates:
+def fuse_into(
+    known: Estimates, uv_px: Floats, rho: Floats, scale: Floats, spread: Floats, dof: float
+) -> Estimates:
     """Fuses points into the four pixels around each; `known` stays as it is.
+
+    Where a point is not compatible with what is there, it is left out if it lies behind by more
+    than two standard deviations; else it takes the place of what is less sure and fits worse.
 
     Args:
         known: (H, W) map.
         uv_px: (N, 2) columns and rows.
         rho: (N,) inverse depths, 1/m; NaN for none.
         scale: (N,) their scales, 1/m.
+        spread: (N,) scales of their residuals.
         dof: their degrees of freedom, above 2.
 
     Returns:
-        The map with the points. Where two are not compatible the one of smaller deviation stays.
+        The map with the points.
     """
-    fused = Estimates(known.rho.copy(), known.scale.copy(), known.dof.copy(), known.count.copy())
-    _fuse(uv_px, rho, scale, dof, fused.rho, fused.scale, fused.dof, fused.count)
+    fused = Estimates(*(getattr(known, name).copy() for name in Estimates.__dataclass_fields__))
+    _fuse(
+        uv_px, rho, scale, spread, dof, fused.rho, fused.scale, fused.dof, fused.count, fused.spread
+    )
     return fused
 
 
 @njit(cache=True)
-def _fuse(uv_px, rho, scale, dof, out_rho, out_scale, out_dof, out_count):
+def _fuse(
+    uv_px, rho, scale, spread, dof, out_rho, out_scale, out_dof, out_count, out_spread
+):  # fmt: skip
     """In the order of the points; two of them may meet in one pixel."""
     height, width = out_rho.shape
     for k in range(len(rho)):
         u, v = uv_px[k, 0], uv_px[k, 1]
         if not (rho[k] > 0 and scale[k] > 0 and -1 < u < width and -1 < v < height):
             continue
+        new = deviation_of(scale[k], dof)
         for j in range(int(np.floor(v)), int(np.floor(v)) + 2):
             for i in range(int(np.floor(u)), int(np.floor(u)) + 2):
                 if i < 0 or j < 0 or i >= width or j >= height:
                     continue
                 old = deviation_of(out_scale[j, i], out_dof[j, i]) if out_count[j, i] else np.inf
-                new = deviation_of(scale[k], dof)
                 if out_count[j, i] and compatible(out_rho[j, i], old, rho[k], new):
                     fused = fuse_two(
                         out_rho[j, i], out_scale[j, i], out_dof[j, i], rho[k], scale[k], dof
                     )
                     out_rho[j, i], out_scale[j, i], out_dof[j, i] = fused
                     out_count[j, i] += 1
-                elif new < old:
+                    out_spread[j, i] = min(out_spread[j, i], spread[k])
+                    continue
+                behind = out_count[j, i] and out_rho[j, i] - _WIDTHS * old > rho[k]
+                better = new < old and (not out_count[j, i] or spread[k] < out_spread[j, i])
+                if better and not behind:
                     out_rho[j, i], out_scale[j, i], out_dof[j, i] = rho[k], scale[k], dof
-                    out_count[j, i] = 1
+                    out_count[j, i], out_spread[j, i] = 1, spread[k]

@@ -7,7 +7,6 @@ pixel that passes the matcher's checks reports depth, also where no edge moved.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 import cv2
@@ -19,8 +18,9 @@ from emvs.data.frame_store import Photo
 from emvs.data.recording import Recording
 from emvs.depthmap import DepthMap
 from emvs.errors import InputError
+from emvs.rivals.parameters import FrameParameters
 from emvs.rivals.rectify import Rectified
-from emvs.rivals.semi_global import SemiGlobal, disparity_range_px, match
+from emvs.rivals.semi_global import disparity_range_px, match
 from emvs.rivals.to_view import depth_map, see_disparities
 from emvs.view import ReferenceView
 from emvs.window import Window
@@ -39,23 +39,9 @@ class HasPhotos(Protocol):
         """The picture whose exposure's middle is nearest to a time."""
 
 
-@dataclass(frozen=True)
-class FrameParameters:
-    """Parameters.
-
-    Attributes:
-        matcher: of the pictures; a block of 7 px, for pictures have more texture than surfaces.
-    """
-
-    matcher: SemiGlobal = field(default_factory=lambda: SemiGlobal(block_px=7))
-
-
-DEFAULT = FrameParameters()
-
-
 def estimate(
     recording: Recording, window: Window, view: ReferenceView, config: MapperConfig,
-    parameters: FrameParameters = DEFAULT,
+    parameters: FrameParameters | None = None,
 ) -> DepthMap:  # fmt: skip
     """Depth from the two pictures nearest to the reference time (`Frames/sgm`).
 
@@ -66,6 +52,7 @@ def estimate(
         InputError: no pictures in the window, cameras that take them at different times, or a rig
             or depth range that cannot be matched.
     """
+    parameters = parameters or config.frames
     stereo = Rectified.of(recording.rig)
     range_px = disparity_range_px(stereo, view)
     photos = photos_at(recording, window, stereo.cameras)

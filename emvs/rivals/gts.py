@@ -7,8 +7,6 @@ on each pair of events by itself.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,8 +14,9 @@ from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.depthmap import DepthMap
 from emvs.errors import InputError
-from emvs.rivals.gts_match import Coincidence, Stream, pairs
+from emvs.rivals.gts_match import Stream, pairs
 from emvs.rivals.gts_motion import time_slopes
+from emvs.rivals.parameters import GtsParameters
 from emvs.rivals.rectify import Rectified
 from emvs.rivals.semi_global import disparity_range_px
 from emvs.rivals.to_view import depth_map, see
@@ -25,27 +24,9 @@ from emvs.view import ReferenceView
 from emvs.window import Window
 
 
-@dataclass(frozen=True)
-class GtsParameters:
-    """Parameters; all of them ours, for the published ones belong to another sensor.
-
-    Attributes:
-        radius_px: half a side of the neighbourhood whose times tell the motion.
-        memory_s: how old a neighbour may be, s.
-        coincidence: what makes two events a pair.
-    """
-
-    radius_px: int = 3
-    memory_s: float = 0.03
-    coincidence: Coincidence = field(default_factory=Coincidence)
-
-
-DEFAULT = GtsParameters()
-
-
 def estimate(
     recording: Recording, window: Window, view: ReferenceView, config: MapperConfig,
-    parameters: GtsParameters = DEFAULT,
+    parameters: GtsParameters | None = None,
 ) -> DepthMap:  # fmt: skip
     """Depth from pairs of events of the whole window (`GTS/events`).
 
@@ -54,6 +35,7 @@ def estimate(
     Raises:
         InputError: a rig or depth range that cannot be matched, or no pair in the window.
     """
+    parameters = parameters or config.gts
     stereo = Rectified.of(recording.rig)
     range_px = disparity_range_px(stereo, view)
     left, right = (_stream(side, stereo, recording, window, parameters) for side in (0, 1))

@@ -16,26 +16,10 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 import emvs.threads  # noqa: F401
+from emvs.rivals.parameters import Coincidence
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Coincidence:
-    """What makes two events a pair; each unit of energy is one of these widths, squared.
-
-    Attributes:
-        row_px: width of the epipolar distance, px; twice it is the most.
-        time_us: width of the time difference, µs; twice it is the most.
-        motion: width of the difference of time slopes, relative to their length.
-        most_energy: of a pair.
-    """
-
-    row_px: float = 0.5
-    time_us: float = 300.0
-    motion: float = 0.15
-    most_energy: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)

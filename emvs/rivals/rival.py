@@ -26,12 +26,14 @@ class Rival:
         summary: what it does, in a few words.
         estimate: recording, window, reference view and configuration to the depth map in that view.
         needs: what a recording must hold besides the events of two cameras, if anything.
+        confidence: what the values of its confidence are, in a word or two, with their unit.
     """
 
     name: str
     summary: str
     estimate: Estimate
     needs: str = ""
+    confidence: str = "own unit"
 
 
 def found_in(module: str, function: str = "estimate") -> Estimate:

@@ -7,14 +7,13 @@ authors of ESVO (TRO 2021) ran it on time surfaces.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
 from emvs.planes import inverse_depth_at
+from emvs.rivals.parameters import SemiGlobal
 from emvs.rivals.rectify import Rectified
 from emvs.view import ReferenceView
 
@@ -23,26 +22,6 @@ Image = NDArray[np.float32]
 _SUBPIXELS = 16  # StereoSGBM gives sixteenths of a pixel
 _MULTIPLE = 16  # and searches a multiple of so many disparities
 _WORTH_MATCHING_PX = 1.0
-
-
-@dataclass(frozen=True)
-class SemiGlobal:
-    """Settings of the matcher.
-
-    Attributes:
-        block_px: side of the matched blocks, odd, px.
-        p1_per_px: penalty per block pixel of a disparity step of 1.
-        p2_per_px: penalty per block pixel of a larger step.
-        uniqueness_percent: by how much the best cost must undercut the second.
-        left_right_px: largest difference between the disparities seen from both sides, px; OpenCV
-            always checks, and takes 1 for less.
-    """
-
-    block_px: int = 11
-    p1_per_px: int = 8
-    p2_per_px: int = 32
-    uniqueness_percent: int = 11
-    left_right_px: int = 1
 
 
 def disparity_range_px(stereo: Rectified, view: ReferenceView) -> tuple[int, int]:

@@ -8,7 +8,6 @@ pixels that fired lately report the depth that they are given.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +16,10 @@ from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.depthmap import DepthMap
 from emvs.errors import InputError
+from emvs.rivals.parameters import SgmParameters
 from emvs.rivals.rectify import Rectified
-from emvs.rivals.semi_global import SemiGlobal, disparity_range_px, match
-from emvs.rivals.time_surface import DECAY_S, MEDIAN_PX, NEVER_US, TimeSurface
+from emvs.rivals.semi_global import disparity_range_px, match
+from emvs.rivals.time_surface import NEVER_US, TimeSurface
 from emvs.rivals.to_view import Seen, depth_map, see_disparities
 from emvs.view import ReferenceView
 from emvs.window import Window
@@ -27,31 +27,9 @@ from emvs.window import Window
 Image = NDArray[np.float32]
 
 
-@dataclass(frozen=True)
-class SgmParameters:
-    """Parameters; the defaults are the published ones where there are any.
-
-    Attributes:
-        decay_s: time constant of the time surfaces, s.
-        median_px: median over them, px.
-        active_s: how lately a pixel must have fired to report depth, s.
-        rate_hz: how often the window is matched for `SGM/window`, Hz.
-        matcher: of the images.
-    """
-
-    decay_s: float = DECAY_S
-    median_px: int = MEDIAN_PX
-    active_s: float = 0.01
-    rate_hz: float = 20.0
-    matcher: SemiGlobal = field(default_factory=SemiGlobal)
-
-
-DEFAULT = SgmParameters()
-
-
 def estimate(
     recording: Recording, window: Window, view: ReferenceView, config: MapperConfig,
-    parameters: SgmParameters = DEFAULT,
+    parameters: SgmParameters | None = None,
 ) -> DepthMap:  # fmt: skip
     """Depth from the time surfaces at the reference time (`SGM/ts`).
 
@@ -61,6 +39,7 @@ def estimate(
         InputError: a rig or depth range that cannot be matched, or a camera without events before
             the reference time.
     """
+    parameters = parameters or config.sgm
     matched = _Matcher(recording, window, view, parameters)
     seen = next(matched.at([window.t_ref_us]))
     return depth_map("SGM/ts", seen.depth_m, seen.value, view, config)
@@ -68,7 +47,7 @@ def estimate(
 
 def estimate_window(
     recording: Recording, window: Window, view: ReferenceView, config: MapperConfig,
-    parameters: SgmParameters = DEFAULT,
+    parameters: SgmParameters | None = None,
 ) -> DepthMap:  # fmt: skip
     """Inverse depth averaged over the window at a fixed rate (`SGM/window`).
 
@@ -78,6 +57,7 @@ def estimate_window(
     Raises:
         InputError: as `estimate`, or a window shorter than the interval between estimates.
     """
+    parameters = parameters or config.sgm
     matched = _Matcher(recording, window, view, parameters)
     shape = view.camera.height_px, view.camera.width_px
     inverse, count, value = np.zeros(shape), np.zeros(shape), np.zeros(shape)

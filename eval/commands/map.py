@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from emvs.config import DeviceName
 from eval import settings
 from eval.app import COMMON, MAP, Common, MapFlags, Methods, app, with_values
 
@@ -15,6 +16,7 @@ def map(  # noqa: A001 - the verb's name
     *,
     out: Path,
     method: Methods = (),
+    device: DeviceName | None = None,
     common: Common = COMMON,
     map: MapFlags = MAP,  # noqa: A002 - the name is the flag's prefix
 ) -> None:
@@ -27,10 +29,12 @@ def map(  # noqa: A001 - the verb's name
         recording: A sequence of eventsweep, or a recording in its publisher's layout.
         out: Folder to write: map.json, report.html, and a folder per window and method.
         method: Method to map with, repeatable; as --map.methods.
+        device: Where the sweep runs; as --map.device.
     """
     from eval.runner import map_recording
 
-    wanted = settings.load(common.config, map=with_values(map, methods=method or None))
+    flags = with_values(map, methods=method or None, device=device)
+    wanted = settings.load(common.config, map=flags)
     console = common.console()
     stored = map_recording(
         recording, out, wanted, force=common.force, report=True, progress=console.progress

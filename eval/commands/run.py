@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from emvs.config import DeviceName
 from eval import settings
 from eval.app import (
     COMMON,
@@ -34,6 +35,7 @@ def run(
     seed: int = 0,
     workers: int = 1,
     method: Methods = (),
+    device: DeviceName | None = None,
     common: Common = COMMON,
     sim: SimFlags = SIM,
     map: MapFlags = MAP,  # noqa: A002 - the name is the flag's prefix
@@ -49,13 +51,14 @@ def run(
         seed: Seed of the head motion and the sensor's noise.
         workers: Rendering processes.
         method: Method to map with, repeatable; as --map.methods.
+        device: Where the mapper's sweep runs; as --map.device.
     """
     from eval.runner import run_cases
 
     wanted = settings.load(
         common.config,
         sim=with_values(sim, duration_s=seconds),
-        map=with_values(map, methods=method or None),
+        map=with_values(map, methods=method or None, device=device),
         score=score,
     )
     console = common.console()

@@ -1,0 +1,138 @@
+"""Arrays on the GPU: made there, or copied there and back through two pinned buffers in turns.
+
+The GPU copies by itself, beside its computing, only from memory that cannot be paged out. All cores
+fill one such buffer while the other is on its way. Everything is queued in the calling thread's
+stream (`emvs.cuda.library.stream`).
+"""
+
+# Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
+# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, attr-defined"
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numba import cuda, njit, prange
+from numpy.typing import DTypeLike, NDArray
+
+import emvs.threads  # noqa: F401  (names the threading layer before the kernel compiles)
+from emvs.cuda import library
+from emvs.cuda.fill_kernel import fill
+from emvs.errors import InputError
+
+_BUFFER_BYTES = 16 << 20
+_PIECE = 1 << 18  # bytes that a thread copies at a time
+
+_of_thread = threading.local()
+
+
+def empty(shape: tuple[int, ...], dtype: DTypeLike) -> Any:
+    """An array on the GPU that holds anything.
+
+    Raises:
+        InputError: too little memory there.
+    """
+    try:
+        return cuda.device_array(shape, dtype)
+    except library.CUDA_ERRORS as error:
+        size = np.prod(shape, dtype=float) * np.dtype(dtype).itemsize / 1e9
+        raise InputError(
+            f"the GPU has no room for {size:.3g} GB more ({' '.join(str(error).split())}): choose "
+            "a shorter window, fewer methods or sub-intervals, or device cpu"
+        ) from error
+
+
+def filled(shape: tuple[int, int], dtype: DTypeLike, value: float) -> Any:
+    """An array on the GPU that holds one value everywhere."""
+    there = empty(shape, dtype)
+    _fill(there, value)
+    return there
+
+
+def clear(there: Any) -> None:
+    """Fills a (P, N) array on the GPU with zeros."""
+    _fill(there, 0)
+
+
+def _fill(there: Any, value: float) -> None:
+    rows, items = there.shape
+    fill[library.strided(items, rows)](there, np.array(value, there.dtype)[()])
+
+
+def up(array: NDArray[Any]) -> Any:
+    """A copy of an array on the GPU, whole when this returns."""
+    array = np.ascontiguousarray(array)
+    there = empty(array.shape, array.dtype)
+    given, taken, stream = array.reshape(-1), there.reshape(-1), library.stream()
+    for turn, (first, last) in enumerate(_parts(array)):
+        buffer = _buffer(turn)
+        if turn >= 2:
+            buffer.free.synchronize()
+        room = buffer.room(last - first, array.dtype)
+        _copy(given[first:last], room)
+        taken[first:last].copy_to_device(room, stream=stream)
+        buffer.free.record(stream)
+    stream.synchronize()
+    return there
+
+
+def down(there: Any) -> NDArray[Any]:
+    """A copy of an array on the GPU in the memory of the CPU, after all that is queued before."""
+    array = np.empty(tuple(there.shape), there.dtype)
+    given, taken, stream = there.reshape(-1), array.reshape(-1), library.stream()
+    parts = list(_parts(array))
+    for turn in range(len(parts) + 1):
+        if turn < len(parts):
+            first, last = parts[turn]
+            buffer = _buffer(turn)
+            room = buffer.room(last - first, array.dtype)
+            given[first:last].copy_to_host(room, stream=stream)
+            buffer.free.record(stream)
+        if turn > 0:  # while the next part is on its way
+            first, last = parts[turn - 1]
+            buffer = _buffer(turn - 1)
+            buffer.free.synchronize()
+            _copy(buffer.room(last - first, array.dtype), taken[first:last])
+    return array
+
+
+class _Buffer:
+    """Memory that cannot be paged out, and when the GPU has done with it."""
+
+    def __init__(self) -> None:
+        self._bytes: NDArray[np.uint8] = cuda.pinned_array(_BUFFER_BYTES, np.uint8)
+        self.free = cuda.event()
+
+    def room(self, items: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+        """Its beginning, for so many items."""
+        return self._bytes[: items * dtype.itemsize].view(dtype)
+
+
+def _buffer(turn: int) -> _Buffer:
+    """One of the calling thread's two buffers, made once: pinning memory takes long."""
+    if not hasattr(_of_thread, "buffers"):
+        _of_thread.buffers = (_Buffer(), _Buffer())
+    buffer: _Buffer = _of_thread.buffers[turn % 2]
+    return buffer
+
+
+def _parts(array: NDArray[Any]) -> Iterator[tuple[int, int]]:
+    """First and last element of each stretch that fits into a buffer."""
+    step = _BUFFER_BYTES // array.itemsize
+    for first in range(0, array.size, step):
+        yield first, min(first + step, array.size)
+
+
+def _copy(source: NDArray[Any], target: NDArray[Any]) -> None:
+    copy_bytes(source.view(np.uint8), target.view(np.uint8))
+
+
+@njit(parallel=True, cache=True)
+def copy_bytes(source, target):
+    """Copies (N,) uint8 by all threads."""
+    for piece in prange((len(source) + _PIECE - 1) // _PIECE):
+        first, last = piece * _PIECE, min((piece + 1) * _PIECE, len(source))
+        target[first:last] = source[first:last]

@@ -1,0 +1,113 @@
+"""A sweep on the GPU: rays go up, maxima come down, planes stay there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.backend import Outcome, Task
+from emvs.cuda import arrays, fuse_kernels, library
+from emvs.cuda.ballot import Ballot
+from emvs.cuda.device_rays import DeviceRays
+from emvs.cuda.focus import DeviceFocus, needs_focus
+from emvs.cuda.maxima import DeviceMaxima
+from emvs.cuda.room import planes_in_flight
+from emvs.focus_fold import FocusFold
+from emvs.rays import Rays
+from emvs.recipe import Method
+from emvs.running import RunningMaxima
+from emvs.sweep import VoteCounts
+from emvs.volume import SliceRecorder
+
+Floats = NDArray[np.float32]
+
+
+class CudaBackend:
+    """The twin of `emvs.backend.CpuBackend` on a GPU.
+
+    Methods with a function of one's own are Python: their planes come down, batch by batch, and
+    are fused and folded by the CPU.
+
+    Args:
+        task: what to sweep.
+        rays: of every volume; those that are not on the GPU are uploaded.
+
+    Raises:
+        InputError: too little memory on the GPU for a single plane.
+    """
+
+    def __init__(self, task: Task, rays: Sequence[Rays | DeviceRays]) -> None:
+        self._rays = [r if isinstance(r, DeviceRays) else DeviceRays.of(r) for r in rays]
+        size, config, planes = (task.width_px, task.height_px), task.config, len(task.rho)
+        self._task, volumes = task, len(rays)
+        own = [method for method in task.swept if method.function is not None]
+        compiled = [method for method in task.swept if method.function is None]
+        self.planes_in_flight = planes_in_flight(
+            task, volumes, len(needs_focus(compiled, config)), library.gpu()
+        )
+        self._ballot = Ballot(volumes, self.planes_in_flight, *size, sums=task.sums)
+        self._maxima = DeviceMaxima(compiled, volumes, *size, planes, config.polarities)
+        self._focus = DeviceFocus(
+            compiled, task.cameras, volumes, self.planes_in_flight, *size, config
+        )
+        self._rows = arrays.empty((volumes, planes, size[0]), np.float32)
+        self._own = _Own(own, task) if own else None
+        self._rho = arrays.up(task.rho)
+        self._votes = [VoteCounts()] * volumes
+        self._first = self._last = 0
+
+    def cast(self, first: int, last: int) -> None:
+        """Casts the votes of every volume in planes `first` to `last`, exclusive."""
+        self._first, self._last = first, last
+        cast = self._ballot.cast(self._rays, self._rho[first:last], last - first)
+        self._votes = [a + b for a, b in zip(self._votes, cast, strict=True)]
+
+    def fold(self) -> None:
+        """Fuses these planes by every method and folds them into what is remembered."""
+        votes, planes = self._ballot.votes, self._last - self._first
+        self._maxima.fold(votes, planes)
+        self._focus.take(votes, planes)
+        width = self._task.width_px
+        fuse_kernels.keep_row[library.strided(width, len(self._rays))](
+            votes, width, self._task.row_px, self._first, planes, self._rows
+        )
+        if self._own is not None:
+            self._own.take(self.images())
+
+    def images(self) -> Floats:
+        """(V, P, H, W) votes of these planes, copied from the GPU."""
+        return self._ballot.on_host(self._last - self._first)
+
+    def outcome(self) -> Outcome:
+        """What all planes so far leave, copied from the GPU."""
+        task = self._task
+        rows = arrays.down(self._rows)
+        recorder = SliceRecorder(
+            task.asked, len(task.rho), task.width_px, 0, task.config.polarities
+        )
+        recorder.take(0, rows[:, :, np.newaxis])
+        maxima, focus = self._maxima.found(), self._focus.found()
+        if self._own is not None:
+            maxima |= {method.name: self._own.maxima.of(m) for m, method in self._own.numbered}
+            focus |= self._own.focus.found()
+        in_order = {method.name: maxima[method.name] for method in task.swept}
+        return Outcome(in_order, focus, recorder.values, self._votes)
+
+
+class _Own:
+    """What the CPU remembers of the methods that are functions of one's own."""
+
+    def __init__(self, methods: Sequence[Method], task: Task) -> None:
+        size, config = (task.width_px, task.height_px), task.config
+        self.numbered = tuple(enumerate(methods))
+        self.maxima = RunningMaxima(
+            methods, *size, planes=len(task.rho), polarities=config.polarities
+        )
+        self.focus = FocusFold(methods, task.cameras, *size, config)
+
+    def take(self, images: Floats) -> None:
+        """Takes in the next planes of (V, P, H, W) votes, in order."""
+        self.maxima.fold(images.reshape(*images.shape[:2], -1), images.shape[1])
+        self.focus.take(images)

@@ -1,0 +1,146 @@
+"""What a sweep on the GPU remembers for methods whose depth is found by focus."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from emvs.config import MapperConfig
+from emvs.cuda import arrays, focus_kernels, fuse_kernels, library
+from emvs.cuda.maxima import State
+from emvs.focus import DOG_RATIO, half_window
+from emvs.focus_fold import InFocus, focus_config
+from emvs.fuse_kernels import CAMERA
+from emvs.recipe import Method, Tables
+
+_SHARPNESS = {
+    "variance": focus_kernels.SQUARE,
+    "mean-square": focus_kernels.SQUARE,
+    "gradient": focus_kernels.GRADIENT,
+    "laplacian": focus_kernels.LAPLACIAN,
+}
+
+ROOM_IMAGES = 4  # per plane, beside the votes
+
+
+class DeviceFocus:
+    """Peaks of the focus measure on the GPU; the twin of `emvs.focus_fold.FocusFold`.
+
+    Args:
+        methods: the methods of one sweep; those without a focus measure are left alone.
+        cameras: number of cameras.
+        volumes: number of volumes.
+        batch: most planes at a time.
+        width_px: columns.
+        height_px: rows.
+        config: measure, scale and number of planes.
+    """
+
+    def __init__(
+        self, methods: Sequence[Method], cameras: int, volumes: int, batch: int, width_px: int,
+        height_px: int, config: MapperConfig,
+    ) -> None:  # fmt: skip
+        self._width_px, self._cells, self._planes = width_px, width_px * height_px, 0
+        measured = needs_focus(methods, config)
+        asked = any(m.focus and m.camera() is None for m in measured)
+
+        def peak(camera: int | None, method: Method) -> _Peak:
+            if camera is None:
+                tables = Tables.of((method,), volumes, config.polarities)
+            else:
+                tables = _of_camera(camera, cameras, volumes, config.polarities)
+            return _Peak(tables, self._cells, config.planes)
+
+        self._peaks = {method: peak(method.camera(), method) for method in measured}
+        self._witnesses = [peak(c, measured[0]) for c in range(cameras if asked else 0)]
+        if measured:
+            self._measure = _Measure(batch, width_px, self._cells, config)
+
+    def take(self, votes: Any, planes: int) -> None:
+        """Takes in the next `planes` planes of (V, P, cells) votes on the GPU, in order."""
+        for peak in (*self._peaks.values(), *self._witnesses):
+            image = self._measure.image[:planes]
+            fuse_kernels.fuse[library.strided(self._cells)](*peak.fusion, 0, votes, planes, image)
+            value = self._measure.of(planes)
+            focus_kernels.fold_peak[library.strided(self._cells)](
+                value, self._planes, planes, *peak.state.arrays
+            )
+        self._planes += planes
+
+    def found(self) -> dict[str, InFocus]:
+        """What was found, by the methods' names, copied from the GPU."""
+
+        def maximum(peak: _Peak) -> Any:
+            return peak.state.maximum(0, self._width_px, self._planes)
+
+        cameras = tuple(map(maximum, self._witnesses))
+        return {
+            method.name: InFocus(
+                maximum(peak), cameras if method.focus and method.camera() is None else ()
+            )
+            for method, peak in self._peaks.items()
+        }
+
+
+def needs_focus(methods: Sequence[Method], config: MapperConfig) -> list[Method]:
+    """Those of the methods that need a focus measure."""
+    return [method for method in methods if method.focus or config.extraction != "votes"]
+
+
+class _Peak:
+    """How one volume is fused, and the first maximum of its measure."""
+
+    def __init__(self, tables: Tables, cells: int, planes: int) -> None:
+        self.fusion = tuple(map(arrays.up, (tables.codes, tables.sizes, tables.which)))
+        self.state = State(1, cells, planes, -np.inf)
+
+
+def _of_camera(camera: int, cameras: int, volumes: int, polarities: int) -> Tables:
+    """As a fusion: the sum of one camera's volumes, of all polarities and sub-intervals."""
+    every = np.arange(volumes).reshape(polarities, cameras, -1)[:, camera].ravel()
+    codes, sizes = np.array([[CAMERA, 0]]), np.array([[1, 1]])
+    return Tables(codes, sizes, every.reshape(1, -1, 1, 1), np.arange(1))
+
+
+class _Measure:
+    """A focus measure of several planes, and the room that it needs.
+
+    Attributes:
+        image: (P, cells) float32 on the GPU: the planes to measure.
+    """
+
+    def __init__(self, planes: int, width_px: int, cells: int, config: MapperConfig) -> None:
+        measure = focus_config(config)
+        self._name, self._width_px = measure.measure, width_px
+        self._weights = [
+            arrays.up(half_window(scale * measure.sigma_px)) for scale in (1, DOG_RATIO)
+        ]
+        self.image, *self._room = (
+            arrays.empty((planes, cells), np.float32) for _ in range(ROOM_IMAGES)
+        )
+
+    def of(self, planes: int) -> Any:
+        """(P, cells) float32, the measure of the first `planes` planes of `image`."""
+        image = self.image[:planes]
+        spare, one, other = (room[:planes] for room in self._room)
+        grid = library.strided(image.shape[1], planes)
+        if self._name == "votes":
+            return image
+        if self._name == "dog":
+            self._blur(image, self._weights[0], spare, one)
+            self._blur(image, self._weights[1], spare, other)
+            focus_kernels.subtract[grid](one, other)
+            return one
+        focus_kernels.sharpness[grid](_SHARPNESS[self._name], image, self._width_px, other)
+        self._blur(other, self._weights[0], spare, one)
+        if self._name == "variance":
+            self._blur(image, self._weights[0], spare, other)
+            focus_kernels.spread[grid](one, other)
+        return one
+
+    def _blur(self, image: Any, weight: Any, spare: Any, out: Any) -> None:
+        grid = library.strided(image.shape[1], image.shape[0])
+        focus_kernels.blur[grid](image, weight, self._width_px, 0, 1, spare)
+        focus_kernels.blur[grid](spare, weight, self._width_px, 1, 0, out)

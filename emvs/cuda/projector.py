@@ -1,0 +1,115 @@
+"""From events to rays on the GPU: events and poses go up, and nothing comes down but counts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.cuda import arrays, library, ray_kernels
+from emvs.cuda.device_events import DeviceEvents
+from emvs.cuda.device_rays import DeviceRays
+from emvs.data.camera import Camera
+from emvs.data.events import Events
+from emvs.data.recording import Recording
+from emvs.ray_kernel import BACKWARDS, NO_POSE, NO_RAY
+from emvs.rays import RayCounts, knots, voters
+from emvs.view import ReferenceView
+
+
+class CudaProjector:
+    """The twin of `emvs.backproject.CpuProjector` on a GPU."""
+
+    def received(self, events: Events) -> Events:
+        """The events, on the GPU."""
+        return DeviceEvents.of(events)
+
+    def caster(
+        self, recording: Recording, view: ReferenceView, camera: int, *, packets: bool
+    ) -> CudaCaster:
+        """What casts rays of one camera."""
+        return CudaCaster(recording, view, camera, packets=packets)
+
+    def event_image(self, events: Events, width_px: int, height_px: int) -> NDArray[np.uint32]:
+        """Events per pixel, (2, H, W): polarity 0, polarity 1."""
+        image = arrays.up(np.zeros((2, height_px, width_px), np.int32))
+        if len(events):
+            x, y, _ = DeviceEvents.of(events).there
+            p = arrays.up(events.p)
+            ray_kernels.count_events[library.each(len(events))](x, y, p, image)
+        return arrays.down(image).astype(np.uint32)
+
+
+class CudaCaster:
+    """Casts rays of one camera.
+
+    Attributes:
+        packets: the compatibility setting, see `emvs.rays.event_rays`.
+    """
+
+    def __init__(
+        self, recording: Recording, view: ReferenceView, camera: int, *, packets: bool
+    ) -> None:
+        self.packets = packets
+        self._camera = recording.rig.cameras[camera]
+        self._poses: tuple[Any, ...] = tuple(
+            arrays.up(one)
+            for one in (
+                *knots(recording.trajectory, view.T_world_rv), recording.rig.T_body_cam[camera],
+                view.camera.K,
+            )
+        )  # fmt: skip
+
+    def __call__(self, events: Events) -> DeviceRays:
+        """Casts every event's ray into the reference view (paper, Alg. 1, line 3).
+
+        Raises:
+            InputError: an event outside the sensor, or events not sorted.
+        """
+        if self.packets:  # with poses of its own, which say nothing of the events' order
+            events.checked(self._camera.width_px, self._camera.height_px)
+        chosen, pose_us = voters(events, packets=self.packets)
+        if not len(chosen):
+            return DeviceRays((), RayCounts(len(events), dropped=len(events)))
+        x, y, t_us = DeviceEvents.of(chosen).there
+        when = arrays.up(pose_us) if self.packets else t_us
+        out = arrays.empty((5, len(chosen)), np.float32)
+        fates = arrays.filled((ray_kernels.FATES, library.SLOTS), np.int64, 0)
+        ray_kernels.rays[library.each(len(chosen))](
+            x, y, when, _bearings(self._camera), *self._poses, out, fates
+        )
+        tally = arrays.down(fates).sum(axis=1)
+        if tally[ray_kernels.WRONG]:
+            events.checked(self._camera.width_px, self._camera.height_px)
+        counts = RayCounts(
+            events=len(events),
+            without_pose=int(tally[NO_POSE]),
+            without_ray=int(tally[NO_RAY]),
+            backwards=int(tally[BACKWARDS]),
+            dropped=len(events) - len(chosen),
+        )
+        return DeviceRays((out,), counts)
+
+    def joined(self, pieces: Sequence[DeviceRays]) -> Joined:
+        """The rays of pieces that follow each other, to be cut between them."""
+        return Joined(pieces)
+
+
+class Joined:
+    """Pieces of one camera's rays; nothing is copied."""
+
+    def __init__(self, pieces: Sequence[DeviceRays]) -> None:
+        self._pieces = pieces
+
+    def between(self, first: int, last: int) -> DeviceRays:
+        """The rays of pieces `first` to `last`, exclusive."""
+        return DeviceRays.joined(self._pieces[first:last])
+
+
+@lru_cache(maxsize=8)
+def _bearings(camera: Camera) -> Any:
+    """A camera's table of bearings on the GPU, where it stays for the windows that follow."""
+    return arrays.up(camera.bearing_table())

@@ -1,0 +1,99 @@
+"""The GPU's loops before the votes: events and poses to rays, and events per pixel."""
+
+# Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
+# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, attr-defined"
+
+import math
+
+import numpy as np
+from numba import cuda
+
+from emvs import ray_kernel
+from emvs.cuda.library import SLOTS
+from emvs.ray_kernel import BACKWARDS, NO_POSE, NO_RAY, VOTES
+
+WRONG = 4  # outside the sensor, or before the event that came before it
+FATES = 5
+
+_NOWHERE, _ZERO = np.float32(np.nan), np.float32(0)
+
+_turned = cuda.jit(device=True)(ray_kernel._turned.py_func)
+
+
+@cuda.jit(device=True)
+def _segment(knots_us, t):
+    """The last segment that begins at or before `t`, by halving."""
+    low, high = 0, len(knots_us) - 2
+    while low < high:
+        middle = (low + high + 1) // 2
+        if knots_us[middle] <= t:
+            low = middle
+        else:
+            high = middle - 1
+    return low
+
+
+@cuda.jit(device=True)
+def _ray(bx, by, share, s, position_m, quat, axis, angle, T, K, out, k):
+    """Fills ray `k`, as `emvs.ray_kernel.rays` does; returns what becomes of its event."""
+    r = _turned(quat[s], axis[s], share * angle[s])
+    ex = T[0, 0] * bx + T[0, 1] * by + T[0, 2]
+    ey = T[1, 0] * bx + T[1, 1] * by + T[1, 2]
+    ez = T[2, 0] * bx + T[2, 1] * by + T[2, 2]
+    dz = r[6] * ex + r[7] * ey + r[8] * ez
+    if dz <= 0:
+        return BACKWARDS
+    dx = (r[0] * ex + r[1] * ey + r[2] * ez) / dz
+    dy = (r[3] * ex + r[4] * ey + r[5] * ez) / dz
+    ox, oy, oz = T[0, 3], T[1, 3], T[2, 3]
+    far = 1 - share
+    x = far * position_m[s, 0] + share * position_m[s + 1, 0] + r[0] * ox + r[1] * oy + r[2] * oz
+    y = far * position_m[s, 1] + share * position_m[s + 1, 1] + r[3] * ox + r[4] * oy + r[5] * oz
+    z = far * position_m[s, 2] + share * position_m[s + 1, 2] + r[6] * ox + r[7] * oy + r[8] * oz
+    out[0, k] = K[0, 0] * dx + K[0, 2]
+    out[1, k] = K[0, 0] * (x - dx * z)
+    out[2, k] = K[1, 1] * dy + K[1, 2]
+    out[3, k] = K[1, 1] * (y - dy * z)
+    out[4, k] = z
+    return VOTES
+
+
+@cuda.jit(device=True)
+def _fate(k, x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T, K, out):
+    t = pose_us[k]
+    if x[k] >= bearing.shape[1] or y[k] >= bearing.shape[0] or (k > 0 and t < pose_us[k - 1]):
+        return WRONG
+    if t < knots_us[0] or t > knots_us[len(knots_us) - 1]:
+        return NO_POSE
+    bx, by = bearing[y[k], x[k], 0], bearing[y[k], x[k], 1]
+    if math.isnan(bx) or math.isnan(by):
+        return NO_RAY
+    s = _segment(knots_us, t)
+    share = (t - knots_us[s]) / (knots_us[s + 1] - knots_us[s])
+    return _ray(bx, by, share, s, position_m, quat, axis, angle, T, K, out, k)
+
+
+@cuda.jit(cache=True)
+def rays(x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T, K, out, fates):
+    """Rays of events in the reference view, each with a pose of its own; a thread per event.
+
+    Arrays as in `emvs.ray_kernel.rays`, and
+        out: (5, N) float32, filled: a_u, b_u, a_v, b_v, c_z; NaN for events that do not vote.
+        fates: (FATES, SLOTS) int64 zeros, added to: events by what became of them, except those
+            that vote.
+    """
+    k = cuda.grid(1)
+    if k < len(x):
+        fate = _fate(k, x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T, K, out)
+        if fate != VOTES:
+            out[0, k] = out[2, k] = _NOWHERE
+            out[1, k] = out[3, k] = out[4, k] = _ZERO
+            cuda.atomic.add(fates, (fate, k & (SLOTS - 1)), np.int64(1))
+
+
+@cuda.jit(cache=True)
+def count_events(x, y, p, image):
+    """Adds every event to its pixel of its polarity; `image` (2, H, W) int32."""
+    k = cuda.grid(1)
+    if k < len(x):
+        cuda.atomic.add(image, (np.int64(p[k]), np.int64(y[k]), np.int64(x[k])), np.int32(1))

@@ -1,0 +1,89 @@
+"""Which device computes the sweep: the CPU, or an NVIDIA GPU where there is one."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from emvs.backend import Backend, CpuBackend, Task
+from emvs.config import DeviceName
+from emvs.projector import AnyRays, CpuProjector, Projector
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Device:
+    """What computes.
+
+    Attributes:
+        kind: `cpu` or `cuda`.
+        name: of the GPU; `cpu` for the CPU.
+    """
+
+    kind: Literal["cpu", "cuda"]
+    name: str
+
+
+CPU = Device("cpu", "cpu")
+
+
+def choose(wanted: DeviceName) -> Device:
+    """The device of a name; `auto` takes a GPU where one can be used, and logs what it took.
+
+    Raises:
+        InputError: `cuda`, and no GPU that can be used: why, and how to cure it.
+    """
+    if wanted == "cpu":
+        return CPU
+    # A GPU's libraries take seconds to load, and not everybody has them.
+    from emvs.cuda import library
+
+    reason = library.missing()
+    if wanted == "auto" and reason is not None:
+        _log.warning("device auto took the CPU: %s", reason)
+        return CPU
+    device = Device("cuda", library.gpu().name)
+    if wanted == "auto":
+        _log.warning("device auto took the GPU %s", device.name)
+    return device
+
+
+def check(wanted: DeviceName) -> None:
+    """Refuses a GPU that is not there.
+
+    Raises:
+        InputError: why, and how to cure it.
+    """
+    if wanted == "cuda":
+        choose(wanted)
+
+
+def projector(device: Device) -> Projector:
+    """What turns events into rays on a device."""
+    if device.kind == "cpu":
+        return CpuProjector()
+    from emvs.cuda.projector import CudaProjector
+
+    return CudaProjector()
+
+
+def backend(device: Device, task: Task, rays: Sequence[AnyRays]) -> Backend:
+    """What computes one group's sweep on a device.
+
+    Args:
+        device: the device.
+        task: what to sweep.
+        rays: of every volume, on that device.
+
+    Raises:
+        InputError: a GPU with too little memory for a single plane.
+    """
+    its_rays: Any = rays
+    if device.kind == "cpu":
+        return CpuBackend(task, its_rays)
+    from emvs.cuda.backend import CudaBackend
+
+    return CudaBackend(task, its_rays)

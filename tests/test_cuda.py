@@ -1,0 +1,35 @@
+"""The GPU backend: in numba's simulator, and what it says where there is no GPU.
+
+The tests of the kernels are in `cuda_*.py`. The simulator is chosen by an environment variable that
+numba reads when it is imported, so they run in a process of their own. On a machine with an NVIDIA
+GPU they run on it: `python -m pytest tests/cuda_*.py`.
+"""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parent
+SIMULATED = {"NUMBA_ENABLE_CUDASIM": "1"}
+NO_GPU = {"CUDA_VISIBLE_DEVICES": "-1"}
+
+
+def run(*command, **variables):
+    kept = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST")}
+    return subprocess.run(
+        [sys.executable, *command], env=kept | variables, cwd=TESTS.parent, capture_output=True,
+        text=True, timeout=600, check=False,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["votes", "fold", "maps"])
+def test_in_the_simulator(name):
+    # Without this interval a Python thread that waits for others keeps them from running.
+    start = "import sys, pytest; sys.setswitchinterval(1e-5); sys.exit(pytest.main(sys.argv[1:]))"
+    found = run("-c", start, "-p", "no:cacheprovider", str(TESTS / f"cuda_{name}.py"), **SIMULATED)
+    assert found.returncode == 0, found.stdout[-5000:]
+    assert re.search(r"^\.+", found.stdout, re.MULTILINE), found.stdout
