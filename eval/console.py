@@ -81,6 +81,8 @@ class Console:
         if self._show:
             each = " + ".join(f"{count:,}" for count in counts).replace(",", " ")
             self._out.print(f"{sequence.name}: {each} events in {facts['duration_s']:g} s, {path}")
+            drawn_by = f"drawn by {sequence.manifest.renderer}"
+            self._out.print(drawn_by, style="dim", markup=False, soft_wrap=True)
 
     def inventory(self, kinds: Mapping[str, Mapping[str, str]]) -> None:
         """Everything there is to choose from."""

@@ -107,6 +107,7 @@ def recording_facts(recording: Recording, counts: Sequence[StreamCount]) -> dict
         ),
         "poses_share_of_events_span": [_covered(c, first, last) for c in counts],
         "truth_times": _truth_times(recording),
+        "renderer": getattr(getattr(recording, "manifest", None), "renderer", None),
     }
 
 

@@ -76,4 +76,6 @@ def _recording(facts: dict[str, Any]) -> Table:
     table.add_row("poses", f"{facts['poses']:,} from {first:.6f} to {last:.6f} s{rate}")
     table.add_row("poses cover events", "yes" if facts["poses_cover_events"] else "no")
     table.add_row("ground truth", f"at {facts['truth_times']:,} times")
+    if facts["renderer"] is not None:
+        table.add_row("drawn by", escape(facts["renderer"]))
     return table

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import scenes
+from emvs.errors import InputError
 from eval.code_version import closure, source_digest, with_includes
 from eval.stage_files import SEQUENCE
 from sim.config import SimConfig
 from sim.generate import simulate
-from sim.graphics import backend
+from sim.graphics import drawn_by
 from sim.rigs import rig as named_rig
 
 
@@ -22,7 +23,7 @@ def parameters(scene: str, rig: str | None, seed: int, sim: Mapping[str, Any]) -
         "rig": rig or scenes.load(scene).rig,
         "seed": seed,
         "sim": dict(sim),
-        "graphics": backend(),
+        "graphics": drawn_by(),
     }
 
 
@@ -39,8 +40,17 @@ def scene_digest(scene: str) -> str:
 
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
-    """Writes the sequence, in one process and one thread for the pictures."""
+    """Writes the sequence, in one process and one thread for the pictures.
+
+    Raises:
+        InputError: this machine draws with something else than the one that planned the job.
+    """
     del inputs
+    if drawn_by() != parameters["graphics"]:
+        raise InputError(
+            f"the suite was planned for pictures by {parameters['graphics']}, this worker draws by "
+            f"{drawn_by()}: set MUJOCO_GL=osmesa everywhere, or use machines that draw alike"
+        )
     simulate(
         scenes.load(parameters["scene"]),
         named_rig(parameters["rig"]),

@@ -21,6 +21,7 @@ from sim.cameras import Cameras, Packet
 from sim.chunks import Job, Shot, chunk_bounds_us
 from sim.config import SimConfig
 from sim.facts import Facts, facts_of
+from sim.graphics import note
 from sim.parts import PartWriter
 from sim.photos import Photographer, spans_us
 from sim.replay_scene import replayed
@@ -76,7 +77,8 @@ def simulate(
         resume: whether unfinished work is taken up; otherwise it is discarded.
         commit_s: least time between two parts, s: what a kill may cost.
         progress: called after every frame.
-        notice: told in one line when unfinished work is taken up or found damaged.
+        notice: told in one line when unfinished work is taken up or found damaged, and when
+            there is a GPU that does not draw.
 
     Returns:
         `out`.
@@ -97,6 +99,8 @@ def simulate(
     with ExitStack() as stack, ExitStack() as drawing:
         renderer = drawing.enter_context(job.renderer())
         preflight.check_outside(job, renderer.model)
+        if note():
+            notice(note())
         facts = facts_of(job, renderer)
         work = stack.enter_context(WorkFolder(out, facts.key, rig, resume=resume, notice=notice))
         if work.next_chunk:

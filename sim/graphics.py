@@ -9,6 +9,7 @@ import sys
 from typing import Any
 
 from emvs.errors import InputError
+from sim.gl_backend import NOTE, Choice, Driver, choose, equal_devices, has_gpu, probe
 
 # What each back end loads (any one of each group), in order of preference. EGL needs no display
 # and uses a GPU where there is one.
@@ -17,21 +18,25 @@ _CURE = "install one, on Debian: apt-get install libegl1 libgl1 libosmesa6"
 
 
 def backend() -> str:
-    """Returns the graphics back end: `MUJOCO_GL` where set, else EGL, else OSMesa.
+    """Returns the graphics back end: `MUJOCO_GL` where set, else what `sim.gl_backend` chooses.
 
     Raises:
         InputError: `MUJOCO_GL` names no usable back end, or nothing is installed.
     """
+    return _choice().backend
+
+
+def _choice() -> Choice:
     asked = os.environ.get("MUJOCO_GL", "").lower().strip()
     if asked and asked not in _LIBRARIES:
         raise InputError(
             f"MUJOCO_GL={asked!r} cannot render off screen: unset it, or use egl or osmesa"
         )
-    for name in [asked] if asked else _LIBRARIES:
-        if _installed(name):
-            return name
-    wanted = f"MUJOCO_GL={asked}" if asked else "EGL or OSMesa"
-    raise InputError(f"no graphics library found for {wanted}: {_CURE}")
+    installed = tuple(filter(_installed, [asked] if asked else _LIBRARIES))
+    if not installed:
+        wanted = f"MUJOCO_GL={asked}" if asked else "EGL or OSMesa"
+        raise InputError(f"no graphics library found for {wanted}: {_CURE}")
+    return Choice(asked) if asked else choose(installed)
 
 
 def import_mujoco() -> Any:
@@ -41,7 +46,7 @@ def import_mujoco() -> Any:
         InputError: no graphics library, or one that does not start.
     """
     if "mujoco" not in sys.modules:
-        os.environ["MUJOCO_GL"] = backend()
+        _choice().adopt()
     try:
         import mujoco
     except (ImportError, AttributeError, OSError) as error:
@@ -65,6 +70,47 @@ def open_context(width_px: int, height_px: int) -> Any:
     except Exception as error:  # PyOpenGL raises its own zoo, from ctypes errors to AttributeError
         raise _broken(error) from error
     return context
+
+
+def current_driver() -> Driver:
+    """What draws in the context that is current."""
+    gl = importlib.import_module("OpenGL.GL")
+    said = (gl.glGetString(name) for name in (gl.GL_VENDOR, gl.GL_RENDERER, gl.GL_VERSION))
+    return Driver(*(text.decode(errors="replace") for text in said))
+
+
+def drawn_by() -> str:
+    """What decides the pixels that this machine draws, found out in a process of its own.
+
+    Raises:
+        InputError: no graphics library, or one that does not start.
+    """
+    return _probed_driver().identity
+
+
+def note() -> str:
+    """Why a GPU is not used although there is one; empty where there is nothing to tell."""
+    return os.environ.get(NOTE, "")
+
+
+def worker_devices() -> tuple[int, ...]:
+    """The equal GPUs that rendering processes may share among them; empty where there is one.
+
+    Raises:
+        InputError: no graphics library, or one that does not start.
+    """
+    if backend() != "egl" or not has_gpu():
+        return ()
+    return equal_devices(_probed_driver())
+
+
+def _probed_driver() -> Driver:
+    chosen = _choice()
+    chosen.adopt()
+    found = probe(chosen.backend)
+    if isinstance(found, str):
+        raise _broken(RuntimeError(found))
+    return found
 
 
 def _broken(error: Exception) -> InputError:

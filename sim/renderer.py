@@ -15,7 +15,7 @@ from emvs.data.rig import Rig
 from emvs.errors import InputError
 from sim import lens, pixels, views
 from sim.float_target import FloatTarget
-from sim.graphics import import_mujoco, open_context
+from sim.graphics import current_driver, import_mujoco, open_context
 
 if TYPE_CHECKING:
     import mujoco
@@ -108,10 +108,10 @@ class StereoRenderer:
 
     @property
     def description(self) -> str:
-        """What renders: MuJoCo's version and the back end, for a sequence's manifest."""
+        """What renders, for a sequence's manifest: MuJoCo, back end, and what OpenGL says draws."""
         back_end = type(self._gl).__module__.rsplit(".", 1)[-1]
         kind = "classic" if self._floats is None else "classic in float"
-        return f"mujoco {self._mj.__version__} {kind}, {back_end}"
+        return f"mujoco {self._mj.__version__} {kind}, {back_end}: {self._driver.identity}"
 
     def at(self, t_s: float) -> None:
         """Puts the bodies that move by themselves where they are at `t_s`, s from the start."""
@@ -188,6 +188,7 @@ class StereoRenderer:
         self._data = mj.MjData(self.model)
         mj.mj_forward(self.model, self._data)
         self._gl = open_context(width_px, height_px)
+        self._driver = current_driver()
         self._context = mj.MjrContext(self.model, mj.mjtFontScale.mjFONTSCALE_100)
         self._context.readDepthMap = mj.mjtDepthMap.mjDEPTH_ZEROFAR
         self._floats = FloatTarget(self._context, width_px, height_px) if floats else None

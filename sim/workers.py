@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 
 from emvs.errors import InputError
 from sim.chunks import ChunkRenderer, Job, Shot, TruthImages
+from sim.gl_backend import DEVICE
+from sim.graphics import worker_devices
 from sim.renderer import StereoRenderer
 from sim.work import Stopped
 
@@ -105,9 +107,14 @@ def shots_from_workers(job: Job, first_chunk: int, workers: int) -> Iterator[Sho
     _check_sendable(job)
     # After a fork, threads and graphics of this process would be dead in the child: spawn.
     context = multiprocessing.get_context("spawn")
+    gpus = worker_devices()
     with ExitStack() as stack:
         team = [
-            stack.enter_context(_Worker(context, job, first_chunk, k, workers))
+            stack.enter_context(
+                _Worker(
+                    context, job, first_chunk, k, workers, gpus[k % len(gpus)] if gpus else None
+                )
+            )
             for k in range(workers)
         ]
         for chunk in range(first_chunk, job.chunks):
@@ -117,7 +124,9 @@ def shots_from_workers(job: Job, first_chunk: int, workers: int) -> Iterator[Sho
 class _Worker:
     """The parent's side of one worker process."""
 
-    def __init__(self, context: Any, job: Job, first_chunk: int, index: int, workers: int) -> None:
+    def __init__(
+        self, context: Any, job: Job, first_chunk: int, index: int, workers: int, gpu: int | None
+    ) -> None:
         self._job, self._end_us = job, job.bounds_us
         count = slot_count(job)
         descriptor = os.memfd_create("eventsweep")
@@ -126,7 +135,7 @@ class _Worker:
             self._slots = _Slots(job, descriptor, count)
             self._pipe, theirs = context.Pipe()
             chunks = range(first_chunk + index, job.chunks, workers)
-            arguments = (job, chunks, theirs, _Descriptor(descriptor), count, workers)
+            arguments = (job, chunks, theirs, _Descriptor(descriptor), count, workers, gpu)
             self._process = context.Process(target=_work, args=arguments, daemon=True)
             self._process.start()
             theirs.close()
@@ -170,13 +179,16 @@ class _Worker:
 
 
 def _work(
-    job: Job, chunks: range, pipe: Connection, descriptor: int, count: int, workers: int
-) -> None:
+    job: Job, chunks: range, pipe: Connection, descriptor: int, count: int, workers: int,
+    gpu: int | None,
+) -> None:  # fmt: skip
     """A worker's whole life."""
     # Ctrl-C reaches every process of the terminal; the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Software rendering takes all cores by itself; several processes share them.
     os.environ.setdefault("LP_NUM_THREADS", str(max(1, (os.cpu_count() or 1) // workers)))
+    if gpu is not None:
+        os.environ[DEVICE] = str(gpu)
     slots = _Slots(job, descriptor, count)
     free = list(range(count))
     # The other end gone means that the parent is: end as well.
