@@ -38,6 +38,7 @@ class Entry:
         digest: hash over all of them: equal where the data are equal.
         seconds: what making it took, s.
         found: whether it was there already.
+        cpu_seconds: time of processors that making it took, s; 0 where it is not known.
     """
 
     key: str
@@ -45,6 +46,7 @@ class Entry:
     digest: str
     seconds: float
     found: bool
+    cpu_seconds: float = 0.0
 
 
 def default_cache() -> Path:
@@ -128,16 +130,20 @@ class Cache:
         return freed
 
     def _make(self, key: str, facts: Any, fill: Fill) -> Entry:
-        started_s = time.monotonic()
+        started_s, started_cpu_s = time.monotonic(), time.process_time()
         with atomic_dir(self.path_of(key)) as folder:
             data = folder / _DATA
             data.mkdir()
             fill(data)
             files = _files(data)
-            seconds = time.monotonic() - started_s
-            content = {"facts": facts, "files": files, "seconds": round(seconds, 3)}
+            # Beside the clock's time, that of processors: others at work hardly change it.
+            took = {
+                "seconds": round(time.monotonic() - started_s, 3),
+                "cpu_seconds": round(time.process_time() - started_cpu_s, 3),
+            }
+            content = {"facts": facts, "files": files, **took}
             (folder / _ENTRY).write_text(json.dumps(content, indent=1), encoding="utf-8")
-        return Entry(key, self.path_of(key) / _DATA, _digest(files), seconds, found=False)
+        return Entry(key, self.path_of(key) / _DATA, _digest(files), found=False, **took)
 
     def _read(self, key: str) -> Entry | None:
         """The entry, if it is there and whole; a damaged one is as good as none."""
@@ -146,14 +152,14 @@ class Cache:
             content = json.loads((path / _ENTRY).read_text(encoding="utf-8"))
             files = content["files"]
             there = _files(path / _DATA)
-            seconds = float(content["seconds"])
-        except (OSError, ValueError, KeyError, TypeError):
+            took = {name: float(content.get(name, 0.0)) for name in ("seconds", "cpu_seconds")}
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return None
         if there != files:
             return None
         with suppress(OSError):
             os.utime(path / _ENTRY)  # for `prune`: when it was last of use
-        return Entry(key, path / _DATA, _digest(files), seconds, found=True)
+        return Entry(key, path / _DATA, _digest(files), found=True, **took)
 
     def _clear(self, key: str) -> None:
         """Removes a damaged entry, and what a killed process left of it; under the lock."""

@@ -58,6 +58,14 @@ def _bad_metric(cells: int) -> Metric:
 
 CELL_METRICS: tuple[Metric, ...] = (
     Metric("mean_cells", "mean cells", "cells", "lower", "mean depth cells between", _mean),
-    Metric("median_cells", "median cells", "cells", "lower", "median depth cells between", _median),
+    Metric(
+        "median_cells",
+        "median cells",
+        "cells",
+        "lower",
+        "median depth cells between",
+        _median,
+        pooling="order",
+    ),
     *(_bad_metric(cells) for cells in CELL_THRESHOLDS),
 )

@@ -74,13 +74,28 @@ def _at(pairs: Pairs, percent: int) -> float:
 def _at_metric(percent: int) -> Metric:
     name, title = f"mean_error_top_{percent}pct", f"mean error of surest {percent} %"
     formula = f"mean |e - g| of the surest pixels that cover {percent} % of g"
-    return Metric(name, title, "m", "lower", formula, partial(_at, percent=percent))
+    compute = partial(_at, percent=percent)
+    return Metric(name, title, "m", "lower", formula, compute, pooling="order")
 
 
 COVERAGE_METRICS: tuple[Metric, ...] = (
     Metric(
-        "aurc", "AURC", "m", "lower", "area under mean |e - g| against share of #e admitted", _area
+        "aurc",
+        "AURC",
+        "m",
+        "lower",
+        "area under mean |e - g| against share of #e admitted",
+        _area,
+        pooling="order",
     ),
-    Metric("ause", "AUSE", "m", "lower", "aurc less that of the pixels in order of error", _excess),
+    Metric(
+        "ause",
+        "AUSE",
+        "m",
+        "lower",
+        "aurc less that of the pixels in order of error",
+        _excess,
+        pooling="order",
+    ),
     *(_at_metric(percent) for percent in COVERAGES_PERCENT),
 )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.metrics import FloatArray, Metric, Pairs
+from eval.metrics import FloatArray, Metric, Pairs, Pooling
 
 THRESHOLDS_CM: tuple[int, ...] = tuple(range(1, 16))
 THRESHOLDS_PERCENT: tuple[int, ...] = (1, 2, 5, 10, 20)
@@ -82,10 +82,10 @@ def _area(pairs: Pairs, share: Share, *, errors: Errors, largest: float) -> floa
     return share(pairs, np.clip(1 - errors(pairs) / largest, 0, 1))
 
 
-_SHARES: tuple[tuple[str, str, str, Share], ...] = (
-    ("precision", "precision", "{} / #e", _precision),
-    ("recall", "recall", "{} / #g", _recall),
-    ("f1", "F1", "2 {} / (#e + #g)", _f1),
+_SHARES: tuple[tuple[str, str, str, Share, Pooling], ...] = (
+    ("precision", "precision", "{} / #e", _precision, "pairs"),
+    ("recall", "recall", "{} / #g", _recall, "truth"),
+    ("f1", "F1", "2 {} / (#e + #g)", _f1, "either"),
 )
 
 
@@ -100,8 +100,9 @@ def _three(key: str, title: str, hits: str, compute: Callable[..., float]) -> tu
             formula.format(hits),
             partial(compute, share=share),
             needs_pairs=name == "precision",
+            pooling=pooling,
         )
-        for name, word, formula, share in _SHARES
+        for name, word, formula, share, pooling in _SHARES
     )
 
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from eval.method_scores import CAUSE_PREFIX
-from eval.ranking import FUSED_PREFIX, SINGLE_PREFIX, column, order, with_unit
+from eval.ranking import FUSED_PREFIX, SINGLE_PREFIX, column, order, shown, with_unit
 from eval.results import Row
 
 HARMONIC = "Alg1/H"
@@ -59,7 +59,8 @@ def _causes(rows: Sequence[Row], method: str) -> str:
         return ""
     parts = (f"{row.metric.removeprefix(CAUSE_PREFIX)} {row.value:.0f} %" for row in shares)
     names = ", ".join(parts).replace("_", " ")
-    return f"Why {shares[0].points} px of {method} are off by more than a tenth: {names}."
+    bad = shown(float(shares[0].points or 0), "px")
+    return f"Why {bad} px of {method} are off by more than a tenth: {names}."
 
 
 def _against(rows: Sequence[Row], method: str, other: str, role: str) -> str:

@@ -60,6 +60,7 @@ class Done:
         found: whether the cache had it.
         code: version of the code that made it.
         text: the content of `result.json`, where the job made one.
+        cpu_seconds: time of processors that making it took, s.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Done:
     found: bool
     code: str
     text: str | None = None
+    cpu_seconds: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -134,8 +136,10 @@ def _facts(job: Job, inputs: Sequence[str]) -> dict[str, Any]:
 
 
 def _done(job: Job, made: Entry, text: str | None) -> Done:
-    code = code_of(job)
-    return Done(job.name, made.key, made.digest, made.seconds, made.found, code, text)
+    return Done(
+        job.name, made.key, made.digest, made.seconds, made.found, code_of(job), text,
+        made.cpu_seconds,
+    )  # fmt: skip
 
 
 def _text(made: Entry) -> str | None:

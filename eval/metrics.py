@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from emvs.errors import InputError
 
 Better = Literal["lower", "higher", "none"]
+Pooling = Literal["sum", "pairs", "squares", "truth", "either", "variance", "order"]
 FloatArray = NDArray[np.float64]
 
 OUTLIER_RELATIVE_ERROR = 0.10
@@ -107,6 +108,10 @@ class Metric:
         formula: the definition in one line.
         compute: the value of some pairs.
         needs_pairs: NaN, rather than computed, where the method reports no depth at all.
+        pooling: what the value of several windows' pixels together is made of, see `eval.pooling`:
+            the windows' values, added (`sum`) or averaged by their number of pairs (`pairs`; of
+            squares, `squares`), of true pixels (`truth`) or of both (`either`); the pairs' mean
+            logarithmic ratio, too (`variance`); or all pairs in order (`order`).
     """
 
     name: str
@@ -116,6 +121,7 @@ class Metric:
     formula: str
     compute: Callable[[Pairs], float]
     needs_pairs: bool = True
+    pooling: Pooling = "pairs"
 
     def __call__(self, pairs: Pairs) -> float:
         """The metric's value; NaN where it is undefined."""
@@ -195,16 +201,22 @@ def _bad_metric(threshold_px: int) -> Metric:
     return Metric(f"bad_{threshold_px}px", f"bad {threshold_px} px", "%", "lower", formula, compute)
 
 
+# fmt: off
 METRICS: tuple[Metric, ...] = (
-    Metric("points", "points", "px", "higher", "number of pixels with e and g", _points, False),
-    Metric("completeness", "completeness", "%", "higher", "points / #g", _completeness, False),
+    Metric("points", "points", "px", "higher", "number of pixels with e and g", _points,
+           needs_pairs=False, pooling="sum"),
+    Metric("completeness", "completeness", "%", "higher", "points / #g", _completeness,
+           needs_pairs=False, pooling="truth"),
     Metric("mean_error", "mean error", "m", "lower", "mean |e - g|", _mean_error),
-    Metric("median_error", "median error", "m", "lower", "median |e - g|", _median_error),
-    Metric("rmse", "RMSE", "m", "lower", "sqrt(mean (e - g)²)", _rmse),
+    Metric("median_error", "median error", "m", "lower", "median |e - g|", _median_error,
+           pooling="order"),
+    Metric("rmse", "RMSE", "m", "lower", "sqrt(mean (e - g)²)", _rmse, pooling="squares"),
     Metric("abs_rel", "AbsRel", "%", "lower", "mean |e - g| / g", _abs_rel),
     Metric("aerr_r", "AErrR", "%", "lower", "mean |e - g| / e (as published)", _aerr_r),
-    Metric("silog", "SILog", "x100", "lower", "mean d² - (mean d)², d = ln g - ln e", _silog),
-    Metric("log_rmse", "log RMSE", "x100", "lower", "sqrt(mean d²), d = ln g - ln e", _log_rmse),
+    Metric("silog", "SILog", "x100", "lower", "mean d² - (mean d)², d = ln g - ln e", _silog,
+           pooling="variance"),
+    Metric("log_rmse", "log RMSE", "x100", "lower", "sqrt(mean d²), d = ln g - ln e", _log_rmse,
+           pooling="squares"),
     *(_delta_metric(power) for power in (1, 2, 3)),
     *(_bad_metric(threshold_px) for threshold_px in (1, 2, 3, 5)),
     Metric(
@@ -219,3 +231,4 @@ METRICS: tuple[Metric, ...] = (
         "outlier_share", "outliers", "%", "lower", "share with |e - g| / g > 0.10", _outlier_share
     ),
 )
+# fmt: on

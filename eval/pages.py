@@ -17,11 +17,16 @@ Kind = Literal["", "better", "worse", "other", "best"]
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """A column's heading; `better` says which end sorts to the top first."""
+    """A column's heading; `better` says which end sorts to the top first, `text` that it is text.
+
+    With `told`, the heading says which direction is better, too.
+    """
 
     title: str
     unit: str = ""
     better: str = "lower"
+    text: bool = False
+    told: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +41,11 @@ class GridCell:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """A sortable table."""
+    """A sortable table, and above it what its numbers are."""
 
     heads: tuple[Head, ...]
     lines: tuple[tuple[GridCell, ...], ...]
+    about: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from eval.colour import Scale, confidence_scale, depth_scale, error_scale, events_scale
+from eval import confidence
+from eval.colour import Scale, depth_scale, error_scale, events_scale
 from eval.curves import THRESHOLDS_CM, Curve
 from eval.figures import (
+    behind_image,
     confidence_image,
     depth_image,
     enlargement,
@@ -65,19 +67,22 @@ def case_panel(
 
 def window_panel(window: WindowView, methods: Sequence[str], rows: Sequence[Row]) -> dict[str, Any]:
     """What the template shows of one window."""
-    scales = _scales(window)
+    scales, sure = _scales(window), confidence.scales(window)
     names = dict.fromkeys(name for counts in window.counts.values() for name in counts)
     return {
         "name": window.name,
         "t_s": f"{window.t_us / 1e6:.3f}",
         "frame": None if window.frame is None else _uri(frame_image(window.frame)),
+        "behind": None if window.frame is None else _uri(behind_image(window.frame)),
         **_photo_panel(window),
         "events": _events_uri(window, scales["events_scale"]),
         "events_caption": window.events_caption,
         "truth": _truth_uri(window, scales["depth_scale"]),
         "methods": [
-            _method_panel(m, methods.index(m.name), window, scales, rows) for m in window.methods
+            _method_panel(m, methods.index(m.name), window, scales, sure[m.name], rows)
+            for m in window.methods
         ],
+        "confidence_title": _confidence_title(window),
         "has_slices": any(m.piece is not None for m in window.methods),
         "counts": window.counts,
         "count_names": list(names),
@@ -92,6 +97,7 @@ def _method_panel(
     position: int,
     window: WindowView,
     scales: dict[str, Scale],
+    sure: Scale,
     rows: Sequence[Row],
 ) -> dict[str, Any]:
     point_px = point_size_px(method.depth_m.shape[1])
@@ -103,18 +109,23 @@ def _method_panel(
         "position": position,
         "caption": " · ".join(numbers) or f"points {shown(float(method.mask.sum()), 'px')} px",
         "depth": _uri(depth),
-        "confidence": _uri(confidence_image(method.confidence, scales["confidence_scale"])),
+        "confidence": _uri(confidence_image(method.confidence, sure)),
+        "confidence_scale": sure,
+        "confidence_unit": confidence.unit(method.name),
         "error": _error_uri(method, window, scales["error_scale"], point_px),
         "slice_svg": Markup(slice_svg(method.piece)) if method.piece else "",
     }
 
 
+def _confidence_title(window: WindowView) -> str:
+    """With its unit where all methods share it."""
+    units = {confidence.unit(method.name) for method in window.methods}
+    return f"Confidence [{units.pop()}]" if len(units) == 1 else "Confidence"
+
+
 def _scales(window: WindowView) -> dict[str, Scale]:
-    confidences = [m.confidence[np.isfinite(m.confidence)] for m in window.methods]
-    busy = max((float(np.percentile(c, 99.7)) for c in confidences if c.size), default=1.0)
     return {
         "depth_scale": depth_scale(window.depth_range_m),
-        "confidence_scale": confidence_scale(float(f"{busy:.2g}")),
         "error_scale": error_scale(_error_cap(window)),
         "events_scale": events_scale(_events_cap(window)),
     }

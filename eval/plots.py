@@ -16,20 +16,24 @@ from numpy.typing import NDArray
 
 from eval.colour import nice_between, spaced
 from eval.curves import Curve
+from eval.line_styles import INK, LineStyle, line_style
 
-# Matplotlib knows no `currentColor`: draw in a colour that nothing else has, then rename it.
-_INK = "#010203"
+__all__ = [
+    "STYLE", "DsiSlice", "LineStyle", "curves_figure", "curves_svg", "line_style", "slice_figure",
+    "slice_svg", "svg_of",
+]  # fmt: skip
+
 STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "eventsweep",
     "font.family": "sans-serif",
     "font.size": 9,
     "text.parse_math": False,
-    "text.color": _INK,
-    "axes.edgecolor": _INK,
-    "axes.labelcolor": _INK,
-    "xtick.color": _INK,
-    "ytick.color": _INK,
+    "text.color": INK,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
     "axes.linewidth": 0.6,
     "axes.facecolor": "none",
     "savefig.facecolor": "none",
@@ -39,34 +43,6 @@ STYLE: Any = {
 }
 TRUTH_COLOUR = "#0072b2"
 ESTIMATE_COLOUR = "#d55e00"
-
-
-@dataclass(frozen=True, slots=True)
-class LineStyle:
-    """How a method is drawn, in every plot."""
-
-    colour: str
-    dash: str | tuple[int, tuple[int, ...]]
-
-
-# Okabe and Ito's colours, with a dash of its own for each: told apart without colour, too.
-_STYLES = {
-    "Alg1/min": LineStyle("#cc79a7", (0, (4, 1, 1, 1))),
-    "Alg1/H": LineStyle("#d55e00", "solid"),
-    "Alg1/G": LineStyle("#e69f00", (0, (6, 2))),
-    "Alg1/A": LineStyle("#009e73", (0, (3, 2))),
-    "Alg1/RMS": LineStyle("#0072b2", (0, (6, 1, 1, 1, 1, 1))),
-    "Alg1/max": LineStyle("#56b4e9", (0, (1, 1))),
-    "Alg2/AtHc@4": LineStyle("#7a5195", (0, (8, 2, 2, 2))),
-    "EMVS/cam0": LineStyle("#8c8c8c", "solid"),
-    "EMVS/cam1": LineStyle("#8c8c8c", (0, (2, 2))),
-}
-_OTHERS = [LineStyle(colour, (0, (5, 1))) for colour in ("#a6761d", "#666666", "#1b9e77")]
-
-
-def line_style(method: str, position: int = 0) -> LineStyle:
-    """The style of a method; of one without a style of its own, by its position."""
-    return _STYLES.get(method, _OTHERS[position % len(_OTHERS)])
 
 
 def curves_svg(curves: Sequence[tuple[str, Curve]], prefix: str) -> str:
@@ -93,13 +69,16 @@ def curves_figure(curves: Sequence[tuple[str, Curve]], prefix: str) -> Figure:
 
 def _draw_curves(axes: Axes, curves: Sequence[tuple[str, Curve]], name: str, prefix: str) -> None:
     for position, (method, curve) in enumerate(curves):
-        style = line_style(method, position)
+        style = line_style(method)
         (line,) = axes.plot(
             curve.threshold_cm,
             getattr(curve, name),
             color=style.colour,
             linestyle=style.dash,
             linewidth=1.4,
+            marker=style.marker,
+            markersize=4.5,
+            markevery=(position % 4, 4),
             label=method,
         )
         line.set_gid(f"{prefix}-{name}-curve-{position}")
@@ -146,8 +125,9 @@ def slice_figure(piece: DsiSlice) -> Figure:
     _draw_votes(axes, piece)
     columns = np.flatnonzero(piece.mask)
     if piece.truth_m is not None:
-        x_px = np.arange(len(piece.truth_m))
-        axes.plot(x_px, 1 / piece.truth_m, ".", ms=1.6, color=TRUTH_COLOUR, label="true depth")
+        axes.plot(
+            *_surfaces(piece.truth_m, piece.rho), lw=1.6, color=TRUTH_COLOUR, label="true depth"
+        )
     axes.plot(
         columns,
         1 / piece.depth_m[columns],
@@ -161,6 +141,23 @@ def slice_figure(piece: DsiSlice) -> Figure:
     axes.set_ylim(float(piece.rho.max()), float(piece.rho.min()))
     figure.legend(loc="outside upper right", ncols=2, markerscale=1.8)
     return figure
+
+
+def _surfaces(
+    truth_m: NDArray[np.floating], planes: NDArray[np.floating]
+) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Column and true inverse depth as a line that is interrupted where depth jumps.
+
+    One path; a mark for each pixel would be most of the picture's file.
+    """
+    x_px, rho = np.arange(len(truth_m), dtype=np.float64), 1 / truth_m
+    cell = float(planes.max() - planes.min()) / (len(planes) - 1)
+    # Half a pixel to either side of each column, so that single pixels show, too.
+    jumps = np.flatnonzero(~(np.abs(np.diff(rho)) <= cell)) + 1
+    x_px, rho = np.repeat(x_px, 2), np.repeat(rho, 2)
+    x_px[::2] -= 0.5
+    x_px[1::2] += 0.5
+    return np.insert(x_px, 2 * jumps, np.nan), np.insert(rho, 2 * jumps, np.nan)
 
 
 def _draw_votes(axes: Axes, piece: DsiSlice) -> None:
@@ -191,7 +188,7 @@ def svg_of(figure: Figure) -> str:
     stream = io.StringIO()
     figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
     drawing = stream.getvalue()
-    drawing = drawing[drawing.index("<svg") :].replace(_INK, "currentColor")
+    drawing = drawing[drawing.index("<svg") :].replace(INK, "currentColor")
     # The page's style sets the size; a fixed one would overflow a phone.
     opening, rest = drawing.split(">", 1)
     return re.sub(r' (?:width|height)="[^"]*"', "", opening) + ">" + rest

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -29,6 +30,7 @@ RANKING_COLUMNS = (
     "delta_1",
     "f1_5cm",
 )
+_SINGLE = re.compile(r"/cam\d+\b")
 # Read in centimetres, stored in metres.
 _SHOWN = {"m": ("cm", 100.0)}
 _CONTEXT = {
@@ -60,7 +62,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One method of a table; `rank` counts the fused methods only."""
+    """One method of a table; `rank` counts the methods that use more than a single camera."""
 
     method: str
     rank: int | None
@@ -73,6 +75,18 @@ class Table:
 
     columns: tuple[Column, ...]
     lines: tuple[Line, ...]
+
+
+DIRECTIONS = {"lower": "lower is better", "higher": "higher is better", "none": "no better end"}
+
+
+def definition(name: str) -> str:
+    """What a metric is and which end of it is better, as a line above its table."""
+    found = column(name)
+    unit = f", in {found.unit}" if found.unit else ""
+    letters = " e is the estimate, g the truth." if re.search(r"\bg\b", found.formula) else ""
+    title = found.title[:1].upper() + found.title[1:]
+    return f"{title}: {found.formula}{unit}; {DIRECTIONS[found.better]}.{letters}"
 
 
 def order(rows: Iterable[Row], metric: str, prefix: str = "") -> list[tuple[str, float]]:
@@ -95,7 +109,7 @@ def table(rows: Sequence[Row], metric: str, names: Sequence[str] = RANKING_COLUM
     present = [name for name in names if any(name in found for found in by_method.values())]
     best = {name: best_value(row for row in rows if row.metric == name) for name in present}
     ranked = [method for method, _ in order(rows, metric)]
-    fused = [method for method in ranked if method.startswith(FUSED_PREFIX)]
+    fused = [method for method in ranked if not _SINGLE.search(method)]
     lines = []
     for method in ranked:
         cells = tuple(_cell(by_method[method].get(name), best[name]) for name in present)
@@ -121,6 +135,14 @@ def column(name: str) -> Column:
         return Column(name, metric.title, unit, metric.better, metric.formula)
     formula = f"{metric.formula}, over {REGIONS[region]}"
     return Column(name, f"{metric.title}, {region}", unit, metric.better, formula)
+
+
+def heading(name: str) -> str:
+    """A metric's title; of one that is none of ours, its name."""
+    try:
+        return column(name).title
+    except (KeyError, StopIteration):
+        return name
 
 
 def _region(name: str) -> str:

@@ -8,10 +8,10 @@ from typing import Any
 
 from emvs.atomic import atomic_path
 from eval.findings import findings
+from eval.line_styles import line_style
 from eval.overview import overview_png
 from eval.pages import environment, inline
 from eval.panels import case_panel
-from eval.plots import line_style
 from eval.ranking import column, mean_over_cases, table
 from eval.report_load import load_run
 from eval.results import Row
@@ -64,7 +64,7 @@ def _context(data: ReportData) -> dict[str, Any]:
         "provenance": _provenance(data),
         "configuration": data.configuration,
         "version": data.results.versions.get("eventsweep", ""),
-        "colour_of": lambda method: line_style(method).colour,
+        "colour_of": lambda method: line_style(method).css,
         "count": lambda value: "–" if value is None else f"{value:,}".replace(",", "\u202f"),
         "css": inline("report.css"),
         "js": inline("report.js"),

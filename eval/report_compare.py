@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from emvs.atomic import atomic_path
 from eval.comparison import JUDGED, Comparison, compare_runs, read_runs
 from eval.gate import Status, Verdict
 from eval.gate_series import Key, Series
+from eval.line_styles import line_style
 from eval.pages import Grid, GridCell, Head, Kind, Page, Section, page_text, versions_grid
-from eval.plots import line_style
-from eval.ranking import RANKING_COLUMNS, column, shown
+from eval.ranking import RANKING_COLUMNS, column, definition, heading, shown
 from eval.tables import TextCell, TextTable, in_unit, write_tables
 
 HTML_NAME = "compare.html"
@@ -24,6 +25,7 @@ _NOTE = (
     "differences are over the seeds of the later result, where the first one has them all."
 )
 _VERDICT, _MOST_CHANGES, _CHOSEN = "verdict", 200, "mean_error"
+_TEXTS = ("case", "method", "metric", _VERDICT, "why")
 _KINDS: dict[str, Kind] = {"better": "better", "worse": "worse", "same": ""}
 
 
@@ -87,21 +89,36 @@ def _changes(found: Comparison) -> Section:
     """What differs most, whatever it is, one table per result."""
     names = tuple(run.name for run in found.runs[1:])
     grids = tuple(map(_changed, found.verdicts))
-    text = f"Everything that is not the same, the most telling first, up to {_MOST_CHANGES} lines."
+    text = (
+        f"Everything that is not the same, the most telling first, up to {_MOST_CHANGES} lines. "
+        "Δ is now less before; up to the tolerance, either way, two numbers are the same."
+    )
     return Section("changes", "What differs", names, grids, text, choice="Result")
 
 
 def _changed(verdicts: Mapping[Key, Verdict]) -> Grid:
     titles = ("case", "method", "metric", "before", "now", "Δ", "tolerance", _VERDICT, "why")
-    differing = [one for one in verdicts.values() if one.status != "same"][:_MOST_CHANGES]
-    return Grid(tuple(map(Head, titles)), tuple(map(_changed_line, differing)))
+    heads = tuple(Head(title, text=title in _TEXTS) for title in titles)
+    alone = [one for one in verdicts.values() if one.status not in ("same", "not comparable")]
+    apart = [one for one in verdicts.values() if one.status == "not comparable"]
+    lines = [*map(_changed_line, alone[:_MOST_CHANGES]), *_not_comparable(apart)]
+    return Grid(heads, tuple(lines))
+
+
+def _not_comparable(verdicts: Sequence[Verdict]) -> Iterator[tuple[GridCell, ...]]:
+    """One line per case, method and reason: hundreds of lines would say no more."""
+    groups = Counter((one.key.case, one.key.method, one.why) for one in verdicts)
+    for (case, method, why), count in groups.items():
+        texts = (case, method, f"{count} metric{'s' * (count != 1)}", "–", "–", "–", "–")
+        cells = (GridCell(text) for text in texts)
+        yield (*cells, GridCell("not comparable", kind="other"), GridCell(why))
 
 
 def _changed_line(one: Verdict) -> tuple[GridCell, ...]:
     kind = _KINDS.get(one.status, "other")
     numbers = (one.baseline, one.value, one.change, one.tolerance)
     cells = (GridCell(_plain(value, one.unit), value) for value in numbers)
-    key = (GridCell(text) for text in one.key)
+    key = (GridCell(text) for text in (one.key.case, one.key.method, heading(one.key.metric)))
     return (*key, *cells, GridCell(one.status, kind=kind), GridCell(one.why))
 
 
@@ -120,19 +137,27 @@ def _section(found: Comparison, case: str, position: int) -> Section:
 def _grid(found: Comparison, case: str, metric: str) -> Grid:
     head = column(metric)
     first, *others = (run.name for run in found.runs)
-    heads = [Head("method"), Head(first, head.unit, head.better)]
+    heads = [Head("method"), Head(first, head.unit, head.better, told=True)]
     for name in others:
-        heads += [Head(name, head.unit, head.better), Head("Δ", head.unit), Head("Δ", "%")]
-        heads.append(Head(_VERDICT))
+        heads.append(Head(name, head.unit, head.better, told=True))
+        heads += [Head("Δ", head.unit), Head("Δ", "%")]
+        heads.append(Head(_VERDICT, text=True))
     keys = dict.fromkeys(
         key for run in found.runs for key in run.measured.series
         if (key.case, key.metric) == (case, metric)
     )  # fmt: skip
-    return Grid(tuple(heads), tuple(_line(found, key) for key in keys))
+    return Grid(tuple(heads), tuple(_line(found, key) for key in keys), _about(found, metric))
+
+
+def _about(found: Comparison, metric: str) -> str:
+    """What the numbers of a table are, and of how many seeds."""
+    counts = {len(run.measured.seeds) for run in found.runs}
+    seeds = " or ".join(map(str, sorted(counts)))
+    return f"{definition(metric)} Means over {seeds} seed{'s' * (counts != {1})}."
 
 
 def _line(found: Comparison, key: Key) -> tuple[GridCell, ...]:
-    colour = line_style(key.method).colour
+    colour = line_style(key.method).css
     first, *others = (run.measured.series.get(key) for run in found.runs)
     cells = [GridCell(key.method, colour=colour), _value(first)]
     for verdicts, series in zip(found.verdicts, others, strict=True):

@@ -173,7 +173,8 @@ def _facts(stored: StoredMap, recording: Recording | None) -> list[tuple[str, st
         facts = [("rig", named)]
     if isinstance(recording, Sequence):
         facts.append(("renderer", recording.manifest.renderer))
-        facts.append(("events", ", ".join(_thin(n) for n in recording.manifest.event_counts)))
+        counts = zip(recording.rig.camera_names, recording.manifest.event_counts, strict=True)
+        facts.append(("events", ", ".join(f"{_thin(n)} {camera}" for camera, n in counts)))
     span_s = (window.info.t1_us - window.info.t0_us) / 1e6
     reference_s = (window.info.t_ref_us - window.info.t0_us) / 1e6
     when = f"{span_s:.3f} s, reference view {reference_s:.3f} s after its begin"

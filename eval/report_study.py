@@ -12,9 +12,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from emvs.atomic import atomic_path
 from emvs.errors import InputError
+from eval.line_styles import line_style
 from eval.pages import Grid, GridCell, Head, Page, Section, page_text, versions_grid
-from eval.plots import line_style
-from eval.ranking import column, shown
+from eval.ranking import column, definition, shown
 from eval.results import Value
 from eval.studies.curves import BREAKS_AT
 
@@ -118,8 +118,6 @@ def study_page(studies: list[StoredStudy], figures: list[str]) -> Page:
         ),
         provenance=versions_grid(names, [one.versions for one in studies]),
         overview=_overview(studies),
-        note=f"The amount at which a method's mean error reaches {BREAKS_AT:g} times that of sound "
-        "input; “never” means not within what was tried.",
         version=studies[0].versions.get("eventsweep", ""),
     )
 
@@ -138,7 +136,11 @@ def _overview(studies: list[StoredStudy]) -> Grid:
     for one in studies:
         cells = (_breaking(one, method) for method in methods)
         lines.append((GridCell(one.study), GridCell(one.unit), *cells))
-    return Grid(heads, tuple(lines))
+    about = (
+        "Where each method breaks: the amount, in the unit of its line, at which its mean error "
+        f"reaches {BREAKS_AT:g} times that of sound input. “never” means not within what was tried."
+    )
+    return Grid(heads, tuple(lines), about)
 
 
 def _breaking(study: StoredStudy, method: str) -> GridCell:
@@ -157,7 +159,8 @@ def _section(study: StoredStudy, figure: str, position: int) -> Section:
         names=tuple(column(metric).title for metric in metrics),
         tables=tuple(_grid(study, metric) for metric in metrics),
         text=f"{study.axis[:1].upper()}{study.axis[1:]}, in {study.unit}. Means over "
-        f"{', '.join(study.cases)} and {seeds}; ± is half of the 95 % band.",
+        f"{', '.join(study.cases)} and {seeds}: up to {len(study.cases) * len(study.seeds)} "
+        "samples a number; ± is half of the 95 % band.",
         figure=figure,
         failures=tuple(study.failures.items()),
     )
@@ -165,14 +168,17 @@ def _section(study: StoredStudy, figure: str, position: int) -> Section:
 
 def _grid(study: StoredStudy, metric: str) -> Grid:
     head = column(metric)
-    heads = (Head("method"), *(Head(f"{a:g} {study.unit}", head.unit, head.better)
-                               for a in study.amounts))  # fmt: skip
+    heads = (
+        Head("method"),
+        *(Head(f"{a:g} {study.unit}", head.unit, head.better, told=True) for a in study.amounts),
+    )
     curves = [curve for curve in study.curves if curve.metric == metric]
-    return Grid(heads, tuple(_line(curve) for curve in curves))
+    about = f"{definition(metric)} One column per amount."
+    return Grid(heads, tuple(_line(curve) for curve in curves), about)
 
 
 def _line(curve: StudyCurve) -> tuple[GridCell, ...]:
-    cells = [GridCell(curve.method, colour=line_style(curve.method).colour)]
+    cells = [GridCell(curve.method, colour=line_style(curve.method).css)]
     for mean, low, high in zip(curve.mean, curve.low, curve.high, strict=True):
         half = (high - low) / 2
         band = "" if math.isnan(half) else f" ± {shown(half, curve.unit)}"

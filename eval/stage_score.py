@@ -14,16 +14,22 @@ import numpy as np
 from emvs.data.sequence import Sequence as EventSequence
 from emvs.output import StoredWindow
 from eval import stage_window
+from eval.code_version import source_digest
 from eval.config import EvalConfig
+from eval.method_scores import BAD_POINTS, CAUSE_PREFIX
 from eval.regions import DRAWN
 from eval.results import Row
 from eval.score import POOLED, Estimate, MethodPairs, Truth, case_rows, pair_methods
 from eval.stage_files import RESULT, SEQUENCE
 from eval.suite_rows import DEFAULT_MAPPER, Sample, SampleFacts, mapper_method
+from eval.taxonomy import CAUSES
 from eval.window_pairs import window_pairs
 
 EVENTS = "events"
 """What stands in a row's place of a method where the row is about the events themselves."""
+
+CAUSE_MODULES = ("eval.evidence", "eval.geometry", "eval.masks", "eval.seen", "eval.taxonomy")
+"""What decides why a pixel is bad: too much to be pinned down by a few fixed maps."""
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
@@ -50,14 +56,19 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
 def metric_versions() -> dict[str, str]:
     """What each metric makes of fixed maps, as a hash: it changes when the metric's meaning does.
 
-    Made of results and not of source, so that code may be rewritten without any effect.
+    Made of results and not of source, so that code may be rewritten without any effect. Only the
+    causes of bad pixels, which depend on a whole sequence, have the hash of their source.
     """
     values: dict[str, list[str]] = {}
     for row in case_rows("fixed", {"w000": _fixed_pairs(1), "w001": _fixed_pairs(2)}):
         if row.window == POOLED:
             text = f"{row.method} {row.value:.9g} {row.unit} {row.better}"
             values.setdefault(row.metric, []).append(text)
-    return {name: _short_hash("\n".join(lines)) for name, lines in values.items()}
+    causes = (BAD_POINTS, *(CAUSE_PREFIX + cause for cause in CAUSES))
+    return {
+        **{name: _short_hash("\n".join(lines)) for name, lines in values.items()},
+        **dict.fromkeys(causes, source_digest(CAUSE_MODULES)[:12]),
+    }
 
 
 def _fixed_pairs(salt: int) -> dict[str, MethodPairs]:

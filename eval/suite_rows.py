@@ -77,6 +77,7 @@ class JobNote:
     seconds: float = 0.0
     found: bool = False
     failure: str = ""
+    cpu_seconds: float = 0.0
 
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 

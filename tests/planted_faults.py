@@ -35,8 +35,8 @@ FAULTS = (
     Fault(
         "swapped cameras",
         "emvs/backproject.py",
-        "events = recording.events(k, ",
-        "events = recording.events(len(recording.rig) - 1 - k, ",
+        "recording.events(k, window.t0_us",
+        "recording.events(len(recording.rig) - 1 - k, window.t0_us",
     ),
     Fault(
         "C+ and C- exchanged",
@@ -66,8 +66,8 @@ FAULTS = (
     Fault(
         "dropped tail",
         "emvs/rays.py",
-        "// PACKET * PACKET if packets else len(events)",
-        "// PACKET * PACKET",
+        "return events, events.t_us",
+        "return (kept := events.slice(0, len(events) // PACKET * PACKET)), kept.t_us",
     ),
 )
 

@@ -25,6 +25,7 @@ from eval.colour import (
 )
 from eval.curves import curve
 from eval.figures import (
+    behind_image,
     confidence_image,
     depth_image,
     error_cap_cm,
@@ -33,7 +34,7 @@ from eval.figures import (
     frame_image,
 )
 from eval.metrics import Pairs
-from eval.plots import DsiSlice, curves_svg, slice_svg
+from eval.plots import DsiSlice, _surfaces, curves_svg, slice_svg
 from eval.png import IndexedImage
 
 WHITE = [255, 255, 255]
@@ -128,6 +129,30 @@ def test_confidence_is_dark_where_high_and_white_where_there_is_none():
     grey = confidence_image(confidence, confidence_scale(10.0)).rgba()[0, :, 0].astype(int)
     assert grey[0] == grey[3] == 255
     assert grey[0] > grey[1] > grey[2]
+
+
+def test_large_pictures_are_kept_small():
+    """Fewer greys and half the frame, and still blank where blank, dark where high."""
+    confidence = np.tile(np.linspace(0, 10, 1280), (720, 1))
+    confidence[0, 0] = np.nan
+    few = confidence_image(confidence, confidence_scale(10.0))
+    assert few.index[0, 0] == 255
+    assert len(np.unique(few.index[1])) == 17
+    assert (np.diff(few.rgba()[1, :, 0].astype(int)) <= 0).all()
+    frame = np.random.default_rng(0).integers(0, 256, (720, 1280), np.uint8)
+    assert behind_image(frame).index.shape == (360, 640)
+    small = frame[:100, :100]
+    np.testing.assert_array_equal(behind_image(small).index, frame_image(small).index)
+
+
+def test_true_depth_is_a_line_that_jumps_where_depth_does():
+    truth = np.array([1.0, 1.0, np.nan, 2.0, 2.0, 4.0])
+    x, rho = _surfaces(truth, np.linspace(0.2, 1.2, 11))
+    pieces = np.split(rho, np.flatnonzero(np.isnan(rho)))
+    runs = [set(run[~np.isnan(run)]) for run in pieces]
+    assert [run for run in runs if run] == [{1.0}, {0.5}, {0.25}]
+    assert x[0] == -0.5
+    assert x[-1] == 5.5
 
 
 def test_frame_keeps_black_white_and_order():

@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from point_world import fronto_parallel
 
 from emvs.config import MapperConfig
+from emvs.errors import InputError
 from emvs.inpaint import fill, inpaint
 from emvs.mapper import map_window
-from emvs.output import write_window
+from emvs.output import StoredWindow, write_window
 
 SHAPE = (30, 40)
 
@@ -66,16 +67,69 @@ def test_too_few_points_or_a_line_of_them_fill_nothing(count):
     assert np.isfinite(depth_m).all()
 
 
-def test_the_map_folder_keeps_both_and_says_which_is_which(tmp_path):
-    config = MapperConfig(planes=20, min_depth_m=0.5, max_depth_m=4, methods=("Focus/H", "Alg1/H"))
+@pytest.fixture(scope="module")
+def filled_window(tmp_path_factory):
+    config = MapperConfig(
+        planes=20, min_depth_m=0.5, max_depth_m=4, methods=("Focus/H", "Alg1/H"), inpaint=True
+    )
     result = map_window(fronto_parallel(1.5), config)
-    for asked in (False, True):
-        told = config.model_copy(update={"inpaint": asked})
-        write_window(tmp_path / str(asked), result, told, ("cam0", "cam1"), clouds=False)
-        assert (tmp_path / str(asked) / "Focus-H" / "dense.npz").exists() == asked
-    with np.load(tmp_path / "True" / "Focus-H" / "dense.npz") as stored:
-        dense = inpaint(result.depth_maps["Focus/H"])
-        np.testing.assert_array_equal(stored["measured"], result.depth_maps["Focus/H"].mask)
-        np.testing.assert_array_equal(stored["depth_m"], dense.depth_m)
-        assert stored["filled"].sum() > stored["measured"].sum() > 0
-        assert not (stored["filled"] & stored["measured"]).any()
+    folder = tmp_path_factory.mktemp("map") / "w000"
+    info = write_window(folder, result, config, ("cam0", "cam1"), clouds=False)
+    return StoredWindow(folder, info), result, config
+
+
+def test_the_map_folder_keeps_both_and_says_which_is_which(filled_window):
+    window, result, _ = filled_window
+    for method, depth_map in result.depth_maps.items():
+        read, made = window.dense(method), inpaint(depth_map)
+        for name in ("depth_m", "measured", "filled"):
+            np.testing.assert_array_equal(getattr(read, name), getattr(made, name))
+            assert getattr(read, name).dtype == getattr(made, name).dtype
+        np.testing.assert_array_equal(read.measured, depth_map.mask)
+        assert read.filled.sum() > read.measured.sum() > 0
+
+
+def test_a_map_without_inpaint_has_no_dense_depth(filled_window, tmp_path):
+    _, result, config = filled_window
+    plain = config.model_copy(update={"inpaint": False})
+    info = write_window(tmp_path / "w000", result, plain, ("cam0", "cam1"), clouds=False)
+    assert not (tmp_path / "w000" / "Focus-H" / "dense.npz").exists()
+    with pytest.raises(InputError, match="map with inpaint"):
+        StoredWindow(tmp_path / "w000", info).dense("Focus/H")
+    with pytest.raises(InputError, match="no method"):
+        StoredWindow(tmp_path / "w000", info).dense("Alg1/max")
+
+
+WRONG = {
+    "no array": {"filled": None},
+    "float32": {"measured": np.zeros((60, 80), np.float32)},
+    "shape": {"depth_m": np.ones((3, 4), np.float32)},
+    "both measured and filled": {"filled": "measured"},
+}
+
+
+@pytest.mark.parametrize("told", WRONG)
+def test_damaged_dense_depth_is_refused(filled_window, tmp_path, told):
+    window, _, _ = filled_window
+    dense = window.dense("Focus/H")
+    arrays = {"depth_m": dense.depth_m, "measured": dense.measured, "filled": dense.filled}
+    for name, value in WRONG[told].items():
+        arrays[name] = dense.measured if isinstance(value, str) else value
+    copy = tmp_path / "w000" / "Focus-H"
+    copy.mkdir(parents=True)
+    (copy / "depth.npz").write_bytes((window.path / "Focus-H" / "depth.npz").read_bytes())
+    np.savez(copy / "dense.npz", **{k: v for k, v in arrays.items() if v is not None})
+    with pytest.raises(InputError, match=told):
+        StoredWindow(tmp_path / "w000", window.info).dense("Focus/H")
+
+
+def test_truncated_dense_depth_is_refused(filled_window, tmp_path):
+    window, _, _ = filled_window
+    copy = tmp_path / "w000" / "Focus-H"
+    copy.mkdir(parents=True)
+    for name in ("depth.npz", "dense.npz"):
+        (copy / name).write_bytes((window.path / "Focus-H" / name).read_bytes())
+    with (copy / "dense.npz").open("r+b") as file:
+        file.truncate(200)
+    with pytest.raises(InputError, match="damaged"):
+        StoredWindow(tmp_path / "w000", window.info).dense("Focus/H")

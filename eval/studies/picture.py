@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from emvs.atomic import atomic_path
-from eval.plots import line_style
+from eval.line_styles import line_style
 from eval.studies.curves import BREAKS_AT, METRICS, Curve
 from eval.studies.study import Study
 
@@ -31,12 +31,12 @@ def draw(study: Study, curves: Sequence[Curve], path: Path) -> None:
 
 def _draw_panel(axes: Axes, study: Study, curves: Sequence[Curve]) -> None:
     places = study.amounts
-    for position, curve in enumerate(curves):
-        style = line_style(curve.method, position)
+    for curve in curves:
+        style = line_style(curve.method)
         axes.fill_between(places, curve.low, curve.high, color=style.colour, alpha=0.13, lw=0)
         axes.plot(
-            places, curve.mean, color=style.colour, linestyle=style.dash, lw=1.5, marker=".",
-            label=curve.method,
+            places, curve.mean, color=style.colour, linestyle=style.dash, lw=1.5,
+            marker=style.marker or ".", markersize=4.5, label=curve.method,
         )  # fmt: skip
         broken = curve.breaking_amount() if curve.metric == METRICS[0] else None
         if broken is not None:

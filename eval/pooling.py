@@ -1,0 +1,181 @@
+"""All windows' pixels together, window by window: as one large window, in memory that stays flat.
+
+Most metrics are means over pixels, so the windows' values and numbers of pixels are enough. Medians
+and curves need all pixels in order, which `eval.pool_order` keeps on disk.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from emvs.errors import InputError
+from eval.coverage import COVERAGES_PERCENT
+from eval.metrics import Metric, Pairs
+from eval.pool_order import MOST, Floats, Ordered
+
+_NAN = float("nan")
+
+
+class Pool:
+    """The pixels of one method in one region, of any number of windows.
+
+    Attributes:
+        points: pixels with an estimate and a truth so far.
+        truth_points: pixels with a truth so far.
+        baseline_focal_px_m: of the rig, px·m; NaN for a rig of one camera, and before a window.
+    """
+
+    def __init__(self, metrics: Mapping[str, Metric], folder: Path, name: str) -> None:
+        """Prepares to pool these metrics; files in `folder` begin with `name`."""
+        self._metrics = metrics
+        self.points = self.truth_points = 0
+        self.baseline_focal_px_m = _NAN
+        self._sums = dict.fromkeys(metrics, 0.0)
+        self._log_ratio: list[tuple[int, float]] = []
+        self._errors = Ordered(folder / f"{name}-errors")
+        self._cells: Ordered | None = Ordered(folder / f"{name}-cells")
+        self._sure: Ordered | None = Ordered(folder / f"{name}-sure")
+        self._windows = 0
+
+    def add(self, pairs: Pairs, values: Mapping[str, float]) -> None:
+        """Adds a window.
+
+        Args:
+            pairs: its pixels.
+            values: its value of each metric.
+
+        Raises:
+            InputError: a window of another rig, or no room on the disk.
+        """
+        self._check_rig(pairs)
+        self.points += pairs.count
+        self.truth_points += pairs.truth_count
+        for name, metric in self._metrics.items():
+            if weight := _weight(metric, pairs):
+                value = values[name]
+                self._sums[name] += weight * (value**2 if metric.pooling == "squares" else value)
+        if pairs.count:
+            self._log_ratio.append((pairs.count, float(np.mean(pairs.log_ratio))))
+        self._keep(pairs)
+
+    def values(self, most: int = MOST) -> dict[str, float]:
+        """Every metric of all windows' pixels together; NaN where it is undefined."""
+        found = {name: self._value(metric) for name, metric in self._metrics.items()}
+        found["median_error"] = self._errors.median(most)
+        if "median_cells" in self._metrics:
+            found["median_cells"] = _NAN if self._cells is None else self._cells.median(most)
+        if "aurc" in self._metrics:
+            found |= self._coverage(most)
+        return {name: found[name] for name in self._metrics}
+
+    def _check_rig(self, pairs: Pairs) -> None:
+        before, now = self.baseline_focal_px_m, pairs.baseline_focal_px_m
+        # No stereo rig at all is NaN, which is like itself here.
+        if self._windows and not np.array_equal([before], [now], equal_nan=True):
+            raise InputError(
+                f"cannot pool windows with baseline x focal length {before} and {now} px·m: "
+                "pool windows of one rig"
+            )
+        self.baseline_focal_px_m, self._windows = now, self._windows + 1
+
+    def _keep(self, pairs: Pairs) -> None:
+        error_m = pairs.error_m
+        self._errors.add(error_m)
+        # Half a column is not comparable: one window without it, and there is none.
+        self._cells = _added(self._cells, pairs.cells)
+        if pairs.confidence is None:
+            self._sure = None
+        elif self._sure is not None and "aurc" in self._metrics:
+            self._sure.add(-pairs.confidence, error_m)
+
+    def _value(self, metric: Metric) -> float:
+        total, name = self._sums[metric.name], metric.name
+        if metric.pooling == "sum":
+            return total
+        if metric.pooling == "order":
+            return _NAN  # found elsewhere
+        if metric.name.endswith(("cells", "cell")) and self._cells is None:
+            return _NAN
+        if metric.pooling == "truth":
+            return total / self.truth_points if self.truth_points else _NAN
+        if metric.pooling == "either":
+            either = self.points + self.truth_points
+            return total / either if either else _NAN
+        if not self.points:
+            return _NAN
+        mean = self._sums[name] / self.points
+        if metric.pooling == "squares":
+            return math.sqrt(mean)
+        return mean + self._between() if metric.pooling == "variance" else mean
+
+    def _between(self) -> float:
+        """The part of a variance that lies between windows, x 100."""
+        counts, means = map(np.array, zip(*self._log_ratio, strict=True))
+        mean = np.sum(counts * means) / np.sum(counts)
+        return 100 * float(np.sum(counts * (means - mean) ** 2) / np.sum(counts))
+
+    def _coverage(self, most: int) -> dict[str, float]:
+        """`eval.coverage` of all windows' pixels; every chunk goes on where the last one ended."""
+        names = {percent: f"mean_error_top_{percent}pct" for percent in COVERAGES_PERCENT}
+        found = dict.fromkeys(("aurc", "ause", *names.values()), _NAN)
+        if self._sure is None or not self.points:
+            return found
+        area = least = before = error_sum = best_sum = 0.0
+        best = _Best(self._errors, most)
+        for keys, error_m in self._sure.chunks(most):
+            last = np.append(keys[1:] != keys[:-1], True)
+            points = before + np.flatnonzero(last) + 1
+            errors = _running(error_sum, error_m)
+            bests = _running(best_sum, best.take(len(keys)))
+            steps, mean_m = np.diff(points, prepend=before), errors[last] / points
+            area += float(np.sum(steps * mean_m))
+            least += float(np.sum(steps * (mean_m - bests[last] / points)))
+            for percent, name in names.items():
+                enough = 100 * points / self.truth_points >= percent
+                if math.isnan(found[name]) and enough.any():
+                    found[name] = float(mean_m[np.argmax(enough)])
+            before, error_sum, best_sum = float(points[-1]), float(errors[-1]), float(bests[-1])
+        found["aurc"], found["ause"] = area / self.points, max(0.0, least / self.points)
+        return found
+
+
+class _Best:
+    """Errors in order, in pieces of any length."""
+
+    def __init__(self, errors: Ordered, most: int) -> None:
+        self._chunks, self._rest = errors.chunks(most), np.empty(0)
+
+    def take(self, count: int) -> Floats:
+        """The next `count` errors."""
+        parts = [self._rest]
+        while sum(map(len, parts)) < count:
+            parts.append(next(self._chunks)[0])
+        whole = np.concatenate(parts)
+        self._rest = whole[count:]
+        return whole[:count]
+
+
+def _running(before: float, numbers: Floats) -> Floats:
+    """Cumulative sums that go on from `before`."""
+    found: Floats = np.cumsum(np.concatenate([[before], numbers]))[1:]
+    return found
+
+
+def _added(store: Ordered | None, numbers: Floats | None) -> Ordered | None:
+    if store is None or numbers is None:
+        return None
+    store.add(numbers)
+    return store
+
+
+def _weight(metric: Metric, pairs: Pairs) -> int:
+    """How much a window's value counts; 0 where it has none."""
+    if metric.pooling == "truth":
+        return pairs.truth_count
+    if metric.pooling == "either":
+        return pairs.count + pairs.truth_count
+    return 1 if metric.pooling == "sum" else pairs.count

@@ -1,0 +1,60 @@
+"""Every method looks the same wherever it is drawn, and unlike every other, colour or no colour."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from matplotlib.colors import to_rgb
+from matplotlib.lines import Line2D
+
+from emvs.rivals.catalogue import RIVALS
+from eval.line_styles import INK, line_style
+
+SWEPT = [f"Alg1/{name}" for name in ("min", "H", "G", "A", "RMS", "max")]
+TOGETHER = [
+    *SWEPT, "EMVS/cam0", "EMVS/cam1", "Focus/H", "Focus/cam0", "Alg2/AtHc@4", "Late/union",
+    *(rival.name for rival in RIVALS),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("one", "other"), list(itertools.combinations(TOGETHER, 2)))
+def test_without_colour_methods_still_differ(one, other):
+    first, second = line_style(one), line_style(other)
+    assert (first.dash, first.marker) != (second.dash, second.marker)
+    assert first.colour != second.colour or one.split("/")[0] == other.split("/")[0]
+
+
+def test_families_differ_by_marker():
+    families = {name.split("/")[0]: line_style(name).marker for name in TOGETHER}
+    marked = [marker for family, marker in families.items() if family != "Alg1"]
+    assert "" not in marked
+    assert len(set(marked)) == len(marked)
+
+
+@given(st.text(max_size=30))
+def test_any_name_has_a_style_that_can_be_drawn(name):
+    style = line_style(name)
+    assert style == line_style(name)
+    to_rgb(style.colour)
+    Line2D([0], [0], color=style.colour, linestyle=style.dash, marker=style.marker)
+
+
+@pytest.mark.parametrize("method", TOGETHER)
+def test_lines_are_seen_on_white_and_on_dark(method):
+    """Contrast by WCAG, against the page's two grounds."""
+    style = line_style(method)
+    if style.colour == INK:
+        assert style.css == "currentColor"
+        return
+    ours = luminance(style.colour)
+    for ground in (luminance("#ffffff"), luminance("#14171a")):
+        high, low = max(ours, ground), min(ours, ground)
+        assert (high + 0.05) / (low + 0.05) > 2
+
+
+def luminance(colour):
+    linear = [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in to_rgb(colour)]
+    return sum(w * v for w, v in zip((0.2126, 0.7152, 0.0722), linear, strict=True))

@@ -1,0 +1,38 @@
+"""The scoring stage of a suite's jobs: what its numbers are comparable to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from eval import stage_score
+from eval.gate import Tolerances, compare
+from eval.gate_series import of_suite
+from eval.results import Row
+from eval.stage_score import metric_versions
+from eval.suite_rows import Sample, SampleFacts, SuiteResult
+from eval.taxonomy import CAUSES
+
+CAUSE_METRICS = {"outlier_points", *(f"cause_{cause}" for cause in CAUSES)}
+
+
+def test_causes_have_versions_of_their_own(monkeypatch):
+    """A change of what decides a cause changes the version of the causes, and nothing else."""
+    before = metric_versions()
+    monkeypatch.setattr(stage_score, "CAUSE_MODULES", ("eval.taxonomy",))
+    after = metric_versions()
+    assert {name for name in before if before[name] != after[name]} == CAUSE_METRICS
+
+
+def test_causes_of_another_version_are_not_comparable():
+    """The same number under another definition of the causes is no longer the same number."""
+    row = Row("wall", "all", "Alg1/H", "cause_occlusion", 40.0, "%", "none")
+    facts = SampleFacts("s", "t", "scene", "gl", {}, {}, {"cause_occlusion": "one"})
+    old = SuiteResult(
+        "suite", "all", "d", {"metrics": ["cause_occlusion"]}, {"wall": "c"}, (0,),
+        (Sample("wall", 0, (row,), facts),),
+    )  # fmt: skip
+    newer = replace(facts, metrics={"cause_occlusion": "two"})
+    new = replace(old, samples=(Sample("wall", 0, (row,), newer),))
+    (same,) = compare(of_suite(old).series, of_suite(old), Tolerances())
+    (other,) = compare(of_suite(old).series, of_suite(new), Tolerances())
+    assert (same.status, other.status) == ("same", "not comparable")
