@@ -29,6 +29,32 @@ def _turned(quat, axis, angle):
     )  # fmt: skip
 
 
+@njit(cache=True)
+def _pose(share, s, position_m, quat, axis, angle, offset_m):
+    """Rotation of the body and place of the camera, in the reference view, `share` into segment s.
+
+    Rotation along the great arc, position along the line.
+    """
+    r = _turned(quat[s], axis[s], share * angle[s])
+    now, later, far = position_m[s], position_m[s + 1], 1 - share
+    ox, oy, oz = offset_m[0], offset_m[1], offset_m[2]
+    return r, (
+        far * now[0] + share * later[0] + r[0] * ox + r[1] * oy + r[2] * oz,
+        far * now[1] + share * later[1] + r[3] * ox + r[4] * oy + r[5] * oz,
+        far * now[2] + share * later[2] + r[6] * ox + r[7] * oy + r[8] * oz,
+    )
+
+
+@njit(cache=True)
+def _look_up(x, y, bearing):
+    """(N, 2) bearings of N pixels: a loop so short that the waits for the table overlap."""
+    found = np.empty((len(x), 2))
+    for k in range(len(x)):
+        found[k, 0] = bearing[y[k], x[k], 0]
+        found[k, 1] = bearing[y[k], x[k], 1]
+    return found
+
+
 @njit(parallel=True, cache=True)
 def rays(
     x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T_body_cam, K,
@@ -55,21 +81,27 @@ def rays(
     last_segment = len(angle) - 1
     for block in prange((len(x) + BLOCK - 1) // BLOCK):
         lo, hi = block * BLOCK, min((block + 1) * BLOCK, len(x))
+        seen = _look_up(x[lo:hi], y[lo:hi], bearing)
         s = np.searchsorted(knots_us, pose_us[lo], side="right") - 1
         s = min(max(s, 0), last_segment)
+        # In dense streams many events share a microsecond, and a pose.
+        posed_us = pose_us[lo] - 1
+        r, place = _pose(0.0, s, position_m, quat, axis, angle, offset_m)
         for k in range(lo, hi):
             t = pose_us[k]
             if t < knots_us[0] or t > knots_us[-1]:
                 fate[k] = NO_POSE
                 continue
-            while s < last_segment and t >= knots_us[s + 1]:
-                s += 1
-            bx, by = bearing[y[k], x[k], 0], bearing[y[k], x[k], 1]
+            bx, by = seen[k - lo, 0], seen[k - lo, 1]
             if np.isnan(bx) or np.isnan(by):
                 fate[k] = NO_RAY
                 continue
-            share = (t - knots_us[s]) / (knots_us[s + 1] - knots_us[s])
-            r = _turned(quat[s], axis[s], share * angle[s])
+            if t != posed_us:
+                posed_us = t
+                while s < last_segment and t >= knots_us[s + 1]:
+                    s += 1
+                share = (t - knots_us[s]) / (knots_us[s + 1] - knots_us[s])
+                r, place = _pose(share, s, position_m, quat, axis, angle, offset_m)
             ex = R[0, 0] * bx + R[0, 1] * by + R[0, 2]
             ey = R[1, 0] * bx + R[1, 1] * by + R[1, 2]
             ez = R[2, 0] * bx + R[2, 1] * by + R[2, 2]
@@ -79,14 +111,9 @@ def rays(
                 continue
             dx = (r[0] * ex + r[1] * ey + r[2] * ez) / dz
             dy = (r[3] * ex + r[4] * ey + r[5] * ez) / dz
-            ox, oy, oz = offset_m[0], offset_m[1], offset_m[2]
-            now, later, far = position_m[s], position_m[s + 1], 1 - share
-            camera_x = far * now[0] + share * later[0] + r[0] * ox + r[1] * oy + r[2] * oz
-            camera_y = far * now[1] + share * later[1] + r[3] * ox + r[4] * oy + r[5] * oz
-            camera_z = far * now[2] + share * later[2] + r[6] * ox + r[7] * oy + r[8] * oz
             a_u[k] = fx * dx + cx
-            b_u[k] = fx * (camera_x - dx * camera_z)
+            b_u[k] = fx * (place[0] - dx * place[2])
             a_v[k] = fy * dy + cy
-            b_v[k] = fy * (camera_y - dy * camera_z)
-            c_z[k] = camera_z
+            b_v[k] = fy * (place[1] - dy * place[2])
+            c_z[k] = place[2]
             fate[k] = VOTES
