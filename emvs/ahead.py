@@ -6,13 +6,8 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from types import TracebackType
 
-import numpy as np
-from numpy.typing import NDArray
-
 from emvs.data.events import Events
-from emvs.data.recording import Recording
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
+from emvs.data.recording import DerivedRecording, Recording
 from emvs.errors import InputError
 from emvs.memory import check_window_fits
 from emvs.window import Window
@@ -20,12 +15,8 @@ from emvs.window import Window
 _Stretch = tuple[int, int]
 
 
-class ReadAhead:
-    """Reads windows ahead, in a thread of its own; to be used as a context.
-
-    Attributes:
-        recording: the one that is read.
-    """
+class ReadAhead(DerivedRecording):
+    """Reads windows ahead, in a thread of its own; to be used as a context."""
 
     def __init__(
         self, recording: Recording, received: Callable[[Events], Events], *, ahead: bool
@@ -37,7 +28,8 @@ class ReadAhead:
             received: what is done with events as they are read, such as an upload.
             ahead: whether to read ahead at all; else everything is read when it is asked for.
         """
-        self.recording, self._received, self._ahead = recording, received, ahead
+        super().__init__(recording)
+        self._received, self._ahead = received, ahead
         self._thread = ThreadPoolExecutor(1)
         self._coming: dict[_Stretch, Future[list[Events]]] = {}
 
@@ -78,31 +70,3 @@ class ReadAhead:
                 # Two windows at a time may be too much; its own turn will tell.
                 self._coming.pop((t0_us, t1_us), None)
         return self.recording.events(camera, t0_us, t1_us)
-
-    @property
-    def name(self) -> str:
-        """What the recording is called."""
-        return self.recording.name
-
-    @property
-    def rig(self) -> Rig:
-        """Its cameras."""
-        return self.recording.rig
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """`T_world_body` over time."""
-        return self.recording.trajectory
-
-    @property
-    def depth_range_m(self) -> tuple[float, float] | None:
-        """Nearest and farthest depth, where the recording knows it."""
-        return self.recording.depth_range_m
-
-    def event_span_us(self, camera: int) -> tuple[int, int]:
-        """First and last instant of the recording."""
-        return self.recording.event_span_us(camera)
-
-    def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
-        """The image nearest to a time, if any."""
-        return self.recording.frame(camera, t_us)

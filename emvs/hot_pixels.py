@@ -18,9 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
-from emvs.data.recording import Recording
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
+from emvs.data.recording import DerivedRecording, Recording
 from emvs.progress import Progress, silent
 from emvs.window import time_steps
 
@@ -92,50 +90,22 @@ def hot_mask(counts: Counts, ratio: float) -> Mask:
     return hot
 
 
-class WithoutPixels:
+class WithoutPixels(DerivedRecording):
     """A recording without the events of some pixels.
 
     Attributes:
-        recording: the one that is filtered.
         masks: per camera, (H, W) bool, set at pixels whose events are left out.
     """
 
     def __init__(self, recording: Recording, masks: Sequence[Mask]) -> None:
-        self.recording, self.masks = recording, tuple(masks)
-
-    @property
-    def name(self) -> str:
-        """What the recording is called."""
-        return self.recording.name
-
-    @property
-    def rig(self) -> Rig:
-        """Its cameras."""
-        return self.recording.rig
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """`T_world_body` over time."""
-        return self.recording.trajectory
-
-    @property
-    def depth_range_m(self) -> tuple[float, float] | None:
-        """Nearest and farthest depth, where the recording knows it."""
-        return self.recording.depth_range_m
-
-    def event_span_us(self, camera: int) -> tuple[int, int]:
-        """The span of the recording as it was: windows do not move because of the filter."""
-        return self.recording.event_span_us(camera)
+        super().__init__(recording)
+        self.masks = tuple(masks)
 
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """Events of a camera with `t0_us <= t < t1_us` from the pixels that remain."""
         events = self.recording.events(camera, t0_us, t1_us)
         kept = ~self.masks[camera][events.y, events.x]
         return Events(events.x[kept], events.y[kept], events.t_us[kept], events.p[kept])
-
-    def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
-        """The image nearest to a time, if any."""
-        return self.recording.frame(camera, t_us)
 
 
 def _counts(recording: Recording, camera: int, t0_us: int, t1_us: int) -> Counts:

@@ -39,3 +39,46 @@ class Recording(Protocol):
 
     def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
         """(H, W) intensity image of a camera nearest to a time, for people to look at, if any."""
+
+
+class DerivedRecording:
+    """A recording made from another: all is as it is there, but for what a subclass changes.
+
+    Attributes:
+        recording: the other one.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+
+    @property
+    def name(self) -> str:
+        """What the recording is called."""
+        return self.recording.name
+
+    @property
+    def rig(self) -> Rig:
+        """The cameras and where they sit on the body."""
+        return self.recording.rig
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """`T_world_body` over time."""
+        return self.recording.trajectory
+
+    @property
+    def depth_range_m(self) -> tuple[float, float] | None:
+        """Nearest and farthest depth, where the recording knows it."""
+        return self.recording.depth_range_m
+
+    def event_span_us(self, camera: int) -> tuple[int, int]:
+        """First and last instant, µs: windows do not move because of what was changed."""
+        return self.recording.event_span_us(camera)
+
+    def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
+        """Events of a camera with `t0_us <= t < t1_us`."""
+        return self.recording.events(camera, t0_us, t1_us)
+
+    def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
+        """(H, W) intensity image of a camera nearest to a time, if any."""
+        return self.recording.frame(camera, t_us)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,31 +11,24 @@ from scipy.spatial.transform import Rotation
 from emvs.data import se3
 from emvs.data.camera import Camera
 from emvs.data.events import Events
-from emvs.data.recording import Recording
+from emvs.data.recording import DerivedRecording, Recording
 from emvs.data.rig import Rig
 from emvs.data.trajectory import Trajectory
 from eval.studies.perturbation import Perturbation
 from eval.studies.poses import spoilt_trajectory
 
 
-@dataclass(frozen=True)
-class Spoilt:
-    """A recording as a careless user would hand it in; a `Recording` itself.
+class Spoilt(DerivedRecording):
+    """A recording as a careless user would hand it in.
 
     Attributes:
-        recording: the sound one.
         perturbation: what is wrong.
         seed: of the random parts.
     """
 
-    recording: Recording
-    perturbation: Perturbation
-    seed: int
-
-    @property
-    def name(self) -> str:
-        """That of the sound recording."""
-        return self.recording.name
+    def __init__(self, recording: Recording, perturbation: Perturbation, seed: int) -> None:
+        super().__init__(recording)
+        self.perturbation, self.seed = perturbation, seed
 
     @property
     def rig(self) -> Rig:
@@ -47,25 +40,12 @@ class Spoilt:
         """The poses as they are told."""
         return spoilt_trajectory(self.recording.trajectory, self.perturbation, self.seed)
 
-    @property
-    def depth_range_m(self) -> tuple[float, float] | None:
-        """That of the sound recording."""
-        return self.recording.depth_range_m
-
-    def event_span_us(self, camera: int) -> tuple[int, int]:
-        """That of the sound recording, so that windows stay where the truth is."""
-        return self.recording.event_span_us(camera)
-
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """Events of a camera with `t0_us <= t < t1_us` on its own clock."""
         delay_us = self._delay_us(camera)
         events = self.recording.events(camera, t0_us - delay_us, t1_us - delay_us)
         kept = thinned(events, self.perturbation.keep_events, self.seed + camera)
         return replace(kept, t_us=kept.t_us + delay_us)
-
-    def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
-        """That of the sound recording."""
-        return self.recording.frame(camera, t_us)
 
     def _delay_us(self, camera: int) -> int:
         return round(1e3 * self.perturbation.camera_delay_ms) if camera == 1 else 0
