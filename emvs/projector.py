@@ -86,13 +86,12 @@ class CpuProjector:
 
     def event_image(self, events: Events, width_px: int, height_px: int) -> NDArray[np.uint32]:
         """Events per pixel, (2, H, W): polarity 0, polarity 1."""
-        image = np.empty((2, height_px, width_px), np.uint32)
-        for polarity in (0, 1):
-            chosen = events.p == polarity
-            cell = events.y[chosen].astype(np.int32) * width_px + events.x[chosen]
-            counts = np.bincount(cell, minlength=width_px * height_px)
-            image[polarity] = counts.reshape(height_px, width_px)
-        return image
+        cell = (events.p != 0).astype(np.intp)
+        for size_px, place in ((height_px, events.y), (width_px, events.x)):
+            cell *= size_px
+            cell += place
+        counts = np.bincount(cell, minlength=2 * height_px * width_px)
+        return counts.astype(np.uint32).reshape(2, height_px, width_px)
 
 
 class CpuCaster:
