@@ -93,7 +93,7 @@ class MapperConfig(BaseModel):
         2.5, le=50, description="scale of the focus measures, px of the reference view"
     )
     focus_reliability: float = Field(
-        0.1, ge=0, le=1, description="reliability that a point of the Focus methods needs"
+        0.03, ge=0, le=1, description="reliability that a point of the Focus methods needs"
     )
     inpaint: bool = Field(
         False, description="also fill the gaps between points, marked as filled in"

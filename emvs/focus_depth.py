@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.depthmap import DepthMap
 from emvs.errors import InputError
 from emvs.focus_fold import InFocus, focus_config
-from emvs.found import at_least
-from emvs.in_focus import judge
+from emvs.focus_judge import judge, on_surface
+from emvs.found import Found, at_least
 from emvs.planes import inverse_depth_at
 from emvs.running import Maximum
 from emvs.view import ReferenceView
@@ -37,15 +38,10 @@ def extract_in_focus(
         config: interpolation, reliability, border.
         baseline_m: what disparities refer to (`parallax_baseline_m`), m.
     """
-    maxima = (found.maximum, *found.witnesses)
-    own, *witnesses = (
-        m.position() if config.refines else m.plane.astype(np.float32) for m in maxima
-    )
-    disparity_px = baseline_m * view.camera.fx_px * view.rho.astype(np.float64)
-    judged = judge(votes.value, own, witnesses, disparity_px, focus_config(config))
+    judged = _judged(votes, found, baseline_m * view.camera.fx_px * view.rho, config)
     return DepthMap(
         method=method,
-        depth_m=np.reciprocal(inverse_depth_at(view.rho, own)),
+        depth_m=np.reciprocal(inverse_depth_at(view.rho, judged.position)),
         confidence=votes.value,
         mask=at_least(judged, config.focus_reliability, config.border_px),
         argmax=found.maximum.plane,
@@ -54,6 +50,20 @@ def extract_in_focus(
         T_world_rv=view.T_world_rv,
         camera=view.camera,
     )
+
+
+def _judged(
+    votes: Maximum, found: InFocus, disparity_px: NDArray[np.floating], config: MapperConfig
+) -> Found:
+    """Depth and reliability; between planes only where the configuration refines at all."""
+    maxima, scales = (found.maximum, *found.witnesses), focus_config(config)
+    disparity_px = disparity_px.astype(np.float64)
+    if not config.refines:
+        loudest, own, *witnesses = (m.plane.astype(np.float32) for m in (votes, *maxima))
+        return judge(votes.value, loudest, own, witnesses, disparity_px, scales)
+    own, *witnesses = (m.position(bell=True) for m in maxima)
+    judged = judge(votes.value, votes.position(), own, witnesses, disparity_px, scales)
+    return on_surface(judged, disparity_px, scales)
 
 
 def parallax_baseline_m(recording: Recording, window: Window) -> float:

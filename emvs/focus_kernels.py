@@ -139,3 +139,45 @@ def own_surface(disparity, candidate, radius, tolerance, towards):
                         down += sign * (v - y)
             towards[0, y, x] = np.float32(across / there)
             towards[1, y, x] = np.float32(down / there)
+
+
+@njit(parallel=True, cache=True)
+def fit_surface(disparity, candidate, weight, tolerance, ridge, out):
+    """Fills `out`, at candidates, with the plane through the disparities around, at the middle.
+
+    Least squares over the candidates in a square whose disparity is less than `tolerance` from
+    that of the middle. Slopes that they do not determine, such as across a line, are 0.
+
+    disparity, out (H, W) float32; candidate (H, W) bool; weight (r + 1,) float32, half a symmetric
+    window, the middle first; ridge: pixels squared, added to the spread of the pixels in x and y.
+    """
+    height, width = disparity.shape
+    radius = len(weight) - 1
+    for y in prange(height):
+        for x in range(width):
+            if not candidate[y, x]:
+                continue
+            total, sx, sy, sd = 0.0, 0.0, 0.0, 0.0
+            sxx, sxy, syy, sxd, syd = 0.0, 0.0, 0.0, 0.0, 0.0
+            for v in range(max(y - radius, 0), min(y + radius + 1, height)):
+                for u in range(max(x - radius, 0), min(x + radius + 1, width)):
+                    apart = float(disparity[v, u]) - float(disparity[y, x])
+                    if candidate[v, u] and abs(apart) < tolerance:
+                        i, j = u - x, v - y
+                        w = float(weight[abs(i)]) * float(weight[abs(j)])
+                        total += w
+                        sx += w * i
+                        sy += w * j
+                        sd += w * apart
+                        sxx += w * i * i
+                        sxy += w * i * j
+                        syy += w * j * j
+                        sxd += w * i * apart
+                        syd += w * j * apart
+            mx, my, md = sx / total, sy / total, sd / total
+            xx, yy = sxx / total - mx * mx + ridge, syy / total - my * my + ridge
+            xy = sxy / total - mx * my
+            xd, yd = sxd / total - mx * md, syd / total - my * md
+            det = xx * yy - xy * xy
+            slope_x, slope_y = (xd * yy - yd * xy) / det, (yd * xx - xd * xy) / det
+            out[y, x] = disparity[y, x] + np.float32(md - slope_x * mx - slope_y * my)

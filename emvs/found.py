@@ -24,6 +24,9 @@ class Found:
         agreement: (H, W) float32 in 0..1, of the cameras with each other; 1 with a single camera.
         support: (H, W) float32 in 0..1, share of the candidates around that have this depth too.
         inside: (H, W) float32 in 0..1, near 0 where the pixel lies beyond its surface's edge.
+        ray: (H, W) float32 in 0..1, near 0 where the votes' plain maximum lies elsewhere.
+        strength: (H, W) float32 in 0..1, 0.5 where there are as many votes as at half of the
+            candidates.
     """
 
     position: Floats
@@ -32,11 +35,13 @@ class Found:
     agreement: Floats
     support: Floats
     inside: Floats
+    ray: Floats
+    strength: Floats
 
     @property
     def reliability(self) -> Floats:
-        """(H, W) float32 in 0..1: agreement x support x inside; 0 where there is no candidate."""
-        product = self.agreement * self.support * self.inside
+        """(H, W) float32 in 0..1: the product, support squared; 0 where there is no candidate."""
+        product = self.agreement * self.support**2 * self.inside * self.ray * self.strength
         return np.where(self.candidate, product, np.float32(0))
 
 

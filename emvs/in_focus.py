@@ -7,29 +7,24 @@ method, `Focus/H`; on its own it is used so:
     finder = FocusFinder(cameras=2, width_px=346, height_px=260)
     for fused, votes in planes:          # (H, W) and (C, H, W), near to far
         finder.take(fused, votes)
-    found = finder.found(plane_px=0.3)
+    found = finder.found(disparity_px)   # (N,), of each plane: baseline x focal length / depth
     mask = most_reliable(found, points=4000, border_px=2)
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs import focus, focus_kernels
-from emvs.depthmap import eight_bits
 from emvs.errors import InputError
 from emvs.focus_config import FocusConfig
+from emvs.focus_judge import judge, on_surface
 from emvs.focus_peak import FocusPeak
 from emvs.found import Found
 
 Floats = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-
-_SLOPE_SIGMA_PX = 0.8  # scale of the votes' slope: that of a ridge of votes, not of its noise
 
 
 class FocusFinder:
@@ -75,70 +70,46 @@ class FocusFinder:
             peak.take(plane)
         self._planes += 1
 
-    def found(self, plane_px: float) -> Found:
+    def found(self, disparity_px: NDArray[np.floating]) -> Found:
         """Returns the depth of all planes so far, and how reliable it is.
 
         Args:
-            plane_px: disparity between two planes, px: b f times their step in inverse depth.
+            disparity_px: (N,) disparity of each plane, px: baseline times focal length times its
+                inverse depth.
 
         Raises:
-            InputError: no plane has passed, or `plane_px` is not positive.
+            InputError: no plane has passed, or there is no disparity above 0 for each.
         """
-        if self._planes == 0 or not plane_px > 0:
+        if (
+            self._planes == 0
+            or disparity_px.shape != (self._planes,)
+            or not (disparity_px > 0).all()
+        ):
             raise InputError(
-                f"{self._planes} planes {plane_px} px apart: needs at least 1, and a distance > 0"
+                f"{self._planes} planes, disparities of shape {disparity_px.shape}: needs at least "
+                "1 plane, and for each a disparity > 0"
             )
-        return judge(
-            self._votes.maximum().value,
-            self._fused.maximum().position(),
-            [peak.maximum().position() for peak in self._cameras],
-            -plane_px * np.arange(self._planes),
+        votes, fused = self._votes.maximum(), self._fused.maximum()
+        witnesses = [peak.maximum().position(bell=True) for peak in self._cameras]
+        judged = judge(
+            votes.value, votes.position(), fused.position(bell=True), witnesses, disparity_px,
             self._config,
-        )
+        )  # fmt: skip
+        return on_surface(judged, disparity_px, self._config)
 
 
-def judge(
-    confidence: Floats,
-    position: Floats,
-    witnesses: Sequence[Floats],
+def find(
+    fused: Floats,
+    votes: Floats,
     disparity_px: NDArray[np.floating],
-    config: FocusConfig,
+    config: FocusConfig | None = None,
 ) -> Found:
-    """Says how reliable each pixel's depth is.
-
-    Args:
-        confidence: (H, W) float32 maximum of the fused volume, votes.
-        position: (H, W) float32 plane index where the fused volume is most in focus.
-        witnesses: the same of each camera's own volume, whose agreement is asked for.
-        disparity_px: (N,) disparity of each plane, px; what counts are differences.
-        config: scales.
-    """
-    planes = np.arange(len(disparity_px))
-
-    def disparity(at: Floats) -> Floats:
-        return np.asarray(np.interp(at, planes, disparity_px), np.float32)
-
-    own_px = disparity(position)
-    candidate = _candidates(confidence, config)
-    support = np.zeros_like(position)
-    focus_kernels.support(
-        own_px, candidate, config.support_radius_px, np.float32(config.support_px), support
-    )
-    apart_px = np.zeros_like(position)
-    for witness in witnesses:
-        np.maximum(apart_px, abs(disparity(witness) - own_px), out=apart_px)
-    agreement: Floats = np.exp(-apart_px / np.float32(config.agreement_px))
-    inside = _inside(confidence, own_px, candidate, config)
-    return Found(position, confidence, candidate, agreement, support, inside)
-
-
-def find(fused: Floats, votes: Floats, plane_px: float, config: FocusConfig | None = None) -> Found:
     """Extracts depth by focus from whole volumes, plane by plane.
 
     Args:
         fused: (N, H, W) float32, the cameras' votes fused by any function.
         votes: (C, N, H, W) float32 votes of each camera.
-        plane_px: disparity between two planes, px.
+        disparity_px: (N,) disparity of each plane, px.
         config: parameters.
 
     Raises:
@@ -151,34 +122,4 @@ def find(fused: Floats, votes: Floats, plane_px: float, config: FocusConfig | No
     finder = FocusFinder(len(votes), fused.shape[2], fused.shape[1], config)
     for plane, value in enumerate(fused):
         finder.take(value, votes[:, plane])
-    return finder.found(plane_px)
-
-
-def _candidates(confidence: Floats, config: FocusConfig) -> Mask:
-    kept = cv2.adaptiveThreshold(
-        eight_bits(confidence, 0.0),
-        1,
-        cv2.ADAPTIVE_THRESH_GAUSSIAN_C,
-        cv2.THRESH_BINARY,
-        config.threshold_kernel_px,
-        -config.threshold_c,
-    )
-    return (kept > 0) & (confidence > 0)
-
-
-def _inside(confidence: Floats, own_px: Floats, candidate: Mask, config: FocusConfig) -> Floats:
-    """Near 0 where the votes rise steeply towards the pixel's own surface: it lies beyond an edge.
-
-    The ridge of votes along a silhouette is a few pixels wide, and its outer half shows what is
-    behind. Where the own surface lies is seen from the candidates around.
-    """
-    towards = np.zeros((2, *confidence.shape), np.float32)
-    focus_kernels.own_surface(
-        own_px, candidate, config.inside_radius_px, np.float32(config.support_px), towards
-    )
-    smooth = focus.blurred(confidence, _SLOPE_SIGMA_PX)
-    slope_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
-    slope_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
-    rise = (towards[0] * slope_x + towards[1] * slope_y) / np.maximum(confidence, np.float32(1e-6))
-    steepness = np.clip(rise / np.float32(config.inside_rise), -50, 50)
-    return np.asarray(1 / (1 + np.exp(steepness)), np.float32)
+    return finder.found(disparity_px)

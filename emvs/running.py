@@ -40,20 +40,31 @@ class Maximum:
     right: Floats
     planes: int
 
-    def position(self) -> Floats:
+    def position(self, *, bell: bool = False) -> Floats:
         """The maximum's place between planes: vertex of the parabola through three values.
+
+        Args:
+            bell: of the Gaussian through them instead, where all three are positive.
 
         Returns:
             (H, W) float32 plane index, within half a plane of `plane`; whole at the first and the
             last plane, which have one neighbour only.
         """
         inner = (self.plane > 0) & (self.plane < self.planes - 1)
+        left, value, right = self._logarithms() if bell else (self.left, self.value, self.right)
         # Two roundings of one number: 0 only where left = value = right
-        bend = (self.value - self.left) + (self.value - self.right)
+        bend = (value - left) + (value - right)
         inner &= bend > 0
         offset = np.zeros_like(self.value)
-        np.divide(0.5 * (self.right - self.left), bend, out=offset, where=inner)
+        np.divide(0.5 * (right - left), bend, out=offset, where=inner)
         return self.plane.astype(np.float32) + offset
+
+    def _logarithms(self) -> tuple[Floats, Floats, Floats]:
+        """The three values' logarithms, whose parabola is the Gaussian's; as they are elsewhere."""
+        values = (self.left, self.value, self.right)
+        positive = (self.left > 0) & (self.right > 0)
+        left, value, right = (np.log(v, out=v.copy(), where=positive) for v in values)
+        return left, value, right
 
 
 class RunningMaxima:

@@ -22,6 +22,7 @@ from eval.folders import truth_of
 from eval.score import Truth
 from sim.config import SimConfig
 from sim.generate import simulate
+from sim.presets import PresetName, SensorConfig
 from sim.rigs import rig as named_rig
 
 
@@ -45,7 +46,14 @@ class Sample:
 
 
 def load_sample(
-    case: str, seed: int, cache: Path, config: MapperConfig, *, rig: str, seconds: float
+    case: str,
+    seed: int,
+    cache: Path,
+    config: MapperConfig,
+    *,
+    rig: str,
+    seconds: float,
+    sensor: PresetName = "ideal",
 ) -> Sample:
     """Returns one sample, simulated and swept on the first call and read on every later one.
 
@@ -56,15 +64,17 @@ def load_sample(
         config: planes of the volumes.
         rig: name of the rig.
         seconds: length of the sequence, s.
+        sensor: preset of the simulated sensor.
 
     Raises:
         InputError: an unknown case or rig, or what the simulator refuses.
     """
-    name = f"{case}-{rig}-{seconds:g}s-seed{seed}"
+    name = f"{case}-{rig}-{seconds:g}s-seed{seed}" + ("" if sensor == "ideal" else f"-{sensor}")
     path = cache / name
     if not path.exists():
         cache.mkdir(parents=True, exist_ok=True)
-        simulate(scenes.load(case), named_rig(rig), SimConfig(duration_s=seconds), seed, path)
+        asked = SimConfig(duration_s=seconds, sensor=SensorConfig(preset=sensor))
+        simulate(scenes.load(case), named_rig(rig), asked, seed, path)
     sequence = open_recording(path)
     if not isinstance(sequence, EventSequence):
         raise InputError(f"{path}: no simulated sequence; delete it to make it again")

@@ -212,8 +212,9 @@ def main(arguments: list[str] | None = None) -> None:
 
 def _load(wanted: Wanted, cache: Path) -> Sample:
     return load_sample(
-        wanted.case, wanted.seed, cache, MapperConfig(), rig=wanted.rig, seconds=wanted.seconds
-    )
+        wanted.case, wanted.seed, cache, MapperConfig(), rig=wanted.rig, seconds=wanted.seconds,
+        sensor=wanted.sensor,
+    )  # fmt: skip
 
 
 def _draw(sample: Sample, path: Path) -> None:

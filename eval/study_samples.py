@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from sim.presets import PresetName
+
 
 @dataclass(frozen=True)
 class Wanted:
@@ -14,12 +16,14 @@ class Wanted:
         rig: name of the rig.
         seconds: length, s.
         seed: seed of the head motion.
+        sensor: preset of the simulated sensor.
     """
 
     case: str
     rig: str = "davis346"
     seconds: float = 0.5
     seed: int = 0
+    sensor: PresetName = "ideal"
 
 
 _FIRST = ("planes", "desk", "boxes")
@@ -45,12 +49,22 @@ _TWINS = (
 
 # Chose the parameters and the reliability: one motion through every scene
 DEVELOPMENT = (*(Wanted(case) for case in _FIRST), *_TWINS)
+# Took part in choosing too: other motions, of going forward as well
+FURTHER = (
+    *(Wanted(case, seed=1) for case in (*_FIRST, "tumvie-run", "tumvie-skate")),
+    *(
+        Wanted(case, seed=2)
+        for case in ("low-texture", "thin-structures", "tumvie-1d", "tumvie-3d", "hdr-window")
+    ),
+    *(Wanted(case, seed=5) for case in (*_FIRST, "low-texture", "moving-objects", "repetitive")),
+    *(Wanted(w.case, w.rig, w.seconds, 5) for w in _TWINS[:9]),
+)
 # Looked at once, by the command that writes the tables: other motions through the scenes
 HELD_OUT = (
     *(Wanted(case, seed=seed) for case in _FIRST for seed in (2, 3)),
     *(Wanted(w.case, w.rig, w.seconds, 1) for w in _TWINS),
 )
-# Other scenes, and sensors of 640x480 and 1280x720: nothing was chosen on them
+# Going forward, a street, and sensors of 640x480 and 1280x720: nothing was chosen on these
 OTHERS = (
     Wanted("tumvie-run"),
     Wanted("tumvie-skate"),
@@ -58,4 +72,12 @@ OTHERS = (
     Wanted("dsec-street", "dsec", 0.2),
     Wanted("tumvie-3d", "tumvie-kb4", 0.2),
 )
-SETS = {"development": DEVELOPMENT, "held-out": HELD_OUT, "other": OTHERS}
+# A sensor that is not ideal: nothing was chosen on these either
+NOISY = tuple(Wanted(case, sensor="davis346") for case in (*_FIRST, "tumvie-6dof", "reflective"))
+SETS = {
+    "development": DEVELOPMENT,
+    "further": FURTHER,
+    "held-out": HELD_OUT,
+    "other": OTHERS,
+    "noisy": NOISY,
+}

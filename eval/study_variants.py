@@ -21,13 +21,16 @@ from emvs.running import Maximum
 from eval.study_cache import Sample
 
 BASE = "Alg1/H"
-OURS = "variance, agreement × support × inside"
-BEFORE = "variance, agreement × support"
+OURS = "ours"
+BEFORE = "variance, agreement × support × inside"  # the three factors that came first
 RIVAL_GAP_PLANES = 6
-RELIABILITIES = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4)
+RELIABILITIES = (0.01, 0.02, 0.03, 0.05, 0.1, 0.2)
 
 # The difference of Gaussians filters votes and gathers none: it needs the scale of an edge.
 _SCALES_PX = {"variance": 2.5, "mean-square": 2.5, "gradient": 2.5, "laplacian": 2.5, "dog": 0.7}
+
+_OURS = FocusConfig()
+_UNFITTED = replace(_OURS, surface_sigma_px=0.1)  # a window of one pixel fits nothing
 
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -48,23 +51,22 @@ class Volumes:
     Attributes:
         votes: (C, N, H, W) float32.
         fused: (N, H, W) float32 harmonic mean.
-        plane_px: disparity between two planes, px.
+        disparity_px: (N,) disparity of each plane, px.
         config: the mapper's defaults.
     """
 
     votes: Floats
     fused: Floats
-    plane_px: float
+    disparity_px: NDArray[np.float64]
     config: MapperConfig
 
     @classmethod
     def of(cls, sample: Sample) -> Volumes:
         """Fuses a sample's volumes."""
         rho = sample.view.rho
-        step = abs(float(rho[-1]) - float(rho[0])) / (len(rho) - 1)
         fused = FUSIONS["H"](sample.votes)
-        plane_px = step * sample.truth.baseline_focal_px_m
-        return cls(sample.votes, fused, plane_px, MapperConfig())
+        disparity_px = sample.truth.baseline_focal_px_m * rho.astype(np.float64)
+        return cls(sample.votes, fused, disparity_px, MapperConfig())
 
     @cached_property
     def maximum(self) -> Maximum:
@@ -85,14 +87,16 @@ class Volumes:
 
     def found(self, config: FocusConfig) -> Found:
         """Extraction by focus."""
-        return find(self.fused, self.votes, self.plane_px, config)
+        return find(self.fused, self.votes, self.disparity_px, config)
 
     def best(self, found: Found, reliability: Floats | None = None) -> Estimate:
         """The most reliable pixels, as many as Alg1/H reports."""
         if reliability is not None:
             # `reliability` is a product of both: all of it goes into one
             ones = np.ones_like(found.support)
-            found = replace(found, agreement=reliability, support=ones, inside=ones)
+            found = replace(
+                found, agreement=reliability, support=ones, inside=ones, ray=ones, strength=ones
+            )
         points = int(np.count_nonzero(self.base.mask))
         return Estimate(found.position, most_reliable(found, points, self.config.border_px))
 
@@ -111,10 +115,24 @@ def maximum_of(volume: Floats) -> Maximum:
 
 
 def finalists(volumes: Volumes) -> dict[str, Estimate]:
-    """Alg1/H and ours, with and without its last factor."""
-    ours = volumes.found(FocusConfig())
-    without = volumes.best(ours, ours.agreement * ours.support)
-    return {BASE: volumes.base, BEFORE: without, OURS: volumes.best(ours)}
+    """Alg1/H, the three factors that came first, and ours."""
+    return {BASE: volumes.base, BEFORE: _before(volumes), OURS: volumes.best(volumes.found(_OURS))}
+
+
+def _before(volumes: Volumes) -> Estimate:
+    """Depth as it stands, in a smaller square of support, with one tolerance for all depths."""
+    config = replace(_UNFITTED, support_radius_px=4)
+    found = volumes.found(config)
+    steady = _steady_agreement(found, volumes)
+    return volumes.best(found, steady * found.support * found.inside)
+
+
+def _steady_agreement(found: Found, volumes: Volumes) -> Floats:
+    """Agreement whose tolerance is the same at every disparity."""
+    planes = np.arange(len(volumes.disparity_px))
+    own_px = np.interp(found.position, planes, volumes.disparity_px)
+    steady: Floats = (found.agreement ** np.sqrt(own_px / _OURS.agreement_at_px)).astype(np.float32)
+    return steady
 
 
 def threshold_name(reliability: float) -> str:
@@ -124,7 +142,7 @@ def threshold_name(reliability: float) -> str:
 
 def thresholds(volumes: Volumes) -> dict[str, Estimate]:
     """Ours as the mapper reports it: every pixel that is reliable enough."""
-    found, border_px = volumes.found(FocusConfig()), volumes.config.border_px
+    found, border_px = volumes.found(_OURS), volumes.config.border_px
     return {
         threshold_name(reliability): Estimate(
             found.position, at_least(found, reliability, border_px)
@@ -136,7 +154,7 @@ def thresholds(volumes: Volumes) -> dict[str, Estimate]:
 def estimates(volumes: Volumes) -> dict[str, Estimate]:
     """Every extraction by its name, Alg1/H first."""
     base = volumes.base
-    ours = volumes.found(FocusConfig())
+    ours = volumes.found(_OURS)
     chosen = volumes.best(ours)
     out = {BASE: base, "Alg1/H without median": Estimate(volumes.maximum.position(), base.mask)}
     out |= _same_pixels(volumes)
@@ -144,12 +162,13 @@ def estimates(volumes: Volumes) -> dict[str, Estimate]:
         "Alg1/H's depth at our pixels": Estimate(base.position, chosen.mask),
         "votes, ours": volumes.best(volumes.found(FocusConfig(measure="votes"))),
     }
-    out |= {f"variance, {name}": volumes.best(ours, r) for name, r in _ranks(volumes, ours).items()}
+    out |= {name: volumes.best(ours, rank) for name, rank in _ranks(volumes, ours).items()}
     out["ours, 5 px median"] = Estimate(masked_median(ours.position, chosen.mask, 5), chosen.mask)
+    out["ours, no fit"] = volumes.best(volumes.found(_UNFITTED))
     for sigma_px in (1.5, 3.5):
         found = volumes.found(FocusConfig(sigma_px=sigma_px))
         out[f"ours, scale {sigma_px} px"] = volumes.best(found)
-    return out | {OURS: chosen}
+    return out | {BEFORE: _before(volumes), OURS: chosen}
 
 
 def _same_pixels(volumes: Volumes) -> dict[str, Estimate]:
@@ -166,23 +185,35 @@ def _same_pixels(volumes: Volumes) -> dict[str, Estimate]:
 def _ranks(volumes: Volumes, ours: Found) -> dict[str, Floats]:
     """Reliabilities that pick the pixels, with the depth of the local variance."""
     peak = maximum_of(volumes.focused)
-    all_three = ours.agreement * ours.support * ours.inside
     rival, spread = _rival_ratio(volumes.focused, peak), _z_score(volumes.focused, peak)
     around = cv2.dilate(ours.confidence, np.ones((3, 3), np.uint8))
     crest = ours.confidence / np.maximum(around, np.float32(1e-6))
-    return {
-        "strongest votes": ours.confidence,
+    squared = ours.support**2
+    factors = {
         "agreement": ours.agreement,
-        "support": ours.support,
-        "second-peak ratio": rival,
-        "z-score along the ray": spread,
-        "agreement × support": ours.agreement * ours.support,
-        "agreement × inside": ours.agreement * ours.inside,
-        "support × inside": ours.support * ours.inside,
-        "ours × second-peak ratio": rival * all_three,
-        "ours × z-score": spread * all_three,
-        "ours × share of the strongest neighbour": crest * all_three,
+        "support²": squared,
+        "inside": ours.inside,
+        "own ray": ours.ray,
+        "strength": ours.strength,
     }
+    return {
+        "variance, strongest votes": ours.confidence,
+        "variance, second-peak ratio": rival,
+        "variance, z-score along the ray": spread,
+        **{f"variance, {name}": factor for name, factor in factors.items()},
+        **{f"ours without {name}": _product(factors, name) for name in factors},
+        "ours, support not squared": _product(factors, "support²") * ours.support,
+        "ours, one tolerance for all depths": _product(factors, "agreement")
+        * _steady_agreement(ours, volumes),
+        "ours × second-peak ratio": rival * ours.reliability,
+        "ours × z-score": spread * ours.reliability,
+        "ours × share of the strongest neighbour": crest * ours.reliability,
+    }
+
+
+def _product(factors: dict[str, Floats], left_out: str) -> Floats:
+    kept = [factor for name, factor in factors.items() if name != left_out]
+    return np.asarray(np.prod(kept, axis=0), np.float32)
 
 
 def _rival_ratio(volume: Floats, peak: Maximum) -> Floats:

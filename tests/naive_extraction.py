@@ -120,6 +120,24 @@ def own_surface(disparity, candidate, radius, tolerance):
     return towards
 
 
+def fitted_surface(disparity, candidate, weight, tolerance, ridge):
+    """Weighted least squares by a linear solver: the plane's height at each candidate."""
+    out, radius = np.zeros(disparity.shape), len(weight) - 1
+    for y, x in np.argwhere(candidate):
+        own = float(disparity[y, x])
+        near = [(y, x), *_others(candidate, y, x, radius)]
+        near = [(v, u) for v, u in near if abs(float(disparity[v, u]) - own) < tolerance]
+        way = np.array([(u - x, v - y) for v, u in near], float)
+        w = np.array([float(weight[abs(i)]) * float(weight[abs(j)]) for i, j in way.astype(int)])
+        w /= w.sum()
+        apart = np.array([float(disparity[v, u]) - own for v, u in near])
+        middle, height = w @ way, w @ apart
+        spread = (way - middle).T @ ((way - middle) * w[:, None]) + ridge * np.eye(2)
+        slope = np.linalg.solve(spread, (way - middle).T @ ((apart - height) * w))
+        out[y, x] = own + height - slope @ middle
+    return out
+
+
 def most_reliable(reliability, confidence, candidate, points, border_px):
     """The pixels of the best `points` candidates, as a set."""
     height, width = candidate.shape

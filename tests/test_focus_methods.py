@@ -15,8 +15,9 @@ from emvs.config import MapperConfig
 from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
 from emvs.focus_config import FocusConfig
+from emvs.focus_judge import judge
 from emvs.found import at_least
-from emvs.in_focus import find, judge
+from emvs.in_focus import find
 from emvs.mapper import map_window
 from emvs.methods import methods, overview
 from emvs.planes import inverse_depth_at
@@ -51,8 +52,8 @@ def test_streaming_equals_whole_volumes(tmp_path, fusion):
     result = map_window(recording, config, dsi_dir=tmp_path)
     votes = np.stack([np.load(tmp_path / f"EMVS-cam{k}.npy") for k in (0, 1)])
     rho, camera = result.view.rho, recording.rig.cameras[0]
-    plane_px = 0.1 * camera.fx_px * float(rho[0] - rho[-1]) / (len(rho) - 1)
-    found = find(np.load(tmp_path / f"Focus-{fusion}.npy"), votes, plane_px)
+    disparity_px = 0.1 * camera.fx_px * rho.astype(np.float64)
+    found = find(np.load(tmp_path / f"Focus-{fusion}.npy"), votes, disparity_px)
     depth = result.depth_maps[f"Focus/{fusion}"]
     np.testing.assert_array_equal(depth.confidence, found.confidence)
     np.testing.assert_allclose(1 / depth.depth_m, inverse_depth_at(rho, found.position), rtol=1e-5)
@@ -198,11 +199,34 @@ def some_depths(seed=0):
 def test_reliability_depends_on_disparity_and_not_on_how_finely_it_is_cut():
     """Twice the planes at half the distance, far to near or near to far: the same reliability."""
     confidence, (own, other) = some_depths()
-    coarse = judge(confidence, own, [other], -0.4 * np.arange(31), FocusConfig())
-    fine = judge(confidence, 2 * own, [2 * other], -0.2 * np.arange(61), FocusConfig())
-    turned = judge(confidence, 30 - own, [30 - other], -0.4 * np.arange(31)[::-1], FocusConfig())
+    coarse_px, fine_px = 15 - 0.4 * np.arange(31), 15 - 0.2 * np.arange(61)
+    coarse = judge(confidence, other, own, [other], coarse_px, FocusConfig())
+    fine = judge(confidence, 2 * other, 2 * own, [2 * other], fine_px, FocusConfig())
+    back, front = 30 - other, 30 - own
+    turned = judge(confidence, back, front, [back], coarse_px[::-1], FocusConfig())
     np.testing.assert_allclose(fine.reliability, coarse.reliability, atol=1e-4)
     np.testing.assert_allclose(turned.reliability, coarse.reliability, atol=1e-4)
+
+
+def test_tolerance_grows_with_the_square_root_of_disparity():
+    """Cameras 1 px apart at 10 px agree as much as cameras 2 px apart at 40 px."""
+    confidence, position = np.full((6, 6), 5, F), np.full((6, 6), 10, F)
+    at_10, at_40 = (judge(
+        confidence, position, position, [position + 1], first_px - step_px * np.arange(20),
+        FocusConfig(),
+    ).agreement for first_px, step_px in ((20.0, 1.0), (60.0, 2.0)))  # fmt: skip
+    np.testing.assert_allclose(at_10, np.exp(-1 / FocusConfig().agreement_px), rtol=1e-5)
+    np.testing.assert_allclose(at_40, at_10, rtol=1e-5)
+
+
+def test_votes_whose_own_maximum_lies_elsewhere_are_not_trusted():
+    confidence, position = np.full((6, 6), 5, F), np.full((6, 6), 10, F)
+    near, far = (
+        judge(confidence, loudest, position, [], 20 - np.arange(20.0), FocusConfig()).ray
+        for loudest in (position, position + 9)
+    )
+    np.testing.assert_array_equal(near, 1)
+    np.testing.assert_allclose(far, np.exp(-3), rtol=1e-5)
 
 
 def test_beyond_a_silhouette_is_told_from_inside():
@@ -211,7 +235,9 @@ def test_beyond_a_silhouette_is_told_from_inside():
     confidence[:, 18:23] = np.array([3, 8, 10, 8, 3], F)  # the ridge; its middle is column 20
     confidence[4:36:4, 3:17:4] = 9  # the texture
     position = np.full((40, 40), 10, F)
-    found = judge(confidence, position, [position], -0.3 * np.arange(25), FocusConfig())
+    found = judge(
+        confidence, position, position, [position], 9 - 0.3 * np.arange(25), FocusConfig()
+    )
     inner, outer = found.inside[8:32, 19], found.inside[8:32, 21]
     assert found.candidate[8:32, 20].all()
     assert outer.max() < 0.3
@@ -220,7 +246,8 @@ def test_beyond_a_silhouette_is_told_from_inside():
 
 def test_without_slope_no_side_is_preferred():
     confidence, (own, _) = some_depths(1)
-    even = judge(np.full_like(confidence, 5), own, [], -0.3 * np.arange(31), FocusConfig())
+    disparity_px = 10 - 0.3 * np.arange(31)
+    even = judge(np.full_like(confidence, 5), own, own, [], disparity_px, FocusConfig())
     np.testing.assert_array_equal(even.inside, F(0.5))
     np.testing.assert_array_equal(even.agreement, 1)
 
