@@ -22,6 +22,12 @@ class EvalConfig(BaseModel):
     max_truth_depth_m: float | None = Field(
         default=None, gt=0, description="Farther ground truth is left out [m]; unset: no limit."
     )
+    truth_tolerance_s: float = Field(
+        default=0,
+        ge=0,
+        description="A data set's ground truth this close to a reference view is carried into it "
+        "by the poses [s]; 0: only truth of the same time.",
+    )
     border_px: int = Field(
         default=0, ge=0, description="Pixels this close to the image border are left out [px]."
     )
@@ -43,6 +49,11 @@ class EvalConfig(BaseModel):
                 f"min_truth_depth_m {near_m:g} must lie below max_truth_depth_m {far_m:g}"
             )
         return self
+
+    @property
+    def truth_tolerance_us(self) -> int:
+        """How far a data set's ground truth may lie from a reference view, µs."""
+        return round(self.truth_tolerance_s * 1e6)
 
     @property
     def truth_limits_m(self) -> tuple[float, float]:

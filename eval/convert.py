@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,7 +29,7 @@ class Options:
 
     Attributes:
         to: the format to write.
-        stream: the only stream to convert, of an event file with several.
+        stream: the only stream to convert, of an event file with several or of a recording.
         shift_us: added to all times; None: such that the first event or pose is at 0.
         unit: unit of time of a text of poses.
         width_px: sensor width, where the input does not say it.
@@ -84,34 +84,47 @@ def convert(source: Path, out: Path, options: Options, progress: Progress) -> st
 
 def _events(readable: Readable, out: Path, options: Options, progress: Progress) -> str:
     shift_us = options.shift_us if options.shift_us is not None else -_start_us(readable)
-    counted = [0]
+    counted, chosen = [0], _chosen(readable, options)
     with progress.stage(f"write {options.to}", 1.0) as update:
 
         def told(done: int) -> None:
             counted[0] = max(counted[0], done)
-            update(0.0, f"{done:,} events")
+            share = sum(source.share for _, source in chosen) / len(chosen)
+            update(share, f"{done:,} events")
 
-        if readable.recording is not None:
-            sources = tuple(source for _, source in readable.streams)
+        if readable.recording is not None and not options.stream:
+            sources = tuple(source for _, source in chosen)
             job = Job(readable.recording, sources, shift_us, told)
             write_recording(job, out, options.to, force=options.force)
             what = f"recording of {len(sources)} cameras as {options.to}"
         else:
-            count = _event_file(readable, out, options, shift_us, told)
+            count = _event_file(readable, chosen, out, options, shift_us, told)
             what = f"{count:,} events as {options.to}"
     moved = f", all times shifted by {shift_us} µs" if shift_us else ", times as they were"
     return what + moved
 
 
+def _chosen(readable: Readable, options: Options) -> list[tuple[str, EventSource]]:
+    """The streams that are converted."""
+    if not options.stream:
+        return list(readable.streams)
+    names = [name for name, _ in readable.streams]
+    if options.stream not in names:
+        raise InputError(f"{readable.path}: no stream {options.stream}; there are {names}")
+    return [(name, source) for name, source in readable.streams if name == options.stream]
+
+
 def _event_file(
-    readable: Readable, out: Path, options: Options, shift_us: int, told: Callable[[int], None]
+    readable: Readable,
+    chosen: Sequence[tuple[str, EventSource]],
+    out: Path,
+    options: Options,
+    shift_us: int,
+    told: Callable[[int], None],
 ) -> int:
     names = [name for name, _ in readable.streams]
     if options.to == "sequence" or not FORMATS[options.to].writes:
         raise InputError(f"{readable.path}: only events, no poses; cannot become {options.to}")
-    if options.stream and options.stream not in names:
-        raise InputError(f"{readable.path}: no stream {options.stream}; there are {names}")
-    chosen = [(n, s) for n, s in readable.streams if options.stream in ("", n)]
     if len(chosen) > 1 and FORMATS[options.to].limits.streams == 1:
         raise InputError(
             f"{readable.path}: {len(chosen)} streams ({', '.join(names)}) into {options.to}, which "
@@ -122,7 +135,9 @@ def _event_file(
         for e in source.chunks():
             yield Events(e.x, e.y, e.t_us + shift_us, e.p) if shift_us else e
 
-    known = next((size for size in readable.sizes_px if size), (None, None))
+    sizes = zip(readable.streams, readable.sizes_px, strict=True)
+    own = [size for (name, _), size in sizes if name == options.stream]
+    known = next((size for size in (*own, *readable.sizes_px) if size), (None, None))
     width, height = options.width_px or known[0], options.height_px or known[1]
     if width is None or height is None:
         raise InputError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
 from emvs.io import open_recording
+from emvs.io.posed import PosedRecording
+from emvs.io.truth import truth_at
 from emvs.output import RecordingInfo, StoredMap, StoredWindow, read_map
 from eval.config import EvalConfig
 from eval.score import Truth
@@ -67,7 +70,11 @@ def recording_of(stored: StoredMap) -> Recording:
     return recording
 
 
-def sequence_of(stored: StoredMap) -> Sequence:
+Scored = Sequence | PosedRecording
+"""Recordings that may have ground truth: `emvs.io.truth.TruthRecording`."""
+
+
+def sequence_of(stored: StoredMap) -> Scored:
     """Opens a map's recording, which must have ground truth, and checks its hashes.
 
     Raises:
@@ -79,35 +86,62 @@ def sequence_of(stored: StoredMap) -> Sequence:
             "with reference_shift 0 and without view_* to score"
         )
     recording = recording_of(stored)
-    if not isinstance(recording, Sequence):
-        raise InputError(
-            f"{recording.name}: a recording without ground truth; needs one that `simulate` made"
-        )
-    recording.verify()
-    return recording
+    if isinstance(recording, Sequence):
+        recording.verify()
+        return recording
+    if isinstance(recording, PosedRecording) and len(recording.truth_times_us(0)):
+        return recording
+    raise InputError(
+        f"{recording.name}: a recording without ground truth; needs one that `simulate` made, or "
+        "DSEC's disparity or MVSEC's depth"
+    )
 
 
-def with_truth(stored: StoredMap, sequence: Sequence) -> tuple[StoredWindow, ...]:
+def provenance(recording: Scored) -> dict[str, Any]:
+    """What the results say about where a case's numbers come from."""
+    if isinstance(recording, Sequence):
+        return {"rig": recording.rig.name, "sim": recording.manifest.configuration}
+    return {"rig": recording.rig.name, "layout": recording.layout}
+
+
+def with_truth(
+    stored: StoredMap, sequence: Scored, config: EvalConfig | None = None
+) -> tuple[StoredWindow, ...]:
     """The windows whose reference time has ground truth.
 
     Raises:
         InputError: none has; says which time is missing, and which there are.
     """
-    times_us = set(map(int, sequence.truth_times_us(0)))
-    found = tuple(window for window in stored.windows if window.info.t_ref_us in times_us)
+    config = config or EvalConfig()
+    found = tuple(w for w in stored.windows if has_truth(sequence, w.info.t_ref_us, config))
     if not found:
-        sequence.truth_view_depth_m(0, stored.windows[0].info.t_ref_us)
+        truth_of(sequence, stored.windows[0].info.t_ref_us, config)
     return found
 
 
-def truth_of(sequence: Sequence, t_ref_us: int, config: EvalConfig) -> Truth:
+def has_truth(recording: Recording | None, t_ref_us: int, config: EvalConfig) -> bool:
+    """Whether a recording has ground truth for a reference view."""
+    if not isinstance(recording, Scored):
+        return False
+    times_us = recording.truth_times_us(0)
+    tolerance_us = 0 if isinstance(recording, Sequence) else config.truth_tolerance_us
+    return bool((np.abs(times_us - t_ref_us) <= tolerance_us).any())
+
+
+def truth_of(sequence: Scored, t_ref_us: int, config: EvalConfig) -> Truth:
     """Ground truth in the reference view: camera 0, without lens distortion.
+
+    A sequence of ours has truth exactly then, or none; that of a data set may be carried over, see
+    `emvs.io.truth`.
 
     Raises:
         InputError: none is stored at that time.
     """
     camera = sequence.rig.cameras[0]
-    depth_m = sequence.truth_view_depth_m(0, t_ref_us)
+    if isinstance(sequence, Sequence):
+        depth_m = sequence.truth_view_depth_m(0, t_ref_us)
+    else:
+        depth_m = truth_at(sequence, t_ref_us, config.truth_tolerance_us)
     return Truth(
         depth_m=depth_m,
         valid=np.isfinite(depth_m),

@@ -26,25 +26,17 @@ def inspect(path: Path, progress: Progress) -> tuple[Readable, list[StreamCount]
     readable = open_readable(path)
     counts = []
     for (name, source), size_px in zip(readable.streams, readable.sizes_px, strict=True):
-        span_us = None if readable.recording is None else readable.recording.trajectory.span_us
         with progress.stage(f"read {name.strip('/')}", 1.0) as update:
             counts.append(
                 count(
                     source.chunks(),
                     size_px,
-                    lambda c, span=span_us, update=update: update(  # type: ignore[misc]
-                        _share(c, span), f"{c.events:,} events"
+                    lambda c, source=source, update=update: update(  # type: ignore[misc]
+                        source.share, f"{c.events:,} events"
                     ),
                 )
             )
     return readable, counts
-
-
-def _share(found: StreamCount, span_us: tuple[int, int] | None) -> float:
-    """How much is read, judged by time where poses tell the span; else unknown, 0."""
-    if span_us is None or found.last_us is None or span_us[1] <= span_us[0]:
-        return 0.0
-    return float(np.clip((found.last_us - span_us[0]) / (span_us[1] - span_us[0]), 0.0, 1.0))
 
 
 def facts(readable: Readable, counts: Sequence[StreamCount]) -> dict[str, Any]:

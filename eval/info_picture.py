@@ -31,9 +31,12 @@ def draw(path: Path, title: str, names: list[str], counts: list[StreamCount]) ->
 def _images(figure: Figure, row: Any, name: str, found: StreamCount) -> None:
     image = found.image()
     for axis, k, word in zip(row, (1, 0), ("brighter", "darker"), strict=False):
-        axis.set_title(f"{name}: {word}", fontsize=10)
+        guessed = "" if found.size_px else ", up to the largest pixel"
+        axis.set_title(f"{name}: {word}{guessed}", fontsize=10)
         if image is None:
-            axis.text(0.5, 0.5, "the file does not say\nthe sensor's size", ha="center")
+            axis.text(
+                0.5, 0.5, "no events, or the file does not\nsay the sensor's size", ha="center"
+            )
             axis.set_axis_off()
             continue
         lit = image[image > 0]

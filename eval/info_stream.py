@@ -13,6 +13,7 @@ from emvs.data.events import Events
 _BINS = 512
 _FIRST_BIN_US = 1000
 _MOST_GAPS = 20
+_MOST_PX = 2048
 GAP_US = 100_000
 """A silence as long as this is told of."""
 
@@ -82,8 +83,13 @@ class StreamCount:
         return float(self._bins.sum(axis=0).max()) / self.bin_us * 1e6
 
     def image(self) -> NDArray[np.int64] | None:
-        """(2, H, W) events per pixel: darker, brighter; None where the sensor is unknown."""
-        return self._image
+        """(2, H, W) events per pixel: darker, brighter; None where there are none, or too far out.
+
+        Where nobody says the sensor's size, the largest pixel does.
+        """
+        if self._image is None or self.size_px is not None:
+            return self._image
+        return self._image[:, : self.largest_y + 1, : self.largest_x + 1]
 
     def _order(self, t_us: NDArray[np.int64]) -> None:
         before = t_us[0] if self._before_us is None else self._before_us
@@ -105,15 +111,33 @@ class StreamCount:
         self.largest_x = max(self.largest_x, int(events.x.max()))
         self.largest_y = max(self.largest_y, int(events.y.max()))
         if self.size_px is None:
-            return
-        width, height = self.size_px
+            self._make_room()
+        elif self._image is None:
+            self._image = np.zeros((2, *self.size_px[::-1]), np.int64)
         if self._image is None:
-            self._image = np.zeros((2, height, width), np.int64)
+            return
+        _, height, width = self._image.shape
         good = (events.x < width) & (events.y < height)
         self.outside += len(events) - int(np.count_nonzero(good))
         at = events.y[good].astype(np.int64) * width + events.x[good]
         at += (events.p[good] > 0) * (width * height)
         self._image += np.bincount(at, minlength=2 * width * height).reshape(2, height, width)
+
+    def _make_room(self) -> None:
+        """Doubles the image until the largest pixel fits; gives up where none has such a sensor."""
+        if max(self.largest_x, self.largest_y) >= _MOST_PX:
+            self._image = None
+            return
+        height, width = (0, 0) if self._image is None else self._image.shape[1:]
+        if self.largest_x < width and self.largest_y < height:
+            return
+        rows, columns = (
+            1 << max(6, last.bit_length()) for last in (self.largest_y, self.largest_x)
+        )
+        old = self._image
+        self._image = np.zeros((2, max(height, rows), max(width, columns)), np.int64)
+        if old is not None:
+            self._image[:, :height, :width] = old
 
     def _bin(self, t_us: NDArray[np.int64], p: NDArray[np.uint8], low: int, high: int) -> None:
         if self.first_us is None:

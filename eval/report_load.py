@@ -17,7 +17,7 @@ from emvs.depthmap import DepthMap
 from emvs.output import StoredMap, StoredWindow
 from emvs.result import Slices
 from eval.config import EvalConfig
-from eval.folders import CONFIG_FILE, find_maps, recording_of, truth_of
+from eval.folders import CONFIG_FILE, Scored, find_maps, has_truth, recording_of, truth_of
 from eval.plots import DsiSlice
 from eval.results import JSON_NAME, Results, read_results
 from eval.score import Truth
@@ -92,7 +92,7 @@ def _window(
     t_us, truth = window.info.t_ref_us, None
     # Ground truth is camera 0's: it says nothing about a map from a view of its own.
     scorable = stored.info.config.is_camera_0_view
-    if scorable and isinstance(recording, Sequence) and t_us in recording.truth_times_us(0):
+    if scorable and isinstance(recording, Scored) and has_truth(recording, t_us, config):
         truth = truth_of(recording, t_us, config)
     (darker, brighter), events_caption = _events(window, recording)
     rho = maps[0].rho

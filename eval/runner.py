@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import repeat
 from pathlib import Path
 
 import scenes
@@ -19,7 +20,8 @@ from eval.progress import Progress, Silent
 from eval.results import Results, Row, write_results
 from eval.score import case_rows
 from eval.settings import Settings
-from eval.window_pairs import window_pairs
+from eval.stage_score import metric_versions
+from eval.window_pairs import NOTHING_GIVEN, window_pairs
 from sim.generate import simulate
 from sim.rigs import rig as named_rig
 
@@ -124,12 +126,12 @@ def score_folder(folder: Path, config: EvalConfig, predictions: Sequence[Path] =
     maps = folders.find_maps(folder)
     for case, stored in maps.items():
         sequence = folders.sequence_of(stored)
-        windows = folders.with_truth(stored, sequence)
+        windows = folders.with_truth(stored, sequence, config)
         rows += _score(case, windows, sequence, config, predictions)
-        sequences[case] = sequence.manifest
+        if isinstance(sequence, EventSequence):
+            sequences[case] = sequence.manifest
         configuration[case] = {
-            "rig": sequence.rig.name,
-            "sim": sequence.manifest.configuration,
+            **folders.provenance(sequence),
             "map": stored.info.config.model_dump(mode="json"),
         }
         if len(windows) < len(stored.windows):
@@ -141,6 +143,7 @@ def score_folder(folder: Path, config: EvalConfig, predictions: Sequence[Path] =
         configuration,
         seeds.pop() if len(seeds) == 1 else None,
         {case: manifest.digest() for case, manifest in sequences.items()},
+        metrics=metric_versions(),
     )
     write_results(folder, results)
     return results
@@ -149,19 +152,19 @@ def score_folder(folder: Path, config: EvalConfig, predictions: Sequence[Path] =
 def _score(
     case: str,
     windows: Sequence[StoredWindow],
-    sequence: EventSequence,
+    sequence: folders.Scored,
     config: EvalConfig,
     predictions: Sequence[Path],
 ) -> list[Row]:
-    views = {window.info.name: view_of(sequence, window) for window in windows}
-    others = opened(predictions, case, list(views.values()))
-    pairs = {
-        window.info.name: window_pairs(
-            sequence, window, config, estimates(others, views[window.info.name])
-        )
-        for window in windows
-    }
-    return case_rows(case, pairs)
+    # What others' maps are checked against is read only where there are any.
+    views = [view_of(sequence, window, config) for window in windows] if predictions else []
+    others = opened(predictions, case, views)
+    given = (estimates(others, view) for view in views) if others else repeat(NOTHING_GIVEN)
+    found = (
+        (window.info.name, window_pairs(sequence, window, config, theirs))
+        for window, theirs in zip(windows, given, strict=False)
+    )
+    return case_rows(case, found)
 
 
 def _check_run(cases: Sequence[str], settings: Settings, rig: str | None) -> None:

@@ -11,7 +11,7 @@ from emvs.depthmap import DepthMap
 from emvs.output import StoredWindow
 from eval.config import EvalConfig
 from eval.evidence import Evidence
-from eval.folders import truth_of
+from eval.folders import Scored, truth_of
 from eval.masks import region_masks
 from eval.pairing import Estimate, MethodPairs, Truth, bad_pixels, pair_methods
 from eval.seen import count_events
@@ -20,12 +20,14 @@ NOTHING_GIVEN: Mapping[str, Estimate] = MappingProxyType({})
 
 
 def window_pairs(
-    sequence: Sequence,
+    sequence: Scored,
     window: StoredWindow,
     config: EvalConfig,
     given: Mapping[str, Estimate] = NOTHING_GIVEN,
 ) -> dict[str, MethodPairs]:
     """Pairs all maps of a window with the truth, and says why bad pixels are bad.
+
+    A data set's truth is sparse and comes without intensity: it has no regions and no causes.
 
     Args:
         sequence: the recording, with ground truth.
@@ -38,7 +40,8 @@ def window_pairs(
     """
     t_us = window.info.t_ref_us
     truth = truth_of(sequence, t_us, config)
-    truth = replace(truth, regions=region_masks(sequence, t_us, truth.depth_m, config))
+    if isinstance(sequence, Sequence):
+        truth = replace(truth, regions=region_masks(sequence, t_us, truth.depth_m, config))
     maps = {method: window.depth_map(method) for method in window.info.methods}
     estimates = {
         method: Estimate(found.depth_m, found.mask, found.confidence, found.rho)
@@ -46,6 +49,8 @@ def window_pairs(
     }
     estimates |= given
     pairs = pair_methods(estimates, truth)
+    if not isinstance(sequence, Sequence):
+        return pairs
     evidence = _evidence(sequence, window, next(iter(maps.values())), truth, config)
     return {
         method: replace(

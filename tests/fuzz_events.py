@@ -184,13 +184,17 @@ def examine(path, kind, only_cut):
     try:
         return read_all(path, kind, only_cut)
     except InputError as error:
-        text = str(error)
-        assert text.isprintable(), f"not one printable line: {text!r}"
-        assert str(path) in text, f"does not name the file: {text}"
-        assert len(text) < 1000, f"{len(text)} characters: {text}"
-        cause = error.__cause__
-        assert not isinstance(cause, MemoryError), f"reserved what is not there: {text}"
+        assert_proper(error, path)
         return None
+
+
+def assert_proper(error, path):
+    """One printable line of bounded length that names the file, and memory was not the cause."""
+    text = str(error)
+    assert text.isprintable(), f"not one printable line: {text!r}"
+    assert str(path) in text, f"does not name the file: {text}"
+    assert len(text) < 1000, f"{len(text)} characters: {text}"
+    assert not isinstance(error.__cause__, MemoryError), f"reserved what is not there: {text}"
 
 
 def read_all(path, kind, only_cut):
@@ -253,13 +257,13 @@ class Tally:
         return "\n    ".join([text, *self.faults[:5]])
 
 
-def fuzz(kind, examples, first=0):
+def fuzz(kind, examples, first=0, begin=None):
     """Runs examples of a kind in a process of its own; returns what it found."""
     ours, theirs = get_context("fork").Pipe(duplex=False)
     tally = Tally(kind)
     with tempfile.TemporaryDirectory() as folder:
         process = get_context("fork").Process(
-            target=work, args=(theirs, Path(folder), kind, first, examples)
+            target=work, args=(theirs, Path(folder), kind, first, examples, begin or begun)
         )
         process.start()
         theirs.close()
@@ -287,23 +291,35 @@ def watch(pipe, tally):
     return True
 
 
-def work(pipe, folder, kind, first, examples):
-    """The process's part: all examples one after another, a report after each."""
+def begun(folder, kind):
+    """What one example does: damages a sound file with `rng` and reads it."""
     source, target = sound(folder, kind), folder / "damaged"
     assert examine(source, kind, True) == rows()
+
+    def example(rng):
+        only_cut = damage(source, target, rng, kind)
+        try:
+            return examine(target, kind, only_cut)
+        finally:
+            shutil.rmtree(target) if target.is_dir() else target.unlink(missing_ok=True)
+
+    return example
+
+
+def work(pipe, folder, kind, first, examples, begin):
+    """The process's part: all examples one after another, a report after each."""
+    example = begin(folder, kind)
     reserved, used = limit_memory(), peak_mb()
-    for example in range(first, first + examples):
+    for number in range(first, first + examples):
         began_s, fault, found = time.process_time(), [], None
         try:
-            only_cut = damage(source, target, np.random.default_rng([7, example]), kind)
-            found = examine(target, kind, only_cut)
+            found = example(np.random.default_rng([7, number]))
         except BaseException as error:  # whatever a reader lets through is a fault
             last = traceback.extract_tb(error.__traceback__)[-1]
             at = f"{Path(last.filename).name}:{last.lineno}"
-            fault.append(f"example {example}: {type(error).__name__} at {at}: {str(error)[:300]}")
+            fault.append(f"example {number}: {type(error).__name__} at {at}: {str(error)[:300]}")
         took_s = time.process_time() - began_s
         pipe.send((1, found is None, took_s, peak_mb() - used, fault))
-        shutil.rmtree(target) if target.is_dir() else target.unlink(missing_ok=True)
     del reserved
 
 
@@ -319,12 +335,12 @@ def peak_mb():
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def main(examples="200", *words):
+def main(examples="200", *words, kinds=KINDS, begin=None):
     first = int(words[-1]) if words and words[-1].isdigit() else 0
-    kinds = [word for word in words if not word.isdigit()] or KINDS
+    chosen = [word for word in words if not word.isdigit()] or kinds
     tallies = []
-    for kind in kinds:
-        tallies.append(fuzz(kind, int(examples), first))
+    for kind in chosen:
+        tallies.append(fuzz(kind, int(examples), first, begin))
         sys.stdout.write(f"{tallies[-1]}\n")
         sys.stdout.flush()
     return any(tally.faults for tally in tallies)

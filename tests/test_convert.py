@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import itertools
 import json
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from event_files import READ_ONLY, WRITTEN, write_any
+from dataset_world import write_sequence
+from event_files import ALL, READ_ONLY, WRITTEN, moving_edges, write_any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from memory_convert import run_chain
 
 from emvs.data.events import Events
 from emvs.data.se3 import from_quat_xyzw
+from emvs.data.sequence import Sequence
 from emvs.data.trajectory import Trajectory
 from emvs.data.tum import read_tum, write_tum
 from emvs.errors import InputError
@@ -23,10 +26,12 @@ from emvs.io.dsec import read_disparity
 from emvs.io.events import open_events, write_events
 from emvs.io.poses import read_kitti, read_poses
 from eval.cli import main
-from eval.convert import targets
+from eval.convert import Options, convert, targets
+from eval.info import inspect
 from sim.rigs import RIGS
 
 SIZE_PX = (640, 480)
+WIDE = {"width_px": 1280, "height_px": 720}
 SIZE = ("--width-px", 640, "--height-px", 480)
 # Zero, repeated, a burst that EVT3 writes as vectors, a gap beyond its clock, beyond 32 bits.
 TIMES = [0, 0, 7, *[20_000_000] * 40, 1 << 33]
@@ -84,6 +89,51 @@ def test_events_survive_a_walk_through_all_formats(tmp_path, order, start_us, st
         assert run(path, tmp_path / f"{k}", "--to", kind, *SIZE, "--force") == 0
         path = tmp_path / f"{k}"
         assert_same(path, kind, made)
+
+
+class Shares:
+    """A progress that remembers how far each stage came."""
+
+    def __init__(self):
+        self.seen = []
+
+    @contextmanager
+    def stage(self, title, total):
+        yield lambda done, words: self.seen.append(done)
+
+
+@pytest.mark.parametrize("kind", ALL)
+def test_every_format_says_how_much_of_it_is_read(tmp_path, kind):
+    """From the first packet to all of it, never backwards."""
+    count = 400_000
+    write_any(tmp_path / "a", kind, (1280, 720), moving_edges(count, packet=1 << 15))
+    for work in (
+        lambda progress: convert(tmp_path / "a", tmp_path / "b", Options("dsec", **WIDE), progress),
+        lambda progress: inspect(tmp_path / "a", progress),
+    ):
+        shares = Shares()
+        work(shares)
+        assert len(shares.seen) > 0
+        assert shares.seen == sorted(shares.seen)
+        assert 0 < shares.seen[0] <= shares.seen[-1] <= 1
+        assert shares.seen[-1] > 0.9
+
+
+def test_recordings_say_it_of_all_cameras(tmp_path):
+    ours = write_sequence(tmp_path / "ours", "kb4", steps=60)
+    for kind in ("mvsec", "tumvie", "rosbag1", "npz"):
+        shares = Shares()
+        convert(ours, tmp_path / kind, Options(kind), shares)
+        assert shares.seen == sorted(shares.seen)
+        assert shares.seen[-1] > 0.9
+
+
+def test_one_camera_of_a_recording_goes_into_one_file(tmp_path):
+    ours = write_sequence(tmp_path / "ours", "kb4", steps=60)
+    assert run(ours, tmp_path / "b", "--to", "evt3", "--stream", "cam1") == 0
+    sequence = Sequence.open(ours)
+    assert_same(tmp_path / "b", "evt3", sequence.events(1, 0, 10**6))
+    assert run(ours, tmp_path / "c", "--to", "evt3", "--stream", "cam7") == 2
 
 
 @pytest.mark.slow

@@ -19,6 +19,7 @@ from emvs.io.mvsec import open_mvsec
 from emvs.io.raw_streams import open_readable
 from emvs.mapper import map_window
 from emvs.window import choose_window
+from eval.cli import main
 
 DEPTH_M = 2.0
 KINDS = ("dsec", "tumvie", "mvsec", "rosbag1", "evt2", "evt3", "aedat4", "npz", "sequence")
@@ -84,6 +85,21 @@ def test_times_shift_together(ours, tmp_path):
     assert moved.trajectory.span_us[0] == before.trajectory.span_us[0] + 5_000_000
     one, two = before.events(0, 100_000, 200_000), moved.events(0, 5_100_000, 5_200_000)
     np.testing.assert_array_equal(one.t_us + 5_000_000, two.t_us)
+
+
+@pytest.mark.parametrize("kind", ["dsec", "mvsec", "rosbag1", "aedat4", "npz"])
+def test_unix_time_keeps_every_microsecond(ours, tmp_path, kind):
+    """Events, poses and ground truth, as recordings of 2017 have them."""
+    late_us = 1_504_645_177_500_001
+    before, moved = (
+        Sequence.open(ours),
+        open_recording(rewritten(ours, tmp_path / "k", kind, late_us)),
+    )
+    one, two = before.events(0, 0, 10**6), moved.events(0, late_us, late_us + 10**6)
+    np.testing.assert_array_equal(one.t_us + late_us, two.t_us)
+    np.testing.assert_array_equal(before.trajectory.t_us + late_us, moved.trajectory.t_us)
+    if kind in ("dsec", "mvsec"):
+        assert moved.truth_times_us(0).tolist() == [T_REF_US + late_us]
 
 
 @pytest.mark.parametrize(("kind", "tolerance"), [("mvsec", 0.0), ("dsec", 0.01)])
@@ -173,6 +189,7 @@ def complaint(folder: Path) -> str | None:
     ("text", "message"),
     [
         ("[", "cannot be read as TOML"),
+        ('[calibration]\nfile="a\\u0000b"', "calibration.file: String should match"),
         ("name = 'x'", "calibration: Field required"),
         ("[calibration]\nfile='rig.json'\n[poses]\nfile='poses.txt'\nunit='h'\n"
          "[[events]]\nfile='cam0.npz'", "poses.unit"),
@@ -196,6 +213,21 @@ def test_real_trajectories_parse_and_evaluate(shared_data):
         poses = read_poses(path)
         middle = sum(poses.span_us) // 2
         assert np.isfinite(poses.at(middle)).all(), path
+
+
+def test_slider_depth_maps_the_ball_before_the_dartboard(shared_data, tmp_path):
+    """A real recording: where its frame shows a ball, a mug and a board on the wall."""
+    out = tmp_path / "map"
+    words = ("--map.min-depth-m", 0.25, "--map.max-depth-m", 4, "--map.planes", 50)
+    command = ("map", shared_data / "slider_depth", "--out", out, *words, "--method", "EMVS/cam0")
+    assert main([*map(str, command), "--quiet"]) == 0
+    with np.load(out / "w000" / "EMVS-cam0" / "depth.npz") as stored:
+        depth_m = np.where(stored["mask"], stored["depth_m"], np.nan)
+    ball, mug, board = depth_m[125:165, 115:160], depth_m[125:165, 205:235], depth_m[5:75, 75:145]
+    assert min(np.isfinite(part).sum() for part in (ball, mug, board)) > 30
+    for near in (ball, mug):
+        assert 0.45 < np.nanmedian(near) < 0.75
+    assert np.nanmedian(board) > 1.5
 
 
 def test_mvsec_without_events_says_what_is_missing(tmp_path):

@@ -56,6 +56,27 @@ def test_strays_are_counted_and_named(tmp_path, capsys):
     assert stream["longest_gaps_us"] == [[10, 300_000]]
 
 
+@given(
+    st.lists(st.tuples(st.integers(0, 300), st.integers(0, 300)), min_size=1, max_size=30),
+    st.integers(1, 10),
+)
+def test_without_a_sensors_size_the_image_reaches_the_largest_pixel(places, packet):
+    x, y = np.array(places, np.uint16).T
+    p = (np.arange(len(x)) % 2).astype(np.uint8)
+    events = Events(x.copy(), y.copy(), np.arange(len(x)), p)
+    found = StreamCount(None)
+    for start in range(0, len(x), packet):
+        found.add(events.slice(start, start + packet))
+    expected = np.zeros((2, y.max() + 1, x.max() + 1), np.int64)
+    np.add.at(expected, (p, y, x), 1)
+    np.testing.assert_array_equal(found.image(), expected)
+    found.add(
+        Events(*(np.array([v], k) for v, k in ((5000, "u2"), (1, "u2"), (99, "i8"), (0, "u1"))))
+    )
+    assert found.image() is None
+    assert found.outside == 0
+
+
 def test_a_picture_of_a_file_that_says_no_size(tmp_path):
     path, picture = tmp_path / "e.txt", tmp_path / "e.png"
     write_events(path, "text", 64, 64, {"e": [made([0, 10, 20])]})

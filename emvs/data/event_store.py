@@ -18,6 +18,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from emvs.data.events import Events
 from emvs.data.hdf5 import COMPRESSION, Hdf5Writer, open_hdf5
+from emvs.data.hdf5_checks import check_dataset
 from emvs.errors import InputError
 
 _CHUNK = 1 << 17
@@ -176,12 +177,14 @@ class EventReader:
         self.path = Path(path)
         self._size_px = (width_px, height_px)
         with open_hdf5(self.path) as file:
-            self.count = len(file["events/t"])
-            if any(len(file[f"events/{name}"]) != self.count for name in _COLUMNS):
+            self.count = check_dataset(self.path, file["events/t"])
+            counts = {check_dataset(self.path, file[f"events/{name}"]) for name in _COLUMNS}
+            if counts != {self.count}:
                 raise InputError(
                     f"{path}: columns of different length; the file is damaged, make it again"
                 )
             self._offset_us = int(file["t_offset"][()])
+            check_dataset(self.path, file["ms_to_idx"])
             self._ms_to_idx = file["ms_to_idx"][:].astype(np.int64)
             self.extra = tuple(name for name in EXTRA_COLUMNS if name in file["events"])
             t = file["events/t"]

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 import h5py
 import hdf5plugin
@@ -109,7 +111,7 @@ class Sink:
 
 
 class Hdf5Writer:
-    """A new HDF5 file: use it as a context, and call `check` after each write.
+    """A new HDF5 file: use it as a context or close it, and call `check` after each write.
 
     Attributes:
         file: the open file.
@@ -118,6 +120,17 @@ class Hdf5Writer:
     def __init__(self, path: Path) -> None:
         self._sink = Sink(path)
         self.file = h5py.File(self._sink, "w")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
 
     def check(self) -> None:
         """Raises what the disk said to the last writes."""

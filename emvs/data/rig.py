@@ -42,7 +42,7 @@ class Rig:
                 f"{len(self.camera_names)} names: needs as many of each, at least one"
             )
         for name, T_body_cam in zip(self.camera_names, self.T_body_cam, strict=True):
-            if not se3.is_rigid(T_body_cam):
+            if T_body_cam.shape != (4, 4) or not se3.is_rigid(T_body_cam):
                 raise InputError(f"rig {self.name}: T_body_cam of {name} is not a rigid motion")
 
     def __len__(self) -> int:
@@ -77,7 +77,7 @@ class Rig:
             T_body_cam = tuple(np.array(entry.pop("T_body_cam"), np.float64) for entry in entries)
             cameras = tuple(Camera.from_json(entry) for entry in entries)
             return cls(str(values["name"]), cameras, T_body_cam, names)
-        except (KeyError, TypeError, AttributeError) as error:
+        except (KeyError, TypeError, AttributeError, OverflowError) as error:
             raise InputError(f"rig calibration: missing or wrong entry {error}") from error
         except InputError:
             raise

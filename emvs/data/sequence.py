@@ -230,5 +230,7 @@ class Sequence:
 def _read_rig(path: Path) -> Rig:
     try:
         return Rig.from_json(json.loads(path.read_text(encoding="utf-8")))
-    except (OSError, json.JSONDecodeError, UnicodeDecodeError) as error:
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: cannot be read as a rig's calibration ({error})") from error

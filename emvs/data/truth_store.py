@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.hdf5 import COMPRESSION, Hdf5Writer, open_hdf5
+from emvs.data.hdf5_checks import check_dataset
 from emvs.errors import InputError
 
 Image = NDArray[Any]
@@ -124,8 +125,10 @@ class TruthReader:
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
         with open_hdf5(self.path) as file:
-            self.t_us: NDArray[np.int64] = file["t_us"][:]
             self.optional = tuple(name for name in OPTIONAL if name in file)
+            for name in ("t_us", *_ALWAYS, *self.optional):
+                check_dataset(self.path, file[name])
+            self.t_us: NDArray[np.int64] = file["t_us"][:]
 
     def depth_m(self, t_us: int) -> NDArray[np.float32]:
         """(H, W) z-depth in metres at a stored time; not finite where nothing is seen."""

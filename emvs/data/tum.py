@@ -11,6 +11,8 @@ from emvs.atomic import atomic_path
 from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
 
+_LARGEST_US = 2.0**62
+
 
 def read_tum(path: Path) -> Trajectory:
     """Reads a TUM-format text: one `t_s x y z qx qy qz qw` per line, `#` starts a comment.
@@ -20,8 +22,9 @@ def read_tum(path: Path) -> Trajectory:
     """
     rows = _read_rows(Path(path))
     t_us = np.round(rows[:, 0] * 1e6)
-    if not np.all(np.isfinite(t_us)):
-        raise InputError(f"{path}: pose {int(np.argmin(np.isfinite(t_us)))} has no finite time")
+    known = np.abs(t_us) < _LARGEST_US
+    if not known.all():
+        raise InputError(f"{path}: pose {int(np.argmin(known))} has no finite time below 2^62 µs")
     try:
         return Trajectory(t_us.astype(np.int64), rows[:, 1:4].copy(), rows[:, 4:8].copy())
     except InputError as error:
@@ -62,7 +65,10 @@ def _row(path: Path, number: int, words: list[str]) -> list[float]:
     try:
         values = [float(word) for word in words]
     except ValueError as error:
-        raise InputError(f"{path}, line {number}: {error}; needs eight numbers") from error
+        words = [ascii(word)[:60] for word in words[:8]]
+        raise InputError(
+            f"{path}, line {number}: {' '.join(words)}; needs eight numbers"
+        ) from error
     if len(values) != 8:
         raise InputError(
             f"{path}, line {number}: {len(values)} numbers; needs t_s x y z qx qy qz qw"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 from emvs.data import se3
 from emvs.data.camera import Camera, Model
 from emvs.data.rig import Rig
+from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
-from emvs.io.bag_poses import messages, topics
+from emvs.io.bag_poses import POSE_TYPES, messages, read_bag_poses, topics
 from emvs.io.calibration_values import camera_of
+from emvs.io.events.wording import quoted
 
 _TYPE = "sensor_msgs/msg/CameraInfo"
+_NOT_RIGID_M = 1e-3
 _MODELS: dict[str, Model] = {
     "plumb_bob": "radtan",
     "radtan": "radtan",
@@ -26,35 +29,75 @@ _MODELS: dict[str, Model] = {
 }
 
 
+def info_topic(events_topic: str) -> str:
+    """The topic of `camera_info` that belongs to a topic of events: the one beside it."""
+    return f"{events_topic.rpartition('/')[0]}/camera_info"
+
+
 def read_bag_rig(path: Path, event_topics: Sequence[str]) -> Rig:
     """Reads `camera_info` of each event camera: the topic beside its events.
 
     The projection matrices and rectifying rotations say how the cameras stand to each other: the
     rectified frames are parallel, and the fourth column of `P` is minus the focal length times
-    the offset from the first camera.
+    the offset from the first camera. Where they put all cameras into one place, as ESIM does, the
+    topics of poses beside the events say it.
 
     Raises:
         InputError: no such topic, or impossible values.
     """
     kinds = topics(path)
     entries = [_info(path, kinds, topic) for topic in event_topics]
-    where = f"{path}, camera_info"
-    T_rect_cam = [_place(info, where) for info in entries]
+    wheres = [f"{path}, topic {quoted(info_topic(topic))}" for topic in event_topics]
+    cameras = tuple(map(_camera, entries, wheres))
+    T_rect_cam = list(map(_place, entries, wheres))
     T_first = se3.inverse(T_rect_cam[0])
-    return Rig(
-        path.stem,
-        tuple(_camera(info, where) for info in entries),
-        tuple(T_first @ T for T in T_rect_cam),
-    )
+    T_body_cam = [T_first @ T for T in T_rect_cam]
+    if len(entries) > 1 and max(np.abs(T[:3, 3]).max() for T in T_body_cam) < 1e-6:
+        T_body_cam = _by_poses(path, kinds, event_topics)
+    return Rig(path.stem, cameras, tuple(T_body_cam))
+
+
+def _by_poses(
+    path: Path, kinds: Mapping[str, str], event_topics: Sequence[str]
+) -> list[NDArray[np.float64]]:
+    """Where each camera sits in the first one's frame, by the poses of all of them."""
+    names = [f"{topic.rpartition('/')[0]}/pose" for topic in event_topics]
+    absent = [name for name in names if kinds.get(name) not in POSE_TYPES]
+    if absent:
+        raise InputError(
+            f"{path}: camera_info puts all cameras into one place, and there are no poses in "
+            f"{quoted(*absent)}; put a Kalibr camera chain beside the bag"
+        )
+    first, *others = (read_bag_poses(path, name) for name in names)
+    pairs = zip(names[1:], others, strict=True)
+    return [np.eye(4), *(_constant(path, name, first, other) for name, other in pairs)]
+
+
+def _constant(path: Path, name: str, first: Trajectory, other: Trajectory) -> NDArray[np.float64]:
+    """`T_first_other`, which must be the same whenever both have a pose."""
+    common_us = np.intersect1d(first.t_us, other.t_us)
+    if not len(common_us):
+        raise InputError(
+            f"{path}, topic {quoted(name)}: no stamp in common with the first camera's poses; put "
+            "a Kalibr camera chain beside the bag"
+        )
+    T_first_other = se3.inverse(first.at(common_us)) @ other.at(common_us)
+    off_m = np.abs(T_first_other - T_first_other[0]).max()
+    if off_m > _NOT_RIGID_M:
+        raise InputError(
+            f"{path}, topic {quoted(name)}: moves by {off_m:.3g} against the first camera; needs a "
+            "rigid rig: put a Kalibr camera chain beside the bag"
+        )
+    return np.asarray(T_first_other[0], np.float64)
 
 
 def _place(info: Any, where: str) -> NDArray[np.float64]:
     """Where a camera stands in the rig's common rectified frame, (4, 4)."""
     R, P = _of(info, "R").reshape(3, 3), _of(info, "P").reshape(3, 4)
     if (
-        np.abs(R @ R.T - np.eye(3)).max() > 1e-3
+        not (np.isfinite(R).all() and np.isfinite(P).all())
+        or np.abs(R @ R.T - np.eye(3)).max() > 1e-3
         or abs(np.linalg.det(P[:, :3])) < 1e-9
-        or not np.isfinite(P).all()
     ):
         raise InputError(f"{where}: R is no rotation or P no projection; name a calibration file")
     T_rect_cam = np.eye(4)
@@ -64,7 +107,7 @@ def _place(info: Any, where: str) -> NDArray[np.float64]:
 
 
 def _info(path: Path, kinds: dict[str, str], topic: str) -> Any:
-    name = f"{topic.rsplit('/', 1)[0]}/camera_info"
+    name = info_topic(topic)
     if kinds.get(name) != _TYPE:
         raise InputError(
             f"{path}: no topic {name} ({_TYPE}); put a Kalibr camera chain beside the bag"

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
 from emvs.io.events.rosbag import opened_bag
+from emvs.io.events.wording import quoted, said
 
 POSE_TYPES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
     "geometry_msgs/msg/PoseStamped": lambda m: (m.pose.position, m.pose.orientation),
@@ -22,6 +23,35 @@ POSE_TYPES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
     "geometry_msgs/msg/TransformStamped": lambda m: (m.transform.translation, m.transform.rotation),
 }
 _MOST_POSES = 10_000_000
+
+
+class PoseTopic(NamedTuple):
+    """Which topic's poses are meant, or why none is."""
+
+    name: str
+    lacks: str
+
+
+def pose_topic(kinds: Mapping[str, str], streams: Sequence[str]) -> PoseTopic:
+    """Chooses among a bag's topics: the only one with poses, or that beside the first events.
+
+    ESIM writes a topic of poses for every camera, `/cam0/pose` beside `/cam0/events`; those of the
+    first camera are the rig's.
+
+    Args:
+        kinds: type of each topic.
+        streams: topics of events, the first camera's first.
+    """
+    found = [name for name, kind in kinds.items() if kind in POSE_TYPES]
+    own = f"{streams[0].rpartition('/')[0]}/pose" if streams else ""
+    if own in found:
+        return PoseTopic(own, "")
+    if len(found) == 1:
+        return PoseTopic(found[0], "")
+    if not found:
+        return PoseTopic("", "no poses: no topic of poses, no poses.txt beside it")
+    words = f"poses in {quoted(*found)}: name one as poses.topic in a recording.toml"
+    return PoseTopic("", words)
 
 
 def topics(path: Path) -> dict[str, str]:
@@ -47,8 +77,15 @@ def messages(path: Path, topic: str) -> Iterator[Any]:
     with opened_bag(path) as bag:
         wanted = [c for c in bag.connections if c.topic == topic]
         decode = store.deserialize_cdr if ros2 else store.deserialize_ros1
-        for connection, _, data in bag.messages(wanted):
-            yield decode(data, connection.msgtype)
+        for number, (connection, stamp_ns, data) in enumerate(bag.messages(wanted)):
+            try:
+                message = decode(data, connection.msgtype)
+            except Exception as error:  # the library's decoders end in whatever Python has
+                raise InputError(
+                    f"{path}, topic {quoted(topic)}, message {number} at {stamp_ns} ns: cannot be "
+                    f"read as {connection.msgtype} ({said(error)}); damaged, record the bag again"
+                ) from error
+            yield message
 
 
 def read_bag_poses(path: Path, topic: str = "", shift_us: int = 0) -> Trajectory:
@@ -68,7 +105,7 @@ def read_bag_poses(path: Path, topic: str = "", shift_us: int = 0) -> Trajectory
         raise InputError(f"{path}: no poses in {topic!r}; there are {', '.join(found) or 'none'}")
     if not topic and len(found) != 1:
         raise InputError(
-            f"{path}: poses in {', '.join(found) or 'no topic'}; needs one: name it as poses.topic "
+            f"{path}: poses in {quoted(*found) or 'no topic'}; needs one: name it as poses.topic "
             "in a recording.toml, or name a file of poses there"
         )
     topic = topic or found[0]

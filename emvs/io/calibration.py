@@ -25,6 +25,7 @@ from emvs.io.calibration_values import (
     parsed,
     pose_of,
 )
+from emvs.io.events.wording import said
 
 _TERMS = {"kb4": ("k1", "k2", "k3", "k4"), "pinhole": (), "radtan4": ("k1", "k2", "p1", "p2")}
 _BASALT: dict[str, tuple[Model, str]] = {"kb4": ("kb4", "kb4"), "pinhole": ("pinhole", "pinhole")}
@@ -62,7 +63,7 @@ def read_rig(path: Path, cameras: Sequence[str | int] = ()) -> Rig:
         entries = _basalt(values["value0"]) if "value0" in values else _kalibr(values)
         return _rig(path.stem, _chosen(entries, values, cameras))
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        raise InputError(f"{path}: {said(error, 600)}") from error
 
 
 def read_imu_cam(path: Path) -> NDArray[np.float64]:
@@ -76,7 +77,7 @@ def read_imu_cam(path: Path) -> NDArray[np.float64]:
         entries = _basalt(entry_of(values, "value0", "the file", dict))
         return _chosen(entries, values, ())[0].T_common_cam
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        raise InputError(f"{path}: {said(error, 600)}") from error
 
 
 def _rig(name: str, entries: list[_Entry]) -> Rig:

@@ -13,8 +13,14 @@ from numpy.typing import NDArray
 from emvs.data import se3
 from emvs.data.camera import Camera, Model
 from emvs.errors import InputError
+from emvs.io.events.wording import said
 
 _LARGEST_PX = 20_000
+_MOST_BYTES = 1 << 22
+_MOST_VALUES = 100_000
+_MOST_DEPTH = 32
+_MOST_LETTERS = 500
+_LARGEST = 1e100
 
 
 def parsed(path: Path) -> dict[str, Any]:
@@ -24,6 +30,8 @@ def parsed(path: Path) -> dict[str, Any]:
         InputError: a file that cannot be read, or holds something else.
     """
     try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise InputError(f"{path}: more than {_MOST_BYTES} bytes: needs a calibration")
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not a text file"
@@ -32,12 +40,38 @@ def parsed(path: Path) -> dict[str, Any]:
         )
     try:
         values = json.loads(text) if path.suffix == ".json" else yaml.safe_load(text)
-    except (ValueError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())[:120]
+        _check_plain(values)
+    except (ValueError, RecursionError, yaml.YAMLError) as error:
+        reason = said(error, 120)
         raise InputError(f"{path}: no usable JSON or YAML ({reason}): correct the file") from error
     if not isinstance(values, dict):
         raise InputError(f"{path}: holds no calibration: needs Basalt JSON or Kalibr YAML")
     return values
+
+
+def _check_plain(values: Any) -> None:
+    """Refuses what no calibration holds, so that nothing behind this has to think of it.
+
+    A few lines of YAML that name each other stand for more values than memory holds, so values are
+    counted as often as they are meant.
+
+    Raises:
+        ValueError: too many or too deep values, or a number or a word beyond all bounds.
+    """
+    left, waiting = _MOST_VALUES, [(values, 0)]
+    while waiting:
+        value, depth = waiting.pop()
+        left -= len(value) + 1 if isinstance(value, dict | list) else 0
+        if left < 0 or depth > _MOST_DEPTH:
+            raise ValueError(f"more than {_MOST_VALUES} values, or deeper than {_MOST_DEPTH}")
+        if isinstance(value, dict):
+            waiting += [(inner, depth + 1) for pair in value.items() for inner in pair]
+        elif isinstance(value, list):
+            waiting += [(inner, depth + 1) for inner in value]
+        elif isinstance(value, str) and len(value) > _MOST_LETTERS:
+            raise ValueError(f"a word of {len(value)} letters")
+        elif isinstance(value, int | float) and _LARGEST < abs(value) < float("inf"):
+            raise ValueError("a number beyond 1e100")
 
 
 def pose_of(place: Any, key: str) -> NDArray[np.float64]:

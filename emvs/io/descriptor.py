@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,9 @@ from emvs.io.poses import read_poses
 FILE_NAME = "recording.toml"
 
 
+FileName = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]+$")]
+
+
 class _Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -35,7 +38,7 @@ class EventsTable(_Table):
         time_offset_us: added to the file's times.
     """
 
-    file: str
+    file: FileName
     stream: str = ""
     time_offset_us: int = 0
 
@@ -48,7 +51,7 @@ class CalibrationTable(_Table):
         cameras: which of its cameras, in the order of the events; by default its event cameras.
     """
 
-    file: str
+    file: FileName
     cameras: tuple[int | str, ...] = ()
 
 
@@ -65,12 +68,12 @@ class PosesTable(_Table):
         imu_cam: Basalt calibration that says where the camera sits on the IMU, for the latter.
     """
 
-    file: str
+    file: FileName
     topic: str = ""
     unit: Literal["s", "ms", "us", "ns"] = "s"
     time_offset_us: int = 0
-    hand_eye: str | None = None
-    imu_cam: str | None = None
+    hand_eye: FileName | None = None
+    imu_cam: FileName | None = None
 
 
 class Descriptor(_Table):

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import h5py
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
 from emvs.data import se3
 from emvs.data.camera import Camera
+from emvs.data.hdf5 import Hdf5Writer
 from emvs.data.recording import Recording
 from emvs.data.rig import Rig
 from emvs.errors import InputError
@@ -32,8 +32,11 @@ def rectification(rig: Rig) -> tuple[Camera, Array, Array, float]:
         return left, np.eye(3), np.eye(3), baseline_m
     size = (left.width_px, left.height_px)
     zero = np.zeros(4)
-    R_left, R_right, P, *_ = cv2.stereoRectify(left.K, zero, right.K, zero, size, R, t, alpha=-1)
-    common = Camera(*size, P[0, 0], P[1, 1], P[0, 2], P[1, 2])
+    R_left, R_right, P, *_ = cv2.stereoRectify(
+        left.K, zero, right.K, zero, size, R, t[:, None], alpha=-1
+    )
+    fx, fy, cx, cy = (float(v) for v in (P[0, 0], P[1, 1], P[0, 2], P[1, 2]))
+    common = Camera(*size, fx, fy, cx, cy)
     return common, np.asarray(R_left), np.asarray(R_right), baseline_m
 
 
@@ -72,8 +75,8 @@ def write_calibration(folder: Path, rig: Rig) -> None:
     ):
         rays = camera.bearing_table()
         points = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1) @ turned.T
-        with h5py.File(folder / "events" / side / "rectify_map.h5", "w") as file:
-            file["rectify_map"] = common.project(points).astype(np.float32)
+        with Hdf5Writer(folder / "events" / side / "rectify_map.h5") as hdf5:
+            hdf5.file["rectify_map"] = common.project(points).astype(np.float32)
 
 
 def write_truth(folder: Path, recording: Recording, shift_us: int) -> None:

@@ -20,6 +20,8 @@ from emvs.data.trajectory import Trajectory
 from emvs.data.tum import read_tum
 from emvs.errors import InputError
 from emvs.io.event_text import EventText
+from emvs.io.events.wording import said
+from emvs.io.png import read_png
 
 FILES = ("events.txt", "calib.txt", "groundtruth.txt")
 # Every sequence of the data set comes from a DAVIS240C; frames, where there are any, say it again.
@@ -56,10 +58,7 @@ class EventCameraDataset:
         if not self._frames:
             return None
         name = min(self._frames, key=lambda entry: abs(entry[0] - t_us))[1]
-        image = cv2.imread(str(self.path / name), cv2.IMREAD_GRAYSCALE)
-        if image is None:
-            raise InputError(f"{self.path / name}: listed in images.txt, but no readable image")
-        return np.asarray(image, np.uint8)
+        return np.asarray(read_png(self.path / name, cv2.IMREAD_GRAYSCALE), np.uint8)
 
     def _events(self, camera: int) -> EventText:
         if camera != 0:
@@ -74,9 +73,13 @@ class EventCameraDataset:
             return []
         try:
             words = [line.split() for line in path.read_text(encoding="ascii").splitlines()]
-            return [(round(float(t_s) * 1e6), name) for t_s, name in filter(None, words)]
-        except ValueError as error:
-            raise InputError(f"{path}: needs lines `t_s file` ({error})") from error
+            frames = [(round(float(t_s) * 1e6), name) for t_s, name in filter(None, words)]
+        except (OSError, ValueError, OverflowError) as error:
+            raise InputError(f"{path}: needs lines `t_s file` ({said(error)})") from error
+        for _, name in frames:
+            if not name.isprintable() or name.startswith("/") or ".." in name:
+                raise InputError(f"{path}: {name[:60]!a} is no file of this folder; correct it")
+        return frames
 
     @cached_property
     def _text(self) -> EventText:
@@ -87,15 +90,17 @@ class EventCameraDataset:
 def _sensor_size(folder: Path) -> tuple[int, int]:
     """Width and height of the frames, or of the data set's sensor where there are none."""
     frame = next(iter(sorted((folder / "images").glob("*.png"))), None)
-    image = None if frame is None else cv2.imread(str(frame), cv2.IMREAD_GRAYSCALE)
-    return _SENSOR_PX if image is None else (image.shape[1], image.shape[0])
+    if frame is None:
+        return _SENSOR_PX
+    height_px, width_px = read_png(frame, cv2.IMREAD_GRAYSCALE).shape[:2]
+    return width_px, height_px
 
 
 def _read_calibration(path: Path, size_px: tuple[int, int]) -> Camera:
     try:
         values = [float(word) for word in path.read_text(encoding="ascii").split()]
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as a calibration ({error})") from error
+        raise InputError(f"{path}: cannot be read as a calibration ({said(error)})") from error
     if len(values) != 9:
         raise InputError(f"{path}: {len(values)} numbers; needs fx fy cx cy k1 k2 p1 p2 k3")
     try:

@@ -12,13 +12,13 @@ from emvs.data.camera import Camera
 from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
 from emvs.io.calibration import read_rig
-from emvs.io.events.hdf5_layouts import opened_hdf5
+from emvs.io.events.hdf5_layouts import check_columns, opened_hdf5
 from emvs.io.layout_files import find_one
 from emvs.io.posed import EventSource, PosedRecording
 
 DATA = "*_data.hdf5"
 _LARGEST_S = 1 << 40
-_MOST_POSES = 10_000_000
+_MOST_POSES = 1_000_000
 
 
 def is_mvsec(folder: Path) -> bool:
@@ -54,8 +54,10 @@ def _poses(path: Path) -> Trajectory:
         missing = [name for name in names if name not in file]
         if missing:
             raise InputError(f"{path}: lacks {', '.join(missing)}; fetch it again")
+        check_columns(path, file, names[:1], 3)
+        check_columns(path, file, names[1:], 1)
         shape = file[names[0]].shape
-        if len(shape) != 3 or shape[1:] != (4, 4) or not 1 <= shape[0] <= _MOST_POSES:
+        if shape[1:] != (4, 4) or not 1 <= shape[0] <= _MOST_POSES:
             raise InputError(f"{path}: {names[0]} has shape {shape}; needs (N, 4, 4)")
         T_world_cam = np.asarray(file[names[0]][()], np.float64)
         t_us = _times(path, file[names[1]][()], len(T_world_cam))
@@ -84,8 +86,14 @@ class MvsecDepth:
 
     def __init__(self, path: Path, camera: Camera) -> None:
         self._path, self._camera = path, camera
+        names = (self._DEPTH, f"{self._DEPTH}_ts")
         with opened_hdf5(path) as file:
-            self.there = self._DEPTH in file and f"{self._DEPTH}_ts" in file
+            missing = [name for name in names if name not in file]
+            self.there = len(missing) < 2
+            if len(missing) == 1:
+                raise InputError(f"{path}: lacks {missing[0]}, but has its partner; fetch it again")
+            for name in names if self.there else ():
+                check_columns(path, file, (name,), 3 if name == self._DEPTH else 1)
             shape = file[self._DEPTH].shape if self.there else (0, 0, 0)
         if self.there and shape[1:] != (camera.height_px, camera.width_px):
             raise InputError(

@@ -76,6 +76,11 @@ class EventSource:
             yield self._shifted(events)
 
     @property
+    def share(self) -> float:
+        """How much of it `chunks` has read, 0 to 1, for a bar that moves."""
+        return self.reader.share(self._name)
+
+    @property
     def _name(self) -> str:
         """The stream's name, which an unopened file may not have told yet."""
         return self.reader.streams[0] if not self.stream else self.stream

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from emvs.atomic import atomic_path
 from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
+from emvs.io.events.wording import said
 
 PER_UNIT_US = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
-_MOST_BYTES = 1 << 30
+_MOST_BYTES = 1 << 28
 _LARGEST_US = 2.0**62
 
 
@@ -97,7 +98,7 @@ def _row(where: str, words: list[str], columns: int, needs: str) -> list[float]:
     try:
         values = [float(word) for word in words]
     except ValueError as error:
-        raise InputError(f"{where}: {error}; needs {columns} numbers: {needs}") from error
+        raise InputError(f"{where}: {said(error)}; needs {columns} numbers: {needs}") from error
     if len(values) != columns:
         raise InputError(f"{where}: {len(values)} numbers; needs {columns}: {needs}")
     return values

@@ -37,7 +37,8 @@ class Readable:
 def open_readable(path: Path) -> Readable:
     """Opens a recording, or else an event file.
 
-    A ROS bag without calibration or poses is opened for its events alone.
+    A ROS bag without calibration or poses is opened for its events alone, and `what` says why; one
+    whose calibration or poses are damaged is refused.
 
     Raises:
         InputError: nothing there or nothing known, or a damaged file.
@@ -47,20 +48,18 @@ def open_readable(path: Path) -> Readable:
         return _recording(path)
     if path.suffix == ".toml":
         return _recording(path)
-    try:
-        reader = open_events(path)
-    except InputError:
-        if path.suffix == ".bag" or path.is_dir():
-            return _recording(path)
-        raise
+    reader, why = open_events(path), ""
     if reader.format.startswith("rosbag"):
-        try:
+        from emvs.io.rosbag_recording import lacks
+
+        why = lacks(path)
+        if not why:
             return _recording(path)
-        except InputError:
-            pass  # no calibration or no poses: its events are still worth reading
     size_px = _size(reader.width_px, reader.height_px)
     streams = tuple((name, EventSource(path, name)) for name in reader.streams)
-    what = f"{FORMATS[reader.format].what} ({reader.format})"
+    what = f"{FORMATS[reader.format].what} ({reader.format})" + (
+        f"; events alone: {why}" * bool(why)
+    )
     sizes = tuple(size_px if k == 0 else None for k in range(len(streams)))
     return Readable(path, what, None, streams, sizes)
 

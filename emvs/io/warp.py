@@ -1,4 +1,4 @@
-"""Carries a depth map from one pinhole view into another with the same centre."""
+"""Carries a depth map from one pinhole view into another."""
 
 from __future__ import annotations
 
@@ -25,12 +25,35 @@ def turn_depth(
     Returns:
         (H, W) z-depth in the target view, m, NaN where no source pixel lands.
     """
+    T_target_source = np.eye(4)
+    T_target_source[:3, :3] = R_target_source
+    return move_depth(depth_m, source, target, T_target_source)
+
+
+def move_depth(
+    depth_m: NDArray[np.float32],
+    source: Camera,
+    target: Camera,
+    T_target_source: NDArray[np.float64],
+) -> NDArray[np.float32]:
+    """Projects every pixel's point into another view and keeps the nearest surface per pixel.
+
+    Args:
+        depth_m: (H, W) z-depth in the source view, m; not finite or not above 0 where unknown.
+        source: its pinhole camera.
+        target: the pinhole camera of the result.
+        T_target_source: (4, 4) rigid motion between the two.
+
+    Returns:
+        (H, W) z-depth in the target view, m, NaN where no source pixel lands.
+    """
     rows, columns = np.nonzero(np.isfinite(depth_m) & (depth_m > 0))
     bearing = source.unproject(np.stack([columns, rows], axis=-1).astype(np.float64))
     z_m = depth_m[rows, columns].astype(np.float64)
-    points = np.column_stack([bearing, np.ones(len(bearing))]) * z_m[:, None] @ R_target_source.T
+    points = np.column_stack([bearing, np.ones(len(bearing))]) * z_m[:, None]
+    points = points @ T_target_source[:3, :3].T + T_target_source[:3, 3]
     uv = target.project(points)
-    good = np.isfinite(uv).all(axis=1) & (np.abs(uv) < 1e6).all(axis=1)
+    good = (np.abs(uv) < 1e6).all(axis=1) & (points[:, 2] > 0)
     uv_px, z_m = np.rint(uv[good]).astype(np.int64), points[good, 2]
     inside = (
         (uv_px[:, 0] >= 0)

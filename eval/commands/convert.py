@@ -30,7 +30,8 @@ def convert(
         out: File or folder to write, whole or not at all.
         to: A data set's layout or event format, tum, kitti, kalibr, basalt, opencv, rig,
             depth-png, depth-npy, depth-tiff, depth-exr, disparity-png, ply or pcd.
-        stream: The only stream to convert, of an event file with several.
+        stream: The only stream to convert into one file, of an event file with several or of a
+            recording, whose cameras are its streams.
         shift_us: Added to all times, µs.
         from_zero: Shift all times so that the first event or pose is at 0.
         unit: Unit of time in a text of poses: s, ms, us or ns.

@@ -49,6 +49,9 @@ class EventReader(Protocol):
     def chunks(self, stream: str, max_events: int = 1 << 20) -> Iterator[Events]:
         """All events in file order, in packets of 1 to `max_events`."""
 
+    def share(self, stream: str) -> float:
+        """How much of the stream `chunks` has read, 0 to 1, for a bar that moves."""
+
 
 @dataclass(frozen=True, slots=True)
 class Limits:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -14,17 +13,15 @@ from numpy.typing import NDArray
 
 from emvs.data.events import Events
 from emvs.data.hdf5 import open_hdf5
+from emvs.data.hdf5_checks import check_dataset
 from emvs.errors import InputError
 from emvs.io.events.convert_columns import times_us, to_events
 from emvs.io.events.matrix_kernel import convert_rows
 from emvs.io.events.wording import quoted, said
 
-ECF = 0x8ECF
-"""The filter of Prophesee's codec."""
 Streams = dict[str, tuple[str, ...]]
 _DAVIS = ("davis/left/events", "davis/right/events")
 _CD = "CD/events"
-_MOST_CHUNK = 1 << 28
 
 
 @contextmanager
@@ -89,61 +86,27 @@ def hdf5_layout(path: Path) -> Hdf5Layout:
     )
 
 
-def check_columns(path: Path, file: h5py.File, names: tuple[str, ...]) -> int:
+def check_columns(
+    path: Path, file: h5py.File, names: tuple[str, ...], axes: int | None = None
+) -> int:
     """Rows of a stream; refuses data sets that do not match or whose bytes are not all there.
+
+    Args:
+        path: the file, for the error's sake.
+        file: open.
+        names: data sets that must be as long as each other.
+        axes: how many each must have; by default what the layouts of events say.
 
     Raises:
         InputError: as said, or a filter that is not installed.
     """
-    counts = {name: _check_one(path, file[name]) for name in names}
+    counts = {name: check_dataset(path, file[name]) for name in names}
     for name in names:
-        if file[name].ndim != (2 if name in _DAVIS else 1):
+        if file[name].ndim != (axes or (2 if name in _DAVIS else 1)):
             raise InputError(f"{path}, data set {name}: shape {file[name].shape}; of no known kind")
     if len(set(counts.values())) != 1:
         raise InputError(f"{path}: data sets of lengths {counts}; needs one length")
     return next(iter(counts.values()))
-
-
-def _check_one(path: Path, data: Any) -> int:
-    if not isinstance(data, h5py.Dataset) or not data.shape:
-        raise InputError(f"{path}: a group or single value where events should be; damaged")
-    where = f"{path}, data set {data.name}"
-    _check_filters(where, data)
-    _check_storage(where, data)
-    return int(data.shape[0])
-
-
-def _check_filters(where: str, data: h5py.Dataset) -> None:
-    plist = data.id.get_create_plist()
-    for k in range(plist.get_nfilters()):
-        code = plist.get_filter(k)[0]
-        if not h5py.h5z.filter_avail(code):
-            cure = "install Prophesee's ECF plug-in" if code == ECF else "install its plug-in"
-            raise InputError(
-                f"{where}: compressed by filter {code:#x}, which is not installed; {cure} and name "
-                "its folder in HDF5_PLUGIN_PATH"
-            )
-
-
-def _check_storage(where: str, data: h5py.Dataset) -> None:
-    """Refuses counts that the file does not back with bytes: HDF5 would read zeros there."""
-    if data.chunks is None:
-        stored, needed = data.id.get_storage_size(), data.nbytes
-    else:
-        stored = data.id.get_num_chunks()
-        size = int(np.prod(data.chunks)) * data.dtype.itemsize
-        if size > _MOST_CHUNK:
-            raise InputError(
-                f"{where}: chunks of {size} bytes, at most {_MOST_CHUNK} are read; the file is "
-                "damaged, or rewrite it in smaller chunks"
-            )
-        needed = int(np.prod([-(-n // c) for n, c in zip(data.shape, data.chunks, strict=True)]))
-    if stored < needed:
-        unit = "bytes" if data.chunks is None else "chunks"
-        raise InputError(
-            f"{where}: {data.shape[0]} rows need {needed} {unit}, {stored} are there; the file "
-            "is not whole, fetch it again"
-        )
 
 
 def _size(file: h5py.File) -> tuple[int, int] | None:

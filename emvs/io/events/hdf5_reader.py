@@ -53,6 +53,10 @@ class Hdf5Reader(BlockReader):
         with opened_hdf5(self.path) as file:
             return self._layout.events(file, self._where(stream, *place), stream, *place)
 
+    def share_before(self, stream: str, place: Any) -> float:
+        """Which share of the rows ends with a block."""
+        return float(place[1] / max(1, self._count[stream]))
+
     def span_us(self, stream: str) -> tuple[int, int]:
         """Earliest and latest time stamp, µs."""
         self.check_stream(stream)

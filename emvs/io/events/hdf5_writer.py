@@ -13,7 +13,7 @@ from emvs.data.event_store import EventWriter
 from emvs.data.events import Events
 from emvs.data.hdf5 import COMPRESSION, Hdf5Writer
 from emvs.errors import InputError
-from emvs.io.events.writer import StreamWriter
+from emvs.io.events.writer import GatheringWriter, StreamWriter
 
 _ROWS = 1 << 16
 _COLUMNS = {"x": np.uint16, "y": np.uint16, "t": np.int64, "p": np.uint8}
@@ -35,12 +35,11 @@ class DsecWriter(StreamWriter):
         self._writer.close()
 
 
-class TumvieWriter(StreamWriter):
+class TumvieWriter(GatheringWriter):
     """Columns with `ms_to_idx`, and no offset: times count from the recording's zero."""
 
-    packet = 1 << 20
-
     def __init__(self, path: Path) -> None:
+        super().__init__()
         self._hdf5 = Hdf5Writer(path)
         self._count = self._next_ms = 0
         for name, kind in _COLUMNS.items():
@@ -65,12 +64,11 @@ class TumvieWriter(StreamWriter):
         self._hdf5.close()
 
 
-class MvsecWriter(StreamWriter):
+class MvsecWriter(GatheringWriter):
     """`davis/left/events` and `davis/right/events`: rows of x, y, t in seconds, p as -1 or 1."""
 
-    packet = 1 << 20
-
     def __init__(self, path: Path, names: Sequence[str]) -> None:
+        super().__init__()
         sides = {name: name.rpartition("/")[2] for name in names}
         if set(sides.values()) - {"left", "right"}:
             sides = dict(zip(names, ("left", "right"), strict=False))

@@ -38,6 +38,7 @@ class BlockReader:
         self.path = path
         self.streams = streams
         self._entries: dict[str, list[Entry]] = {}
+        self._share: dict[str, float] = {}
 
     def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
         """Blocks in file order: what `load` needs to find each one again, and its events."""
@@ -64,9 +65,21 @@ class BlockReader:
         self.check_stream(stream)
         if max_events < 1:
             raise InputError(f"{max_events} events per packet: needs at least 1")
-        for _, events in self.scan(stream):
+        self._share[stream] = 0.0
+        for place, events in self.scan(stream):
+            self._share[stream] = self.share_before(stream, place)
             for start in range(0, len(events), max_events):
                 yield events.slice(start, min(start + max_events, len(events)))
+        self._share[stream] = 1.0
+
+    def share(self, stream: str) -> float:
+        """How much of the stream `chunks` has read, 0 to 1."""
+        return self._share.get(stream, 0.0)
+
+    def share_before(self, stream: str, place: Any) -> float:
+        """Which share of a stream ends with a block; here its place is its first byte and size."""
+        del stream
+        return float(min(1.0, (place[0] + place[1]) / max(1, self.path.stat().st_size)))
 
     def check_stream(self, stream: str) -> None:
         """Refuses a stream that the file does not have."""

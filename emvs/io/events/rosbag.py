@@ -42,6 +42,7 @@ class RosbagReader(BlockReader):
             self._counts = {
                 t: sum(c.msgcount for c in bag.connections if c.topic == t) for t in self.streams
             }
+            self._span_ns = (int(bag.start_time), int(bag.end_time))
             self._first_size(bag)
 
     def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
@@ -69,6 +70,12 @@ class RosbagReader(BlockReader):
     def load(self, stream: str, place: Any) -> Events:
         """Reads one run of messages."""
         return Events.concat([events for _, events in self._messages(stream, *place)])
+
+    def share_before(self, stream: str, place: Any) -> float:
+        """Which share of the time of recording ends with a block."""
+        del stream
+        first_ns, last_ns = self._span_ns
+        return float(min(1.0, max(0.0, (place[1] - first_ns) / max(1, last_ns - first_ns))))
 
     def between(self, stream: str, t0_us: int, t1_us: int) -> Events:
         """Events with `t0_us <= t < t1_us`, in file order: one pass over the blocks that matter."""

@@ -49,6 +49,33 @@ class StreamWriter:
             self._close()
 
 
+class GatheringWriter(StreamWriter):
+    """A writer to which large packets come much cheaper: small ones wait for each other."""
+
+    packet = 1 << 20
+    _LEAST = 1 << 18
+
+    def __init__(self) -> None:
+        self._waiting: dict[str, list[Events]] = {}
+        self._counts: dict[str, int] = {}
+
+    def append(self, stream: str, events: Events) -> None:
+        """Writes a packet, or lets it wait."""
+        self._waiting.setdefault(stream, []).append(events)
+        self._counts[stream] = self._counts.get(stream, 0) + len(events)
+        if self._counts[stream] >= self._LEAST:
+            self._empty(stream)
+
+    def _empty(self, stream: str) -> None:
+        waiting = self._waiting.pop(stream)
+        self._counts[stream] = 0
+        super().append(stream, waiting[0] if len(waiting) == 1 else Events.concat(waiting))
+
+    def _finish(self) -> None:
+        for stream in list(self._waiting):
+            self._empty(stream)
+
+
 class FileWriter(StreamWriter):
     """A writer of bytes, one after another."""
 
