@@ -33,3 +33,40 @@ def test_in_the_simulator(name):
     found = run("-c", start, "-p", "no:cacheprovider", str(TESTS / f"cuda_{name}.py"), **SIMULATED)
     assert found.returncode == 0, found.stdout[-5000:]
     assert re.search(r"^\.+", found.stdout, re.MULTILINE), found.stdout
+
+
+# numba brings a numba.cuda of its own, which is not the one that is asked for
+WITHOUT_NUMBA_CUDA = """
+import importlib.util as util
+find = util.find_spec
+util.find_spec = lambda name, *more: None if name == "numba_cuda" else find(name, *more)
+"""
+
+
+@pytest.mark.parametrize(
+    ("prepared", "reason"),
+    [
+        (WITHOUT_NUMBA_CUDA, "numba-cuda is not installed"),
+        ("", "(numba-cuda is not installed|nvidia-smi shows a GPU)"),
+    ],
+    ids=["numba-alone", "as-installed"],
+)
+def test_without_a_gpu_one_line_says_why(prepared, reason):
+    asked = prepared + "from emvs import device\ndevice.choose('cuda')"
+    found = run("-c", asked, NUMBA_ENABLE_CUDASIM="0", **NO_GPU)
+    assert found.returncode == 1
+    last = found.stderr.strip().splitlines()[-1]
+    assert re.search(f"InputError: device cuda cannot be used: .*{reason}", last), last
+    assert last.endswith("or choose device cpu")
+
+
+def test_without_a_gpu_auto_takes_the_cpu_and_says_so():
+    asked = "from emvs import device; assert device.choose('auto') == device.CPU"
+    found = run("-c", asked, NUMBA_ENABLE_CUDASIM="0", **NO_GPU)
+    assert found.returncode == 0, found.stderr
+    assert "device auto took the CPU: " in found.stderr
+
+
+def test_the_mapper_does_not_load_a_gpus_library():
+    asked = "import sys, emvs.mapper; assert 'emvs.cuda' not in sys.modules"
+    assert run("-c", asked).returncode == 0
