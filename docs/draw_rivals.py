@@ -98,9 +98,10 @@ def picture(folder, case):
     maps = [window.depth_map(method) for method in window.info.methods]
     t_us, scale = maps[0].t_us, depth_scale(sequence.depth_range_m)
     colours = mpl.colors.ListedColormap(scale.palette[:255] / 255)
-    columns = -(-(len(maps) + 2) // 2)
-    size = (3.4 * columns, 5.4)
-    figure, axes = plt.subplots(2, columns, figsize=size, layout="constrained", dpi=80)
+    columns = 5
+    rows = -(-(len(maps) + 2) // columns)
+    size = (3.0 * columns, 2.4 * rows)
+    figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", dpi=80)
     for axis in axes.flat:
         axis.set_axis_off()
     photos = len(sequence.photo_times_us(0)) > 0
@@ -111,13 +112,13 @@ def picture(folder, case):
     drawn = axes.flat[1].imshow(1 / truth_m, cmap=colours, vmin=scale.low, vmax=scale.high)
     axes.flat[1].set_title("true depth", fontsize=10)
     for axis, found in zip(axes.flat[2:], maps, strict=False):
-        rows, cols = np.nonzero(found.mask)
+        row, column = np.nonzero(found.mask)
         limits = {"vmin": scale.low, "vmax": scale.high}
         axis.imshow(np.ones((*found.mask.shape, 3)))
         # Dots, not an image: single pixels vanish when it is scaled down
-        axis.scatter(cols, rows, c=1 / found.depth_m[rows, cols], s=1.3, cmap=colours,
+        axis.scatter(column, row, c=1 / found.depth_m[row, column], s=1.3, cmap=colours,
                      linewidths=0, **limits)  # fmt: skip
-        axis.set_title(f"{found.method}: {len(rows)} points", fontsize=10)
+        axis.set_title(f"{found.method}: {len(row)} points", fontsize=10)
     bar = figure.colorbar(drawn, ax=axes, shrink=0.7)
     bar.set_ticks([scale.low + share * (scale.high - scale.low) for share, _ in scale.ticks],
                   labels=[label for _, label in scale.ticks])  # fmt: skip
