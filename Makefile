@@ -2,7 +2,8 @@
 BIN := .venv/bin
 SEED ?= 0
 
-.PHONY: demo test slow lint gate bench pictures setup clean
+.PHONY: demo test slow lint gate bench setup clean
+.PHONY: pictures pictures-scenes pictures-simulator pictures-methods tables measurements studies
 .DEFAULT_GOAL := demo
 
 demo: setup
@@ -28,18 +29,81 @@ gate: setup
 bench: setup
 	$(BIN)/python -m pytest tests/bench_*.py --benchmark-only -p no:xdist
 
-# The pictures in the documentation.
-pictures: setup
+# The pictures in the documentation, all but those of the measurements below. A line that draws under
+# fixed names has them behind it. SLIDER=FOLDER: slider_depth of the Event Camera Dataset.
+pictures: pictures-scenes pictures-simulator pictures-methods
+
+pictures-scenes: setup
 	for case in desk boxes planes; do \
 		$(BIN)/eventsweep run $$case --out out/$$case --force --quiet || exit; \
-		cp out/$$case/overview.png docs/images/$$case.png; \
 	done
+	cp out/desk/overview.png docs/images/desk.png
+	cp out/boxes/overview.png docs/images/boxes.png
+	cp out/planes/overview.png docs/images/planes.png
 	$(BIN)/python -m scenes._sheet docs/images/twins.png
 	$(BIN)/python -m scenes._sheet docs/images/twins_outdoor.png tumvie-skate tumvie-run tumvie-bike \
 		dsec-street moving-objects low-texture repetitive thin-structures reflective
-	$(BIN)/python -m sim.sensor_pictures
-	$(BIN)/python -m sim.motion_figures docs/images
-	$(BIN)/python docs/draw_lenses_and_light.py
+
+pictures-simulator: setup
+	$(BIN)/python -m sim.sensor_pictures # docs/images/sensor_*.png
+	$(BIN)/python -m sim.motion_figures docs/images # docs/images/motion-*.png
+	$(BIN)/python docs/draw_lenses_and_light.py # docs/images/lenses.png docs/images/light.png
+	$(BIN)/python docs/draw_truth.py # docs/images/truth.png
+
+pictures-methods: pictures-scenes
+	$(BIN)/eventsweep run desk --seconds 0.5 --sim.frames.rate-hz 20 --method Alg1/H \
+		--method EMVS/cam0 --method Late/union --method rivals --method Frames/sgm \
+		--out out/rivals/desk --force --quiet
+	$(BIN)/eventsweep run hdr-window --seconds 0.6 --sim.frames.rate-hz 20 --method Alg1/H \
+		--method EMVS/cam0 --method rivals --method Frames/sgm --out out/rivals/hdr --force --quiet
+	$(BIN)/eventsweep run mvsec-flying --seconds 1.2 --map.threshold-c 14 --map.median-px 9 \
+		--method Alg1/H --method EMVS/cam0 --method EMVS/cam1 --method rivals \
+		--out out/rivals/mvsec --force --quiet
+	$(BIN)/python docs/draw_rivals.py out/rivals/desk out/rivals/hdr \
+		out/rivals/mvsec # docs/images/rivals-*.png
+	$(BIN)/python docs/draw_rivals_esvo.py out/rivals/mvsec \
+		mvsec-flying # docs/images/rivals_esvo-mvsec-flying.png
+	$(BIN)/eventsweep map out/desk/desk/sequence --out out/windows --map.window-s 0.2 \
+		--map.stride-s 0.02 --method Alg1/H --force --quiet
+	$(BIN)/eventsweep fuse out/windows --mesh --min-windows 2
+	$(BIN)/python docs/draw_clouds.py out/windows Alg1/H docs/images/clouds_desk.png
+	$(BIN)/python -m eval.study_inpaint docs/images/inpaint.png
+ifdef SLIDER
+	$(BIN)/eventsweep map $(SLIDER) --out out/slider --method EMVS/cam0 --map.window-s 0.8 \
+		--map.stride-s 0.1 --map.min-depth-m 0.3 --map.max-depth-m 4 --map.hot-pixels 3 --force --quiet
+	$(BIN)/eventsweep fuse out/slider --mesh --min-windows 2
+	$(BIN)/python docs/draw_clouds.py out/slider EMVS/cam0 docs/images/slider_depth.png --zoom 0.7
+endif
+
+# Tables in the documentation: of the code, in seconds; and measured, in hours on a quiet machine.
+tables: setup
+	$(BIN)/python -m eval.settings_table
+	$(BIN)/python -m eval.readme_table
+	$(BIN)/python -m emvs.io.events docs/event_formats.md
+
+measurements: setup studies
+	$(BIN)/python -m scenes._figures docs/scenes.md docs/twins.md docs/twins_outdoor.md docs/twins_hard.md
+	$(BIN)/python -m eval.study_extraction --sets development held-out --page docs/extraction.md \
+		--picture docs/images/extraction.png
+	$(BIN)/python -m eval.study_cost --page docs/performance.md --picture docs/images/cost.png
+	$(BIN)/python -m eval.cost_methods --page docs/methods.md
+	$(BIN)/python tests/fault_runs.py --page docs/gate.md
+
+# The figures and tables of docs/studies.md: see there what they cost. Jobs are kept in the cache.
+STUDY = $(BIN)/eventsweep study $$name --out out/studies --seeds 0,1 --quiet
+studies: setup
+	for name in pose-drift pose-walk window-length; do \
+		$(STUDY) --case boxes --case planes || exit; \
+	done
+	for name in pose-noise pose-rate pose-delay camera-delay focal-length principal-point \
+			stereo-yaw stereo-pitch baseline-error event-share planes; do \
+		$(STUDY) --case boxes --case planes --seconds 0.3 || exit; \
+	done
+	for name in baseline heading contrast-threshold sensor-noise illumination; do \
+		$(STUDY) --case planes --seconds 0.3 || exit; \
+	done
+	$(BIN)/python -m eval.studies.page out/studies docs/studies.md # docs/images/study_*.png
+	$(BIN)/python -m eval.studies.reproduction --out out/mvsec-table --page docs/studies.md
 
 setup: .venv/installed
 

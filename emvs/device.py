@@ -10,6 +10,7 @@ from typing import Any, Literal
 from emvs.backend import Backend, CpuBackend, Task
 from emvs.config import DeviceName
 from emvs.projector import AnyRays, CpuProjector, Projector
+from emvs.recipe import Method
 
 _log = logging.getLogger(__name__)
 
@@ -49,6 +50,22 @@ def choose(wanted: DeviceName) -> Device:
     if wanted == "auto":
         _log.warning("device auto took the GPU %s", device.name)
     return device
+
+
+def for_methods(wanted: DeviceName, methods: Sequence[Method]) -> Device:
+    """The device of a run: that of a name, but the CPU where every method is a rival.
+
+    Rivals have no sweep and always run on the CPU; beside a GPU a line says so.
+
+    Raises:
+        InputError: as `choose`.
+    """
+    device = choose(wanted)
+    rivals = [method.name for method in methods if method.rival is not None]
+    if device.kind == "cpu" or not rivals:
+        return device
+    _log.warning("device %s: rivals run on the CPU: %s", wanted, ", ".join(rivals))
+    return CPU if len(rivals) == len(methods) else device
 
 
 def check(wanted: DeviceName) -> None:

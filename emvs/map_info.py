@@ -29,7 +29,7 @@ class RecordingInfo(_Model):
 class WindowInfo(_Model):
     """One window in `map.json`; times in µs, counts per camera and by what became of events.
 
-    `device` is what swept it: `cpu`, or the name of a GPU.
+    `device` is what swept it: `cpu`, or the name of a GPU; `cpu` where only rivals ran.
     """
 
     name: str = Field(pattern=r"^\w[\w-]*$")

@@ -46,15 +46,15 @@ def map_window(
             name), what is done and how much there is.
         window: one window of a plan (`emvs.windows`); by default what the configuration says.
         dsi_dir: where `save_dsi` writes the fused volumes.
-        device: what computes (`emvs.device.choose`); by default what the configuration says.
+        device: what computes (`emvs.device.for_methods`); by default what the configuration says.
 
     Raises:
         InputError: a window that events or poses do not cover, no events in it, an impossible depth
             range, an unknown method, a GPU that is not there or has too little memory.
     """
     stopwatch = Stopwatch()
-    device = devices.choose(config.device) if device is None else device
     methods = fusion.methods(config.methods, len(recording.rig), reference=config.is_reference)
+    device = devices.for_methods(config.device, methods) if device is None else device
 
     # 1. Input: events of one interval, camera poses and calibration.
     window = choose_window(recording, config) if window is None else window

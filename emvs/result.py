@@ -69,7 +69,7 @@ class WindowResult:
         slices: one image row of every fused volume.
         event_image: (2, H, W) uint32 events of camera 0 per pixel: darker, brighter.
         seconds: wall time per stage.
-        device: what computed the sweep: `cpu`, or the name of a GPU.
+        device: what computed the sweep: `cpu`, or the name of a GPU; `cpu` where only rivals ran.
     """
 
     window: Window

@@ -70,7 +70,8 @@ def map_windows(
         InputError: settings that suit no window, an output of another run, or no window that could
             be mapped; the reasons are in `map.json`.
     """
-    device = devices.choose(config.device)
+    methods = fusion.methods(config.methods, len(recording.rig), reference=config.is_reference)
+    device = devices.for_methods(config.device, methods)
     head = MapInfo(
         schema_version=SCHEMA_VERSION,
         recording=about,

@@ -60,7 +60,15 @@ def compare_runs(runs: Sequence[Run]) -> Comparison:
 
 def _verdicts(first: Measured, other: Measured) -> dict[Key, Verdict]:
     judged = compare(first.series, other, Tolerances())
-    directed = (one for one in judged if _has_direction(one, first, other))
+    strange = {one.key.case for one in judged if one.status == "not comparable"}
+    strange -= {one.key.case for one in judged if one.status in JUDGED}
+    # What is missing on another sequence is no loss.
+    told = (
+        Verdict(one.key, "not comparable", one.unit)
+        if one.status == "gone" and one.key.case in strange else one
+        for one in judged
+    )  # fmt: skip
+    directed = (one for one in told if _has_direction(one, first, other))
     return {one.key: _with_versions(one, first, other) for one in directed}
 
 

@@ -43,6 +43,34 @@ def read_numbers(path: Path, height_px: int, width_px: int) -> Image:
     return np.where(np.isfinite(numbers) & (numbers > 0), numbers, np.nan)
 
 
+def read_confidence(path: Path, height_px: int, width_px: int) -> Image | None:
+    """Reads the array `confidence` of an npz; None where there is none, and of other formats.
+
+    Raises:
+        InputError: a damaged file, or a confidence of another size or that is not all finite.
+    """
+    if path.suffix.lower() != ".npz":
+        return None
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            found: NDArray[Any] | None = file.get("confidence")
+    except DAMAGED_NPY as error:
+        raise _damaged(path, error) from error
+    if found is None:
+        return None
+    if found.shape != (height_px, width_px) or found.dtype.kind not in "fui":
+        raise InputError(
+            f"{path}: confidence is {found.dtype} {found.shape}: needs numbers "
+            f"{(height_px, width_px)}, as depth_m is"
+        )
+    if not np.isfinite(found).all():
+        raise InputError(
+            f"{path}: confidence is not finite everywhere: write 0 where there is none"
+        )
+    confidence: Image = found.astype(np.float64)
+    return confidence
+
+
 def is_integral(path: Path) -> bool:
     """Whether files of this kind hold whole numbers, whose scale must be told."""
     return path.suffix.lower() == ".png"

@@ -117,7 +117,10 @@ def of_results(results: Results) -> Measured:
     for row in _pooled(results.rows, None):
         if math.isnan(row.value):  # as good as missing: gone, where the baseline has a number
             continue
-        identity = _hash([results.sequences.get(row.case), scored, row.metric, row.unit])
+        facts = [results.sequences.get(row.case), scored, row.metric, row.unit]
+        # Own results may say nothing of what made their numbers; ours say it.
+        version = results.metrics.get(row.metric)
+        identity = _hash(facts if version is None else [*facts, version])
         _add(series, row, seed, identity)
     cases = tuple(dict.fromkeys(row.case for row in results.rows))
     return Measured("results", series, (seed,), cases, {}, results.versions)

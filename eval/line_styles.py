@@ -70,7 +70,8 @@ _FAMILIES = {  # colour and marker
     "GTS": ("#cc6677", "X"),
     "Frames": ("#6699cc", "P"),
 }
-_OTHERS, _OTHER_MARKER = ("#b07d2b", "#777777", "#1b9e77"), "*"
+_OTHERS = ("#c2185b", "#5c6bc0", "#6a994e", "#8d6e63", "#00838f")
+_OTHER_MARKERS = ("*", "p", "<", ">")
 _KNOWN: dict[str, Dash] = {
     "Late/union": "solid",
     "SGM/ts": "solid",
@@ -85,16 +86,17 @@ _KNOWN: dict[str, Dash] = {
 def line_style(method: str) -> LineStyle:
     """The style of a method, the same wherever it is drawn; names nobody knows get one, too."""
     family, _, kind = method.partition("/")
-    colour, marker = _FAMILIES.get(family, (_pick(_OTHERS, method), _OTHER_MARKER))
+    others = _pick(_OTHERS, method, "colour"), _pick(_OTHER_MARKERS, method, "marker")
+    colour, marker = _FAMILIES.get(family, others)
     return LineStyle(colour or _FUSION_COLOURS.get(kind, _OTHERS[0]), _dash(method, kind), marker)
 
 
 def _dash(method: str, kind: str) -> Dash:
     if camera := re.fullmatch(r"cam(\d+)", kind):
         return _CAMERA_DASHES[int(camera[1]) % len(_CAMERA_DASHES)]
-    return _KNOWN.get(method) or _DASHES.get(kind) or _pick(_LOOSE, method)
+    return _KNOWN.get(method) or _DASHES.get(kind) or _pick(_LOOSE, method, "dash")
 
 
-def _pick(choices: tuple[_Choice, ...], method: str) -> _Choice:
+def _pick(choices: tuple[_Choice, ...], method: str, what: str) -> _Choice:
     """One of some, by the name alone: whatever else is drawn, the method looks the same."""
-    return choices[crc32(method.encode()) % len(choices)]
+    return choices[crc32(f"{what} of {method}".encode()) % len(choices)]

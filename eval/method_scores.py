@@ -56,23 +56,40 @@ class Score:
 
 def score_pairs(pairs: Pairs) -> list[Score]:
     """Every metric of one set of pairs, and the two numbers that put them into proportion."""
-    context = [
-        Score("truth_points", float(pairs.truth_count), "px", "none"),
-        Score("baseline_focal", pairs.baseline_focal_px_m, "px·m", "none"),
-    ]
-    return context + [_score(metric, pairs, ALL) for metric in ALL_METRICS.values()]
+    context = context_scores(pairs.truth_count, pairs.baseline_focal_px_m)
+    return [*context, *(_score(name, pairs, ALL) for name in ALL_METRICS)]
 
 
 def score_method(pairs: MethodPairs) -> list[Score]:
     """Every metric on the method's own pixels, and a few on the common ones and in each region."""
     scores = score_pairs(pairs.own)
-    scores += [_score(ALL_METRICS[name], pairs.common, COMMON) for name in COMMON_NAMES]
-    for region, found in pairs.regions.items():
-        scores += [_score(ALL_METRICS[name], found, region) for name in REGION_NAMES]
-    return [*scores, *_cause_scores(pairs.causes)]
+    for region, found in {COMMON: pairs.common, **pairs.regions}.items():
+        scores += [_score(name, found, region) for name in metrics_of(region)]
+    return [*scores, *cause_scores(pairs.causes)]
 
 
-def _cause_scores(causes: Mapping[str, int] | None) -> Iterator[Score]:
+def metrics_of(region: str) -> tuple[str, ...]:
+    """Names of the metrics that are asked for in a region."""
+    if region == ALL:
+        return tuple(ALL_METRICS)
+    return COMMON_NAMES if region == COMMON else REGION_NAMES
+
+
+def full_name(metric: str, region: str) -> str:
+    """What a row calls a metric of a region."""
+    return metric if region == ALL else f"{region}_{metric}"
+
+
+def context_scores(truth_points: int, baseline_focal_px_m: float) -> tuple[Score, Score]:
+    """The two numbers that put all others into proportion."""
+    return (
+        Score("truth_points", float(truth_points), "px", "none"),
+        Score("baseline_focal", baseline_focal_px_m, "px·m", "none"),
+    )
+
+
+def cause_scores(causes: Mapping[str, int] | None) -> Iterator[Score]:
+    """Number of bad pixels and the share of every cause; nothing where causes are not known."""
     if causes is None:
         return
     bad = sum(causes.values())
@@ -82,6 +99,7 @@ def _cause_scores(causes: Mapping[str, int] | None) -> Iterator[Score]:
         yield Score(CAUSE_PREFIX + cause, share, "%", "none", ALL, bad)
 
 
-def _score(metric: Metric, pairs: Pairs, region: str) -> Score:
-    name = metric.name if region == ALL else f"{region}_{metric.name}"
-    return Score(name, metric(pairs), metric.unit, metric.better, region, pairs.count)
+def _score(name: str, pairs: Pairs, region: str) -> Score:
+    metric = ALL_METRICS[name]
+    value, told = metric(pairs), full_name(name, region)
+    return Score(told, value, metric.unit, metric.better, region, pairs.count)

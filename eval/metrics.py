@@ -8,15 +8,13 @@ discusses each.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-
-from emvs.errors import InputError
 
 Better = Literal["lower", "higher", "none"]
 Pooling = Literal["sum", "pairs", "squares", "truth", "either", "variance", "order"]
@@ -66,34 +64,6 @@ class Pairs:
     def disparity_error_px(self) -> FloatArray:
         """|1/e - 1/g| b f, px."""
         return np.abs(1 / self.estimate_m - 1 / self.truth_m) * self.baseline_focal_px_m
-
-
-def pooled(parts: Sequence[Pairs]) -> Pairs:
-    """Joins the pairs of several windows, so that every pixel weighs the same.
-
-    Raises:
-        InputError: no parts, or parts seen by different rigs.
-    """
-    rigs = np.unique([part.baseline_focal_px_m for part in parts])
-    if len(rigs) != 1:
-        raise InputError(
-            f"cannot pool {len(parts)} windows with baseline x focal length {rigs.tolist()} px·m: "
-            "pool windows of one rig"
-        )
-    return Pairs(
-        np.concatenate([part.estimate_m for part in parts]),
-        np.concatenate([part.truth_m for part in parts]),
-        sum(part.truth_count for part in parts),
-        parts[0].baseline_focal_px_m,
-        _joined([part.cells for part in parts]),
-        _joined([part.confidence for part in parts]),
-    )
-
-
-def _joined(parts: Sequence[FloatArray | None]) -> FloatArray | None:
-    """One array of all, or none where a part has none: half a column is not comparable."""
-    known = [part for part in parts if part is not None]
-    return np.concatenate(known) if len(known) == len(parts) else None
 
 
 @dataclass(frozen=True, slots=True)

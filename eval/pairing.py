@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from emvs.errors import InputError
 from eval.cells import cell_error
 from eval.masks import away_from_border
-from eval.metrics import OUTLIER_RELATIVE_ERROR, Pairs, pooled
-from eval.taxonomy import pooled_causes
+from eval.metrics import OUTLIER_RELATIVE_ERROR, Pairs
 
 DepthImage = NDArray[np.floating]
 MaskImage = NDArray[np.bool_]
@@ -161,22 +160,6 @@ def bad_pixels(found: AnyEstimate, truth: Truth) -> MaskImage:
     error_m = np.abs(found[0][both].astype(np.float64) - truth_m)
     bad[both] = error_m / truth_m > OUTLIER_RELATIVE_ERROR
     return bad
-
-
-def pooled_methods(windows: Sequence[Mapping[str, MethodPairs]]) -> dict[str, MethodPairs]:
-    """Joins every method's pairs of all windows; a region that a window lacks is left out."""
-    methods = windows[0] if windows else {}
-    return {method: _pooled([window[method] for window in windows]) for method in methods}
-
-
-def _pooled(parts: Sequence[MethodPairs]) -> MethodPairs:
-    names = [name for name in parts[0].regions if all(name in part.regions for part in parts)]
-    return MethodPairs(
-        pooled([part.own for part in parts]),
-        pooled([part.common for part in parts]),
-        {name: pooled([part.regions[name] for part in parts]) for name in names},
-        pooled_causes([part.causes for part in parts]),
-    )
 
 
 def _check(depth_m: DepthImage, mask: MaskImage, truth: Truth) -> None:

@@ -59,8 +59,8 @@ def case_panel(
             window_panel(w, methods, data.rows_of(case.name, w.name)) for w in case.windows
         ],
         "window_count": case.window_count,
-        "curves_svg": _curves(rows, methods, identity),
-        "causes_svg": _causes(rows, methods),
+        "curves_svg": _curves(rows, with_given(methods, rows), identity),
+        "causes_svg": _causes(rows, with_given(methods, rows)),
         "every": table(rows, metric, every) if rows else None,
     }
 
@@ -200,6 +200,11 @@ def _chosen(rows: Sequence[Row], metric: str, methods: Sequence[str]) -> int:
     ranked = [name for name, value in order(rows, metric, FUSED_PREFIX) if not math.isnan(value)]
     wished = [*ranked, "Alg1/H"]
     return next((methods.index(name) for name in wished if name in methods), 0)
+
+
+def with_given(mapped: Sequence[str], rows: Sequence[Row]) -> list[str]:
+    """The methods of a map, and behind them those that were scored beside it."""
+    return list(dict.fromkeys([*mapped, *(row.method for row in rows if row.metric == "points")]))
 
 
 def _curves(rows: Sequence[Row], methods: Sequence[str], prefix: str) -> Markup | None:

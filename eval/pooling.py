@@ -37,8 +37,9 @@ class Pool:
         self._sums = dict.fromkeys(metrics, 0.0)
         self._log_ratio: list[tuple[int, float]] = []
         self._errors = Ordered(folder / f"{name}-errors")
-        self._cells: Ordered | None = Ordered(folder / f"{name}-cells")
-        self._sure: Ordered | None = Ordered(folder / f"{name}-sure")
+        cells, sure = Ordered(folder / f"{name}-cells"), Ordered(folder / f"{name}-sure")
+        self._cells = cells if "median_cells" in metrics else None
+        self._sure = sure if "aurc" in metrics else None
         self._windows = 0
 
     def add(self, pairs: Pairs, values: Mapping[str, float]) -> None:
@@ -89,7 +90,7 @@ class Pool:
         self._cells = _added(self._cells, pairs.cells)
         if pairs.confidence is None:
             self._sure = None
-        elif self._sure is not None and "aurc" in self._metrics:
+        elif self._sure is not None:
             self._sure.add(-pairs.confidence, error_m)
 
     def _value(self, metric: Metric) -> float:

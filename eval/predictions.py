@@ -3,43 +3,19 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from emvs.errors import InputError
-from eval.depth_images import SUFFIXES, is_integral, read_numbers
+from eval.depth_images import is_integral, read_confidence, read_numbers
+from eval.prediction_files import DESCRIPTION, Description, read_description, timed_files
 
-DESCRIPTION = "prediction.toml"
-TIMES = "timestamps.txt"
-_STEM = re.compile(r"\d+(\.\d+)?")
-
-
-class Description(BaseModel):
-    """What the numbers in a prediction's files mean: `prediction.toml`, all of it optional."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    name: str | None = Field(None, min_length=1, description="of the method; default: the folder's")
-    quantity: Literal["depth", "disparity"] = Field("depth", description="z-depth or disparity")
-    scale: FiniteFloat | None = Field(
-        None, gt=0, description="m or px per stored unit; needed for PNG, otherwise 1"
-    )
-    time_unit: Literal["us", "s"] = Field("us", description="of the times in file names")
-    time_offset_us: int = Field(0, description="added to the times, µs")
-    tolerance_us: int = Field(0, ge=0, description="how far a time may be off, µs")
-    baseline_m: FiniteFloat | None = Field(
-        None, gt=0, description="that disparities refer to; by default the rig's"
-    )
-    focal_px: FiniteFloat | None = Field(
-        None, gt=0, description="that disparities refer to; by default the reference view's"
-    )
+UNIT_FACTOR = 30.0
+"""A median depth farther than this from the true one is of another unit, or no depth at all."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +28,7 @@ class View:
         height_px: its rows.
         focal_px: its focal length.
         baseline_m: distance of the rig's first two cameras; None for a rig of one.
+        true_depth_m: its median true depth; None where that is not known.
     """
 
     t_us: int
@@ -59,6 +36,7 @@ class View:
     height_px: int
     focal_px: float
     baseline_m: float | None
+    true_depth_m: float | None = None
 
 
 @dataclass(frozen=True)
@@ -85,9 +63,9 @@ class Prediction:
         """
         if not folder.is_dir():
             raise InputError(f"{folder}: no such folder; needs one with depth maps")
-        description = _described(folder / DESCRIPTION)
+        description = read_description(folder / DESCRIPTION)
         own = folder / case
-        files = _timed(own if own.is_dir() else folder, description)
+        files = timed_files(own if own.is_dir() else folder, description)
         name = re.sub(r"[^\w.+@~-]", "_", description.name or folder.resolve().name)
         return cls(f"Given/{name}", files, description)
 
@@ -104,8 +82,8 @@ class Prediction:
         raise InputError(
             f"{self.name}: {len(missing)} of {len(views)} reference views have no depth map; the "
             f"first is that at {missing[0]} µs, the nearest file, {self.files[near_us].name}, lies "
-            f"{near_us - missing[0]:+d} µs beside it: add files, or set tolerance_us in "
-            f"{DESCRIPTION}"
+            f"{near_us - missing[0]:+d} µs beside it: add files, or set time_unit, time_offset_us "
+            f"or tolerance_us in {DESCRIPTION}"
         )
 
     def unused(self, views: Iterable[View]) -> list[str]:
@@ -117,8 +95,8 @@ class Prediction:
         """Reads the depth map of a view: (H, W) z-depth in metres, and where there is one.
 
         Raises:
-            InputError: no file for it, a damaged one, one of another size, or numbers without the
-                scale, baseline or focal length that give them a meaning.
+            InputError: no file for it, a damaged one, one of another size, numbers without the
+                scale, baseline or focal length that give them a meaning, or in another unit.
         """
         self.check([view])
         path = self.files[self._nearest_us(view.t_us)]
@@ -129,7 +107,30 @@ class Prediction:
             numbers = self._baseline_focal(path, view) / numbers
         depth_m = numbers.astype(np.float32)
         mask = np.isfinite(depth_m) & (depth_m > 0)
+        self._check_unit(path, depth_m[mask], view)
         return np.where(mask, depth_m, np.float32(0)), mask
+
+    def confidence(self, view: View) -> NDArray[np.float64] | None:
+        """Reads how sure the method is: (H, W), larger is surer; None where it does not say.
+
+        Raises:
+            InputError: no file for the view, or a confidence that is no image of its size.
+        """
+        self.check([view])
+        path = self.files[self._nearest_us(view.t_us)]
+        return read_confidence(path, view.height_px, view.width_px)
+
+    def _check_unit(self, path: Path, depth_m: NDArray[np.float32], view: View) -> None:
+        if self.description.scale is not None or view.true_depth_m is None or not depth_m.size:
+            return
+        median_m = float(np.median(depth_m))
+        if 1 / UNIT_FACTOR <= median_m / view.true_depth_m <= UNIT_FACTOR:
+            return
+        raise InputError(
+            f"{path}: its median depth would be {median_m:.3g} m, but the true one is "
+            f"{view.true_depth_m:.3g} m: set scale in {DESCRIPTION} (0.001 for millimetres, 1 if "
+            "the numbers are meant as they are), or quantity if they are disparities"
+        )
 
     def _file(self, t_us: int) -> Path | None:
         near_us = self._nearest_us(t_us)
@@ -161,62 +162,3 @@ def _check_disparity(path: Path) -> None:
             f"{path}: holds depth_m, but quantity in {DESCRIPTION} is disparity: correct it, or "
             "save disparities as .npy"
         )
-
-
-def _described(path: Path) -> Description:
-    if not path.exists():
-        return Description()
-    try:
-        return Description.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: no TOML ({error}): correct it") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        known = ", ".join(Description.model_fields)
-        raise InputError(f"{path}: {where}: {first['msg']}; it may hold {known}") from error
-
-
-def _timed(folder: Path, description: Description) -> dict[int, Path]:
-    paths = sorted(
-        path
-        for path in folder.iterdir()
-        if path.suffix.lower() in SUFFIXES and path.name != TIMES and not path.name.startswith(".")
-    )
-    if not paths:
-        raise InputError(f"{folder}: no depth maps; needs files of kind {', '.join(SUFFIXES)}")
-    listed = folder / TIMES
-    times = _listed(listed, paths) if listed.exists() else [_stamp(path) for path in paths]
-    per_unit = 1_000_000 if description.time_unit == "s" else 1
-    files: dict[int, Path] = {}
-    for path, time in zip(paths, times, strict=True):
-        t_us = round(float(time) * per_unit) if "." in time else int(time) * per_unit
-        t_us += description.time_offset_us
-        if t_us in files:
-            raise InputError(
-                f"{folder}: {files[t_us].name} and {path.name} are both for {t_us} µs: leave one"
-            )
-        files[t_us] = path
-    return files
-
-
-def _listed(path: Path, files: Sequence[Path]) -> list[str]:
-    times = path.read_text(encoding="utf-8", errors="replace").split()
-    bad = [time for time in times if not _STEM.fullmatch(time)]
-    if bad or len(times) != len(files):
-        reason = f"{bad[0]!r} is no time" if bad else f"it has {len(times)} of them"
-        raise InputError(
-            f"{path}: needs one time a line for each of {len(files)} files in order of names, but "
-            f"{reason}"
-        )
-    return times
-
-
-def _stamp(path: Path) -> str:
-    found = _STEM.match(path.stem)
-    if found is None:
-        raise InputError(
-            f"{path}: its name must begin with the time of its reference view, or {TIMES} beside "
-            "it must list the times"
-        )
-    return found.group()

@@ -62,7 +62,10 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One method of a table; `rank` counts the methods that use more than a single camera."""
+    """One method of a table; `rank` counts the methods that use more than a single camera.
+
+    Methods of the same value share a rank; one without a value has none.
+    """
 
     method: str
     rank: int | None
@@ -108,13 +111,14 @@ def table(rows: Sequence[Row], metric: str, names: Sequence[str] = RANKING_COLUM
         by_method[row.method][row.metric] = row
     present = [name for name in names if any(name in found for found in by_method.values())]
     best = {name: best_value(row for row in rows if row.metric == name) for name in present}
-    ranked = [method for method, _ in order(rows, metric)]
-    fused = [method for method in ranked if not _SINGLE.search(method)]
+    ranked = order(rows, metric)
+    fused = [value for method, value in ranked if not _SINGLE.search(method)]
     lines = []
-    for method in ranked:
+    for method, value in ranked:
         cells = tuple(_cell(by_method[method].get(name), best[name]) for name in present)
-        rank = fused.index(method) + 1 if method in fused else None
-        lines.append(Line(method, rank, cells))
+        # The first of equal values is the one that counts; NaN equals nothing.
+        counts = not _SINGLE.search(method) and not math.isnan(value)
+        lines.append(Line(method, fused.index(value) + 1 if counts else None, cells))
     return Table(tuple(column(name) for name in present), tuple(lines))
 
 

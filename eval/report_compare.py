@@ -64,13 +64,15 @@ def comparison_tables(found: Comparison) -> dict[str, TextTable]:
     """One table per case and metric."""
     tables = {}
     for section in comparison_page(found).sections[:-1]:
-        for name, grid in zip(section.names, section.tables, strict=True):
+        metrics = metrics_of(found, section.title)
+        for metric, name, grid in zip(metrics, section.names, section.tables, strict=True):
             heads = tuple(f"{h.title} [{h.unit}]" if h.unit else h.title for h in grid.heads)
             lines = tuple(
                 (TextCell(line[0].text, line[0].text), *map(_text_cell, line[1:], grid.heads[1:]))
                 for line in grid.lines
             )
-            tables[f"{section.title}-{name}"] = TextTable(f"{section.title}: {name}", heads, lines)
+            caption = f"{section.title}: {name}"
+            tables[f"{section.title}-{metric}"] = TextTable(caption, heads, lines)
     return tables
 
 
@@ -123,7 +125,7 @@ def _changed_line(one: Verdict) -> tuple[GridCell, ...]:
 
 
 def _plain(value: float, unit: str) -> str:
-    return "–" if math.isnan(value) else f"{value:.4g} {unit}".rstrip()
+    return "–" if math.isnan(value) else f"{value:.4g} {unit}".rstrip().replace("-", "−")
 
 
 def _section(found: Comparison, case: str, position: int) -> Section:

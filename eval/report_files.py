@@ -10,7 +10,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from emvs.atomic import atomic_path
-from eval.panels import curves_of
+from eval.panels import curves_of, with_given
 from eval.plot_causes import causes_figure, outlier_causes
 from eval.plots import STYLE, curves_figure, slice_figure
 from eval.ranking import column, mean_over_cases, table
@@ -69,7 +69,7 @@ def write_report_figures(run_dir: Path, suffix: FigureFormat) -> list[Path]:
 
 def _figures(data: ReportData, case: CaseView) -> Iterator[tuple[str, Figure]]:
     rows = data.rows_of(case.name, POOLED)
-    methods = list(dict.fromkeys(m.name for window in case.windows for m in window.methods))
+    methods = with_given([m.name for window in case.windows for m in window.methods], rows)
     if curves := curves_of(rows, methods):
         yield "curves", curves_figure(curves, case.name)
     if causes := outlier_causes(rows, methods):

@@ -80,6 +80,7 @@ class Results:
         sequences: per case, the sha256 of its sequence's manifest (or recording).
         versions: per program, its version.
         platform: operating system, architecture and processors.
+        metrics: per metric, the hash of what it makes of fixed maps, as in a suite's samples.
         schema_version: version of this layout; another one is refused, never guessed at.
     """
 
@@ -89,6 +90,7 @@ class Results:
     sequences: dict[str, str] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=versions)
     platform: str = field(default_factory=platform_name)
+    metrics: dict[str, str] = field(default_factory=dict)
     schema_version: int = SCHEMA_VERSION
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")

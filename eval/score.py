@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from eval.bootstrap import intervals
+from eval.case_pool import CasePool
 from eval.method_scores import ALL_METRICS, COMMON_PREFIX, Score, score_method, score_pairs
 from eval.pairing import (
     DepthImage,
@@ -18,7 +19,6 @@ from eval.pairing import (
     Truth,
     pair,
     pair_methods,
-    pooled_methods,
 )
 from eval.results import Row
 
@@ -42,6 +42,8 @@ __all__ = [
 
 POOLED = "all"
 MEAN = "mean"
+
+Windows = Mapping[str, Mapping[str, MethodPairs]] | Iterable[tuple[str, Mapping[str, MethodPairs]]]
 
 
 def score_depth(
@@ -72,25 +74,32 @@ def score_depth(
     return score_pairs(pair(depth_m, mask, truth))
 
 
-def case_rows(
-    case: str, windows: Mapping[str, Mapping[str, MethodPairs]], *, seed: int = 0
-) -> list[Row]:
+def case_rows(case: str, windows: Windows, *, seed: int = 0) -> list[Row]:
     """The rows of one case: each window, then window `all`, then window `mean`.
 
     Args:
         case: name of the case.
-        windows: per window name, each method's pairs.
+        windows: names of windows and each method's pairs there; one after another, if they come
+            from a generator, so that memory holds one window's pixels.
         seed: of the bootstrap.
+
+    Raises:
+        InputError: windows of several rigs, or no room on the disk for what is pooled.
     """
-    single = [list(_rows(case, name, methods.items())) for name, methods in windows.items()]
-    pooled = _rows(case, POOLED, pooled_methods(list(windows.values())).items())
+    single: list[list[Row]] = []
+    with CasePool() as pool:
+        for name, methods in windows.items() if isinstance(windows, Mapping) else windows:
+            scores = {method: score_method(pairs) for method, pairs in methods.items()}
+            pool.add(methods, scores)
+            single.append(list(_rows(case, name, scores)))
+        pooled = list(_rows(case, POOLED, pool.scores()))
     rows = [row for found in single for row in found]
     return [*rows, *pooled, *mean_rows(single, seed=seed)]
 
 
-def _rows(case: str, window: str, methods: Iterable[tuple[str, MethodPairs]]) -> Iterator[Row]:
-    for method, pairs in methods:
-        for score in score_method(pairs):
+def _rows(case: str, window: str, methods: Mapping[str, Iterable[Score]]) -> Iterator[Row]:
+    for method, scores in methods.items():
+        for score in scores:
             yield Row(
                 case, window, method, score.metric, score.value, score.unit, score.better,
                 score.region, score.points,

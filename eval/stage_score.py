@@ -6,6 +6,7 @@ import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +46,9 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
     stored = [stage_window.read(path) for path in inputs[1:]]
     rows: list[Row] = []
     for mapper, windows in _by_mapper(parameters["mappers"], stored).items():
-        scored = {one.info.name: window_pairs(sequence, one, config) for one in windows}
-        rows += [_named(row, mapper) for row in case_rows(case, scored)]
+        scored = partial(window_pairs, sequence, config=config)
+        pairs = ((one.info.name, scored(one)) for one in windows)
+        rows += [_named(row, mapper) for row in case_rows(case, pairs)]
         rows += _event_rows(case, windows) if mapper == DEFAULT_MAPPER else ()
     facts = _facts(sequence, str(parameters["scene_digest"]))
     sample = Sample(case, int(parameters["seed"]), tuple(rows), facts)

@@ -91,9 +91,9 @@ def main(arguments: list[str] | None = None) -> None:
     chosen = parser.parse_args(arguments)
     texts: dict[str, str] = {}
     if chosen.only != "growth":
-        machine = _machine()
+        about = machine()
         figures = limits(Effort(rounds=chosen.rounds))
-        texts["limits"] = f"{machine}\n\n{limit_table(figures)}"
+        texts["limits"] = f"{about}\n\n{limit_table(figures)}"
         texts["authors"] = authors_table(figures)
     if chosen.only != "limits":
         grown = growth(Load(), SERIES, max(1, chosen.rounds // 2))
@@ -111,7 +111,7 @@ def _draw(grown: list[Growth], path: Path) -> None:
     draw(grown, Load(), path)
 
 
-def _machine() -> str:
+def machine() -> str:
     """The processors as Linux tells them, and how busy they are with other work."""
     text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     names = [line.partition(":")[2].strip() for line in text.splitlines() if "model name" in line]

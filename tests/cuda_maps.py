@@ -87,6 +87,31 @@ def test_every_setting_gives_the_map_of_the_cpu(values):
     check_same(*by_both(config(methods=("Alg1/H", "EMVS/cam1"), **values)))
 
 
+def test_polarities_apart_in_sub_intervals_and_in_late_fusion():
+    names = ("Alg2/AtHc@2", "Late/union", "Focus/H")
+    check_same(*by_both(config(methods=names, polarity="separate", planes=2)))
+
+
+def test_rivals_run_on_the_cpu_beside_the_sweep_and_a_line_says_so(tmp_path, caplog):
+    about, windows = RecordingInfo(name="points", path="-"), {}
+    for name in ("cpu", "cuda"):
+        asked = config(methods=("Alg1/H", "SGM/ts"), planes=2, window_s=0.2, device=name)
+        map_windows(recording(60), tmp_path / name, asked, about, clouds=False)
+        windows[name] = read_map(tmp_path / name).windows
+    assert caplog.messages == ["device cuda: rivals run on the CPU: SGM/ts"]  # once, not per window
+    for here, there in zip(windows["cpu"], windows["cuda"], strict=True):
+        assert there.info.device == library.gpu().name
+        one, other = here.depth_map("SGM/ts"), there.depth_map("SGM/ts")
+        np.testing.assert_array_equal(other.depth_m, one.depth_m)
+
+
+def test_a_map_by_rivals_alone_is_the_cpus(caplog):
+    here, there = by_both(config(methods=("SGM/ts", "SGM/window")))
+    check_same(here, there)
+    assert (here.device, there.device) == ("cpu", "cpu")
+    assert caplog.messages == ["device cuda: rivals run on the CPU: SGM/ts, SGM/window"]
+
+
 def test_three_cameras_and_one():
     check_same(*by_both(config(methods=("Alg1/H", "Alg1/G")), cameras=3, n=30))
     check_same(*by_both(config(), cameras=1, n=30))

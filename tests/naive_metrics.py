@@ -1,9 +1,15 @@
-"""Slow twin of `eval.metrics` and `eval.curves`: pixel by pixel, from the formulae."""
+"""Slow twins of `eval.metrics`, `eval.curves` and `eval.pooling`, from the formulae."""
 
 from __future__ import annotations
 
 import itertools
 import math
+
+import numpy as np
+
+from eval.metrics import Pairs
+from eval.pairing import MethodPairs
+from eval.taxonomy import CAUSES
 
 
 def all_metrics(depth, mask, truth, valid, baseline_focal, confidence, rho):
@@ -129,3 +135,34 @@ def _coverage(pairs, sure, truth_count):
         enough = [mean for count, mean in kept if 100 * count / truth_count >= percent]
         found[f"mean_error_top_{percent}pct"] = enough[0] if enough else math.nan
     return found
+
+
+def pooled(parts):
+    """The pairs of several windows as one large window's, all in memory."""
+
+    def joined(columns):
+        columns = list(columns)
+        return None if any(column is None for column in columns) else np.concatenate(columns)
+
+    return Pairs(
+        joined(part.estimate_m for part in parts),
+        joined(part.truth_m for part in parts),
+        sum(part.truth_count for part in parts),
+        parts[0].baseline_focal_px_m,
+        joined(part.cells for part in parts),
+        joined(part.confidence for part in parts),
+    )
+
+
+def pooled_methods(parts):
+    """One method's pairs of several windows by region, without regions that a window lacks."""
+    names = [name for name in parts[0].regions if all(name in part.regions for part in parts)]
+    causes = None
+    if all(part.causes is not None for part in parts):
+        causes = {cause: sum(part.causes[cause] for part in parts) for cause in CAUSES}
+    return MethodPairs(
+        pooled([part.own for part in parts]),
+        pooled([part.common for part in parts]),
+        {name: pooled([part.regions[name] for part in parts]) for name in names},
+        causes,
+    )

@@ -16,7 +16,7 @@ from eval.cells import cell_error
 from eval.coverage import coverage_curve
 from eval.findings import findings
 from eval.method_scores import REGION_NAMES
-from eval.metrics import Pairs, pooled
+from eval.metrics import Pairs
 from eval.pairing import Estimate, MethodPairs
 from eval.ranking import column
 from eval.regions import REGIONS
@@ -118,13 +118,6 @@ def test_areas_lie_between_the_ends_of_their_curves(pairs):
     assert (np.diff(shares) >= 0).all()
     cells = [got[f"bad_{cells}cell"] for cells in (1, 2, 5)]
     assert np.isnan(cells).all()
-
-
-def test_a_window_without_confidence_leaves_the_pool_without():
-    known = by_hand()
-    unknown = Pairs(known.estimate_m, known.truth_m, 8, 10.0)
-    assert pooled([known, unknown]).confidence is None
-    assert len(pooled([known, known]).confidence) == 8
 
 
 def regional_pairs(shift=0.0):

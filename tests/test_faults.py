@@ -5,22 +5,14 @@ of time, and what it made lies in the cache: with `EVENTSWEEP_CACHE` set, a test
 ran out of time goes on where it was.
 """
 
-import json
 import os
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from fault_runs import gate, red
 from planted_faults import FAULTS, ROOT, Fault, broken_copy
 
-from eval.gate_series import SPEED_METRIC
-
-BASELINE = ROOT / "reports" / "baseline.json"
 RUNS = 10
-LIMIT_S = 1800
-"""For one run of `quick` and its gate: about a minute where nobody else works."""
 
 
 @pytest.fixture(scope="module")
@@ -28,53 +20,6 @@ def cache(tmp_path_factory):
     """One cache for all copies: a fault of the mapper needs no new sequences."""
     kept = os.environ.get("EVENTSWEEP_CACHE")
     return Path(kept) if kept else tmp_path_factory.mktemp("cache")
-
-
-def eventsweep(copy, *arguments):
-    """Runs the command of a copy of the packages, and ends it and its workers after `LIMIT_S`."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "eval.cli", *map(str, arguments)],
-        cwd=copy,
-        env={**os.environ, "PYTHONPATH": str(copy), "GITHUB_STEP_SUMMARY": ""},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    try:
-        out, said = process.communicate(timeout=LIMIT_S)
-    except BaseException as error:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
-        if isinstance(error, subprocess.TimeoutExpired):
-            pytest.fail(f"not done after {LIMIT_S} s; set EVENTSWEEP_CACHE to go on from here")
-        raise
-    assert process.returncode in (0, 1), said
-    return process.returncode, out
-
-
-def gate(copy, cache, *arguments):
-    """The gate's exit code in a copy of the packages, and its verdicts.
-
-    Without the mapper's speed: others at work on this machine must not decide a test.
-    """
-    place = copy.parent / "result"
-    eventsweep(copy, "suite", "quick", "--out", place, "--cache", cache, "--no-speed", *arguments)
-    told = ("--baseline", copy.parent / "baseline.json", "--result", place, "--json")
-    timeless(BASELINE, copy.parent / "baseline.json")
-    code, text = eventsweep(copy, "gate", *told)
-    return code, json.loads(text)
-
-
-def timeless(baseline, path):
-    """Copies a baseline without its series of speed."""
-    content = json.loads(baseline.read_text(encoding="utf-8"))
-    series = [one for one in content["series"] if one["metric"] != SPEED_METRIC]
-    path.write_text(json.dumps({**content, "series": series}), encoding="utf-8")
-
-
-def red(verdicts):
-    return [one for one in verdicts if one["status"] in ("worse", "failed", "gone")]
 
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)

@@ -266,13 +266,14 @@ def test_verdicts_as_json_have_no_nan():
 # The command
 
 
-def results(folder, error=0.1, sequence="s"):
+def results(folder, error=0.1, sequence="s", versions=None):
     rows = tuple(
         Row("room", "all", "mine", metric, value, "m", "lower")
         for metric, value in (("mean_error", error), ("median_error", error / 2))
     )
     folder.mkdir()
-    write_results(folder, Results(rows, {"score": {}}, 0, {"room": sequence}))
+    metrics = versions or {}
+    write_results(folder, Results(rows, {"score": {}}, 0, {"room": sequence}, metrics=metrics))
     return str(folder / "results.json")
 
 
@@ -307,6 +308,13 @@ def test_another_sequence_is_not_comparable_unless_strict(held, tmp_path):
     other = results(tmp_path / "other", 0.2, sequence="t")
     assert gate("--baseline", held, "--result", other) == 0
     assert gate("--baseline", held, "--result", other, "--strict") == 1
+
+
+def test_a_metric_that_computes_something_else_is_not_comparable(held, tmp_path, capsys):
+    other = results(tmp_path / "other", 0.2, versions={"mean_error": "v2"})
+    assert gate("--baseline", held, "--result", other, "--json") == 1
+    found = {one["metric"]: one["status"] for one in json.loads(capsys.readouterr().out)}
+    assert found == {"mean_error": "not comparable", "median_error": "worse"}
 
 
 @pytest.mark.parametrize(

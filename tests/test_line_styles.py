@@ -42,7 +42,15 @@ def test_any_name_has_a_style_that_can_be_drawn(name):
     Line2D([0], [0], color=style.colour, linestyle=style.dash, marker=style.marker)
 
 
-@pytest.mark.parametrize("method", TOGETHER)
+def test_methods_of_others_have_colours_of_their_own():
+    given = {line_style(f"Given/method{k}") for k in range(40)}
+    ours = {line_style(name).colour for name in TOGETHER}
+    assert len(given) > 25
+    assert not {style.colour for style in given} & ours
+    assert not {style.marker for style in given} & {line_style(name).marker for name in TOGETHER}
+
+
+@pytest.mark.parametrize("method", [*TOGETHER, *(f"Given/method{k}" for k in range(20))])
 def test_lines_are_seen_on_white_and_on_dark(method):
     """Contrast by WCAG, against the page's two grounds."""
     style = line_style(method)

@@ -16,7 +16,7 @@ from eval.cells import CELL_METRICS
 from eval.config import EvalConfig
 from eval.coverage import COVERAGE_METRICS
 from eval.curves import CURVE_METRICS, curve
-from eval.metrics import METRICS, Pairs, pooled
+from eval.metrics import METRICS, Pairs
 from eval.score import (
     ALL_METRICS,
     Truth,
@@ -207,28 +207,6 @@ def test_means_are_ordered(pairs):
     got = values(pairs)
     assert got["mean_error"] <= got["rmse"] * (1 + 1e-12)
     assert got["silog"] <= (got["log_rmse"] / 10) ** 2 + 1e-9
-
-
-@given(pair_lists(), pair_lists())
-def test_pooling_weighs_pixels_not_windows(first, second):
-    both = pooled([first, second])
-    a, b, c = values(first), values(second), values(both)
-    assert c["points"] == a["points"] + b["points"]
-    weighted = a["points"] * a["mean_error"] + b["points"] * b["mean_error"]
-    assert c["mean_error"] == pytest.approx(weighted / c["points"])
-
-
-def test_pooling_refuses_two_rigs_and_nothing():
-    one, other = (Pairs(np.ones(1), np.ones(1), 1, bf) for bf in (22.6, 124.0))
-    with pytest.raises(InputError, match=r"22\.6, 124"):
-        pooled([one, other])
-    with pytest.raises(InputError, match="0 windows"):
-        pooled([])
-
-
-def test_windows_of_a_single_camera_pool_too():
-    one = Pairs(np.ones(2), np.ones(2), 2, float("nan"))
-    assert pooled([one, one]).count == 4
 
 
 def test_curve_is_the_registry_drawn():

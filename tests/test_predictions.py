@@ -1,6 +1,7 @@
 """Depth maps of others: every format gives back what was written, and nothing else is let in."""
 
 import contextlib
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -134,6 +135,46 @@ def test_a_missing_time_is_refused_with_the_nearest_one(tmp_path):
     np.save(tmp_path / "249900.npy", depths())
     with pytest.raises(InputError, match=r"1 of 1 reference views .* 250000 .* -100 µs beside"):
         Prediction.open(tmp_path, "desk").check([VIEW])
+
+
+def test_confidence_of_an_npz_comes_along_and_others_say_nothing(tmp_path):
+    sure = np.arange(35).reshape(SHAPE)
+    np.savez(tmp_path / "250000.npz", depth_m=depths(), confidence=sure)
+    np.testing.assert_array_equal(Prediction.open(tmp_path, "desk").confidence(VIEW), sure)
+    (tmp_path / "other").mkdir()
+    for name, save in (("250000.npz", np.savez), ("250000.npy", np.save)):
+        path = tmp_path / "other" / name
+        save(path, depth_m=depths()) if save is np.savez else save(path, depths())
+        assert Prediction.open(tmp_path / "other", "desk").confidence(VIEW) is None
+        path.unlink()
+
+
+@pytest.mark.parametrize("wrong", [np.ones(3), np.full(SHAPE, np.nan), np.full(SHAPE, "x")])
+def test_a_confidence_that_is_no_image_of_numbers_is_refused(tmp_path, wrong):
+    np.savez(tmp_path / "250000.npz", depth_m=depths(), confidence=wrong)
+    with pytest.raises(InputError, match="confidence is"):
+        Prediction.open(tmp_path, "desk").confidence(VIEW)
+
+
+SEEN = replace(VIEW, true_depth_m=2.0)
+
+
+@pytest.mark.parametrize("factor", [1000, 0.001, 100])
+def test_another_unit_is_refused_unless_it_is_declared(tmp_path, factor):
+    np.save(tmp_path / "250000.npy", depths() * factor)
+    with pytest.raises(InputError, match=r"median depth would be .* set scale"):
+        Prediction.open(tmp_path, "desk").depth_m(SEEN)
+    for scale, unit in ((1 / factor, 1), (1, factor)):
+        (tmp_path / "prediction.toml").write_text(f"scale = {scale}")
+        depth_m, mask = Prediction.open(tmp_path, "desk").depth_m(SEEN)
+        np.testing.assert_allclose(depth_m[mask], depths()[mask] * unit, rtol=1e-6)
+
+
+@pytest.mark.parametrize("depth_m", [depths() * 4, depths() / 4, np.zeros(SHAPE)])
+def test_a_poor_or_empty_map_in_metres_is_let_in(tmp_path, depth_m):
+    np.save(tmp_path / "250000.npy", depth_m)
+    _, mask = Prediction.open(tmp_path, "desk").depth_m(SEEN)
+    assert mask.sum() == np.count_nonzero(np.nan_to_num(depth_m))
 
 
 BAD = {

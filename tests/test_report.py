@@ -48,6 +48,17 @@ def test_every_picture_of_every_method_is_there(one_case):
     assert one_case.count("even in 1/depth") == len(METHODS)
 
 
+def test_a_method_scored_beside_the_map_has_curves_but_no_pictures():
+    data = report_data("desk")
+    given = [replace(r, method="Given/x") for r in data.results.rows if r.method == "Alg1/H"]
+    results = replace(data.results, rows=(*data.results.rows, *given))
+    page = render(replace(data, results=results))
+    assert 'alt="Depth [m] of Given/x' not in page
+    svg = page[page.index("tolerated error [cm]") - 40_000 :]
+    assert re.search(r"<text[^>]*>Given/x</text>", svg)
+    assert "case0-precision-curve-4" in svg
+
+
 def test_numbers_units_counts_and_provenance_are_printed(one_case):
     assert "1\u202f234\u202f567" in one_case
     assert "planes = 12" in one_case
@@ -135,6 +146,21 @@ def test_the_best_of_each_column_follows_its_direction(rows):
 def test_single_cameras_have_no_rank(rows):
     ranks = {line.method: line.rank for line in table(rows, "mean_error").lines}
     assert ranks == {"Alg1/H": 1, "Alg1/A": 2, "EMVS/cam0": None, "Alg1/max": 3}
+
+
+def test_equal_methods_share_a_rank_and_undefined_ones_have_none():
+    values = {
+        "a": 1.0,
+        "b": 2.0,
+        "EMVS/cam0": 2.0,
+        "c": 2.0,
+        "d": 3.0,
+        "e": math.nan,
+        "f": math.nan,
+    }
+    tabled = [Row("c", "all", m, "mean_error", v, "m", "lower") for m, v in values.items()]
+    ranks = {line.method: line.rank for line in table(tabled, "mean_error").lines}
+    assert ranks == {"a": 1, "b": 2, "EMVS/cam0": None, "c": 2, "d": 4, "e": None, "f": None}
 
 
 def test_findings_compare_the_harmonic_mean_with_the_single_camera(rows):

@@ -61,6 +61,19 @@ def test_another_sequence_is_not_comparable(tmp_path, results):
     assert _verdict(_folders(tmp_path, results, other)).status == "not comparable"
 
 
+def test_what_is_missing_on_another_sequence_is_not_gone(tmp_path, results):
+    fewer = replace(results, rows=tuple(r for r in results.rows if r.metric != "rmse"))
+    key = KEY._replace(metric="rmse")
+    assert _verdict(_folders(tmp_path, results, fewer), key).status == "gone"
+    other = replace(fewer, sequences={"desk": "cd" * 32})
+    (tmp_path / "other").mkdir()
+    found = _folders(tmp_path / "other", results, other)
+    assert {one.status for one in compare_runs(read_runs(found)).verdicts[0].values()} == {
+        "not comparable"
+    }
+    assert _verdict(found, key).why.startswith("other sequences")
+
+
 def test_another_version_is_not_comparable_and_says_which(tmp_path, results):
     other = replace(results, versions={**results.versions, "eventsweep": "9.9"})
     verdict = _verdict(_folders(tmp_path, results, other))
@@ -103,7 +116,8 @@ def test_names_from_files_are_escaped(tmp_path, results):
 def test_tables_hold_the_same_numbers(tmp_path, results):
     folders = _folders(tmp_path, results, _changed(results, 2.0))
     write_comparison(folders, tmp_path / "out")
-    lines = list(csv.reader((tmp_path / "out/tables/desk-mean-error.csv").open()))
+    assert all(path.name.isascii() for path in (tmp_path / "out/tables").iterdir())
+    lines = list(csv.reader((tmp_path / "out/tables/desk-mean_error.csv").open()))
     assert lines[0] == ["method", "run0 [cm]", "run1 [cm]", "Δ [cm]", "Δ [%]", "verdict"]
     for _, first, second, change, share, verdict in lines[1:]:
         assert float(second) == pytest.approx(2 * float(first))

@@ -74,6 +74,7 @@ def test_results_are_complete_and_say_where_they_come_from(desk_run):
     assert {"python", "numpy", "numba", "mujoco", "eventsweep"} <= set(results.versions)
     found = {row.metric for row in results.rows if row.method == "Alg1/H"}
     assert {metric.name for metric in METRICS} <= found
+    assert {row.metric for row in results.rows} <= set(results.metrics)
     with (desk_run / "results.csv").open(encoding="utf-8") as file:
         table = list(csv.DictReader(file))
     assert list(table[0]) == [

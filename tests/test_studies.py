@@ -12,10 +12,10 @@ from emvs.config import MapperConfig
 from emvs.errors import InputError
 from eval.cli import main
 from eval.studies.curves import Value, curves
-from eval.studies.jobs import study_jobs
+from eval.studies.jobs import study_jobs, window_of
 from eval.studies.perturbation import Perturbation
 from eval.studies.stage_simulate import WAY_M, going_straight, lit, with_baseline
-from eval.studies.study import DURATION_S, MIDDLE_S, START_S, STUDIES, study_named
+from eval.studies.study import MARGIN_S, SECONDS, STUDIES, study_named
 from sim.config import SimConfig
 from sim.rigs import rig as named_rig
 
@@ -66,7 +66,7 @@ def test_every_study_spoils_nothing_at_first_and_something_then(name):
     assert len({str(change) for change in changes}) == len(changes)
     for change in changes:
         Perturbation(**change.perturb)
-        MapperConfig(**{"start_s": START_S, "duration_s": DURATION_S, **change.map})
+        MapperConfig(**window_of(change, SECONDS))
         SimConfig(**change.sim)
     first = changes[0]
     if first.perturb and name != "pose-rate":
@@ -75,10 +75,15 @@ def test_every_study_spoils_nothing_at_first_and_something_then(name):
         assert study.sound == SimConfig().pose_rate_hz
 
 
-@pytest.mark.parametrize("amount", STUDIES["window-length"].amounts)
-def test_windows_of_all_lengths_lie_about_the_stored_truth(amount):
-    window = STUDIES["window-length"].change(amount).map
-    assert window["start_s"] + window["duration_s"] / 2 == pytest.approx(MIDDLE_S)
+@pytest.mark.parametrize(
+    ("name", "seconds"), [("window-length", 0.5), ("planes", 0.5), ("planes", 0.2)]
+)
+def test_windows_of_all_lengths_lie_about_the_stored_truth(name, seconds):
+    for job in study_jobs(STUDIES[name], ["Alg1/H"], ["planes"], [0], seconds).values():
+        window = job.needs[1].parameters["map"]
+        middle_s = window["start_s"] + window["duration_s"] / 2
+        assert [pytest.approx(middle_s)] == job.needs[0].parameters["sim"]["truth_times_s"]
+        assert name == "window-length" or window["start_s"] == pytest.approx(MARGIN_S)
 
 
 def test_amounts_share_the_sequences_that_they_do_not_change():
@@ -130,6 +135,9 @@ def test_an_unknown_study_case_or_method_is_refused(tmp_path):
         study_named("nothing")
     for flags in (["--case", "nowhere"], ["--method", "Alg9/H"], ["--seeds", "x"]):
         assert main(["study", "planes", "--out", str(tmp_path / "s"), *flags]) == 2
+    for seconds in ("0.15", "0.3"):
+        flags = ["--seconds", seconds, "--quiet"]
+        assert main(["study", "window-length", "--out", str(tmp_path / "s"), *flags]) == 2
     assert not (tmp_path / "s").exists()
 
 

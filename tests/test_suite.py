@@ -67,7 +67,7 @@ def test_every_suite_can_be_run(path):
         assert set(subset.seeds) <= set(suite.spread_seeds)
 
 
-FROZEN = {"suite-v1": "8306e22943153863"}
+FROZEN = {"suite-v1": "8306e22943153863", "mvsec-table-v1": "1ea46b539308529d"}
 
 
 @pytest.mark.parametrize("name", FROZEN)

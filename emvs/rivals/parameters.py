@@ -56,11 +56,16 @@ class SgmParameters(Parameters):
     matcher: SemiGlobal = SemiGlobal()
 
 
+class PictureMatching(SemiGlobal):
+    """The same of pictures, which have texture where time surfaces have edges: a smaller block."""
+
+    block_px: OddPixels = Field(7, description="side of the matched blocks, odd, px")
+
+
 class FrameParameters(Parameters):
     """Semi-global matching of pictures: `Frames/sgm`."""
 
-    # Pictures have texture where time surfaces have edges: a smaller block.
-    matcher: SemiGlobal = SemiGlobal(block_px=7)
+    matcher: PictureMatching = PictureMatching()
 
 
 class Coincidence(Parameters):

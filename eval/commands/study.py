@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from eval import suite_app
 from eval.app import COMMON, Common, Methods, app
-from eval.studies.study import CASES, METHODS, SEEDS
+from eval.studies.study import CASES, METHODS, SECONDS, SEEDS
 from eval.suite_app import WHERE, Where
 
 _FAILED = 1
@@ -23,6 +23,7 @@ def study(
     out: Path,
     case: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     seeds: str | None = None,
+    seconds: float = SECONDS,
     method: Methods = (),
     where: Where = WHERE,
     common: Common = COMMON,
@@ -34,6 +35,7 @@ def study(
         out: Folder to write: NAME.png, .svg, .csv and .json for each study.
         case: Scene to run instead of boxes, desk and planes, repeatable.
         seeds: Seeds instead of 0,1,2, such as 0-9.
+        seconds: Length of every sequence; the window leaves 0.05 s at either end.
         method: Method to compare, repeatable, instead of a choice of five.
     """
     from eval.studies import console
@@ -46,7 +48,7 @@ def study(
     screen, failed = common.console(), 0
     for one in chosen:
         result = run_study(
-            one, method or METHODS, case or CASES, asked, where.open, screen.progress
+            one, method or METHODS, case or CASES, asked, where.open, screen.progress, seconds
         )
         written = write_study(out, result)
         failed += len(result.failures)

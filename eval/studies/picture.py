@@ -7,6 +7,7 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from emvs.atomic import atomic_path
 from eval.line_styles import line_style
@@ -16,13 +17,28 @@ from eval.studies.study import Study
 _TITLES = {"mean_error": "mean error", "bad_published": "bad pixels", "points": "points"}
 
 
-def draw(study: Study, curves: Sequence[Curve], path: Path) -> None:
-    """Draws three panels with 95 % bands, and a cross where a method breaks; writes PNG or SVG."""
-    figure = Figure(figsize=(11, 3.6), layout="constrained")
+def sample_words(cases: Sequence[str], seeds: Sequence[int]) -> str:
+    """What was averaged, in words."""
+    return f"{', '.join(cases)}; {len(seeds)} seed{'s' * (len(seeds) != 1)} each"
+
+
+def draw(study: Study, curves: Sequence[Curve], path: Path, samples: str) -> None:
+    """Draws three panels with 95 % bands, and a cross where a method breaks; writes PNG or SVG.
+
+    Args:
+        study: what was spoilt.
+        curves: all methods and metrics.
+        path: of the picture.
+        samples: what was averaged, in words.
+    """
+    figure = Figure(figsize=(11, 3.8), layout="constrained")
+    figure.suptitle(f"{study.name} ({samples})", x=0.01, ha="left", fontsize=10)
     panels = figure.subplots(1, len(METRICS))
     for axes, metric in zip(panels, METRICS, strict=True):
         _draw_panel(axes, study, [curve for curve in curves if curve.metric == metric])
     handles, labels = panels[0].get_legend_handles_labels()
+    handles += [Line2D([], [], color="0.3", marker="x", ms=8, mew=2, lw=0)]
+    labels += [f"breaks: {BREAKS_AT:g} x the\nfirst mean error"]
     figure.supxlabel(f"{study.axis} [{study.unit}]", fontsize=10)
     figure.legend(handles, labels, loc="outside right center", frameon=False, fontsize=9)
     with atomic_path(path) as partial, partial.open("wb") as stream:
@@ -45,8 +61,7 @@ def _draw_panel(axes: Axes, study: Study, curves: Sequence[Curve]) -> None:
 
 
 def _label(axes: Axes, study: Study, curve: Curve) -> None:
-    axes.set_title(_TITLES[curve.metric], loc="left", fontsize=10)
-    axes.set_ylabel(curve.unit, fontsize=9)
+    axes.set_title(f"{_TITLES[curve.metric]} [{curve.unit}]", loc="left", fontsize=10)
     axes.set_ylim(bottom=0)
     axes.grid(linewidth=0.4, alpha=0.35)
     axes.spines[["top", "right"]].set_visible(False)

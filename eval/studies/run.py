@@ -18,8 +18,8 @@ from eval.progress import Progress
 from eval.schedule import Open, run_jobs
 from eval.studies.curves import METRICS, Curve, Value, curves
 from eval.studies.jobs import study_jobs
-from eval.studies.picture import draw
-from eval.studies.study import Study
+from eval.studies.picture import draw, sample_words
+from eval.studies.study import SECONDS, Study
 from eval.suite_rows import sample_from
 
 _POOLED = "all"
@@ -36,6 +36,8 @@ class StudyResult:
         failures: per job that failed, why; its amount has no value.
         cases: that were averaged.
         seeds: of each case.
+        seconds: length of every sequence, s.
+        cpu_s: time of processors that all jobs took, whenever they were done, s.
     """
 
     study: Study
@@ -44,6 +46,8 @@ class StudyResult:
     failures: Mapping[str, str]
     cases: tuple[str, ...]
     seeds: tuple[int, ...]
+    seconds: float = SECONDS
+    cpu_s: float = 0.0
 
     def breaking(self) -> dict[str, float | None]:
         """Per method the amount at which it breaks."""
@@ -61,6 +65,7 @@ def run_study(
     seeds: Sequence[int],
     workers: Open,
     progress: Progress,
+    seconds: float = SECONDS,
 ) -> StudyResult:
     """Maps and scores every case, seed and amount.
 
@@ -71,11 +76,12 @@ def run_study(
         seeds: of the head motion, the sensor's noise and the spoiling.
         workers: opens what does the jobs.
         progress: shown how far it is.
+        seconds: length of every sequence, s.
 
     Raises:
-        InputError: an unknown case or method.
+        InputError: an unknown case or method, or sequences too short for a window.
     """
-    jobs = study_jobs(study, methods, cases, seeds)
+    jobs = study_jobs(study, methods, cases, seeds, seconds)
     outcomes = run_jobs(jobs.values(), workers, progress)
     values = tuple(_values(jobs, outcomes))
     return StudyResult(
@@ -85,6 +91,8 @@ def run_study(
         {one.name: one.reason for one in outcomes.values() if isinstance(one, Failed)},
         tuple(cases),
         tuple(seeds),
+        seconds,
+        sum(one.cpu_seconds for one in outcomes.values() if isinstance(one, Done)),
     )
 
 
@@ -95,7 +103,7 @@ def write_study(folder: Path, result: StudyResult) -> list[Path]:
         folder / f"{result.study.name}{suffix}" for suffix in (".png", ".svg", ".csv", ".json")
     ]
     for path in paths[:2]:
-        draw(result.study, result.curves, path)
+        draw(result.study, result.curves, path, sample_words(result.cases, result.seeds))
     with atomic_path(paths[2]) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(column.name for column in fields(Value))
@@ -125,6 +133,8 @@ def _facts(result: StudyResult) -> dict[str, Any]:
         "unit": study.unit,
         "cases": result.cases,
         "seeds": result.seeds,
+        "seconds": result.seconds,
+        "cpu_s": round(result.cpu_s, 1),
         "amounts": study.amounts,
         "changes": {f"{amount:g}": vars(study.change(amount)) for amount in study.amounts},
         "breaks_at": result.breaking(),

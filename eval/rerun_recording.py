@@ -1,0 +1,138 @@
+"""A run as a recording for the Rerun viewer: camera, frames, depth and clouds in one world.
+
+Needs the package `rerun-sdk`, `pip install eventsweep[rerun]`. Windows are written one after
+another, so a recording may be larger than memory.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.atomic import atomic_path
+from emvs.data.recording import Recording
+from emvs.depthmap import DepthMap
+from emvs.errors import InputError
+from emvs.fusion import file_name
+from emvs.output import StoredMap, StoredWindow
+from emvs.pointcloud import back_project_map, without_outliers
+from eval.config import EvalConfig
+from eval.folders import Scored, find_maps, has_truth, recording_of, truth_of
+from eval.masks import on_view
+
+FILE_NAME = "recording.rrd"
+TIMELINE = "recording_time"
+_POINT_PX = 2.0
+
+
+def write_rerun(folder: Path) -> Path:
+    """Writes `recording.rrd` into the folder of a run or a map.
+
+    Entities: `CASE/camera` (pose and pinhole of the reference view), below it `frame`, `true_depth`
+    and `depth/METHOD`, m, and `CASE/cloud/METHOD`, points in the world, m. Times are those of the
+    reference views.
+
+    Args:
+        folder: what `run` or `map` wrote.
+
+    Raises:
+        InputError: no maps, damaged files, or no Rerun.
+    """
+    viewer, maps = _library(), find_maps(folder)
+    path = folder / FILE_NAME
+    with atomic_path(path) as partial:
+        stream = viewer.RecordingStream("eventsweep", recording_id=folder.resolve().name)
+        stream.save(partial)
+        stream.log("/", viewer.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        for case, stored in maps.items():
+            log = _Log(viewer, stream, case)
+            for window in stored.windows:
+                _log_window(log, stored, window)
+        stream.flush()
+        stream.disconnect()
+    return path
+
+
+def _library() -> Any:
+    try:
+        return import_module("rerun")
+    except ImportError as error:
+        raise InputError(
+            "recordings for the Rerun viewer need it: `pip install eventsweep[rerun]`"
+        ) from error
+
+
+@dataclass(frozen=True)
+class _Log:
+    """Where entities of one case go.
+
+    Attributes:
+        viewer: the library.
+        stream: the recording that is written.
+        case: what entities begin with.
+    """
+
+    viewer: Any
+    stream: Any
+    case: str
+
+    def __call__(self, entity: str, *what: Any) -> None:
+        self.stream.log(f"{file_name(self.case)}/{entity}", *what)
+
+    def depth(self, entity: str, depth_m: NDArray[np.floating], mask: NDArray[np.bool_]) -> None:
+        """Logs a depth image, m; the viewer takes 0 for unknown."""
+        known_m = np.where(mask, depth_m, 0).astype(np.float32)
+        self(entity, self.viewer.DepthImage(known_m, meter=1.0))
+
+
+def _log_window(log: _Log, stored: StoredMap, window: StoredWindow) -> None:
+    log.stream.set_time(TIMELINE, duration=1e-6 * window.info.t_ref_us)
+    for number, method in enumerate(window.info.methods):
+        found = window.depth_map(method)
+        if number == 0:
+            _log_view(log, stored, found)
+        log.depth(f"camera/depth/{file_name(method)}", found.depth_m, found.mask)
+        _log_cloud(log, stored, found)
+
+
+def _log_view(log: _Log, stored: StoredMap, found: DepthMap) -> None:
+    """The reference view, and what a camera would see and measure there."""
+    camera, place = found.camera, found.T_world_rv
+    log(
+        "camera",
+        log.viewer.Transform3D(translation=place[:3, 3], mat3x3=place[:3, :3]),
+        log.viewer.Pinhole(
+            resolution=[camera.width_px, camera.height_px], image_from_camera=camera.K,
+            camera_xyz=log.viewer.ViewCoordinates.RDF,
+        ),
+    )  # fmt: skip
+    recording = _recording(stored)
+    # Frames and ground truth are camera 0's: they say nothing of a view of its own.
+    if recording is None or not stored.info.config.is_camera_0_view:
+        return
+    frame = recording.frame(0, found.t_us)
+    if frame is not None:
+        seen = on_view(frame, recording.rig.cameras[0])
+        log("camera/frame", log.viewer.Image(seen, color_model="L"))
+    if isinstance(recording, Scored) and has_truth(recording, found.t_us, EvalConfig()):
+        truth = truth_of(recording, found.t_us, EvalConfig())
+        log.depth("camera/true_depth", truth.depth_m, truth.scored)
+
+
+def _log_cloud(log: _Log, stored: StoredMap, found: DepthMap) -> None:
+    config = stored.info.config
+    cloud = without_outliers(back_project_map(found), config.radius_m, config.radius_neighbours)
+    radius = log.viewer.Radius.ui_points(_POINT_PX / 2)
+    points = log.viewer.Points3D(cloud.points_world, colors=cloud.colours, radii=radius)
+    log(f"cloud/{file_name(found.method)}", points)
+
+
+def _recording(stored: StoredMap) -> Recording | None:
+    """The recording, or None where it is no longer there."""
+    path = stored.path / stored.info.recording.path
+    return recording_of(stored) if path.exists() else None

@@ -1,0 +1,112 @@
+"""The tables of settings in the documentation, from the code: nobody types a default.
+
+`python -m eval.settings_table` writes them; with `--check` it only says which are stale.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from emvs.atomic import atomic_path
+from emvs.config import MapperConfig
+from emvs.errors import InputError
+from eval.config import EvalConfig
+from eval.exits import exit_code
+
+TABLES: dict[str, type[BaseModel]] = {"mapper.md": MapperConfig, "scores.md": EvalConfig}
+"""Page -> what its table is about."""
+
+_BEGIN, _END = "<!-- settings: begin -->", "<!-- settings: end -->"
+_HEAD = "| Setting | Default | Values | Meaning |\n|---|---|---|---|\n"
+_STALE = 1
+
+
+def settings_block(model: type[BaseModel]) -> str:
+    """The table of every field of a group of settings, as Markdown."""
+    fields: dict[str, dict[str, Any]] = model.model_json_schema()["properties"]
+    return _HEAD + "".join(_line(name, field) for name, field in fields.items())
+
+
+def _line(name: str, field: Mapping[str, Any]) -> str:
+    default, meaning = field["default"], field["description"].replace("|", "\\|")
+    if isinstance(default, dict):  # settings of their own
+        names = ", ".join(f"`{key}`" for key in default)
+        return f"| `{name}` | – | {names} | {meaning} |\n"
+    return f"| `{name}` | {_shown(default)} | {_values(field)} | {meaning} |\n"
+
+
+def _shown(default: object) -> str:
+    if isinstance(default, bool):
+        return str(default).lower()
+    if isinstance(default, list):
+        return ", ".join(f"`{item}`" for item in default)
+    if isinstance(default, str):
+        return f"`{default}`"
+    return "–" if default is None else f"{default:g}"
+
+
+def _values(field: Mapping[str, Any]) -> str:
+    """Which values a field may have, in few words."""
+    kinds = field.get("anyOf", [field])
+    kind = {**field, **next(one for one in kinds if one.get("type") != "null")}
+    if "enum" in kind:
+        return ", ".join(f"`{value}`" for value in kind["enum"])
+    words = {"integer": "whole", "number": "number", "array": "names", "boolean": "true, false"}
+    limits = {
+        "minimum": "≥ {:g}", "exclusiveMinimum": "> {:g}", "maximum": "≤ {:g}",
+        "exclusiveMaximum": "< {:g}",
+    }  # fmt: skip
+    told = [limit.format(kind[name]) for name, limit in limits.items() if name in kind]
+    return ", ".join([words.get(kind.get("type", ""), "group"), *told])
+
+
+def with_block(page: str, block: str) -> str:
+    """A page's text with the block between its marks.
+
+    Raises:
+        InputError: the page lacks the marks.
+    """
+    if not re.search(f"{_BEGIN}.*{_END}", page, re.DOTALL):
+        raise InputError(f"the page needs the lines {_BEGIN} and {_END}")
+    before, after = page.split(_BEGIN)[0], page.split(_END)[1]
+    return f"{before}{_BEGIN}\n\n{block}\n{_END}{after}"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Writes or checks the tables; 1 where a check finds one stale, 2 on bad input."""
+    parser = argparse.ArgumentParser(prog="python -m eval.settings_table", description=__doc__)
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("docs"))
+    parser.add_argument("--check", action="store_true", help="write nothing")
+    asked = parser.parse_args(arguments)
+    with exit_code() as code:
+        code.value = max(
+            _run(asked.folder / name, settings_block(model), check=asked.check)
+            for name, model in TABLES.items()
+        )
+    return code.value
+
+
+def _run(page: Path, block: str, *, check: bool) -> int:
+    if not page.is_file():
+        raise InputError(f"{page}: no such file; run this in the project's folder")
+    before = page.read_text(encoding="utf-8")
+    after = with_block(before, block)
+    if before == after:
+        return 0
+    if check:
+        sys.stderr.write(f"{page}: its table is stale; run `python -m eval.settings_table`\n")
+        return _STALE
+    with atomic_path(page) as partial:
+        partial.write_text(after, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

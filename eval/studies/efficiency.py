@@ -1,0 +1,71 @@
+"""How much faster several workers are than one, from empty caches.
+
+`python -m eval.studies.efficiency --page docs/suite.md` runs `quick` with one worker and with two,
+and writes the line of the page. Only a machine on which nothing else runs gives an honest one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from emvs.errors import InputError
+from eval import suite_app
+from eval.progress import Silent
+from eval.study_extraction import into_page
+from eval.suite import load
+
+MARK = "efficiency"
+
+
+def main() -> int:
+    """Prints and writes the line; exit code 2 on bad input."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--suite", default="quick", help="what to run, as `eventsweep suite` does")
+    parser.add_argument("--workers", type=int, default=2, help="how many are held against one")
+    parser.add_argument("--page", type=Path, help="page to write the line into")
+    asked = parser.parse_args()
+    try:
+        alone_s, together_s = (elapsed_s(asked.suite, count) for count in (1, asked.workers))
+        text = line(asked.suite, asked.workers, alone_s, together_s)
+        if asked.page is not None:
+            into_page(asked.page, text, MARK)
+    except InputError as error:
+        sys.stderr.write(f"error: {error}\n")
+        return 2
+    sys.stdout.write(text)
+    return 0
+
+
+def elapsed_s(name: str, workers: int) -> float:
+    """Time of the clock for a suite from an empty cache, its workers' start included, s.
+
+    Raises:
+        InputError: an unknown suite, less than one worker, or a job that failed.
+    """
+    suite, subset = load(name)
+    with tempfile.TemporaryDirectory() as folder:
+        where = suite_app.Where(workers=workers, cache=Path(folder))
+        started_s = time.monotonic()
+        result = suite_app.run(suite, subset, where, Silent(), speed=False)
+        took_s = time.monotonic() - started_s
+    if result.failures:
+        first = result.failures[0]
+        raise InputError(f"{first.name} failed, so there is nothing to time: {first.failure}")
+    return took_s
+
+
+def line(name: str, workers: int, alone_s: float, together_s: float) -> str:
+    """One sentence: both times, and the share of the ideal speed-up."""
+    share = alone_s / (workers * together_s)
+    return (
+        f"`{name}` from an empty cache: {alone_s:.1f} s with one worker, {together_s:.1f} s with "
+        f"{workers}, {share:.2f} of ideal.\n"
+    )
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,96 @@
+"""A window's pairs and causes on rigs of one, two and three cameras, with lenses and without."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import scenes
+from emvs.config import MapperConfig
+from emvs.data.camera import Camera
+from emvs.data.rig import Rig
+from eval.config import EvalConfig
+from eval.folders import find_maps, sequence_of, truth_of
+from eval.map_stage import map_recording
+from eval.method_scores import score_method
+from eval.pairing import Estimate
+from eval.runner import score_folder
+from eval.settings import Settings
+from eval.window_pairs import window_pairs
+from sim.config import SimConfig
+from sim.generate import simulate
+
+WIDTH, HEIGHT, FOCAL, BASELINE = 120, 90, 80.0, 0.1
+BARREL = {"radtan": (-0.3, 0.08, 0.001, -0.001, 0.0)}
+RIGS = {"one": (1, "pinhole"), "three": (3, "pinhole"), "radtan": (2, "radtan")}
+
+
+def rig_of(cameras, model):
+    lens = Camera(
+        WIDTH, HEIGHT, FOCAL, FOCAL, (WIDTH - 1) / 2, (HEIGHT - 1) / 2, model, BARREL.get(model, ())
+    )
+    places = [np.eye(4) for _ in range(cameras)]
+    for k, place in enumerate(places):
+        place[0, 3] = k * BASELINE
+    return Rig("test", (lens,) * cameras, tuple(places))
+
+
+@pytest.fixture(scope="module", params=RIGS)
+def mapped(request, tmp_path_factory):
+    """A map folder of the scene `planes` seen by one of the rigs."""
+    folder = tmp_path_factory.mktemp(request.param)
+    config = SimConfig(duration_s=0.2, truth_times_s=(0.1,))
+    simulate(scenes.load("planes"), rig_of(*RIGS[request.param]), config, 0, folder / "sequence")
+    cameras = RIGS[request.param][0]
+    single = tuple(f"EMVS/cam{k}" for k in range(cameras))
+    methods = single if cameras == 1 else ("Alg1/H", *single)
+    settings = Settings(map=MapperConfig(planes=40, methods=methods))
+    map_recording(folder / "sequence", folder / "map", settings)
+    return folder / "map", cameras
+
+
+@pytest.fixture(scope="module")
+def scored(mapped):
+    """Its sequence and window, and its pairs beside true depth and depth that is 20 % too deep."""
+    (stored,) = find_maps(mapped[0]).values()
+    sequence, window = sequence_of(stored), stored.windows[0]
+    truth = truth_of(sequence, window.info.t_ref_us, EvalConfig())
+    true = Estimate(np.where(truth.scored, truth.depth_m, 1), truth.scored)
+    given = {"true": true, "deep": true._replace(depth_m=1.2 * true.depth_m)}
+    return truth, window_pairs(sequence, window, EvalConfig(), given)
+
+
+def test_true_depth_is_perfect_in_every_region(scored):
+    truth, pairs = scored
+    got = {score.metric: score.value for score in score_method(pairs["true"])}
+    assert truth.scored.mean() > 0.5
+    assert (got["points"], got["completeness"]) == (np.count_nonzero(truth.scored), 100)
+    assert got["mean_error"] == got["outlier_points"] == 0
+    assert got["interior_completeness"] == got["edges_completeness"] == 100
+    assert got["interior_points"] + got["boundary_points"] == got["points"]
+
+
+def test_every_bad_pixel_has_one_cause(scored):
+    truth, pairs = scored
+    deep = pairs["deep"]
+    assert sum(deep.causes.values()) == np.count_nonzero(truth.scored) > 0
+    for found in pairs.values():
+        error = np.abs(found.own.estimate_m - found.own.truth_m) / found.own.truth_m
+        assert sum(found.causes.values()) == np.count_nonzero(error > 0.1)
+    # Most of a picture is plain: no events, whatever the rig.
+    assert deep.causes["few_events"] > 0
+
+
+def test_the_map_is_scored_and_half_of_it_is_right(mapped):
+    folder, cameras = mapped
+    rows = score_folder(folder, EvalConfig()).rows
+    found = {(row.method, row.metric): row.value for row in rows if row.window == "all"}
+    methods = {method for method, _ in found}
+    best = "EMVS/cam0" if cameras == 1 else "Alg1/H"
+    assert {f"EMVS/cam{k}" for k in range(cameras)} <= methods
+    assert found[best, "points"] > 50
+    assert found[best, "median_error"] < 0.1
+    assert np.isnan(found[best, "bad_published"]) == (cameras == 1)
+    assert found[best, "outlier_points"] > 0
+    causes = [value for (_, name), value in found.items() if name.startswith("cause_")]
+    assert np.isfinite(causes).all()
