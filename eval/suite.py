@@ -107,6 +107,12 @@ class Suite(_Model):
             _refuse_unknown(f"subsets.{name}.cases", subset.cases, self.cases)
         for name, case in self.cases.items():
             _refuse_unknown(f"cases.{name}.mappers", case.mappers, self.mappers)
+        for name, mapper in self.mappers.items():
+            if mapper.get("device") == "auto":
+                raise ValueError(
+                    f"mappers.{name}.device is 'auto', which is another one on another machine: "
+                    "choose cpu or cuda"
+                )
         for settings in self._settings():
             Settings.model_validate(settings)
         return self

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import scenes
-from emvs import fusion
+from emvs import device, fusion
 from emvs.config import MapperConfig
 from eval.jobs import Job
 from eval.stage_simulate import parameters as sequence_parameters
@@ -18,7 +18,7 @@ def suite_jobs(suite: Suite, cases: Sequence[str], seeds: Sequence[int]) -> list
     """One scoring job per case and seed, with all that it needs.
 
     Raises:
-        InputError: an unknown scene, rig or method.
+        InputError: an unknown scene, rig or method, a GPU that is not there.
     """
     for case in cases:
         _check(suite, case)
@@ -33,6 +33,7 @@ def _check(suite: Suite, case: str) -> None:
     for mapper in spec.mappers:
         config = MapperConfig.model_validate(suite.mappers[mapper])
         fusion.methods(config.methods, len(rig), reference=config.is_reference)
+        device.check(config.device)
 
 
 def _score_job(suite: Suite, case: str, seed: int, digest: str) -> Job:

@@ -3,13 +3,15 @@
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from emvs.cuda import library
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
 from eval.baseline import read_baseline
-from eval.cache import Cache, default_cache
+from eval.cache import Cache, default_cache, key_of
 from eval.cli import main
 from eval.stage_score import metric_versions
 from eval.suite import FOLDER, load, read
@@ -98,6 +100,7 @@ def test_names_find_suites_and_subsets(tmp_path):
         ('"default", "coarse"]', '"default", "fine"]', "no 'fine', there are default, coarse"),
         ("contrast_threshold_pos = 0.4", "contrast_threshold_pos = -1", "contrast_threshold_pos"),
         ('speed_case = "wall"', 'speed_case = "hall"', "no 'hall'"),
+        ("planes = 10", 'device = "auto"', "mappers.coarse.device is 'auto'"),
         ("[subsets.one]", "[subsets.one", "not TOML"),
     ],
 )
@@ -121,6 +124,27 @@ def test_what_does_not_exist_is_refused_before_the_first_job(tmp_path, old, new,
     suite = read(toml(tmp_path, TINY.replace(old, new)))
     with pytest.raises(InputError, match=words):
         suite_jobs(suite, ("wall",), (0,))
+
+
+def test_a_gpu_that_is_not_there_is_refused_before_the_first_job(tmp_path, monkeypatch):
+    suite = read(toml(tmp_path, TINY.replace("planes = 10", 'device = "cuda"')))
+    monkeypatch.setattr(library, "missing", lambda: "it is gone")
+    with pytest.raises(InputError, match="device cuda cannot be used: it is gone"):
+        suite_jobs(suite, ("wall",), (0,))
+
+
+def test_a_map_by_the_gpu_is_another_job_than_one_by_the_cpu(tmp_path, monkeypatch):
+    monkeypatch.setattr(library, "missing", lambda: None)
+    monkeypatch.setattr(library, "gpu", lambda: SimpleNamespace(name="some GPU"))
+    parameters = []
+    for device in ("cpu", "cuda"):
+        suite = read(toml(tmp_path, TINY.replace("planes = 10", f'device = "{device}"')))
+        (score,) = suite_jobs(suite, ("wall",), (0,))
+        parameters.append([need.parameters for need in score.needs])
+    here, there = parameters
+    assert here[:3] == there[:3]  # the sequence, and two windows by the other mapper
+    assert all(key_of(one) != key_of(other) for one, other in zip(here[3:], there[3:], strict=True))
+    assert len(here) == 5
 
 
 def test_the_digest_sees_every_change_of_a_case(tmp_path):
