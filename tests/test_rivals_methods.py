@@ -1,13 +1,16 @@
 """The rivals through the mapper: registry, recordings in memory, bad input."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 import pytest
-from point_world import Recorded, fronto_parallel
+from point_world import Recorded, edge_stream, fronto_parallel, sideways, stereo_rig
 
 from emvs.config import MapperConfig
+from emvs.data.camera import Camera
 from emvs.data.events import Events
+from emvs.data.frame_store import Photo
 from emvs.errors import InputError
 from emvs.map_files import read_depth, read_slices
 from emvs.mapper import map_window
@@ -22,6 +25,19 @@ from emvs.window import Window
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25, border_px=0)
 ALWAYS = ("SGM/ts", "SGM/window")
+
+
+@dataclass(frozen=True, eq=False)
+class WithPhotos(Recorded):
+    """The same random texture before both cameras, 20 px apart."""
+
+    def photo_times_us(self, camera):
+        return np.array([250_000])
+
+    def photo(self, camera, t_us):
+        height, width = self.rig.cameras[camera].height_px, self.rig.cameras[camera].width_px
+        texture = np.random.default_rng(0).integers(0, 255, (height, width)).astype(np.uint8)
+        return Photo(249_000, 251_000, 1.0, np.roll(texture, -20 * camera, axis=1))
 
 
 def mapped(recording, *names, **values):
@@ -130,6 +146,31 @@ def test_a_shifted_picture_is_matched_and_its_edges_report_nothing(shift_px):
     assert known[:, shift_px + 8 : -20].mean() > 0.95
     assert np.abs(found_px[:, : 100 - shift_px][known[:, : 100 - shift_px]] - shift_px).max() < 0.1
     assert not known[:, : 2 + 5 // 2].any()
+
+
+@pytest.mark.parametrize("name", ["SGM/ts", "SGM/window", "Frames/sgm"])
+def test_one_thread_and_two_give_the_same_bits(name):
+    """Of the kernels and of OpenCV, on pictures that OpenCV shares out among its threads."""
+    camera = Camera(640, 480, 400.0, 400.0, 319.5, 239.5)
+    stream, motion = edge_stream(camera, sideways(), 200_000), sideways()
+    recording = WithPhotos(stereo_rig(camera), motion, (stream, stream))
+    before, maps = cv2.getNumThreads(), []
+    try:
+        for threads in (1, 2):
+            cv2.setNumThreads(threads)
+            maps.append(mapped(recording, name, threads=threads).depth_maps[name])
+    finally:
+        cv2.setNumThreads(before)
+    assert maps[0].points > 300
+    for field in ("depth_m", "confidence", "mask", "argmax"):
+        np.testing.assert_array_equal(getattr(maps[0], field), getattr(maps[1], field))
+
+
+def test_one_parameter_of_the_matcher_leaves_the_others_as_they_were():
+    given = MapperConfig.model_validate({"frames": {"matcher": {"p1_per_px": 9}}})
+    default = MapperConfig().frames.matcher
+    assert given.frames.matcher == default.model_copy(update={"p1_per_px": 9})
+    assert default.block_px == 7
 
 
 # Bad input

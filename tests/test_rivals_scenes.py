@@ -82,7 +82,7 @@ def test_known_depth_is_found_within_the_stated_accuracy(sequences, method, scen
 
 
 def test_event_coincidence_on_a_desk_is_better_than_chance_and_no_more(sequences):
-    """Chance: each event paired with any disparity of the range. The page states a quarter."""
+    """Chance: each event paired with any disparity of the range. The page states a fifth."""
     sequence = sequences("desk")
     errors_px = disparity_errors_px(sequence, "GTS/events")
     near_m, far_m = sequence.depth_range_m
