@@ -35,19 +35,20 @@ def _lower_median(values, count):
 
 @njit(parallel=True, cache=True)
 def _masked_median(values, mask, radius, patch, out):
-    """Fills `out` at mask pixels; row y uses `patch[y]`, (2 radius + 1)² values, as scratch."""
+    """Fills `out` at mask pixels; row y uses `patch[y]`, (2 radius + 1)² + 1 values, as scratch."""
     height, width = values.shape
     for y in prange(height):
+        row, top, bottom = patch[y], max(y - radius, 0), min(y + radius + 1, height)
         for x in range(width):
             if not mask[y, x]:
                 continue
             count = 0
-            for v in range(max(y - radius, 0), min(y + radius + 1, height)):
+            for v in range(top, bottom):
                 for u in range(max(x - radius, 0), min(x + radius + 1, width)):
-                    if mask[v, u]:
-                        patch[y, count] = values[v, u]
-                        count += 1
-            out[y, x] = _lower_median(patch[y], count)
+                    # Without a branch: what is outside the mask is overwritten by the next.
+                    row[count] = values[v, u]
+                    count += mask[v, u]
+            out[y, x] = _lower_median(row, count)
 
 
 def masked_median(
@@ -64,6 +65,6 @@ def masked_median(
         (H, W) float32; pixels outside the mask keep their values.
     """
     out = values.copy()
-    patch = np.empty((len(values), kernel_px * kernel_px), np.float32)
+    patch = np.empty((len(values), kernel_px * kernel_px + 1), np.float32)
     _masked_median(values, mask, kernel_px // 2, patch, out)
     return out

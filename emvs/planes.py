@@ -58,10 +58,12 @@ def inverse_depth_at(
     """
     first, last, place = float(rho[0]), float(rho[-1]), position.astype(np.float64)
     if not is_linear(rho):
-        step = (last - first) / (len(rho) - 1)
-        return (first + place * step).astype(np.float32)
-    step_m = (1 / last - 1 / first) / (len(rho) - 1)
-    return (1 / (1 / first + place * step_m)).astype(np.float32)
+        place *= (last - first) / (len(rho) - 1)
+        place += first
+        return place.astype(np.float32)
+    place *= (1 / last - 1 / first) / (len(rho) - 1)
+    place += 1 / first
+    return (1 / place).astype(np.float32)
 
 
 def is_linear(rho: NDArray[np.float32]) -> bool:

@@ -67,8 +67,9 @@ def test_a_figure_without_a_limit_is_neither():
 
 def test_the_votes_of_every_sensor_stand_beside_the_authors(monkeypatch):
     monkeypatch.setattr(cost_limits, "_PLANES_TIMED", 2)
-    effort = Effort(vote_events=2000, rounds=1)
+    effort = Effort(vote_events=2000, rounds=1, touchy_rounds=1)
     figures = [one for sensor in AUTHORS_NS for one in cost_limits._votes(sensor, effort)]
+    figures += cost_limits._threads(effort)
     table = authors_table(figures)
     assert all(f"| {sensor} | {ns} |" in table for sensor, ns in AUTHORS_NS.items())
 
