@@ -99,8 +99,8 @@ class MapperConfig(BaseModel):
         False, description="also fill the gaps between points, marked as filled in"
     )
     interpolate: bool = Field(True, description="refine the maximum between planes by a parabola")
-    threshold_kernel_px: OddPixels = Field(
-        5, description="window of the adaptive threshold, px, odd, at least 3"
+    threshold_kernel_px: int = Field(
+        5, ge=3, le=99, description="window of the adaptive threshold, px, odd"
     )
     threshold_c: FiniteFloat = Field(
         7.0, description="by how much of 255 a confidence must exceed its neighbours' mean"
@@ -143,10 +143,8 @@ class MapperConfig(BaseModel):
 
     @model_validator(mode="after")
     def _check(self) -> "MapperConfig":
-        if self.threshold_kernel_px % 2 == 0 or self.threshold_kernel_px < 3:
-            raise ValueError(
-                f"threshold_kernel_px is {self.threshold_kernel_px}: must be odd and at least 3"
-            )
+        if self.threshold_kernel_px % 2 == 0:
+            raise ValueError(f"threshold_kernel_px is {self.threshold_kernel_px}: must be odd")
         if self.median_px % 2 == 0:
             raise ValueError(f"median_px is {self.median_px}: must be odd")
         if self.reference_s is not None and self.reference == "end":

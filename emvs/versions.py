@@ -12,6 +12,7 @@ _LIBRARIES = (
     "h5py",
     "mujoco",
     "open3d",
+    "numba-cuda",
 )
 
 

@@ -15,6 +15,11 @@ from emvs.errors import InputError
 
 OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
 
+# Modules whose functions HDF5 calls from C: an interrupt that is raised there passes through
+# libraries that do not expect it, which lose it or crash.
+_CALLED_FROM_C = frozenset({"emvs.data.hdf5"})
+_SOON_S = 0.05
+
 
 @dataclass
 class ExitCode:
@@ -32,6 +37,8 @@ def exit_code() -> Iterator[ExitCode]:
     code = ExitCode()
     # A polite kill ends like Ctrl-C, so that temporary folders are removed.
     signal.signal(signal.SIGTERM, _interrupt)
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else it is to be ignored
+        signal.signal(signal.SIGINT, _interrupt)
     sys.unraisablehook = _send_again
     try:
         yield code
@@ -53,16 +60,31 @@ def exit_code() -> Iterator[ExitCode]:
 
 def _send_again(lost: sys.UnraisableHookArgs) -> None:
     """Python drops an interrupt that arrives inside a destructor: it comes once more."""
-    if not isinstance(lost.exc_value, KeyboardInterrupt):
+    if isinstance(lost.exc_value, KeyboardInterrupt):
+        _interrupt_soon()
+    else:
         sys.__unraisablehook__(lost)
-        return
-    later = threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGTERM))
+
+
+def _interrupt(_number: int, frame: FrameType | None) -> None:
+    if _is_called_from_c(frame):
+        _interrupt_soon()
+    else:
+        raise KeyboardInterrupt
+
+
+def _is_called_from_c(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_globals.get("__name__") in _CALLED_FROM_C:
+            return True
+        frame = frame.f_back
+    return False
+
+
+def _interrupt_soon() -> None:
+    later = threading.Timer(_SOON_S, os.kill, (os.getpid(), signal.SIGTERM))
     later.daemon = True
     later.start()
-
-
-def _interrupt(_number: int, _frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
 
 
 def _tell(words: str, code: int) -> int:

@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -255,6 +256,44 @@ sys.exit(code.value)
     )
     assert done.returncode == 130
     assert done.stderr.count("\n") == 1
+
+
+def test_an_interrupt_while_hdf5_writes_waits_until_it_has_written(tmp_path):
+    script = """
+import io, signal, sys, time
+from pathlib import Path
+import numpy as np
+from emvs.data.hdf5 import Hdf5Writer
+from eval.exits import exit_code
+
+class Interrupted(io.FileIO):
+    once = False
+
+    def write(self, data):
+        if not self.once:
+            self.once = True
+            signal.raise_signal(signal.SIGTERM)
+        return super().write(data)
+
+with exit_code() as code:
+    path = Path(sys.argv[1])
+    writer = Hdf5Writer(path)
+    writer._sink._file = Interrupted(path, "r+b")
+    writer.file["depth"] = np.arange(100_000)
+    writer.close()
+    for _ in range(600):
+        time.sleep(0.1)
+sys.exit(code.value)
+"""
+    path = tmp_path / "depth.h5"
+    done = subprocess.run(
+        [sys.executable, "-c", script, path], capture_output=True, text=True, check=False,
+        timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 130, done.stderr
+    assert done.stderr.count("\n") == 1
+    with h5py.File(path) as file:
+        assert np.array_equal(file["depth"], np.arange(100_000))
 
 
 def test_no_usable_graphics_is_one_line(tmp_path):

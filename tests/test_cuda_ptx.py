@@ -61,6 +61,13 @@ def test_every_kernel_is_translated(ptx):
 
 
 @needs_compiler
+def test_where_a_ray_meets_a_plane_no_product_is_joined_with_its_sum(ptx):
+    # Column, row and depth; only a product that is rounded by its own instruction stays alone.
+    for kernel in ("vote_fixed", "vote_float", "vote_nearest"):
+        assert all(len(re.findall(r"\bmul\.rn\.f32", code)) >= 3 for code in ptx[kernel])
+
+
+@needs_compiler
 def test_votes_are_added_in_the_type_that_the_setting_names(ptx):
     # 64-bit integers also count the votes
     for kernel, types in (

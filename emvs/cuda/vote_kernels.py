@@ -11,7 +11,7 @@ bilinear vote is two atomic additions of integers, and their order cannot change
 import numpy as np
 from numba import cuda
 
-from emvs.cuda.library import SLOTS
+from emvs.cuda.library import SLOTS, product
 
 _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 _NOWHERE = np.float32(np.nan)
@@ -68,7 +68,7 @@ def _ray(rays, k):
 @cuda.jit(device=True)
 def _votes_at(u, v, width, height, c_z, rho, p, slot, behind):
     """Whether a ray votes: all four pixels around (u, v) in the image, in front of its camera."""
-    if _ONE - c_z * rho <= _ZERO:
+    if _ONE - product(c_z, rho) <= _ZERO:
         cuda.atomic.add(behind, (p, slot), np.int64(1))
         return False
     last_column, last_row = np.float32(width - 1), np.float32(height - 1)
@@ -97,7 +97,7 @@ def vote_fixed(rays, rho, width, height, bits, sums, inside, behind):
     k = cuda.grid(1)
     a_u, b_u, a_v, b_v, c_z = _ray(rays, k)
     for p in range(len(rho)):
-        u, v = a_u + rho[p] * b_u, a_v + rho[p] * b_v
+        u, v = a_u + product(rho[p], b_u), a_v + product(rho[p], b_v)
         ok = _votes_at(u, v, width, height, c_z, rho[p], p, k & (SLOTS - 1), behind)
         if ok:
             _add_fixed(sums, p, u, v, width, bits)
@@ -110,7 +110,7 @@ def vote_float(rays, rho, width, height, sums, inside, behind):
     k = cuda.grid(1)
     a_u, b_u, a_v, b_v, c_z = _ray(rays, k)
     for p in range(len(rho)):
-        u, v = a_u + rho[p] * b_u, a_v + rho[p] * b_v
+        u, v = a_u + product(rho[p], b_u), a_v + product(rho[p], b_v)
         ok = _votes_at(u, v, width, height, c_z, rho[p], p, k & (SLOTS - 1), behind)
         if ok:
             _add_float(sums, p, u, v, width)
@@ -123,7 +123,7 @@ def vote_nearest(rays, rho, width, height, sums, inside, behind):
     k = cuda.grid(1)
     a_u, b_u, a_v, b_v, c_z = _ray(rays, k)
     for p in range(len(rho)):
-        u, v = a_u + rho[p] * b_u, a_v + rho[p] * b_v
+        u, v = a_u + product(rho[p], b_u), a_v + product(rho[p], b_v)
         ok = _votes_at(u, v, width, height, c_z, rho[p], p, k & (SLOTS - 1), behind)
         if ok:
             _add_nearest(sums, p, u, v, width)
