@@ -14,7 +14,7 @@ test: setup
 	$(BIN)/python -m pytest -n auto
 
 slow: setup
-	$(BIN)/python -m pytest --run-slow
+	HYPOTHESIS_RANDOM=1 $(BIN)/python -m pytest --run-slow
 
 lint: setup
 	$(BIN)/ruff check .

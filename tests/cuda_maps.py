@@ -117,6 +117,7 @@ def test_three_cameras_and_one():
     check_same(*by_both(config(), cameras=1, n=30))
 
 
+@pytest.mark.slow
 def test_the_compatibility_setting():
     # 1 packet of 1024 events, its tail dropped
     setting = config(compatibility="mcemvs", methods=("Alg1/H",), planes=2)

@@ -201,7 +201,7 @@ def test_a_full_disk_is_one_line_and_loses_nothing(tmp_path):
     def small_files() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, 200_000))
 
-    arguments = ["simulate", "planes", "--out", str(tmp_path / "s"), "--quiet", "--seconds", "0.2"]
+    arguments = ["simulate", "planes", "--out", str(tmp_path / "s"), "--quiet", "--seconds", "0.05"]
     done = subprocess.run(
         [*COMMAND, *arguments], preexec_fn=small_files, capture_output=True, text=True, check=False
     )

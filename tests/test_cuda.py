@@ -27,10 +27,12 @@ def run(*command, **variables):
 
 
 @pytest.mark.parametrize("name", ["votes", "fold", "maps"])
-def test_in_the_simulator(name):
+def test_in_the_simulator(name, request):
     # Without this interval a Python thread that waits for others keeps them from running.
     start = "import sys, pytest; sys.setswitchinterval(1e-5); sys.exit(pytest.main(sys.argv[1:]))"
-    found = run("-c", start, "-p", "no:cacheprovider", str(TESTS / f"cuda_{name}.py"), **SIMULATED)
+    slow = ["--run-slow"] if request.config.getoption("--run-slow") else []
+    asked = ("-p", "no:cacheprovider", *slow, str(TESTS / f"cuda_{name}.py"))
+    found = run("-c", start, *asked, **SIMULATED)
     assert found.returncode == 0, found.stdout[-5000:]
     assert re.search(r"^\.+", found.stdout, re.MULTILINE), found.stdout
 
