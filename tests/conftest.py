@@ -6,6 +6,9 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+# Two test processes share two cores: a thread that spins while it waits takes the other's time.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
 # The same examples in every run, so that nobody's change turns red by another's luck;
 # HYPOTHESIS_RANDOM=1 in the environment draws new ones.
 #
