@@ -20,7 +20,7 @@ from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence
 from emvs.mapper import map_window
 from eval.colour import depth_scale
-from eval.study_extraction import into_page
+from eval.marked import into_page
 
 DOCS = Path(__file__).parent
 NAMES = ("Alg1/H", "ESVO/own-rate", "ESVO/window", "GTS/events")
@@ -77,7 +77,7 @@ def main(folder):
         f"![mvsec-flying: true depth and maps](images/{path.name})\n\n"
         f"Processor time for this second: {cost}.\n"
     )
-    into_page(DOCS / "rivals_esvo.md", text, "esvo")
+    into_page(DOCS / "rivals_esvo.md", "esvo", text)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,8 @@ from emvs.config import MapperConfig
 from emvs.mapper import map_window
 from eval.cost_stream import MovingEdges
 from eval.exits import exit_code
-from eval.study_cost import into_page, machine
+from eval.marked import into_page
+from eval.study_cost import machine
 
 BASE = "Alg1/H"
 SENSORS: dict[str, tuple[int, int]] = {"346×260": (346, 260), "1280×720": (1280, 720)}

@@ -43,7 +43,7 @@ def into(page: Path, report: dict[str, Any]) -> None:
     Raises:
         InputError: a page without them, or a report of a trial.
     """
-    from eval.study_cost import into_page
+    from eval.marked import into_page
 
     if is_trial(report):
         raise InputError("a trial is no measurement: its figures stay off the page")

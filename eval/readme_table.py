@@ -12,17 +12,15 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from emvs.atomic import atomic_path
 from emvs.errors import InputError
 from eval.baseline import Baseline, read_baseline
 from eval.exits import exit_code
+from eval.marked import refresh
 from eval.ranking import mean_over_cases, table
 from eval.results import Row
 from eval.tables import as_markdown, ranking_table
 
 METRICS = ("points", "mean_error", "median_error", "abs_rel", "bad_published", "delta_1")
-_BEGIN, _END = "<!-- results: begin -->", "<!-- results: end -->"
-_STALE = 1
 
 
 def results_block(baseline: Baseline) -> str:
@@ -54,19 +52,6 @@ def _sentence(baseline: Baseline, cases: Mapping[str, Sequence[Row]]) -> str:
     )
 
 
-def with_block(page: str, block: str) -> str:
-    """A page's text with the block between its marks.
-
-    Raises:
-        InputError: the page lacks the marks.
-    """
-    before, begin, rest = page.partition(_BEGIN)
-    _, end, after = rest.partition(_END)
-    if not begin or not end:
-        raise InputError(f"the page needs the lines {_BEGIN} and {_END}")
-    return f"{before}{begin}\n\n{block}\n{end}{after}"
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Writes or checks the table; 1 where a check finds it stale, 2 on bad input."""
     parser = argparse.ArgumentParser(prog="python -m eval.readme_table", description=__doc__)
@@ -75,23 +60,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--check", action="store_true", help="write nothing")
     asked = parser.parse_args(arguments)
     with exit_code() as code:
-        code.value = _run(asked.page, asked.baseline, check=asked.check)
+        block = results_block(read_baseline(asked.baseline))
+        command = "python -m eval.readme_table"
+        code.value = refresh(asked.page, "results", block, check=asked.check, command=command)
     return code.value
-
-
-def _run(page: Path, baseline: Path, *, check: bool) -> int:
-    if not page.is_file():
-        raise InputError(f"{page}: no such file; run this in the project's folder")
-    before = page.read_text(encoding="utf-8")
-    after = with_block(before, results_block(read_baseline(baseline)))
-    if before == after:
-        return 0
-    if check:
-        sys.stderr.write(f"{page}: its table is stale; run `python -m eval.readme_table`\n")
-        return _STALE
-    with atomic_path(page) as partial:
-        partial.write_text(after, encoding="utf-8")
-    return 0
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,18 +13,15 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from emvs.atomic import atomic_path
 from emvs.config import MapperConfig
-from emvs.errors import InputError
 from eval.config import EvalConfig
 from eval.exits import exit_code
+from eval.marked import refresh
 
 TABLES: dict[str, type[BaseModel]] = {"mapper.md": MapperConfig, "scores.md": EvalConfig}
 """Page -> what its table is about."""
 
-_BEGIN, _END = "<!-- settings: begin -->", "<!-- settings: end -->"
 _HEAD = "| Setting | Default | Values | Meaning |\n|---|---|---|---|\n"
-_STALE = 1
 
 
 def settings_block(model: type[BaseModel]) -> str:
@@ -67,18 +63,6 @@ def _values(field: Mapping[str, Any]) -> str:
     return ", ".join([words.get(kind.get("type", ""), "group"), *told])
 
 
-def with_block(page: str, block: str) -> str:
-    """A page's text with the block between its marks.
-
-    Raises:
-        InputError: the page lacks the marks.
-    """
-    if not re.search(f"{_BEGIN}.*{_END}", page, re.DOTALL):
-        raise InputError(f"the page needs the lines {_BEGIN} and {_END}")
-    before, after = page.split(_BEGIN)[0], page.split(_END)[1]
-    return f"{before}{_BEGIN}\n\n{block}\n{_END}{after}"
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Writes or checks the tables; 1 where a check finds one stale, 2 on bad input."""
     parser = argparse.ArgumentParser(prog="python -m eval.settings_table", description=__doc__)
@@ -87,25 +71,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = parser.parse_args(arguments)
     with exit_code() as code:
         code.value = max(
-            _run(asked.folder / name, settings_block(model), check=asked.check)
+            refresh(
+                asked.folder / name,
+                "settings",
+                settings_block(model),
+                check=asked.check,
+                command="python -m eval.settings_table",
+            )
             for name, model in TABLES.items()
         )
     return code.value
-
-
-def _run(page: Path, block: str, *, check: bool) -> int:
-    if not page.is_file():
-        raise InputError(f"{page}: no such file; run this in the project's folder")
-    before = page.read_text(encoding="utf-8")
-    after = with_block(before, block)
-    if before == after:
-        return 0
-    if check:
-        sys.stderr.write(f"{page}: its table is stale; run `python -m eval.settings_table`\n")
-        return _STALE
-    with atomic_path(page) as partial:
-        partial.write_text(after, encoding="utf-8")
-    return 0
 
 
 if __name__ == "__main__":

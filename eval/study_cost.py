@@ -13,12 +13,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from emvs.atomic import atomic_path
-from emvs.errors import InputError
 from eval.cost_growth import SERIES, Growth, Load, growth
 from eval.cost_limits import Effort, Figure, limits
+from eval.marked import into_page
 
-_BEGIN, _END = "<!-- {}: begin -->\n", "<!-- {}: end -->\n"
 # The authors' C++ (their main branch of June 2025, -O2), one thread of a 2-core AMD Zen 4 machine.
 AUTHORS_NS = {"346x260": 7.35, "640x480": 7.92, "1280x720": 8.69}
 
@@ -60,21 +58,6 @@ def growth_table(grown: Sequence[Growth]) -> str:
             f"| {one.last_exponent:.2f} |"
         )
     return "\n".join(lines) + "\n"
-
-
-def into_page(page: Path, name: str, text: str) -> None:
-    """Puts a text between the page's two marks of that name.
-
-    Raises:
-        InputError: a page without the marks.
-    """
-    first, last = _BEGIN.format(name), _END.format(name)
-    before, begin, rest = page.read_text(encoding="utf-8").partition(first)
-    _, end, after = rest.partition(last)
-    if not begin or not end:
-        raise InputError(f"{page}: needs the lines {first.strip()} and {last.strip()}")
-    with atomic_path(page) as partial:
-        partial.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")
 
 
 def _number(value: float) -> str:

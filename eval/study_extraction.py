@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from emvs.config import MapperConfig
-from emvs.errors import InputError
 from emvs.planes import inverse_depth_at
+from eval.marked import into_page
 from eval.score import ALL_METRICS, pair
 from eval.study_cache import Sample, load_sample
 from eval.study_samples import SETS, Wanted
@@ -165,20 +165,6 @@ def summary_table(outcomes: list[Outcome]) -> str:
     return ablation_table(kept)
 
 
-def into_page(page: Path, text: str, mark: str = "study") -> None:
-    """Puts the tables between the page's two marks of that name.
-
-    Raises:
-        InputError: a page without the marks.
-    """
-    first, last = f"<!-- {mark}: begin -->\n", f"<!-- {mark}: end -->\n"
-    before, begin, rest = page.read_text(encoding="utf-8").partition(first)
-    _, end, after = rest.partition(last)
-    if not begin or not end:
-        raise InputError(f"{page}: needs the lines {first.strip()} and {last.strip()}")
-    page.write_text(f"{before}{begin}\n{text}\n{end}{after}", encoding="utf-8")
-
-
 def _geometric(values: list[float]) -> float:
     # A ratio of 0 (no bad pixel left) would make the mean 0.
     return float(np.exp(np.mean(np.log(np.maximum(values, 1e-3)))))
@@ -207,7 +193,7 @@ def main(arguments: list[str] | None = None) -> None:
     text = report(outcomes)
     sys.stdout.write(text)
     if chosen.page is not None:
-        into_page(chosen.page, text, chosen.mark)
+        into_page(chosen.page, chosen.mark, text)
 
 
 def _load(wanted: Wanted, cache: Path) -> Sample:

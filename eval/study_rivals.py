@@ -23,8 +23,8 @@ from emvs.depthmap import DepthMap
 from emvs.errors import InputError
 from emvs.mapper import map_window
 from emvs.rivals.esvo_parameters import EsvoParameters
+from eval.marked import into_page
 from eval.studies.published import TABLE, H
-from eval.study_extraction import into_page
 
 MARK, METHOD = "esvo-ablation", "ESVO/own-rate"
 _WINDOW_S, _WRONG = 1.0, 0.1
@@ -162,7 +162,7 @@ def main() -> int:
     try:
         text = report(Sequence.open(asked.sequence))
         if asked.page is not None:
-            into_page(asked.page, text, MARK)
+            into_page(asked.page, MARK, text)
     except InputError as error:
         sys.stderr.write(f"error: {error}\n")
         return 2

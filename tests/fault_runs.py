@@ -17,7 +17,7 @@ from planted_faults import FAULTS, ROOT, Fault, broken_copy
 
 from eval.cache import default_cache
 from eval.gate_series import SPEED_METRIC
-from eval.study_extraction import into_page
+from eval.marked import into_page
 
 BASELINE = Path(os.environ.get("EVENTSWEEP_BASELINE", ROOT / "reports" / "baseline.json"))
 """What is held against; `EVENTSWEEP_BASELINE` names another one than the project's."""
@@ -109,7 +109,7 @@ def main():
     asked = parser.parse_args()
     text = table(default_cache())
     if asked.page is not None:
-        into_page(asked.page, text, "faults")
+        into_page(asked.page, "faults", text)
 
 
 if __name__ == "__main__":

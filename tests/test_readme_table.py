@@ -9,7 +9,8 @@ import pytest
 
 from emvs.errors import InputError
 from eval.baseline import read_baseline
-from eval.readme_table import main, results_block, with_block
+from eval.marked import with_block
+from eval.readme_table import main, results_block
 
 ROOT = Path(__file__).resolve().parents[1]
 README, BASELINE = ROOT / "README.md", ROOT / "reports" / "baseline.json"
@@ -39,11 +40,11 @@ def test_the_mean_is_that_of_cases_and_seeds():
 
 def test_only_what_stands_between_the_marks_changes():
     page = "a\n<!-- results: begin -->\nold\n<!-- results: end -->\nz\n"
-    after = with_block(page, "new\n")
+    after = with_block(page, "results", "new\n")
     assert after == "a\n<!-- results: begin -->\n\nnew\n\n<!-- results: end -->\nz\n"
-    assert with_block(after, "new\n") == after
+    assert with_block(after, "results", "new\n") == after
 
 
 def test_a_page_without_marks_is_refused():
     with pytest.raises(InputError, match="results: begin"):
-        with_block("nothing", "x")
+        with_block("nothing", "results", "x")

@@ -8,7 +8,8 @@ from eval import cost_limits
 from eval.cost_growth import Growth, Load, growth
 from eval.cost_limits import Effort, Figure
 from eval.cost_stream import WINDOW_US, MovingEdges
-from eval.study_cost import AUTHORS_NS, authors_table, growth_table, into_page, limit_table
+from eval.marked import into_page
+from eval.study_cost import AUTHORS_NS, authors_table, growth_table, limit_table
 
 TINY = Load(events=2000, planes=4, width_px=32)
 

@@ -14,8 +14,8 @@ from pathlib import Path
 
 from emvs.errors import InputError
 from eval import suite_app
+from eval.marked import into_page
 from eval.progress import Silent
-from eval.study_extraction import into_page
 from eval.suite import load
 
 MARK = "efficiency"
@@ -32,7 +32,7 @@ def main() -> int:
         alone_s, together_s = (elapsed_s(asked.suite, count) for count in (1, asked.workers))
         text = line(asked.suite, asked.workers, alone_s, together_s)
         if asked.page is not None:
-            into_page(asked.page, text, MARK)
+            into_page(asked.page, MARK, text)
     except InputError as error:
         sys.stderr.write(f"error: {error}\n")
         return 2

@@ -18,10 +18,10 @@ from PIL import Image
 
 from emvs.atomic import atomic_path
 from emvs.errors import InputError
+from eval.marked import into_page
 from eval.report_study import StoredStudy, find_studies, read_study
 from eval.studies.curves import METRICS
 from eval.studies.study import STUDIES
-from eval.study_extraction import into_page
 
 MARK = "studies"
 _COLOURS = 128
@@ -62,7 +62,7 @@ def write(folder: Path, page: Path) -> None:
         with atomic_path(images / f"study_{path.stem}.png") as partial:
             shrink(path.with_suffix(".png"), partial)
     text = overview(studies, costs) + "".join(f"\n{section(one)}" for one in studies)
-    into_page(page, text, MARK)
+    into_page(page, MARK, text)
 
 
 def overview(studies: Sequence[StoredStudy], costs: Sequence[float]) -> str:

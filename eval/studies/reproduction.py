@@ -19,8 +19,8 @@ from emvs.errors import InputError
 from eval import suite_app, suite_output
 from eval.console import Console
 from eval.gate_series import Key, Series, of_suite
+from eval.marked import into_page
 from eval.studies.published import MONO, RATIOS, TABLE, H, Published
-from eval.study_extraction import into_page
 from eval.suite import load
 from eval.suite_rows import SuiteResult
 
@@ -56,7 +56,7 @@ def main() -> int:
         result = _run(asked)
         text = report(result)
         if asked.page is not None:
-            into_page(asked.page, text, MARK)
+            into_page(asked.page, MARK, text)
     except InputError as error:
         sys.stderr.write(f"error: {error}\n")
         return 2

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from emvs.errors import InputError
-from eval.study_extraction import into_page
+from eval.marked import into_page
 from eval.suite import NEWEST, Suite, load
 from eval.suite_rows import JobNote, read_suite
 
@@ -36,7 +36,7 @@ def main() -> int:
         jobs = {job.name: job for run in asked.runs for job in _jobs(run, suite)}
         text = table(suite, took(jobs.values()))
         if asked.page is not None:
-            into_page(asked.page, text, MARK)
+            into_page(asked.page, MARK, text)
     except InputError as error:
         sys.stderr.write(f"error: {error}\n")
         return 2

@@ -1,0 +1,68 @@
+"""What commands write into pages: the text between two marks is theirs, the rest is not."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from emvs.atomic import atomic_path
+from emvs.errors import InputError
+
+_STALE = 1
+
+
+def with_block(page: str, mark: str, block: str, where: str = "the page") -> str:
+    """A page's text with the block between its marks of that name.
+
+    Raises:
+        InputError: the page, called `where`, lacks the marks.
+    """
+    first, last = f"<!-- {mark}: begin -->", f"<!-- {mark}: end -->"
+    before, begin, rest = page.partition(first)
+    _, end, after = rest.partition(last)
+    if not begin or not end:
+        raise InputError(f"{where} needs the lines {first} and {last}")
+    return f"{before}{begin}\n\n{block}\n{end}{after}"
+
+
+def into_page(page: Path, mark: str, block: str) -> None:
+    """Puts a text between the page's two marks of that name.
+
+    Raises:
+        InputError: a page without the marks.
+    """
+    _write(page, with_block(page.read_text(encoding="utf-8"), mark, block, f"{page}:"))
+
+
+def refresh(page: Path, mark: str, block: str, *, check: bool, command: str) -> int:
+    """Brings a page's block up to date; with `check` only says whether it is.
+
+    Args:
+        page: the page.
+        mark: name of its marks.
+        block: what should stand between them.
+        check: whether to write nothing.
+        command: what writes it, for the message.
+
+    Returns:
+        1 where a check finds the block stale, else 0.
+
+    Raises:
+        InputError: no such page, or one without the marks.
+    """
+    if not page.is_file():
+        raise InputError(f"{page}: no such file; run this in the project's folder")
+    before = page.read_text(encoding="utf-8")
+    after = with_block(before, mark, block)
+    if before == after:
+        return 0
+    if check:
+        sys.stderr.write(f"{page}: its table is stale; run `{command}`\n")
+        return _STALE
+    _write(page, after)
+    return 0
+
+
+def _write(page: Path, text: str) -> None:
+    with atomic_path(page) as partial:
+        partial.write_text(text, encoding="utf-8")
