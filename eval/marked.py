@@ -29,9 +29,9 @@ def into_page(page: Path, mark: str, block: str) -> None:
     """Puts a text between the page's two marks of that name.
 
     Raises:
-        InputError: a page without the marks.
+        InputError: no such page, or one without the marks.
     """
-    _write(page, with_block(page.read_text(encoding="utf-8"), mark, block, f"{page}:"))
+    _write(page, with_block(_read(page), mark, block, f"{page}:"))
 
 
 def refresh(page: Path, mark: str, block: str, *, check: bool, command: str) -> int:
@@ -50,9 +50,7 @@ def refresh(page: Path, mark: str, block: str, *, check: bool, command: str) -> 
     Raises:
         InputError: no such page, or one without the marks.
     """
-    if not page.is_file():
-        raise InputError(f"{page}: no such file; run this in the project's folder")
-    before = page.read_text(encoding="utf-8")
+    before = _read(page)
     after = with_block(before, mark, block)
     if before == after:
         return 0
@@ -61,6 +59,12 @@ def refresh(page: Path, mark: str, block: str, *, check: bool, command: str) -> 
         return _STALE
     _write(page, after)
     return 0
+
+
+def _read(page: Path) -> str:
+    if not page.is_file():
+        raise InputError(f"{page}: no such file; run this in the project's folder")
+    return page.read_text(encoding="utf-8")
 
 
 def _write(page: Path, text: str) -> None:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from eval.cost_growth import SERIES, Growth, Load, growth
 from eval.cost_limits import Effort, Figure, limits
+from eval.exits import exit_code
 from eval.marked import into_page
 
 # The authors' C++ (their main branch of June 2025, -O2), one thread of a 2-core AMD Zen 4 machine.
@@ -64,28 +65,30 @@ def _number(value: float) -> str:
     return f"{value:.2f}" if value < 10 else f"{value:.0f}"
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Measures, prints the tables, and writes page and picture where they are asked for."""
+def main(arguments: list[str] | None = None) -> int:
+    """Measures, prints the tables, writes page and picture as asked; exit code 2 on bad input."""
     parser = argparse.ArgumentParser(description="Measure what the mapper costs.")
     parser.add_argument("--only", choices=["limits", "growth"], help="measure this part only")
     parser.add_argument("--rounds", type=int, default=5, help="of so many rounds the best counts")
     parser.add_argument("--page", type=Path, help="page whose marked parts get the tables")
     parser.add_argument("--picture", type=Path, help="PNG of the growth")
     chosen = parser.parse_args(arguments)
-    texts: dict[str, str] = {}
-    if chosen.only != "growth":
-        about = machine()
-        figures = limits(Effort(rounds=chosen.rounds))
-        texts["limits"] = f"{about}\n\n{limit_table(figures)}"
-        texts["authors"] = authors_table(figures)
-    if chosen.only != "limits":
-        grown = growth(Load(), SERIES, max(1, chosen.rounds // 2))
-        texts["growth"] = growth_table(grown)
-        if chosen.picture is not None:
-            _draw(grown, chosen.picture)
-    sys.stdout.write("\n".join(texts.values()))
-    for name, text in texts.items() if chosen.page is not None else ():
-        into_page(chosen.page, name, text)
+    with exit_code() as code:
+        texts: dict[str, str] = {}
+        if chosen.only != "growth":
+            about = machine()
+            figures = limits(Effort(rounds=chosen.rounds))
+            texts["limits"] = f"{about}\n\n{limit_table(figures)}"
+            texts["authors"] = authors_table(figures)
+        if chosen.only != "limits":
+            grown = growth(Load(), SERIES, max(1, chosen.rounds // 2))
+            texts["growth"] = growth_table(grown)
+            if chosen.picture is not None:
+                _draw(grown, chosen.picture)
+        sys.stdout.write("\n".join(texts.values()))
+        for name, text in texts.items() if chosen.page is not None else ():
+            into_page(chosen.page, name, text)
+    return code.value
 
 
 def _draw(grown: list[Growth], path: Path) -> None:
@@ -105,4 +108,4 @@ def machine() -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -17,6 +17,7 @@ import numpy as np
 
 from emvs.config import MapperConfig
 from emvs.planes import inverse_depth_at
+from eval.exits import exit_code
 from eval.marked import into_page
 from eval.score import ALL_METRICS, pair
 from eval.study_cache import Sample, load_sample
@@ -174,8 +175,8 @@ def _bold(name: str) -> str:
     return f"**{name}**" if name == OURS else name
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Runs the study and prints its tables."""
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the study and prints its tables; exit code 2 on bad input."""
     parser = argparse.ArgumentParser(description="Compare extractions at equal points.")
     parser.add_argument("--sets", nargs="+", default=list(SETS), choices=list(SETS))
     parser.add_argument("--cache", type=Path, default=Path("out/study"))
@@ -183,17 +184,19 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--mark", default="study", help="name of that part")
     parser.add_argument("--picture", type=Path, help="PNG of the picture's sample")
     chosen = parser.parse_args(arguments)
-    if chosen.picture is not None:
-        _draw(_load(PICTURED, chosen.cache), chosen.picture)
-    outcomes: dict[str, list[Outcome]] = {}
-    for name in chosen.sets:
-        outcomes[name] = [
-            study(_load(wanted, chosen.cache), ablate=name == ABLATED) for wanted in SETS[name]
-        ]
-    text = report(outcomes)
-    sys.stdout.write(text)
-    if chosen.page is not None:
-        into_page(chosen.page, chosen.mark, text)
+    with exit_code() as code:
+        if chosen.picture is not None:
+            _draw(_load(PICTURED, chosen.cache), chosen.picture)
+        outcomes: dict[str, list[Outcome]] = {}
+        for name in chosen.sets:
+            outcomes[name] = [
+                study(_load(wanted, chosen.cache), ablate=name == ABLATED) for wanted in SETS[name]
+            ]
+        text = report(outcomes)
+        sys.stdout.write(text)
+        if chosen.page is not None:
+            into_page(chosen.page, chosen.mark, text)
+    return code.value
 
 
 def _load(wanted: Wanted, cache: Path) -> Sample:
@@ -210,4 +213,4 @@ def _draw(sample: Sample, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

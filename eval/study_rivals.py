@@ -23,6 +23,7 @@ from emvs.depthmap import DepthMap
 from emvs.errors import InputError
 from emvs.mapper import map_window
 from emvs.rivals.esvo_parameters import EsvoParameters
+from eval.exits import exit_code
 from eval.marked import into_page
 from eval.studies.published import TABLE, H
 
@@ -159,15 +160,12 @@ def main() -> int:
     parser.add_argument("sequence", type=Path, help="what eventsweep simulate wrote")
     parser.add_argument("--page", type=Path, help="page to write the tables into")
     asked = parser.parse_args()
-    try:
+    with exit_code() as code:
         text = report(Sequence.open(asked.sequence))
         if asked.page is not None:
             into_page(asked.page, MARK, text)
-    except InputError as error:
-        sys.stderr.write(f"error: {error}\n")
-        return 2
-    sys.stdout.write(text)
-    return 0
+        sys.stdout.write(text)
+    return code.value
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from emvs.errors import InputError
 from eval import suite_app
+from eval.exits import exit_code
 from eval.marked import into_page
 from eval.progress import Silent
 from eval.suite import load
@@ -28,16 +29,13 @@ def main() -> int:
     parser.add_argument("--workers", type=int, default=2, help="how many are held against one")
     parser.add_argument("--page", type=Path, help="page to write the line into")
     asked = parser.parse_args()
-    try:
+    with exit_code() as code:
         alone_s, together_s = (elapsed_s(asked.suite, count) for count in (1, asked.workers))
         text = line(asked.suite, asked.workers, alone_s, together_s)
         if asked.page is not None:
             into_page(asked.page, MARK, text)
-    except InputError as error:
-        sys.stderr.write(f"error: {error}\n")
-        return 2
-    sys.stdout.write(text)
-    return 0
+        sys.stdout.write(text)
+    return code.value
 
 
 def elapsed_s(name: str, workers: int) -> float:

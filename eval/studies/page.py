@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from PIL import Image
 
 from emvs.atomic import atomic_path
 from emvs.errors import InputError
+from eval.exits import exit_code
 from eval.marked import into_page
 from eval.report_study import StoredStudy, find_studies, read_study
 from eval.studies.curves import METRICS
@@ -33,12 +33,9 @@ def main() -> int:
     parser.add_argument("folder", type=Path, help="what `eventsweep study --out` wrote")
     parser.add_argument("page", type=Path, help="docs/studies.md")
     asked = parser.parse_args()
-    try:
+    with exit_code() as code:
         write(asked.folder, asked.page)
-    except InputError as error:
-        sys.stderr.write(f"error: {error}\n")
-        return 2
-    return 0
+    return code.value
 
 
 def write(folder: Path, page: Path) -> None:

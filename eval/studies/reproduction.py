@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
 from eval import suite_app, suite_output
 from eval.console import Console
+from eval.exits import exit_code
 from eval.gate_series import Key, Series, of_suite
 from eval.marked import into_page
 from eval.studies.published import MONO, RATIOS, TABLE, H, Published
@@ -52,16 +52,14 @@ def main() -> int:
     parser.add_argument("--seeds", help="seeds instead of the suite's own, such as 0-9")
     parser.add_argument("--workers", type=int, help="worker processes")
     asked = parser.parse_args()
-    try:
+    with exit_code() as code:
         result = _run(asked)
         text = report(result)
         if asked.page is not None:
             into_page(asked.page, MARK, text)
-    except InputError as error:
-        sys.stderr.write(f"error: {error}\n")
-        return 2
-    sys.stdout.write(text)
-    return 1 if result.failures else 0
+        sys.stdout.write(text)
+        code.value = 1 if result.failures else 0
+    return code.value
 
 
 def _run(asked: argparse.Namespace) -> SuiteResult:

@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from emvs.errors import InputError
+from eval.exits import exit_code
 from eval.marked import into_page
 from eval.suite import NEWEST, Suite, load
 from eval.suite_rows import JobNote, read_suite
@@ -31,17 +32,14 @@ def main() -> int:
     parser.add_argument("--suite", default=NEWEST, help="whose cost is reckoned")
     parser.add_argument("--page", type=Path, help="page to write the table into")
     asked = parser.parse_args()
-    try:
+    with exit_code() as code:
         suite, _ = load(asked.suite)
         jobs = {job.name: job for run in asked.runs for job in _jobs(run, suite)}
         text = table(suite, took(jobs.values()))
         if asked.page is not None:
             into_page(asked.page, MARK, text)
-    except InputError as error:
-        sys.stderr.write(f"error: {error}\n")
-        return 2
-    sys.stdout.write(text)
-    return 0
+        sys.stdout.write(text)
+    return code.value
 
 
 def _jobs(run: Path, suite: Suite) -> Iterable[JobNote]:
