@@ -1,4 +1,4 @@
-"""Flags that the commands `suite` and `gate` share: where jobs run, and where results are kept."""
+"""Flags that `suite`, `gate` and `study` share: where jobs run, and which seeds they take."""
 
 from __future__ import annotations
 

@@ -2,52 +2,180 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from emvs.errors import InputError
 from eval import suite_app
 from eval.app import COMMON, Common, app
 from eval.suite_app import WHERE, Where
 
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from eval.baseline import Baseline
+    from eval.gate import Verdict
+    from eval.gate_series import Measured
+    from eval.gate_table import Line
+
+GREEN, RED = 0, 1
+_SUMMARY = "GITHUB_STEP_SUMMARY"
 _Switch = Parameter(negative=())
 
 
+@Parameter(name="*")
+@dataclass(frozen=True)
+class GateFlags:
+    """What to hold against what, and where to say how it came out."""
+
+    baseline: Path
+    "The file to hold against, or to write with --update."
+
+    suite: str = "quick"
+    "What to run, as `eventsweep suite` takes it."
+
+    result: Path | None = None
+    "Take this suite.json or results.json instead of running anything."
+
+    seeds: str | None = None
+    "Seeds instead of the suite's own, such as 0,1,2 or 100-109."
+
+    out: Path | None = None
+    "Folder for suite.json and suite.csv of what was run."
+
+    junit: Path | None = None
+    "File for the verdicts as JUnit XML."
+
+    markdown: Path | None = None
+    "File for the summary; it also goes to $GITHUB_STEP_SUMMARY where that is set."
+
+    strict: Annotated[bool, _Switch] = False
+    "Let numbers that cannot be compared fail as well."
+
+    update: Annotated[bool, _Switch] = False
+    "Write the result as the new baseline."
+
+    reason: str = ""
+    "Why there is a new baseline; kept in it."
+
+    def check(self) -> None:
+        """Refuses flags that contradict each other, before anything runs.
+
+        Raises:
+            InputError: says which.
+        """
+        self.seed_numbers()
+        if self.update and not self.reason.strip():
+            raise InputError("--update needs --reason: why may the numbers change?")
+        if self.reason and not self.update:
+            raise InputError("--reason without --update: nothing is written")
+        if self.result is not None and (self.seeds or self.out):
+            raise InputError("--result runs nothing: leave --seeds and --out out")
+
+    def seed_numbers(self) -> tuple[int, ...] | None:
+        """The seeds; None for the suite's own."""
+        return suite_app.numbers(self.seeds, "--seeds")
+
+
 @app.command
-def gate(
-    *,
-    baseline: Path,
-    suite: str = "quick",
-    result: Path | None = None,
-    seeds: str | None = None,
-    out: Path | None = None,
-    junit: Path | None = None,
-    markdown: Path | None = None,
-    strict: Annotated[bool, _Switch] = False,
-    update: Annotated[bool, _Switch] = False,
-    reason: str = "",
-    where: Where = WHERE,
-    common: Common = COMMON,
-) -> int:
-    """Compare a result with a baseline, number by number; exit code 1 if anything is worse.
+def gate(*, flags: GateFlags, where: Where = WHERE, common: Common = COMMON) -> int:
+    """Compare a result with a baseline, number by number; exit code 1 if anything is worse."""
+    from eval.baseline import make_baseline, write_baseline
+    from eval.gate import Tolerances, compare, is_red
 
-    Args:
-        baseline: The file to hold against, or to write with --update.
-        suite: What to run, as `eventsweep suite` takes it.
-        result: Take this suite.json or results.json instead of running anything.
-        seeds: Seeds instead of the suite's own, such as 0,1,2 or 100-109.
-        out: Folder for suite.json and suite.csv of what was run.
-        junit: File for the verdicts as JUnit XML.
-        markdown: File for the summary; it also goes to $GITHUB_STEP_SUMMARY where that is set.
-        strict: Let numbers that cannot be compared fail as well.
-        update: Write the result as the new baseline.
-        reason: Why there is a new baseline; kept in it.
-    """
-    from eval import gate_app
+    flags.check()
+    before = _before(flags)
+    measured = _measured(flags, where, common)
+    if flags.update:
+        write_baseline(flags.baseline, make_baseline(measured, flags.reason, before))
+        common.console().wrote(flags.baseline)
+    verdicts = compare(before.by_key(), measured, Tolerances()) if before else []
+    _report(verdicts, measured, flags, common)
+    if flags.update:
+        return GREEN
+    incomparable = flags.strict and any(one.status == "not comparable" for one in verdicts)
+    return RED if is_red(verdicts) or incomparable else GREEN
 
-    asked = gate_app.Asked(
-        baseline, suite, result, suite_app.numbers(seeds, "--seeds"), out, junit, markdown, strict,
-        update, reason,
-    )  # fmt: skip
-    return gate_app.run(asked, where, common)
+
+def _before(flags: GateFlags) -> Baseline | None:
+    from eval.baseline import read_baseline
+
+    if flags.update and not flags.baseline.exists():
+        return None
+    return read_baseline(flags.baseline)
+
+
+def _measured(flags: GateFlags, where: Where, common: Common) -> Measured:
+    from eval import suite_output
+    from eval.gate_series import of_suite, read_measured
+    from eval.suite import load
+
+    if flags.result is not None:
+        return read_measured(flags.result)
+    suite, subset = load(flags.suite)
+    folder = suite_output.prepared(flags.out, force=common.force) if flags.out else None
+    # A baseline needs more seeds than a run: they are what the tolerances are made of.
+    seeds = flags.seed_numbers() or (suite.spread_seeds if flags.update else None)
+    result = suite_app.run(suite, subset, where, common.console().progress, seeds=seeds)
+    if folder is not None:
+        suite_output.write(folder, result)
+    return of_suite(result)
+
+
+def _report(
+    verdicts: Sequence[Verdict], measured: Measured, flags: GateFlags, common: Common
+) -> None:
+    from emvs.atomic import atomic_path
+    from eval import gate_table
+    from eval.junit import write_junit
+
+    if flags.junit is not None:
+        write_junit(flags.junit, verdicts)
+    text = gate_table.markdown(verdicts, f"eventsweep gate, {measured.name}")
+    if flags.markdown is not None:
+        with atomic_path(flags.markdown) as path:
+            path.write_text(text, encoding="utf-8")
+    if os.environ.get(_SUMMARY):
+        with Path(os.environ[_SUMMARY]).open("a", encoding="utf-8") as stream:
+            stream.write(text + "\n")
+    if not common.quiet:
+        _print(verdicts, as_json=common.json)
+
+
+def _print(verdicts: Sequence[Verdict], *, as_json: bool) -> None:
+    from rich.console import Console as RichConsole
+
+    from eval import gate_table
+
+    out = RichConsole(highlight=False)
+    if as_json:
+        out.out(gate_table.as_json(verdicts), highlight=False)
+        return
+    rows = gate_table.lines(verdicts)
+    if rows:
+        out.print(_table(rows))
+    if gate_table.hidden(verdicts):
+        out.print(f"and {gate_table.hidden(verdicts)} more")
+    out.print(gate_table.summary(verdicts), markup=False, soft_wrap=True)
+
+
+def _table(rows: Sequence[Line]) -> Table:
+    """The lines in as few columns as a terminal has room for."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title="all that is not the same", title_justify="left")
+    table.add_column("verdict", no_wrap=True)
+    table.add_column("what", overflow="fold")
+    for heading in ("baseline", "now", "allowed"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for status, case, method, metric, before, now, _change, allowed, why in rows:
+        what = " ".join(part for part in (case, method, metric) if part)
+        what += f": {why}" if why else ""
+        table.add_row(*map(Text, (status, what, before, now, allowed)))
+    return table

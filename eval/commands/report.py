@@ -2,33 +2,72 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
+from emvs.errors import InputError
 from eval.app import COMMON, Common, app
+
+_Switch = Parameter(negative=())
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class ReportFlags:
+    """What to write beside the page of a run."""
+
+    tables: Annotated[bool, _Switch] = False
+    "Also write the rankings of a run to tables/, as CSV, LaTeX and Markdown."
+
+    figures: Literal["svg", "pdf"] | None = None
+    "Also write curves, causes and slices of a run to figures/, as SVG or PDF."
+
+    rrd: Annotated[bool, _Switch] = False
+    "Also write recording.rrd for the Rerun viewer; needs eventsweep[rerun]."
+
+
+_PAGE_ONLY = ReportFlags()
 
 
 @app.command
-def report(
-    folder: Path,
-    /,
-    *,
-    tables: Annotated[bool, Parameter(negative=())] = False,
-    figures: Literal["svg", "pdf"] | None = None,
-    rrd: Annotated[bool, Parameter(negative=())] = False,
-    common: Common = COMMON,
-) -> None:
+def report(folder: Path, /, *, flags: ReportFlags = _PAGE_ONLY, common: Common = COMMON) -> None:
     """Write report.html from the maps and results, or from the studies, of a folder.
 
     Args:
         folder: What `run`, `map` or `study` wrote; report.html in it is written anew.
-        tables: Also write the rankings of a run to tables/, as CSV, LaTeX and Markdown.
-        figures: Also write curves, causes and slices of a run to figures/, as SVG or PDF.
-        rrd: Also write recording.rrd for the Rerun viewer; needs eventsweep[rerun].
     """
-    from eval.report_app import write_all
+    from eval.report_study import find_studies
 
-    for path in write_all(folder, tables=tables, figures=figures, rrd=rrd):
+    written = _of_studies if find_studies(folder) else _of_run
+    for path in written(folder, flags):
         common.console().wrote(path)
+
+
+def _of_studies(folder: Path, flags: ReportFlags) -> list[Path]:
+    from eval.report_study import write_study_report
+
+    if flags != _PAGE_ONLY:
+        raise InputError(
+            f"{folder}: --tables, --figures and --rrd are for runs; `study` writes its own files"
+        )
+    return [write_study_report(folder)]
+
+
+def _of_run(folder: Path, flags: ReportFlags) -> list[Path]:
+    from eval import report_files
+    from eval.report import write_report
+    from eval.rerun_recording import write_rerun
+
+    written = [write_report(folder)]
+    if flags.tables:
+        report_files.write_report_tables(folder)
+        written.append(folder / report_files.TABLES_FOLDER)
+    if flags.figures:
+        report_files.write_report_figures(folder, flags.figures)
+        written.append(folder / report_files.FIGURES_FOLDER)
+    if flags.rrd:
+        written.append(write_rerun(folder))
+    return written
