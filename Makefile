@@ -52,17 +52,17 @@ pictures-simulator: setup
 
 pictures-methods: pictures-scenes
 	$(BIN)/eventsweep run desk --seconds 0.5 --sim.frames.rate-hz 20 --method Alg1/H \
-		--method EMVS/cam0 --method Late/union --method rivals --method Frames/sgm \
-		--out out/rivals/desk --force --quiet
+		--method EMVS/cam0 --method Late/union --method baselines --method Frames/sgm \
+		--out out/baselines/desk --force --quiet
 	$(BIN)/eventsweep run hdr-window --seconds 0.6 --sim.frames.rate-hz 20 --method Alg1/H \
-		--method EMVS/cam0 --method rivals --method Frames/sgm --out out/rivals/hdr --force --quiet
+		--method EMVS/cam0 --method baselines --method Frames/sgm --out out/baselines/hdr --force --quiet
 	$(BIN)/eventsweep run mvsec-flying --seconds 1.2 --map.threshold-c 14 --map.median-px 9 \
-		--method Alg1/H --method EMVS/cam0 --method EMVS/cam1 --method rivals \
-		--out out/rivals/mvsec --force --quiet
-	$(BIN)/python docs/draw_rivals.py out/rivals/desk out/rivals/hdr \
-		out/rivals/mvsec # docs/images/rivals-*.png
-	$(BIN)/python docs/draw_rivals_esvo.py out/rivals/mvsec \
-		mvsec-flying # docs/images/rivals_esvo-mvsec-flying.png
+		--method Alg1/H --method EMVS/cam0 --method EMVS/cam1 --method baselines \
+		--out out/baselines/mvsec --force --quiet
+	$(BIN)/python docs/draw_baselines.py out/baselines/desk out/baselines/hdr \
+		out/baselines/mvsec # docs/images/baselines-*.png
+	$(BIN)/python docs/draw_baselines_esvo.py out/baselines/mvsec \
+		mvsec-flying # docs/images/baselines_esvo-mvsec-flying.png
 	$(BIN)/eventsweep map out/desk/desk/sequence --out out/windows --map.window-s 0.2 \
 		--map.stride-s 0.02 --method Alg1/H --force --quiet
 	$(BIN)/eventsweep fuse out/windows --mesh --min-windows 2

@@ -84,7 +84,7 @@ class MapperConfig(BaseModel):
     methods: tuple[str, ...] = Field(
         ("all",),
         min_length=1,
-        description="methods by name, such as Alg1/H or Alg2/AtHc@4; or all, rivals, everything",
+        description="methods by name, such as Alg1/H or Alg2/AtHc@4; or all, baselines, everything",
     )
     extraction: Literal["votes", "variance", "mean-square", "gradient", "laplacian", "dog"] = Field(
         "votes", description="what depth maximises along a ray: the votes, or a focus measure"

@@ -139,7 +139,7 @@ def methods(names: Sequence[str], n_cameras: int, *, reference: bool = False) ->
     """Looks methods up by name.
 
     Args:
-        names: method names; `all` stands for what `known_methods` lists, `rivals` for the
+        names: method names; `all` stands for what `known_methods` lists, `baselines` for the
             methods of `emvs.rivals` that need nothing but events, `everything` for both and the
             late fusion.
         n_cameras: cameras of the rig.

@@ -16,7 +16,7 @@ _BUSY_PERCENT = 99.7
 
 
 def unit(method: str) -> str:
-    """Votes of the fused volume, what a rival says that its confidence is, or `own unit`."""
+    """Votes of the fused volume, what a baseline says that its confidence is, or `own unit`."""
     if method.split("/")[0] in _BY_VOTES:
         return VOTES
     rival = catalogue.rival(method)

@@ -54,7 +54,7 @@ def test_values_that_make_no_sense_are_refused_in_a_line(
     sequence, tmp_path, capsys, flag, value, words
 ):
     folder = tmp_path / "map"
-    command = ["map", str(sequence), "--out", str(folder), "--method", "rivals", "--quiet"]
+    command = ["map", str(sequence), "--out", str(folder), "--method", "baselines", "--quiet"]
     assert main([*command, flag, value]) == 2
     err = capsys.readouterr().err
     assert words in err

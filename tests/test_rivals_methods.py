@@ -52,12 +52,12 @@ def lines(error):
 
 
 def test_all_stays_the_fusion_methods_and_rivals_are_the_others():
-    everything = [method.name for method in methods(("all", "rivals"), 2)]
+    everything = [method.name for method in methods(("all", "baselines"), 2)]
     assert not {name.split("/")[0] for name in everything[:9]} & set(catalogue.FAMILIES)
     assert tuple(everything[9:]) == catalogue.names()
     assert set(ALWAYS) <= set(catalogue.names())
     assert "Frames/sgm" not in catalogue.names()
-    assert methods(("rivals", "SGM/ts"), 2) == methods(("rivals",), 2)
+    assert methods(("baselines", "SGM/ts"), 2) == methods(("baselines",), 2)
     shown = " ".join(overview())
     assert all(rival.name in shown for rival in catalogue.RIVALS)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from emvs.rivals.rival import Rival, found_in
 
-# What `--method rivals` stands for is all of these that need events only, in this order.
+# What `--method baselines` stands for is all of these that need events only, in this order.
 RIVALS: tuple[Rival, ...] = (
     Rival(
         "SGM/ts",
@@ -47,7 +47,7 @@ RIVALS: tuple[Rival, ...] = (
 
 # Words of `--method` for several methods; `all` is `emvs.methods.known_methods`.
 GROUPS: dict[str, tuple[str, ...]] = {
-    "rivals": tuple(one.name for one in RIVALS if not one.needs),
+    "baselines": tuple(one.name for one in RIVALS if not one.needs),
     "everything": ("all", "Late/union", *(one.name for one in RIVALS if not one.needs)),
 }
 
@@ -61,5 +61,5 @@ def rival(name: str) -> Rival | None:
 
 
 def names() -> tuple[str, ...]:
-    """What `rivals` stands for: every rival that needs nothing but the events of two cameras."""
-    return GROUPS["rivals"]
+    """What `baselines` stands for: every rival that needs nothing but the events of two cameras."""
+    return GROUPS["baselines"]

@@ -1,7 +1,7 @@
 """ESVO's mapping, with given poses: events matched on time surfaces, refined, and fused.
 
 Zhou, Gallego, Shen, *Event-based Stereo Visual Odometry*, TRO 2021, section IV, from its
-description; what that leaves open is as in the authors' program (docs/rivals_esvo.md). Each map
+description; what that leaves open is as in the authors' program (docs/baselines_esvo.md). Each map
 takes the newest events (`esvo_look`); maps are carried into the reference view and fused there,
 the newest first.
 """

@@ -1,7 +1,7 @@
 """Parameters of ESVO's mapping: those of its authors' configuration for MVSEC.
 
 Zhou, Gallego, Shen, TRO 2021, and the configuration that they published with their program;
-docs/rivals_esvo.md lists both beside ours. No numpy is imported.
+docs/baselines_esvo.md lists both beside ours. No numpy is imported.
 """
 
 from __future__ import annotations

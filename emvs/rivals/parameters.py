@@ -1,6 +1,6 @@
 """Parameters of every rival, as groups of the mapper's configuration; no numpy is imported.
 
-Defaults are the published values where there are any; docs/rivals.md says which those are.
+Defaults are the published values where there are any; docs/baselines.md says which those are.
 """
 
 from __future__ import annotations

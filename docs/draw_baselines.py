@@ -1,4 +1,4 @@
-"""Writes pictures and tables of docs/rivals.md: `python docs/draw_rivals.py FOLDER...`.
+"""Writes pictures and tables of docs/baselines.md: `python docs/draw_baselines.py FOLDER...`.
 
 Each folder is what `eventsweep run --out FOLDER` wrote.
 """
@@ -125,7 +125,7 @@ def picture(folder, case):
     bar.set_label(scale.label)
     figure.canvas.draw()
     pixels = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())).convert("RGB")
-    path = DOCS / "images" / f"rivals-{case}.png"
+    path = DOCS / "images" / f"baselines-{case}.png"
     pixels.save(path, optimize=True)
     plt.close(figure)
     return path
@@ -142,8 +142,8 @@ def main(folders):
                          f"(images/{path.name})\n\n{table(results, case)}")  # fmt: skip
             if white := saturation(folder, case):
                 parts.append(white)
-    page = DOCS / "rivals.md"
-    begin, end = "<!-- rivals: begin -->", "<!-- rivals: end -->"
+    page = DOCS / "baselines.md"
+    begin, end = "<!-- baselines: begin -->", "<!-- baselines: end -->"
     text = page.read_text(encoding="utf-8")
     body = "\n\n".join([begin, *parts, end])
     page.write_text(re.sub(f"{begin}.*{end}", lambda _: body, text, flags=re.S), encoding="utf-8")

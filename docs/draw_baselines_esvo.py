@@ -1,4 +1,4 @@
-"""Draws the maps of docs/rivals_esvo.md: `python docs/draw_rivals_esvo.py SEQUENCE`.
+"""Draws the maps of docs/baselines_esvo.md: `python docs/draw_baselines_esvo.py SEQUENCE`.
 
 SEQUENCE is a simulated twin of MVSEC's flights; its first second is mapped by the thresholds of the
 published table.
@@ -70,14 +70,14 @@ def main(folder):
     """Draws, and replaces the page's generated part."""
     sequence = Sequence.open(folder)
     found, truth_m, taken = maps_of(sequence)
-    path = DOCS / "images" / "rivals_esvo-mvsec-flying.png"
+    path = DOCS / "images" / "baselines_esvo-mvsec-flying.png"
     picture(sequence, found, truth_m, path)
     cost = ", ".join(f"`{name}` {seconds:.1f} s" for name, seconds in taken.items())
     text = (
         f"![mvsec-flying: true depth and maps](images/{path.name})\n\n"
         f"Processor time for this second: {cost}.\n"
     )
-    into_page(DOCS / "rivals_esvo.md", "esvo", text)
+    into_page(DOCS / "baselines_esvo.md", "esvo", text)
 
 
 if __name__ == "__main__":
