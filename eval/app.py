@@ -63,5 +63,5 @@ SIM, MAP, SCORE = SimConfig(), MapperConfig(), EvalConfig()
 
 def with_values(group: Any, **values: Any) -> Any:
     """Returns a group with some values set, where they are not None."""
-    given = {name: value for name, value in values.items() if value is not None}
-    return group.model_copy(update=given)
+    set_values = {name: value for name, value in values.items() if value is not None}
+    return group.model_copy(update=set_values)

@@ -19,7 +19,7 @@ SCHEMA_VERSION = 1
 _CURE = "write it again with `eventsweep gate --update --reason ...`"
 
 
-class Change(BaseModel):
+class BaselineChange(BaseModel):
     """Why a baseline was written, and when (UTC)."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -44,7 +44,7 @@ class Baseline(BaseModel):
     schema_version: int = SCHEMA_VERSION
     name: str
     seeds: tuple[int, ...]
-    history: tuple[Change, ...]
+    history: tuple[BaselineChange, ...]
     versions: dict[str, str]
     series: tuple[Series, ...]
 
@@ -74,7 +74,7 @@ def make_baseline(measured: Measured, reason: str, before: Baseline | None) -> B
         what = f"{undefined[0]} is undefined or lacks seeds" if undefined else "there is no number"
         raise InputError(f"no baseline of an incomplete result: {what}")
     history = before.history if before else ()
-    now = Change(date=datetime.now(UTC).date().isoformat(), reason=" ".join(reason.split()))
+    now = BaselineChange(date=datetime.now(UTC).date().isoformat(), reason=" ".join(reason.split()))
     return Baseline(
         name=measured.name,
         seeds=measured.seeds,

@@ -22,7 +22,7 @@ from eval import gpu_tables
 from eval.exits import exit_code
 from eval.gpu_machine import check_device, machine
 from eval.gpu_parts import Bench
-from eval.gpu_plan import QUICK, Plan
+from eval.gpu_plan import QUICK, BenchmarkPlan
 
 _WRONG = 1
 
@@ -108,7 +108,7 @@ def _run(asked: argparse.Namespace) -> int:
 def _measured(asked: argparse.Namespace) -> dict[str, Any]:
     check_device(asked.device)
     refuse_existing(asked.out, force=asked.force)
-    bench = Bench(QUICK if asked.quick else Plan(), asked.device)
+    bench = Bench(QUICK if asked.quick else BenchmarkPlan(), asked.device)
     unknown = set(asked.only) - set(bench.parts())
     if unknown:
         raise InputError(

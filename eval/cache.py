@@ -29,7 +29,7 @@ Fill = Callable[[Path], None]
 
 
 @dataclass(frozen=True)
-class Entry:
+class CacheEntry:
     """What a job made.
 
     Attributes:
@@ -83,7 +83,7 @@ class Cache:
                 f"cache {folder}: cannot be made ({error.strerror}); name another with --cache"
             ) from error
 
-    def get(self, key: str, facts: Any, fill: Fill) -> Entry:
+    def get(self, key: str, facts: Any, fill: Fill) -> CacheEntry:
         """The entry called `key`, filled now if it is not there or damaged.
 
         Two processes that want the same entry do the work once: the second waits for the first.
@@ -100,7 +100,7 @@ class Cache:
             self._clear(key)
             return self._make(key, facts, fill)
 
-    def find(self, key: str) -> Entry | None:
+    def find(self, key: str) -> CacheEntry | None:
         """The entry called `key`, if it is there and whole."""
         return self._read(key)
 
@@ -129,7 +129,7 @@ class Cache:
             freed += sizes[path]
         return freed
 
-    def _make(self, key: str, facts: Any, fill: Fill) -> Entry:
+    def _make(self, key: str, facts: Any, fill: Fill) -> CacheEntry:
         started_s, started_cpu_s = time.monotonic(), time.process_time()
         with atomic_dir(self.path_of(key)) as folder:
             data = folder / _DATA
@@ -143,9 +143,9 @@ class Cache:
             }
             content = {"facts": facts, "files": files, **took}
             (folder / _ENTRY).write_text(json.dumps(content, indent=1), encoding="utf-8")
-        return Entry(key, self.path_of(key) / _DATA, _digest(files), found=False, **took)
+        return CacheEntry(key, self.path_of(key) / _DATA, _digest(files), found=False, **took)
 
-    def _read(self, key: str) -> Entry | None:
+    def _read(self, key: str) -> CacheEntry | None:
         """The entry, if it is there and whole; a damaged one is as good as none."""
         path = self.path_of(key)
         try:
@@ -159,7 +159,7 @@ class Cache:
             return None
         with suppress(OSError):
             os.utime(path / _ENTRY)  # for `prune`: when it was last of use
-        return Entry(key, path / _DATA, _digest(files), found=True, **took)
+        return CacheEntry(key, path / _DATA, _digest(files), found=True, **took)
 
     def _clear(self, key: str) -> None:
         """Removes a damaged entry, and what a killed process left of it; under the lock."""

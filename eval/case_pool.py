@@ -97,5 +97,5 @@ class _MethodPool:
             yield from context_scores(pool.truth_points, pool.baseline_focal_px_m)
         for name, value in pool.values(most).items():
             metric = ALL_METRICS[name]
-            told = full_name(name, region)
-            yield Score(told, value, metric.unit, metric.better, region, pool.points)
+            score_name = full_name(name, region)
+            yield Score(score_name, value, metric.unit, metric.better, region, pool.points)

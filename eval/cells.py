@@ -1,4 +1,4 @@
-"""Errors in depth cells: how many planes of the sweep lie between estimate and truth."""
+"""Errors in depth cells: how many steps of the sweep's planes lie between estimate and truth."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def cell_error(
         rho: (P,) inverse depths of the planes in either order, 1/m; 2 or more.
 
     Returns:
-        (N,) error, cells.
+        (N,) error, depth cells.
     """
     planes = np.sort(rho.astype(np.float64))
     return np.abs(_position(1 / estimate_m, planes) - _position(1 / truth_m, planes))

@@ -15,7 +15,7 @@ JUDGED = ("better", "worse", "same")
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class ComparedRun:
     """A result, and what the page calls it."""
 
     name: str
@@ -23,7 +23,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class RunComparison:
     """Results, each held against the first.
 
     Attributes:
@@ -31,11 +31,11 @@ class Comparison:
         verdicts: per further result, what it says of each number.
     """
 
-    runs: tuple[Run, ...]
+    runs: tuple[ComparedRun, ...]
     verdicts: tuple[Mapping[Key, Verdict], ...]
 
 
-def read_runs(paths: Sequence[Path]) -> tuple[Run, ...]:
+def read_runs(paths: Sequence[Path]) -> tuple[ComparedRun, ...]:
     """Reads results and names them after their folders.
 
     Raises:
@@ -48,14 +48,14 @@ def read_runs(paths: Sequence[Path]) -> tuple[Run, ...]:
     if len(set(names)) < len(names):
         names = [f"{k + 1}: {'/'.join(folder.parts[-2:])}" for k, folder in enumerate(folders)]
     read = (read_measured(path) for path in paths)
-    return tuple(Run(name, one) for name, one in zip(names, read, strict=True))
+    return tuple(ComparedRun(name, one) for name, one in zip(names, read, strict=True))
 
 
-def compare_runs(runs: Sequence[Run]) -> Comparison:
+def compare_runs(runs: Sequence[ComparedRun]) -> RunComparison:
     """Judges every number of each further run against the first, as the gate would."""
     first, *others = runs
     verdicts = tuple(_verdicts(first.measured, other.measured) for other in others)
-    return Comparison(tuple(runs), verdicts)
+    return RunComparison(tuple(runs), verdicts)
 
 
 def _verdicts(first: Measured, other: Measured) -> dict[Key, Verdict]:
@@ -63,12 +63,12 @@ def _verdicts(first: Measured, other: Measured) -> dict[Key, Verdict]:
     strange = {one.key.case for one in judged if one.status == "not comparable"}
     strange -= {one.key.case for one in judged if one.status in JUDGED}
     # What is missing on another sequence is no loss.
-    told = (
+    verdicts = (
         Verdict(one.key, "not comparable", one.unit)
         if one.status == "gone" and one.key.case in strange else one
         for one in judged
     )  # fmt: skip
-    directed = (one for one in told if _has_direction(one, first, other))
+    directed = (one for one in verdicts if _has_direction(one, first, other))
     return {one.key: _with_versions(one, first, other) for one in directed}
 
 

@@ -49,7 +49,7 @@ class Console:
                 )
 
     def mapped(self, stored: StoredMap) -> None:
-        """What became of the events, how many points each method found, and what was left out."""
+        """Event statistics, how many points each method found, and what was left out."""
         self._dump({"map": str(stored.path), **map_summary.facts(stored)})
         if self._show:
             for part in map_summary.tables(stored):

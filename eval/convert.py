@@ -87,18 +87,18 @@ def _events(readable: Readable, out: Path, options: Options, progress: Progress)
     counted, chosen = [0], _chosen(readable, options)
     with progress.stage(f"write {options.to}", 1.0) as update:
 
-        def told(done: int) -> None:
+        def report_progress(done: int) -> None:
             counted[0] = max(counted[0], done)
             share = sum(source.share for _, source in chosen) / len(chosen)
             update(share, f"{done:,} events")
 
         if readable.recording is not None and not options.stream:
             sources = tuple(source for _, source in chosen)
-            job = Job(readable.recording, sources, shift_us, told)
+            job = Job(readable.recording, sources, shift_us, report_progress)
             write_recording(job, out, options.to, force=options.force)
             what = f"recording of {len(sources)} cameras as {options.to}"
         else:
-            count = _event_file(readable, chosen, out, options, shift_us, told)
+            count = _event_file(readable, chosen, out, options, shift_us, report_progress)
             what = f"{count:,} events as {options.to}"
     moved = f", all times shifted by {shift_us} µs" if shift_us else ", times as they were"
     return what + moved
@@ -120,7 +120,7 @@ def _event_file(
     out: Path,
     options: Options,
     shift_us: int,
-    told: Callable[[int], None],
+    report_progress: Callable[[int], None],
 ) -> int:
     names = [name for name, _ in readable.streams]
     if options.to == "sequence" or not FORMATS[options.to].writes:
@@ -144,7 +144,7 @@ def _event_file(
             f"{readable.path}: does not say the sensor's size; add --width-px and --height-px"
         )
     streams = {name: packets(source) for name, source in chosen}
-    return write_events(out, options.to, width, height, streams, told)
+    return write_events(out, options.to, width, height, streams, report_progress)
 
 
 def _start_us(readable: Readable) -> int:

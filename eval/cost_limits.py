@@ -61,7 +61,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Effort:
+class LimitsEffort:
     """How much is measured; less for a trial run.
 
     Attributes:
@@ -82,7 +82,7 @@ class Effort:
     touchy_rounds: int = 40
 
 
-def limits(effort: Effort) -> list[Figure]:
+def limits(effort: LimitsEffort) -> list[Figure]:
     """Measures every figure that has a limit, and its neighbours."""
     figures = []
     for sensor in SENSORS:
@@ -104,7 +104,7 @@ def sideways_rays(recording: MovingEdges, camera: int) -> Rays:
     return grouped_by_rows(rays, float(rho[_PLANES_TIMED // 2]), rig.cameras[0].height_px)
 
 
-def _votes(sensor: str, effort: Effort) -> list[Figure]:
+def _votes(sensor: str, effort: LimitsEffort) -> list[Figure]:
     """Votes on one thread: both variants."""
     size = SENSORS[sensor]
     rays = sideways_rays(MovingEdges(size, effort.vote_events, cameras=1), 0)
@@ -121,7 +121,7 @@ def _votes(sensor: str, effort: Effort) -> list[Figure]:
     ]  # fmt: skip
 
 
-def _threads(effort: Effort) -> list[Figure]:
+def _threads(effort: LimitsEffort) -> list[Figure]:
     """What a second thread gives; sensors take turns, so that a disturbance meets all."""
     if numba.config.NUMBA_NUM_THREADS < 2:  # type: ignore[attr-defined]
         return []
@@ -146,7 +146,7 @@ def _cast(rays: Rays, size: tuple[int, int], threads: int, *, nearest: bool = Fa
         scratch.cast(0, rays, rho[first:last])
 
 
-def _fusion(effort: Effort) -> Figure:
+def _fusion(effort: LimitsEffort) -> Figure:
     """Fusion by H and its running maximum, inside the sweep that casts the votes; one thread."""
     use_threads(1)
     width, height = SENSORS[_LARGE]
@@ -169,7 +169,7 @@ def _fusion(effort: Effort) -> Figure:
     return Figure(what, 1e3 * best_s, "ms", 60)
 
 
-def _whole(effort: Effort) -> list[Figure]:
+def _whole(effort: LimitsEffort) -> list[Figure]:
     """Algorithm 1 from events to depth maps: one function against six and both cameras."""
     recording = MovingEdges(SENSORS[_LARGE], effort.whole_events)
     recording.event_span_us(0)  # makes the events now
@@ -212,7 +212,7 @@ main(["map", sys.argv[1], "--out", sys.argv[1] + "-map", "--quiet"])
 """
 
 
-def _memory(effort: Effort) -> Figure:
+def _memory(effort: LimitsEffort) -> Figure:
     """Peak memory of a process that maps a recording from disk."""
     code = _PEAK.format(planes=effort.planes, methods=PAPER)
     with tempfile.TemporaryDirectory() as folder:

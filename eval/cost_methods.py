@@ -47,7 +47,7 @@ Seconds = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Effort:
+class MethodsEffort:
     """How much is measured.
 
     Attributes:
@@ -61,7 +61,9 @@ class Effort:
     rounds: int = 3
 
 
-def costs(effort: Effort, size_px: tuple[int, int], asked: Sequence[tuple[str, ...]]) -> Seconds:
+def costs(
+    effort: MethodsEffort, size_px: tuple[int, int], asked: Sequence[tuple[str, ...]]
+) -> Seconds:
     """Measures calls of the mapper.
 
     Args:
@@ -106,12 +108,14 @@ def table(found: Mapping[str, Seconds], names: Sequence[str], base: int) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measures, prints the table, and writes it into a page; 2 on bad input."""
     parser = argparse.ArgumentParser(prog="python -m eval.cost_methods", description=__doc__)
-    parser.add_argument("--events", type=int, default=Effort.events, help="of each camera")
-    parser.add_argument("--planes", type=int, default=Effort.planes)
-    parser.add_argument("--rounds", type=int, default=Effort.rounds, help="the best one counts")
+    parser.add_argument("--events", type=int, default=MethodsEffort.events, help="of each camera")
+    parser.add_argument("--planes", type=int, default=MethodsEffort.planes)
+    parser.add_argument(
+        "--rounds", type=int, default=MethodsEffort.rounds, help="the best one counts"
+    )
     parser.add_argument("--page", type=Path, help="page whose marked part gets the table")
     chosen = parser.parse_args(arguments)
-    effort = Effort(chosen.events, chosen.planes, chosen.rounds)
+    effort = MethodsEffort(chosen.events, chosen.planes, chosen.rounds)
     with exit_code() as code:
         text = _measured(effort)
         sys.stdout.write(text)
@@ -120,7 +124,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code.value
 
 
-def _measured(effort: Effort) -> str:
+def _measured(effort: MethodsEffort) -> str:
     about, names = machine(), list(ASKED)
     found = {
         sensor: costs(effort, size_px, list(ASKED.values())) for sensor, size_px in SENSORS.items()

@@ -21,7 +21,7 @@ Share = Callable[[Pairs, Hits], float]
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class ThresholdCurve:
     """What share is right, as the tolerated error grows.
 
     Attributes:
@@ -37,10 +37,10 @@ class Curve:
     f1: FloatArray
 
 
-def curve(pairs: Pairs) -> Curve:
+def curve(pairs: Pairs) -> ThresholdCurve:
     """Precision, recall and F1 at every whole centimetre from 1 to 15."""
     within = [pairs.error_m < cm / 100 for cm in THRESHOLDS_CM]
-    return Curve(
+    return ThresholdCurve(
         np.array(THRESHOLDS_CM),
         np.array([_precision(pairs, hits) if pairs.count else np.nan for hits in within]),
         np.array([_recall(pairs, hits) for hits in within]),

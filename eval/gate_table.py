@@ -12,7 +12,7 @@ from eval.gate import RED, Verdict
 HEADINGS = ("verdict", "case", "method", "metric", "baseline", "now", "change", "allowed", "why")
 MOST_LINES = 25
 
-Line = tuple[str, ...]
+VerdictLine = tuple[str, ...]
 
 
 def summary(verdicts: Sequence[Verdict]) -> str:
@@ -39,7 +39,7 @@ def sentence(one: Verdict) -> str:
     )
 
 
-def lines(verdicts: Sequence[Verdict]) -> list[Line]:
+def lines(verdicts: Sequence[Verdict]) -> list[VerdictLine]:
     """The table's cells: all that is not `same`, the worst first, at most `MOST_LINES`."""
     return [_cells(one) for one in _shown(verdicts)[:MOST_LINES]]
 
@@ -89,7 +89,7 @@ def _shown(verdicts: Sequence[Verdict]) -> list[Verdict]:
     return [one for one in verdicts if one.status != "same"]
 
 
-def _cells(one: Verdict) -> Line:
+def _cells(one: Verdict) -> VerdictLine:
     change = f"{one.change:+.3g}" if math.isfinite(one.change) else ""
     allowed = f"± {_number(one.tolerance)}" if math.isfinite(one.tolerance) else ""
     numbers = (_with_unit(one.baseline, one.unit), _with_unit(one.value, one.unit))

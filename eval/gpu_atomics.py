@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from eval.gpu_plan import Plan
+from eval.gpu_plan import BenchmarkPlan
 
 # mypy: disable-error-code="no-untyped-def"
 
@@ -38,7 +38,7 @@ class Rate:
     right: bool
 
 
-def atomic_rates(plan: Plan, l2_bytes: int) -> list[Rate]:
+def atomic_rates(plan: BenchmarkPlan, l2_bytes: int) -> list[Rate]:
     """Measures both types on a grid that the L2 cache holds and on one that it does not."""
     near = min(l2_bytes // 2, plan.far_bytes)
     return [
@@ -48,7 +48,7 @@ def atomic_rates(plan: Plan, l2_bytes: int) -> list[Rate]:
     ]
 
 
-def _rate(plan: Plan, kind: str, grid: str, size: int) -> Rate:
+def _rate(plan: BenchmarkPlan, kind: str, grid: str, size: int) -> Rate:
     dtype = np.dtype(_TYPES[kind])
     cells = cuda.to_device(np.zeros(size // dtype.itemsize, dtype))
     one, launches = dtype.type(1), _ROUNDS + 1

@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from emvs.errors import InputError
-from eval.gpu_plan import Plan
+from eval.gpu_plan import BenchmarkPlan
 from sim import gl_backend
 
 _LIMIT_S = 120.0
@@ -43,7 +43,7 @@ class Drawn:
     drawn_by: str
 
 
-def frames(plan: Plan) -> list[Drawn]:
+def frames(plan: BenchmarkPlan) -> list[Drawn]:
     """Measures every renderer that there is, each in a process of its own.
 
     Raises:
@@ -55,7 +55,7 @@ def frames(plan: Plan) -> list[Drawn]:
     return list(_all(plan))
 
 
-def _all(plan: Plan) -> Iterator[Drawn]:
+def _all(plan: BenchmarkPlan) -> Iterator[Drawn]:
     for kind in KINDS:
         for where in ("GPU", "software"):
             chosen = _environment(kind, where)

@@ -14,7 +14,7 @@ from emvs.errors import InputError
 from emvs.result import WindowResult
 from eval.cost_stream import MovingEdges
 from eval.gpu_calls import agreement, call, save_volumes
-from eval.gpu_plan import LIMIT_MS, PRECISIONS, Plan
+from eval.gpu_plan import LIMIT_MS, PRECISIONS, BenchmarkPlan
 from eval.gpu_series import grow, stream
 from eval.gpu_votes import votes_s
 
@@ -24,7 +24,7 @@ Part = dict[str, Any]
 class Bench:
     """One run: its parts share the events and the results of the whole calls."""
 
-    def __init__(self, plan: Plan, device: str) -> None:
+    def __init__(self, plan: BenchmarkPlan, device: str) -> None:
         self.plan, self.device = plan, device
         self.wrong: list[str] = []
         self._results: dict[str, WindowResult] = {}

@@ -15,7 +15,7 @@ LIMIT_MS = 100.0
 
 
 @dataclass(frozen=True)
-class Plan:
+class BenchmarkPlan:
     """Sizes and rounds; the defaults are those of the published table.
 
     Attributes:
@@ -67,7 +67,7 @@ class Plan:
         return MapperConfig.model_validate(fields | more)
 
 
-QUICK = Plan(
+QUICK = BenchmarkPlan(
     size_px=(16, 12), events=60, planes=2, rounds=1, cpu_rounds=1, blocks=2, threads=8, repeats=4,
     far_bytes=4096, windows=2, cpu_windows=1, window_events=60, grow_events=(30, 60),
     grow_planes=(2, 3), grow_sizes=((16, 12), (24, 18)), grow_rounds=1, frame_rigs=("davis346",),

@@ -15,11 +15,11 @@ from emvs.sliding import map_windows
 from eval.cost_growth import Growth
 from eval.cost_stream import WINDOW_US, MovingEdges
 from eval.gpu_calls import call
-from eval.gpu_plan import Plan
+from eval.gpu_plan import BenchmarkPlan
 
 
 @dataclass(frozen=True)
-class Stream:
+class WindowedStream:
     """A recording mapped in windows of half a second.
 
     Attributes:
@@ -35,7 +35,7 @@ class Stream:
     written_s: float
 
 
-def grow(base: MovingEdges, plan: Plan, device: str) -> list[Growth]:
+def grow(base: MovingEdges, plan: BenchmarkPlan, device: str) -> list[Growth]:
     """Times as events, planes and pixels grow, each from the load of the whole call."""
     return [
         _grown("events", plan.grow_events, plan, device,
@@ -51,8 +51,8 @@ def _of(sizes: Iterable[tuple[int, int]], pixels: int) -> tuple[int, int]:
 
 
 def _grown(
-    quantity: str, amounts: Iterable[int], plan: Plan, device: str,
-    load: Callable[[int], tuple[MovingEdges, Plan]],
+    quantity: str, amounts: Iterable[int], plan: BenchmarkPlan, device: str,
+    load: Callable[[int], tuple[MovingEdges, BenchmarkPlan]],
 ) -> Growth:  # fmt: skip
     seconds = []
     for amount in amounts:
@@ -63,7 +63,7 @@ def _grown(
     return Growth(quantity, tuple(amounts), tuple(seconds))
 
 
-def stream(plan: Plan, device: str, windows: int) -> Stream:
+def stream(plan: BenchmarkPlan, device: str, windows: int) -> WindowedStream:
     """Maps a sequence window by window, without and with writing."""
     recording = MovingEdges(plan.size_px, plan.window_events, windows=windows)
     recording.event_span_us(0)
@@ -79,7 +79,7 @@ def stream(plan: Plan, device: str, windows: int) -> Stream:
         written = map_windows(recording, Path(folder) / "map", sliding, about, clouds=False)
         written_s = time.perf_counter() - begin
     events = 2 * plan.window_events * windows
-    return Stream(events, len(written.windows), mapped_s, written_s)
+    return WindowedStream(events, len(written.windows), mapped_s, written_s)
 
 
 def _map(recording: MovingEdges, config: MapperConfig, windows: int) -> None:

@@ -16,7 +16,7 @@ from typing import Any, Protocol, cast
 
 from emvs.errors import InputError
 from emvs.versions import versions
-from eval.cache import Cache, Entry, key_of
+from eval.cache import Cache, CacheEntry, key_of
 from eval.code_version import code_version
 from eval.stage_files import RESULT
 
@@ -116,7 +116,7 @@ def find(job: Job, cache: Cache, digests: Mapping[str, str]) -> Done | None:
     return None if made is None else _done(job, made, _text(made))
 
 
-def entry(job: Job, cache: Cache) -> Entry:
+def entry(job: Job, cache: Cache) -> CacheEntry:
     """Finds or makes what a job makes, and all that it needs; errors pass through."""
     inputs = [entry(need, cache) for need in job.needs]
     facts, stage = _facts(job, [made.digest for made in inputs]), _stage(job)
@@ -135,14 +135,14 @@ def _facts(job: Job, inputs: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _done(job: Job, made: Entry, text: str | None) -> Done:
+def _done(job: Job, made: CacheEntry, text: str | None) -> Done:
     return Done(
         job.name, made.key, made.digest, made.seconds, made.found, code_of(job), text,
         made.cpu_seconds,
     )  # fmt: skip
 
 
-def _text(made: Entry) -> str | None:
+def _text(made: CacheEntry) -> str | None:
     result = made.path / RESULT
     return result.read_text(encoding="utf-8") if result.is_file() else None
 

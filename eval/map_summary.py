@@ -39,7 +39,7 @@ def tables(stored: StoredMap) -> Iterator[Table | str]:
     info, windows = stored.info, stored.windows
     points = [_points_of(window) for window in windows]
     counts = [window.info.counts for window in windows]
-    title = "what became of the events"
+    title = "event statistics"
     if info.config.slides:
         title += f", summed over {len(windows)} windows"
     yield _counts(title, counts)

@@ -101,5 +101,5 @@ def cause_scores(causes: Mapping[str, int] | None) -> Iterator[Score]:
 
 def _score(name: str, pairs: Pairs, region: str) -> Score:
     metric = ALL_METRICS[name]
-    value, told = metric(pairs), full_name(name, region)
-    return Score(told, value, metric.unit, metric.better, region, pairs.count)
+    value, score_name = metric(pairs), full_name(name, region)
+    return Score(score_name, value, metric.unit, metric.better, region, pairs.count)

@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class PairedComparison:
     """Two methods on the same units.
 
     Attributes:
@@ -72,7 +72,7 @@ class Ranking:
     """
 
     standings: tuple[Standing, ...]
-    comparisons: tuple[Comparison, ...]
+    comparisons: tuple[PairedComparison, ...]
     units: int
 
 
@@ -169,11 +169,11 @@ def rank_methods(
     return Ranking(tuple(standings), comparisons, int(np.count_nonzero(shared)))
 
 
-def _compare(table: Mapping[str, Floats], test: Test) -> tuple[Comparison, ...]:
+def _compare(table: Mapping[str, Floats], test: Test) -> tuple[PairedComparison, ...]:
     couples = list(combinations(table, 2))
     p = [paired_p(table[a], table[b], test=test) for a, b in couples]
     return tuple(
-        Comparison(a, b, len(table[a]), _mean(table[a] - table[b]), raw, corrected)
+        PairedComparison(a, b, len(table[a]), _mean(table[a] - table[b]), raw, corrected)
         for (a, b), raw, corrected in zip(couples, p, holm(p), strict=True)
     )
 
@@ -182,5 +182,5 @@ def _mean(values: Floats) -> float:
     return float(np.mean(values)) if len(values) else float("nan")
 
 
-def _loser(one: Comparison, sign: int) -> str:
+def _loser(one: PairedComparison, sign: int) -> str:
     return one.first if sign * one.difference > 0 else one.second

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from eval import confidence
 from eval.colour import Scale, depth_scale, error_scale, events_scale
-from eval.curves import THRESHOLDS_CM, Curve
+from eval.curves import THRESHOLDS_CM, ThresholdCurve
 from eval.figures import (
     behind_image,
     confidence_image,
@@ -212,7 +212,7 @@ def _curves(rows: Sequence[Row], methods: Sequence[str], prefix: str) -> Markup 
     return Markup(curves_svg(drawn, prefix)) if drawn else None
 
 
-def curves_of(rows: Sequence[Row], methods: Sequence[str]) -> list[tuple[str, Curve]]:
+def curves_of(rows: Sequence[Row], methods: Sequence[str]) -> list[tuple[str, ThresholdCurve]]:
     """The curves of all methods, from the rows of one case; none where nothing was scored."""
     values = {(row.method, row.metric): row.value for row in rows}
     if not any((method, "points") in values for method in methods):
@@ -225,9 +225,9 @@ def _causes(rows: Sequence[Row], methods: Sequence[str]) -> Markup | None:
     return Markup(causes_svg(shares)) if shares else None
 
 
-def _curve_of(values: dict[tuple[str, str], float], method: str) -> Curve:
+def _curve_of(values: dict[tuple[str, str], float], method: str) -> ThresholdCurve:
     shares = (
         np.array([values.get((method, f"{name}_{cm}cm"), math.nan) for cm in THRESHOLDS_CM])
         for name in ("precision", "recall", "f1")
     )
-    return Curve(np.array(THRESHOLDS_CM), *shares)
+    return ThresholdCurve(np.array(THRESHOLDS_CM), *shares)

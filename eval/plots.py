@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from eval.colour import nice_between, spaced
-from eval.curves import Curve
+from eval.curves import ThresholdCurve
 from eval.line_styles import INK, LineStyle, line_style
 
 __all__ = [
@@ -45,7 +45,7 @@ TRUTH_COLOUR = "#0072b2"
 ESTIMATE_COLOUR = "#d55e00"
 
 
-def curves_svg(curves: Sequence[tuple[str, Curve]], prefix: str) -> str:
+def curves_svg(curves: Sequence[tuple[str, ThresholdCurve]], prefix: str) -> str:
     """Precision, recall and F1 of several methods against the tolerated error.
 
     Args:
@@ -56,7 +56,7 @@ def curves_svg(curves: Sequence[tuple[str, Curve]], prefix: str) -> str:
         return svg_of(curves_figure(curves, prefix))
 
 
-def curves_figure(curves: Sequence[tuple[str, Curve]], prefix: str) -> Figure:
+def curves_figure(curves: Sequence[tuple[str, ThresholdCurve]], prefix: str) -> Figure:
     """The same as a figure; made within a context of `STYLE`."""
     figure = Figure(figsize=(10.5, 3.3), layout="constrained")
     panels = figure.subplots(1, 3)
@@ -67,7 +67,9 @@ def curves_figure(curves: Sequence[tuple[str, Curve]], prefix: str) -> Figure:
     return figure
 
 
-def _draw_curves(axes: Axes, curves: Sequence[tuple[str, Curve]], name: str, prefix: str) -> None:
+def _draw_curves(
+    axes: Axes, curves: Sequence[tuple[str, ThresholdCurve]], name: str, prefix: str
+) -> None:
     for position, (method, curve) in enumerate(curves):
         style = line_style(method)
         (line,) = axes.plot(

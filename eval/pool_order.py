@@ -72,8 +72,10 @@ class Ordered:
             pieces = [slice(*piece) for piece in zip(low.tolist(), high.tolist(), strict=True)]
             found = np.concatenate([keys[piece] for piece in pieces])
             order = np.argsort(found, kind="stable")
-            told = found if values is keys else np.concatenate([values[piece] for piece in pieces])
-            yield found[order], told[order]
+            ordered = (
+                found if values is keys else np.concatenate([values[piece] for piece in pieces])
+            )
+            yield found[order], ordered[order]
 
     def median(self, most: int = MOST) -> float:
         """The median of the keys, as `numpy.median` has it; NaN of none."""

@@ -52,7 +52,7 @@ class Column:
 
 
 @dataclass(frozen=True, slots=True)
-class Cell:
+class RankingCell:
     """One value of a table: as read, as sorted, and whether no other is better."""
 
     text: str
@@ -61,7 +61,7 @@ class Cell:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class RankingLine:
     """One method of a table; `rank` counts the methods that use more than a single camera.
 
     Methods of the same value share a rank; one without a value has none.
@@ -69,15 +69,15 @@ class Line:
 
     method: str
     rank: int | None
-    cells: tuple[Cell, ...]
+    cells: tuple[RankingCell, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class RankingTable:
     """Methods by metrics, in order of the ranking metric."""
 
     columns: tuple[Column, ...]
-    lines: tuple[Line, ...]
+    lines: tuple[RankingLine, ...]
 
 
 DIRECTIONS = {"lower": "lower is better", "higher": "higher is better", "none": "no better end"}
@@ -104,7 +104,7 @@ def order(rows: Iterable[Row], metric: str, prefix: str = "") -> list[tuple[str,
     return [(row.method, row.value) for row in sorted(found, key=_badness)]
 
 
-def table(rows: Sequence[Row], metric: str, names: Sequence[str] = RANKING_COLUMNS) -> Table:
+def table(rows: Sequence[Row], metric: str, names: Sequence[str] = RANKING_COLUMNS) -> RankingTable:
     """Tabulates the rows of one case and window, ordered by a metric, the best of each marked."""
     by_method: dict[str, dict[str, Row]] = defaultdict(dict)
     for row in rows:
@@ -118,8 +118,8 @@ def table(rows: Sequence[Row], metric: str, names: Sequence[str] = RANKING_COLUM
         cells = tuple(_cell(by_method[method].get(name), best[name]) for name in present)
         # The first of equal values is the one that counts; NaN equals nothing.
         counts = not _SINGLE.search(method) and not math.isnan(value)
-        lines.append(Line(method, fused.index(value) + 1 if counts else None, cells))
-    return Table(tuple(column(name) for name in present), tuple(lines))
+        lines.append(RankingLine(method, fused.index(value) + 1 if counts else None, cells))
+    return RankingTable(tuple(column(name) for name in present), tuple(lines))
 
 
 def column(name: str) -> Column:
@@ -195,10 +195,10 @@ def with_unit(row: Row) -> str:
     return f"{shown(row.value, row.unit)} {unit}"
 
 
-def _cell(row: Row | None, best: float) -> Cell:
+def _cell(row: Row | None, best: float) -> RankingCell:
     if row is None:
-        return Cell("–", math.nan, False)
-    return Cell(shown(row.value, row.unit), row.value, row.value == best)
+        return RankingCell("–", math.nan, False)
+    return RankingCell(shown(row.value, row.unit), row.value, row.value == best)
 
 
 def _badness(row: Row) -> tuple[bool, float]:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from emvs.atomic import atomic_path
-from eval.comparison import JUDGED, Comparison, compare_runs, read_runs
+from eval.comparison import JUDGED, RunComparison, compare_runs, read_runs
 from eval.gate import Status, Verdict
 from eval.gate_series import Key, Series
 from eval.line_styles import line_style
@@ -43,7 +43,7 @@ def write_comparison(paths: Sequence[Path], out: Path) -> Path:
     return out / HTML_NAME
 
 
-def comparison_page(found: Comparison) -> Page:
+def comparison_page(found: RunComparison) -> Page:
     """What the page shows: a section per case, in it a table per metric."""
     names = [run.name for run in found.runs]
     cases = list(dict.fromkeys(key.case for run in found.runs for key in run.measured.series))
@@ -60,7 +60,7 @@ def comparison_page(found: Comparison) -> Page:
     )
 
 
-def comparison_tables(found: Comparison) -> dict[str, TextTable]:
+def comparison_tables(found: RunComparison) -> dict[str, TextTable]:
     """One table per case and metric."""
     tables = {}
     for section in comparison_page(found).sections[:-1]:
@@ -81,13 +81,13 @@ def _text_cell(cell: GridCell, head: Head) -> TextCell:
     return TextCell(cell.text, value)
 
 
-def metrics_of(found: Comparison, case: str) -> list[str]:
+def metrics_of(found: RunComparison, case: str) -> list[str]:
     """The metrics of a case that people rank by, those of the ranking first."""
     present = {key.metric for run in found.runs for key in run.measured.series if key.case == case}
     return [name for name in RANKING_COLUMNS if name in present]
 
 
-def _changes(found: Comparison) -> Section:
+def _changes(found: RunComparison) -> Section:
     """What differs most, whatever it is, one table per result."""
     names = tuple(run.name for run in found.runs[1:])
     grids = tuple(map(_changed, found.verdicts))
@@ -128,7 +128,7 @@ def _plain(value: float, unit: str) -> str:
     return "–" if math.isnan(value) else f"{value:.4g} {unit}".rstrip().replace("-", "−")
 
 
-def _section(found: Comparison, case: str, position: int) -> Section:
+def _section(found: RunComparison, case: str, position: int) -> Section:
     metrics = metrics_of(found, case)
     grids = tuple(_grid(found, case, metric) for metric in metrics)
     titles = tuple(column(metric).title for metric in metrics)
@@ -136,7 +136,7 @@ def _section(found: Comparison, case: str, position: int) -> Section:
     return Section(f"case{position}", case, titles, grids, chosen=chosen)
 
 
-def _grid(found: Comparison, case: str, metric: str) -> Grid:
+def _grid(found: RunComparison, case: str, metric: str) -> Grid:
     head = column(metric)
     first, *others = (run.name for run in found.runs)
     heads = [Head("method"), Head(first, head.unit, head.better, told=True)]
@@ -151,14 +151,14 @@ def _grid(found: Comparison, case: str, metric: str) -> Grid:
     return Grid(tuple(heads), tuple(_line(found, key) for key in keys), _about(found, metric))
 
 
-def _about(found: Comparison, metric: str) -> str:
+def _about(found: RunComparison, metric: str) -> str:
     """What the numbers of a table are, and of how many seeds."""
     counts = {len(run.measured.seeds) for run in found.runs}
     seeds = " or ".join(map(str, sorted(counts)))
     return f"{definition(metric)} Means over {seeds} seed{'s' * (counts != {1})}."
 
 
-def _line(found: Comparison, key: Key) -> tuple[GridCell, ...]:
+def _line(found: RunComparison, key: Key) -> tuple[GridCell, ...]:
     colour = line_style(key.method).css
     first, *others = (run.measured.series.get(key) for run in found.runs)
     cells = [GridCell(key.method, colour=colour), _value(first)]
@@ -193,7 +193,7 @@ def _difference(
     )
 
 
-def _overview(found: Comparison) -> Grid:
+def _overview(found: RunComparison) -> Grid:
     statuses: tuple[Status, ...] = (
         "better", "same", "worse", "not comparable", "new", "gone", "failed",
     )  # fmt: skip
@@ -207,7 +207,7 @@ def _overview(found: Comparison) -> Grid:
     )
 
 
-def _sentence(found: Comparison, position: int) -> str:
+def _sentence(found: RunComparison, position: int) -> str:
     run, verdicts = found.runs[position + 1], found.verdicts[position].values()
     reasons = {one.why for one in verdicts if one.status == "not comparable"}
     counts = {s: sum(one.status == s for one in verdicts) for s in ("better", "worse", "same")}

@@ -111,7 +111,7 @@ def study_page(studies: list[StoredStudy], figures: list[str]) -> Page:
     names = [one.study for one in studies]
     return Page(
         title=names[0] if len(names) == 1 else f"{len(names)} studies",
-        subtitle="One thing is spoilt by growing amounts: what becomes of every method.",
+        subtitle="One thing is perturbed by growing amounts: how every method's error grows.",
         sections=tuple(
             _section(one, figure, k)
             for k, (one, figure) in enumerate(zip(studies, figures, strict=True))
@@ -138,7 +138,7 @@ def _overview(studies: list[StoredStudy]) -> Grid:
         lines.append((GridCell(one.study), GridCell(one.unit), *cells))
     about = (
         "Where each method breaks: the amount, in the unit of its line, at which its mean error "
-        f"reaches {BREAKS_AT:g} times that of sound input. “never” means not within what was tried."
+        f"reaches {BREAKS_AT:g} times the unperturbed one. “never” means not within what was tried."
     )
     return Grid(heads, tuple(lines), about)
 

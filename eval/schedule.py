@@ -31,7 +31,7 @@ _TICK_S = 0.5
 
 
 @dataclass
-class Board:
+class JobBoard:
     """Who waits for what, and how far everything is.
 
     Attributes:
@@ -78,14 +78,14 @@ class Board:
 
 
 def run_jobs(jobs: Iterable[Job], workers: Open, progress: Progress) -> Mapping[str, Outcome]:
-    """Does all jobs and what they need; returns what became of each, by name.
+    """Does all jobs and what they need; returns the outcome of each, by name.
 
     Args:
         jobs: the graph's last jobs.
         workers: opens what does them.
         progress: shown how many are done, running and failed, and the time left.
     """
-    board = Board(order(jobs))
+    board = JobBoard(order(jobs))
     with workers() as crew, progress.stage("jobs", max(len(board.jobs), 1)) as update:
         while len(board.outcomes) < len(board.jobs):
             for job in list(board.ready()):
@@ -97,14 +97,14 @@ def run_jobs(jobs: Iterable[Job], workers: Open, progress: Progress) -> Mapping[
     return board.outcomes
 
 
-def _collect(board: Board, crew: Workers, progress: Progress) -> None:
+def _collect(board: JobBoard, crew: Workers, progress: Progress) -> None:
     for outcome in crew.wait(_TICK_S):
         board.take(outcome)
         if isinstance(outcome, Failed):
             progress.say(f"failed: {outcome.name}: {outcome.reason}")
 
 
-def _left_s(board: Board, workers: int) -> float | None:
+def _left_s(board: JobBoard, workers: int) -> float | None:
     """From what jobs of each stage took so far; None before the first of them is done."""
     took: dict[str, list[float]] = {}
     stages = {job.name: job.stage for job in board.jobs}

@@ -82,9 +82,9 @@ class LocalWorkers:
         ready = wait([worker.pipe for worker, _ in busy.values()], timeout_s)
         outcomes = [self._outcome_of(*busy[id(pipe)]) for pipe in ready]
         self._hand_out()
-        told = [outcome for outcome in outcomes if outcome is not None]
-        self._digests |= {one.name: one.digest for one in told if isinstance(one, Done)}
-        return told
+        finished = [outcome for outcome in outcomes if outcome is not None]
+        self._digests |= {one.name: one.digest for one in finished if isinstance(one, Done)}
+        return finished
 
     def close(self) -> None:
         """Ends every worker, in the middle of its job if it has one."""

@@ -59,8 +59,8 @@ def _values(field: Mapping[str, Any]) -> str:
         "minimum": "≥ {:g}", "exclusiveMinimum": "> {:g}", "maximum": "≤ {:g}",
         "exclusiveMaximum": "< {:g}",
     }  # fmt: skip
-    told = [limit.format(kind[name]) for name, limit in limits.items() if name in kind]
-    return ", ".join([words.get(kind.get("type", ""), "group"), *told])
+    bounds = [limit.format(kind[name]) for name, limit in limits.items() if name in kind]
+    return ", ".join([words.get(kind.get("type", ""), "group"), *bounds])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -97,10 +97,11 @@ def _by_mapper(
 
 
 def _event_rows(case: str, windows: Sequence[StoredWindow]) -> Iterator[Row]:
-    """What became of the events: a fault may lose some without a trace in the depth."""
+    """Event statistics: a fault may lose some without a trace in the depth."""
     counts = [camera for window in windows for camera in window.info.counts.values()]
     total = {name: sum(camera[name] for camera in counts) for name in counts[0]}
-    votes = sum(total[f"votes_{fate}"] for fate in ("counted", "outside_image", "behind_camera"))
+    outcomes = ("counted", "outside_image", "behind_camera")
+    votes = sum(total[f"votes_{outcome}"] for outcome in outcomes)
     image = sum(window.event_image.sum((1, 2), dtype=np.int64) for window in windows)
     shares = {
         "brighter_share": (image[1], image.sum()),

@@ -27,7 +27,7 @@ from sim.rigs import rig as named_rig
 
 
 @dataclass(frozen=True, eq=False)
-class Sample:
+class StudySample:
     """One simulated window: what the cameras voted, and what is true.
 
     Attributes:
@@ -54,7 +54,7 @@ def load_sample(
     rig: str,
     seconds: float,
     sensor: PresetName = "ideal",
-) -> Sample:
+) -> StudySample:
     """Returns one sample, simulated and swept on the first call and read on every later one.
 
     Args:
@@ -84,7 +84,7 @@ def load_sample(
     if not volumes.exists():
         _sweep(sequence, config, volumes)
     votes = np.stack([np.load(path) for path in sorted(volumes.glob("EMVS-cam*.npy"))])
-    return Sample(case, seed, votes, view, truth_of(sequence, window.t_ref_us, EvalConfig()))
+    return StudySample(case, seed, votes, view, truth_of(sequence, window.t_ref_us, EvalConfig()))
 
 
 def _sweep(sequence: EventSequence, config: MapperConfig, out: Path) -> None:

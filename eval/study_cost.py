@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from eval.cost_growth import SERIES, Growth, Load, growth
-from eval.cost_limits import Effort, Figure, limits
+from eval.cost_limits import Figure, LimitsEffort, limits
 from eval.exits import exit_code
 from eval.marked import into_page
 
@@ -77,7 +77,7 @@ def main(arguments: list[str] | None = None) -> int:
         texts: dict[str, str] = {}
         if chosen.only != "growth":
             about = machine()
-            figures = limits(Effort(rounds=chosen.rounds))
+            figures = limits(LimitsEffort(rounds=chosen.rounds))
             texts["limits"] = f"{about}\n\n{limit_table(figures)}"
             texts["authors"] = authors_table(figures)
         if chosen.only != "limits":

@@ -20,14 +20,14 @@ from emvs.planes import inverse_depth_at
 from eval.exits import exit_code
 from eval.marked import into_page
 from eval.score import ALL_METRICS, pair
-from eval.study_cache import Sample, load_sample
-from eval.study_samples import SETS, Wanted
+from eval.study_cache import StudySample, load_sample
+from eval.study_samples import SETS, SampleSpec
 from eval.study_variants import (
     BASE,
     BEFORE,
     OURS,
     RELIABILITIES,
-    Estimate,
+    VariantEstimate,
     Volumes,
     estimates,
     finalists,
@@ -36,7 +36,7 @@ from eval.study_variants import (
 )
 
 ABLATED = "development"
-PICTURED = Wanted("tumvie-6dof")
+PICTURED = SampleSpec("tumvie-6dof")
 METRICS = ("median_error", "mean_error", "bad_published", "bad_1px")
 WANTED = {"median_error": 0.75, "mean_error": 0.80, "bad_published": 0.80}
 _BLOCK_PX = 8
@@ -45,7 +45,7 @@ Numbers = dict[str, float]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SampleOutcome:
     """What every extraction made of one sample."""
 
     case: str
@@ -64,15 +64,15 @@ class Outcome:
         return all(self.ratio(name, metric) <= limit for metric, limit in WANTED.items())
 
 
-def study(sample: Sample, *, ablate: bool = True) -> Outcome:
+def study(sample: StudySample, *, ablate: bool = True) -> SampleOutcome:
     """Tries every extraction on one sample, or only the finalists."""
     volumes = Volumes.of(sample)
     found = estimates(volumes) | thresholds(volumes) if ablate else finalists(volumes)
     numbers = {name: _numbers(sample, estimate) for name, estimate in found.items()}
-    return Outcome(sample.case, sample.seed, numbers)
+    return SampleOutcome(sample.case, sample.seed, numbers)
 
 
-def _numbers(sample: Sample, estimate: Estimate) -> Numbers:
+def _numbers(sample: StudySample, estimate: VariantEstimate) -> Numbers:
     planes = len(sample.view.rho)
     position = np.clip(estimate.position, 0, planes - 1).astype(np.float32)
     depth_m = np.reciprocal(inverse_depth_at(sample.view.rho, position))
@@ -88,7 +88,7 @@ def _blocks(mask: np.ndarray) -> int:
     return int(inner.reshape(rows, _BLOCK_PX, columns, _BLOCK_PX).any((1, 3)).sum())
 
 
-def ablation_table(outcomes: list[Outcome]) -> str:
+def ablation_table(outcomes: list[SampleOutcome]) -> str:
     """One line for each extraction: geometric means of the ratios over the samples."""
     lines = [
         "| Extraction | median | mean | bad pixels | bad 1 px | blocks | met |",
@@ -103,7 +103,7 @@ def ablation_table(outcomes: list[Outcome]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def case_table(outcomes: Iterable[Outcome]) -> str:
+def case_table(outcomes: Iterable[SampleOutcome]) -> str:
     """One line for each sample: our extraction beside Alg1/H at equal points."""
     lines = [
         "| Case | seed | points | median mm | mean mm | bad pixels % | median | mean | bad | met |",
@@ -123,7 +123,7 @@ def case_table(outcomes: Iterable[Outcome]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def calibration_table(outcomes: Iterable[Outcome]) -> str:
+def calibration_table(outcomes: Iterable[SampleOutcome]) -> str:
     """One line for each reliability: points and errors over those of Alg1/H, and the precision."""
     lines = [
         "| `focus_reliability` | points | fewest | median | mean | bad pixels | within 1 px % |",
@@ -140,7 +140,7 @@ def calibration_table(outcomes: Iterable[Outcome]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def report(outcomes: Mapping[str, list[Outcome]]) -> str:
+def report(outcomes: Mapping[str, list[SampleOutcome]]) -> str:
     """Markdown: each set's samples, then calibration and ablation on the development set."""
     parts = []
     for title, chosen in outcomes.items():
@@ -157,10 +157,10 @@ def report(outcomes: Mapping[str, list[Outcome]]) -> str:
     return "\n".join(parts)
 
 
-def summary_table(outcomes: list[Outcome]) -> str:
+def summary_table(outcomes: list[SampleOutcome]) -> str:
     """The finalists' lines of the ablation."""
     kept = [
-        Outcome(o.case, o.seed, {name: o.numbers[name] for name in (BASE, BEFORE, OURS)})
+        SampleOutcome(o.case, o.seed, {name: o.numbers[name] for name in (BASE, BEFORE, OURS)})
         for o in outcomes
     ]
     return ablation_table(kept)
@@ -187,7 +187,7 @@ def main(arguments: list[str] | None = None) -> int:
     with exit_code() as code:
         if chosen.picture is not None:
             _draw(_load(PICTURED, chosen.cache), chosen.picture)
-        outcomes: dict[str, list[Outcome]] = {}
+        outcomes: dict[str, list[SampleOutcome]] = {}
         for name in chosen.sets:
             outcomes[name] = [
                 study(_load(wanted, chosen.cache), ablate=name == ABLATED) for wanted in SETS[name]
@@ -199,14 +199,14 @@ def main(arguments: list[str] | None = None) -> int:
     return code.value
 
 
-def _load(wanted: Wanted, cache: Path) -> Sample:
+def _load(wanted: SampleSpec, cache: Path) -> StudySample:
     return load_sample(
         wanted.case, wanted.seed, cache, MapperConfig(), rig=wanted.rig, seconds=wanted.seconds,
         sensor=wanted.sensor,
     )  # fmt: skip
 
 
-def _draw(sample: Sample, path: Path) -> None:
+def _draw(sample: StudySample, path: Path) -> None:
     from eval.study_picture import draw
 
     draw(sample, path)

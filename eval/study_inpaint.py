@@ -16,7 +16,7 @@ from emvs.focus_config import FocusConfig
 from emvs.found import at_least
 from emvs.inpaint import MAX_RATIO, fill
 from emvs.planes import inverse_depth_at
-from eval.study_cache import Sample, load_sample
+from eval.study_cache import StudySample, load_sample
 from eval.study_variants import Volumes
 
 Floats = NDArray[np.float32]
@@ -74,7 +74,7 @@ def main(arguments: list[str] | None = None) -> None:
             draw(sparse_m, dense_m, np.asarray(sample.truth.depth_m, np.float32), chosen.picture)
 
 
-def _points(sample: Sample, config: MapperConfig) -> tuple[Floats, NDArray[np.bool_]]:
+def _points(sample: StudySample, config: MapperConfig) -> tuple[Floats, NDArray[np.bool_]]:
     found = Volumes.of(sample).found(FocusConfig())
     depth_m = np.reciprocal(inverse_depth_at(sample.view.rho, found.position))
     return depth_m, at_least(found, config.focus_reliability, config.border_px)

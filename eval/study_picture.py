@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from emvs.planes import inverse_depth_at
-from eval.study_cache import Sample
-from eval.study_variants import BASE, OURS, Estimate, Volumes, estimates
+from eval.study_cache import StudySample
+from eval.study_variants import BASE, OURS, VariantEstimate, Volumes, estimates
 
 _COLOURS = 255
 _SHOWN = {BASE: "Alg1/H", OURS: "ours, same number of points"}
 
 
-def draw(sample: Sample, path: Path) -> None:
+def draw(sample: StudySample, path: Path) -> None:
     """Writes a PNG: depth above, error in plane steps below, Alg1/H left, ours right."""
     found = estimates(Volumes.of(sample))
     figure, axes = plt.subplots(2, 2, figsize=(9, 7.2), layout="constrained", dpi=80)
@@ -37,7 +37,7 @@ def draw(sample: Sample, path: Path) -> None:
 
 
 def _depth_and_error(
-    sample: Sample, estimate: Estimate
+    sample: StudySample, estimate: VariantEstimate
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     rho, reported = sample.view.rho, estimate.mask & sample.truth.scored
     depth_m = np.reciprocal(inverse_depth_at(rho, estimate.position))
@@ -47,7 +47,7 @@ def _depth_and_error(
     return np.where(reported, depth_m, np.nan), np.where(reported, error, np.nan)
 
 
-def _range_m(sample: Sample) -> tuple[float, float]:
+def _range_m(sample: StudySample) -> tuple[float, float]:
     return float(1 / sample.view.rho[0]), float(1 / sample.view.rho[-1])
 
 

@@ -8,7 +8,7 @@ from sim.presets import PresetName
 
 
 @dataclass(frozen=True)
-class Wanted:
+class SampleSpec:
     """One sample to simulate.
 
     Attributes:
@@ -28,52 +28,57 @@ class Wanted:
 
 _FIRST = ("planes", "desk", "boxes")
 _TWINS = (
-    Wanted("rpg-boxes", "rpg"),
-    Wanted("rpg-reader", "rpg"),
-    Wanted("rpg-monitor", "rpg"),
-    Wanted("rpg-bin", "rpg"),
-    Wanted("mvsec-flying", "mvsec"),
-    Wanted("tumvie-6dof"),
-    Wanted("tumvie-desk2"),
-    Wanted("tumvie-1d"),
-    Wanted("tumvie-3d"),
-    Wanted("hdr-window"),
-    Wanted("hdr-night"),
-    Wanted("moving-objects"),
-    Wanted("low-texture"),
-    Wanted("repetitive"),
-    Wanted("thin-structures"),
-    Wanted("reflective"),
-    Wanted("trinocular-desk", "trinocular"),
+    SampleSpec("rpg-boxes", "rpg"),
+    SampleSpec("rpg-reader", "rpg"),
+    SampleSpec("rpg-monitor", "rpg"),
+    SampleSpec("rpg-bin", "rpg"),
+    SampleSpec("mvsec-flying", "mvsec"),
+    SampleSpec("tumvie-6dof"),
+    SampleSpec("tumvie-desk2"),
+    SampleSpec("tumvie-1d"),
+    SampleSpec("tumvie-3d"),
+    SampleSpec("hdr-window"),
+    SampleSpec("hdr-night"),
+    SampleSpec("moving-objects"),
+    SampleSpec("low-texture"),
+    SampleSpec("repetitive"),
+    SampleSpec("thin-structures"),
+    SampleSpec("reflective"),
+    SampleSpec("trinocular-desk", "trinocular"),
 )
 
 # Chose the parameters and the reliability: one motion through every scene
-DEVELOPMENT = (*(Wanted(case) for case in _FIRST), *_TWINS)
+DEVELOPMENT = (*(SampleSpec(case) for case in _FIRST), *_TWINS)
 # Took part in choosing too: other motions, of going forward as well
 FURTHER = (
-    *(Wanted(case, seed=1) for case in (*_FIRST, "tumvie-run", "tumvie-skate")),
+    *(SampleSpec(case, seed=1) for case in (*_FIRST, "tumvie-run", "tumvie-skate")),
     *(
-        Wanted(case, seed=2)
+        SampleSpec(case, seed=2)
         for case in ("low-texture", "thin-structures", "tumvie-1d", "tumvie-3d", "hdr-window")
     ),
-    *(Wanted(case, seed=5) for case in (*_FIRST, "low-texture", "moving-objects", "repetitive")),
-    *(Wanted(w.case, w.rig, w.seconds, 5) for w in _TWINS[:9]),
+    *(
+        SampleSpec(case, seed=5)
+        for case in (*_FIRST, "low-texture", "moving-objects", "repetitive")
+    ),
+    *(SampleSpec(w.case, w.rig, w.seconds, 5) for w in _TWINS[:9]),
 )
 # Looked at once, by the command that writes the tables: other motions through the scenes
 HELD_OUT = (
-    *(Wanted(case, seed=seed) for case in _FIRST for seed in (2, 3)),
-    *(Wanted(w.case, w.rig, w.seconds, 1) for w in _TWINS),
+    *(SampleSpec(case, seed=seed) for case in _FIRST for seed in (2, 3)),
+    *(SampleSpec(w.case, w.rig, w.seconds, 1) for w in _TWINS),
 )
 # Going forward, a street, and sensors of 640x480 and 1280x720: nothing was chosen on these
 OTHERS = (
-    Wanted("tumvie-run"),
-    Wanted("tumvie-skate"),
-    Wanted("tumvie-bike"),
-    Wanted("dsec-street", "dsec", 0.2),
-    Wanted("tumvie-3d", "tumvie-kb4", 0.2),
+    SampleSpec("tumvie-run"),
+    SampleSpec("tumvie-skate"),
+    SampleSpec("tumvie-bike"),
+    SampleSpec("dsec-street", "dsec", 0.2),
+    SampleSpec("tumvie-3d", "tumvie-kb4", 0.2),
 )
 # A sensor that is not ideal: nothing was chosen on these either
-NOISY = tuple(Wanted(case, sensor="davis346") for case in (*_FIRST, "tumvie-6dof", "reflective"))
+NOISY = tuple(
+    SampleSpec(case, sensor="davis346") for case in (*_FIRST, "tumvie-6dof", "reflective")
+)
 SETS = {
     "development": DEVELOPMENT,
     "further": FURTHER,

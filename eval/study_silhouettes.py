@@ -20,8 +20,8 @@ from emvs.found import most_reliable
 from emvs.median import masked_median
 from emvs.planes import inverse_depth_at
 from eval.score import ALL_METRICS, pair
-from eval.study_cache import Sample, load_sample
-from eval.study_variants import Estimate, Volumes, maximum_of
+from eval.study_cache import StudySample, load_sample
+from eval.study_variants import VariantEstimate, Volumes, maximum_of
 
 SILHOUETTE_PX = 2.0  # of disparity, within a square of 5 px
 _C = np.arange(5, 13, 0.5)  # thresholds tried until Alg1/H has no more points than camera 0
@@ -29,15 +29,15 @@ _C = np.arange(5, 13, 0.5)  # thresholds tried until Alg1/H has no more points t
 Mask = NDArray[np.bool_]
 
 
-def plain(volume: NDArray[np.float32], config: MapperConfig) -> Estimate:
+def plain(volume: NDArray[np.float32], config: MapperConfig) -> VariantEstimate:
     """What Alg. 1 reports of one volume."""
     maximum = maximum_of(volume)
     mask = confidence_mask(maximum.value, config)
     position = masked_median(maximum.position(), mask, config.median_px)
-    return Estimate(position, without_border(mask, config.border_px))
+    return VariantEstimate(position, without_border(mask, config.border_px))
 
 
-def silhouettes(sample: Sample) -> Mask:
+def silhouettes(sample: StudySample) -> Mask:
     """Pixels within 2 px of a depth edge."""
     truth = sample.truth
     depth_m = np.where(truth.scored, truth.depth_m, np.inf)
@@ -47,7 +47,7 @@ def silhouettes(sample: Sample) -> Mask:
     return np.asarray(spread > SILHOUETTE_PX, np.bool_)
 
 
-def line(name: str, sample: Sample, estimate: Estimate, edges: Mask) -> str:
+def line(name: str, sample: StudySample, estimate: VariantEstimate, edges: Mask) -> str:
     """One row: points, errors, and how they divide at silhouettes."""
     depth_m = np.reciprocal(inverse_depth_at(sample.view.rho, estimate.position))
     pairs = pair(depth_m, estimate.mask, sample.truth)
@@ -82,7 +82,7 @@ def main(arguments: list[str] | None = None) -> None:
             rows[f"Alg1/H, C = {c:g}"] = fewer
             break
     found = volumes.found(FocusConfig())
-    rows["ours, as many as EMVS/cam0"] = Estimate(
+    rows["ours, as many as EMVS/cam0"] = VariantEstimate(
         found.position, most_reliable(found, points, config.border_px)
     )
     rows["ours, as many as Alg1/H"] = volumes.best(found)

@@ -18,7 +18,7 @@ from emvs.fusion import FUSIONS
 from emvs.in_focus import find
 from emvs.median import masked_median
 from emvs.running import Maximum
-from eval.study_cache import Sample
+from eval.study_cache import StudySample
 
 BASE = "Alg1/H"
 OURS = "ours"
@@ -37,7 +37,7 @@ Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class Estimate:
+class VariantEstimate:
     """(H, W) plane positions, and the pixels that report them."""
 
     position: Floats
@@ -61,7 +61,7 @@ class Volumes:
     config: MapperConfig
 
     @classmethod
-    def of(cls, sample: Sample) -> Volumes:
+    def of(cls, sample: StudySample) -> Volumes:
         """Fuses a sample's volumes."""
         rho = sample.view.rho
         fused = FUSIONS["H"](sample.votes)
@@ -74,11 +74,11 @@ class Volumes:
         return maximum_of(self.fused)
 
     @cached_property
-    def base(self) -> Estimate:
+    def base(self) -> VariantEstimate:
         """What Alg1/H reports."""
         mask = confidence_mask(self.maximum.value, self.config)
         position = masked_median(self.maximum.position(), mask, self.config.median_px)
-        return Estimate(position, without_border(mask, self.config.border_px))
+        return VariantEstimate(position, without_border(mask, self.config.border_px))
 
     @cached_property
     def focused(self) -> Floats:
@@ -89,7 +89,7 @@ class Volumes:
         """Extraction by focus."""
         return find(self.fused, self.votes, self.disparity_px, config)
 
-    def best(self, found: Found, reliability: Floats | None = None) -> Estimate:
+    def best(self, found: Found, reliability: Floats | None = None) -> VariantEstimate:
         """The most reliable pixels, as many as Alg1/H reports."""
         if reliability is not None:
             # `reliability` is a product of both: all of it goes into one
@@ -98,7 +98,7 @@ class Volumes:
                 found, agreement=reliability, support=ones, inside=ones, ray=ones, strength=ones
             )
         points = int(np.count_nonzero(self.base.mask))
-        return Estimate(found.position, most_reliable(found, points, self.config.border_px))
+        return VariantEstimate(found.position, most_reliable(found, points, self.config.border_px))
 
 
 def maximum_of(volume: Floats) -> Maximum:
@@ -114,12 +114,12 @@ def maximum_of(volume: Floats) -> Maximum:
     return Maximum(at(index), index.astype(np.int16), at(index - 1), at(index + 1), planes)
 
 
-def finalists(volumes: Volumes) -> dict[str, Estimate]:
+def finalists(volumes: Volumes) -> dict[str, VariantEstimate]:
     """Alg1/H, the three factors that came first, and ours."""
     return {BASE: volumes.base, BEFORE: _before(volumes), OURS: volumes.best(volumes.found(_OURS))}
 
 
-def _before(volumes: Volumes) -> Estimate:
+def _before(volumes: Volumes) -> VariantEstimate:
     """Depth as it stands, in a smaller square of support, with one tolerance for all depths."""
     config = replace(_UNFITTED, support_radius_px=4)
     found = volumes.found(config)
@@ -140,30 +140,35 @@ def threshold_name(reliability: float) -> str:
     return f"reliability at least {reliability:g}"
 
 
-def thresholds(volumes: Volumes) -> dict[str, Estimate]:
+def thresholds(volumes: Volumes) -> dict[str, VariantEstimate]:
     """Ours as the mapper reports it: every pixel that is reliable enough."""
     found, border_px = volumes.found(_OURS), volumes.config.border_px
     return {
-        threshold_name(reliability): Estimate(
+        threshold_name(reliability): VariantEstimate(
             found.position, at_least(found, reliability, border_px)
         )
         for reliability in RELIABILITIES
     }
 
 
-def estimates(volumes: Volumes) -> dict[str, Estimate]:
+def estimates(volumes: Volumes) -> dict[str, VariantEstimate]:
     """Every extraction by its name, Alg1/H first."""
     base = volumes.base
     ours = volumes.found(_OURS)
     chosen = volumes.best(ours)
-    out = {BASE: base, "Alg1/H without median": Estimate(volumes.maximum.position(), base.mask)}
+    out = {
+        BASE: base,
+        "Alg1/H without median": VariantEstimate(volumes.maximum.position(), base.mask),
+    }
     out |= _same_pixels(volumes)
     out |= {
-        "Alg1/H's depth at our pixels": Estimate(base.position, chosen.mask),
+        "Alg1/H's depth at our pixels": VariantEstimate(base.position, chosen.mask),
         "votes, ours": volumes.best(volumes.found(FocusConfig(measure="votes"))),
     }
     out |= {name: volumes.best(ours, rank) for name, rank in _ranks(volumes, ours).items()}
-    out["ours, 5 px median"] = Estimate(masked_median(ours.position, chosen.mask, 5), chosen.mask)
+    out["ours, 5 px median"] = VariantEstimate(
+        masked_median(ours.position, chosen.mask, 5), chosen.mask
+    )
     out["ours, no fit"] = volumes.best(volumes.found(_UNFITTED))
     for sigma_px in (1.5, 3.5):
         found = volumes.found(FocusConfig(sigma_px=sigma_px))
@@ -171,14 +176,16 @@ def estimates(volumes: Volumes) -> dict[str, Estimate]:
     return out | {BEFORE: _before(volumes), OURS: chosen}
 
 
-def _same_pixels(volumes: Volumes) -> dict[str, Estimate]:
+def _same_pixels(volumes: Volumes) -> dict[str, VariantEstimate]:
     """Each focus measure at the pixels of Alg1/H: what the depth alone gains."""
     out = {}
     for name, sigma_px in _SCALES_PX.items():
         measure = focus.measure(name)
         planes = np.stack([measure(plane, sigma_px) for plane in volumes.fused])
         position = maximum_of(planes).position()
-        out[f"{name} {sigma_px:g} px at Alg1/H's pixels"] = Estimate(position, volumes.base.mask)
+        out[f"{name} {sigma_px:g} px at Alg1/H's pixels"] = VariantEstimate(
+            position, volumes.base.mask
+        )
     return out
 
 

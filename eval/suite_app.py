@@ -17,35 +17,35 @@ if TYPE_CHECKING:
     from eval.suite import Suite
     from eval.suite_rows import SuiteResult
 
-_WHERE = Group("Where jobs run")
-_Where = Parameter(group=_WHERE)
-_WhereFlag = Parameter(group=_WHERE, negative=())
+_GROUP = Group("Where jobs run")
+_JobFlag = Parameter(group=_GROUP)
+_JobSwitch = Parameter(group=_GROUP, negative=())
 
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Where:
+class JobFlags:
     """Where the jobs of a suite run."""
 
-    workers: Annotated[int | None, _Where] = None
+    workers: Annotated[int | None, _JobFlag] = None
     "Worker processes; by default one for each processor."
 
-    cache: Annotated[Path | None, _Where] = None
+    cache: Annotated[Path | None, _JobFlag] = None
     "Folder that keeps what jobs made; by default $EVENTSWEEP_CACHE or the user's cache folder."
 
-    scheduler: Annotated[str | None, _Where] = None
+    scheduler: Annotated[str | None, _JobFlag] = None
     "Address of a Dask scheduler, tcp://127.0.0.1:8786 or tls://HOST:8786, to run there instead."
 
-    remote: Annotated[bool, _WhereFlag] = False
+    remote: Annotated[bool, _JobSwitch] = False
     "Let --scheduler be another machine over tcp://, neither encrypted nor authenticated."
 
-    tls_ca: Annotated[Path | None, _Where] = None
+    tls_ca: Annotated[Path | None, _JobFlag] = None
     "Certificate of the authority, for tls://."
 
-    tls_cert: Annotated[Path | None, _Where] = None
+    tls_cert: Annotated[Path | None, _JobFlag] = None
     "Certificate of this side, for tls://."
 
-    tls_key: Annotated[Path | None, _Where] = None
+    tls_key: Annotated[Path | None, _JobFlag] = None
     "Key of that certificate."
 
     def cache_folder(self) -> Path:
@@ -76,32 +76,32 @@ class Where:
         return local_workers(count, Cache(folder).folder)
 
 
-WHERE = Where()
+JOB_FLAGS = JobFlags()
 
 
-def numbers(text: str | None, flag: str) -> tuple[int, ...] | None:
-    """Seeds from `0,1,5` or `100-109`; None where nothing was given.
+def seed_numbers(text: str | None, flag: str) -> tuple[int, ...] | None:
+    """Seeds from `0,1,5` or `100-109`; None where nothing was said.
 
     Raises:
         InputError: anything else.
     """
     if text is None:
         return None
-    found: list[int] = []
+    seeds: list[int] = []
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
         if not first.isdecimal() or (dash and not last.isdecimal()):
             raise InputError(f"{flag} {text}: needs numbers such as 0,1,5 or 100-109")
-        found += range(int(first), int(last or first) + 1)
-    if not found or len(set(found)) != len(found):
+        seeds += range(int(first), int(last or first) + 1)
+    if not seeds or len(set(seeds)) != len(seeds):
         raise InputError(f"{flag} {text}: needs at least one number, each once")
-    return tuple(found)
+    return tuple(seeds)
 
 
 def run(
     suite: Suite,
     subset: str,
-    where: Where,
+    flags: JobFlags,
     progress: Progress,
     *,
     seeds: tuple[int, ...] | None = None,
@@ -113,7 +113,7 @@ def run(
     Args:
         suite: the definition.
         subset: what of it.
-        where: where its jobs run.
+        flags: where its jobs run.
         progress: shown how far it is.
         seeds: instead of the subset's own.
         cases: some of the subset's.
@@ -122,8 +122,8 @@ def run(
     from eval.suite_run import run_suite
     from eval.suite_speed import with_speed
 
-    result = run_suite(suite, subset, where.open, progress, seeds=seeds, cases=cases)
+    result = run_suite(suite, subset, flags.open, progress, seeds=seeds, cases=cases)
     if speed and result.samples:
         with progress.stage("speed", 1):
-            result = with_speed(result, suite, where.cache_folder())
+            result = with_speed(result, suite, flags.cache_folder())
     return result

@@ -1,4 +1,4 @@
-"""What a suite's run says: samples, one per case and seed, and what became of its jobs."""
+"""What a suite's run says: samples, one per case and seed, and the outcome of its jobs."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class JobNote:
-    """What became of one job: its key in the cache, or why it failed."""
+    """The outcome of one job: its key in the cache, or why it failed."""
 
     name: str
     key: str = ""
@@ -94,7 +94,7 @@ class SuiteResult:
         cases: per case that was asked for, the hash over its part of the definition.
         seeds: that were asked for.
         samples: one per case and seed that was scored.
-        jobs: what became of every job.
+        jobs: the outcome of every job.
         speed: per case, CPU time of the mapper over that of the calibration loop, repeated.
         versions: of everything that shapes the numbers, on the machine that collected them.
         platform: of that machine.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from emvs.atomic import atomic_path
-from eval.ranking import Table
+from eval.ranking import RankingTable
 
 FORMATS = ("csv", "tex", "md")
 _TEX = {
@@ -47,7 +47,7 @@ class TextTable:
     lines: tuple[tuple[TextCell, ...], ...]
 
 
-def ranking_table(found: Table, caption: str) -> TextTable:
+def ranking_table(found: RankingTable, caption: str) -> TextTable:
     """A ranking as text: units and directions in the headings, the best bold."""
     heads = ("method", *(_heading(c.title, c.unit, c.better) for c in found.columns))
     lines = []

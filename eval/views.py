@@ -53,7 +53,7 @@ class WindowView:
         darker: (H, W) events of negative polarity per pixel; None where not counted.
         truth: ground truth; None for a recording without.
         events_caption: which stretch of time the counts cover.
-        counts: per stage or camera, numbers of events by what became of them.
+        counts: per stage or camera, event statistics: numbers of events by outcome.
     """
 
     name: str

@@ -23,7 +23,7 @@ def window_pairs(
     sequence: Scored,
     window: StoredWindow,
     config: EvalConfig,
-    given: Mapping[str, Estimate] = NOTHING_GIVEN,
+    predictions: Mapping[str, Estimate] = NOTHING_GIVEN,
 ) -> dict[str, MethodPairs]:
     """Pairs all maps of a window with the truth, and says why bad pixels are bad.
 
@@ -33,7 +33,7 @@ def window_pairs(
         sequence: the recording, with ground truth.
         window: its maps.
         config: masks and limits.
-        given: by name, depth maps of others for the same view.
+        predictions: by name, depth maps of other methods for the same view.
 
     Raises:
         InputError: no ground truth at the window's reference time, or damaged files.
@@ -47,7 +47,7 @@ def window_pairs(
         method: Estimate(found.depth_m, found.mask, found.confidence, found.rho)
         for method, found in maps.items()
     }
-    estimates |= given
+    estimates |= predictions
     pairs = pair_methods(estimates, truth)
     if not isinstance(sequence, Sequence):
         return pairs

@@ -17,7 +17,7 @@ from emvs.mapper import map_window
 from eval import bench_gpu, gpu_calls, gpu_frames, gpu_machine, gpu_parts, gpu_tables
 from eval.cost_stream import MovingEdges
 from eval.gpu_calls import Agreement, agreement, same, save_volumes
-from eval.gpu_plan import QUICK, Plan
+from eval.gpu_plan import QUICK, BenchmarkPlan
 from eval.gpu_votes import votes_s
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -284,7 +284,7 @@ def test_votes_alone_take_time():
 
 
 def test_the_published_load_is_that_of_the_issue():
-    plan = Plan()
+    plan = BenchmarkPlan()
     assert (plan.size_px, plan.events, plan.planes) == ((1280, 720), 10_000_000, 100)
     assert plan.rounds >= 5
     assert len(plan.config("cpu").methods) == 8

@@ -7,9 +7,9 @@ import pytest
 
 from emvs.methods import methods
 from eval import cost_methods
-from eval.cost_methods import ASKED, Effort, costs, main, table
+from eval.cost_methods import ASKED, MethodsEffort, costs, main, table
 
-TINY = Effort(events=2000, planes=4, rounds=1)
+TINY = MethodsEffort(events=2000, planes=4, rounds=1)
 
 
 @pytest.mark.parametrize("name", ASKED)

@@ -21,7 +21,7 @@ from eval.cache import Cache, key_of
 from eval.code_version import closure, code_version, with_includes
 from eval.jobs import Done, Failed, Job, do, order
 from eval.progress import Silent
-from eval.schedule import Board, run_jobs
+from eval.schedule import JobBoard, run_jobs
 from eval.schedule_dask import Cluster, dask_workers
 from eval.schedule_local import ATTEMPTS, local_workers
 from eval.stage_files import RESULT
@@ -334,7 +334,7 @@ def test_order_puts_needs_first_and_each_once(make):
 
 
 def test_progress_says_done_running_failed_and_left(make):
-    board = Board([make(name) for name in "abcd"])
+    board = JobBoard([make(name) for name in "abcd"])
     assert board.words(2) == "0/4 jobs, 0 running, 0 failed"
     board.running.add("c")
     board.take(Done("a", "k", "d", 4.0, False, "v"))

@@ -11,7 +11,7 @@ import scenes
 from emvs.config import MapperConfig
 from emvs.errors import InputError
 from eval.cli import main
-from eval.studies.curves import Value, curves
+from eval.studies.curves import StudyValue, curves
 from eval.studies.jobs import study_jobs, window_of
 from eval.studies.perturbation import Perturbation
 from eval.studies.stage_simulate import WAY_M, going_straight, lit, with_baseline
@@ -23,7 +23,7 @@ from sim.rigs import rig as named_rig
 def values_of(table, metric="mean_error"):
     """Values from {(case, seed): [one per amount]} for the amounts 0, 1, 2, ..."""
     return [
-        Value(case, seed, float(amount), "Alg1/H", metric, value, "m")
+        StudyValue(case, seed, float(amount), "Alg1/H", metric, value, "m")
         for (case, seed), row in table.items()
         for amount, value in enumerate(row)
     ]
@@ -59,7 +59,7 @@ def test_a_sample_that_is_missing_leaves_no_mean_over_the_others():
 
 
 @pytest.mark.parametrize("name", STUDIES)
-def test_every_study_spoils_nothing_at_first_and_something_then(name):
+def test_every_study_perturbs_nothing_at_first_and_something_then(name):
     study = study_named(name)
     assert len(set(study.amounts)) == len(study.amounts) >= 5
     changes = [study.change(amount) for amount in study.amounts]
@@ -72,7 +72,7 @@ def test_every_study_spoils_nothing_at_first_and_something_then(name):
     if first.perturb and name != "pose-rate":
         assert Perturbation(**first.perturb) == Perturbation()
     if first.perturb and name == "pose-rate":
-        assert study.sound == SimConfig().pose_rate_hz
+        assert study.unperturbed == SimConfig().pose_rate_hz
 
 
 @pytest.mark.parametrize(

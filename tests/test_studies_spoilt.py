@@ -1,4 +1,4 @@
-"""A recording is spoilt by just what was asked for."""
+"""A recording is perturbed by just what was asked for."""
 
 import numpy as np
 import pytest
@@ -12,8 +12,8 @@ from emvs.data import se3
 from emvs.data.events import Events
 from emvs.data.trajectory import Trajectory
 from eval.studies.perturbation import Perturbation
-from eval.studies.poses import spoilt_trajectory
-from eval.studies.spoilt import Spoilt, spoilt_rig, thinned
+from eval.studies.poses import perturbed_trajectory
+from eval.studies.spoilt import PerturbedRecording, perturbed_rig, thinned
 
 
 def still(poses=4000, rate_hz=1000.0):
@@ -28,9 +28,9 @@ def walk(poses=2001, speed_m_s=1.0):
     return Trajectory(t_us, positions_m, np.tile([0.0, 0.0, 0.0, 1.0], (poses, 1)))
 
 
-def errors(poses, spoilt):
+def errors(poses, perturbed):
     """Position error in the body's frame, mm, and rotation error, deg."""
-    T = se3.inverse(poses.at(poses.t_us)) @ spoilt.at(spoilt.t_us)
+    T = se3.inverse(poses.at(poses.t_us)) @ perturbed.at(perturbed.t_us)
     return 1e3 * T[:, :3, 3], Rotation.from_matrix(T[:, :3, :3]).as_rotvec(degrees=True)
 
 
@@ -44,22 +44,24 @@ def random_events(n=20_000, seed=0):
     )
 
 
-def test_nothing_asked_for_is_nothing_spoilt():
+def test_nothing_asked_for_is_nothing_perturbed():
     sound = fronto_parallel(2.0)
-    spoilt = Spoilt(sound, Perturbation(), 0)
-    np.testing.assert_array_equal(spoilt.trajectory.t_us, sound.trajectory.t_us)
+    perturbed = PerturbedRecording(sound, Perturbation(), 0)
+    np.testing.assert_array_equal(perturbed.trajectory.t_us, sound.trajectory.t_us)
     np.testing.assert_allclose(
-        spoilt.trajectory.positions_m, sound.trajectory.positions_m, atol=1e-12
+        perturbed.trajectory.positions_m, sound.trajectory.positions_m, atol=1e-12
     )
-    assert spoilt.rig.cameras == sound.rig.cameras
-    for told, true in zip(spoilt.rig.T_body_cam, sound.rig.T_body_cam, strict=True):
-        np.testing.assert_allclose(told, true, atol=1e-15)
-    np.testing.assert_array_equal(spoilt.events(0, 0, 10**6).t_us, sound.streams[0].t_us)
+    assert perturbed.rig.cameras == sound.rig.cameras
+    for got, true in zip(perturbed.rig.T_body_cam, sound.rig.T_body_cam, strict=True):
+        np.testing.assert_allclose(got, true, atol=1e-15)
+    np.testing.assert_array_equal(perturbed.events(0, 0, 10**6).t_us, sound.streams[0].t_us)
 
 
 def test_white_noise_has_the_spread_that_was_asked_for_in_every_pose():
-    spoilt = spoilt_trajectory(still(), Perturbation(pose_white_mm=3, pose_white_deg=0.2), seed=1)
-    position_mm, rotation_deg = errors(still(), spoilt)
+    perturbed = perturbed_trajectory(
+        still(), Perturbation(pose_white_mm=3, pose_white_deg=0.2), seed=1
+    )
+    position_mm, rotation_deg = errors(still(), perturbed)
     assert position_mm.std(axis=0) == pytest.approx([3] * 3, rel=0.05)
     assert rotation_deg.std(axis=0) == pytest.approx([0.2] * 3, rel=0.05)
     assert abs(np.corrcoef(position_mm[1:, 0], position_mm[:-1, 0])[0, 1]) < 0.06
@@ -67,7 +69,7 @@ def test_white_noise_has_the_spread_that_was_asked_for_in_every_pose():
 
 def test_a_random_walk_spreads_with_the_square_root_of_time():
     amount = Perturbation(pose_walk_mm=2, pose_walk_deg=0.1)
-    ends = [errors(still(401), spoilt_trajectory(still(401), amount, s)) for s in range(300)]
+    ends = [errors(still(401), perturbed_trajectory(still(401), amount, s)) for s in range(300)]
     for after, seconds in ((100, 0.1), (400, 0.4)):
         position_mm = np.array([position[after] for position, _ in ends])
         rotation_deg = np.array([rotation[after] for _, rotation in ends])
@@ -80,18 +82,18 @@ def test_a_random_walk_spreads_with_the_square_root_of_time():
 @settings(max_examples=20)
 def test_a_larger_amount_is_the_same_error_enlarged(factor, seed):
     one, many = (
-        spoilt_trajectory(walk(200), Perturbation(pose_white_mm=a, pose_walk_mm=a), seed)
+        perturbed_trajectory(walk(200), Perturbation(pose_white_mm=a, pose_walk_mm=a), seed)
         for a in (1, factor)
     )
-    small, large = (errors(walk(200), spoilt)[0] for spoilt in (one, many))
+    small, large = (errors(walk(200), perturbed)[0] for perturbed in (one, many))
     np.testing.assert_allclose(large, factor * small, atol=1e-9)
 
 
 def test_odometry_starts_right_turns_steadily_and_is_off_by_its_share_of_the_way():
-    turned = spoilt_trajectory(walk(), Perturbation(drift_yaw_deg_s=2), 0)
+    turned = perturbed_trajectory(walk(), Perturbation(drift_yaw_deg_s=2), 0)
     yaw = Rotation.from_quat(turned.quats_xyzw).as_rotvec(degrees=True)
     np.testing.assert_allclose(yaw[:, 2], 2 * walk().t_us / 1e6, atol=1e-9)
-    long = [spoilt_trajectory(walk(1001), Perturbation(drift_percent=1), s) for s in range(200)]
+    long = [perturbed_trajectory(walk(1001), Perturbation(drift_percent=1), s) for s in range(200)]
     first_10_ms = np.array([one.positions_m[10, 1] / 0.010 - 1 for one in long])
     assert first_10_ms.std() == pytest.approx(0.01, rel=0.15)
     assert all(np.abs(one.positions_m[0]).max() == 0 for one in long)
@@ -100,7 +102,7 @@ def test_odometry_starts_right_turns_steadily_and_is_off_by_its_share_of_the_way
 @given(st.floats(5, 900), st.integers(2, 500))
 def test_a_lower_rate_keeps_true_poses_at_that_rate_and_the_span(rate_hz, poses):
     sound = walk(poses)
-    thin = spoilt_trajectory(sound, Perturbation(pose_rate_hz=rate_hz), 0)
+    thin = perturbed_trajectory(sound, Perturbation(pose_rate_hz=rate_hz), 0)
     assert thin.span_us == sound.span_us
     assert set(thin.t_us) <= set(sound.t_us)
     steps_us = np.diff(thin.t_us)[:-1]
@@ -111,14 +113,16 @@ def test_a_lower_rate_keeps_true_poses_at_that_rate_and_the_span(rate_hz, poses)
 @given(st.floats(-50, 50))
 def test_delays_shift_clocks_and_nothing_else(delay_ms):
     sound = fronto_parallel(2.0)
-    spoilt = Spoilt(sound, Perturbation(camera_delay_ms=delay_ms, pose_delay_ms=delay_ms), 0)
+    perturbed = PerturbedRecording(
+        sound, Perturbation(camera_delay_ms=delay_ms, pose_delay_ms=delay_ms), 0
+    )
     shift_us = round(1e3 * delay_ms)
-    events = spoilt.events(1, -(10**6), 2 * 10**6)
+    events = perturbed.events(1, -(10**6), 2 * 10**6)
     np.testing.assert_array_equal(events.t_us, sound.streams[1].t_us + shift_us)
     np.testing.assert_array_equal(events.x, sound.streams[1].x)
-    np.testing.assert_array_equal(spoilt.events(0, 0, 10**6).t_us, sound.streams[0].t_us)
-    np.testing.assert_array_equal(spoilt.trajectory.t_us, sound.trajectory.t_us + shift_us)
-    inside = spoilt.events(1, 200_000, 300_000).t_us
+    np.testing.assert_array_equal(perturbed.events(0, 0, 10**6).t_us, sound.streams[0].t_us)
+    np.testing.assert_array_equal(perturbed.trajectory.t_us, sound.trajectory.t_us + shift_us)
+    inside = perturbed.events(1, 200_000, 300_000).t_us
     assert np.all((inside >= 200_000) & (inside < 300_000))
 
 
@@ -155,16 +159,16 @@ def _columns(events):
 
 def test_calibration_errors_are_what_was_asked_for():
     rig = stereo_rig(pinhole(), 0.1)
-    told = spoilt_rig(
+    perturbed = perturbed_rig(
         rig,
         Perturbation(focal_percent=1, centre_px=2, stereo_yaw_deg=0.5, baseline_percent=-10),
     )
-    assert told.cameras[1].fx_px == pytest.approx(rig.cameras[1].fx_px * 1.01)
-    assert told.cameras[0].cx_px == rig.cameras[0].cx_px + 2
-    assert told.baseline_m() == pytest.approx(0.09)
-    turn = Rotation.from_matrix(told.T_body_cam[1][:3, :3]).as_rotvec(degrees=True)
+    assert perturbed.cameras[1].fx_px == pytest.approx(rig.cameras[1].fx_px * 1.01)
+    assert perturbed.cameras[0].cx_px == rig.cameras[0].cx_px + 2
+    assert perturbed.baseline_m() == pytest.approx(0.09)
+    turn = Rotation.from_matrix(perturbed.T_body_cam[1][:3, :3]).as_rotvec(degrees=True)
     np.testing.assert_allclose(turn, [0, 0.5, 0], atol=1e-9)
-    np.testing.assert_array_equal(told.T_body_cam[0], rig.T_body_cam[0])
+    np.testing.assert_array_equal(perturbed.T_body_cam[0], rig.T_body_cam[0])
 
 
 @pytest.mark.parametrize(

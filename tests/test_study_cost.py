@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from emvs.errors import InputError
 from eval import cost_limits
 from eval.cost_growth import Growth, Load, growth
-from eval.cost_limits import Effort, Figure
+from eval.cost_limits import Figure, LimitsEffort
 from eval.cost_stream import WINDOW_US, MovingEdges
 from eval.marked import into_page
 from eval.study_cost import AUTHORS_NS, authors_table, growth_table, limit_table
@@ -68,7 +68,7 @@ def test_a_figure_without_a_limit_is_neither():
 
 def test_the_votes_of_every_sensor_stand_beside_the_authors(monkeypatch):
     monkeypatch.setattr(cost_limits, "_PLANES_TIMED", 2)
-    effort = Effort(vote_events=2000, rounds=1, touchy_rounds=1)
+    effort = LimitsEffort(vote_events=2000, rounds=1, touchy_rounds=1)
     figures = [one for sensor in AUTHORS_NS for one in cost_limits._votes(sensor, effort)]
     figures += cost_limits._threads(effort)
     table = authors_table(figures)

@@ -13,7 +13,7 @@ from cyclopts import Parameter
 from emvs.errors import InputError
 from eval import suite_app
 from eval.app import COMMON, Common, app
-from eval.suite_app import WHERE, Where
+from eval.suite_app import JOB_FLAGS, JobFlags
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from eval.baseline import Baseline
     from eval.gate import Verdict
     from eval.gate_series import Measured
-    from eval.gate_table import Line
+    from eval.gate_table import VerdictLine
 
 GREEN, RED = 0, 1
 _SUMMARY = "GITHUB_STEP_SUMMARY"
@@ -79,18 +79,18 @@ class GateFlags:
 
     def seed_numbers(self) -> tuple[int, ...] | None:
         """The seeds; None for the suite's own."""
-        return suite_app.numbers(self.seeds, "--seeds")
+        return suite_app.seed_numbers(self.seeds, "--seeds")
 
 
 @app.command
-def gate(*, flags: GateFlags, where: Where = WHERE, common: Common = COMMON) -> int:
+def gate(*, flags: GateFlags, job_flags: JobFlags = JOB_FLAGS, common: Common = COMMON) -> int:
     """Compare a result with a baseline, number by number; exit code 1 if anything is worse."""
     from eval.baseline import make_baseline, write_baseline
     from eval.gate import Tolerances, compare, is_red
 
     flags.check()
     before = _before(flags)
-    measured = _measured(flags, where, common)
+    measured = _measured(flags, job_flags, common)
     if flags.update:
         write_baseline(flags.baseline, make_baseline(measured, flags.reason, before))
         common.console().wrote(flags.baseline)
@@ -110,7 +110,7 @@ def _before(flags: GateFlags) -> Baseline | None:
     return read_baseline(flags.baseline)
 
 
-def _measured(flags: GateFlags, where: Where, common: Common) -> Measured:
+def _measured(flags: GateFlags, job_flags: JobFlags, common: Common) -> Measured:
     from eval import suite_output
     from eval.gate_series import of_suite, read_measured
     from eval.suite import load
@@ -121,7 +121,7 @@ def _measured(flags: GateFlags, where: Where, common: Common) -> Measured:
     folder = suite_output.prepared(flags.out, force=common.force) if flags.out else None
     # A baseline needs more seeds than a run: they are what the tolerances are made of.
     seeds = flags.seed_numbers() or (suite.spread_seeds if flags.update else None)
-    result = suite_app.run(suite, subset, where, common.console().progress, seeds=seeds)
+    result = suite_app.run(suite, subset, job_flags, common.console().progress, seeds=seeds)
     if folder is not None:
         suite_output.write(folder, result)
     return of_suite(result)
@@ -164,7 +164,7 @@ def _print(verdicts: Sequence[Verdict], *, as_json: bool) -> None:
     out.print(gate_table.summary(verdicts), markup=False, soft_wrap=True)
 
 
-def _table(rows: Sequence[Line]) -> Table:
+def _table(rows: Sequence[VerdictLine]) -> Table:
     """The lines in as few columns as a terminal has room for."""
     from rich.table import Table
     from rich.text import Text

@@ -1,4 +1,4 @@
-"""`eventsweep study`: what happens to every method when one thing is spoilt."""
+"""`eventsweep study`: what happens to every method when one thing is perturbed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from eval import suite_app
 from eval.app import COMMON, Common, Methods, app
 from eval.studies.study import CASES, METHODS, SECONDS, SEEDS
-from eval.suite_app import WHERE, Where
+from eval.suite_app import JOB_FLAGS, JobFlags
 
 _FAILED = 1
 
@@ -25,10 +25,10 @@ def study(
     seeds: str | None = None,
     seconds: float = SECONDS,
     method: Methods = (),
-    where: Where = WHERE,
+    job_flags: JobFlags = JOB_FLAGS,
     common: Common = COMMON,
 ) -> int:
-    """Spoil one thing by growing amounts and see where each method breaks.
+    """Perturb one thing by growing amounts and see where each method breaks.
 
     Args:
         name: Studies to run, such as pose-noise; `all` runs all that `eventsweep list` names.
@@ -44,12 +44,11 @@ def study(
 
     names = tuple(STUDIES) if name == ("all",) else name
     chosen = [study_named(one) for one in names]
-    asked = suite_app.numbers(seeds, "--seeds") or SEEDS
+    seed_numbers = suite_app.seed_numbers(seeds, "--seeds") or SEEDS
+    samples = (method or METHODS, case or CASES, seed_numbers)
     screen, failed = common.console(), 0
     for one in chosen:
-        result = run_study(
-            one, method or METHODS, case or CASES, asked, where.open, screen.progress, seconds
-        )
+        result = run_study(one, *samples, job_flags.open, screen.progress, seconds)
         written = write_study(out, result)
         failed += len(result.failures)
         console.show(result, as_json=common.json, quiet=common.quiet)

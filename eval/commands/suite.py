@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from eval import suite_app
 from eval.app import COMMON, Common, app
-from eval.suite_app import WHERE, Where
+from eval.suite_app import JOB_FLAGS, JobFlags
 
 _FAILED = 1
 
@@ -23,7 +23,7 @@ def suite(
     seeds: str | None = None,
     case: Annotated[tuple[str, ...], Parameter(negative=())] = (),
     speed: bool = True,
-    where: Where = WHERE,
+    job_flags: JobFlags = JOB_FLAGS,
     common: Common = COMMON,
 ) -> int:
     """Run a suite of cases, or a subset of one; what was done before is not done again.
@@ -39,14 +39,14 @@ def suite(
     from eval.suite import load
 
     chosen, subset = load(name)
-    asked = suite_app.numbers(seeds, "--seeds")
+    chosen_seeds = suite_app.seed_numbers(seeds, "--seeds")
     console = common.console()
     folder = suite_output.prepared(out, force=common.force)
     result = suite_app.run(
-        chosen, subset, where, console.progress, seeds=asked, cases=case, speed=speed
+        chosen, subset, job_flags, console.progress, seeds=chosen_seeds, cases=case, speed=speed
     )
     suite_output.write(folder, result)
-    suite_output.show(result, where.cache_folder(), as_json=common.json, quiet=common.quiet)
+    suite_output.show(result, job_flags.cache_folder(), as_json=common.json, quiet=common.quiet)
     console.wrote(folder / "suite.json")
     return _FAILED if result.failures else 0
 

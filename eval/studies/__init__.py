@@ -1,1 +1,1 @@
-"""Robustness studies: one thing is spoilt by growing amounts, and every method is scored."""
+"""Robustness studies: one thing is perturbed by growing amounts, and every method is scored."""

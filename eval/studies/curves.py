@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 METRICS = ("mean_error", "bad_published", "points")
 BREAKS_AT = 2.0
-"""A method breaks where its error is this many times the one that it has when nothing is spoilt."""
+"""A method breaks where its error is this many times its unperturbed one."""
 
 _DRAWS = 2000
 _COVERAGE = (2.5, 97.5)
 
 
 @dataclass(frozen=True, slots=True)
-class Value:
+class StudyValue:
     """One number of a study."""
 
     case: str
@@ -31,7 +31,7 @@ class Value:
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class RobustnessCurve:
     """One metric of one method over the amounts.
 
     Attributes:
@@ -71,8 +71,11 @@ class Curve:
 
 
 def curves(
-    values: Iterable[Value], amounts: Sequence[float], methods: Sequence[str], cases: Sequence[str]
-) -> list[Curve]:
+    values: Iterable[StudyValue],
+    amounts: Sequence[float],
+    methods: Sequence[str],
+    cases: Sequence[str],
+) -> list[RobustnessCurve]:
     """One curve per method and metric, in that order.
 
     Args:
@@ -96,7 +99,7 @@ def curves(
 def _curve(
     found: Mapping[tuple[str, str, float, str], list[float]],
     method: str, metric: str, unit: str, amounts: Sequence[float], cases: Sequence[str],
-) -> Curve:  # fmt: skip
+) -> RobustnessCurve:  # fmt: skip
     groups = [
         [np.array(found.get((method, metric, amount, case), [math.nan])) for case in cases]
         for amount in amounts
@@ -104,7 +107,9 @@ def _curve(
     mean = np.array([np.mean([group.mean() for group in one]) for one in groups])
     bands = np.array([_band(one) for one in groups])
     samples = np.array([sum(np.isfinite(group).sum() for group in one) for one in groups])
-    return Curve(method, metric, unit, tuple(amounts), mean, bands[:, 0], bands[:, 1], samples)
+    return RobustnessCurve(
+        method, metric, unit, tuple(amounts), mean, bands[:, 0], bands[:, 1], samples
+    )
 
 
 def _band(groups: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:

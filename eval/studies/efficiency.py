@@ -46,9 +46,9 @@ def elapsed_s(name: str, workers: int) -> float:
     """
     suite, subset = load(name)
     with tempfile.TemporaryDirectory() as folder:
-        where = suite_app.Where(workers=workers, cache=Path(folder))
+        flags = suite_app.JobFlags(workers=workers, cache=Path(folder))
         started_s = time.monotonic()
-        result = suite_app.run(suite, subset, where, Silent(), speed=False)
+        result = suite_app.run(suite, subset, flags, Silent(), speed=False)
         took_s = time.monotonic() - started_s
     if result.failures:
         first = result.failures[0]

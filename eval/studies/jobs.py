@@ -26,10 +26,10 @@ def study_jobs(
     """The scoring job of every case, seed and amount, with all that it needs.
 
     Args:
-        study: what to spoil.
+        study: what to perturb.
         methods: whose maps are compared.
         cases: scenes.
-        seeds: of the head motion, the sensor's noise and the spoiling.
+        seeds: of the head motion, the sensor's noise and the perturbation.
         seconds: length of every sequence, s.
 
     Raises:
@@ -60,21 +60,21 @@ def _score_job(
         if change.scene or change.sim
         else Job(f"simulate/{simulated}", "eval.stage_simulate", facts)
     )
-    asked = {
+    mapping = {
         "window": "w000",
         "map": {"methods": list(methods), **window_of(change, seconds)},
         "perturb": change.perturb,
         "seed": seed,
     }
-    mapped = Job(f"map/{place}", "eval.studies.stage_map", asked, (sequence,))
-    wanted = {
+    mapped = Job(f"map/{place}", "eval.studies.stage_map", mapping, (sequence,))
+    scoring = {
         "case": case,
         "seed": seed,
         "mappers": ["default"],
         "score": EvalConfig().model_dump(mode="json"),
         "scene_digest": scene_digest(case),
     }
-    return Job(f"score/{place}", "eval.stage_score", wanted, (sequence, mapped))
+    return Job(f"score/{place}", "eval.stage_score", scoring, (sequence, mapped))
 
 
 def window_of(change: Change, seconds: float) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What can be spoilt in a recording, and by how much."""
+"""What can be perturbed in a recording, and by how much."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 
 
 class Perturbation(BaseModel):
-    """What is spoilt and by how much; by default nothing. Amounts are standard deviations."""
+    """What is perturbed and by how much; by default nothing. Amounts are standard deviations."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -27,9 +27,9 @@ class Perturbation(BaseModel):
     pose_rate_hz: NotNegative = Field(0, description="poses are thinned to this rate; 0: all stay")
     pose_delay_ms: FiniteFloat = Field(0, description="poses come this late on the events' clock")
     camera_delay_ms: FiniteFloat = Field(0, description="events of camera 1 are stamped this late")
-    focal_percent: FiniteFloat = Field(0, description="focal lengths are told too long, %")
-    centre_px: FiniteFloat = Field(0, description="principal points are told too far right, px")
-    stereo_yaw_deg: FiniteFloat = Field(0, description="camera 1 is told to be turned, deg")
-    stereo_pitch_deg: FiniteFloat = Field(0, description="camera 1 is told to be tilted, deg")
-    baseline_percent: FiniteFloat = Field(0, description="the baseline is told too long, %", gt=-99)
+    focal_percent: FiniteFloat = Field(0, description="focal lengths are overestimated, %")
+    centre_px: FiniteFloat = Field(0, description="principal points are shifted right, px")
+    stereo_yaw_deg: FiniteFloat = Field(0, description="yaw error of camera 1, deg")
+    stereo_pitch_deg: FiniteFloat = Field(0, description="pitch error of camera 1, deg")
+    baseline_percent: FiniteFloat = Field(0, description="the baseline is overestimated, %", gt=-99)
     keep_events: float = Field(1, gt=0, le=1, description="share of events that is kept")

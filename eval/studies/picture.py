@@ -1,4 +1,4 @@
-"""A study's figure: error, bad pixels and points of every method over what is spoilt."""
+"""A study's figure: error, bad pixels and points of every method over what is perturbed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from emvs.atomic import atomic_path
 from eval.line_styles import line_style
-from eval.studies.curves import BREAKS_AT, METRICS, Curve
+from eval.studies.curves import BREAKS_AT, METRICS, RobustnessCurve
 from eval.studies.study import Study
 
 _TITLES = {"mean_error": "mean error", "bad_published": "bad pixels", "points": "points"}
@@ -22,11 +22,11 @@ def sample_words(cases: Sequence[str], seeds: Sequence[int]) -> str:
     return f"{', '.join(cases)}; {len(seeds)} seed{'s' * (len(seeds) != 1)} each"
 
 
-def draw(study: Study, curves: Sequence[Curve], path: Path, samples: str) -> None:
+def draw(study: Study, curves: Sequence[RobustnessCurve], path: Path, samples: str) -> None:
     """Draws three panels with 95 % bands, and a cross where a method breaks; writes PNG or SVG.
 
     Args:
-        study: what was spoilt.
+        study: what was perturbed.
         curves: all methods and metrics.
         path: of the picture.
         samples: what was averaged, in words.
@@ -45,7 +45,7 @@ def draw(study: Study, curves: Sequence[Curve], path: Path, samples: str) -> Non
         figure.savefig(stream, format=path.suffix[1:], dpi=130, facecolor="white")
 
 
-def _draw_panel(axes: Axes, study: Study, curves: Sequence[Curve]) -> None:
+def _draw_panel(axes: Axes, study: Study, curves: Sequence[RobustnessCurve]) -> None:
     places = study.amounts
     for curve in curves:
         style = line_style(curve.method)
@@ -60,7 +60,7 @@ def _draw_panel(axes: Axes, study: Study, curves: Sequence[Curve]) -> None:
     _label(axes, study, curves[0])
 
 
-def _label(axes: Axes, study: Study, curve: Curve) -> None:
+def _label(axes: Axes, study: Study, curve: RobustnessCurve) -> None:
     axes.set_title(f"{_TITLES[curve.metric]} [{curve.unit}]", loc="left", fontsize=10)
     axes.set_ylim(bottom=0)
     axes.grid(linewidth=0.4, alpha=0.35)

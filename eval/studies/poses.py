@@ -11,7 +11,7 @@ from emvs.data.trajectory import Trajectory
 from eval.studies.perturbation import Perturbation
 
 
-def spoilt_trajectory(poses: Trajectory, amount: Perturbation, seed: int) -> Trajectory:
+def perturbed_trajectory(poses: Trajectory, amount: Perturbation, seed: int) -> Trajectory:
     """The poses with their errors.
 
     White noise and random walks act in the body's frame. Odometry drifts as it goes: the length of

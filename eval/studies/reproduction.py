@@ -64,12 +64,12 @@ def main() -> int:
 
 def _run(asked: argparse.Namespace) -> SuiteResult:
     suite, subset = load(SUITE)
-    seeds = suite_app.numbers(asked.seeds, "--seeds")
+    seeds = suite_app.seed_numbers(asked.seeds, "--seeds")
     progress = Console(quiet=False, as_json=False).progress
     folder = suite_output.prepared(asked.out, force=True) if asked.out is not None else None
-    where = suite_app.Where(workers=asked.workers)
+    flags = suite_app.JobFlags(workers=asked.workers)
     result = suite_app.run(
-        suite, subset, where, progress, seeds=seeds, cases=tuple(asked.case), speed=False
+        suite, subset, flags, progress, seeds=seeds, cases=tuple(asked.case), speed=False
     )
     if folder is not None:
         suite_output.write(folder, result)

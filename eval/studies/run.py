@@ -16,7 +16,7 @@ from emvs.versions import versions
 from eval.jobs import Done, Failed, Job, Outcome
 from eval.progress import Progress
 from eval.schedule import Open, run_jobs
-from eval.studies.curves import METRICS, Curve, Value, curves
+from eval.studies.curves import METRICS, RobustnessCurve, StudyValue, curves
 from eval.studies.jobs import study_jobs
 from eval.studies.picture import draw, sample_words
 from eval.studies.study import SECONDS, Study
@@ -30,7 +30,7 @@ class StudyResult:
     """What a study found.
 
     Attributes:
-        study: what was spoilt.
+        study: what was perturbed.
         curves: per method and metric.
         values: every number behind them.
         failures: per job that failed, why; its amount has no value.
@@ -41,8 +41,8 @@ class StudyResult:
     """
 
     study: Study
-    curves: tuple[Curve, ...]
-    values: tuple[Value, ...]
+    curves: tuple[RobustnessCurve, ...]
+    values: tuple[StudyValue, ...]
     failures: Mapping[str, str]
     cases: tuple[str, ...]
     seeds: tuple[int, ...]
@@ -70,10 +70,10 @@ def run_study(
     """Maps and scores every case, seed and amount.
 
     Args:
-        study: what to spoil.
+        study: what to perturb.
         methods: whose maps are compared.
         cases: scenes.
-        seeds: of the head motion, the sensor's noise and the spoiling.
+        seeds: of the head motion, the sensor's noise and the perturbation.
         workers: opens what does the jobs.
         progress: shown how far it is.
         seconds: length of every sequence, s.
@@ -106,7 +106,7 @@ def write_study(folder: Path, result: StudyResult) -> list[Path]:
         draw(result.study, result.curves, path, sample_words(result.cases, result.seeds))
     with atomic_path(paths[2]) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
-        table.writerow(column.name for column in fields(Value))
+        table.writerow(column.name for column in fields(StudyValue))
         table.writerows(astuple(value) for value in result.values)
     with atomic_path(paths[3]) as partial:
         partial.write_text(json.dumps(_facts(result), indent=1) + "\n", encoding="utf-8")
@@ -115,14 +115,14 @@ def write_study(folder: Path, result: StudyResult) -> list[Path]:
 
 def _values(
     jobs: Mapping[tuple[str, int, float], Job], outcomes: Mapping[str, Outcome]
-) -> Iterator[Value]:
+) -> Iterator[StudyValue]:
     for (case, seed, amount), job in jobs.items():
         outcome = outcomes[job.name]
         if not isinstance(outcome, Done) or outcome.text is None:
             continue
         for row in sample_from(outcome.text).rows:
             if row.window == _POOLED and row.metric in METRICS and row.method != "events":
-                yield Value(case, seed, amount, row.method, row.metric, row.value, row.unit)
+                yield StudyValue(case, seed, amount, row.method, row.metric, row.value, row.unit)
 
 
 def _facts(result: StudyResult) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Spoils a recording on purpose: poses, clocks, calibration, events; the truth stays as it is."""
+"""Perturbs a recording on purpose: poses, clocks, calibration, events; the truth stays as it is."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from emvs.data.recording import DerivedRecording, Recording
 from emvs.data.rig import Rig
 from emvs.data.trajectory import Trajectory
 from eval.studies.perturbation import Perturbation
-from eval.studies.poses import spoilt_trajectory
+from eval.studies.poses import perturbed_trajectory
 
 
-class Spoilt(DerivedRecording):
+class PerturbedRecording(DerivedRecording):
     """A recording as a careless user would hand it in.
 
     Attributes:
-        perturbation: what is wrong.
+        perturbation: what is wrong, and by how much.
         seed: of the random parts.
     """
 
@@ -32,13 +32,13 @@ class Spoilt(DerivedRecording):
 
     @property
     def rig(self) -> Rig:
-        """The calibration as it is told."""
-        return spoilt_rig(self.recording.rig, self.perturbation)
+        """The calibration with its errors."""
+        return perturbed_rig(self.recording.rig, self.perturbation)
 
     @property
     def trajectory(self) -> Trajectory:
-        """The poses as they are told."""
-        return spoilt_trajectory(self.recording.trajectory, self.perturbation, self.seed)
+        """The poses with their errors."""
+        return perturbed_trajectory(self.recording.trajectory, self.perturbation, self.seed)
 
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """Events of a camera with `t0_us <= t < t1_us` on its own clock."""
@@ -51,9 +51,9 @@ class Spoilt(DerivedRecording):
         return round(1e3 * self.perturbation.camera_delay_ms) if camera == 1 else 0
 
 
-def spoilt_rig(rig: Rig, amount: Perturbation) -> Rig:
+def perturbed_rig(rig: Rig, amount: Perturbation) -> Rig:
     """The calibration with its errors: all intrinsics, and the extrinsics of camera 1."""
-    cameras = tuple(_spoilt_camera(camera, amount) for camera in rig.cameras)
+    cameras = tuple(_perturbed_camera(camera, amount) for camera in rig.cameras)
     T_body_cam = list(rig.T_body_cam)
     if len(rig) > 1:
         T_0_1 = se3.inverse(T_body_cam[0]) @ T_body_cam[1]
@@ -64,7 +64,7 @@ def spoilt_rig(rig: Rig, amount: Perturbation) -> Rig:
     return replace(rig, cameras=cameras, T_body_cam=tuple(T_body_cam))
 
 
-def _spoilt_camera(camera: Camera, amount: Perturbation) -> Camera:
+def _perturbed_camera(camera: Camera, amount: Perturbation) -> Camera:
     scale = 1 + amount.focal_percent / 100
     return replace(
         camera,

@@ -1,4 +1,4 @@
-"""The second stage of a study's jobs: a spoilt sequence to the depth maps of all methods."""
+"""The second stage of a study's jobs: a perturbed sequence to the depth maps of all methods."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from emvs.io import open_recording
 from eval import stage_map
 from eval.stage_files import SEQUENCE
 from eval.studies.perturbation import Perturbation
-from eval.studies.spoilt import Spoilt
+from eval.studies.spoilt import PerturbedRecording
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
@@ -20,7 +20,9 @@ def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
 
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
-    """Maps what is left of the recording."""
-    wrong = Perturbation.model_validate(parameters["perturb"])
-    recording = Spoilt(open_recording(inputs[0] / SEQUENCE), wrong, parameters["seed"])
+    """Maps the perturbed recording."""
+    perturbation = Perturbation.model_validate(parameters["perturb"])
+    recording = PerturbedRecording(
+        open_recording(inputs[0] / SEQUENCE), perturbation, parameters["seed"]
+    )
     stage_map.map_into(recording, parameters, out)

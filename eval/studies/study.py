@@ -1,4 +1,4 @@
-"""The studies: what is spoilt, by which amounts, and what that means for simulator and mapper."""
+"""The studies: what is perturbed, by how much, and what simulator and mapper make of it."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ class Change:
 
 @dataclass(frozen=True)
 class Study:
-    """One thing that is spoilt.
+    """One thing that is perturbed by growing amounts.
 
     Attributes:
         name: what the command line calls it.
         axis: what grows, for the figure.
         unit: of the amounts.
-        amounts: from the one that spoils nothing onwards.
+        amounts: from the one that perturbs nothing onwards.
         change: what an amount changes.
         logarithmic: whether amounts are spaced by factors.
     """
@@ -54,12 +54,12 @@ class Study:
     logarithmic: bool = False
 
     @property
-    def sound(self) -> float:
-        """The amount that spoils nothing."""
+    def unperturbed(self) -> float:
+        """The amount that perturbs nothing."""
         return self.amounts[0]
 
 
-def _spoil(**per_unit: float) -> Callable[[float], Change]:
+def _perturb(**per_unit: float) -> Callable[[float], Change]:
     return lambda amount: Change(perturb={key: v * amount for key, v in per_unit.items()})
 
 
@@ -82,15 +82,15 @@ STUDIES: dict[str, Study] = {
     for study in (
         Study(
             "pose-noise", "white noise of every pose, with 0.05 deg per mm", "mm",
-            (0, 0.5, 1, 2, 5, 10, 20), _spoil(pose_white_mm=1, pose_white_deg=0.05),
+            (0, 0.5, 1, 2, 5, 10, 20), _perturb(pose_white_mm=1, pose_white_deg=0.05),
         ),
         Study(
             "pose-walk", "random walk of the poses, with 0.05 deg per mm", "mm per sqrt(s)",
-            (0, 2, 5, 10, 20, 50, 100), _spoil(pose_walk_mm=1, pose_walk_deg=0.05),
+            (0, 2, 5, 10, 20, 50, 100), _perturb(pose_walk_mm=1, pose_walk_deg=0.05),
         ),
         Study(
             "pose-drift", "odometry's drift, with 1 deg/s of yaw per 5 %", "% of the way",
-            (0, 1, 2, 5, 10, 20, 50), _spoil(drift_percent=1, drift_yaw_deg_s=0.2),
+            (0, 1, 2, 5, 10, 20, 50), _perturb(drift_percent=1, drift_yaw_deg_s=0.2),
         ),
         Study(
             "pose-rate", "rate of the poses", "Hz",
@@ -99,35 +99,35 @@ STUDIES: dict[str, Study] = {
         ),
         Study(
             "pose-delay", "poses late against events", "ms",
-            (0, 1, 2, 5, 10, 20, 40), _spoil(pose_delay_ms=1),
+            (0, 1, 2, 5, 10, 20, 40), _perturb(pose_delay_ms=1),
         ),
         Study(
             "camera-delay", "camera 1 late against camera 0", "ms",
-            (0, 1, 2, 5, 10, 20, 40), _spoil(camera_delay_ms=1),
+            (0, 1, 2, 5, 10, 20, 40), _perturb(camera_delay_ms=1),
         ),
         Study(
-            "focal-length", "focal lengths told too long", "%",
-            (0, 0.5, 1, 2, 5, 10, 20), _spoil(focal_percent=1),
+            "focal-length", "focal lengths overestimated", "%",
+            (0, 0.5, 1, 2, 5, 10, 20), _perturb(focal_percent=1),
         ),
         Study(
-            "principal-point", "principal points told too far right", "px",
-            (0, 0.5, 1, 2, 5, 10, 20, 50), _spoil(centre_px=1),
+            "principal-point", "principal points shifted right", "px",
+            (0, 0.5, 1, 2, 5, 10, 20, 50), _perturb(centre_px=1),
         ),
         Study(
-            "stereo-yaw", "camera 1 told to be turned outwards", "deg",
-            (0, 0.1, 0.2, 0.5, 1, 2, 5), _spoil(stereo_yaw_deg=1),
+            "stereo-yaw", "yaw error of camera 1, outwards", "deg",
+            (0, 0.1, 0.2, 0.5, 1, 2, 5), _perturb(stereo_yaw_deg=1),
         ),
         Study(
-            "stereo-pitch", "camera 1 told to be tilted", "deg",
-            (0, 0.1, 0.2, 0.5, 1, 2), _spoil(stereo_pitch_deg=1),
+            "stereo-pitch", "pitch error of camera 1", "deg",
+            (0, 0.1, 0.2, 0.5, 1, 2), _perturb(stereo_pitch_deg=1),
         ),
         Study(
-            "baseline-error", "baseline told too long", "%",
-            (0, 1, 2, 5, 10, 20, 50), _spoil(baseline_percent=1),
+            "baseline-error", "baseline overestimated", "%",
+            (0, 1, 2, 5, 10, 20, 50), _perturb(baseline_percent=1),
         ),
         Study(
             "event-share", "share of events that is kept", "%",
-            (100, 50, 20, 10, 5, 2, 1), _spoil(keep_events=0.01), logarithmic=True,
+            (100, 50, 20, 10, 5, 2, 1), _perturb(keep_events=0.01), logarithmic=True,
         ),
         Study(
             "window-length", "length of the window", "s",
