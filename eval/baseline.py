@@ -9,11 +9,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from emvs.atomic import atomic_path
 from emvs.errors import InputError
 from eval.gate_series import Key, Measured, Series
+from eval.results import read_json
 
 SCHEMA_VERSION = 1
 _CURE = "write it again with `eventsweep gate --update --reason ...`"
@@ -115,20 +116,4 @@ def read_baseline(path: Path) -> Baseline:
     Raises:
         InputError: no such file, one of another version, or a damaged one.
     """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"baseline {path}: cannot be read ({error.strerror}): {_CURE}") from error
-    except ValueError as error:
-        raise InputError(f"baseline {path}: not complete JSON ({error}): {_CURE}") from error
-    found = content.get("schema_version") if isinstance(content, dict) else None
-    if found != SCHEMA_VERSION:
-        raise InputError(
-            f"baseline {path}: schema version {found}, needs {SCHEMA_VERSION}: {_CURE}"
-        )
-    try:
-        return Baseline.model_validate(content)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"baseline {path}: {where}: {first['msg']}: {_CURE}") from error
+    return read_json(path, Baseline.model_validate, SCHEMA_VERSION, _CURE, f"baseline {path}")

@@ -117,23 +117,23 @@ def _new(series: Series) -> Verdict:
 
 
 def _judge(base: Series, measured: Measured, tolerances: Tolerances, tests: int) -> Verdict:
-    found = measured.series.get(base.key)
-    if found is None:
+    current = measured.series.get(base.key)
+    if current is None:
         return _absent(base, measured)
-    if found.identity != base.identity:
+    if current.identity != base.identity:
         why = "another case, scene or metric than the baseline's"
         return Verdict(base.key, "not comparable", base.unit, why=why)
-    undefined = sorted(seed for seed, value in found.values.items() if not math.isfinite(value))
+    undefined = sorted(seed for seed, value in current.values.items() if not math.isfinite(value))
     if undefined:
         why = f"undefined (NaN) for seed {', '.join(map(str, undefined))}"
         return Verdict(base.key, "failed", base.unit, why=why)
-    lost = sorted(set(measured.seeds) - set(found.values))
+    lost = sorted(set(measured.seeds) - set(current.values))
     if lost and base.metric != SPEED_METRIC:
         why = f"missing for seed {', '.join(map(str, lost))}"
         return Verdict(base.key, "failed", base.unit, why=why)
     if base.metric == SPEED_METRIC:
-        return _judge_speed(base, found, tolerances)
-    before, now, tolerance = _compared(base, found, tolerances, tests)
+        return _judge_speed(base, current, tolerances)
+    before, now, tolerance = _compared(base, current, tolerances, tests)
     return Verdict(
         base.key, _status(base, now - before, tolerance), base.unit, before, now, tolerance
     )
@@ -148,9 +148,9 @@ def _absent(base: Series, measured: Measured) -> Verdict:
     return Verdict(base.key, "gone", base.unit, before, why="missing or undefined (NaN)")
 
 
-def _judge_speed(base: Series, found: Series, tolerances: Tolerances) -> Verdict:
+def _judge_speed(base: Series, current: Series, tolerances: Tolerances) -> Verdict:
     """By a factor, and by the best of all repeats: whatever disturbs only slows down."""
-    before, now = min(base.values.values()), min(found.values.values())
+    before, now = min(base.values.values()), min(current.values.values())
     tolerance = before * (tolerances.speed - 1)
     status: Status = "same"
     if now > before * tolerances.speed:
@@ -161,28 +161,30 @@ def _judge_speed(base: Series, found: Series, tolerances: Tolerances) -> Verdict
 
 
 def _compared(
-    base: Series, found: Series, tolerances: Tolerances, tests: int
+    base: Series, current: Series, tolerances: Tolerances, tests: int
 ) -> tuple[float, float, float]:
     """Means of baseline and result, and by how much they may differ."""
-    common = _common(base, found)
+    common = _common(base, current)
     spread = _spread(base)
     if common:
         before = _mean(base.values[seed] for seed in common)
-        now = _mean(found.values[seed] for seed in common)
+        now = _mean(current.values[seed] for seed in common)
         by_spread = tolerances.paired * spread
     else:
-        before, now = _mean(base.values.values()), _mean(found.values.values())
-        by_spread = spread * _between_means(len(base.values), len(found.values), tests, tolerances)
+        before, now = _mean(base.values.values()), _mean(current.values.values())
+        by_spread = spread * _between_means(
+            len(base.values), len(current.values), tests, tolerances
+        )
     relative = tolerances.relative if len(base.values) > 1 else tolerances.relative_alone
     least = max(tolerances.absolute(base.unit), relative * abs(before))
     return before, now, max(by_spread, least)
 
 
-def _common(base: Series, found: Series | None) -> list[int]:
+def _common(base: Series, current: Series | None) -> list[int]:
     """The result's seeds, if the baseline has every one of them."""
-    if found is None or not set(found.values) <= set(base.values):
+    if current is None or not set(current.values) <= set(base.values):
         return []
-    return sorted(found.values)
+    return sorted(current.values)
 
 
 def _spread(base: Series) -> float:

@@ -56,6 +56,12 @@ class Series(BaseModel):
         """What it is about."""
         return Key(self.case, self.method, self.metric)
 
+    @property
+    def mean(self) -> float:
+        """Over all seeds; NaN where there is none."""
+        values = list(self.values.values())
+        return sum(values) / len(values) if values else math.nan
+
 
 @dataclass(frozen=True)
 class Measured:

@@ -45,8 +45,8 @@ def facts(readable: Readable, counts: Sequence[StreamCount]) -> dict[str, Any]:
         "path": str(readable.path),
         "what": readable.what,
         "streams": [
-            {"name": name, **stream_facts(found)}
-            for (name, _), found in zip(readable.streams, counts, strict=True)
+            {"name": name, **stream_facts(count)}
+            for (name, _), count in zip(readable.streams, counts, strict=True)
         ],
         "recording": None
         if readable.recording is None
@@ -54,26 +54,26 @@ def facts(readable: Readable, counts: Sequence[StreamCount]) -> dict[str, Any]:
     }
 
 
-def stream_facts(found: StreamCount) -> dict[str, Any]:
+def stream_facts(count: StreamCount) -> dict[str, Any]:
     """One stream."""
-    first, last = found.first_us, found.last_us
+    first, last = count.first_us, count.last_us
     duration_s = 0.0 if first is None or last is None else (last - first) * 1e-6
     return {
-        "events": found.events,
-        "brighter": found.brighter,
-        "darker": found.events - found.brighter,
+        "events": count.events,
+        "brighter": count.brighter,
+        "darker": count.events - count.brighter,
         "first_us": first,
         "last_us": last,
         "duration_s": duration_s,
-        "mean_rate_hz": found.events / duration_s if duration_s else None,
-        "peak_rate_hz": found.peak_rate_hz,
-        "sensor_px": found.size_px,
-        "largest_px": [found.largest_x, found.largest_y],
-        "outside_sensor": None if found.size_px is None else found.outside,
-        "backward_steps": found.backwards,
-        "out_of_order": found.backwards_events,
-        "gaps": found.gap_count,
-        "longest_gaps_us": [list(gap) for gap in found.gaps],
+        "mean_rate_hz": count.events / duration_s if duration_s else None,
+        "peak_rate_hz": count.peak_rate_hz,
+        "sensor_px": count.size_px,
+        "largest_px": [count.largest_x, count.largest_y],
+        "outside_sensor": None if count.size_px is None else count.outside,
+        "backward_steps": count.backwards,
+        "out_of_order": count.backwards_events,
+        "gaps": count.gap_count,
+        "longest_gaps_us": [list(gap) for gap in count.gaps],
     }
 
 
@@ -103,12 +103,12 @@ def recording_facts(recording: Recording, counts: Sequence[StreamCount]) -> dict
     }
 
 
-def _covered(found: StreamCount, first_us: int, last_us: int) -> float:
+def _covered(count: StreamCount, first_us: int, last_us: int) -> float:
     """Share of a stream's time span in which there are poses."""
-    if found.first_us is None or found.last_us is None:
+    if count.first_us is None or count.last_us is None:
         return 1.0
-    both = min(found.last_us, last_us) - max(found.first_us, first_us)
-    whole = found.last_us - found.first_us
+    both = min(count.last_us, last_us) - max(count.first_us, first_us)
+    whole = count.last_us - count.first_us
     return float(np.clip(both / whole, 0.0, 1.0)) if whole else float(both >= 0)
 
 
@@ -119,10 +119,10 @@ def _truth_times(recording: Recording) -> int:
     return 0 if times is None else len(times(0))
 
 
-def warnings(found: dict[str, Any]) -> list[str]:
+def warnings(description: dict[str, Any]) -> list[str]:
     """What a reader should know before mapping, one sentence each."""
     said = []
-    for stream in found["streams"]:
+    for stream in description["streams"]:
         name = stream["name"]
         if not stream["events"]:
             said.append(f"{name}: no events")
@@ -134,7 +134,7 @@ def warnings(found: dict[str, Any]) -> list[str]:
             said.append(
                 f"{name}: {stream['outside_sensor']:,} events lie off the sensor: check its size"
             )
-    recording = found["recording"]
+    recording = description["recording"]
     if recording and not recording["poses_cover_events"]:
         least = min(recording["poses_share_of_events_span"])
         said.append(f"poses cover {least:.1%} of the events' time; the rest cannot be mapped")

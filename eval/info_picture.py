@@ -21,17 +21,17 @@ def draw(path: Path, title: str, names: list[str], counts: list[StreamCount]) ->
     figure = Figure(figsize=(12, 0.5 + 2.7 * max(len(shown), 1)), layout="constrained")
     figure.suptitle(title)
     axes = figure.subplots(len(shown), 3, squeeze=False, width_ratios=(1, 1, 1.3))
-    for row, (name, found) in zip(axes, shown, strict=True):
-        _images(figure, row, name, found)
-        _rates(row[2], found)
+    for row, (name, count) in zip(axes, shown, strict=True):
+        _images(figure, row, name, count)
+        _rates(row[2], count)
     with atomic_path(path) as partial:
         figure.savefig(partial, format="png", dpi=110)
 
 
-def _images(figure: Figure, row: Any, name: str, found: StreamCount) -> None:
-    image = found.image()
+def _images(figure: Figure, row: Any, name: str, count: StreamCount) -> None:
+    image = count.image()
     for axis, k, word in zip(row, (1, 0), ("brighter", "darker"), strict=False):
-        guessed = "" if found.size_px else ", up to the largest pixel"
+        guessed = "" if count.size_px else ", up to the largest pixel"
         axis.set_title(f"{name}: {word}{guessed}", fontsize=10)
         if image is None:
             axis.text(
@@ -48,15 +48,15 @@ def _images(figure: Figure, row: Any, name: str, found: StreamCount) -> None:
             figure.colorbar(drawn, ax=axis, label="events per pixel", extend="max")
 
 
-def _rates(axis: Any, found: StreamCount) -> None:
-    starts_us, per_bin = found.rates()
+def _rates(axis: Any, count: StreamCount) -> None:
+    starts_us, per_bin = count.rates()
     axis.set_xlabel("time since the first event, s")
     axis.set_ylabel("rate, kev/s")
     if not len(starts_us):
         return
-    edges_s = np.append(starts_us, starts_us[-1] + found.bin_us) - (found.first_us or 0)
+    edges_s = np.append(starts_us, starts_us[-1] + count.bin_us) - (count.first_us or 0)
     for k, colour, word in ((1, ESTIMATE_COLOUR, "brighter"), (0, TRUTH_COLOUR, "darker")):
-        rate = per_bin[k] / found.bin_us * 1e3
+        rate = per_bin[k] / count.bin_us * 1e3
         dash = "-" if k else (0, (3, 1))
         axis.stairs(rate, edges_s * 1e-6, color=colour, label=word, linestyle=dash)
     axis.set_ylim(bottom=0)

@@ -28,27 +28,29 @@ _ROWS = {
 }
 
 
-def show(found: dict[str, Any], *, as_json: bool) -> None:
+def show(description: dict[str, Any], *, as_json: bool) -> None:
     """Writes the facts to standard output, as tables or as JSON."""
     console = Console(highlight=False)
     if as_json:
-        console.out(json.dumps(found, indent=2, ensure_ascii=False), highlight=False)
+        console.out(json.dumps(description, indent=2, ensure_ascii=False), highlight=False)
         return
-    console.print(f"[bold]{escape(found['path'])}[/]: {escape(found['what'])}", soft_wrap=True)
-    console.print(_streams(found))
-    if found["recording"] is not None:
-        console.print(_recording(found["recording"]))
-    for sentence in warnings(found):
+    console.print(
+        f"[bold]{escape(description['path'])}[/]: {escape(description['what'])}", soft_wrap=True
+    )
+    console.print(_streams(description))
+    if description["recording"] is not None:
+        console.print(_recording(description["recording"]))
+    for sentence in warnings(description):
         console.print(f"note: {sentence}", style="yellow", markup=False, soft_wrap=True)
 
 
-def _streams(found: dict[str, Any]) -> Table:
+def _streams(description: dict[str, Any]) -> Table:
     table = Table(box=None, pad_edge=False)
     table.add_column("")
-    for stream in found["streams"]:
+    for stream in description["streams"]:
         table.add_column(escape(stream["name"]), justify="right")
     for key, title in _ROWS.items():
-        table.add_row(title, *(_cell(key, stream[key]) for stream in found["streams"]))
+        table.add_row(title, *(_cell(key, stream[key]) for stream in description["streams"]))
     return table
 
 

@@ -19,14 +19,14 @@ Kind = Literal["", "better", "worse", "other", "best"]
 class Head:
     """A column's heading; `better` says which end sorts to the top first, `text` that it is text.
 
-    With `told`, the heading says which direction is better, too.
+    With `arrow`, the heading shows which direction is better, too.
     """
 
     title: str
     unit: str = ""
     better: str = "lower"
     text: bool = False
-    told: bool = False
+    arrow: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +108,11 @@ def versions_grid(names: Sequence[str], versions: Sequence[Mapping[str, str]]) -
         kind: Kind = "worse" if len(set(found)) > 1 else ""
         lines.append((GridCell(library), *(GridCell(text, kind=kind) for text in found)))
     return Grid((Head("version of"), *(Head(name) for name in names)), tuple(lines))
+
+
+def plural(count: int, noun: str) -> str:
+    """A count and what is counted: 1 window, 2 windows."""
+    return f"{count} {noun}{'s' * (count != 1)}"
 
 
 @cache

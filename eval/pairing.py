@@ -133,14 +133,14 @@ def pair_methods(estimates: Mapping[str, AnyEstimate], truth: Truth) -> dict[str
 
     A method without a single point is left out of the common support, which it would empty.
     """
-    full = {method: Estimate(*found) for method, found in estimates.items()}
-    filled = [found.mask for found in full.values() if found.mask.any()]
+    full = {method: Estimate(*estimate) for method, estimate in estimates.items()}
+    filled = [estimate.mask for estimate in full.values() if estimate.mask.any()]
     shared = np.logical_and.reduce(filled) if filled else np.zeros(truth.valid.shape, np.bool_)
-    return {method: _method_pairs(found, shared, truth) for method, found in full.items()}
+    return {method: _method_pairs(estimate, shared, truth) for method, estimate in full.items()}
 
 
-def _method_pairs(found: Estimate, shared: MaskImage, truth: Truth) -> MethodPairs:
-    depth_m, mask, confidence, rho = found
+def _method_pairs(estimate: Estimate, shared: MaskImage, truth: Truth) -> MethodPairs:
+    depth_m, mask, confidence, rho = estimate
     regions = {
         name: pair(depth_m, mask, truth, region=region, confidence=confidence, rho=rho)
         for name, region in truth.regions.items()
@@ -152,12 +152,12 @@ def _method_pairs(found: Estimate, shared: MaskImage, truth: Truth) -> MethodPai
     )
 
 
-def bad_pixels(found: AnyEstimate, truth: Truth) -> MaskImage:
+def bad_pixels(estimate: AnyEstimate, truth: Truth) -> MaskImage:
     """(H, W) pixels with an estimate that is off by more than a tenth of the truth."""
-    both = found[1] & truth.scored
+    both = estimate[1] & truth.scored
     bad = np.zeros(both.shape, np.bool_)
     truth_m = truth.depth_m[both].astype(np.float64)
-    error_m = np.abs(found[0][both].astype(np.float64) - truth_m)
+    error_m = np.abs(estimate[0][both].astype(np.float64) - truth_m)
     bad[both] = error_m / truth_m > OUTLIER_RELATIVE_ERROR
     return bad
 

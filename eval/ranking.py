@@ -184,9 +184,14 @@ def shown(value: float, unit: str) -> str:
     if math.isnan(value):
         return "–"
     if unit == "px":
-        return f"{value:,.0f}".replace(",", "\u202f")
+        return thousands(value)
     _, factor = _SHOWN.get(unit, (unit, 1.0))
     return f"{factor * value:.2f}"
+
+
+def thousands(count: float) -> str:
+    """A count with a thin space between thousands, without decimals."""
+    return f"{count:,.0f}".replace(",", "\u202f")
 
 
 def with_unit(row: Row) -> str:

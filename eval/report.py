@@ -10,9 +10,9 @@ from emvs.atomic import atomic_path
 from eval.findings import findings
 from eval.line_styles import line_style
 from eval.overview import overview_png
-from eval.pages import environment, inline
+from eval.pages import environment, inline, plural
 from eval.panels import case_panel
-from eval.ranking import column, mean_over_cases, table
+from eval.ranking import column, mean_over_cases, table, thousands
 from eval.report_load import load_run
 from eval.results import Row
 from eval.score import POOLED
@@ -65,7 +65,7 @@ def _context(data: ReportData) -> dict[str, Any]:
         "configuration": data.configuration,
         "version": data.results.versions.get("eventsweep", ""),
         "colour_of": lambda method: line_style(method).css,
-        "count": lambda value: "–" if value is None else f"{value:,}".replace(",", "\u202f"),
+        "count": lambda value: "–" if value is None else thousands(value),
         "css": inline("report.css"),
         "js": inline("report.js"),
         "viewer_css": inline("viewer.css"),
@@ -76,12 +76,8 @@ def _context(data: ReportData) -> dict[str, Any]:
 def _subtitle(data: ReportData) -> str:
     windows = sum(case.window_count for case in data.cases)
     methods = {method.name for case in data.cases for w in case.windows for method in w.methods}
-    parts = [_plural(len(data.cases), "case"), _plural(windows, "window")]
-    return ", ".join([*parts, _plural(len(methods), "method")]) + "."
-
-
-def _plural(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+    parts = [plural(len(data.cases), "case"), plural(windows, "window")]
+    return ", ".join([*parts, plural(len(methods), "method")]) + "."
 
 
 def _provenance(data: ReportData) -> list[tuple[str, str]]:

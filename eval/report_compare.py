@@ -12,7 +12,7 @@ from eval.comparison import JUDGED, RunComparison, compare_runs, read_runs
 from eval.gate import Status, Verdict
 from eval.gate_series import Key, Series
 from eval.line_styles import line_style
-from eval.pages import Grid, GridCell, Head, Kind, Page, Section, page_text, versions_grid
+from eval.pages import Grid, GridCell, Head, Kind, Page, Section, page_text, plural, versions_grid
 from eval.ranking import RANKING_COLUMNS, column, definition, heading, shown
 from eval.tables import TextCell, TextTable, in_unit, write_tables
 
@@ -35,36 +35,36 @@ def write_comparison(paths: Sequence[Path], out: Path) -> Path:
     Raises:
         InputError: fewer than two results, or one is missing or damaged.
     """
-    found = compare_runs(read_runs(paths))
-    text = page_text(comparison_page(found))
+    comparison = compare_runs(read_runs(paths))
+    text = page_text(comparison_page(comparison))
     with atomic_path(out / HTML_NAME) as path:
         path.write_text(text, encoding="utf-8")
-    write_tables(out / TABLES_FOLDER, comparison_tables(found))
+    write_tables(out / TABLES_FOLDER, comparison_tables(comparison))
     return out / HTML_NAME
 
 
-def comparison_page(found: RunComparison) -> Page:
+def comparison_page(comparison: RunComparison) -> Page:
     """What the page shows: a section per case, in it a table per metric."""
-    names = [run.name for run in found.runs]
-    cases = list(dict.fromkeys(key.case for run in found.runs for key in run.measured.series))
-    sections = [_section(found, case, k) for k, case in enumerate(cases)]
+    names = [run.name for run in comparison.runs]
+    cases = list(dict.fromkeys(key.case for run in comparison.runs for key in run.measured.series))
+    sections = [_section(comparison, case, k) for k, case in enumerate(cases)]
     return Page(
         title=" against ".join((names[0], ", ".join(names[1:]))),
         subtitle=f"{len(names)} results; differences are to {names[0]}.",
-        sections=(*(section for section in sections if section.names), _changes(found)),
-        provenance=versions_grid(names, [run.measured.versions for run in found.runs]),
-        overview=_overview(found),
-        findings=tuple(_sentence(found, k) for k in range(len(found.verdicts))),
+        sections=(*(section for section in sections if section.names), _changes(comparison)),
+        provenance=versions_grid(names, [run.measured.versions for run in comparison.runs]),
+        overview=_overview(comparison),
+        findings=tuple(_sentence(comparison, k) for k in range(len(comparison.verdicts))),
         note=_NOTE,
-        version=found.runs[0].measured.versions.get("eventsweep", ""),
+        version=comparison.runs[0].measured.versions.get("eventsweep", ""),
     )
 
 
-def comparison_tables(found: RunComparison) -> dict[str, TextTable]:
+def comparison_tables(comparison: RunComparison) -> dict[str, TextTable]:
     """One table per case and metric."""
     tables = {}
-    for section in comparison_page(found).sections[:-1]:
-        metrics = metrics_of(found, section.title)
+    for section in comparison_page(comparison).sections[:-1]:
+        metrics = metrics_of(comparison, section.title)
         for metric, name, grid in zip(metrics, section.names, section.tables, strict=True):
             heads = tuple(f"{h.title} [{h.unit}]" if h.unit else h.title for h in grid.heads)
             lines = tuple(
@@ -81,16 +81,18 @@ def _text_cell(cell: GridCell, head: Head) -> TextCell:
     return TextCell(cell.text, value)
 
 
-def metrics_of(found: RunComparison, case: str) -> list[str]:
+def metrics_of(comparison: RunComparison, case: str) -> list[str]:
     """The metrics of a case that people rank by, those of the ranking first."""
-    present = {key.metric for run in found.runs for key in run.measured.series if key.case == case}
+    present = {
+        key.metric for run in comparison.runs for key in run.measured.series if key.case == case
+    }
     return [name for name in RANKING_COLUMNS if name in present]
 
 
-def _changes(found: RunComparison) -> Section:
+def _changes(comparison: RunComparison) -> Section:
     """What differs most, whatever it is, one table per result."""
-    names = tuple(run.name for run in found.runs[1:])
-    grids = tuple(map(_changed, found.verdicts))
+    names = tuple(run.name for run in comparison.runs[1:])
+    grids = tuple(map(_changed, comparison.verdicts))
     text = (
         f"Everything that is not the same, the most telling first, up to {_MOST_CHANGES} lines. "
         "Δ is now less before; up to the tolerance, either way, two numbers are the same."
@@ -111,7 +113,7 @@ def _not_comparable(verdicts: Sequence[Verdict]) -> Iterator[tuple[GridCell, ...
     """One line per case, method and reason: hundreds of lines would say no more."""
     groups = Counter((one.key.case, one.key.method, one.why) for one in verdicts)
     for (case, method, why), count in groups.items():
-        texts = (case, method, f"{count} metric{'s' * (count != 1)}", "–", "–", "–", "–")
+        texts = (case, method, plural(count, "metric"), "–", "–", "–", "–")
         cells = (GridCell(text) for text in texts)
         yield (*cells, GridCell("not comparable", kind="other"), GridCell(why))
 
@@ -128,41 +130,43 @@ def _plain(value: float, unit: str) -> str:
     return "–" if math.isnan(value) else f"{value:.4g} {unit}".rstrip().replace("-", "−")
 
 
-def _section(found: RunComparison, case: str, position: int) -> Section:
-    metrics = metrics_of(found, case)
-    grids = tuple(_grid(found, case, metric) for metric in metrics)
+def _section(comparison: RunComparison, case: str, position: int) -> Section:
+    metrics = metrics_of(comparison, case)
+    grids = tuple(_grid(comparison, case, metric) for metric in metrics)
     titles = tuple(column(metric).title for metric in metrics)
     chosen = metrics.index(_CHOSEN) if _CHOSEN in metrics else 0
     return Section(f"case{position}", case, titles, grids, chosen=chosen)
 
 
-def _grid(found: RunComparison, case: str, metric: str) -> Grid:
+def _grid(comparison: RunComparison, case: str, metric: str) -> Grid:
     head = column(metric)
-    first, *others = (run.name for run in found.runs)
-    heads = [Head("method"), Head(first, head.unit, head.better, told=True)]
+    first, *others = (run.name for run in comparison.runs)
+    heads = [Head("method"), Head(first, head.unit, head.better, arrow=True)]
     for name in others:
-        heads.append(Head(name, head.unit, head.better, told=True))
+        heads.append(Head(name, head.unit, head.better, arrow=True))
         heads += [Head("Δ", head.unit), Head("Δ", "%")]
         heads.append(Head(_VERDICT, text=True))
     keys = dict.fromkeys(
-        key for run in found.runs for key in run.measured.series
+        key for run in comparison.runs for key in run.measured.series
         if (key.case, key.metric) == (case, metric)
     )  # fmt: skip
-    return Grid(tuple(heads), tuple(_line(found, key) for key in keys), _about(found, metric))
+    return Grid(
+        tuple(heads), tuple(_line(comparison, key) for key in keys), _about(comparison, metric)
+    )
 
 
-def _about(found: RunComparison, metric: str) -> str:
+def _about(comparison: RunComparison, metric: str) -> str:
     """What the numbers of a table are, and of how many seeds."""
-    counts = {len(run.measured.seeds) for run in found.runs}
+    counts = {len(run.measured.seeds) for run in comparison.runs}
     seeds = " or ".join(map(str, sorted(counts)))
     return f"{definition(metric)} Means over {seeds} seed{'s' * (counts != {1})}."
 
 
-def _line(found: RunComparison, key: Key) -> tuple[GridCell, ...]:
+def _line(comparison: RunComparison, key: Key) -> tuple[GridCell, ...]:
     colour = line_style(key.method).css
-    first, *others = (run.measured.series.get(key) for run in found.runs)
+    first, *others = (run.measured.series.get(key) for run in comparison.runs)
     cells = [GridCell(key.method, colour=colour), _value(first)]
-    for verdicts, series in zip(found.verdicts, others, strict=True):
+    for verdicts, series in zip(comparison.verdicts, others, strict=True):
         cells += [_value(series), *_difference(verdicts.get(key), first, series)]
     return tuple(cells)
 
@@ -170,7 +174,7 @@ def _line(found: RunComparison, key: Key) -> tuple[GridCell, ...]:
 def _value(series: Series | None) -> GridCell:
     if series is None:
         return GridCell("–")
-    mean = _mean(series)
+    mean = series.mean
     return GridCell(shown(mean, series.unit), mean)
 
 
@@ -193,12 +197,12 @@ def _difference(
     )
 
 
-def _overview(found: RunComparison) -> Grid:
+def _overview(comparison: RunComparison) -> Grid:
     statuses: tuple[Status, ...] = (
         "better", "same", "worse", "not comparable", "new", "gone", "failed",
     )  # fmt: skip
     lines = []
-    for run, verdicts in zip(found.runs[1:], found.verdicts, strict=True):
+    for run, verdicts in zip(comparison.runs[1:], comparison.verdicts, strict=True):
         counts = (sum(one.status == status for one in verdicts.values()) for status in statuses)
         cells = (GridCell(str(count), float(count)) for count in counts)
         lines.append((GridCell(run.name), *cells))
@@ -207,15 +211,10 @@ def _overview(found: RunComparison) -> Grid:
     )
 
 
-def _sentence(found: RunComparison, position: int) -> str:
-    run, verdicts = found.runs[position + 1], found.verdicts[position].values()
+def _sentence(comparison: RunComparison, position: int) -> str:
+    run, verdicts = comparison.runs[position + 1], comparison.verdicts[position].values()
     reasons = {one.why for one in verdicts if one.status == "not comparable"}
     counts = {s: sum(one.status == s for one in verdicts) for s in ("better", "worse", "same")}
     words = ", ".join(f"{count} {status}" for status, count in counts.items() if count)
-    text = f"{run.name} against {found.runs[0].name}: {words or 'nothing is comparable'}"
+    text = f"{run.name} against {comparison.runs[0].name}: {words or 'nothing is comparable'}"
     return text + (f"; not comparable: {'; '.join(sorted(reasons))}." if reasons else ".")
-
-
-def _mean(series: Series) -> float:
-    values = list(series.values.values())
-    return sum(values) / len(values) if values else math.nan

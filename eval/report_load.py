@@ -19,6 +19,7 @@ from emvs.result import Slices
 from eval.config import EvalConfig
 from eval.folders import CONFIG_FILE, Scored, find_maps, has_truth, recording_of, truth_of
 from eval.plots import DsiSlice
+from eval.ranking import thousands
 from eval.results import JSON_NAME, Results, read_results
 from eval.score import Truth
 from eval.views import CaseView, MethodView, ReportData, WindowView
@@ -99,7 +100,7 @@ def _window(
     return WindowView(
         name=window.info.name,
         t_us=t_us,
-        methods=tuple(_method(found, window.slices, truth) for found in maps),
+        methods=tuple(_method(depth_map, window.slices, truth) for depth_map in maps),
         depth_range_m=(float(1 / rho.max()), float(1 / rho.min())),
         frame=None if recording is None else recording.frame(0, t_us),
         brighter=brighter,
@@ -132,20 +133,22 @@ def _events(window: StoredWindow, recording: Recording | None) -> tuple[NDArray[
     return few, f"camera 0, {2 * half_us / 1000:.1f} ms"
 
 
-def _method(found: DepthMap, slices: Slices, truth: Truth | None) -> MethodView:
+def _method(depth_map: DepthMap, slices: Slices, truth: Truth | None) -> MethodView:
     row_px = slices.row_px
-    if not len(slices.values[found.method]):  # a method without a volume
-        return MethodView(found.method, found.depth_m, found.mask, found.confidence)
+    if not len(slices.values[depth_map.method]):  # a method without a volume
+        return MethodView(depth_map.method, depth_map.depth_m, depth_map.mask, depth_map.confidence)
     piece = DsiSlice(
         row_px,
         slices.rho,
-        slices.values[found.method],
-        found.depth_m[row_px],
-        found.mask[row_px],
+        slices.values[depth_map.method],
+        depth_map.depth_m[row_px],
+        depth_map.mask[row_px],
     )
     if truth is not None:
         piece = replace(piece, truth_m=_truth_row(truth, row_px))
-    return MethodView(found.method, found.depth_m, found.mask, found.confidence, piece)
+    return MethodView(
+        depth_map.method, depth_map.depth_m, depth_map.mask, depth_map.confidence, piece
+    )
 
 
 def _truth_row(truth: Truth, row_px: int) -> NDArray[np.floating]:
@@ -174,12 +177,8 @@ def _facts(stored: StoredMap, recording: Recording | None) -> list[tuple[str, st
     if isinstance(recording, Sequence):
         facts.append(("renderer", recording.manifest.renderer))
         counts = zip(recording.rig.camera_names, recording.manifest.event_counts, strict=True)
-        facts.append(("events", ", ".join(f"{_thin(n)} {camera}" for camera, n in counts)))
+        facts.append(("events", ", ".join(f"{thousands(n)} {camera}" for camera, n in counts)))
     span_s = (window.info.t1_us - window.info.t0_us) / 1e6
     reference_s = (window.info.t_ref_us - window.info.t0_us) / 1e6
     when = f"{span_s:.3f} s, reference view {reference_s:.3f} s after its begin"
     return [*facts, ("window", when), ("planes", str(config.planes))]
-
-
-def _thin(count: int) -> str:
-    return f"{count:,}".replace(",", "\u202f")

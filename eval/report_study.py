@@ -6,16 +6,15 @@ import base64
 import json
 import math
 from pathlib import Path
-from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from emvs.atomic import atomic_path
 from emvs.errors import InputError
 from eval.line_styles import line_style
-from eval.pages import Grid, GridCell, Head, Page, Section, page_text, versions_grid
+from eval.pages import Grid, GridCell, Head, Page, Section, page_text, plural, versions_grid
 from eval.ranking import column, definition, shown
-from eval.results import Value
+from eval.results import Value, read_json
 from eval.studies.curves import BREAKS_AT
 
 HTML_NAME = "report.html"
@@ -70,24 +69,14 @@ def read_study(path: Path) -> StoredStudy:
     Raises:
         InputError: it is missing or malformed.
     """
-    try:
-        content: Any = json.loads(path.read_text(encoding="utf-8"))
-        found = StoredStudy.model_validate(content)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"{path}: {where}: {first['msg']}; run the study again") from error
-    except ValueError as error:
-        raise InputError(f"{path}: not complete JSON ({error}); run the study again") from error
-    wrong = next((c for c in found.curves if len(c.mean) != len(found.amounts)), None)
+    study = read_json(path, StoredStudy.model_validate, None, "run the study again")
+    wrong = next((c for c in study.curves if len(c.mean) != len(study.amounts)), None)
     if wrong is not None:
         raise InputError(
             f"{path}: {wrong.method} {wrong.metric} has {len(wrong.mean)} values for "
-            f"{len(found.amounts)} amounts; run the study again"
+            f"{len(study.amounts)} amounts; run the study again"
         )
-    return found
+    return study
 
 
 def write_study_report(folder: Path) -> Path:
@@ -152,7 +141,7 @@ def _breaking(study: StoredStudy, method: str) -> GridCell:
 
 def _section(study: StoredStudy, figure: str, position: int) -> Section:
     metrics = list(dict.fromkeys(curve.metric for curve in study.curves))
-    seeds = f"{len(study.seeds)} seed{'s' * (len(study.seeds) != 1)}"
+    seeds = plural(len(study.seeds), "seed")
     return Section(
         id=f"study{position}",
         title=study.study,
@@ -170,7 +159,7 @@ def _grid(study: StoredStudy, metric: str) -> Grid:
     head = column(metric)
     heads = (
         Head("method"),
-        *(Head(f"{a:g} {study.unit}", head.unit, head.better, told=True) for a in study.amounts),
+        *(Head(f"{a:g} {study.unit}", head.unit, head.better, arrow=True) for a in study.amounts),
     )
     curves = [curve for curve in study.curves if curve.metric == metric]
     about = f"{definition(metric)} One column per amount."

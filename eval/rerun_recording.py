@@ -93,16 +93,16 @@ class _Log:
 def _log_window(log: _Log, stored: StoredMap, window: StoredWindow) -> None:
     log.stream.set_time(TIMELINE, duration=1e-6 * window.info.t_ref_us)
     for number, method in enumerate(window.info.methods):
-        found = window.depth_map(method)
+        depth_map = window.depth_map(method)
         if number == 0:
-            _log_view(log, stored, found)
-        log.depth(f"camera/depth/{file_name(method)}", found.depth_m, found.mask)
-        _log_cloud(log, stored, found)
+            _log_view(log, stored, depth_map)
+        log.depth(f"camera/depth/{file_name(method)}", depth_map.depth_m, depth_map.mask)
+        _log_cloud(log, stored, depth_map)
 
 
-def _log_view(log: _Log, stored: StoredMap, found: DepthMap) -> None:
+def _log_view(log: _Log, stored: StoredMap, depth_map: DepthMap) -> None:
     """The reference view, and what a camera would see and measure there."""
-    camera, place = found.camera, found.T_world_rv
+    camera, place = depth_map.camera, depth_map.T_world_rv
     log(
         "camera",
         log.viewer.Transform3D(translation=place[:3, 3], mat3x3=place[:3, :3]),
@@ -115,21 +115,21 @@ def _log_view(log: _Log, stored: StoredMap, found: DepthMap) -> None:
     # Frames and ground truth are camera 0's: they say nothing of a view of its own.
     if recording is None or not stored.info.config.is_camera_0_view:
         return
-    frame = recording.frame(0, found.t_us)
+    frame = recording.frame(0, depth_map.t_us)
     if frame is not None:
         seen = on_view(frame, recording.rig.cameras[0])
         log("camera/frame", log.viewer.Image(seen, color_model="L"))
-    if isinstance(recording, Scored) and has_truth(recording, found.t_us, EvalConfig()):
-        truth = truth_of(recording, found.t_us, EvalConfig())
+    if isinstance(recording, Scored) and has_truth(recording, depth_map.t_us, EvalConfig()):
+        truth = truth_of(recording, depth_map.t_us, EvalConfig())
         log.depth("camera/true_depth", truth.depth_m, truth.scored)
 
 
-def _log_cloud(log: _Log, stored: StoredMap, found: DepthMap) -> None:
+def _log_cloud(log: _Log, stored: StoredMap, depth_map: DepthMap) -> None:
     config = stored.info.config
-    cloud = without_outliers(back_project_map(found), config.radius_m, config.radius_neighbours)
+    cloud = without_outliers(back_project_map(depth_map), config.radius_m, config.radius_neighbours)
     radius = log.viewer.Radius.ui_points(_POINT_PX / 2)
     points = log.viewer.Points3D(cloud.points_world, colors=cloud.colours, radii=radius)
-    log(f"cloud/{file_name(found.method)}", points)
+    log(f"cloud/{file_name(depth_map.method)}", points)
 
 
 def _recording(stored: StoredMap) -> Recording | None:

@@ -7,10 +7,10 @@ import json
 import math
 import os
 import platform
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import astuple, dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import BeforeValidator, ConfigDict, PlainSerializer, TypeAdapter, ValidationError
 
@@ -21,6 +21,8 @@ from emvs.versions import versions
 SCHEMA_VERSION = 1
 JSON_NAME = "results.json"
 CSV_NAME = "results.csv"
+
+Read = TypeVar("Read")
 
 # JSON has no NaN: an undefined number travels as null.
 Value = Annotated[
@@ -116,26 +118,47 @@ def read_results(path: Path) -> Results:
     file = path / JSON_NAME if path.is_dir() else path
     if not file.is_file():
         raise InputError(f"{file}: no such file; `eventsweep run` and `eventsweep score` write it")
+    return read_json(file, _RESULTS.validate_python, SCHEMA_VERSION, "score the run again")
+
+
+def read_json(
+    file: Path, validate: Callable[[Any], Read], version: int | None, cure: str, name: str = ""
+) -> Read:
+    """Reads a JSON file that this program wrote.
+
+    Args:
+        file: its path.
+        validate: makes the result of the file's content; raises pydantic's error where it cannot.
+        version: the `schema_version` that it must have; None where it has none.
+        cure: what to do where the file cannot be used, in words.
+        name: how errors call the file, if not by its path.
+
+    Raises:
+        InputError: the file is missing, truncated, of another schema version or malformed.
+    """
+    name = name or str(file)
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{name}: cannot be read ({error.strerror}); {cure}") from error
     except ValueError as error:
-        raise InputError(f"{file}: not complete JSON ({error}); score the run again") from error
-    _check_schema(file, content)
+        raise InputError(f"{name}: not complete JSON ({error}); {cure}") from error
+    if version is not None:
+        _check_version(name, content, version, cure)
     try:
-        return _RESULTS.validate_python(content)
+        return validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        message = f"{file}: {where}: {first['msg']}; score the run again"
-        raise InputError(message) from error
+        fault = error.errors()[0]
+        place = ".".join(str(part) for part in fault["loc"])
+        raise InputError(f"{name}: {place}: {fault['msg']}; {cure}") from error
 
 
-def _check_schema(file: Path, content: object) -> None:
-    found = content.get("schema_version") if isinstance(content, dict) else None
-    if found != SCHEMA_VERSION:
+def _check_version(name: str, content: object, version: int, cure: str) -> None:
+    stored = content.get("schema_version") if isinstance(content, dict) else None
+    if stored != version:
         raise InputError(
-            f"{file}: schema version {found}, but this program reads {SCHEMA_VERSION}; "
-            "score the run again with this version"
+            f"{name}: schema version {stored}, but this program reads {version}; {cure} with this "
+            "version"
         )
 
 
@@ -156,8 +179,9 @@ def _write_csv(path: Path, rows: Sequence[Row]) -> None:
         writer.writerow(column.name for column in fields(Row))
         for row in rows:
             cells = astuple(row)
-            writer.writerow("" if _undefined(cell) else cell for cell in cells)
+            writer.writerow("" if is_undefined(cell) else cell for cell in cells)
 
 
-def _undefined(cell: object) -> bool:
+def is_undefined(cell: object) -> bool:
+    """Whether a table shows nothing there."""
     return cell is None or (isinstance(cell, float) and not math.isfinite(cell))

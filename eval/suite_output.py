@@ -112,8 +112,7 @@ def _table(case: str, series: Iterable[Series], seeds: Sequence[int]) -> Table:
 
 
 def _mean_and_spread(one: Series) -> str:
-    values = list(one.values.values())
-    mean = sum(values) / len(values)
+    values, mean = list(one.values.values()), one.mean
     if math.isnan(mean):
         return "–"
     text = f"{mean:.0f}" if one.metric == "points" else f"{mean:.3f}"

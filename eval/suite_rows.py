@@ -7,12 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, TypeAdapter
 
 from emvs.atomic import atomic_path
-from emvs.errors import InputError
 from emvs.versions import versions
-from eval.results import Row, platform_name
+from eval.results import Row, platform_name, read_json
 
 SCHEMA_VERSION = 1
 FILE_NAME = "suite.json"
@@ -156,22 +155,4 @@ def read_suite(path: Path) -> SuiteResult:
         InputError: the file is missing, truncated, of another schema version or malformed.
     """
     file = path / FILE_NAME if path.is_dir() else path
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        message = f"{file}: cannot be read ({error.strerror}); `eventsweep suite` writes it"
-        raise InputError(message) from error
-    except ValueError as error:
-        raise InputError(f"{file}: not complete JSON ({error}); run the suite again") from error
-    found = content.get("schema_version") if isinstance(content, dict) else None
-    if found != SCHEMA_VERSION:
-        raise InputError(
-            f"{file}: schema version {found}, but this program reads {SCHEMA_VERSION}; "
-            "run the suite again with this version"
-        )
-    try:
-        return _RESULT.validate_python(content)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"{file}: {where}: {first['msg']}; run the suite again") from error
+    return read_json(file, _RESULT.validate_python, SCHEMA_VERSION, "run the suite again")

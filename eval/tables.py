@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
 from emvs.atomic import atomic_path
 from eval.ranking import RankingTable
+from eval.results import is_undefined
 
 FORMATS = ("csv", "tex", "md")
 _TEX = {
@@ -47,14 +47,14 @@ class TextTable:
     lines: tuple[tuple[TextCell, ...], ...]
 
 
-def ranking_table(found: RankingTable, caption: str) -> TextTable:
+def ranking_table(ranking: RankingTable, caption: str) -> TextTable:
     """A ranking as text: units and directions in the headings, the best bold."""
-    heads = ("method", *(_heading(c.title, c.unit, c.better) for c in found.columns))
+    heads = ("method", *(_heading(c.title, c.unit, c.better) for c in ranking.columns))
     lines = []
-    for line in found.lines:
+    for line in ranking.lines:
         cells = (
             TextCell(cell.text, in_unit(cell.value, head.unit), cell.best)
-            for cell, head in zip(line.cells, found.columns, strict=True)
+            for cell, head in zip(line.cells, ranking.columns, strict=True)
         )
         lines.append((TextCell(line.method, line.method), *cells))
     return TextTable(caption, heads, tuple(lines))
@@ -93,7 +93,7 @@ def as_csv(table: TextTable) -> str:
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(table.columns)
     for line in table.lines:
-        writer.writerow("" if _undefined(cell.value) else cell.value for cell in line)
+        writer.writerow("" if is_undefined(cell.value) else cell.value for cell in line)
     return stream.getvalue()
 
 
@@ -133,7 +133,3 @@ def _tex_cell(cell: TextCell) -> str:
 
 def _tex(text: str) -> str:
     return "".join(_TEX.get(letter, letter) for letter in " ".join(text.split("\n")))
-
-
-def _undefined(value: float | str) -> bool:
-    return isinstance(value, float) and not math.isfinite(value)

@@ -44,8 +44,8 @@ def window_pairs(
         truth = replace(truth, regions=region_masks(sequence, t_us, truth.depth_m, config))
     maps = {method: window.depth_map(method) for method in window.info.methods}
     estimates = {
-        method: Estimate(found.depth_m, found.mask, found.confidence, found.rho)
-        for method, found in maps.items()
+        method: Estimate(depth_map.depth_m, depth_map.mask, depth_map.confidence, depth_map.rho)
+        for method, depth_map in maps.items()
     }
     estimates |= predictions
     pairs = pair_methods(estimates, truth)
@@ -54,15 +54,15 @@ def window_pairs(
     evidence = _evidence(sequence, window, next(iter(maps.values())), truth, config)
     return {
         method: replace(
-            found,
+            compared,
             causes=evidence.causes(estimates[method].depth_m, bad_pixels(estimates[method], truth)),
         )
-        for method, found in pairs.items()
+        for method, compared in pairs.items()
     }
 
 
 def _evidence(
-    sequence: Sequence, window: StoredWindow, found: DepthMap, truth: Truth, config: EvalConfig
+    sequence: Sequence, window: StoredWindow, depth_map: DepthMap, truth: Truth, config: EvalConfig
 ) -> Evidence:
     info = window.info
     counts = (
@@ -74,7 +74,7 @@ def _evidence(
         t_us=info.t_ref_us,
         counts=tuple(counts),
         truth_m=truth.depth_m,
-        range_m=(1 / float(found.rho.max()), 1 / float(found.rho.min())),
+        range_m=(1 / float(depth_map.rho.max()), 1 / float(depth_map.rho.min())),
         masks=truth.regions,
         contrast=config.edge_contrast,
     )

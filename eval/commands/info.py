@@ -29,11 +29,11 @@ def info(
         refuse_existing(picture, force=common.force)
     console = common.console()
     readable, counts = inspect(path, console.progress)
-    found = facts(readable, counts)
+    description = facts(readable, counts)
     if not common.quiet:
         from eval.info_print import show
 
-        show(found, as_json=common.json)
+        show(description, as_json=common.json)
     if picture is not None:
         from eval.info_picture import draw
 
