@@ -26,8 +26,8 @@ def facts(stored: StoredMap) -> dict[str, Any]:
         ],
         "skipped": [window.model_dump(mode="json") for window in info.skipped],
         "hot_pixels": {
-            camera: {"pixels": len(found.pixels), "events": found.events}
-            for camera, found in info.hot_pixels.items()
+            camera: {"pixels": len(hot.pixels), "events": hot.events}
+            for camera, hot in info.hot_pixels.items()
         },
         "without_pose": info.without_pose,
         "complete": info.complete,
@@ -44,8 +44,8 @@ def tables(stored: StoredMap) -> Iterator[Table | str]:
         title += f", summed over {len(windows)} windows"
     yield _counts(title, counts)
     yield _points(points)
-    for camera, found in info.hot_pixels.items():
-        yield f"{camera}: {len(found.pixels)} hot pixels dropped, with {found.events:,} events"
+    for camera, hot in info.hot_pixels.items():
+        yield f"{camera}: {len(hot.pixels)} hot pixels dropped, with {hot.events:,} events"
     for camera, events in info.without_pose.items():
         if events:
             yield f"{camera}: {events:,} events before the first or after the last pose left out"
@@ -92,7 +92,7 @@ def _points(windows: Sequence[Mapping[str, int]]) -> Table:
     for name in ("fewest", "median", "most"):
         table.add_column(f"{name} pixels\nwith depth", justify="right")
     for name in windows[0]:
-        found = sorted(points[name] for points in windows)
-        shown = (found[0], found[len(found) // 2], found[-1])
+        counts = sorted(points[name] for points in windows)
+        shown = (counts[0], counts[len(counts) // 2], counts[-1])
         table.add_row(name, *(f"{count:,}" for count in shown))
     return table
