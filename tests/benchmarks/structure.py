@@ -82,8 +82,8 @@ def measure(root: Path) -> dict[str, Any]:
             folder: _lines_below(root / folder) for folder in ("tests/benchmarks", "docs")
         },
         "mapper_modules": len(reachable(graph, "emvs.mapper")) if "emvs.mapper" in graph else 0,
-        "chains": {name: longest_chain(within(graph, name)) for name in ("emvs", "sim", "eval")}
-        | {"all": longest_chain(graph)},
+        "chains": chains(graph),
+        "part_chains": chains(parts),
         "emvs_floors_whole_circles": max(
             floors(within(graph, "emvs"), whole_circles=True).values(), default=0
         ),
@@ -94,6 +94,12 @@ def measure(root: Path) -> dict[str, Any]:
         "classes_defined_twice": classes_defined_twice(modules),
         "additions": {what: named_in(root, modules, word) for what, word in ADDITIONS.items()},
     }
+
+
+def chains(graph: Graph) -> dict[str, list[str]]:
+    """One longest chain in each package, and in all; the scenes hardly import each other."""
+    inside = {name: longest_chain(within(graph, name)) for name in ("emvs", "sim", "eval")}
+    return inside | {"all": longest_chain(graph)}
 
 
 def _inside(modules: dict[str, Module], package: str) -> list[Module]:
@@ -183,9 +189,13 @@ def rows(found: dict[str, Any]) -> dict[str, str]:
             for folder, lines in found["tool_lines"].items()
         },
         "modules that the mapper imports": str(found["mapper_modules"]),
-        **{f"floors, {name}": str(len(chain)) for name, chain in found["chains"].items()},
+        **{f"floors, {name}": str(len(one)) for name, one in found["chains"].items()},
         "floors, emvs, every module of a circle counted": str(found["emvs_floors_whole_circles"]),
         "circles of modules (modules in each)": _circle_sizes(found["circles"]),
+        **{
+            f"floors of subpackages, {name}": str(len(one))
+            for name, one in found["part_chains"].items()
+        },
         "subpackages": str(found["subpackages"]),
         "circles of subpackages (parts in each)": _circle_sizes(found["subpackage_circles"]),
         "subpackages form a DAG": "no" if found["subpackage_circles"] else "yes",
@@ -228,6 +238,7 @@ def folder_table(found: dict[str, Any]) -> str:
 def details(found: dict[str, Any]) -> str:
     """What stands behind the counts: chains, circles, small modules, classes, files."""
     parts = [f"Longest chain, {k}: {' -> '.join(v)}" for k, v in found["chains"].items()]
+    parts += [f"Subpackages, {k}: {' -> '.join(v)}" for k, v in found["part_chains"].items()]
     parts += [f"Circle: {', '.join(one)}" for one in found["circles"]]
     parts += [f"Circle of subpackages: {', '.join(one)}" for one in found["subpackage_circles"]]
     small = found["small_with_one_importer"].items()
