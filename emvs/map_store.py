@@ -57,10 +57,6 @@ class MapStore:
         with atomic_dir(self.path / name, force=True) as folder:
             yield folder
 
-    def write_entry(self, folder: Path, info: WindowInfo) -> None:
-        """Writes a window's entry of `map.json` into its folder: the last file of a window."""
-        (folder / _ENTRY).write_text(_text(info.model_dump(mode="json")), encoding="utf-8")
-
     def write_index(self, head: MapInfo, names: Iterable[str]) -> None:
         """Writes `map.json` anew from the windows' entries, one at a time.
 
@@ -157,6 +153,11 @@ def _differences(found: MapInfo, wanted: MapInfo) -> Iterator[str]:
 
 def _hashes(info: MapInfo) -> tuple[str | None, str | None]:
     return info.recording.manifest_sha256, info.recording_sha256
+
+
+def write_entry(path: Path, info: WindowInfo) -> None:
+    """Writes a window's entry of `map.json` into a folder: the last file of a window."""
+    (path / _ENTRY).write_text(_text(info.model_dump(mode="json")), encoding="utf-8")
 
 
 def read_entry(path: Path) -> WindowInfo:

@@ -7,7 +7,7 @@ import shutil
 from pathlib import Path
 
 from emvs.config import MapperConfig
-from emvs.data.recording import Recording
+from emvs.data.recording import DerivedRecording, Recording
 from emvs.errors import InputError
 from emvs.view import ReferenceView
 from emvs.window import Window, time_steps
@@ -48,7 +48,7 @@ def check_window_fits(recording: Recording, window: Window) -> None:
     Raises:
         InputError: what is needed, what there is, and what to lower.
     """
-    known = getattr(recording, "event_count", None)
+    known = getattr(_stored(recording), "event_count", None)
     cameras = range(len(recording.rig))
     available = available_bytes()
     if known is not None and _EVENT_BYTES * sum(map(known, cameras)) <= available:
@@ -58,6 +58,13 @@ def check_window_fits(recording: Recording, window: Window) -> None:
         events += sum(len(recording.events(camera, t0_us, t1_us)) for camera in cameras)
         what = f"a window of {(window.t1_us - window.t0_us) / 1e6:g} s with {events} events or more"
         need_memory(_EVENT_BYTES * events, what, "choose a shorter one")
+
+
+def _stored(recording: Recording) -> Recording:
+    """The recording that another was made from: it has all of its events, and maybe more."""
+    while isinstance(recording, DerivedRecording):
+        recording = recording.recording
+    return recording
 
 
 def need_memory(needed: int, what: str, cure: str) -> None:

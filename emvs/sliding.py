@@ -1,8 +1,13 @@
-"""Maps a whole recording in sliding windows: constant memory, results as they come, resumable."""
+"""Maps a recording into a map folder: one window, or a whole recording in sliding windows.
+
+Every window goes the same way: it is checked, mapped and written (`map_into`). A single one appears
+with its folder, whole or not at all; sliding windows take constant memory, appear one by one, and a
+run that was stopped goes on where it was.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -11,6 +16,7 @@ import numpy as np
 from emvs import device as devices
 from emvs import fusion
 from emvs.ahead import ReadAhead
+from emvs.atomic import atomic_dir, refuse_existing
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.data.rig import Rig
@@ -23,18 +29,28 @@ from emvs.map_info import (
     MapInfo,
     RecordingInfo,
     SkippedWindow,
+    WindowInfo,
     read_info,
 )
-from emvs.map_store import MapStore, identity, open_store, read_entry
+from emvs.map_store import MapStore, identity, open_store, read_entry, write_entry
 from emvs.mapper import check_request, map_window
 from emvs.memory import check_view_fits, check_window_fits
-from emvs.output import write_window
+from emvs.output import write_index, write_window
 from emvs.pose_gaps import check_poses
 from emvs.progress import Progress, silent
 from emvs.versions import versions
 from emvs.view import reference_view
-from emvs.window import Window
+from emvs.window import Window, choose_window
 from emvs.windows import Plan, plan_windows
+
+Hot = tuple[HotPixels, ...] | None
+"""The hot pixels of every camera; None where the filter is off."""
+
+_SINGLE = "w000"
+
+
+def _leave(folder: Path) -> None:
+    """Adds nothing to a map folder."""
 
 
 def map_windows(
@@ -46,30 +62,112 @@ def map_windows(
     *,
     force: bool = False,
     clouds: bool = True,
+    finish: Callable[[Path], None] = _leave,
 ) -> MapInfo:
-    """Maps a recording window by window into a map folder.
+    """Maps a recording into a map folder: one window, or sliding windows.
 
-    Every window is on disk, whole, before the next one begins. A run that was stopped at any moment
-    goes on where it was when called again with the same arguments, and ends with the same bytes. A
-    window that cannot be mapped is left out and named in `skipped`.
+    The folder of one window appears whole or not at all. Of sliding windows every one is on disk,
+    whole, before the next one begins. A run that was stopped at any moment goes on where it was
+    when called again with the same arguments, and ends with the same bytes. A sliding window that
+    cannot be mapped is left out and named in `skipped`.
 
     Args:
         recording: events, poses and calibration.
-        out: the map folder: new, or of the same run.
-        config: `window_s` or `window_events`, and everything else.
+        out: the map folder: new, or, with sliding windows, of the same run.
+        config: `window_s` or `window_events` for sliding windows, and everything else.
         about: what `map.json` says of the recording.
-        progress: told `count`, `hot pixels`, then `windows` done and all, with the stages of
-            `map_window` in between.
-        force: whether what `out` holds is removed first.
+        progress: told `count`, `hot pixels`, then, with sliding windows, `windows` done and all,
+            with the stages of `map_window` and `write` in between.
+        force: whether what `out` holds is replaced.
         clouds: whether to write each window's `cloud.ply`.
+        finish: adds to the folder that holds all windows, such as a report; that of one window has
+            not taken its place yet.
 
     Returns:
         What `map.json` says in the end.
 
     Raises:
-        InputError: settings that suit no window, an output of another run, or no window that could
-            be mapped; the reasons are in `map.json`.
+        InputError: settings that suit no window, an output that exists or is of another run, or no
+            window that could be mapped; of sliding windows the reasons are in `map.json`.
     """
+    if config.slides:
+        _map_sliding(recording, out, config, about, progress, force=force, clouds=clouds)
+        finish(out)
+        return read_info(out)
+    refuse_existing(out, force=force)
+    window, hot = one_window(recording, config, out, progress)
+    with atomic_dir(out, force=force) as folder:
+        kept, place = without(recording, hot), folder / _SINGLE
+        info = map_into(place, kept, config, window, progress, clouds=clouds)
+        write_index(folder, about, config, [info], described(recording.rig, hot))
+        finish(folder)
+    return read_info(out)
+
+
+def one_window(
+    recording: Recording, config: MapperConfig, out: Path, progress: Progress = silent
+) -> tuple[Window, Hot]:
+    """Chooses and checks the one window that settings without sliding windows ask for.
+
+    Args:
+        recording: events, poses and calibration.
+        config: the settings.
+        out: where its maps will lie; need not exist.
+        progress: told `hot pixels`.
+
+    Returns:
+        The window, and the hot pixels in it.
+
+    Raises:
+        InputError: what `check_settings`, `choose_window` and `check_window_fits` refuse.
+    """
+    check_settings(recording, config, out)
+    window = choose_window(recording, config)
+    check_window_fits(recording, window)
+    return window, find_hot(recording, config, window.t0_us, window.t1_us, progress)
+
+
+def map_into(
+    folder: Path,
+    recording: Recording,
+    config: MapperConfig,
+    window: Window,
+    progress: Progress = silent,
+    *,
+    device: Device | None = None,
+    clouds: bool = True,
+    name: str | None = None,
+) -> WindowInfo:
+    """Maps a window that was checked, and writes its folder.
+
+    Args:
+        folder: such as `MAP/w000`, in a folder that the caller writes atomically.
+        recording: without its hot pixels, if they are to be left out.
+        config: planes, methods, thresholds.
+        window: which events.
+        progress: told the stages of `map_window`, then `write`.
+        device: what computes; by default what the configuration says.
+        clouds: whether to write `cloud.ply`.
+        name: of the window, where its folder has another one for now.
+
+    Returns:
+        The window's entry of `map.json`.
+
+    Raises:
+        InputError: as `map_window`.
+    """
+    result = map_window(
+        recording, config, progress, window=window, dsi_dir=folder / "dsi", device=device
+    )
+    progress("write", 0, 1)
+    names = recording.rig.camera_names
+    return write_window(folder, result, config, names, clouds=clouds, name=name)
+
+
+def _map_sliding(
+    recording: Recording, out: Path, config: MapperConfig, about: RecordingInfo,
+    progress: Progress, *, force: bool, clouds: bool,
+) -> None:  # fmt: skip
     methods = fusion.methods(config.methods, len(recording.rig), reference=config.is_reference)
     device = devices.for_methods(config.device, methods)
     head = MapInfo(
@@ -98,11 +196,10 @@ def map_windows(
         raise InputError(
             f"none of {len(plan)} windows could be mapped; {skipped[0].name}: {skipped[0].reason}"
         )
-    return read_info(out)
 
 
 class _Run:
-    """One call of `map_windows`: what stays the same from window to window."""
+    """One run of sliding windows: what stays the same from window to window."""
 
     def __init__(
         self, ahead: ReadAhead, config: MapperConfig, plan: Plan, store: MapStore,
@@ -149,13 +246,11 @@ class _Run:
         check_window_fits(ahead.recording, window)
         name = self._plan.name(k)
         with self._store.window(name) as folder, self._read_ahead(k):
-            result = map_window(
-                ahead, config, self._progress, window=window, dsi_dir=folder / "dsi",
-                device=self._device,
+            info = map_into(
+                folder, ahead, config, window, self._progress,
+                device=self._device, clouds=self._clouds, name=name,
             )  # fmt: skip
-            names = ahead.rig.camera_names
-            info = write_window(folder, result, config, names, clouds=self._clouds, name=name)
-            self._store.write_entry(folder, info)
+            write_entry(folder, info)
 
     @contextmanager
     def _read_ahead(self, k: int) -> Iterator[None]:
@@ -201,19 +296,19 @@ def check_settings(recording: Recording, config: MapperConfig, out: Path) -> Non
 
 def find_hot(
     recording: Recording, config: MapperConfig, t0_us: int, t1_us: int, progress: Progress = silent
-) -> tuple[HotPixels, ...] | None:
+) -> Hot:
     """The hot pixels of every camera, or None where the filter is off."""
     if config.hot_pixels == 0:
         return None
     return find_hot_pixels(recording, t0_us, t1_us, config.hot_pixels, progress)
 
 
-def without(recording: Recording, hot: tuple[HotPixels, ...] | None) -> Recording:
+def without(recording: Recording, hot: Hot) -> Recording:
     """The recording without its hot pixels; itself where the filter is off."""
     return recording if hot is None else WithoutPixels(recording, [its.mask for its in hot])
 
 
-def described(rig: Rig, hot: tuple[HotPixels, ...] | None) -> dict[str, HotPixelInfo]:
+def described(rig: Rig, hot: Hot) -> dict[str, HotPixelInfo]:
     """What `map.json` says of hot pixels; nothing where the filter is off."""
     return {
         name: HotPixelInfo(

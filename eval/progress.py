@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from types import TracebackType
 from typing import Protocol
 
 Update = Callable[[float, str], None]
@@ -83,3 +84,52 @@ def mapping(update: Update) -> Callable[[str, int, int], None]:
         update(start + share * done / max(total, 1), f"{stage} {done}/{total}")
 
     return show
+
+
+class MapBars:
+    """Takes what `emvs.sliding.map_windows` tells, and moves bars that run from 0 to 1.
+
+    One bar for all sliding windows; or one for mapping a single window, then one for its files. To
+    be used as a context.
+    """
+
+    def __init__(self, progress: Progress, title: str) -> None:
+        self._progress, self._stage = progress, ExitStack()
+        self._next(title)
+        self._windows: tuple[int, int] | None = None
+
+    def __enter__(self) -> MapBars:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:  # fmt: skip
+        self._stage.__exit__(kind, error, trace)
+
+    def close(self) -> None:
+        """Ends the present bar: what follows has its own."""
+        self._stage.close()
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Shows one step."""
+        if stage in ("count", "hot pixels"):
+            self._update(0.0, f"{stage} {done}/{total}")
+        elif stage == "windows":
+            self._windows = done, max(total, 1)
+            self._show(0.0, "")
+        elif stage == "write" and self._windows is None:
+            self._next("write maps")
+        else:
+            mapping(self._show)(stage, done, total)
+
+    def _next(self, title: str) -> None:
+        self.close()
+        self._update = self._stage.enter_context(self._progress.stage(title, 1))
+
+    def _show(self, share: float, words: str) -> None:
+        if self._windows is None:
+            self._update(share, words)
+            return
+        done, total = self._windows
+        self._update((done + share) / total, f"{done} of {total} windows")

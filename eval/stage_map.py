@@ -9,9 +9,8 @@ from typing import Any
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.io import open_recording
-from emvs.mapper import map_window
-from emvs.output import write_window
-from eval import stage_window
+from emvs.map_store import write_entry
+from emvs.sliding import map_into, one_window, without
 from eval.stage_files import SEQUENCE
 
 
@@ -23,13 +22,12 @@ def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
     """Maps with one thread: the results do not depend on how many, and other jobs have the rest."""
-    map_into(open_recording(inputs[0] / SEQUENCE), parameters, out)
+    map_recording(open_recording(inputs[0] / SEQUENCE), parameters, out)
 
 
-def map_into(recording: Recording, parameters: Mapping[str, Any], out: Path) -> None:
-    """Maps one window of a recording as `map` says and writes it under the name `window`."""
-    config = MapperConfig.model_validate(parameters["map"])
-    result = map_window(recording, config.model_copy(update={"threads": 1}))
-    name = str(parameters["window"])
-    info = write_window(out / name, result, config, recording.rig.camera_names, clouds=False)
-    stage_window.write(out, info)
+def map_recording(recording: Recording, parameters: Mapping[str, Any], out: Path) -> None:
+    """Maps one window as `map` says, under the name `window`; its entry lies beside its folder."""
+    config = MapperConfig.model_validate({**parameters["map"], "threads": 1})
+    folder = out / str(parameters["window"])
+    window, hot = one_window(recording, config, folder)
+    write_entry(out, map_into(folder, without(recording, hot), config, window, clouds=False))

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from emvs.data.sequence import Sequence as EventSequence
+from emvs.map_store import read_entry
 from emvs.output import StoredWindow
-from eval import stage_window
 from eval.code_version import source_digest
 from eval.config import EvalConfig
 from eval.method_scores import BAD_POINTS, CAUSE_PREFIX
@@ -43,7 +43,7 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
     """Scores every window and all of them pooled, for each of the case's mappers."""
     case, config = str(parameters["case"]), EvalConfig.model_validate(parameters["score"])
     sequence = EventSequence.open(inputs[0] / SEQUENCE)
-    stored = [stage_window.read(path) for path in inputs[1:]]
+    stored = [_window(path) for path in inputs[1:]]
     rows: list[Row] = []
     for mapper, windows in _by_mapper(parameters["mappers"], stored).items():
         scored = partial(window_pairs, sequence, config=config)
@@ -85,6 +85,12 @@ def _fixed_pairs(salt: int) -> dict[str, MethodPairs]:
         depth_m = truth_m + ((cell * step % 257) - 128) / 256 * (cell % 7) / 8
         estimates[name] = Estimate(depth_m, (cell + salt) % step != 0, confidence, rho)
     return pair_methods(estimates, truth)
+
+
+def _window(mapped: Path) -> StoredWindow:
+    """The window that a mapping job made."""
+    info = read_entry(mapped)
+    return StoredWindow(mapped / info.name, info)
 
 
 def _by_mapper(

@@ -1,6 +1,7 @@
 """A whole sequence by the command line: sliding windows, scores, report, global cloud."""
 
 import json
+from contextlib import contextmanager
 
 import pytest
 
@@ -10,6 +11,7 @@ from emvs.hot_pixels import find_hot_pixels
 from emvs.io import open_recording
 from emvs.output import read_map
 from eval.cli import main
+from eval.progress import MapBars
 from eval.results import read_results
 
 SLIDING = ("--map.window-s", "0.04", "--map.stride-s", "0.02", "--map.planes", "20")
@@ -113,6 +115,42 @@ def test_a_camera_without_calibration_is_refused_in_one_line(sequence, tmp_path)
         (tmp_path / name).write_text("")
     with pytest.raises(InputError, match=r"lacks calib\.txt"):
         open_recording(tmp_path)
+
+
+class Recorder:
+    """Progress that writes down what it is shown."""
+
+    def __init__(self):
+        self.seen = []
+
+    @contextmanager
+    def stage(self, title, total):
+        self.seen.append(f"begin {title}")
+        yield lambda share, words: self.seen.append((round(share, 3), words))
+        self.seen.append(f"end {title}")
+
+
+def test_bars_of_sliding_windows_and_of_one():
+    many, one = Recorder(), Recorder()
+    with MapBars(many, "map x") as bars:
+        for step in (("count", 0, 9), ("windows", 1, 4), ("sweep", 1, 2), ("write", 0, 1)):
+            bars(*step)
+        bars.close()
+        assert many.seen[-1] == "end map x"
+    words = "1 of 4 windows"
+    assert many.seen == [
+        "begin map x", (0.0, "count 0/9"), (0.25, words), (0.388, words), (0.5, words), "end map x",
+    ]  # fmt: skip
+    with MapBars(one, "map x") as bars:
+        for step in (("hot pixels", 1, 2), ("rays", 1, 2), ("sweep", 1, 2), ("write", 0, 1)):
+            bars(*step)
+    assert one.seen == [
+        "begin map x", (0.0, "hot pixels 1/2"), (0.05, "rays 1/2"), (0.55, "sweep 1/2"),
+        "end map x", "begin write maps", "end write maps",
+    ]  # fmt: skip
+    with pytest.raises(InputError), MapBars(one, "map y"):
+        raise InputError("no")
+    assert one.seen[-1] == "begin map y"
 
 
 def test_a_map_without_a_window_yet_cannot_be_scored_or_reported(mapped, tmp_path, capsys):

@@ -16,6 +16,7 @@ from point_world import Recorded, fronto_parallel, sideways, stereo_rig
 from emvs.config import MapperConfig
 from emvs.data.camera import Camera
 from emvs.data.events import Events
+from emvs.data.recording import DerivedRecording
 from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
 from emvs.map_info import RecordingInfo
@@ -401,6 +402,69 @@ def test_a_run_without_a_single_good_window_says_why(tmp_path):
     assert (len(info.windows), len(info.skipped)) == (0, 8)
 
 
+# One window alone
+
+ONE = {"window_s": None, "stride_s": None, "start_s": 0.1, "duration_s": 0.2}
+
+
+def test_a_single_window_has_the_maps_of_the_same_sliding_window(tmp_path):
+    """Both go the same way; only what belongs to a run that may be taken up again is not there."""
+    run(tmp_path / "one", with_(**ONE))
+    run(tmp_path / "sliding", with_(start_s=0.1, duration_s=0.2, window_s=0.2, stride_s=None))
+    one, sliding = (all_bytes(tmp_path / name) for name in ("one", "sliding"))
+    assert set(sliding) - set(one) == {"w000/window.json"}
+    arrays = [name for name in one if name.endswith(".npz")]
+    assert arrays
+    assert all(one[name] == sliding[name] for name in arrays)
+    info = read_map(tmp_path / "one").info
+    assert info.windows == read_map(tmp_path / "sliding").info.windows
+    assert (info.recording_sha256, info.without_pose, info.complete) == (None, {}, True)
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, InputError, MemoryError])
+@pytest.mark.parametrize("stage", ["sweep", "write", "finish"])
+def test_a_single_window_that_does_not_get_done_leaves_nothing(tmp_path, stage, error):
+    def progress(now, done, total):
+        if now == stage:
+            raise error("stopped")
+
+    def finish(folder):
+        assert (folder / "map.json").is_file()
+        progress("finish", 0, 1)
+
+    with pytest.raises(error, match="stopped"):
+        run(tmp_path / "map", with_(**ONE), progress=progress, finish=finish)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_single_window_never_takes_the_place_of_another_unasked(tmp_path):
+    run(tmp_path / "map", with_(**ONE))
+    before = all_bytes(tmp_path)
+    with pytest.raises(InputError, match="--force"):
+        run(tmp_path / "map", with_(**ONE))
+    assert all_bytes(tmp_path) == before
+    run(tmp_path / "map", with_(**ONE), force=True)
+    assert all_bytes(tmp_path) == before
+
+
+def test_a_recording_that_knows_its_length_is_not_read_to_be_counted(tmp_path):
+    """Nor is one that was made from it."""
+    read = []
+
+    class Counting(DerivedRecording):
+        def events(self, camera, t0_us, t1_us):
+            read.append(camera)
+            return super().events(camera, t0_us, t1_us)
+
+    class Stored(Recorded):
+        def event_count(self, camera):
+            return len(self.streams[camera])
+
+    stored = Stored(WORLD.rig, WORLD.trajectory, WORLD.streams)
+    run(tmp_path / "map", with_(**ONE), Counting(stored))
+    assert read == [0, 1]
+
+
 # Memory
 
 
@@ -427,6 +491,7 @@ import numpy as np
 from emvs.config import MapperConfig
 from emvs.data.camera import Camera
 from emvs.data.events import Events
+from emvs.data.recording import DerivedRecording
 from emvs.data.rig import Rig
 from emvs.data.trajectory import Trajectory
 from emvs.map_info import RecordingInfo

@@ -25,4 +25,4 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
     recording = PerturbedRecording(
         open_recording(inputs[0] / SEQUENCE), perturbation, parameters["seed"]
     )
-    stage_map.map_into(recording, parameters, out)
+    stage_map.map_recording(recording, parameters, out)
