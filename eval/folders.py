@@ -15,7 +15,7 @@ from emvs.io.posed import PosedRecording
 from emvs.io.truth import truth_at
 from emvs.output import RecordingInfo, StoredMap, StoredWindow, read_map
 from eval.config import EvalConfig
-from eval.score import Truth
+from eval.pairing import Truth
 
 MAP_FOLDER, SEQUENCE_FOLDER, CONFIG_FILE = "map", "sequence", "config.toml"
 _INDEX = "map.json"

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import repeat
 from pathlib import Path
 
 import scenes
-from emvs import fusion
+from emvs import device, fusion
 from emvs.atomic import atomic_dir
+from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence as EventSequence
 from emvs.errors import InputError
 from emvs.output import StoredWindow
@@ -16,16 +16,15 @@ from eval import folders
 from eval.config import EvalConfig
 from eval.given import estimates, opened, view_of
 from eval.map_stage import map_recording, write_report_stage
+from eval.metric_versions import metric_versions
 from eval.progress import Progress, Silent
 from eval.results import Results, Row, write_results
-from eval.score import case_rows
 from eval.settings import Settings
-from eval.stage_score import metric_versions
-from eval.window_pairs import NOTHING_GIVEN, window_pairs
+from eval.window_pairs import score_windows
 from sim.generate import simulate
 from sim.rigs import rig as named_rig
 
-__all__ = ["map_recording", "run_cases", "score_folder", "simulate_scene"]
+__all__ = ["check_case", "map_recording", "run_cases", "score_folder", "simulate_scene"]
 
 _SILENT = Silent()
 
@@ -159,12 +158,8 @@ def _score(
     # What others' maps are checked against is read only where there are any.
     views = [view_of(sequence, window, config) for window in windows] if predictions else []
     others = opened(predictions, case, views)
-    given = (estimates(others, view) for view in views) if others else repeat(NOTHING_GIVEN)
-    found = (
-        (window.info.name, window_pairs(sequence, window, config, theirs))
-        for window, theirs in zip(windows, given, strict=False)
-    )
-    return case_rows(case, found)
+    given = (estimates(others, view) for view in views) if others else None
+    return score_windows(case, sequence, windows, config, given)
 
 
 def _check_run(cases: Sequence[str], settings: Settings, rig: str | None) -> None:
@@ -172,6 +167,15 @@ def _check_run(cases: Sequence[str], settings: Settings, rig: str | None) -> Non
     if len(set(cases)) != len(cases) or not cases:
         raise InputError(f"cases {', '.join(cases) or '(none)'}: name at least one, each once")
     for case in cases:
-        chosen = named_rig(rig or scenes.load(case).rig)
-        reference = settings.map.is_reference
-        fusion.methods(settings.map.methods, len(chosen), reference=reference)
+        check_case(case, rig, settings.map)
+
+
+def check_case(scene: str, rig: str | None, config: MapperConfig) -> None:
+    """Refuses, before a scene is simulated, what could not be mapped after.
+
+    Raises:
+        InputError: an unknown scene, rig or method, or a GPU that is not there.
+    """
+    chosen = named_rig(rig or scenes.load(scene).rig)
+    fusion.methods(config.methods, len(chosen), reference=config.is_reference)
+    device.check(config.device)

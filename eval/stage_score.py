@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,22 +13,15 @@ import numpy as np
 from emvs.data.sequence import Sequence as EventSequence
 from emvs.map_store import read_entry
 from emvs.output import StoredWindow
-from eval.code_version import source_digest
 from eval.config import EvalConfig
-from eval.method_scores import BAD_POINTS, CAUSE_PREFIX
-from eval.regions import DRAWN
+from eval.metric_versions import metric_versions
 from eval.results import Row
-from eval.score import POOLED, Estimate, MethodPairs, Truth, case_rows, pair_methods
 from eval.stage_files import RESULT, SEQUENCE
 from eval.suite_rows import DEFAULT_MAPPER, Sample, SampleFacts, mapper_method
-from eval.taxonomy import CAUSES
-from eval.window_pairs import window_pairs
+from eval.window_pairs import score_windows
 
 EVENTS = "events"
 """What stands in a row's place of a method where the row is about the events themselves."""
-
-CAUSE_MODULES = ("eval.evidence", "eval.geometry", "eval.masks", "eval.seen", "eval.taxonomy")
-"""What decides why a pixel is bad: too much to be pinned down by a few fixed maps."""
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
@@ -46,45 +37,12 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
     stored = [_window(path) for path in inputs[1:]]
     rows: list[Row] = []
     for mapper, windows in _by_mapper(parameters["mappers"], stored).items():
-        scored = partial(window_pairs, sequence, config=config)
-        pairs = ((one.info.name, scored(one)) for one in windows)
-        rows += [_named(row, mapper) for row in case_rows(case, pairs)]
+        scored = score_windows(case, sequence, windows, config)
+        rows += [_named(row, mapper) for row in scored]
         rows += _event_rows(case, windows) if mapper == DEFAULT_MAPPER else ()
     facts = _facts(sequence, str(parameters["scene_digest"]))
     sample = Sample(case, int(parameters["seed"]), tuple(rows), facts)
     (out / RESULT).write_text(sample.to_json(), encoding="utf-8")
-
-
-def metric_versions() -> dict[str, str]:
-    """What each metric makes of fixed maps, as a hash: it changes when the metric's meaning does.
-
-    Made of results and not of source, so that code may be rewritten without any effect. Only the
-    causes of bad pixels, which depend on a whole sequence, have the hash of their source.
-    """
-    values: dict[str, list[str]] = {}
-    for row in case_rows("fixed", {"w000": _fixed_pairs(1), "w001": _fixed_pairs(2)}):
-        if row.window == POOLED:
-            text = f"{row.method} {row.value:.9g} {row.unit} {row.better}"
-            values.setdefault(row.metric, []).append(text)
-    causes = (BAD_POINTS, *(CAUSE_PREFIX + cause for cause in CAUSES))
-    return {
-        **{name: _short_hash("\n".join(lines)) for name, lines in values.items()},
-        **dict.fromkeys(causes, source_digest(CAUSE_MODULES)[:12]),
-    }
-
-
-def _fixed_pairs(salt: int) -> dict[str, MethodPairs]:
-    """Maps of two methods with errors of all sizes; whole numbers, the same on every machine."""
-    cell = np.arange(48 * 64).reshape(48, 64)
-    truth_m = 1 + (cell * 37 * salt % 101) / 32
-    regions = {name: cell % (3 + k) != 0 for k, name in enumerate(DRAWN)}
-    truth = Truth(truth_m, cell % 11 != 0, 200.0, 0.125, regions=regions)
-    confidence, rho = (cell * 7 % 61) / 64, 1 / np.linspace(0.5, 6.0, 50)
-    estimates = {}
-    for name, step in (("a", 13), ("b", 29)):
-        depth_m = truth_m + ((cell * step % 257) - 128) / 256 * (cell % 7) / 8
-        estimates[name] = Estimate(depth_m, (cell + salt) % step != 0, confidence, rho)
-    return pair_methods(estimates, truth)
 
 
 def _window(mapped: Path) -> StoredWindow:
@@ -136,7 +94,3 @@ def _facts(sequence: EventSequence, scene_digest: str) -> SampleFacts:
         versions=manifest.versions,
         metrics=metric_versions(),
     )
-
-
-def _short_hash(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()[:12]

@@ -1,9 +1,10 @@
-"""One window of a map beside ground truth: pairs of every method, by region, with causes."""
+"""Windows of a map beside ground truth: pairs of every method, by region, with causes; rows."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from itertools import repeat
 from types import MappingProxyType
 
 from emvs.data.sequence import Sequence
@@ -14,9 +15,40 @@ from eval.evidence import Evidence
 from eval.folders import Scored, truth_of
 from eval.masks import region_masks
 from eval.pairing import Estimate, MethodPairs, Truth, bad_pixels, pair_methods
+from eval.results import Row
+from eval.score import case_rows
 from eval.seen import count_events
 
 NOTHING_GIVEN: Mapping[str, Estimate] = MappingProxyType({})
+
+
+def score_windows(
+    case: str,
+    sequence: Scored,
+    windows: Iterable[StoredWindow],
+    config: EvalConfig,
+    given: Iterable[Mapping[str, Estimate]] | None = None,
+) -> list[Row]:
+    """Scores windows of one case: each, all of them pooled, and their mean.
+
+    One window after another is read, so that memory holds the pixels of one.
+
+    Args:
+        case: name of the case.
+        sequence: the recording, with ground truth.
+        windows: its maps.
+        config: masks and limits.
+        given: for each window, by name, depth maps of others; None for none.
+
+    Raises:
+        InputError: what `window_pairs` and `case_rows` refuse.
+    """
+    others = repeat(NOTHING_GIVEN) if given is None else given
+    found = (
+        (window.info.name, window_pairs(sequence, window, config, theirs))
+        for window, theirs in zip(windows, others, strict=False)
+    )
+    return case_rows(case, found)
 
 
 def window_pairs(
