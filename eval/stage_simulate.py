@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import scenes
+from emvs.data.rig import Rig
 from emvs.errors import InputError
 from eval.code_version import closure, source_digest, with_includes
 from eval.stage_files import SEQUENCE
@@ -14,6 +15,7 @@ from sim.config import SimConfig
 from sim.generate import simulate
 from sim.graphics import drawn_by
 from sim.rigs import rig as named_rig
+from sim.scene import Scene
 
 
 def parameters(scene: str, rig: str | None, seed: int, sim: Mapping[str, Any]) -> dict[str, Any]:
@@ -40,24 +42,24 @@ def scene_digest(scene: str) -> str:
 
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
-    """Writes the sequence, in one process and one thread for the pictures.
+    """Writes the sequence of a scene as it is."""
+    del inputs
+    simulate_scene(scenes.load(parameters["scene"]), named_rig(parameters["rig"]), parameters, out)
+
+
+def simulate_scene(scene: Scene, rig: Rig, parameters: Mapping[str, Any], out: Path) -> None:
+    """Writes a sequence, in one process and one thread for the pictures.
 
     Raises:
         InputError: this machine draws with something else than the one that planned the job.
     """
-    del inputs
     if drawn_by() != parameters["graphics"]:
         raise InputError(
             f"the suite was planned for pictures by {parameters['graphics']}, this worker draws by "
             f"{drawn_by()}: set MUJOCO_GL=osmesa everywhere, or use machines that draw alike"
         )
-    simulate(
-        scenes.load(parameters["scene"]),
-        named_rig(parameters["rig"]),
-        SimConfig.model_validate(parameters["sim"]),
-        parameters["seed"],
-        out / SEQUENCE,
-    )
+    config = SimConfig.model_validate(parameters["sim"])
+    simulate(scene, rig, config, parameters["seed"], out / SEQUENCE)
 
 
 def _module(scene: str) -> str:

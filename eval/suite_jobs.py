@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import scenes
-from emvs import device, fusion
 from emvs.config import MapperConfig
 from eval.jobs import Job
+from eval.runner import check_case
 from eval.stage_simulate import parameters as sequence_parameters
 from eval.stage_simulate import scene_digest
 from eval.suite import Suite
-from sim.rigs import rig as named_rig
 
 
 def suite_jobs(suite: Suite, cases: Sequence[str], seeds: Sequence[int]) -> list[Job]:
@@ -29,11 +27,8 @@ def suite_jobs(suite: Suite, cases: Sequence[str], seeds: Sequence[int]) -> list
 def _check(suite: Suite, case: str) -> None:
     """Refuses before the first job what would fail in the last."""
     spec = suite.cases[case]
-    rig = named_rig(spec.rig or scenes.load(spec.scene).rig)
     for mapper in spec.mappers:
-        config = MapperConfig.model_validate(suite.mappers[mapper])
-        fusion.methods(config.methods, len(rig), reference=config.is_reference)
-        device.check(config.device)
+        check_case(spec.scene, spec.rig, MapperConfig.model_validate(suite.mappers[mapper]))
 
 
 def _score_job(suite: Suite, case: str, seed: int, digest: str) -> Job:

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import scenes
-from emvs import fusion
+from emvs.config import MapperConfig
 from emvs.errors import InputError
 from eval.config import EvalConfig
 from eval.jobs import Job
+from eval.runner import check_case
 from eval.stage_simulate import parameters as sequence_parameters
 from eval.stage_simulate import scene_digest
 from eval.studies.study import MARGIN_S, SECONDS, Change, Study
-from sim.rigs import rig as named_rig
 
 
 def study_jobs(
@@ -38,7 +37,7 @@ def study_jobs(
     if not seconds > 3 * MARGIN_S:
         raise InputError(f"sequences of {seconds:g} s: a study needs more than {3 * MARGIN_S:g} s")
     for case in cases:
-        fusion.methods(tuple(methods), len(named_rig(scenes.load(case).rig)))
+        check_case(case, None, MapperConfig(methods=tuple(methods)))
     return {
         (case, seed, amount): _score_job(study, methods, case, seed, amount, seconds)
         for case in cases

@@ -13,9 +13,6 @@ from numpy.typing import NDArray
 import scenes
 from emvs.data.rig import Rig
 from eval import stage_simulate
-from eval.stage_files import SEQUENCE
-from sim.config import SimConfig
-from sim.generate import simulate
 from sim.motion import Motion
 from sim.rigs import rig as named_rig
 from sim.scene import Scene
@@ -61,7 +58,6 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
     factor on every lamp.
     """
     del inputs
-    config = SimConfig.model_validate(parameters["sim"])
     scene, rig = scenes.load(parameters["scene"]), named_rig(parameters["rig"])
     change = parameters["change"]
     if "baseline_m" in change:
@@ -70,7 +66,7 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
         scene = going_straight(scene, change["heading_deg"])
     if "light" in change:
         scene = lit(scene, change["light"])
-    simulate(scene, rig, config, parameters["seed"], out / SEQUENCE)
+    stage_simulate.simulate_scene(scene, rig, parameters, out)
 
 
 def with_baseline(rig: Rig, baseline_m: float) -> Rig:
