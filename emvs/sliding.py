@@ -49,8 +49,8 @@ Hot = tuple[HotPixels, ...] | None
 _SINGLE = "w000"
 
 
-def _leave(folder: Path) -> None:
-    """Adds nothing to a map folder."""
+def _add_nothing(folder: Path) -> None:
+    """What `finish` is by default."""
 
 
 def map_windows(
@@ -62,7 +62,7 @@ def map_windows(
     *,
     force: bool = False,
     clouds: bool = True,
-    finish: Callable[[Path], None] = _leave,
+    finish: Callable[[Path], None] = _add_nothing,
 ) -> MapInfo:
     """Maps a recording into a map folder: one window, or sliding windows.
 

@@ -12,11 +12,13 @@ import h5py
 import numpy as np
 import pytest
 
+from emvs.cuda import library
 from emvs.data.camera import Camera
 from emvs.data.events import Events
 from emvs.data.rig import Rig
 from emvs.data.trajectory import Trajectory
 from emvs.data.writer import SequenceWriter
+from eval import runner
 from eval.cli import main
 
 COMMAND = [sys.executable, "-m", "eval.cli"]
@@ -88,6 +90,14 @@ def refused(capsys, arguments: list[str]) -> str:
 def test_bad_input_is_one_line_and_code_2(tmp_path, monkeypatch, capsys, arguments, message):
     monkeypatch.chdir(tmp_path)
     assert message in refused(capsys, arguments)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_without_its_gpu_is_refused_before_it_simulates(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(library, "missing", lambda: "it is gone")
+    monkeypatch.setattr(runner, "simulate_scene", None)
+    arguments = ["run", "planes", "--out", str(tmp_path / "o"), "--device", "cuda"]
+    assert "device cuda cannot be used: it is gone" in refused(capsys, arguments)
     assert list(tmp_path.iterdir()) == []
 
 

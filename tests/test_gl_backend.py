@@ -11,6 +11,7 @@ import pytest
 import scenes
 from emvs.errors import InputError
 from eval import stage_simulate
+from eval.studies import stage_simulate as study_stage_simulate
 from sim import gl_backend, graphics
 from sim.config import SimConfig
 from sim.generate import simulate
@@ -195,10 +196,11 @@ def test_a_note_reaches_who_simulates(tmp_path, monkeypatch):
     assert heard == ["the GPU sleeps"]
 
 
-def test_a_worker_that_draws_otherwise_refuses_the_job(tmp_path):
-    planned = stage_simulate.parameters("planes", None, 0, {})
+@pytest.mark.parametrize("stage", [stage_simulate, study_stage_simulate])
+def test_a_worker_that_draws_otherwise_refuses_the_job(tmp_path, stage):
+    planned = {**stage_simulate.parameters("planes", None, 0, {}), "change": {"light": 0.5}}
     with pytest.raises(InputError, match="planned for pictures by softpipe") as caught:
-        stage_simulate.run({**planned, "graphics": "softpipe, 1.0"}, [], tmp_path)
+        stage.run({**planned, "graphics": "softpipe, 1.0"}, [], tmp_path)
     assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())
 
