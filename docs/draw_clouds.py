@@ -17,8 +17,8 @@ import numpy as np
 import open3d as o3d
 
 from emvs.data import se3
-from emvs.fusion import file_name
 from emvs.output import read_map
+from emvs.recipe import file_name
 
 SIZE_PX, DPI = (480, 360), 80
 

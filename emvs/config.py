@@ -189,6 +189,11 @@ class MapperConfig(BaseModel):
         return self.interpolate and not self.is_reference
 
     @property
+    def focus_measure(self) -> str:
+        """What the Focus methods maximise along a ray."""
+        return "variance" if self.extraction == "votes" else self.extraction
+
+    @property
     def polarities(self) -> int:
         """Volumes per camera and sub-interval: 2 where polarities are fused apart."""
         return 2 if self.polarity == "separate" else 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 from emvs.backend import Backend, CpuBackend, Task
 from emvs.config import DeviceName
@@ -52,8 +52,16 @@ def choose(wanted: DeviceName) -> Device:
     return device
 
 
-def for_methods(wanted: DeviceName, methods: Sequence[Method]) -> Device:
-    """The device of a run: that of a name, but the CPU where every method is a rival.
+class Named(Protocol):
+    """A `Method`, or what has no volume."""
+
+    @property
+    def name(self) -> str:
+        """What it is asked for by."""
+
+
+def for_methods(wanted: DeviceName, methods: Sequence[Named]) -> Device:
+    """The device of a run: that of a name, but the CPU where no method has a volume.
 
     Rivals have no sweep and always run on the CPU; beside a GPU a line says so.
 
@@ -61,7 +69,7 @@ def for_methods(wanted: DeviceName, methods: Sequence[Method]) -> Device:
         InputError: as `choose`.
     """
     device = choose(wanted)
-    rivals = [method.name for method in methods if method.rival is not None]
+    rivals = [method.name for method in methods if not isinstance(method, Method)]
     if device.kind == "cpu" or not rivals:
         return device
     _log.warning("device %s: rivals run on the CPU: %s", wanted, ", ".join(rivals))

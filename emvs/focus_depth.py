@@ -9,7 +9,8 @@ from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.depthmap import DepthMap
 from emvs.errors import InputError
-from emvs.focus_fold import InFocus, focus_config
+from emvs.focus_config import FocusConfig
+from emvs.focus_fold import InFocus
 from emvs.focus_judge import judge, on_surface
 from emvs.found import Found, at_least
 from emvs.planes import inverse_depth_at
@@ -56,7 +57,7 @@ def _judged(
     votes: Maximum, found: InFocus, disparity_px: NDArray[np.floating], config: MapperConfig
 ) -> Found:
     """Depth and reliability; between planes only where the configuration refines at all."""
-    maxima, scales = (found.maximum, *found.witnesses), focus_config(config)
+    maxima, scales = (found.maximum, *found.witnesses), _scales(config)
     disparity_px = disparity_px.astype(np.float64)
     if not config.refines:
         loudest, own, *witnesses = (m.plane.astype(np.float32) for m in (votes, *maxima))
@@ -64,6 +65,11 @@ def _judged(
     own, *witnesses = (m.position(bell=True) for m in maxima)
     judged = judge(votes.value, votes.position(), own, witnesses, disparity_px, scales)
     return on_surface(judged, disparity_px, scales)
+
+
+def _scales(config: MapperConfig) -> FocusConfig:
+    """The parameters of the extraction, as far as the mapper's configuration sets them."""
+    return FocusConfig(measure=config.focus_measure, sigma_px=config.focus_sigma_px)
 
 
 def parallax_baseline_m(recording: Recording, window: Window) -> float:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
-from emvs.focus_config import FocusConfig
 from emvs.focus_peak import FocusPeak
 from emvs.fusion import fuse_by
 from emvs.recipe import Method
@@ -31,12 +30,6 @@ class InFocus:
     witnesses: tuple[Maximum, ...]
 
 
-def focus_config(config: MapperConfig) -> FocusConfig:
-    """The parameters of the extraction by focus, as far as the mapper's configuration sets them."""
-    measure = FocusConfig.measure if config.extraction == "votes" else config.extraction
-    return FocusConfig(measure=measure, sigma_px=config.focus_sigma_px)
-
-
 class FocusFold:
     """Peaks of the focus measure of every method that needs one, and of each camera's votes.
 
@@ -55,10 +48,11 @@ class FocusFold:
         self._polarities, self._cameras = config.polarities, cameras
         measured = [m for m in methods if m.focus or config.extraction != "votes"]
         asked = any(m.focus and m.camera() is None for m in measured)
-        measure = focus_config(config)
 
         def peak() -> FocusPeak:
-            return FocusPeak(width_px, height_px, measure.measure, measure.sigma_px, config.planes)
+            return FocusPeak(
+                width_px, height_px, config.focus_measure, config.focus_sigma_px, config.planes
+            )
 
         self._peaks = {method: peak() for method in measured}
         self._witnesses = [peak() for _ in range(cameras if asked else 0)]

@@ -12,12 +12,12 @@ from emvs.atomic import atomic_dir
 from emvs.depthmap import DepthMap
 from emvs.errors import InputError
 from emvs.fuse_config import FuseConfig
-from emvs.fusion import file_name
 from emvs.global_cloud import VoxelCloud
 from emvs.inpaint import inpaint
 from emvs.mesh import SurfaceFusion, write_mesh
 from emvs.output import StoredMap
 from emvs.pointcloud import back_project_map, depth_colours, without_outliers, write_ply
+from emvs.recipe import file_name
 
 FOLDER = "global"
 _PREFERRED = "Alg1/H"

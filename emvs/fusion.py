@@ -8,12 +8,7 @@ import numpy as np
 
 from emvs import fuse_kernels
 from emvs.errors import InputError
-from emvs.methods import known_methods, methods
-from emvs.recipe import CODES, Fusion, Method, Tables, Volume, file_name
-
-__all__ = [
-    "FUSIONS", "Method", "Volume", "file_name", "fuse", "fuse_by", "known_methods", "methods",
-]  # fmt: skip
+from emvs.recipe import CODES, Fusion, Method, Tables, Volume
 
 
 def fuse(code: int, volumes: Volume) -> Volume:

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from emvs.data.camera import Camera
 from emvs.depthmap import DepthMap
 from emvs.errors import DAMAGED_NPY, InputError
-from emvs.fusion import file_name
 from emvs.inpaint import Dense
-from emvs.result import Slices
+from emvs.recipe import file_name
+from emvs.volume import Slices
 
 CURE = "run `eventsweep map` again"
 _DEPTH_KEYS = (

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from emvs import device as devices
-from emvs import fusion
+from emvs import methods
 from emvs.backproject import back_project
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
@@ -18,13 +18,14 @@ from emvs.device import Device
 from emvs.errors import InputError
 from emvs.focus_depth import extract_in_focus, parallax_baseline_m
 from emvs.late import union
-from emvs.methods import single_cameras
 from emvs.progress import Progress, Stopwatch, silent
-from emvs.recipe import WHOLE, Method
-from emvs.result import CameraCounts, Slices, WindowResult
+from emvs.recipe import WHOLE, Method, single_cameras
+from emvs.result import CameraCounts, WindowResult
+from emvs.rivals.rival import DepthEstimator
 from emvs.streaming import Swept, grouped, sweep
 from emvs.sweep import VoteCounts
 from emvs.view import ReferenceView, reference_view
+from emvs.volume import Slices
 from emvs.window import Window, choose_window
 
 
@@ -53,8 +54,10 @@ def map_window(
             range, an unknown method, a GPU that is not there or has too little memory.
     """
     stopwatch = Stopwatch()
-    methods = fusion.methods(config.methods, len(recording.rig), reference=config.is_reference)
-    device = devices.for_methods(config.device, methods) if device is None else device
+    asked = methods.methods(config.methods, len(recording.rig), reference=config.is_reference)
+    by_volume = methods.with_volume(asked)
+    estimators = [method for method in asked if not isinstance(method, Method)]
+    device = devices.for_methods(config.device, asked) if device is None else device
 
     # 1. Input: events of one interval, camera poses and calibration.
     window = choose_window(recording, config) if window is None else window
@@ -62,12 +65,11 @@ def map_window(
     # 2. The reference view: camera 0 at the middle of the interval, unless told otherwise.
     view = reference_view(recording, config, window.t_ref_us)
     check_request(config, view, dsi_dir)
-    by_focus = any(method.focus for method in methods)
+    by_focus = any(method.focus for method in by_volume)
     baseline_m = parallax_baseline_m(recording, window) if by_focus else 0.0
 
     # 3. Back-project the events of each camera, in sub-intervals where a method asks for them.
-    rivals = [method for method in methods if method.rival is not None]
-    groups = grouped([m for m in methods if m.rival is None], len(recording.rig))
+    groups = grouped(by_volume, len(recording.rig))
     splits = [group.split for group in groups] or [WHOLE]
     projector = devices.projector(device)
     projected = back_project(recording, config, window, view, progress, splits, projector)
@@ -78,23 +80,24 @@ def map_window(
     stopwatch.lap("sweep")
 
     # 5. Depth and confidence from the maxima over planes.
-    depth_maps = _extracted(methods, swept, view, config, len(recording.rig), baseline_m)
+    depth_maps = _extracted(by_volume, swept, view, config, len(recording.rig), baseline_m)
     stopwatch.lap("depth")
 
     # Methods without a volume see the same input and answer in the same reference view.
-    for done, method in enumerate(rivals, 1):
-        progress(method.name, done, len(rivals))
-        depth_maps[method.name] = _estimated(method, recording, window, view, config)
-        stopwatch.lap(method.name)
+    for done, estimator in enumerate(estimators, 1):
+        progress(estimator.name, done, len(estimators))
+        estimated = estimator.estimate(recording, window, view, config)
+        depth_maps[estimator.name] = replace(estimated, method=estimator.name)
+        stopwatch.lap(estimator.name)
 
     return WindowResult(
         window=window,
         view=view,
-        depth_maps={method.name: depth_maps[method.name] for method in methods},
+        depth_maps={method.name: depth_maps[method.name] for method in asked},
         counts=tuple(
             map(CameraCounts, projected.counts, swept.votes or [VoteCounts()] * len(recording.rig))
         ),
-        slices=_with_empty(swept.slices, rivals, view),
+        slices=_with_empty(swept.slices, estimators, view),
         event_image=projected.event_image,
         seconds=stopwatch.seconds,
         device=device.name,
@@ -121,18 +124,12 @@ def _extracted(
     return maps
 
 
-def _estimated(
-    method: Method, recording: Recording, window: Window, view: ReferenceView, config: MapperConfig
-) -> DepthMap:
-    """A rival's depth map, under the name that was asked for."""
-    assert method.rival is not None
-    return replace(method.rival.estimate(recording, window, view, config), method=method.name)
-
-
-def _with_empty(slices: Slices, rivals: Sequence[Method], view: ReferenceView) -> Slices:
+def _with_empty(
+    slices: Slices, estimators: Sequence[DepthEstimator], view: ReferenceView
+) -> Slices:
     """The slices, with one of no planes for every method that has no volume."""
     empty = np.empty((0, view.camera.width_px), np.float32)
-    return replace(slices, values={**slices.values, **{rival.name: empty for rival in rivals}})
+    return replace(slices, values={**slices.values, **{one.name: empty for one in estimators}})
 
 
 def check_request(config: MapperConfig, view: ReferenceView, dsi_dir: Path | None) -> None:

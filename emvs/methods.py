@@ -8,10 +8,15 @@ from dataclasses import dataclass
 
 from emvs import alg2, focus_methods, fuse_kernels, plugins
 from emvs.errors import InputError
-from emvs.recipe import CODES, MEANS, Method
+from emvs.recipe import CODES, MEANS, Method, single_cameras
 from emvs.rivals import catalogue
+from emvs.rivals.rival import BaselineEstimator, DepthEstimator
 
 _NAME = re.compile(r"\w[\w.+@~-]*(/[\w.+@~-]+)+")
+
+
+# What a name stands for: one way to a volume, or what makes its depth map without any
+AnyMethod = Method | DepthEstimator
 
 
 @dataclass(frozen=True)
@@ -28,7 +33,7 @@ class Family:
     grammar: str
     summary: str
     examples: tuple[str, ...]
-    build: Callable[[str, bool], Method]
+    build: Callable[[str, bool], AnyMethod]
 
 
 def _late(name: str, _reference: bool) -> Method:
@@ -37,21 +42,21 @@ def _late(name: str, _reference: bool) -> Method:
     return Method(name, fuse_kernels.MAX, "the single cameras' maps, joined", late=True)
 
 
-def _rival(name: str, reference: bool) -> Method:
-    rival = catalogue.rival(name)
-    if rival is None:
-        known = ", ".join(rival.name for rival in catalogue.RIVALS)
+def _baseline(name: str, reference: bool) -> BaselineEstimator:
+    baseline = catalogue.baseline(name)
+    if baseline is None:
+        known = ", ".join(one.name for one in catalogue.BASELINES)
         raise InputError(f"unknown method {name!r}: the rivals are {known}")
     if reference:
         raise InputError(f"{name} does not know the mcemvs setting: choose compatibility none")
-    return Method.from_rival(rival)
+    return baseline
 
 
-def _rival_family(family: str) -> Family:
-    own = [rival for rival in catalogue.RIVALS if rival.name.startswith(f"{family}/")]
-    names = tuple(rival.name for rival in own)
-    summary = "; ".join(rival.summary for rival in own)
-    return Family(", ".join(names), summary, names, _rival)
+def _baseline_family(family: str) -> Family:
+    own = [baseline for baseline in catalogue.BASELINES if baseline.name.startswith(f"{family}/")]
+    names = tuple(baseline.name for baseline in own)
+    summary = "; ".join(baseline.summary for baseline in own)
+    return Family(", ".join(names), summary, names, _baseline)
 
 
 # First part of the name -> family. A rig of one camera has only what fuses no cameras.
@@ -66,16 +71,17 @@ FAMILIES: dict[str, Family] = {
         ("Late/union",),
         _late,
     ),
-} | {family: _rival_family(family) for family in catalogue.FAMILIES}
+} | {family: _baseline_family(family) for family in catalogue.FAMILIES}
 
-_registered: dict[str, Method] = {}
+_registered: dict[str, AnyMethod] = {}
 
 
-def register(method: Method) -> None:
+def register(method: AnyMethod) -> None:
     """Adds a method of one's own; from then on it is asked for by its name.
 
     Args:
-        method: such as `Method.from_function("Mine/median", function, "what it does")`.
+        method: such as `Method.from_function("Mine/median", function, "what it does")`; or what
+            needs no volume: `BaselineEstimator("Mine/stereo", function, "what it does")`.
 
     Raises:
         InputError: a name that is taken, reserved, or no name of the form Family/variant.
@@ -116,14 +122,6 @@ def known_methods(n_cameras: int, *, reference: bool = False) -> tuple[Method, .
     return fused + single + (() if reference else (focus_methods.build("Focus/H"),))
 
 
-def single_cameras(n_cameras: int) -> tuple[Method, ...]:
-    """Lists EMVS with each camera."""
-    return tuple(
-        Method(f"EMVS/cam{c}", fuse_kernels.CAMERA + c, f"camera {c} alone")
-        for c in range(n_cameras)
-    )
-
-
 def overview(n_cameras: int = 2) -> dict[str, str]:
     """Every method's name or grammar, and one line on it, for people to choose from."""
     plugins.load()
@@ -135,7 +133,9 @@ def overview(n_cameras: int = 2) -> dict[str, str]:
     return known | families | {method.name: method.summary for method in _registered.values()}
 
 
-def methods(names: Sequence[str], n_cameras: int, *, reference: bool = False) -> tuple[Method, ...]:
+def methods(
+    names: Sequence[str], n_cameras: int, *, reference: bool = False
+) -> tuple[AnyMethod, ...]:
     """Looks methods up by name.
 
     Args:
@@ -159,33 +159,50 @@ def methods(names: Sequence[str], n_cameras: int, *, reference: bool = False) ->
     if any(name != "all" for name in others):
         plugins.load()
     extra = tuple(_find(name, n_cameras, reference) for name in others if name != "all")
-    chosen = tuple(m for m in known if "all" in names or m.name in names) + extra
+    chosen = (*(m for m in known if "all" in names or m.name in names), *extra)
+    if n_cameras != 2:
+        _check_no_pair_mean(chosen, n_cameras)
+    return chosen
+
+
+def with_volume(chosen: Sequence[AnyMethod]) -> tuple[Method, ...]:
+    """Those that turn votes into a volume, in their order; the others are `DepthEstimator`s."""
+    return tuple(method for method in chosen if isinstance(method, Method))
+
+
+def _check_no_pair_mean(chosen: Sequence[AnyMethod], n_cameras: int) -> None:
     for method in chosen:
-        if n_cameras != 2 and fuse_kernels.HARMONIC_EPS in (method.code, method.outer):
+        codes = (method.code, method.outer) if isinstance(method, Method) else ()
+        if fuse_kernels.HARMONIC_EPS in codes:
             raise InputError(
                 f"{method.name} in the mcemvs setting fuses 2 cameras, this rig has {n_cameras}: "
                 "choose other methods or compatibility none"
             )
-    return chosen
 
 
-def _find(name: str, n_cameras: int, reference: bool) -> Method:
+def _find(name: str, n_cameras: int, reference: bool) -> AnyMethod:
     if name in _registered:
         return _registered[name]
     family = FAMILIES.get(name.split("/")[0])
     method = family.build(name, reference) if family is not None else None
-    if method is not None and method.rival is not None and n_cameras < 2:
-        raise InputError(
-            f"{name} matches two cameras, this rig has {n_cameras}: choose EMVS/cam0 or Focus/cam0"
-        )
     if method is None or not _fits(method, n_cameras):
         raise _unknown(name, n_cameras)
     return method
 
 
-def _fits(method: Method, n_cameras: int) -> bool:
+def _fits(method: AnyMethod, n_cameras: int) -> bool:
+    if not isinstance(method, Method):
+        _check_two_cameras(method.name, n_cameras)
+        return True
     camera = method.camera()
     return n_cameras > 1 if camera is None else camera < n_cameras
+
+
+def _check_two_cameras(name: str, n_cameras: int) -> None:
+    if n_cameras < 2:
+        raise InputError(
+            f"{name} matches two cameras, this rig has {n_cameras}: choose EMVS/cam0 or Focus/cam0"
+        )
 
 
 def _unknown(name: str, n_cameras: int) -> InputError:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from emvs.config import MapperConfig
 from emvs.depthmap import DepthMap
 from emvs.errors import InputError
-from emvs.fusion import file_name
 from emvs.inpaint import Dense, inpaint, write_dense
 from emvs.map_files import (
     check_array,
@@ -34,8 +33,10 @@ from emvs.map_info import (
     read_info,
 )
 from emvs.pointcloud import back_project_map, without_outliers, write_ply
-from emvs.result import Slices, WindowResult
+from emvs.recipe import file_name
+from emvs.result import WindowResult
 from emvs.versions import versions
+from emvs.volume import Slices
 
 __all__ = [
     "MapInfo", "RecordingInfo", "StoredMap", "StoredWindow", "WindowInfo", "read_map",

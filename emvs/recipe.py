@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emvs import fuse_kernels
-
-if TYPE_CHECKING:
-    from emvs.rivals.rival import Rival
 
 Volume = NDArray[np.float32]
 # A fusion of one's own: votes (C, intervals, N, H, W) to (N, H, W)
@@ -70,7 +67,6 @@ class Method:
         late: whether it joins the single cameras' depth maps; `code` then only fills its slice.
         focus: whether depth lies where the fused rays are most in focus (`emvs.in_focus`).
         function: a fusion of one's own, instead of the codes.
-        rival: what makes the depth map instead, without rays and volumes (`emvs.rivals`).
     """
 
     name: str
@@ -83,7 +79,6 @@ class Method:
     late: bool = False
     focus: bool = False
     function: Fusion | None = field(default=None, compare=False)
-    rival: Rival | None = field(default=None, compare=False)
 
     @classmethod
     def from_function(
@@ -99,11 +94,6 @@ class Method:
             split: the sub-intervals that it wants votes of.
         """
         return cls(name, fuse_kernels.MAX, summary, split, function=function)
-
-    @classmethod
-    def from_rival(cls, rival: Rival) -> Method:
-        """A method that makes its depth map by itself, from two or more cameras."""
-        return cls(rival.name, fuse_kernels.MAX, rival.summary, rival=rival)
 
     def camera(self) -> int | None:
         """The one camera whose votes it takes; None where it fuses all of them."""
@@ -127,6 +117,14 @@ class Method:
 def file_name(method: str) -> str:
     """Returns a method's name as files carry it."""
     return method.replace("/", "-")
+
+
+def single_cameras(n_cameras: int) -> tuple[Method, ...]:
+    """Lists EMVS with each camera."""
+    return tuple(
+        Method(f"EMVS/cam{c}", fuse_kernels.CAMERA + c, f"camera {c} alone")
+        for c in range(n_cameras)
+    )
 
 
 @dataclass(frozen=True, eq=False)

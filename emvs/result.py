@@ -12,6 +12,7 @@ from emvs.depthmap import DepthMap
 from emvs.rays import RayCounts
 from emvs.sweep import VoteCounts
 from emvs.view import ReferenceView
+from emvs.volume import Slices
 from emvs.window import Window
 
 
@@ -40,21 +41,6 @@ class CameraCounts:
             "votes_outside_image": self.votes.outside,
             "votes_behind_camera": self.votes.behind,
         }
-
-
-@dataclass(frozen=True, eq=False)
-class Slices:
-    """One image row of every fused volume.
-
-    Attributes:
-        row_px: the row.
-        rho: (N,) float32 planes, 1/m.
-        values: method name -> (N, W) float32 votes.
-    """
-
-    row_px: int
-    rho: NDArray[np.float32]
-    values: Mapping[str, NDArray[np.float32]]
 
 
 @dataclass(frozen=True, eq=False)

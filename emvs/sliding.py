@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from emvs import device as devices
-from emvs import fusion
+from emvs import methods
 from emvs.ahead import ReadAhead
 from emvs.atomic import atomic_dir, refuse_existing
 from emvs.config import MapperConfig
@@ -168,8 +168,8 @@ def _map_sliding(
     recording: Recording, out: Path, config: MapperConfig, about: RecordingInfo,
     progress: Progress, *, force: bool, clouds: bool,
 ) -> None:  # fmt: skip
-    methods = fusion.methods(config.methods, len(recording.rig), reference=config.is_reference)
-    device = devices.for_methods(config.device, methods)
+    asked = methods.methods(config.methods, len(recording.rig), reference=config.is_reference)
+    device = devices.for_methods(config.device, asked)
     head = MapInfo(
         schema_version=SCHEMA_VERSION,
         recording=about,
@@ -287,11 +287,11 @@ def check_settings(recording: Recording, config: MapperConfig, out: Path) -> Non
         InputError: an unknown method, a GPU that is not there, an impossible depth range or row, or
             planes that memory or disk cannot hold.
     """
-    methods = fusion.methods(config.methods, len(recording.rig), reference=config.is_reference)
+    asked = methods.methods(config.methods, len(recording.rig), reference=config.is_reference)
     devices.check(config.device)
     view = reference_view(recording, config, recording.trajectory.span_us[0])
     check_request(config, view, out)
-    check_view_fits(view, len(methods), config, out)
+    check_view_fits(view, len(asked), config, out)
 
 
 def find_hot(

@@ -15,14 +15,12 @@ from emvs.backproject import Projected
 from emvs.config import MapperConfig
 from emvs.device import CPU, Device
 from emvs.focus_fold import InFocus
-from emvs.methods import single_cameras
 from emvs.progress import Progress
-from emvs.recipe import Method, Split
-from emvs.result import Slices
+from emvs.recipe import Method, Split, single_cameras
 from emvs.running import Maximum
 from emvs.sweep import VoteCounts
 from emvs.view import ReferenceView
-from emvs.volume import volume_writer
+from emvs.volume import Slices, volume_writer
 
 
 @dataclass(frozen=True)

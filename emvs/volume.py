@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -11,9 +12,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.atomic import atomic_path
-from emvs.fusion import Method, fuse_by
+from emvs.fusion import fuse_by
+from emvs.recipe import Method
 
 Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Slices:
+    """One image row of every fused volume.
+
+    Attributes:
+        row_px: the row.
+        rho: (N,) float32 planes, 1/m.
+        values: method name -> (N, W) float32 votes.
+    """
+
+    row_px: int
+    rho: NDArray[np.float32]
+    values: Mapping[str, NDArray[np.float32]]
 
 
 class SliceRecorder:

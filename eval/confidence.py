@@ -19,8 +19,8 @@ def unit(method: str) -> str:
     """Votes of the fused volume, what a baseline says that its confidence is, or `own unit`."""
     if method.split("/")[0] in _BY_VOTES:
         return VOTES
-    rival = catalogue.rival(method)
-    return rival.confidence if rival is not None else _OWN
+    baseline = catalogue.baseline(method)
+    return baseline.confidence if baseline is not None else _OWN
 
 
 def scales(window: WindowView) -> dict[str, Scale]:

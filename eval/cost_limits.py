@@ -17,7 +17,7 @@ import numpy as np
 
 from emvs.config import MapperConfig
 from emvs.mapper import map_window
-from emvs.methods import methods
+from emvs.methods import methods, with_volume
 from emvs.planes import inverse_depth_planes
 from emvs.ray_order import grouped_by_rows
 from emvs.rays import Rays, event_rays
@@ -155,9 +155,9 @@ def _fusion(effort: LimitsEffort) -> Figure:
     rho = inverse_depth_planes(*DEPTH_RANGE_M, effort.planes)
     load = (effort.planes, 1, width * height, 2)
     scratch = Scratch(2, next(batches(*load))[1], width, height)
-    best_s = np.inf
+    best_s, method = np.inf, with_volume(methods(("Alg1/H",), 2))
     for _ in range(effort.touchy_rounds):
-        maxima, spent_s = RunningMaxima(methods(("Alg1/H",), 2), width, height), 0.0
+        maxima, spent_s = RunningMaxima(method, width, height), 0.0
         for first, last in batches(*load):
             for k in (0, 1):
                 scratch.cast(k, rays[k], rho[first:last])

@@ -12,9 +12,8 @@ from emvs.backend import Task
 from emvs.backproject import back_project
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
-from emvs.methods import methods
 from emvs.progress import silent
-from emvs.recipe import WHOLE
+from emvs.recipe import WHOLE, single_cameras
 from emvs.view import reference_view
 from emvs.window import choose_window
 
@@ -30,7 +29,7 @@ def votes_s(recording: Recording, config: MapperConfig, rounds: int) -> float:
     view = reference_view(recording, config, window.t_ref_us)
     projector = devices.projector(device)
     rays = back_project(recording, config, window, view, silent, [WHOLE], projector).rays[WHOLE]
-    chosen, camera = methods(("EMVS/cam0",), len(recording.rig)), view.camera
+    chosen, camera = single_cameras(1), view.camera
     task = Task(
         chosen, chosen, len(recording.rig), camera.width_px, camera.height_px, view.rho, 0, config
     )

@@ -15,7 +15,7 @@ from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
 from emvs.depthmap import DepthMap
 from emvs.output import StoredMap, StoredWindow
-from emvs.result import Slices
+from emvs.volume import Slices
 from eval.config import EvalConfig
 from eval.folders import CONFIG_FILE, Scored, find_maps, has_truth, recording_of, truth_of
 from eval.plots import DsiSlice

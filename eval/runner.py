@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import scenes
-from emvs import device, fusion
+from emvs import device, methods
 from emvs.atomic import atomic_dir
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence as EventSequence
@@ -177,5 +177,5 @@ def check_case(scene: str, rig: str | None, config: MapperConfig) -> None:
         InputError: an unknown scene, rig or method, or a GPU that is not there.
     """
     chosen = named_rig(rig or scenes.load(scene).rig)
-    fusion.methods(config.methods, len(chosen), reference=config.is_reference)
+    methods.methods(config.methods, len(chosen), reference=config.is_reference)
     device.check(config.device)

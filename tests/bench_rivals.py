@@ -66,7 +66,7 @@ def test_time_surface(benchmark, sensor, capsys):
 # ESVO rightly says that no two estimates agree; bench_rivals_esvo.py has a plane that both see.
 @pytest.mark.parametrize("name", [n for n in catalogue.names() if n.startswith("SGM")])
 def test_rivals(benchmark, name, capsys):
-    rival, config = catalogue.rival(name), MapperConfig(threads=1)
+    rival, config = catalogue.baseline(name), MapperConfig(threads=1)
     cv2.setNumThreads(1)
     rows = []
     for sensor in SENSORS:

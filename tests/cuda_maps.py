@@ -61,7 +61,7 @@ def every_method():
     """One of each kind that sweeps, from the registry's own examples."""
     examples = [name for family in methods.FAMILIES.values() for name in family.examples]
     names = [method.name for method in methods.known_methods(2)] + examples
-    return tuple(m.name for m in methods.methods(names, 2) if m.rival is None)
+    return tuple(m.name for m in methods.with_volume(methods.methods(names, 2)))
 
 
 def test_every_method_of_the_registry_gives_the_map_of_the_cpu():

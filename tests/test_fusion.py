@@ -8,7 +8,9 @@ from hypothesis import strategies as st
 
 from emvs import fuse_kernels
 from emvs.errors import InputError
-from emvs.fusion import FUSIONS, Method, fuse, known_methods, methods
+from emvs.fusion import FUSIONS, fuse
+from emvs.methods import known_methods, methods
+from emvs.recipe import Method
 from emvs.running import RunningMaxima
 
 ORDER = ("min", "H", "G", "A", "RMS", "max")

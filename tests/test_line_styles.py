@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 
-from emvs.rivals.catalogue import RIVALS
+from emvs.rivals.catalogue import BASELINES
 from eval.line_styles import INK, line_style
 
 SWEPT = [f"Alg1/{name}" for name in ("min", "H", "G", "A", "RMS", "max")]
 TOGETHER = [
     *SWEPT, "EMVS/cam0", "EMVS/cam1", "Focus/H", "Focus/cam0", "Alg2/AtHc@4", "Late/union",
-    *(rival.name for rival in RIVALS),
+    *(baseline.name for baseline in BASELINES),
 ]  # fmt: skip
 
 

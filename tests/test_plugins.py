@@ -24,7 +24,7 @@ def install(folder, module: str) -> None:
 
 
 def methods(folder, asked: str):
-    code = f"from emvs.fusion import methods; print([m.name for m in methods(({asked!r},), 2)])"
+    code = f"from emvs.methods import methods; print([m.name for m in methods(({asked!r},), 2)])"
     return subprocess.run(
         [sys.executable, "-c", code],
         env={"PYTHONPATH": str(folder), "PATH": "/usr/bin:/bin"},

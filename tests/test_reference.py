@@ -14,8 +14,8 @@ from emvs.data.camera import Camera
 from emvs.data.events import Events
 from emvs.data.trajectory import Trajectory
 from emvs.depthmap import confidence_mask, eight_bits
-from emvs.fusion import methods
 from emvs.median import masked_median
+from emvs.methods import methods
 from emvs.planes import reference_planes
 from emvs.rays import event_rays
 from emvs.running import RunningMaxima

@@ -16,10 +16,9 @@ from emvs.map_files import read_depth, read_slices
 from emvs.mapper import map_window
 from emvs.methods import methods, overview, register, unregister
 from emvs.output import write_window
-from emvs.recipe import Method
 from emvs.rivals import catalogue, sgm
 from emvs.rivals.parameters import SemiGlobal
-from emvs.rivals.rival import Rival
+from emvs.rivals.rival import BaselineEstimator
 from emvs.rivals.semi_global import match
 from emvs.window import Window
 
@@ -59,7 +58,7 @@ def test_all_stays_the_fusion_methods_and_rivals_are_the_others():
     assert "Frames/sgm" not in catalogue.names()
     assert methods(("baselines", "SGM/ts"), 2) == methods(("baselines",), 2)
     shown = " ".join(overview())
-    assert all(rival.name in shown for rival in catalogue.RIVALS)
+    assert all(baseline.name in shown for baseline in catalogue.BASELINES)
 
 
 def test_names_that_no_rival_has_are_refused():
@@ -75,7 +74,7 @@ def test_a_rival_of_ones_own():
     def nothing_new(recording, window, view, config):
         return sgm.estimate(recording, window, view, config)
 
-    register(Method.from_rival(Rival("Own/rival", "nothing new", nothing_new)))
+    register(BaselineEstimator("Own/rival", "nothing new", nothing_new))
     try:
         own = mapped(fronto_parallel(1.5), "Own/rival").depth_maps["Own/rival"]
         assert own.method == "Own/rival"

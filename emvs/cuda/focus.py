@@ -11,7 +11,7 @@ from emvs.config import MapperConfig
 from emvs.cuda import arrays, focus_kernels, fuse_kernels, library
 from emvs.cuda.maxima import State
 from emvs.focus import DOG_RATIO, half_window
-from emvs.focus_fold import InFocus, focus_config
+from emvs.focus_fold import InFocus
 from emvs.fuse_kernels import CAMERA
 from emvs.recipe import Method, Tables
 
@@ -112,10 +112,9 @@ class _Measure:
     """
 
     def __init__(self, planes: int, width_px: int, cells: int, config: MapperConfig) -> None:
-        measure = focus_config(config)
-        self._name, self._width_px = measure.measure, width_px
+        self._name, self._width_px = config.focus_measure, width_px
         self._weights = [
-            arrays.up(half_window(scale * measure.sigma_px)) for scale in (1, DOG_RATIO)
+            arrays.up(half_window(scale * config.focus_sigma_px)) for scale in (1, DOG_RATIO)
         ]
         self.image, *self._room = (
             arrays.empty((planes, cells), np.float32) for _ in range(ROOM_IMAGES)

@@ -1,11 +1,11 @@
-"""What a rival is: a method that makes its depth map by itself, without a volume."""
+"""What has no volume: an estimator that makes its depth map by itself."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from emvs.config import MapperConfig
@@ -17,9 +17,33 @@ if TYPE_CHECKING:
     Estimate = Callable[[Recording, Window, ReferenceView, MapperConfig], DepthMap]
 
 
+class DepthEstimator(Protocol):
+    """What makes a depth map of a window by itself, without rays and planes.
+
+    `emvs.recipe.Method` is the other kind of method: one way from votes to a volume.
+    """
+
+    @property
+    def name(self) -> str:
+        """Of the form Family/variant; its depth map carries the same."""
+
+    @property
+    def summary(self) -> str:
+        """What it does, in a few words."""
+
+    @property
+    def confidence(self) -> str:
+        """What the values of its confidence are, in a word or two, with their unit."""
+
+    def estimate(
+        self, recording: Recording, window: Window, view: ReferenceView, config: MapperConfig, /
+    ) -> DepthMap:
+        """The depth map of a window in the reference view."""
+
+
 @dataclass(frozen=True)
-class Rival:
-    """A method that needs no rays and no planes.
+class BaselineEstimator:
+    """A `DepthEstimator` made of a function.
 
     Attributes:
         name: of the form Family/variant; its depth map carries the same.
