@@ -26,12 +26,12 @@ _PATTERN = re.compile(rf"Alg2/({_F})([ct])({_F})([ct])@([1-9]\d*)(/time)?(~)?")
 _AXIS = {"c": "across cameras", "t": "over time"}
 
 
-def build(name: str, reference: bool = False) -> Method:
+def build(name: str, mcemvs: bool = False) -> Method:
     """Makes the method of a name.
 
     Args:
         name: such as `Alg2/AtHc@4`.
-        reference: the compatibility setting, whose H across cameras is 2ab / (a + b + 0.1).
+        mcemvs: the compatibility setting, whose H across cameras is 2ab / (a + b + 0.1).
 
     Raises:
         InputError: a name that does not follow the grammar, or asks for what makes no difference.
@@ -43,10 +43,10 @@ def build(name: str, reference: bool = False) -> Method:
     _check(name, outer_axis, inner_axis, int(count), shuffled=shuffle is not None)
     return Method(
         name,
-        _code(inner, inner_axis, reference),
+        _code(inner, inner_axis, mcemvs),
         _summary(match),
         Split(int(count), "time" if by_time else "count"),
-        outer=_code(outer, outer_axis, reference),
+        outer=_code(outer, outer_axis, mcemvs),
         time_first=inner_axis == "t",
         shuffled=shuffle is not None,
     )
@@ -66,8 +66,8 @@ def _check(name: str, outer_axis: str, inner_axis: str, count: int, *, shuffled:
         )
 
 
-def _code(fusion: str, axis: str, reference: bool) -> int:
-    if reference and fusion == "H" and axis == "c":
+def _code(fusion: str, axis: str, mcemvs: bool) -> int:
+    if mcemvs and fusion == "H" and axis == "c":
         return fuse_kernels.HARMONIC_EPS
     return CODES[fusion]
 

@@ -102,7 +102,7 @@ def refuse_existing(path: Path, *, force: bool) -> None:
         InputError: `path` exists and `force` is not set.
     """
     if path.exists() and not force:
-        raise InputError(f"{path} exists: choose another output, or add --force to replace it")
+        raise InputError(f"{path} exists: choose another output, or set force=True to replace it")
 
 
 def _swap(partial: Path, path: Path) -> None:

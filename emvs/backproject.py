@@ -54,7 +54,7 @@ def back_project(
     cast, counts = [], []
     for k, camera in enumerate(recording.rig.cameras):
         events = projector.received(recording.events(k, window.t0_us, window.t1_us))
-        caster = projector.caster(recording, view, k, packets=config.is_reference)
+        caster = projector.caster(recording, view, k, packets=config.is_mcemvs)
         pieces = _of_camera(caster, events, config, window, splits)
         its_counts = total([rays.counts for parts in pieces[splits[0]] for rays in parts])
         _check_any(recording.rig.camera_names[k], its_counts, window, config)

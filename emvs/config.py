@@ -13,6 +13,7 @@ Positive = Annotated[FiniteFloat, Field(gt=0)]
 NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 DeviceName = Literal["cpu", "cuda", "auto"]
 OddPixels = Annotated[int, Field(ge=1, le=99)]
+FocusMeasure = Literal["variance", "mean-square", "gradient", "laplacian", "dog"]
 
 
 class MapperConfig(BaseModel):
@@ -86,11 +87,20 @@ class MapperConfig(BaseModel):
         min_length=1,
         description="methods by name, such as Alg1/H or Alg2/AtHc@4; or all, baselines, everything",
     )
-    extraction: Literal["votes", "variance", "mean-square", "gradient", "laplacian", "dog"] = Field(
+    extraction: Literal["votes", FocusMeasure] = Field(
         "votes", description="what depth maximises along a ray: the votes, or a focus measure"
+    )
+    focus_measure: FocusMeasure = Field(
+        "variance", description="what the depth of the Focus methods maximises along a ray"
     )
     focus_sigma_px: Positive = Field(
         2.5, le=50, description="scale of the focus measures, px of the reference view"
+    )
+    focus_threshold_kernel_px: int = Field(
+        5, ge=3, le=99, description="window of the Focus methods' adaptive threshold, px, odd"
+    )
+    focus_threshold_c: FiniteFloat = Field(
+        2.0, description="threshold_c of the Focus methods, which reliability follows"
     )
     focus_reliability: float = Field(
         0.03, ge=0, le=1, description="reliability that a point of the Focus methods needs"
@@ -143,19 +153,18 @@ class MapperConfig(BaseModel):
 
     @model_validator(mode="after")
     def _check(self) -> "MapperConfig":
-        if self.threshold_kernel_px % 2 == 0:
-            raise ValueError(f"threshold_kernel_px is {self.threshold_kernel_px}: must be odd")
-        if self.median_px % 2 == 0:
-            raise ValueError(f"median_px is {self.median_px}: must be odd")
+        for name in ("threshold_kernel_px", "focus_threshold_kernel_px", "median_px"):
+            if getattr(self, name) % 2 == 0:
+                raise ValueError(f"{name} is {getattr(self, name)}: must be odd")
         if self.reference_s is not None and self.reference == "end":
             raise ValueError("reference_s and reference end: leave one of them out")
         self._check_sliding()
-        if self.is_reference and (self.spacing, self.polarity) != ("inverse", "both"):
+        if self.is_mcemvs and (self.spacing, self.polarity) != ("inverse", "both"):
             raise ValueError(
                 f"compatibility mcemvs with spacing {self.spacing} and polarity {self.polarity}: "
                 "it knows inverse and both only"
             )
-        if self.is_reference and self.voting != "bilinear":
+        if self.is_mcemvs and self.voting != "bilinear":
             raise ValueError(f"compatibility mcemvs with voting {self.voting}: needs bilinear")
         near, far = self.min_depth_m, self.max_depth_m
         if near is not None and far is not None and near >= far:
@@ -179,19 +188,14 @@ class MapperConfig(BaseModel):
         return self.window_s is not None or self.window_events is not None
 
     @property
-    def is_reference(self) -> bool:
+    def is_mcemvs(self) -> bool:
         """Whether to do as the authors' implementation does."""
         return self.compatibility == "mcemvs"
 
     @property
     def refines(self) -> bool:
         """Whether maxima are refined between planes (the authors' implementation never does)."""
-        return self.interpolate and not self.is_reference
-
-    @property
-    def focus_measure(self) -> str:
-        """What the Focus methods maximise along a ray."""
-        return "variance" if self.extraction == "votes" else self.extraction
+        return self.interpolate and not self.is_mcemvs
 
     @property
     def polarities(self) -> int:

@@ -96,7 +96,7 @@ def confidence_mask(confidence: Floats, config: MapperConfig) -> Mask:
         (H, W) bool, the border included.
     """
     grey = eight_bits(confidence, config.max_confidence)
-    if config.is_reference:
+    if config.is_mcemvs:
         grey[0, 0] = 0  # where the authors' program writes its maximum
     kept = cv2.adaptiveThreshold(
         grey,

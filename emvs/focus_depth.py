@@ -69,7 +69,12 @@ def _judged(
 
 def _scales(config: MapperConfig) -> FocusConfig:
     """The parameters of the extraction, as far as the mapper's configuration sets them."""
-    return FocusConfig(measure=config.focus_measure, sigma_px=config.focus_sigma_px)
+    return FocusConfig(
+        measure=config.focus_measure,
+        sigma_px=config.focus_sigma_px,
+        threshold_kernel_px=config.focus_threshold_kernel_px,
+        threshold_c=config.focus_threshold_c,
+    )
 
 
 def parallax_baseline_m(recording: Recording, window: Window) -> float:

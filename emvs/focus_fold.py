@@ -30,6 +30,16 @@ class InFocus:
     witnesses: tuple[Maximum, ...]
 
 
+def measure_of(method: Method, config: MapperConfig) -> str:
+    """What a method's depth maximises along a ray: `votes`, or a focus measure by its name."""
+    return config.focus_measure if method.focus else config.extraction
+
+
+def needs_focus(methods: Sequence[Method], config: MapperConfig) -> list[Method]:
+    """Those of the methods that need a focus measure."""
+    return [method for method in methods if measure_of(method, config) != "votes"]
+
+
 class FocusFold:
     """Peaks of the focus measure of every method that needs one, and of each camera's votes.
 
@@ -46,16 +56,14 @@ class FocusFold:
         config: MapperConfig,
     ) -> None:  # fmt: skip
         self._polarities, self._cameras = config.polarities, cameras
-        measured = [m for m in methods if m.focus or config.extraction != "votes"]
+        measured = needs_focus(methods, config)
         asked = any(m.focus and m.camera() is None for m in measured)
 
-        def peak() -> FocusPeak:
-            return FocusPeak(
-                width_px, height_px, config.focus_measure, config.focus_sigma_px, config.planes
-            )
+        def peak(measure: str) -> FocusPeak:
+            return FocusPeak(width_px, height_px, measure, config.focus_sigma_px, config.planes)
 
-        self._peaks = {method: peak() for method in measured}
-        self._witnesses = [peak() for _ in range(cameras if asked else 0)]
+        self._peaks = {method: peak(measure_of(method, config)) for method in measured}
+        self._witnesses = [peak(config.focus_measure) for _ in range(cameras if asked else 0)]
 
     def take(self, images: Floats) -> None:
         """Takes in the next planes of (V, P, H, W) votes, in order."""

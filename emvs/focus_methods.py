@@ -19,12 +19,12 @@ EXAMPLES = ("Focus/H", "Focus/cam0", "Focus/AtHc@4")
 _CAMERA = re.compile(r"cam(0|[1-9]\d*)")
 
 
-def build(name: str, reference: bool = False) -> Method:
+def build(name: str, mcemvs: bool = False) -> Method:
     """Makes the method of a name.
 
     Args:
         name: such as `Focus/H`.
-        reference: the compatibility setting, whose H across cameras is 2ab / (a + b + 0.1).
+        mcemvs: the compatibility setting, whose H across cameras is 2ab / (a + b + 0.1).
 
     Raises:
         InputError: a name that does not follow the grammar.
@@ -35,10 +35,10 @@ def build(name: str, reference: bool = False) -> Method:
         k = int(camera.group(1))
         return Method(name, fuse_kernels.CAMERA + k, f"camera {k} alone, by focus", focus=True)
     if fused in CODES:
-        code = fuse_kernels.HARMONIC_EPS if reference and fused == "H" else CODES[fused]
+        code = fuse_kernels.HARMONIC_EPS if mcemvs and fused == "H" else CODES[fused]
         return Method(name, code, f"{MEANS[fused]} across cameras, by focus", focus=True)
     try:
-        method = alg2.build(f"Alg2/{fused}", reference)
+        method = alg2.build(f"Alg2/{fused}", mcemvs)
     except InputError as error:
         raise InputError(f"unknown method {name!r}: the names are {GRAMMAR}") from error
     return replace(method, name=name, summary=f"{method.summary}; by focus", focus=True)

@@ -126,8 +126,8 @@ def _check_same(path: Path, found: MapInfo, wanted: MapInfo) -> None:
     difference = next(_differences(found, wanted), None)
     if difference is not None:
         raise InputError(
-            f"{path}: was begun with {difference}: choose another output, or add --force to "
-            "replace it"
+            f"{path}: was begun with {difference}: choose another output, or set "
+            "force=True to replace it"
         )
 
 

@@ -54,7 +54,7 @@ def map_window(
             range, an unknown method, a GPU that is not there or has too little memory.
     """
     stopwatch = Stopwatch()
-    asked = methods.methods(config.methods, len(recording.rig), reference=config.is_reference)
+    asked = methods.methods(config.methods, len(recording.rig), mcemvs=config.is_mcemvs)
     by_volume = methods.with_volume(asked)
     estimators = [method for method in asked if not isinstance(method, Method)]
     device = devices.for_methods(config.device, asked) if device is None else device

@@ -36,18 +36,18 @@ class Family:
     build: Callable[[str, bool], AnyMethod]
 
 
-def _late(name: str, _reference: bool) -> Method:
+def _late(name: str, _mcemvs: bool) -> Method:
     if name != "Late/union":
         raise InputError(f"unknown method {name!r}: the late fusion is Late/union")
     return Method(name, fuse_kernels.MAX, "the single cameras' maps, joined", late=True)
 
 
-def _baseline(name: str, reference: bool) -> BaselineEstimator:
+def _baseline(name: str, mcemvs: bool) -> BaselineEstimator:
     baseline = catalogue.baseline(name)
     if baseline is None:
         known = ", ".join(one.name for one in catalogue.BASELINES)
         raise InputError(f"unknown method {name!r}: the rivals are {known}")
-    if reference:
+    if mcemvs:
         raise InputError(f"{name} does not know the mcemvs setting: choose compatibility none")
     return baseline
 
@@ -102,16 +102,16 @@ def unregister(name: str) -> None:
     _registered.pop(name, None)
 
 
-def known_methods(n_cameras: int, *, reference: bool = False) -> tuple[Method, ...]:
+def known_methods(n_cameras: int, *, mcemvs: bool = False) -> tuple[Method, ...]:
     """Lists what `all` stands for: Algorithm 1, the single cameras and our own `Focus/H`.
 
     With one camera there is nothing to fuse. The compatibility setting has no method of ours.
 
     Args:
         n_cameras: cameras of the rig.
-        reference: the compatibility setting, whose H is 2ab / (a + b + 0.1).
+        mcemvs: the compatibility setting, whose H is 2ab / (a + b + 0.1).
     """
-    codes = CODES | ({"H": fuse_kernels.HARMONIC_EPS} if reference else {})
+    codes = CODES | ({"H": fuse_kernels.HARMONIC_EPS} if mcemvs else {})
     fused = tuple(
         Method(f"Alg1/{name}", code, f"fused across cameras by the {MEANS[name]}")
         for name, code in codes.items()
@@ -119,7 +119,7 @@ def known_methods(n_cameras: int, *, reference: bool = False) -> tuple[Method, .
     single = single_cameras(n_cameras)
     if n_cameras == 1:
         return single
-    return fused + single + (() if reference else (focus_methods.build("Focus/H"),))
+    return fused + single + (() if mcemvs else (focus_methods.build("Focus/H"),))
 
 
 def overview(n_cameras: int = 2) -> dict[str, str]:
@@ -133,9 +133,7 @@ def overview(n_cameras: int = 2) -> dict[str, str]:
     return known | families | {method.name: method.summary for method in _registered.values()}
 
 
-def methods(
-    names: Sequence[str], n_cameras: int, *, reference: bool = False
-) -> tuple[AnyMethod, ...]:
+def methods(names: Sequence[str], n_cameras: int, *, mcemvs: bool = False) -> tuple[AnyMethod, ...]:
     """Looks methods up by name.
 
     Args:
@@ -143,7 +141,7 @@ def methods(
             methods of `emvs.rivals` that need nothing but events, `everything` for both and the
             late fusion.
         n_cameras: cameras of the rig.
-        reference: the compatibility setting.
+        mcemvs: the compatibility setting.
 
     Returns:
         The methods, each once: first those of `known_methods`, in its order; then the others, in
@@ -153,12 +151,12 @@ def methods(
         InputError: a name that is not known for this number of cameras, or H in the compatibility
             setting with other than two cameras.
     """
-    known = known_methods(n_cameras, reference=reference)
+    known = known_methods(n_cameras, mcemvs=mcemvs)
     names = [one for name in names for one in catalogue.GROUPS.get(name, (name,))]
     others = [name for name in dict.fromkeys(names) if name not in {m.name for m in known}]
     if any(name != "all" for name in others):
         plugins.load()
-    extra = tuple(_find(name, n_cameras, reference) for name in others if name != "all")
+    extra = tuple(_find(name, n_cameras, mcemvs) for name in others if name != "all")
     chosen = (*(m for m in known if "all" in names or m.name in names), *extra)
     if n_cameras != 2:
         _check_no_pair_mean(chosen, n_cameras)
@@ -180,11 +178,11 @@ def _check_no_pair_mean(chosen: Sequence[AnyMethod], n_cameras: int) -> None:
             )
 
 
-def _find(name: str, n_cameras: int, reference: bool) -> AnyMethod:
+def _find(name: str, n_cameras: int, mcemvs: bool) -> AnyMethod:
     if name in _registered:
         return _registered[name]
     family = FAMILIES.get(name.split("/")[0])
-    method = family.build(name, reference) if family is not None else None
+    method = family.build(name, mcemvs) if family is not None else None
     if method is None or not _fits(method, n_cameras):
         raise _unknown(name, n_cameras)
     return method

@@ -141,7 +141,7 @@ class StoredWindow:
         """
         path = self._folder(method) / "dense.npz"
         if not path.exists():
-            raise InputError(f"{path}: no such file; map with inpaint (`--map.inpaint`) to fill")
+            raise InputError(f"{path}: no such file; map with inpaint=True to fill")
         camera = self.depth_map(method).camera
         return read_dense(path, (camera.height_px, camera.width_px))
 

@@ -32,7 +32,7 @@ def linear_planes(min_depth_m: float, max_depth_m: float, count: int) -> NDArray
     return (1 / np.linspace(min_depth_m, max_depth_m, count)).astype(np.float32)
 
 
-def reference_planes(min_depth_m: float, max_depth_m: float, count: int) -> NDArray[np.float32]:
+def mcemvs_planes(min_depth_m: float, max_depth_m: float, count: int) -> NDArray[np.float32]:
     """Returns the planes of the authors' implementation: far to near, never quite at the near end.
 
     Args:

@@ -168,7 +168,7 @@ def _map_sliding(
     recording: Recording, out: Path, config: MapperConfig, about: RecordingInfo,
     progress: Progress, *, force: bool, clouds: bool,
 ) -> None:  # fmt: skip
-    asked = methods.methods(config.methods, len(recording.rig), reference=config.is_reference)
+    asked = methods.methods(config.methods, len(recording.rig), mcemvs=config.is_mcemvs)
     device = devices.for_methods(config.device, asked)
     head = MapInfo(
         schema_version=SCHEMA_VERSION,
@@ -287,7 +287,7 @@ def check_settings(recording: Recording, config: MapperConfig, out: Path) -> Non
         InputError: an unknown method, a GPU that is not there, an impossible depth range or row, or
             planes that memory or disk cannot hold.
     """
-    asked = methods.methods(config.methods, len(recording.rig), reference=config.is_reference)
+    asked = methods.methods(config.methods, len(recording.rig), mcemvs=config.is_mcemvs)
     devices.check(config.device)
     view = reference_view(recording, config, recording.trajectory.span_us[0])
     check_request(config, view, out)
@@ -325,5 +325,5 @@ def _check_entry(path: Path, window: Window, device: Device) -> None:
     if found.device != device.name:
         raise InputError(
             f"{path}: was mapped on {found.device}, not {device.name}: choose that device, another "
-            "output, or add --force to replace it"
+            "output, or set force=True to replace it"
         )

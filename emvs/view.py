@@ -11,7 +11,7 @@ from emvs.config import DEFAULT_DEPTH_RANGE_M, MapperConfig
 from emvs.data.camera import Camera
 from emvs.data.recording import Recording
 from emvs.errors import InputError
-from emvs.planes import inverse_depth_planes, linear_planes, reference_planes
+from emvs.planes import inverse_depth_planes, linear_planes, mcemvs_planes
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ def reference_view(recording: Recording, config: MapperConfig, t_us: int) -> Ref
     """
     near_m, far_m = depth_range_m(recording, config)
     planes = linear_planes if config.spacing == "linear" else inverse_depth_planes
-    planes = reference_planes if config.is_reference else planes
+    planes = mcemvs_planes if config.is_mcemvs else planes
     return ReferenceView(
         t_us=t_us,
         T_world_rv=recording.trajectory.at(t_us) @ _T_body_rv(recording, config.reference_shift),

@@ -14,6 +14,7 @@ from rich.table import Table
 from emvs.data.sequence import Sequence as EventSequence
 from emvs.output import StoredMap
 from eval import findings, map_summary, ranking
+from eval.exits import with_flags
 from eval.progress import Bars, Progress, Silent
 from eval.results import Results, Row, to_json
 from eval.score import POOLED
@@ -29,7 +30,7 @@ class Console:
         self._show = not (quiet or as_json)
         self._as_json = as_json
         self._out = RichConsole(soft_wrap=False, highlight=False)
-        self.progress: Progress = Bars() if self._show else Silent()
+        self.progress: Progress = Bars(with_flags) if self._show else Silent()
 
     def results(self, results: Results, ranking_metric: str) -> None:
         """The ranking of each case, and what it says in words."""

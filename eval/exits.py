@@ -20,6 +20,16 @@ OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
 _CALLED_FROM_C = frozenset({"emvs.data.hdf5"})
 _SOON_S = 0.05
 
+# The libraries name their parameters; these are their flags.
+_FLAGS = {
+    "set force=True": "add --force",
+    "set resume=False": "add --fresh",
+    "resume=False": "--fresh",
+    "frames.rate_hz": "--sim.frames.rate-hz",
+    "imu.rate_hz": "--sim.imu.rate-hz",
+    "inpaint=True": "--map.inpaint",
+}
+
 
 @dataclass
 class ExitCode:
@@ -43,7 +53,7 @@ def exit_code() -> Iterator[ExitCode]:
     try:
         yield code
     except InputError as error:
-        code.value = _tell(str(error), BAD_INPUT)
+        code.value = _tell(with_flags(str(error)), BAD_INPUT)
     except KeyboardInterrupt:
         words = "interrupted: no half-written output; the same command takes up finished parts"
         code.value = _tell(words, INTERRUPTED)
@@ -56,6 +66,13 @@ def exit_code() -> Iterator[ExitCode]:
         code.value = _tell(words, BAD_INPUT)
     finally:
         sys.unraisablehook = sys.__unraisablehook__
+
+
+def with_flags(words: str) -> str:
+    """What a library says of its parameters, as the command line's flags."""
+    for parameter, flag in _FLAGS.items():
+        words = words.replace(parameter, flag)
+    return words
 
 
 def _send_again(lost: sys.UnraisableHookArgs) -> None:

@@ -40,7 +40,14 @@ class Silent:
 
 
 class Bars:
-    """A bar per stage while it runs, on a terminal, and one line when it is done."""
+    """A bar per stage while it runs, on a terminal, and one line when it is done.
+
+    Args:
+        wording: how lines of the libraries are said to people.
+    """
+
+    def __init__(self, wording: Callable[[str], str] = str) -> None:
+        self._wording = wording
 
     @contextmanager
     def stage(self, title: str, total: float) -> Iterator[Update]:
@@ -69,7 +76,7 @@ class Bars:
 
     def say(self, line: str) -> None:
         """Prints the line on the error stream."""
-        sys.stderr.write(f"{line}\n")
+        sys.stderr.write(f"{self._wording(line)}\n")
 
 
 # How the mapper's wall time divides among its stages, for one bar that moves evenly.

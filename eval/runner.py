@@ -177,5 +177,5 @@ def check_case(scene: str, rig: str | None, config: MapperConfig) -> None:
         InputError: an unknown scene, rig or method, or a GPU that is not there.
     """
     chosen = named_rig(rig or scenes.load(scene).rig)
-    methods.methods(config.methods, len(chosen), reference=config.is_reference)
+    methods.methods(config.methods, len(chosen), mcemvs=config.is_mcemvs)
     device.check(config.device)

@@ -195,5 +195,5 @@ def _tell(job: Job, work: WorkFolder, notice: Notice) -> None:
     done_s = job.bounds_us[work.next_chunk] * 1e-6
     notice(
         f"resuming {work.path}: {done_s:.3f} s of {job.duration_us * 1e-6:.3f} s are done "
-        "(--fresh discards them)"
+        "(resume=False discards them)"
     )

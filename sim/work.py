@@ -119,7 +119,7 @@ class WorkFolder:
             if json.loads(job.read_text(encoding="utf-8")) != wanted:
                 raise InputError(
                     f"{self.path} holds unfinished work of other parameters, scene or versions: "
-                    "finish it with those, or add --fresh to discard it"
+                    "finish it with those, or set resume=False to discard it"
                 )
             self._find_parts()
             return

@@ -192,11 +192,11 @@ def test_work_of_another_configuration_is_not_taken_up(folder, scene, whole):
     other = CONFIG.model_copy(update={"contrast_threshold_pos": 0.3})
     stopped(scene, out, 22_000, other)
     kept = contents(work_path(out))
-    with pytest.raises(InputError, match="--fresh") as caught:
+    with pytest.raises(InputError, match="resume=False") as caught:
         simulate(scene, made.tiny_rig(), CONFIG, 0, out)
     assert "\n" not in str(caught.value)
     moved = replace(scene, motion=lambda duration_s, seed: motion(duration_s, seed + 1))
-    with pytest.raises(InputError, match="--fresh"):
+    with pytest.raises(InputError, match="resume=False"):
         simulate(moved, made.tiny_rig(), other, 0, out)
     assert contents(work_path(out)) == kept
     simulate(scene, made.tiny_rig(), CONFIG, 0, out, resume=False)

@@ -20,6 +20,7 @@ from emvs.data.trajectory import Trajectory
 from emvs.data.writer import SequenceWriter
 from eval import runner
 from eval.cli import main
+from eval.exits import with_flags
 
 COMMAND = [sys.executable, "-m", "eval.cli"]
 CAMERA = Camera(40, 30, 30, 30, 19.5, 14.5)
@@ -138,6 +139,22 @@ def test_flag_beats_file_beats_default(tmp_path, capsys, sequence):
     config = json.loads((out / "map.json").read_text())["config"]
     assert (config["planes"], config["median_px"], config["threshold_kernel_px"]) == (7, 1, 5)
     assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    ("library", "command_line"),
+    [
+        ("o exists: set force=True to replace it", "o exists: add --force to replace it"),
+        ("or set resume=False to discard it", "or add --fresh to discard it"),
+        ("(resume=False discards them)", "(--fresh discards them)"),
+        ("simulate with frames.rate_hz above 0", "simulate with --sim.frames.rate-hz above 0"),
+        ("simulate with imu.rate_hz above 0", "simulate with --sim.imu.rate-hz above 0"),
+        ("map with inpaint=True to fill", "map with --map.inpaint to fill"),
+        ("planes is 1: needs 2", "planes is 1: needs 2"),
+    ],
+)
+def test_libraries_name_parameters_and_the_command_line_flags(library, command_line):
+    assert with_flags(library) == command_line
 
 
 def test_an_existing_output_is_kept_unless_forced(tmp_path, capsys, sequence):

@@ -107,6 +107,7 @@ def test_depth_is_finite_everywhere_and_interpolated_where_asked():
         ({"min_depth_m": 2, "max_depth_m": 1}, "depth range 2..1 m"),
         ({"min_depth_m": 2, "max_depth_m": 2}, "depth range"),
         ({"threshold_kernel_px": 4}, "odd"),
+        ({"focus_threshold_kernel_px": 6}, "odd"),
         ({"threshold_kernel_px": 1}, "greater than or equal to 3"),
         ({"median_px": 6}, "odd"),
         ({"duration_s": 0}, "duration_s"),

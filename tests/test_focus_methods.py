@@ -142,9 +142,9 @@ def test_names_that_cannot_be_get_one_line(name, cameras, words):
     assert "\n" not in str(error.value)
 
 
-def test_the_reference_harmonic_mean_is_for_two_cameras_by_focus_too():
+def test_the_harmonic_mean_of_mcemvs_is_for_two_cameras_by_focus_too():
     with pytest.raises(InputError, match="Focus/H in the mcemvs setting fuses 2 cameras"):
-        methods(("Focus/H",), 3, reference=True)
+        methods(("Focus/H",), 3, mcemvs=True)
     assert any(name.startswith("Focus/<F>") for name in overview())
 
 
@@ -167,6 +167,29 @@ def test_a_measure_moves_the_depth_of_any_method_and_nothing_else(measure):
 def test_the_configuration_names_every_measure():
     field = MapperConfig.model_fields["extraction"]
     assert get_args(field.annotation) == tuple(focus.MEASURES)
+    own = get_args(MapperConfig.model_fields["focus_measure"].annotation)
+    assert ("votes", *own) == tuple(focus.MEASURES)
+
+
+def test_the_focus_methods_have_parameters_of_their_own():
+    """What steers the votes does not move them; what steers them leaves the votes alone."""
+    recording, names = fronto_parallel(1.23), ("Alg1/H", "Focus/H")
+    plain = mapped(recording, *names)
+    by_votes = mapped(recording, *names, extraction="gradient", threshold_c=1)
+    by_focus = mapped(recording, *names, focus_measure="gradient", focus_threshold_c=15)
+    wide = mapped(recording, *names, focus_threshold_kernel_px=25)
+    same_map(plain, by_votes, "Focus/H")
+    for other in (by_focus, wide):
+        same_map(plain, other, "Alg1/H")
+        assert (plain.depth_maps["Focus/H"].mask != other.depth_maps["Focus/H"].mask).any()
+    assert (plain.depth_maps["Alg1/H"].mask != by_votes.depth_maps["Alg1/H"].mask).any()
+
+
+def same_map(one, other, name):
+    for field in ("depth_m", "confidence", "mask", "argmax"):
+        np.testing.assert_array_equal(
+            getattr(one.depth_maps[name], field), getattr(other.depth_maps[name], field)
+        )
 
 
 @pytest.mark.parametrize("interpolate", [True, False])

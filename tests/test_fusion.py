@@ -117,7 +117,7 @@ def test_method_names():
     two = ["Alg1/min", "Alg1/H", "Alg1/G", "Alg1/A", "Alg1/RMS", "Alg1/max", "EMVS/cam0",
            "EMVS/cam1"]  # fmt: skip
     assert [method.name for method in methods(("all",), 2)] == [*two, "Focus/H"]
-    assert [method.name for method in methods(("all",), 2, reference=True)] == two
+    assert [method.name for method in methods(("all",), 2, mcemvs=True)] == two
     assert [method.name for method in methods(("EMVS/cam1", "Alg1/H", "Alg1/H"), 2)] == [
         "Alg1/H", "EMVS/cam1",
     ]  # fmt: skip
@@ -135,5 +135,5 @@ def test_unknown_methods_are_refused_with_the_known_ones(name, cameras):
 
 def test_reference_harmonic_mean_is_for_two_cameras():
     with pytest.raises(InputError, match="2 cameras, this rig has 3"):
-        methods(("all",), 3, reference=True)
-    assert len(methods(("Alg1/min",), 3, reference=True)) == 1
+        methods(("all",), 3, mcemvs=True)
+    assert len(methods(("Alg1/min",), 3, mcemvs=True)) == 1

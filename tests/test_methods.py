@@ -33,8 +33,8 @@ def compositions(n, suffix=""):
             yield f"Alg2/{outer}c{inner}t@{n}{suffix}"
 
 
-def find(name, cameras=2, *, reference=False):
-    return methods((name,), cameras, reference=reference)[0]
+def find(name, cameras=2, *, mcemvs=False):
+    return methods((name,), cameras, mcemvs=mcemvs)[0]
 
 
 def votes(seed, cameras, intervals, planes=2, height=3, width=4):
@@ -364,7 +364,7 @@ def test_names_are_parsed():
     assert (method.split, method.shuffled, method.time_first) == (Split(3, "time"), True, False)
     assert "minimum, then over time by the root mean square" in method.summary
     assert find("Alg2/HcAt@2").time_first
-    assert find("Alg2/AtHc@2", reference=True).code != find("Alg2/AtHc@2").code
+    assert find("Alg2/AtHc@2", mcemvs=True).code != find("Alg2/AtHc@2").code
     assert [m.name for m in methods(("Late/union", "Alg1/H", "Late/union"), 2)] == [
         "Alg1/H", "Late/union",
     ]  # fmt: skip
@@ -401,9 +401,9 @@ def test_one_camera_has_nothing_to_fuse():
 
 
 @pytest.mark.parametrize("name", ["Alg2/HcAt@2", "Alg2/AtHc@2"])
-def test_reference_harmonic_mean_is_for_two_cameras(name):
+def test_the_harmonic_mean_of_mcemvs_is_for_two_cameras(name):
     with pytest.raises(InputError, match=f"{name} in the mcemvs setting fuses 2 cameras"):
-        find(name, 3, reference=True)
+        find(name, 3, mcemvs=True)
 
 
 # A method of one's own

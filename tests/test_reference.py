@@ -16,7 +16,7 @@ from emvs.data.trajectory import Trajectory
 from emvs.depthmap import confidence_mask, eight_bits
 from emvs.median import masked_median
 from emvs.methods import methods
-from emvs.planes import reference_planes
+from emvs.planes import mcemvs_planes
 from emvs.rays import event_rays
 from emvs.running import RunningMaxima
 from emvs.sweep import VoteCounts, dsi
@@ -41,12 +41,12 @@ def swept(shared_reference):
     with np.load(shared_reference / "mcemvs_small.npz") as file:
         golden = dict(file)
     camera = Camera(160, 120, *(float(golden[name]) for name in ("fx", "fy", "cx", "cy")))
-    rho = reference_planes(0.5, 5, 64)
+    rho = mcemvs_planes(0.5, 5, 64)
     volumes, counts = zip(
         *(dsi(side_rays(golden, side, camera), rho, 160, 120) for side in ("left", "right")),
         strict=True,
     )
-    chosen = methods(tuple(NAMES), 2, reference=True)
+    chosen = methods(tuple(NAMES), 2, mcemvs=True)
     maxima = RunningMaxima(chosen, 160, 120)
     stacked = np.stack(volumes)
     maxima.fold(stacked.reshape(2, 64, -1), 64)
@@ -68,9 +68,7 @@ def side_rays(golden, side, camera):
 
 
 def test_planes(swept):
-    np.testing.assert_allclose(
-        1 / reference_planes(0.5, 5, 64), swept.golden["depths_m"], rtol=1e-6
-    )
+    np.testing.assert_allclose(1 / mcemvs_planes(0.5, 5, 64), swept.golden["depths_m"], rtol=1e-6)
 
 
 def test_volumes(swept):
@@ -118,7 +116,7 @@ def test_median(swept, kernel_px):
 
 def test_the_maps_show_the_scene(swept):
     """Against the simulator's depth, not the other program: half the pixels within 1.5 planes."""
-    rho = reference_planes(0.5, 5, 64)
+    rho = mcemvs_planes(0.5, 5, 64)
     mask = confidence_mask(swept.maxima["Alg1/H"].value, CONFIG)
     plane = masked_median(swept.maxima["Alg1/H"].plane.astype(np.float32), mask, 5)
     error = np.abs(rho[plane.astype(int)] - 1 / swept.golden["depth_gt_m"])[mask]

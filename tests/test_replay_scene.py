@@ -161,7 +161,7 @@ def test_work_of_another_trajectory_under_the_same_name_is_not_taken_up(folder, 
     with pytest.raises(Killed):
         simulate(scene, made.tiny_rig(), config, 0, out, commit_s=0, progress=stop_at(20_000))
     path.write_text(tum.read_text().replace("17.000000 ", "17.000001 "))
-    with pytest.raises(InputError, match="--fresh"):
+    with pytest.raises(InputError, match="resume=False"):
         simulate(scene, made.tiny_rig(), config, 0, out)
 
 

@@ -67,7 +67,7 @@ def test_names_that_no_rival_has_are_refused():
     with pytest.raises(InputError, match="SGM/ts matches two cameras, this rig has 1"):
         methods(("SGM/ts",), 1)
     with pytest.raises(InputError, match="does not know the mcemvs setting"):
-        methods(("SGM/ts",), 2, reference=True)
+        methods(("SGM/ts",), 2, mcemvs=True)
 
 
 def test_a_rival_of_ones_own():

@@ -86,7 +86,7 @@ def test_a_broken_off_write_leaves_nothing(tmp_path, error):
 def test_an_existing_sequence_is_kept_unless_forced(tmp_path):
     write(tmp_path / "s")
     before = files(tmp_path / "s")
-    with pytest.raises(InputError, match="--force"):
+    with pytest.raises(InputError, match="force=True"):
         write(tmp_path / "s")
     with pytest.raises(RuntimeError):
         write(tmp_path / "s", force=True, fail=RuntimeError())

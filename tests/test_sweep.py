@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emvs.kernels import CHUNK
-from emvs.planes import inverse_depth_at, inverse_depth_planes, reference_planes
+from emvs.planes import inverse_depth_at, inverse_depth_planes, mcemvs_planes
 from emvs.rays import RayCounts, Rays
 from emvs.sweep import PASS_PLANES, Scratch, batches, dsi
 from emvs.threads import use_threads
@@ -147,8 +147,8 @@ def test_planes_run_near_to_far_with_both_ends(near_m, ratio, count):
     )
 
 
-def test_reference_planes_run_far_to_near_and_stop_short():
-    depth_m = 1 / reference_planes(0.5, 5, 64)
+def test_mcemvs_planes_run_far_to_near_and_stop_short():
+    depth_m = 1 / mcemvs_planes(0.5, 5, 64)
     assert depth_m[0] == pytest.approx(5)
     assert depth_m[-1] == pytest.approx(1 / (0.2 + 63 * 1.8 / 64))
     assert depth_m[-1] > 0.5

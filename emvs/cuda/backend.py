@@ -11,10 +11,10 @@ from emvs.backend import Outcome, Task
 from emvs.cuda import arrays, fuse_kernels, library
 from emvs.cuda.ballot import Ballot
 from emvs.cuda.device_rays import DeviceRays
-from emvs.cuda.focus import DeviceFocus, needs_focus
+from emvs.cuda.focus import DeviceFocus
 from emvs.cuda.maxima import DeviceMaxima
 from emvs.cuda.room import planes_in_flight
-from emvs.focus_fold import FocusFold
+from emvs.focus_fold import FocusFold, needs_focus
 from emvs.rays import Rays
 from emvs.recipe import Method
 from emvs.running import RunningMaxima

@@ -11,7 +11,7 @@ from emvs.config import MapperConfig
 from emvs.cuda import arrays, focus_kernels, fuse_kernels, library
 from emvs.cuda.maxima import State
 from emvs.focus import DOG_RATIO, half_window
-from emvs.focus_fold import InFocus
+from emvs.focus_fold import InFocus, measure_of, needs_focus
 from emvs.fuse_kernels import CAMERA
 from emvs.recipe import Method, Tables
 
@@ -46,15 +46,21 @@ class DeviceFocus:
         measured = needs_focus(methods, config)
         asked = any(m.focus and m.camera() is None for m in measured)
 
-        def peak(camera: int | None, method: Method) -> _Peak:
-            if camera is None:
-                tables = Tables.of((method,), volumes, config.polarities)
-            else:
-                tables = _of_camera(camera, cameras, volumes, config.polarities)
-            return _Peak(tables, self._cells, config.planes)
+        def peak(method: Method) -> _Peak:
+            camera, measure = method.camera(), measure_of(method, config)
+            if camera is not None:
+                return of_camera(camera, measure)
+            tables = Tables.of((method,), volumes, config.polarities)
+            return _Peak(tables, measure, self._cells, config.planes)
 
-        self._peaks = {method: peak(method.camera(), method) for method in measured}
-        self._witnesses = [peak(c, measured[0]) for c in range(cameras if asked else 0)]
+        def of_camera(camera: int, measure: str) -> _Peak:
+            tables = _of_camera(camera, cameras, volumes, config.polarities)
+            return _Peak(tables, measure, self._cells, config.planes)
+
+        self._peaks = {method: peak(method) for method in measured}
+        self._witnesses = [
+            of_camera(c, config.focus_measure) for c in range(cameras if asked else 0)
+        ]
         if measured:
             self._measure = _Measure(batch, width_px, self._cells, config)
 
@@ -63,7 +69,7 @@ class DeviceFocus:
         for peak in (*self._peaks.values(), *self._witnesses):
             image = self._measure.image[:planes]
             fuse_kernels.fuse[library.strided(self._cells)](*peak.fusion, 0, votes, planes, image)
-            value = self._measure.of(planes)
+            value = self._measure.of(peak.measure, planes)
             focus_kernels.fold_peak[library.strided(self._cells)](
                 value, self._planes, planes, *peak.state.arrays
             )
@@ -84,15 +90,11 @@ class DeviceFocus:
         }
 
 
-def needs_focus(methods: Sequence[Method], config: MapperConfig) -> list[Method]:
-    """Those of the methods that need a focus measure."""
-    return [method for method in methods if method.focus or config.extraction != "votes"]
-
-
 class _Peak:
     """How one volume is fused, and the first maximum of its measure."""
 
-    def __init__(self, tables: Tables, cells: int, planes: int) -> None:
+    def __init__(self, tables: Tables, measure: str, cells: int, planes: int) -> None:
+        self.measure = measure
         self.fusion = tuple(map(arrays.up, (tables.codes, tables.sizes, tables.which)))
         self.state = State(1, cells, planes, -np.inf)
 
@@ -105,14 +107,14 @@ def _of_camera(camera: int, cameras: int, volumes: int, polarities: int) -> Tabl
 
 
 class _Measure:
-    """A focus measure of several planes, and the room that it needs.
+    """Focus measures of several planes, and the room that they need.
 
     Attributes:
         image: (P, cells) float32 on the GPU: the planes to measure.
     """
 
     def __init__(self, planes: int, width_px: int, cells: int, config: MapperConfig) -> None:
-        self._name, self._width_px = config.focus_measure, width_px
+        self._width_px = width_px
         self._weights = [
             arrays.up(half_window(scale * config.focus_sigma_px)) for scale in (1, DOG_RATIO)
         ]
@@ -120,21 +122,19 @@ class _Measure:
             arrays.empty((planes, cells), np.float32) for _ in range(ROOM_IMAGES)
         )
 
-    def of(self, planes: int) -> Any:
+    def of(self, measure: str, planes: int) -> Any:
         """(P, cells) float32, the measure of the first `planes` planes of `image`."""
         image = self.image[:planes]
         spare, one, other = (room[:planes] for room in self._room)
         grid = library.strided(image.shape[1], planes)
-        if self._name == "votes":
-            return image
-        if self._name == "dog":
+        if measure == "dog":
             self._blur(image, self._weights[0], spare, one)
             self._blur(image, self._weights[1], spare, other)
             focus_kernels.subtract[grid](one, other)
             return one
-        focus_kernels.sharpness[grid](_SHARPNESS[self._name], image, self._width_px, other)
+        focus_kernels.sharpness[grid](_SHARPNESS[measure], image, self._width_px, other)
         self._blur(other, self._weights[0], spare, one)
-        if self._name == "variance":
+        if measure == "variance":
             self._blur(image, self._weights[0], spare, other)
             focus_kernels.spread[grid](one, other)
         return one

@@ -94,7 +94,7 @@ class Sequence:
         if frames is None or not len(frames):
             raise InputError(
                 f"{self.path}: has no frames of an ordinary camera; simulate with "
-                "--sim.frames.rate-hz"
+                "frames.rate_hz above 0"
             )
         return frames.photo(int(np.argmin(np.abs(frames.t_us - t_us))))
 
@@ -110,9 +110,7 @@ class Sequence:
             InputError: none are stored, or a damaged file.
         """
         if not self.has_imu:
-            raise InputError(
-                f"{self.path}: has no IMU samples; simulate with --sim.imu.rate-hz above 0"
-            )
+            raise InputError(f"{self.path}: has no IMU samples; simulate with imu.rate_hz above 0")
         return read_imu(self.path / IMU_NAME)
 
     def truth_times_us(self, camera: int) -> NDArray[np.int64]:

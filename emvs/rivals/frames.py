@@ -80,7 +80,7 @@ def photos_at(recording: Recording, window: Window, cameras: tuple[int, int]) ->
     if not isinstance(recording, HasPhotos) or not len(recording.photo_times_us(cameras[0])):
         raise InputError(
             f"{name}: has no frames of an ordinary camera, Frames/sgm needs them: "
-            "simulate with --sim.frames.rate-hz, or leave this method out"
+            "simulate with frames.rate_hz above 0, or leave this method out"
         )
     photos = [recording.photo(camera, window.t_ref_us) for camera in cameras]
     if photos[0][:2] != photos[1][:2]:
