@@ -7,33 +7,9 @@ import numpy as np
 from numba import njit, prange
 
 import emvs.threads  # noqa: F401  (names the threading layer before the kernels compile)
+from emvs.fuse_kernels import fold_row
 
 _ZERO = np.float32(0)
-
-
-@njit(cache=True)
-def _fold_row(value, plane, best, index, left, right, previous):
-    """Running first maximum of one row, with the values before and after it."""
-    before, now = index.dtype.type(plane - 1), index.dtype.type(plane)
-    for x in range(len(value)):
-        # Everything is loaded before anything is chosen: only then does the loop vectorise.
-        new, last, top, where = value[x], previous[x], best[x], index[x]
-        lower, upper = left[x], right[x]
-        right[x] = new if (where == before) | (new > top) else upper
-        left[x] = last if new > top else lower
-        index[x] = now if new > top else where
-        best[x] = new if new > top else top
-        previous[x] = new
-
-
-@njit(parallel=True, cache=True)
-def fold_peak(value, plane, best, index, left, right, previous):
-    """Folds plane number `plane` of one volume into its first maximum and both neighbours.
-
-    All (H, W): value float32; best starts at -inf and index (integer) at -2.
-    """
-    for y in prange(len(value)):
-        _fold_row(value[y], plane, best[y], index[y], left[y], right[y], previous[y])
 
 
 @njit(cache=True)
@@ -71,7 +47,9 @@ def _across(padded, column_of, weight, out):
 def fold_variance(
     value, plane, weight, row_of, column_of, padded, rows, best, index, left, right, previous
 ):
-    """As `fold_peak`, of the weighted local variance of `value`; no plane of it is stored.
+    """Folds the weighted local variance of a plane into its first maximum and both neighbours.
+
+    No plane of it is stored.
 
     Arrays:
         value: (H, W) float32 votes.
@@ -80,7 +58,7 @@ def fold_variance(
         row_of, column_of: (H + 2 r,), (W + 2 r,) int64, indices of the image mirrored at its rim.
         padded: (S, 2, W + 2 r) float32 scratch; S strips of rows.
         rows: (S, 2, W) float32 scratch.
-        best, index, left, right, previous: as in `fold_peak`.
+        best, index, left, right, previous: (H, W), as in `emvs.fuse_kernels.fold`.
     """
     height, strips = len(value), len(padded)
     for s in prange(strips):
@@ -92,7 +70,7 @@ def fold_variance(
             for x in range(len(mean)):
                 spread = square[x] - mean[x] * mean[x]
                 square[x] = spread if spread > _ZERO else _ZERO
-            _fold_row(square, plane, best[y], index[y], left[y], right[y], previous[y])
+            fold_row(plane, square, best[y], index[y], left[y], right[y], previous[y])
 
 
 @njit(parallel=True, cache=True)

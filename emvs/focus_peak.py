@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from emvs import focus, focus_kernels
-from emvs.running import Maximum
+from emvs.running import AS_IT_IS, Maximum, RunningMaxima
 
 Floats = NDArray[np.float32]
 
-_INT16 = 32767  # so many planes can be counted by 16 bits
 _STRIPS = 64  # enough for any number of threads to share them evenly
 
 
@@ -30,28 +27,24 @@ class FocusPeak:
     def __init__(
         self, width_px: int, height_px: int, measure: str, sigma_px: float, planes: int = 0
     ) -> None:
-        shape = (height_px, width_px)
         self._measure, self._sigma_px = focus.measure(measure), sigma_px
-        self._window = _Window(*shape, sigma_px) if measure == "variance" else None
-        self._best = np.full(shape, -np.inf, np.float32)
-        self._index: NDArray[Any] = np.full(shape, -2, np.int16 if planes <= _INT16 else np.int32)
-        self._left, self._right = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-        self._previous = np.zeros(shape, np.float32)
-        self._planes = 0
+        self._window = _Window(height_px, width_px, sigma_px) if measure == "variance" else None
+        self._maxima = RunningMaxima(
+            (AS_IT_IS,), width_px, height_px, planes=planes, lowest=-np.inf
+        )
 
     def take(self, plane: Floats) -> None:
         """Takes in the next (H, W) plane."""
-        state = self._best, self._index, self._left, self._right, self._previous
-        if self._window is not None:
-            focus_kernels.fold_variance(plane, self._planes, *self._window.arrays, *state)
-        else:
-            value = self._measure(plane, self._sigma_px)
-            focus_kernels.fold_peak(value, self._planes, *state)
-        self._planes += 1
+        if self._window is None:
+            self._maxima.fold(self._measure(plane, self._sigma_px).reshape(1, 1, -1), 1)
+            return
+        state = (one[0] for one in self._maxima.arrays)
+        focus_kernels.fold_variance(plane, self._maxima.planes, *self._window.arrays, *state)
+        self._maxima.planes += 1
 
     def maximum(self) -> Maximum:
         """The maximum over all planes so far."""
-        return Maximum(self._best, self._index, self._left, self._right, self._planes)
+        return self._maxima.of(0)
 
 
 class _Window:

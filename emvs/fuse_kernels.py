@@ -186,7 +186,7 @@ def fuse(codes, sizes, which, every, votes, level, spare, out):
 
 
 @njit(cache=True)
-def _fold_row(plane, fused, best, index, left, right, previous):
+def fold_row(plane, fused, best, index, left, right, previous):
     """Running first maximum of one row, with the values before and after it."""
     before, now = index.dtype.type(plane - 1), index.dtype.type(plane)
     for x in range(len(fused)):
@@ -232,7 +232,7 @@ def fold(
                         m, codes, sizes, which, every, votes, p, y * width, level[s], spare[s],
                         fused[s],
                     )  # fmt: skip
-                    _fold_row(
+                    fold_row(
                         first + p, fused[s], best[m, y], index[m, y], left[m, y], right[m, y],
                         previous[m, y],
                     )  # fmt: skip

@@ -19,7 +19,9 @@ _INT16 = 32767  # so many planes can be counted by 16 bits
 # Cells that the fold takes in one go: starting a row costs 0.3 µs, as much as 500 cells; longer
 # rows than these gain nothing and leave less to share among threads.
 _ROW_CELLS = 4096
-_AS_IT_IS = Method("", fuse_kernels.CAMERA, "the one volume there is")
+
+AS_IT_IS = Method("", fuse_kernels.CAMERA, "the one volume there is")
+"""What folds a volume that is fused, or measured, already."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +69,34 @@ class Maximum:
         return left, value, right
 
 
+def beginnings(planes: int, lowest: float = -1) -> tuple[tuple[type[np.generic], float], ...]:
+    """Types and first values of what a fold remembers per pixel, on any device.
+
+    Args:
+        planes: how many will pass; needed only where there are more than 32767.
+        lowest: what every value exceeds.
+
+    Returns:
+        Of best, index, left, right, previous, as `emvs.fuse_kernels.fold` updates them.
+    """
+    index = np.int16 if planes <= _INT16 else np.int32
+    return (np.float32, lowest), (index, -2), (np.float32, 0), (np.float32, 0), (np.float32, 0)
+
+
 class RunningMaxima:
     """State of the fold: what each method needs to remember of the planes that have passed.
 
-    The methods must share one split; `planes` is needed only where there are more than 32767.
+    Args:
+        methods: the methods; they must share one split.
+        width_px: columns.
+        height_px: rows.
+        planes: how many will pass; needed only where there are more than 32767.
+        polarities: 2 where each polarity has volumes of its own.
+        lowest: what every value exceeds.
+
+    Attributes:
+        arrays: best, index, left, right, previous, each (M, H, W).
+        planes: how many planes have passed.
     """
 
     def __init__(
@@ -81,17 +107,17 @@ class RunningMaxima:
         *,
         planes: int = 0,
         polarities: int = 1,
+        lowest: float = -1,
     ) -> None:
         shape = (len(methods), height_px, width_px)
         self._compiled = [m for m in methods if m.function is None]
         self._own = [m for m in methods if m.function is not None]
         self._row = [[*self._compiled, *self._own].index(method) for method in methods]
         self._polarities = polarities
-        self._planes = 0
-        self._best = np.full(shape, -1, np.float32)
-        self._index = np.full(shape, -2, np.int16 if planes <= _INT16 else np.int32)
-        self._left, self._right = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-        self._previous = np.zeros(shape, np.float32)
+        self.planes = 0
+        self.arrays: tuple[NDArray[Any], ...] = tuple(
+            np.full(shape, value, dtype) for dtype, value in beginnings(planes, lowest)
+        )
 
     def fold(self, votes: Floats, planes: int) -> None:
         """Takes in the next `planes` planes of (V, P, cells) votes, in order."""
@@ -100,26 +126,23 @@ class RunningMaxima:
             tables = Tables.of(self._compiled, len(votes), self._polarities)
             self._fold(tables, votes, planes, slice(0, split))
         if self._own:
-            height, width = self._best.shape[1:]
+            height, width = self.arrays[0].shape[1:]
             images = votes[:, :planes, : height * width].reshape(-1, planes, height, width)
         for k, method in enumerate(self._own, split):
             fused = fuse_by(method, images, self._polarities).reshape(1, planes, -1)
-            self._fold(Tables.of((_AS_IT_IS,), 1), fused, planes, slice(k, k + 1))
-        self._planes += planes
+            self._fold(Tables.of((AS_IT_IS,), 1), fused, planes, slice(k, k + 1))
+        self.planes += planes
 
     def _fold(self, tables: Tables, votes: Floats, planes: int, rows: slice) -> None:
-        state = self._best, self._index, self._left, self._right, self._previous
-        long = [_in_long_rows(one[rows]) for one in state]
+        long = [_in_long_rows(one[rows]) for one in self.arrays]
         fuse_kernels.fold(  # type: ignore[call-arg]
-            *tables.arrays, votes, self._planes, planes, *tables.scratch(*long[0].shape[1:]), *long
+            *tables.arrays, votes, self.planes, planes, *tables.scratch(*long[0].shape[1:]), *long
         )
 
     def of(self, method: int) -> Maximum:
         """The maximum of one method, by its position in the list, over all planes so far."""
-        row = self._row[method]
-        return Maximum(
-            self._best[row], self._index[row], self._left[row], self._right[row], self._planes
-        )
+        best, index, left, right, _ = (one[self._row[method]] for one in self.arrays)
+        return Maximum(best, index, left, right, self.planes)
 
 
 def _in_long_rows(images: NDArray[Any]) -> NDArray[Any]:

@@ -41,7 +41,6 @@ def signatures():
     for index in (I2, I4):
         state = (IMAGES, index[:, ::1], *STATE)
         yield "fold", fuse_kernels, (CODES, CODES, WHICH, VOLUMES, I8, I8, *state)
-        yield "fold_peak", focus_kernels, (IMAGES, I8, I8, *state)
     yield "fuse", fuse_kernels, (CODES, CODES, WHICH, I8, VOLUMES, I8, IMAGES)
     yield "keep_row", fuse_kernels, (VOLUMES, I8, I8, I8, I8, VOLUMES)
     yield "sharpness", focus_kernels, (I8, IMAGES, I8, IMAGES)

@@ -64,18 +64,18 @@ def test_more_votes_scale_the_measure(name, power):
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 9), st.integers(2, 40))
-def test_fold_peak_equals_twin(seed, planes, levels):
+def test_peak_equals_twin(seed, planes, levels):
     volume = np.random.default_rng(seed).integers(0, levels, (planes, 4, 5)).astype(F)
-    shape = volume.shape[1:]
-    best, index = np.full(shape, -np.inf, F), np.full(shape, -2, np.int16)
-    left, right, previous = (np.zeros(shape, F) for _ in range(3))
-    for k, plane in enumerate(volume):
-        focus_kernels.fold_peak(plane, k, best, index, left, right, previous)
-    for y, x in np.ndindex(shape):
+    volume -= 3  # a difference of Gaussians is below 0, too
+    peak = FocusPeak(5, 4, "votes", 1.0)
+    for plane in volume:
+        peak.take(plane)
+    found = peak.maximum()
+    for y, x in np.ndindex(volume.shape[1:]):
         value, plane, before, after = naive.peak(volume[:, y, x].tolist())
-        assert (best[y, x], index[y, x]) == (value, plane)
-        assert before is None or left[y, x] == before
-        assert after is None or right[y, x] == after
+        assert (found.value[y, x], found.plane[y, x]) == (value, plane)
+        assert before is None or found.left[y, x] == before
+        assert after is None or found.right[y, x] == after
 
 
 @settings(max_examples=25, deadline=None)

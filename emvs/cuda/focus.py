@@ -14,6 +14,7 @@ from emvs.focus import DOG_RATIO, half_window
 from emvs.focus_fold import InFocus, measure_of, needs_focus
 from emvs.fuse_kernels import CAMERA
 from emvs.recipe import Method, Tables
+from emvs.running import AS_IT_IS
 
 _SHARPNESS = {
     "variance": focus_kernels.SQUARE,
@@ -61,6 +62,7 @@ class DeviceFocus:
         self._witnesses = [
             of_camera(c, config.focus_measure) for c in range(cameras if asked else 0)
         ]
+        self._as_it_is = _on_device(Tables.of((AS_IT_IS,), 1))
         if measured:
             self._measure = _Measure(batch, width_px, self._cells, config)
 
@@ -70,9 +72,10 @@ class DeviceFocus:
             image = self._measure.image[:planes]
             fuse_kernels.fuse[library.strided(self._cells)](*peak.fusion, 0, votes, planes, image)
             value = self._measure.of(peak.measure, planes)
-            focus_kernels.fold_peak[library.strided(self._cells)](
-                value, self._planes, planes, *peak.state.arrays
-            )
+            fuse_kernels.fold[library.strided(self._cells)](
+                *self._as_it_is, value.reshape(1, *value.shape), self._planes, planes,
+                *peak.state.arrays,
+            )  # fmt: skip
         self._planes += planes
 
     def found(self) -> dict[str, InFocus]:
@@ -95,8 +98,12 @@ class _Peak:
 
     def __init__(self, tables: Tables, measure: str, cells: int, planes: int) -> None:
         self.measure = measure
-        self.fusion = tuple(map(arrays.up, (tables.codes, tables.sizes, tables.which)))
+        self.fusion = _on_device(tables)
         self.state = State(1, cells, planes, -np.inf)
+
+
+def _on_device(tables: Tables) -> tuple[Any, ...]:
+    return tuple(map(arrays.up, (tables.codes, tables.sizes, tables.which)))
 
 
 def _of_camera(camera: int, cameras: int, volumes: int, polarities: int) -> Tables:

@@ -95,30 +95,3 @@ def subtract(narrow, wide):
     while c < narrow.shape[1]:
         narrow[p, c] -= wide[p, c]
         c += cuda.gridDim.x * cuda.blockDim.x
-
-
-@cuda.jit(cache=True)
-def fold_peak(values, first, planes, best, index, left, right, previous):
-    """Folds planes into their first maximum, as `emvs.focus_kernels.fold_peak` does one.
-
-    A thread owns a pixel; the grid is (blocks, 1).
-
-    Arrays:
-        values: (P, cells) float32.
-        best, left, right, previous: (1, cells) float32, updated; `best` begins at -inf.
-        index: (1, cells) integer, updated; begins at -2.
-    """
-    c = cuda.grid(1)
-    while c < best.shape[1]:
-        top, where, last = best[0, c], index[0, c], previous[0, c]
-        lower, upper = left[0, c], right[0, c]
-        for p in range(planes):
-            value, plane = values[p, c], first + p
-            if where == plane - 1 or value > top:
-                upper = value
-            if value > top:
-                lower, where, top = last, plane, value
-            last = value
-        best[0, c], index[0, c], previous[0, c] = top, where, last
-        left[0, c], right[0, c] = lower, upper
-        c += cuda.gridDim.x * cuda.blockDim.x

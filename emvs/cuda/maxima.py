@@ -5,33 +5,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from emvs.cuda import arrays, fuse_kernels, library
 from emvs.recipe import Method, Tables
-from emvs.running import Maximum
-
-_INT16 = 32767  # so many planes can be counted by 16 bits
+from emvs.running import Maximum, beginnings
 
 STATE_BYTES = 4 * 4 + 4  # per pixel and method, at most
 
 
 class State:
-    """First maxima of several images, with both neighbours, as the loops update them.
+    """What `emvs.running.RunningMaxima` remembers, in the memory of the GPU.
 
     Attributes:
         arrays: best, index, left, right, previous, each (M, cells) on the GPU.
     """
 
     def __init__(self, images: int, cells: int, planes: int, lowest: float) -> None:
-        shape, index = (images, cells), np.int16 if planes <= _INT16 else np.int32
         self.arrays: tuple[Any, ...] = tuple(
-            arrays.filled(shape, dtype, value)
-            for dtype, value in (
-                (np.float32, lowest), (index, -2), (np.float32, 0), (np.float32, 0),
-                (np.float32, 0),
-            )
-        )  # fmt: skip
+            arrays.filled((images, cells), dtype, value)
+            for dtype, value in beginnings(planes, lowest)
+        )
 
     def maximum(self, image: int, width_px: int, planes: int) -> Maximum:
         """One image's maximum over the `planes` planes that have passed, copied from the GPU."""
