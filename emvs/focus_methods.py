@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 from emvs import alg2, fuse_kernels
 from emvs.errors import InputError
-from emvs.recipe import CODES, MEANS, Method
+from emvs.recipe import CODES, MEANS, Method, MethodName
 
 GRAMMAR = "Focus/<F>, Focus/camK or Focus/<an Algorithm 2, such as AtHc@4>"
 SUMMARY = (
@@ -15,8 +14,6 @@ SUMMARY = (
     "agree; camK: one camera, without agreement"
 )
 EXAMPLES = ("Focus/H", "Focus/cam0", "Focus/AtHc@4")
-
-_CAMERA = re.compile(r"cam(0|[1-9]\d*)")
 
 
 def build(name: str, mcemvs: bool = False) -> Method:
@@ -29,10 +26,9 @@ def build(name: str, mcemvs: bool = False) -> Method:
     Raises:
         InputError: a name that does not follow the grammar.
     """
-    fused = name.removeprefix("Focus/")
-    camera = _CAMERA.fullmatch(fused)
-    if camera is not None:
-        k = int(camera.group(1))
+    _, fused = parts = MethodName.of(name)
+    k = parts.camera
+    if k is not None and fused == f"cam{k}":
         return Method(name, fuse_kernels.CAMERA + k, f"camera {k} alone, by focus", focus=True)
     if fused in CODES:
         code = fuse_kernels.HARMONIC_EPS if mcemvs and fused == "H" else CODES[fused]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from emvs import alg2, focus_methods, fuse_kernels, plugins
 from emvs.errors import InputError
-from emvs.recipe import CODES, MEANS, Method, single_cameras
+from emvs.recipe import CODES, MEANS, Method, MethodName, single_camera, single_cameras
 from emvs.rivals import catalogue
 from emvs.rivals.rival import BaselineEstimator, DepthEstimator
 
@@ -53,7 +53,7 @@ def _baseline(name: str, mcemvs: bool) -> BaselineEstimator:
 
 
 def _baseline_family(family: str) -> Family:
-    own = [baseline for baseline in catalogue.BASELINES if baseline.name.startswith(f"{family}/")]
+    own = [baseline for baseline in catalogue.BASELINES if baseline.family == family]
     names = tuple(baseline.name for baseline in own)
     summary = "; ".join(baseline.summary for baseline in own)
     return Family(", ".join(names), summary, names, _baseline)
@@ -86,7 +86,7 @@ def register(method: AnyMethod) -> None:
     Raises:
         InputError: a name that is taken, reserved, or no name of the form Family/variant.
     """
-    family = method.name.split("/")[0]
+    family = MethodName.of(method.name).family
     if not _NAME.fullmatch(method.name) or family in {"Alg1", "EMVS", *FAMILIES}:
         raise InputError(
             f"method name {method.name!r}: needs the form Family/variant, with a family other "
@@ -100,6 +100,24 @@ def register(method: AnyMethod) -> None:
 def unregister(name: str) -> None:
     """Removes a method that `register` added; other names are left alone."""
     _registered.pop(name, None)
+
+
+def named(name: str) -> AnyMethod | None:
+    """The method of a name, whatever the rig; None for a name that no method has here.
+
+    It asks for what a method is, not to run it: packages with methods of their own are not loaded.
+    """
+    camera = MethodName.of(name).camera
+    ours = {method.name: method for method in known_methods(2)}
+    if camera is not None:
+        ours |= {f"EMVS/cam{camera}": single_camera(camera)}
+    if name in ours or name in _registered:
+        return ours.get(name) or _registered[name]
+    family = FAMILIES.get(MethodName.of(name).family)
+    try:
+        return None if family is None else family.build(name, False)
+    except InputError:
+        return None
 
 
 def known_methods(n_cameras: int, *, mcemvs: bool = False) -> tuple[Method, ...]:
@@ -181,7 +199,7 @@ def _check_no_pair_mean(chosen: Sequence[AnyMethod], n_cameras: int) -> None:
 def _find(name: str, n_cameras: int, mcemvs: bool) -> AnyMethod:
     if name in _registered:
         return _registered[name]
-    family = FAMILIES.get(name.split("/")[0])
+    family = FAMILIES.get(MethodName.of(name).family)
     method = family.build(name, mcemvs) if family is not None else None
     if method is None or not _fits(method, n_cameras):
         raise _unknown(name, n_cameras)

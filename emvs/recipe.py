@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,33 @@ MEANS = {
     "RMS": "root mean square",
     "max": "maximum",
 }
+
+
+VOTES, OWN_UNIT = "votes", "own unit"  # what the values of a confidence are
+
+
+class MethodName(NamedTuple):
+    """A method's name, taken apart.
+
+    Attributes:
+        family: what comes before the first slash, such as `Alg1`.
+        variant: what comes after it, such as `H` or `cam0`; empty where there is no slash.
+    """
+
+    family: str
+    variant: str
+
+    @classmethod
+    def of(cls, name: str) -> MethodName:
+        """Takes any name apart, whether a method has it or not."""
+        family, _, variant = name.partition("/")
+        return cls(family, variant)
+
+    @property
+    def camera(self) -> int | None:
+        """The camera that the variant names, as `cam0` does."""
+        found = re.fullmatch(r"cam(\d+)", self.variant)
+        return int(found[1]) if found else None
 
 
 @dataclass(frozen=True)
@@ -67,6 +95,7 @@ class Method:
         late: whether it joins the single cameras' depth maps; `code` then only fills its slice.
         focus: whether depth lies where the fused rays are most in focus (`emvs.in_focus`).
         function: a fusion of one's own, instead of the codes.
+        confidence: what the values of its confidence are, in a word or two, with their unit.
     """
 
     name: str
@@ -79,6 +108,7 @@ class Method:
     late: bool = False
     focus: bool = False
     function: Fusion | None = field(default=None, compare=False)
+    confidence: str = VOTES
 
     @classmethod
     def from_function(
@@ -93,12 +123,17 @@ class Method:
             summary: what it does, in a few words.
             split: the sub-intervals that it wants votes of.
         """
-        return cls(name, fuse_kernels.MAX, summary, split, function=function)
+        return cls(name, fuse_kernels.MAX, summary, split, function=function, confidence=OWN_UNIT)
 
     def camera(self) -> int | None:
         """The one camera whose votes it takes; None where it fuses all of them."""
         alone = self.function is None and self.code >= fuse_kernels.CAMERA
         return self.code - fuse_kernels.CAMERA if alone else None
+
+    @property
+    def family(self) -> str:
+        """The first part of its name."""
+        return MethodName.of(self.name).family
 
     @property
     def file_name(self) -> str:
@@ -121,10 +156,12 @@ def file_name(method: str) -> str:
 
 def single_cameras(n_cameras: int) -> tuple[Method, ...]:
     """Lists EMVS with each camera."""
-    return tuple(
-        Method(f"EMVS/cam{c}", fuse_kernels.CAMERA + c, f"camera {c} alone")
-        for c in range(n_cameras)
-    )
+    return tuple(single_camera(c) for c in range(n_cameras))
+
+
+def single_camera(camera: int) -> Method:
+    """EMVS with one camera."""
+    return Method(f"EMVS/cam{camera}", fuse_kernels.CAMERA + camera, f"camera {camera} alone")
 
 
 @dataclass(frozen=True, eq=False)

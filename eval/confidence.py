@@ -5,22 +5,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.rivals import catalogue
+from emvs.methods import named
+from emvs.recipe import OWN_UNIT, VOTES
 from eval.colour import Scale, confidence_scale
 from eval.views import WindowView
 
-VOTES = "votes"
-_OWN = "own unit"
-_BY_VOTES = ("Alg1", "Alg2", "EMVS", "Late", "Focus")
 _BUSY_PERCENT = 99.7
 
 
 def unit(method: str) -> str:
-    """Votes of the fused volume, what a baseline says that its confidence is, or `own unit`."""
-    if method.split("/")[0] in _BY_VOTES:
-        return VOTES
-    baseline = catalogue.baseline(method)
-    return baseline.confidence if baseline is not None else _OWN
+    """What a method says that its confidence is, or `own unit`."""
+    known = named(method)
+    return known.confidence if known is not None else OWN_UNIT
 
 
 def scales(window: WindowView) -> dict[str, Scale]:

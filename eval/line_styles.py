@@ -6,10 +6,11 @@ once more. Within a family that uses one colour the dash alone tells the members
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from typing import TypeVar
 from zlib import crc32
+
+from emvs.recipe import MethodName
 
 INK = "#010203"
 """The colour of text. Matplotlib knows no `currentColor`, so it is renamed afterwards."""
@@ -85,16 +86,17 @@ _KNOWN: dict[str, Dash] = {
 
 def line_style(method: str) -> LineStyle:
     """The style of a method, the same wherever it is drawn; names nobody knows get one, too."""
-    family, _, kind = method.partition("/")
+    name = MethodName.of(method)
     others = _pick(_OTHERS, method, "colour"), _pick(_OTHER_MARKERS, method, "marker")
-    colour, marker = _FAMILIES.get(family, others)
-    return LineStyle(colour or _FUSION_COLOURS.get(kind, _OTHERS[0]), _dash(method, kind), marker)
+    colour, marker = _FAMILIES.get(name.family, others)
+    colour = colour or _FUSION_COLOURS.get(name.variant, _OTHERS[0])
+    return LineStyle(colour, _dash(method, name), marker)
 
 
-def _dash(method: str, kind: str) -> Dash:
-    if camera := re.fullmatch(r"cam(\d+)", kind):
-        return _CAMERA_DASHES[int(camera[1]) % len(_CAMERA_DASHES)]
-    return _KNOWN.get(method) or _DASHES.get(kind) or _pick(_LOOSE, method, "dash")
+def _dash(method: str, name: MethodName) -> Dash:
+    if name.camera is not None:
+        return _CAMERA_DASHES[name.camera % len(_CAMERA_DASHES)]
+    return _KNOWN.get(method) or _DASHES.get(name.variant) or _pick(_LOOSE, method, "dash")
 
 
 def _pick(choices: tuple[_Choice, ...], method: str, what: str) -> _Choice:

@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 
+from emvs.methods import named, register, unregister
+from emvs.recipe import Method
+from emvs.rivals import sgm
 from emvs.rivals.catalogue import BASELINES
+from emvs.rivals.rival import BaselineEstimator
+from eval.confidence import unit
 from eval.line_styles import INK, line_style
 
 SWEPT = [f"Alg1/{name}" for name in ("min", "H", "G", "A", "RMS", "max")]
@@ -25,6 +30,30 @@ def test_without_colour_methods_still_differ(one, other):
     first, second = line_style(one), line_style(other)
     assert (first.dash, first.marker) != (second.dash, second.marker)
     assert first.colour != second.colour or one.split("/")[0] == other.split("/")[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("Alg1/H", "votes"), ("EMVS/cam7", "votes"), ("Alg2/AtHc@4", "votes"),
+        ("Focus/AtHc@2~", "votes"), ("Late/union", "votes"), ("SGM/ts", "time surface, 0..1"),
+        ("ESVO/window", "1 / σ of inverse depth, m"), ("Given/H", "own unit"),
+        ("Given/cam0", "own unit"), ("Alg2/nothing", "own unit"), ("H", "own unit"),
+    ],
+)  # fmt: skip
+def test_the_method_says_what_its_confidence_is(name, expected):
+    assert unit(name) == expected
+
+
+def test_a_registered_method_says_it_too():
+    register(Method.from_function("Mine/last", lambda votes: votes[-1, -1], "the last camera"))
+    register(BaselineEstimator("Mine/stereo", "SGM", sgm.estimate, confidence="grey levels"))
+    try:
+        assert (unit("Mine/last"), unit("Mine/stereo")) == ("own unit", "grey levels")
+        assert {named(name).family for name in ("Mine/last", "Mine/stereo")} == {"Mine"}
+    finally:
+        unregister("Mine/last")
+        unregister("Mine/stereo")
 
 
 def test_families_differ_by_marker():

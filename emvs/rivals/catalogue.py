@@ -52,7 +52,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 
 _BY_NAME = {one.name: one for one in BASELINES}
-FAMILIES = tuple(dict.fromkeys(one.name.split("/")[0] for one in BASELINES))
+FAMILIES = tuple(dict.fromkeys(one.family for one in BASELINES))
 
 
 def baseline(name: str) -> BaselineEstimator | None:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Protocol
 
+from emvs.recipe import OWN_UNIT, MethodName, file_name
+
 if TYPE_CHECKING:
     from emvs.config import MapperConfig
     from emvs.data.recording import Recording
@@ -57,7 +59,17 @@ class BaselineEstimator:
     summary: str
     estimate: Estimate
     needs: str = ""
-    confidence: str = "own unit"
+    confidence: str = OWN_UNIT
+
+    @property
+    def family(self) -> str:
+        """The first part of its name."""
+        return MethodName.of(self.name).family
+
+    @property
+    def file_name(self) -> str:
+        """The name as files carry it."""
+        return file_name(self.name)
 
 
 def found_in(module: str, function: str = "estimate") -> Estimate:
