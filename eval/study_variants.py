@@ -13,9 +13,10 @@ from emvs import focus
 from emvs.config import MapperConfig
 from emvs.depthmap import confidence_mask, without_border
 from emvs.focus_config import FocusConfig
+from emvs.focus_judge import judge, on_surface
+from emvs.focus_peak import FocusPeak
 from emvs.found import Found, at_least, most_reliable
 from emvs.fusion import FUSIONS
-from emvs.in_focus import find
 from emvs.median import masked_median
 from emvs.running import Maximum
 from eval.study_cache import StudySample
@@ -87,7 +88,7 @@ class Volumes:
 
     def found(self, config: FocusConfig) -> Found:
         """Extraction by focus."""
-        return find(self.fused, self.votes, self.disparity_px, config)
+        return found_in_volumes(self.fused, self.votes, self.disparity_px, config)
 
     def best(self, found: Found, reliability: Floats | None = None) -> VariantEstimate:
         """The most reliable pixels, as many as Alg1/H reports."""
@@ -112,6 +113,31 @@ def maximum_of(volume: Floats) -> Maximum:
         return value
 
     return Maximum(at(index), index.astype(np.int16), at(index - 1), at(index + 1), planes)
+
+
+def found_in_volumes(
+    fused: Floats, votes: Floats, disparity_px: NDArray[np.floating], config: FocusConfig
+) -> Found:
+    """What the mapper's `Focus/...` finds, with any parameters, in volumes that are kept whole.
+
+    Args:
+        fused: (N, H, W) float32, the cameras' votes fused by any function.
+        votes: (C, N, H, W) float32 votes of each camera.
+        disparity_px: (N,) disparity of each plane, px, above 0.
+        config: parameters.
+    """
+    vote_peak = maximum_of(fused)
+    own, *witnesses = (_sharpest(volume, config) for volume in (fused, *votes))
+    judged = judge(vote_peak.value, vote_peak.position(), own, witnesses, disparity_px, config)
+    return on_surface(judged, disparity_px, config)
+
+
+def _sharpest(volume: Floats, config: FocusConfig) -> Floats:
+    """(H, W) place between planes where a whole (N, H, W) volume is most in focus."""
+    peak = FocusPeak(volume.shape[2], volume.shape[1], config.measure, config.sigma_px)
+    for plane in volume:
+        peak.take(plane)
+    return peak.maximum().position(bell=True)
 
 
 def finalists(volumes: Volumes) -> dict[str, VariantEstimate]:

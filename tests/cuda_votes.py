@@ -8,9 +8,8 @@ import point_world
 import pytest
 
 from emvs import projector, rays, sweep
-from emvs.cuda import ballot, device_events, library
+from emvs.cuda import arrays, ballot, device_events, device_rays, library
 from emvs.cuda import projector as cuda_projector
-from emvs.cuda.dsi import dsi
 from emvs.data.camera import Camera
 from emvs.errors import InputError
 from emvs.view import ReferenceView
@@ -35,6 +34,13 @@ def random_rays(seed, n=40, c_z=-0.5):
         rng.uniform(-2, W + 1, n), rng.normal(0, 2, n), rng.uniform(-2, H + 1, n),
         rng.normal(0, 2, n), rng.normal(c_z, 0.6, n),
     )  # fmt: skip
+
+
+def dsi(its_rays, rho, width_px, height_px, *, sums="fixed"):
+    """Builds one camera's whole volume on the GPU, as `emvs.sweep.dsi` does on the CPU."""
+    votes = ballot.Ballot(1, len(rho), width_px, height_px, sums=sums)
+    (counts,) = votes.cast([device_rays.DeviceRays.of(its_rays)], arrays.up(rho), len(rho))
+    return votes.on_host(len(rho))[0], counts
 
 
 def at(u, v, n):

@@ -13,7 +13,7 @@ import yaml
 
 from emvs.data import se3
 from emvs.errors import InputError
-from sim.calibration import read_rig
+from emvs.io.calibration import read_rig
 from sim.rigs import RIGS, rig
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"

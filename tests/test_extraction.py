@@ -16,8 +16,8 @@ from emvs.focus_config import FocusConfig
 from emvs.focus_judge import on_surface
 from emvs.focus_peak import FocusPeak
 from emvs.found import Found, at_least, most_reliable
-from emvs.in_focus import FocusFinder, find
 from emvs.running import Maximum
+from eval.study_variants import found_in_volumes
 
 F = np.float32
 TWINS = {
@@ -33,6 +33,11 @@ TWINS = {
 def falling(volume):
     """Disparities of a volume's planes, px: 0.3 from one to the next."""
     return 16 - 0.3 * np.arange(len(volume))
+
+
+def find(fused, votes, config=FocusConfig()):  # noqa: B008 - frozen
+    """Depth by focus in whole volumes."""
+    return found_in_volumes(fused, votes, falling(fused), config)
 
 
 def random_planes(seed, *shape):
@@ -206,25 +211,23 @@ def slanted_line(planes=41, at_plane=20, at_px=24.4, slant_px=0.35):
 def test_variance_finds_the_plane_beside_the_line_where_the_ray_maximum_slides_off():
     volume = slanted_line()
     beside = (16, slice(23, 27))
-    focused = find(volume, volume[None], falling(volume)).position[beside]
-    plain = find(volume, volume[None], falling(volume), FocusConfig(measure="votes")).position[
-        beside
-    ]
+    focused = find(volume, volume[None]).position[beside]
+    plain = find(volume, volume[None], FocusConfig(measure="votes")).position[beside]
     assert abs(plain - 20).max() > 1.0
     assert abs(focused - 20).max() < 0.5 * abs(plain - 20).max()
 
 
 def test_order_of_cameras_changes_nothing():
     votes = random_planes(4, 2, 9, 20, 25)
-    one, other = (find(votes.min(0), v, falling(v[0])) for v in (votes, votes[::-1]))
+    one, other = (find(votes.min(0), v) for v in (votes, votes[::-1]))
     np.testing.assert_array_equal(one.reliability, other.reliability)
     np.testing.assert_array_equal(one.position, other.position)
 
 
 def test_cameras_that_agree_are_trusted_and_others_are_not():
     here, there = slanted_line(at_plane=20), slanted_line(at_plane=30)
-    alike = find(here, np.stack([here, here]), falling(here))
-    apart = find(here, np.stack([here, there]), falling(here))
+    alike = find(here, np.stack([here, here]))
+    apart = find(here, np.stack([here, there]))
     np.testing.assert_array_equal(alike.agreement, 1)
     assert apart.agreement[16, 24] < 1e-2
     assert (apart.reliability <= alike.reliability).all()
@@ -232,14 +235,14 @@ def test_cameras_that_agree_are_trusted_and_others_are_not():
 
 def test_one_camera_agrees_with_itself():
     volume = slanted_line()
-    np.testing.assert_array_equal(find(volume, volume[None], falling(volume)).agreement, 1)
+    np.testing.assert_array_equal(find(volume, volume[None]).agreement, 1)
 
 
 @settings(max_examples=10, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_reliability_is_a_share_and_only_candidates_have_one(seed):
     votes = random_planes(seed, 2, 6, 20, 25)
-    found = find(votes.min(0), votes, falling(votes[0]))
+    found = find(votes.min(0), votes)
     assert ((found.reliability >= 0) & (found.reliability <= 1)).all()
     assert not found.reliability[~found.candidate].any()
     assert ((found.position >= 0) & (found.position <= 5)).all()
@@ -247,13 +250,13 @@ def test_reliability_is_a_share_and_only_candidates_have_one(seed):
 
 def test_no_votes_no_candidates():
     empty = np.zeros((5, 12, 14), F)
-    assert not find(empty, empty[None], falling(empty)).candidate.any()
+    assert not find(empty, empty[None]).candidate.any()
 
 
 def test_inputs_stay_as_they_are():
     votes = random_planes(5, 2, 6, 20, 25)
     fused, kept = votes.min(0), votes.copy()
-    find(fused, votes, falling(fused))
+    find(fused, votes)
     np.testing.assert_array_equal(votes, kept)
     np.testing.assert_array_equal(fused, kept.min(0))
 
@@ -272,16 +275,3 @@ def test_inputs_stay_as_they_are():
 def test_impossible_parameters_are_refused(wrong, message):
     with pytest.raises(InputError, match=message):
         FocusConfig(**wrong)
-
-
-def test_planes_of_another_shape_are_refused():
-    plane = np.zeros((6, 8), F)
-    finder = FocusFinder(2, width_px=8, height_px=6)
-    with pytest.raises(InputError, match="1 camera planes"):
-        finder.take(plane, [plane])
-    with pytest.raises(InputError, match=r"needs 2 and a fused one, all \(6, 8\)"):
-        finder.take(plane, [plane, np.zeros((6, 9), F)])
-    with pytest.raises(InputError, match="0 planes"):
-        finder.found(falling([]))
-    with pytest.raises(InputError, match=r"needs \(N, H, W\) and \(C, N, H, W\)"):
-        find(plane[None], plane[None], falling(plane[None]))

@@ -17,10 +17,10 @@ from emvs.errors import InputError
 from emvs.focus_config import FocusConfig
 from emvs.focus_judge import judge
 from emvs.found import at_least
-from emvs.in_focus import find
 from emvs.mapper import map_window
 from emvs.methods import methods, overview
 from emvs.planes import inverse_depth_at
+from eval.study_variants import found_in_volumes
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25)
 FIELDS = ("depth_m", "confidence", "mask", "argmax")
@@ -45,7 +45,7 @@ def steps_off(result, method, depth_m):
 
 @pytest.mark.parametrize("fusion", ["H", "A"])
 def test_streaming_equals_whole_volumes(tmp_path, fusion):
-    """Law: the sweep, which keeps no volume, finds what `find` does in whole volumes."""
+    """Law: the sweep, which keeps no volume, finds what is found in whole volumes."""
     recording = fronto_parallel(1.5)
     names = (f"Focus/{fusion}", "EMVS/cam0", "EMVS/cam1")
     config = CONFIG.model_copy(update={"methods": names, "save_dsi": True})
@@ -53,7 +53,8 @@ def test_streaming_equals_whole_volumes(tmp_path, fusion):
     votes = np.stack([np.load(tmp_path / f"EMVS-cam{k}.npy") for k in (0, 1)])
     rho, camera = result.view.rho, recording.rig.cameras[0]
     disparity_px = 0.1 * camera.fx_px * rho.astype(np.float64)
-    found = find(np.load(tmp_path / f"Focus-{fusion}.npy"), votes, disparity_px)
+    fused = np.load(tmp_path / f"Focus-{fusion}.npy")
+    found = found_in_volumes(fused, votes, disparity_px, FocusConfig())
     depth = result.depth_maps[f"Focus/{fusion}"]
     np.testing.assert_array_equal(depth.confidence, found.confidence)
     np.testing.assert_allclose(1 / depth.depth_m, inverse_depth_at(rho, found.position), rtol=1e-5)

@@ -7,7 +7,6 @@ from typing import Any
 
 from emvs.config import MapperConfig
 from emvs.errors import InputError
-from emvs.methods import methods as methods_named
 from eval.config import EvalConfig
 from eval.jobs import Job
 from eval.runner import check_case
