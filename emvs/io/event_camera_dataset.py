@@ -9,7 +9,6 @@ from __future__ import annotations
 from functools import cached_property
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,7 +20,7 @@ from emvs.data.tum import read_tum
 from emvs.errors import InputError
 from emvs.io.event_text import EventText
 from emvs.io.events.wording import said
-from emvs.io.png import read_png
+from emvs.io.png import read_grey
 
 FILES = ("events.txt", "calib.txt", "groundtruth.txt")
 # Every sequence of the data set comes from a DAVIS240C; frames, where there are any, say it again.
@@ -58,7 +57,7 @@ class EventCameraDataset:
         if not self._frames:
             return None
         name = min(self._frames, key=lambda entry: abs(entry[0] - t_us))[1]
-        return np.asarray(read_png(self.path / name, cv2.IMREAD_GRAYSCALE), np.uint8)
+        return read_grey(self.path / name)
 
     def _events(self, camera: int) -> EventText:
         if camera != 0:
@@ -92,7 +91,7 @@ def _sensor_size(folder: Path) -> tuple[int, int]:
     frame = next(iter(sorted((folder / "images").glob("*.png"))), None)
     if frame is None:
         return _SENSOR_PX
-    height_px, width_px = read_png(frame, cv2.IMREAD_GRAYSCALE).shape[:2]
+    height_px, width_px = read_grey(frame).shape
     return width_px, height_px
 
 

@@ -1,39 +1,61 @@
-"""Reads PNG images of data sets: damage and impossible sizes are found before they are unpacked.
-
-OpenCV's decoder prints what it thinks of damage and reserves what a header declares; so the chunks'
-check sums and the header's size are checked first.
-"""
+"""Reads PNG images of data sets: damage and impossible sizes are found before they are unpacked."""
 
 from __future__ import annotations
 
+import io
 import struct
+import warnings
 import zlib
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
+from emvs.io.events.wording import said
 
-_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+if TYPE_CHECKING:
+    from PIL.PngImagePlugin import PngImageFile
+
 _MOST_PIXELS = 1 << 26
 _MOST_BYTES = 1 << 28
+_END = bytes(4) + b"IEND" + zlib.crc32(b"IEND").to_bytes(4, "big")
+_DAMAGE = (OSError, SyntaxError, ValueError, EOFError, struct.error, zlib.error, UserWarning)
 
 
-def read_png(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> NDArray[np.uint8 | np.uint16]:
-    """Reads an image.
-
-    Args:
-        path: the file.
-        flags: OpenCV's, such as `cv2.IMREAD_GRAYSCALE`.
+def read_png(path: Path) -> NDArray[np.uint8 | np.uint16]:
+    """Reads an image as it is stored.
 
     Returns:
-        (H, W) or (H, W, C), of the file's own depth.
+        (H, W) grey levels, uint16 where the file has 16 bits and else uint8; or (H, W, 2 to 4)
+        uint8 colours and opacity, of 16 bits the upper eight.
 
     Raises:
         InputError: an unreadable file, no whole PNG, or more than 2^26 pixels.
     """
+    image = _checked(path)
+    if image.mode == "1":
+        return np.asarray(image.convert("L"))
+    if image.mode == "P":
+        return np.asarray(image.convert("RGBA"))
+    return np.asarray(image)
+
+
+def read_grey(path: Path) -> NDArray[np.uint8]:
+    """Reads an image as (H, W) uint8 grey levels, of 16 bits the upper eight.
+
+    Raises:
+        InputError: as `read_png`.
+    """
+    image = _checked(path)
+    if image.mode == "I;16":  # Pillow would clip what does not fit eight bits
+        return (np.asarray(image) >> 8).astype(np.uint8)
+    return np.asarray(image.convert("L"))
+
+
+def _checked(path: Path) -> PngImageFile:
+    """The decoded image of a file whose check sums hold."""
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise InputError(f"{path}: more than {_MOST_BYTES} bytes; needs a PNG image")
@@ -41,31 +63,34 @@ def read_png(path: Path, flags: int = cv2.IMREAD_UNCHANGED) -> NDArray[np.uint8 
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); needs a PNG image") from error
     try:
-        width, height = _checked_size(data)
-    except (ValueError, struct.error) as error:
-        raise InputError(f"{path}: no whole PNG image ({error}); fetch it again") from error
-    if not 1 <= width * height <= _MOST_PIXELS:
-        raise InputError(f"{path}: declares {width}x{height} pixels; at most 2^26 are read")
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    if image is None:
-        raise InputError(f"{path}: no readable PNG image; fetch it again")
-    return np.asarray(image)
+        with warnings.catch_warnings(action="error", category=UserWarning):
+            _check(path, data)
+            return _decoded(data)
+    except InputError:
+        raise
+    except _DAMAGE as error:
+        raise InputError(f"{path}: no whole PNG image ({said(error)}); fetch it again") from error
 
 
-def _checked_size(data: bytes) -> tuple[int, int]:
-    """Width and height; a `ValueError` says what is wrong with the chunks."""
-    if data[:8] != _SIGNATURE:
-        raise ValueError("its first bytes are another format's")
-    at, size, kind = 8, (0, 0), b""
-    while kind != b"IEND":
-        length, kind = struct.unpack_from(">I4s", data, at)
-        end = at + 8 + length
-        (expected,) = struct.unpack_from(">I", data, end)
-        if zlib.crc32(memoryview(data)[at + 4 : end]) != expected:
-            raise ValueError(f"check sum of the chunk at byte {at} is wrong")
-        if at == 8:
-            if kind != b"IHDR" or length != 13:
-                raise ValueError("its first chunk is no header")
-            size = struct.unpack_from(">II", data, at + 8)
-        at = end + 4
-    return size
+def _check(path: Path, data: bytes) -> None:
+    """Refuses impossible sizes and wrong check sums; what is raised says which."""
+    from PIL.PngImagePlugin import PngImageFile  # recordings without images need not wait for it
+
+    # `Image.open` would warn of sizes by a limit of its own, and not say what is damaged
+    stream = io.BytesIO(data)
+    image = PngImageFile(stream)
+    width_px, height_px = image.size
+    if width_px * height_px > _MOST_PIXELS:
+        raise InputError(f"{path}: declares {width_px}x{height_px} pixels; at most 2^26 are read")
+    image.verify()  # every chunk but the last, whose eight first bytes have been read
+    at = stream.tell()
+    if data[at - 8 : at + 4] != _END:
+        raise ValueError("its last chunk is damaged")
+
+
+def _decoded(data: bytes) -> PngImageFile:
+    from PIL.PngImagePlugin import PngImageFile
+
+    image = PngImageFile(io.BytesIO(data))
+    image.load()
+    return image
