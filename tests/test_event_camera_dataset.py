@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-import emvs.io.event_text as event_text
 from emvs.errors import InputError
 from emvs.io import open_recording
+from emvs.io.events import text
 
 CALIBRATION = "335.4 335.3 129.9 99.2 -0.14 0.09 -0.0003 0.0002 0.0\n"
 POSES = "0.0 0 0 0 0 0 0 1\n1.0 0.5 0 0 0 0 0 1\n"
@@ -27,7 +27,7 @@ def miniature(
 
 @pytest.mark.parametrize("block_bytes", [1, 100, 5000, 1 << 23])
 def test_every_block_size_reads_the_same(tmp_path, monkeypatch, block_bytes):
-    monkeypatch.setattr(event_text, "_BLOCK_BYTES", block_bytes)
+    monkeypatch.setattr(text, "_BLOCK_BYTES", block_bytes)
     count = 300 if block_bytes == 1 else 5000
     lines = "".join(f"{k * 1e-5:.9f} {k % 240} {k % 180} {k % 2}\n" for k in range(count))
     recording = open_recording(miniature(tmp_path / "m", events=lines))
@@ -38,6 +38,35 @@ def test_every_block_size_reads_the_same(tmp_path, monkeypatch, block_bytes):
     assert np.array_equal(events.y, k % 180)
     assert np.array_equal(events.p, k % 2)
     assert recording.event_span_us(0) == (0, (count - 1) * 10)
+    assert recording.event_count(0) == count
+
+
+@pytest.mark.parametrize("block_bytes", [1, 20, 1 << 22])
+@pytest.mark.parametrize(
+    ("fourth", "message"),
+    [
+        ("0.4 1 2\n", r"line 4: '0\.4 1 2' is no event"),
+        ("0.2 1 2 0\n", "event.* at 200000 µs comes after one at 300000 µs"),
+        ("0.4 240 2 0\n", r"at pixel \(240, 2\) lies outside the 240x180 sensor"),
+    ],
+)
+def test_damage_is_named_by_its_line_whatever_the_block(
+    tmp_path, monkeypatch, fourth, message, block_bytes
+):
+    """And whatever is asked for: an interval before the damage is refused, too."""
+    monkeypatch.setattr(text, "_BLOCK_BYTES", block_bytes)
+    lines = "0.1 1 2 1\n0.2 1 2 1\n0.3 1 2 1\n" + fourth + "0.5 1 2 1\n"
+    recording = open_recording(miniature(tmp_path / "m", events=lines))
+    with pytest.raises(InputError, match=message) as caught:
+        recording.events(0, 0, 150_000)
+    # Of events it is the block's first line that is named, and which event of it is meant
+    names = ("line 4",) if block_bytes <= 20 else ("line 4", "counted from line 1: event 3 at")
+    assert any(name in str(caught.value) for name in names)
+
+
+def test_whole_times_are_seconds_as_well(tmp_path):
+    recording = open_recording(miniature(tmp_path / "m", events="1 1 2 1\n2 3 4 0\n2.5 5 6 1\n"))
+    assert recording.events(0, 0, 10**7).t_us.tolist() == [10**6, 2 * 10**6, 2_500_000]
 
 
 @pytest.mark.parametrize(

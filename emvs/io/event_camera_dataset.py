@@ -6,8 +6,10 @@ A folder with `events.txt` (t_s x y p), `calib.txt` (fx fy cx cy k1 k2 p1 p2 k3)
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +20,15 @@ from emvs.data.rig import Rig
 from emvs.data.trajectory import Trajectory
 from emvs.data.tum import read_tum
 from emvs.errors import InputError
-from emvs.io.event_text import EventText
+from emvs.io.events.raw import STREAM
+from emvs.io.events.text import TextLayout, TextReader
 from emvs.io.events.wording import said
 from emvs.io.png import read_grey
 
 FILES = ("events.txt", "calib.txt", "groundtruth.txt")
 # Every sequence of the data set comes from a DAVIS240C; frames, where there are any, say it again.
 _SENSOR_PX = (240, 180)
+_LINES = TextLayout("text", 0, (0, 1, 2, 3), power=6, whole_times=False)
 
 
 class EventCameraDataset:
@@ -41,15 +45,15 @@ class EventCameraDataset:
 
     def event_span_us(self, camera: int) -> tuple[int, int]:
         """Times of the first and the last event, µs."""
-        return self._events(camera).span_us
+        return self._events(camera).span_us(STREAM)
 
     def event_count(self, camera: int) -> int:
         """Events of the camera."""
-        return self._events(camera).count
+        return self._events(camera).count(STREAM)
 
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """Events with `t0_us <= t < t1_us`."""
-        return self._events(camera).read(t0_us, t1_us)
+        return self._events(camera).between(STREAM, t0_us, t1_us)
 
     def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
         """(H, W) the frame of `images.txt` nearest to a time; None where there are no frames."""
@@ -59,7 +63,7 @@ class EventCameraDataset:
         name = min(self._frames, key=lambda entry: abs(entry[0] - t_us))[1]
         return read_grey(self.path / name)
 
-    def _events(self, camera: int) -> EventText:
+    def _events(self, camera: int) -> SortedText:
         if camera != 0:
             raise InputError(f"{self.path}: camera {camera} asked for, there is one, camera 0")
         return self._text
@@ -81,9 +85,43 @@ class EventCameraDataset:
         return frames
 
     @cached_property
-    def _text(self) -> EventText:
-        sensor = self.rig.cameras[0]
-        return EventText(self.path / "events.txt", sensor.width_px, sensor.height_px)
+    def _text(self) -> SortedText:
+        reader = SortedText(self.path / "events.txt", self.rig.cameras[0])
+        reader.span_us(STREAM)  # reads and checks the whole file once, whatever is asked for first
+        return reader
+
+
+class SortedText(TextReader):
+    """Lines `t_s x y p` of one camera, in order of time; all are checked when they are first read.
+
+    Raises:
+        InputError: a missing file, a line that is no event, or events unsorted or off the sensor.
+    """
+
+    def __init__(self, path: Path, camera: Camera) -> None:
+        super().__init__(path, _LINES)
+        self.width_px, self.height_px = self._size_px = camera.width_px, camera.height_px
+
+    def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
+        """Parses and checks the file from front to back."""
+        last_us = 0
+        for place, events in super().scan(stream):
+            if len(events):
+                self._check(events, last_us, place[0])
+                last_us = int(events.t_us[-1])
+            yield place, events
+
+    def _check(self, events: Events, last_us: int, offset: int) -> None:
+        try:
+            events.checked(*self._size_px)
+        except InputError as error:
+            line = self.line_at(offset)
+            raise InputError(f"{self.path}, counted from line {line}: {error}") from error
+        if events.t_us[0] < last_us:
+            raise InputError(
+                f"{self.path}, line {self.line_at(offset)}: event at {events.t_us[0]} µs comes "
+                f"after one at {last_us} µs: sort the events by time (stable)"
+            )
 
 
 def _sensor_size(folder: Path) -> tuple[int, int]:

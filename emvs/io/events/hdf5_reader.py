@@ -92,7 +92,7 @@ class Hdf5Reader(BlockReader):
             place = (start, min(start + _ROWS, self._count[stream]))
             with opened_hdf5(self.path) as file:
                 t_us = self._layout.times(file, self._where(stream, *place), stream, *place)
-            yield Entry(place, int(t_us.min()), int(t_us.max()))
+            yield Entry(place, int(t_us.min()), int(t_us.max()), len(t_us))
 
     def _time(self, file: h5py.File, stream: str, row: int) -> int:
         where = self._where(stream, row, row + 1)

@@ -16,18 +16,19 @@ from emvs.io.events.wording import quoted
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A block: where it lies, and the times it covers."""
+    """A block: where it lies, the times it covers, and how many events it holds."""
 
     place: Any
     first_us: int
     last_us: int
+    count: int
 
 
 class BlockReader:
     """An `EventReader` over blocks of events that a format finds by `scan` and reads by `load`.
 
     Nothing is read before it is asked for. `chunks` reads the file once from front to back;
-    `span_us` and `between` first build the index, some 100 bytes per block, kept in memory.
+    `span_us`, `count` and `between` first build the index, some 100 bytes per block, which is kept.
     """
 
     format = ""
@@ -54,6 +55,10 @@ class BlockReader:
         if not entries:
             raise InputError(f"{self.path}, stream {quoted(stream)}: no events; record it again")
         return min(e.first_us for e in entries), max(e.last_us for e in entries)
+
+    def count(self, stream: str) -> int:
+        """How many events there are."""
+        return sum(entry.count for entry in self._index(stream))
 
     def between(self, stream: str, t0_us: int, t1_us: int) -> Events:
         """Events with `t0_us <= t < t1_us`, in file order."""
@@ -92,7 +97,7 @@ class BlockReader:
         self.check_stream(stream)
         if stream not in self._entries:
             self._entries[stream] = [
-                Entry(place, int(events.t_us.min()), int(events.t_us.max()))
+                Entry(place, int(events.t_us.min()), int(events.t_us.max()), len(events))
                 for place, events in self.scan(stream)
                 if len(events)
             ]

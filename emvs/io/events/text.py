@@ -53,14 +53,18 @@ class TextLayout:
 class TextReader(BlockReader):
     """A text of events: one stream, `events`.
 
+    Args:
+        path: the file.
+        layout: how its lines are read; found from its first lines where not given.
+
     Raises:
         InputError: a missing file, a header without the columns, or a line that is no event.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, layout: TextLayout | None = None) -> None:
         super().__init__(Path(path), (STREAM,))
         with opened(self.path) as file:
-            self._layout = text_layout(self.path, file.read(_HEAD_BYTES))
+            self._layout = layout or text_layout(self.path, file.read(_HEAD_BYTES))
         self.format = self._layout.format
         self.width_px, self.height_px = self._layout.size_px or (None, None)
 
@@ -81,6 +85,14 @@ class TextReader(BlockReader):
             file.seek(place[0])
             return self._parse(file.read(place[1]), place[0])
 
+    def line_at(self, offset: int) -> int:
+        """Which line, counted from 1, a byte of the file belongs to: slow, for errors."""
+        line = 1
+        with opened(self.path) as file:
+            while offset > 0 and (text := file.read(min(offset, _BLOCK_BYTES))):
+                line, offset = line + text.count(b"\n"), offset - len(text)
+        return line
+
     def _parse(self, text: bytes, offset: int) -> Events:
         rows = text.count(b"\n") + 1
         t_us, p = np.empty(rows, np.int64), np.empty(rows, np.uint8)
@@ -94,9 +106,9 @@ class TextReader(BlockReader):
             fields = " ".join("txyp"[what] if what >= 0 else "..." for what in layout.order)
             times = "a whole number of µs" if layout.whole_times else "seconds"
             raise InputError(
-                f"{self.path}, byte {offset + bad}: {line!r} is no event; needs `{fields}`, t >= 0 "
-                f"({times}, as the file begins), whole pixels 0 to 65535, p 0 or 1 or -1: mend or "
-                "remove the line"
+                f"{self.path}, line {self.line_at(offset + bad)}: {line!r} is no event; needs "
+                f"`{fields}`, t >= 0 ({times}, as the file begins), whole pixels 0 to 65535, p 0 "
+                "or 1 or -1: mend or remove the line"
             )
         return Events(x, y, t_us, p).slice(0, count)
 
