@@ -5,12 +5,13 @@ from __future__ import annotations
 import csv
 import json
 import math
+import numbers
 import os
 import platform
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import BeforeValidator, ConfigDict, PlainSerializer, TypeAdapter, ValidationError
 
@@ -18,11 +19,16 @@ from emvs.atomic import atomic_path
 from emvs.errors import InputError
 from emvs.versions import versions
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 SCHEMA_VERSION = 1
 JSON_NAME = "results.json"
 CSV_NAME = "results.csv"
 
 Read = TypeVar("Read")
+UNITS = ("m", "%", "px", "px·m", "cells", "x100", "x", "events")
+"""Units of scores; `x` is a ratio, `x100` a number without unit a hundred times over."""
 
 # JSON has no NaN: an undefined number travels as null.
 Value = Annotated[
@@ -97,8 +103,125 @@ class Results:
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
+    def to_dataframe(self) -> pd.DataFrame:
+        """The rows as a table, in their order.
+
+        Returns:
+            One column per attribute of `Row`: texts, but `value`, `low` and `high` float64 with NaN
+            where there is none, and `points` Int64 with NA where there is none.
+        """
+        import pandas as pd  # 0.3 s that reading and writing files need not wait for
+
+        return pd.DataFrame(
+            {
+                column.name: pd.Series(
+                    [getattr(row, column.name) for row in self.rows],
+                    dtype=_COLUMN_TYPES.get(column.name, "str"),
+                )
+                for column in fields(Row)
+            }
+        )
+
+    @classmethod
+    def from_dataframe(
+        cls,
+        frame: pd.DataFrame,
+        *,
+        configuration: Mapping[str, Any] | None = None,
+        seed: int | None = None,
+        sequences: Mapping[str, str] | None = None,
+        metrics: Mapping[str, str] | None = None,
+    ) -> Results:
+        """Makes results of a table such as `to_dataframe` gives; its index does not matter.
+
+        Args:
+            frame: one row per number. `region`, `points`, `low` and `high` may be left out.
+            configuration: of the run, as plain JSON values.
+            seed: of the run.
+            sequences: per case, the sha256 of its sequence's manifest (or recording).
+            metrics: per metric, the hash of what it makes of fixed maps.
+
+        Raises:
+            InputError: a column that is missing, unknown or there twice, a cell of another type, or
+                a unit that is not in `UNITS`.
+        """
+        return cls(
+            _rows_of(frame), dict(configuration or {}), seed, dict(sequences or {}),
+            metrics=dict(metrics or {}),
+        )  # fmt: skip
+
 
 _RESULTS = TypeAdapter(Results)
+
+
+_COLUMN_TYPES = {"value": "float64", "points": "Int64", "low": "float64", "high": "float64"}
+_OPTIONAL = ("region", "points", "low", "high")
+
+
+def _rows_of(frame: pd.DataFrame) -> tuple[Row, ...]:
+    import pandas as pd
+
+    if not isinstance(frame, pd.DataFrame):
+        raise InputError(f"a {type(frame).__name__}: needs a DataFrame as `to_dataframe` gives it")
+    known, given = [column.name for column in fields(Row)], frame.columns.tolist()
+    missing = [name for name in known if name not in given and name not in _OPTIONAL]
+    unknown = [name for name in given if name not in known or given.count(name) > 1]
+    if missing or unknown:
+        wrong = f"lacks {', '.join(missing)}" if missing else f"has {_shown(unknown)}"
+        raise InputError(f"the table {wrong}: needs each once of {', '.join(known)}")
+    columns = {name: _cells(frame[name], name) for name in given}
+    return tuple(
+        Row(**dict(zip(columns, cells, strict=True)))
+        for cells in zip(*columns.values(), strict=True)
+    )
+
+
+def _cells(column: pd.Series[Any], name: str) -> list[Any]:
+    """A column's cells as `Row` holds them."""
+    good, plain, wanted = _CELLS.get(name, (_is_text, str, "a text"))
+    nothing = math.nan if name == "value" else None
+    found = []
+    for k, (cell, lacks) in enumerate(zip(column.tolist(), column.isna(), strict=True)):
+        if lacks and name in _COLUMN_TYPES:
+            found.append(nothing)
+        elif not lacks and good(cell):
+            found.append(plain(cell))
+        else:
+            raise InputError(f"row {k} of the table: {name} is {_shown(cell)}, needs {wanted}")
+    return found
+
+
+def _shown(cell: object) -> str:
+    """A cell in an error: on one line, of bounded length."""
+    line = " ".join(repr(cell).split())
+    return line if len(line) < 60 else f"{line[:50]}..."
+
+
+def _is_text(cell: object) -> bool:
+    return isinstance(cell, str)
+
+
+def _is_number(cell: object) -> bool:
+    return isinstance(cell, numbers.Real) and not isinstance(cell, bool)
+
+
+def _is_count(cell: Any) -> bool:
+    return _is_number(cell) and cell >= 0 and cell % 1 == 0
+
+
+def _one_of(words: Sequence[str]) -> Callable[[Any], bool]:
+    return lambda cell: _is_text(cell) and cell in words
+
+
+_DIRECTIONS = ("lower", "higher", "none")
+_CELLS: dict[str, tuple[Callable[[Any], bool], Callable[[Any], Any], str]] = {
+    "value": (_is_number, float, "a number"),
+    "points": (_is_count, int, "a whole number of pixels or nothing"),
+    "low": (_is_number, float, "a number or nothing"),
+    "high": (_is_number, float, "a number or nothing"),
+    "unit": (_one_of(UNITS), str, f"one of {', '.join(UNITS)}: convert the values"),
+    "better": (_one_of(_DIRECTIONS), str, f"one of {', '.join(_DIRECTIONS)}"),
+}
 
 
 def write_results(out_dir: Path, results: Results) -> None:
