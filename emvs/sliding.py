@@ -41,7 +41,7 @@ from emvs.progress import Progress, silent
 from emvs.versions import versions
 from emvs.view import reference_view
 from emvs.window import Window, choose_window
-from emvs.windows import Plan, plan_windows
+from emvs.windows import WindowPlan, plan_windows
 
 Hot = tuple[HotPixels, ...] | None
 """The hot pixels of every camera; None where the filter is off."""
@@ -202,7 +202,7 @@ class _Run:
     """One run of sliding windows: what stays the same from window to window."""
 
     def __init__(
-        self, ahead: ReadAhead, config: MapperConfig, plan: Plan, store: MapStore,
+        self, ahead: ReadAhead, config: MapperConfig, plan: WindowPlan, store: MapStore,
         clouds: bool, progress: Progress, device: Device,
     ) -> None:  # fmt: skip
         self._ahead, self._config, self._plan, self._device = ahead, config, plan, device

@@ -19,7 +19,7 @@ Times = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class WindowPlan:
     """The windows of a run, in order.
 
     Attributes:
@@ -50,7 +50,9 @@ class Plan:
         return f"w{k:0{max(3, len(str(len(self) - 1)))}d}"
 
 
-def plan_windows(recording: Recording, config: MapperConfig, progress: Progress = silent) -> Plan:
+def plan_windows(
+    recording: Recording, config: MapperConfig, progress: Progress = silent
+) -> WindowPlan:
     """Cuts what events and poses cover, or `start_s` and `duration_s` of it, into sliding windows.
 
     Windows by time follow each other every `stride_s`; windows by count hold `window_events` events
@@ -73,7 +75,7 @@ def plan_windows(recording: Recording, config: MapperConfig, progress: Progress 
     if len(begins_us) > MOST_WINDOWS:
         raise InputError(f"{len(begins_us)} windows, at most {MOST_WINDOWS}: raise the stride")
     last_pose_us = recording.trajectory.span_us[1]
-    return Plan(begins_us, ends_us, stretch, last_pose_us, config.reference == "end")
+    return WindowPlan(begins_us, ends_us, stretch, last_pose_us, config.reference == "end")
 
 
 def _by_time(

@@ -14,7 +14,7 @@ from emvs.data.tum import write_tum
 from emvs.errors import InputError
 from emvs.io import calibration_writers, depth_writers
 from emvs.io.events import FORMATS, write_events
-from emvs.io.layouts import Job, kinds, write_recording
+from emvs.io.layouts import RecordingExport, kinds, write_recording
 from emvs.io.posed import EventSource
 from emvs.io.raw_streams import Readable, open_readable
 from eval.progress import Progress
@@ -94,7 +94,7 @@ def _events(readable: Readable, out: Path, options: Options, progress: Progress)
 
         if readable.recording is not None and not options.stream:
             sources = tuple(source for _, source in chosen)
-            job = Job(readable.recording, sources, shift_us, report_progress)
+            job = RecordingExport(readable.recording, sources, shift_us, report_progress)
             write_recording(job, out, options.to, force=options.force)
             what = f"recording of {len(sources)} cameras as {options.to}"
         else:

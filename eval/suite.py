@@ -26,11 +26,11 @@ _Name = Annotated[str, Field(pattern=r"^[\w.-]+$")]
 _Seeds = Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1)]
 
 
-class _Model(BaseModel):
+class _Definition(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class WindowSpec(_Model):
+class WindowSpec(_Definition):
     """A stretch of a sequence, s; its reference view is in the middle, where truth is rendered."""
 
     start_s: Annotated[float, Field(ge=0)]
@@ -42,7 +42,7 @@ class WindowSpec(_Model):
         return self.start_s + self.duration_s / 2
 
 
-class CaseSpec(_Model):
+class CaseSpec(_Definition):
     """One scene, rig and length, and how it is mapped."""
 
     scene: str
@@ -63,14 +63,14 @@ class CaseSpec(_Model):
         return self
 
 
-class Subset(_Model):
+class Subset(_Definition):
     """Some of the cases, with fewer seeds."""
 
     cases: Annotated[tuple[str, ...], Field(min_length=1)]
     seeds: _Seeds
 
 
-class Suite(_Model):
+class Suite(_Definition):
     """The whole definition.
 
     Attributes:

@@ -61,9 +61,9 @@ def edit(spec: mujoco.MjSpec) -> None:
 
 
 def _doors(spec: mujoco.MjSpec) -> None:
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "doors")
+    at = BodyBuilder(spec, "doors")
     places = (
         (-1, 3.1),
         (-1, 6.6),
@@ -91,9 +91,9 @@ def _doors(spec: mujoco.MjSpec) -> None:
 
 def _walls(spec: mujoco.MjSpec) -> None:
     """Skirting boards, hand rail, posters and notice boards."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "on_walls")
+    at = BodyBuilder(spec, "on_walls")
     for side in (-1, 1):
         at.box((0.012, 11.5, 0.05), (side * (_WALL_M - 0.01), 9, 0.05), "skirting")
     at.rod((1.22, 5.2, 0.95), (1.22, 8.7, 0.95), 0.022, "rail")
@@ -117,7 +117,7 @@ def _standing(spec: mujoco.MjSpec) -> None:
     from scenes._props import plant
 
     rng = default_rng(312)
-    at = fu.Group(spec, "standing")
+    at = fu.BodyBuilder(spec, "standing")
     for y in (7.9, 9.66):
         at.box((0.22, 0.87, 0.9), (-1.06, y + 2.6, 0.9), "lockers")
     at.box((0.24, 0.44, 0.52), (1.05, 2.55, 0.52), "wood")
@@ -138,9 +138,9 @@ def _standing(spec: mujoco.MjSpec) -> None:
 
 def _ceiling(spec: mujoco.MjSpec) -> None:
     """Lamps, exit signs, smoke detectors and pipes: too high for the shadows on the floor."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "ceiling_things")
+    at = BodyBuilder(spec, "ceiling_things")
     for k in range(8):
         at.box((0.14, 0.6, 0.02), (0, 1.4 + 2.5 * k, 2.73), "lamp")
         at.drum(0.05, 0.02, (0.5, 2.6 + 2.5 * k, 2.73), "white")

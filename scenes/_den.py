@@ -150,10 +150,10 @@ def _furnish(spec: mujoco.MjSpec) -> Point:
     rng = default_rng(243)
     fu.table(spec, "desk", (-1.12, 1.85, 0), (1.3, 0.7, 0.74), 18)
     bulb_m = fu.desk_lamp(spec, "lamp", (-1.32, 2.05, 0.74), 18)
-    fu.Group(spec, "bulb", bulb_m).ball((0.03, 0.03, 0.026), (0, 0, 0), "bulb")
+    fu.BodyBuilder(spec, "bulb", bulb_m).ball((0.03, 0.03, 0.026), (0, 0, 0), "bulb")
     fu.keyboard(spec, "keys", (-0.98, 1.66, 0.74), 14, mouse=False)
     fu.mug(spec, "mug", (-0.66, 1.86, 0.74), 40)
-    at = fu.Group(spec, "desk_things", (-1.12, 1.85, 0.74), 18)
+    at = fu.BodyBuilder(spec, "desk_things", (-1.12, 1.85, 0.74), 18)
     at.box((0.105, 0.148, 0.0008), (-0.3, -0.12, 0.001), "page_a", (0, 0, 14))
     for k in range(4):
         half = (0.014, 0.075, 0.11 - 0.006 * k)
@@ -170,15 +170,15 @@ def _furnish(spec: mujoco.MjSpec) -> Point:
 
 def _dark_corner(spec: mujoco.MjSpec) -> None:
     """Armchair, crate and cartons at the right, far from any light."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "armchair", (1.5, 2.0, 0), -38)
+    at = BodyBuilder(spec, "armchair", (1.5, 2.0, 0), -38)
     at.box((0.3, 0.3, 0.16), (0, 0, 0.28), "sofa")
     at.box((0.3, 0.08, 0.3), (0, 0.3, 0.66), "sofa", (-8, 0, 0))
     for x in (-0.36, 0.36):
         at.box((0.07, 0.3, 0.26), (x, 0, 0.36), "sofa")
     at.box((0.18, 0.05, 0.16), (0.02, 0.16, 0.6), "cloth", (-20, 0, 10))
-    corner = Group(spec, "corner", (0, 0, 0))
+    corner = BodyBuilder(spec, "corner", (0, 0, 0))
     corner.box((0.2, 0.2, 0.2), (0.72, 2.72, 0.2), "crate", (0, 0, 20))
     corner.box((0.14, 0.12, 0.11), (0.71, 2.70, 0.51), "carton_a", (0, 0, -10))
     corner.box((0.22, 0.18, 0.17), (-1.9, 2.95, 0.17), "carton_b", (0, 0, 12))
@@ -189,7 +189,7 @@ def _near(spec: mujoco.MjSpec) -> None:
     from scenes import _furniture as fu
 
     fu.table(spec, "low", (0.45, 1.0, 0), (1.0, 0.6, 0.74), 6)
-    at = fu.Group(spec, "low_things", (0.45, 1.0, 0.74), 6)
+    at = fu.BodyBuilder(spec, "low_things", (0.45, 1.0, 0.74), 6)
     at.box((0.1, 0.08, 0.075), (-0.24, 0.12, 0.075), "carton_a", (0, 0, 22))
     at.ball((0.07, 0.07, 0.07), (0.1, 0.12, 0.07), "ball", (60, 20, 0))
     at.box((0.105, 0.148, 0.018), (0.34, -0.05, 0.018), "book_3", (0, 0, 14))
@@ -199,9 +199,9 @@ def _near(spec: mujoco.MjSpec) -> None:
 
 
 def _curtains(spec: mujoco.MjSpec) -> None:
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "curtains", (0, 3.22, 1.35))
+    at = BodyBuilder(spec, "curtains", (0, 3.22, 1.35))
     for side, first in ((-1, -0.40), (1, 1.10)):
         for k in range(4):
             x = first + side * 0.075 * k
@@ -210,9 +210,9 @@ def _curtains(spec: mujoco.MjSpec) -> None:
 
 def _garden(spec: mujoco.MjSpec, rng: Generator) -> None:
     """A tree, a hedge, and the windows and roof of the house across."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "garden")
+    at = BodyBuilder(spec, "garden")
     at.rod((-0.5, 6.6, -0.3), (-0.42, 6.6, 2.0), 0.12, "bark")
     for a, b in (((-0.42, 6.6, 1.5), (0.3, 6.5, 2.4)), ((-0.42, 6.6, 1.7), (-1.1, 6.7, 2.6))):
         at.rod(a, b, 0.06, "bark")

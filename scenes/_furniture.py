@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Point = tuple[float, float, float]
 
 
-class Group:
+class BodyBuilder:
     """A body of the scene that geoms are added to, in its own frame."""
 
     def __init__(
@@ -80,7 +80,7 @@ def table(
 ) -> None:
     """Stands a table of width, depth and height; its top is the geom `{name}_0`."""
     half_x, half_y, height = size_m[0] / 2, size_m[1] / 2, size_m[2]
-    group = Group(spec, name, at_m, yaw_deg)
+    group = BodyBuilder(spec, name, at_m, yaw_deg)
     group.box((half_x, half_y, 0.014), (0, 0, height - 0.014), top)
     for x in (0.05 - half_x, half_x - 0.05):
         for y in (0.06 - half_y, half_y - 0.06):
@@ -91,7 +91,7 @@ def monitor(
     spec: mujoco.MjSpec, name: str, at_m: Point, yaw_deg: float = 0, width_m: float = 0.54
 ) -> None:
     """Stands a monitor; `at_m` is under its screen."""
-    group, half = Group(spec, name, at_m, yaw_deg), width_m / 2
+    group, half = BodyBuilder(spec, name, at_m, yaw_deg), width_m / 2
     group.drum(0.1, 0.006, (0, 0.05, 0.006), "plastic")
     group.box((0.02, 0.012, 0.12), (0, 0.055, 0.12), "plastic")
     group.box((half, 0.014, 0.6 * half), (0, 0.015, 0.12 + 0.6 * half), "dark")
@@ -102,7 +102,7 @@ def keyboard(
     spec: mujoco.MjSpec, name: str, at_m: Point, yaw_deg: float = 0, mouse: bool = True
 ) -> None:
     """Lays down a keyboard, with a mouse at its right."""
-    group = Group(spec, name, at_m, yaw_deg)
+    group = BodyBuilder(spec, name, at_m, yaw_deg)
     group.box((0.205, 0.066, 0.008), (0, 0, 0.008), "plastic")
     group.box((0.2, 0.062, 0.003), (0, 0, 0.019), "keys")
     if mouse:
@@ -111,7 +111,7 @@ def keyboard(
 
 def mug(spec: mujoco.MjSpec, name: str, at_m: Point, yaw_deg: float = 0) -> None:
     """Stands a mug of coffee with its handle along +x."""
-    group = Group(spec, name, at_m, yaw_deg)
+    group = BodyBuilder(spec, name, at_m, yaw_deg)
     group.drum(0.041, 0.048, (0, 0, 0.048), "mug")
     group.drum(0.036, 0.0006, (0, 0, 0.0964), "coffee")
     ring = [(0.04, 0, 0.078), (0.066, 0, 0.072), (0.068, 0, 0.044), (0.04, 0, 0.024)]
@@ -121,7 +121,7 @@ def mug(spec: mujoco.MjSpec, name: str, at_m: Point, yaw_deg: float = 0) -> None
 
 def chair(spec: mujoco.MjSpec, name: str, at_m: Point, yaw_deg: float = 0) -> None:
     """Rolls in an office chair; who sits on it looks to -y."""
-    group = Group(spec, name, at_m, yaw_deg)
+    group = BodyBuilder(spec, name, at_m, yaw_deg)
     group.box((0.23, 0.22, 0.035), (0, 0, 0.46), "cloth")
     group.box((0.21, 0.028, 0.27), (0, 0.22, 0.82), "cloth", (-8, 0, 0))
     group.rod((0, 0.2, 0.47), (0, 0.25, 0.62), 0.02, "dark")
@@ -146,7 +146,7 @@ def shelf(
 ) -> None:
     """Stands a bookshelf of width, depth and height, unturned, filled with books to `fill`."""
     half_x, half_y, height = size_m[0] / 2, size_m[1] / 2, size_m[2]
-    group = Group(spec, name, at_m)
+    group = BodyBuilder(spec, name, at_m)
     for x in (-half_x, half_x):
         group.box((0.012, half_y, height / 2), (x, 0, height / 2), material)
     pitch = (height - 0.1) / boards
@@ -165,7 +165,7 @@ def tripod(
     spec: mujoco.MjSpec, name: str, at_m: Point, height_m: float, yaw_deg: float = 0
 ) -> None:
     """Stands a tripod with a motion-capture camera that looks to -y and a little down."""
-    group = Group(spec, name, at_m, yaw_deg)
+    group = BodyBuilder(spec, name, at_m, yaw_deg)
     group.rod((0, 0, 0.55 * height_m), (0, 0, height_m), 0.014, "metal")
     for turn in np.radians((90, 210, 330)):
         reach = 0.3 * height_m
@@ -179,7 +179,7 @@ def tripod(
 
 def bin_(spec: mujoco.MjSpec, name: str, at_m: Point, material: str = "plastic") -> None:
     """Stands a waste-paper bin of twelve staves, with crumpled paper in it."""
-    group = Group(spec, name, at_m)
+    group = BodyBuilder(spec, name, at_m)
     for k, turn in enumerate(np.radians(np.arange(12) * 30.0)):
         at_m = (0.145 * float(np.cos(turn)), 0.145 * float(np.sin(turn)), 0.16)
         group.box((0.004, 0.043, 0.16), at_m, material, (0, 7.0, 30.0 * k))
@@ -192,7 +192,7 @@ def bin_(spec: mujoco.MjSpec, name: str, at_m: Point, material: str = "plastic")
 
 def desk_lamp(spec: mujoco.MjSpec, name: str, at_m: Point, yaw_deg: float = 0) -> Point:
     """Stands a jointed lamp; returns where its bulb is, m."""
-    group = Group(spec, name, at_m, yaw_deg)
+    group = BodyBuilder(spec, name, at_m, yaw_deg)
     group.drum(0.085, 0.01, (0, 0, 0.01), "metal")
     group.rod((0, 0, 0.02), (-0.12, 0.02, 0.3), 0.0075, "metal")
     group.ball((0.015, 0.015, 0.015), (-0.12, 0.02, 0.3), "red")

@@ -68,7 +68,7 @@ def _near_table(spec: mujoco.MjSpec) -> None:
     from scenes._props import cable
 
     fu.table(spec, "near", (-0.15, 0.72, 0), (1.5, 0.74, 0.76))
-    things = fu.Group(spec, "near_things", (0, 0, 0.76))
+    things = fu.BodyBuilder(spec, "near_things", (0, 0, 0.76))
     things.box((0.13, 0.10, 0.09), (-0.56, 0.78, 0.09), "carton_a", (0, 0, 24))
     things.box((0.09, 0.07, 0.06), (-0.55, 0.79, 0.24), "carton_b", (0, 0, -12))
     things.ball((0.075, 0.075, 0.075), (0.22, 0.92, 0.075), "ball", (60, 20, 0))
@@ -95,7 +95,7 @@ def _second_desk(spec: mujoco.MjSpec, rng: Generator) -> None:
     from scenes import _furniture as fu
 
     fu.table(spec, "second", (1.62, 1.55, 0), (1.5, 0.72, 0.74), -18)
-    at = fu.Group(spec, "second_things", (1.62, 1.55, 0.74), -18)
+    at = fu.BodyBuilder(spec, "second_things", (1.62, 1.55, 0.74), -18)
     fu.monitor(spec, "second_left", (1.40, 1.78, 0.74), -4)
     fu.monitor(spec, "second_right", (2.00, 1.60, 0.74), -38)
     fu.keyboard(spec, "second_keys", (1.52, 1.34, 0.74), -20)
@@ -114,7 +114,7 @@ def _left_desk(spec: mujoco.MjSpec) -> None:
     fu.monitor(spec, "left_monitor", (-1.72, 2.12, 0.74), 30, 0.6)
     fu.keyboard(spec, "left_keys", (-1.55, 1.86, 0.74), 28)
     fu.chair(spec, "left_chair", (-1.05, 1.72, 0), 205)
-    at = fu.Group(spec, "left_things", (-1.65, 2.0, 0.74), 32)
+    at = fu.BodyBuilder(spec, "left_things", (-1.65, 2.0, 0.74), 32)
     at.drum(0.038, 0.05, (0.42, 0.1, 0.05), "pot")
     for k, lean in enumerate((-0.03, 0.025)):
         material = ("yellow", "blue")[k]
@@ -126,7 +126,7 @@ def _floor(spec: mujoco.MjSpec) -> None:
     """Cartons, a ball, a planter and a bag, 1.6 to 3.4 m away."""
     from scenes import _furniture as fu
 
-    at = fu.Group(spec, "stack")
+    at = fu.BodyBuilder(spec, "stack")
     at.box((0.26, 0.22, 0.21), (0.62, 2.72, 0.21), "carton_a", (0, 0, -14))
     at.box((0.20, 0.17, 0.16), (0.62, 2.72, 0.58), "carton_b", (0, 0, 10))
     at.box((0.13, 0.11, 0.10), (0.59, 2.70, 0.84), "carton_a", (0, 0, -33))
@@ -145,7 +145,7 @@ def _tripods(spec: mujoco.MjSpec) -> None:
     fu.tripod(spec, "tripod_b", (1.52, 2.95, 0), 1.7, -28)
     fu.tripod(spec, "tripod_c", (-1.2, 3.1, 0), 1.75, 22)
     for k, x in enumerate((-1.3, 1.5)):
-        camera = fu.Group(spec, f"truss_camera_{k}", (x, 3.40, 2.36), -8 * x)
+        camera = fu.BodyBuilder(spec, f"truss_camera_{k}", (x, 3.40, 2.36), -8 * x)
         camera.box((0.05, 0.06, 0.05), (0, 0, 0), "dark", (-25, 0, 0))
         camera.drum(0.046, 0.01, (0, -0.064, -0.03), "metal", (65, 0, 0))
         camera.rod((0, 0.04, 0.02), (0, 0.05, 0.1), 0.012, "metal")

@@ -109,7 +109,7 @@ def _monitor_corner(spec: mujoco.MjSpec) -> None:
     fu.keyboard(spec, "keys", (-2.0, 1.55, 0.74), -4)
     fu.mug(spec, "mug", (-1.58, 1.66, 0.74), 30)
     fu.desk_lamp(spec, "lamp", (-2.52, 1.92, 0.74))
-    at = fu.Group(spec, "papers", (-2.0, 1.7, 0.74))
+    at = fu.BodyBuilder(spec, "papers", (-2.0, 1.7, 0.74))
     at.box((0.105, 0.148, 0.0008), (-0.42, -0.16, 0.001), "page_a", (0, 0, 12))
     at.box((0.105, 0.148, 0.02), (0.52, 0.14, 0.02), "book_3", (0, 0, -14))
     at.box((0.095, 0.13, 0.015), (0.53, 0.15, 0.055), "book_2", (0, 0, 6))
@@ -125,7 +125,7 @@ def _reader_corner(spec: mujoco.MjSpec) -> None:
     reader(spec, "reader", (1.55, 2.62, 0), -8)
     fu.table(spec, "table", (1.55, 1.72, 0), (1.3, 0.72, 0.72))
     fu.mug(spec, "table_mug", (1.96, 1.62, 0.72), 60)
-    at = fu.Group(spec, "table_things", (1.55, 1.72, 0.72))
+    at = fu.BodyBuilder(spec, "table_things", (1.55, 1.72, 0.72))
     at.box((0.11, 0.08, 0.06), (-0.42, 0.12, 0.06), "carton_a", (0, 0, 20))
     at.box((0.105, 0.148, 0.018), (0.36, -0.16, 0.018), "book_0", (0, 0, -20))
     at.box((0.105, 0.148, 0.0008), (-0.1, -0.18, 0.001), "page_b", (0, 0, 8))
@@ -134,9 +134,9 @@ def _reader_corner(spec: mujoco.MjSpec) -> None:
 
 def _boxes_corner(spec: mujoco.MjSpec) -> None:
     """Boxes on the floor in the middle of the room."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "boxes")
+    at = BodyBuilder(spec, "boxes")
     at.box((0.24, 0.20, 0.20), (0.10, 2.45, 0.20), "carton_a", (0, 0, 22))
     at.box((0.17, 0.15, 0.14), (0.12, 2.47, 0.54), "carton_b", (0, 0, -14))
     at.box((0.10, 0.10, 0.10), (0.10, 2.44, 0.78), "toy", (0, 0, 30))
@@ -148,9 +148,9 @@ def _boxes_corner(spec: mujoco.MjSpec) -> None:
 
 
 def _beside_the_bin(spec: mujoco.MjSpec) -> None:
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "litter")
+    at = BodyBuilder(spec, "litter")
     at.ball((0.05, 0.045, 0.04), (-0.1, 1.16, 0.04), "white", (20, 30, 0))
     at.ball((0.045, 0.05, 0.038), (-0.62, 1.24, 0.038), "white", (50, 10, 70))
     at.box((0.105, 0.148, 0.0008), (0.06, 1.42, 0.001), "page_a", (0, 0, 35))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator
 
 from scenes import _mesh
-from scenes._furniture import Group, Point
+from scenes._furniture import BodyBuilder, Point
 
 if TYPE_CHECKING:
     import mujoco
@@ -62,7 +62,7 @@ class Trees:
     ) -> None:
         """Plants a tree: trunk with boughs up to `trunk_m`, and a crown around its top."""
         x, y = at_m
-        tree = Group(spec, name, (x, y, 0))
+        tree = BodyBuilder(spec, name, (x, y, 0))
         radius = 0.045 * trunk_m
         tree.drum(radius, trunk_m / 2, (0, 0, trunk_m / 2), "bark")
         for turn in rng.uniform(0, 360, 3):
@@ -88,7 +88,7 @@ def shade(
     level_m: float = 0.0,
 ) -> None:
     """Lays the round shadow of a crown on the ground: a disc of the ground's darker twin."""
-    spot = Group(spec, name, (*at_m, level_m))
+    spot = BodyBuilder(spec, name, (*at_m, level_m))
     spot.ball((*half_m, 0.008), (0, 0, 0), material)
 
 
@@ -104,7 +104,7 @@ def car(
     """Parks a car of materials `paint` and `paint`_cabin, its front along the turned x axis."""
     _mesh.place(spec, "car_body", f"{name}_body", (*at_m, 0), paint, yaw_deg)
     _mesh.place(spec, "car_cabin", f"{name}_cabin", (*at_m, 0), f"{paint}_cabin", yaw_deg)
-    parts = Group(spec, name, (*at_m, 0), yaw_deg)
+    parts = BodyBuilder(spec, name, (*at_m, 0), yaw_deg)
     for x in (-1.32, 1.32):
         for y in (-0.78, 0.78):
             parts.drum(0.31, 0.11, (x, y, 0.31), "wheel", (90, 0, 0))
@@ -128,7 +128,7 @@ def house(
 ) -> None:
     """Builds a house with a saddle roof, its ridge along x, its front towards -y."""
     width, depth, height = half_m
-    walls = Group(spec, name, (*at_m, 0), yaw_deg)
+    walls = BodyBuilder(spec, name, (*at_m, 0), yaw_deg)
     walls.box((width, depth, height), (0, 0, height), front)
     rise = 0.75 * depth
     slope = float(np.degrees(np.arctan2(rise, depth)))
@@ -154,7 +154,7 @@ def fence(
     a, b = np.asarray(start_m), np.asarray(end_m)
     length = float(np.linalg.norm(b - a))
     yaw = float(np.degrees(np.arctan2(b[1] - a[1], b[0] - a[0])))
-    run = Group(spec, name, (a[0], a[1], 0), yaw)
+    run = BodyBuilder(spec, name, (a[0], a[1], 0), yaw)
     for k in range(int(length / every_m) + 1):
         run.box((0.05, 0.05, height_m / 2), (k * every_m, 0, height_m / 2), material)
     for share in rails:
@@ -165,7 +165,7 @@ def lamp_post(
     spec: mujoco.MjSpec, name: str, at_m: tuple[float, float], height_m: float, yaw_deg: float
 ) -> None:
     """Puts up a street lamp whose arm points along the turned x axis."""
-    post = Group(spec, name, (*at_m, 0), yaw_deg)
+    post = BodyBuilder(spec, name, (*at_m, 0), yaw_deg)
     post.rod((0, 0, 0), (0, 0, 0.9), 0.085, "steel")
     post.rod((0, 0, 0.9), (0, 0, height_m), 0.05, "steel")
     post.rod((0, 0, height_m), (1.1, 0, height_m + 0.25), 0.035, "steel")
@@ -176,14 +176,14 @@ def sign(
     spec: mujoco.MjSpec, name: str, at_m: tuple[float, float], face: str, height_m: float = 2.2
 ) -> None:
     """Puts up a road sign that faces -y."""
-    post = Group(spec, name, (*at_m, 0))
+    post = BodyBuilder(spec, name, (*at_m, 0))
     post.rod((0, 0.04, 0), (0, 0.04, height_m + 0.2), 0.03, "steel")
     post.drum(0.3, 0.012, (0, 0, height_m), face, (90, 0, 0))
 
 
 def bench(spec: mujoco.MjSpec, name: str, at_m: tuple[float, float], yaw_deg: float) -> None:
     """Puts a park bench, its back towards the turned y axis."""
-    seat = Group(spec, name, (*at_m, 0), yaw_deg)
+    seat = BodyBuilder(spec, name, (*at_m, 0), yaw_deg)
     for k in range(3):
         seat.box((0.85, 0.055, 0.02), (0, -0.14 + 0.14 * k, 0.45), "plank")
     for z in (0.62, 0.78):

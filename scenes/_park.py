@@ -91,7 +91,7 @@ def _avenue(spec: mujoco.MjSpec, rng: Generator) -> None:
 
 def _roadside(spec: mujoco.MjSpec) -> None:
     from scenes import _outside as out
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
     out.fence(spec, "fence_left", (-3.1, 5.5), (-3.1, 34.0), every_m=2.2)
     out.fence(spec, "fence_right", (3.1, 36.0), (3.1, 62.0), every_m=3.0)
@@ -101,7 +101,7 @@ def _roadside(spec: mujoco.MjSpec) -> None:
     out.lamp_post(spec, "lamp_1", (2.2, 33.0), 3.9, 180)
     out.lamp_post(spec, "lamp_2", (2.2, 54.0), 3.9, 180)
     out.sign(spec, "sign", (-2.0, 21.0), "limit")
-    at = Group(spec, "roadside")
+    at = BodyBuilder(spec, "roadside")
     at.drum(0.2, 0.42, (2.3, 18.4, 0.42), "steel")
     for k in range(9):
         at.ball((0.16, 0.14, 0.1), (-1.72 + 0.12 * (k % 2), 8.0 + 2.7 * k, 0.05), "chimney")
@@ -110,7 +110,7 @@ def _roadside(spec: mujoco.MjSpec) -> None:
 
 
 def _village(spec: mujoco.MjSpec) -> None:
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
     from scenes._outside import house
 
     places = (
@@ -121,7 +121,7 @@ def _village(spec: mujoco.MjSpec) -> None:
     )  # fmt: skip
     for k, (x, y, half, key, yaw) in enumerate(places):
         house(spec, f"house_{k}", (x, y), half, f"front_{key}", yaw_deg=yaw)
-    church = Group(spec, "church", (-6.0, 150.0, 0))
+    church = BodyBuilder(spec, "church", (-6.0, 150.0, 0))
     church.box((2.6, 2.6, 9.5), (0, 0, 9.5), "front_b")
     for k in range(6):
         side = 2.6 * (1 - k / 6.2)
@@ -130,9 +130,9 @@ def _village(spec: mujoco.MjSpec) -> None:
 
 def _horizon(spec: mujoco.MjSpec, rng: Generator) -> None:
     """Hedges between the fields and a wooded ridge at the far end."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "horizon")
+    at = BodyBuilder(spec, "horizon")
     at.box((14, 0.8, 0.9), (-24, 30.0, 0.9), "hedge", (0, 0, 6))
     at.box((18, 1.0, 1.0), (36, 50.0, 1.0), "hedge", (0, 0, -10))
     at.box((30, 1.0, 1.2), (-48, 100.0, 1.2), "hedge")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from scenes._furniture import Group, Point
+from scenes._furniture import BodyBuilder, Point
 
 if TYPE_CHECKING:
     import mujoco
@@ -19,7 +19,7 @@ def reader(spec: mujoco.MjSpec, name: str, at_m: Point, yaw_deg: float = 0) -> N
         at_m: on the floor, under the hips, m.
         yaw_deg: turns the whole person about z.
     """
-    group = Group(spec, name, at_m, yaw_deg)
+    group = BodyBuilder(spec, name, at_m, yaw_deg)
     _trunk(group)
     _head(group)
     for side in (-1.0, 1.0):
@@ -27,14 +27,14 @@ def reader(spec: mujoco.MjSpec, name: str, at_m: Point, yaw_deg: float = 0) -> N
     _book(group)
 
 
-def _trunk(group: Group) -> None:
+def _trunk(group: BodyBuilder) -> None:
     group.ball((0.18, 0.13, 0.13), (0, 0.0, 0.56), "jeans")
     group.ball((0.165, 0.115, 0.2), (0, -0.01, 0.76), "shirt", (6, 0, 0))
     group.ball((0.2, 0.12, 0.17), (0, -0.05, 0.96), "shirt", (10, 0, 0))
     group.rod((-0.15, -0.06, 1.05), (0.15, -0.06, 1.05), 0.06, "shirt")
 
 
-def _head(group: Group) -> None:
+def _head(group: BodyBuilder) -> None:
     """A head bent over the book."""
     group.rod((0, -0.06, 1.08), (0, -0.1, 1.18), 0.05, "skin")
     group.ball((0.078, 0.1, 0.115), (0, -0.14, 1.26), "skin", (22, 0, 0))
@@ -47,7 +47,7 @@ def _head(group: Group) -> None:
         group.rod((0.018 * side, -0.232, 1.282), (0.05 * side, -0.226, 1.282), 0.004, "hair")
 
 
-def _limbs(group: Group, side: float) -> None:
+def _limbs(group: BodyBuilder, side: float) -> None:
     shoulder, elbow = (0.2 * side, -0.06, 1.03), (0.27 * side, -0.24, 0.81)
     hand = (0.15 * side, -0.44, 0.89)
     group.rod(shoulder, elbow, 0.05, "shirt")
@@ -59,7 +59,7 @@ def _limbs(group: Group, side: float) -> None:
     group.ball((0.045, 0.12, 0.04), (0.12 * side, -0.46, 0.04), "dark")
 
 
-def _book(group: Group) -> None:
+def _book(group: BodyBuilder) -> None:
     """An open book, held up at an angle, its cover to whoever looks at the reader."""
     for side in (-1.0, 1.0):
         group.box((0.088, 0.006, 0.12), (0.085 * side, -0.5, 0.97), "cover", (28, 0, 9 * side))

@@ -103,7 +103,7 @@ def edit(spec: mujoco.MjSpec) -> None:
 
 
 def _houses(spec: mujoco.MjSpec) -> None:
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
     rows = {-1: "dabcd", 1: "bcdab"}
     for side, order in rows.items():
@@ -111,13 +111,13 @@ def _houses(spec: mujoco.MjSpec) -> None:
         for k, key in enumerate(order):
             half = (5.2, 5.9, 5.0, 6.1, 5.4)[(k + (side > 0) * 2) % 5]
             height = (6.0, 7.0, 5.2, 6.4, 6.6)[(k * 2 + (side > 0)) % 5]
-            wall = Group(
+            wall = BodyBuilder(
                 spec, f"house_{'lmr'[side + 1]}_{k}", (side * 10.6, y + half, 0), 90 + 90 * side
             )
             wall.box((3.0, half - 0.02, height), (0, 0, height), f"front_{key}")
             wall.box((3.15, half, 0.12), (0, 0, 2 * height), "steel")
             y += 2 * half
-    end = Group(spec, "house_end", (0, _END_M + 3.0, 0))
+    end = BodyBuilder(spec, "house_end", (0, _END_M + 3.0, 0))
     end.box((14, 3, 8.5), (0, 0, 8.5), "front_e")
 
 
@@ -136,9 +136,9 @@ def _cars(spec: mujoco.MjSpec, rng: Generator) -> None:
 
 def _pavements(spec: mujoco.MjSpec) -> None:
     """Kerbs, bollards, bins, a bicycle stand and boxes of the post."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "pavement_things")
+    at = BodyBuilder(spec, "pavement_things")
     for side in (-1, 1):
         at.box((0.1, 25, 0.075), (side * 4.55, 24, 0.07), "line")
     for k in range(5):
@@ -156,9 +156,9 @@ def _pavements(spec: mujoco.MjSpec) -> None:
 
 def _paint(spec: mujoco.MjSpec) -> None:
     """Road markings: dashes in the middle, a crossing, parking bays."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "markings")
+    at = BodyBuilder(spec, "markings")
     for k in range(7):
         at.box((0.07, 0.9, 0.004), (0.05, 5.0 + 4.2 * k, 0), "line")
     for k in range(6):

@@ -35,10 +35,10 @@ def _textures() -> Mapping[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
     from scenes._shadows import bake
 
-    at = Group(spec, "room")
+    at = BodyBuilder(spec, "room")
     for x in (-2.14, 2.14):
         at.box((0.012, 3.2, 0.04), (x, 2.2, 0.04), "white_wood")
     at.box((2.5, 0.012, 0.04), (0, 4.94, 0.04), "white_wood")
@@ -50,12 +50,12 @@ def _edit(spec: mujoco.MjSpec) -> None:
     at.box((0.024, 0.75, 0.6), (2.15, 3.0, 1.55), "frame")
     at.box((0.012, 0.7, 0.55), (2.13, 3.0, 1.55), "glass")
     at.box((0.02, 0.02, 0.6), (2.115, 3.0, 1.55), "frame")
-    sofa = Group(spec, "sofa", (0.95, 3.9, 0), -8)
+    sofa = BodyBuilder(spec, "sofa", (0.95, 3.9, 0), -8)
     sofa.box((0.8, 0.4, 0.2), (0, 0, 0.2), "sofa")
     sofa.box((0.8, 0.1, 0.25), (0, 0.34, 0.55), "sofa")
     for x in (-0.72, 0.72):
         sofa.box((0.1, 0.4, 0.12), (x, 0, 0.5), "sofa")
-    things = Group(spec, "things")
+    things = BodyBuilder(spec, "things")
     things.box((0.3, 0.3, 0.3), (-0.85, 2.9, 0.3), "white_wood", (0, 0, 28))
     things.ball((0.16, 0.16, 0.16), (-0.85, 2.9, 0.76), "white_wood")
     things.drum(0.2, 0.36, (0.35, 2.2, 0.36), "white_wood")

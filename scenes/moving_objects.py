@@ -69,18 +69,18 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _static(spec: mujoco.MjSpec) -> None:
     """Wall bars, bench, mats, vaulting box, a hoop and a banner."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    bars = Group(spec, "bars", (-1.75, 6.86, 0))
+    bars = BodyBuilder(spec, "bars", (-1.75, 6.86, 0))
     for x in (-0.9, 0.0, 0.9):
         bars.box((0.03, 0.06, 1.3), (x, 0, 1.3), "plank")
     for k in range(13):
         bars.rod((-0.9, -0.04, 0.2 + 0.19 * k), (0.9, -0.04, 0.2 + 0.19 * k), 0.018, "plank")
-    vault = Group(spec, "vault", (1.75, 5.6, 0), -12)
+    vault = BodyBuilder(spec, "vault", (1.75, 5.6, 0), -12)
     for k in range(4):
         vault.box((0.5 - 0.03 * k, 0.28 - 0.03 * k, 0.11), (0, 0, 0.12 + 0.23 * k), "crate")
     vault.box((0.4, 0.2, 0.06), (0, 0, 0.98), "leather")
-    at = Group(spec, "gear")
+    at = BodyBuilder(spec, "gear")
     at.box((1.1, 0.16, 0.025), (-1.55, 4.6, 0.42), "plank", (0, 0, 8))
     for x in (-2.4, -0.7):
         at.box((0.03, 0.14, 0.2), (x, 4.6 + 0.14 * (x + 1.55), 0.2), "plank", (0, 0, 8))

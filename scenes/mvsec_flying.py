@@ -66,9 +66,9 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 
 def _boxes(spec: mujoco.MjSpec) -> None:
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "boxes")
+    at = BodyBuilder(spec, "boxes")
     at.box((0.30, 0.28, 0.28), (-0.62, 1.72, 0.28), "carton_a", (0, 0, 24))
     at.box((0.20, 0.18, 0.17), (-0.66, 1.70, 0.73), "carton_b", (0, 0, -8))
     at.box((0.34, 0.34, 0.34), (1.55, 2.75, 0.34), "crate", (0, 0, 20))
@@ -85,9 +85,9 @@ def _boxes(spec: mujoco.MjSpec) -> None:
 
 
 def _drums(spec: mujoco.MjSpec) -> None:
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "drums")
+    at = BodyBuilder(spec, "drums")
     places = ((-1.55, 2.75), (-2.05, 5.0), (2.35, 3.95), (0.95, 5.5), (3.6, 5.2))
     for k, (x, y) in enumerate(places):
         at.drum(0.29, 0.44, (x, y, 0.44), ("drum_blue", "drum_rust")[k % 2], (0, 0, 50 * k))
@@ -103,16 +103,16 @@ def _drums(spec: mujoco.MjSpec) -> None:
 
 def _tarps(spec: mujoco.MjSpec) -> None:
     """Tarpaulins thrown over crates and hung on a line: strips that swing to and fro."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    line = Group(spec, "tarp_line", (2.05, 5.35, 0), -12)
+    line = BodyBuilder(spec, "tarp_line", (2.05, 5.35, 0), -12)
     line.rod((-1.2, 0, 2.1), (1.2, 0, 2.1), 0.02, "beam")
     for x in (-1.2, 1.2):
         line.rod((x, 0, 0), (x, 0, 2.2), 0.03, "beam")
     for k in range(8):
         swing = 28.0 * (-1) ** k
         line.box((0.145, 0.006, 0.75), (-1.0 + 0.27 * k, 0.0, 1.33), "tarp_blue", (0, 0, swing))
-    heap = Group(spec, "tarp_heap", (-0.75, 4.25, 0), 25)
+    heap = BodyBuilder(spec, "tarp_heap", (-0.75, 4.25, 0), 25)
     heap.box((0.5, 0.36, 0.3), (0, 0, 0.3), "carton_b")
     heap.box((0.56, 0.42, 0.008), (0, 0, 0.612), "tarp_green")
     for k, (x, y, yaw) in enumerate(((0, -0.44, 0), (0, 0.44, 0), (-0.58, 0, 90), (0.58, 0, 90))):
@@ -125,9 +125,9 @@ def _tarps(spec: mujoco.MjSpec) -> None:
 
 def _net(spec: mujoco.MjSpec) -> None:
     """The net that keeps drones in, on posts along the left side."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    net = Group(spec, "net", (-3.55, 0, 0))
+    net = BodyBuilder(spec, "net", (-3.55, 0, 0))
     for y in (2.6, 4.1, 5.6):
         net.rod((0, y, 0), (0, y, 3.4), 0.035, "beam")
     for k in range(8):
@@ -139,9 +139,9 @@ def _net(spec: mujoco.MjSpec) -> None:
 
 def _roof(spec: mujoco.MjSpec) -> None:
     """Trusses and rows of lamps under the ceiling."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    roof = Group(spec, "roof")
+    roof = BodyBuilder(spec, "roof")
     for y in (4.6, 6.0):
         for z in (3.55, 3.95):
             roof.rod((-5, y, z), (5, y, z), 0.03, "beam")

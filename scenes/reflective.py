@@ -49,7 +49,7 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
     _line(spec)
     _on_walls(spec)
-    table = fu.Group(spec, "table", (-0.55, 1.55, 0), 12)
+    table = fu.BodyBuilder(spec, "table", (-0.55, 1.55, 0), 12)
     table.box((0.55, 0.36, 0.02), (0, 0, 0.74), "wood")
     for x in (-0.48, 0.48):
         for y in (-0.3, 0.3):
@@ -62,7 +62,7 @@ def _edit(spec: mujoco.MjSpec) -> None:
     table.drum(0.04, 0.05, (0.33, -0.12, 0.81), "mug")
     fu.chair(spec, "chair", (0.55, 2.4, 0), 210)
     fu.chair(spec, "stool", (-1.25, 2.55, 0), 150)
-    at = fu.Group(spec, "floor_things")
+    at = fu.BodyBuilder(spec, "floor_things")
     at.drum(0.15, 0.16, (1.9, 4.2, 0.16), "pot")
     plant(spec, "plant", (1.9, 4.2, 0.3), 0.9, default_rng(372), leaves=10)
     at.box((0.2, 0.16, 0.15), (1.25, 3.4, 0.15), "carton", (0, 0, 24))
@@ -71,9 +71,9 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _line(spec: mujoco.MjSpec) -> None:
     """Kitchen units along the back wall: steel, lacquer, glazed tiles, pans on a rail."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "units", (0, 5.02, 0))
+    at = BodyBuilder(spec, "units", (0, 5.02, 0))
     for k in range(5):
         x = -2.0 + 0.62 * k
         at.box((0.3, 0.3, 0.4), (x, 0, 0.5), "metal" if k == 2 else "lacquer")
@@ -99,9 +99,9 @@ def _on_walls(spec: mujoco.MjSpec) -> None:
 
     The floor is the one mirror: MuJoCo draws the reflections of one surface per scene.
     """
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "on_walls")
+    at = BodyBuilder(spec, "on_walls")
     at.box((0.8, 0.55, 0.012), (2.33, 3.3, 1.45), "glass", (0, -90, 0))
     for y in (2.73, 3.87):
         at.box((0.02, 0.03, 0.83), (2.33, y, 1.45), "wood")

@@ -67,9 +67,9 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _walls(spec: mujoco.MjSpec) -> None:
     """A brick house at the back with shutters, a board fence at both sides."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "walls")
+    at = BodyBuilder(spec, "walls")
     at.box((3.6, 0.1, 1.7), (0, 7.2, 1.7), "brick")
     for k in range(4):
         x = -2.3 + 1.5 * k
@@ -83,11 +83,11 @@ def _walls(spec: mujoco.MjSpec) -> None:
 def _fences(spec: mujoco.MjSpec) -> None:
     """Two picket fences across the view, one behind the other."""
     from scenes import _mesh
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
     _mesh.prism(spec, "picket", _PICKET_M, 0.011)
     for row, (y, x0, count, yaw) in enumerate(((2.6, -2.6, 22, 8.0), (4.9, -2.9, 38, -5.0))):
-        fence = Group(spec, f"fence_{row}", (x0, y, 0), yaw)
+        fence = BodyBuilder(spec, f"fence_{row}", (x0, y, 0), yaw)
         length = 0.155 * count
         for z in (0.3, 0.75):
             fence.box((length / 2, 0.018, 0.035), (length / 2 - 0.08, 0.03, z), "plank")
@@ -98,11 +98,11 @@ def _fences(spec: mujoco.MjSpec) -> None:
 
 def _rows(spec: mujoco.MjSpec) -> None:
     """Pots in a row, posts in a row, slats of a pergola overhead."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
     from scenes._props import plant
 
     rng = default_rng(352)
-    at = Group(spec, "rows")
+    at = BodyBuilder(spec, "rows")
     for k in range(6):
         x = -1.9 + 0.76 * k
         at.drum(0.16, 0.15, (x, 6.4, 0.15), "pot")

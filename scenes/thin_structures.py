@@ -61,7 +61,7 @@ def _edit(spec: mujoco.MjSpec) -> None:
 def _mesh_fence(spec: mujoco.MjSpec) -> None:
     """A panel of welded wire (5 cm cells, 3 mm wire) at 1.7 m, and a chain-link fence behind."""
     from scenes import _mesh
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
     across, up = np.arange(-0.6, 0.61, 0.05), np.arange(0.25, 1.46, 0.05)
     segments = [((x, 0, up[0]), (x, 0, up[-1])) for x in across]
@@ -76,7 +76,7 @@ def _mesh_fence(spec: mujoco.MjSpec) -> None:
             link.append(_cut(start, end, 0.0, 3.4))
     _mesh.sticks(spec, "link", [s for s in link if s is not None], 0.002)
     _mesh.place(spec, "link", "link", (0.4, 5.6, 0), "wire", -6)
-    posts = Group(spec, "posts")
+    posts = BodyBuilder(spec, "posts")
     for x, y in ((-1.53, 1.6), (-0.37, 1.9)):
         posts.rod((x, y, 0), (x, y, 1.5), 0.02, "metal")
     for k in range(3):
@@ -96,14 +96,14 @@ def _cut(
 
 def _railing(spec: mujoco.MjSpec) -> None:
     """A balustrade across the right half, bars of 12 mm every 11 cm."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    rail = Group(spec, "railing", (0.35, 2.75, 0), 6)
+    rail = BodyBuilder(spec, "railing", (0.35, 2.75, 0), 6)
     for z in (0.12, 1.0):
         rail.rod((0, 0, z), (2.6, 0, z), 0.018, "metal")
     for k in range(24):
         rail.rod((0.05 + 0.11 * k, 0, 0.12), (0.05 + 0.11 * k, 0, 1.0), 0.006, "dark")
-    ladder = Group(spec, "ladder", (-2.1, 4.6, 0), 12)
+    ladder = BodyBuilder(spec, "ladder", (-2.1, 4.6, 0), 12)
     for x in (-0.22, 0.22):
         ladder.rod((x, 0, 0), (x, 0.8, 2.6), 0.018, "yellow")
     for k in range(9):
@@ -114,9 +114,9 @@ def _railing(spec: mujoco.MjSpec) -> None:
 def _bare_tree(spec: mujoco.MjSpec, rng: Generator) -> None:
     """A leafless tree: boughs that fork five times, the last ones 3 mm thick."""
     from scenes import _mesh
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    Group(spec, "trunk", (-0.35, 4.3, 0)).drum(0.05, 0.55, (0, 0, 0.55), "bark")
+    BodyBuilder(spec, "trunk", (-0.35, 4.3, 0)).drum(0.05, 0.55, (0, 0, 0.55), "bark")
     tips = [(np.array([0, 0, 1.05]), np.array([0, 0, 1.0]), 0.62)]
     for level, radius in enumerate((0.022, 0.013, 0.007, 0.004, 0.0025)):
         segments, grown = [], []
@@ -148,9 +148,9 @@ def _leaves(spec: mujoco.MjSpec, rng: Generator) -> None:
 
 def _standing(spec: mujoco.MjSpec) -> None:
     """What is thick: a drum, crates, a trestle with a plan, pots."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "standing")
+    at = BodyBuilder(spec, "standing")
     at.drum(0.2, 0.22, (0.62, 1.72, 0.22), "pot")
     at.drum(0.29, 0.44, (-2.6, 3.3, 0.44), "drum")
     at.box((0.3, 0.3, 0.3), (2.9, 4.6, 0.3), "crate", (0, 0, 20))
@@ -168,7 +168,7 @@ def _standing(spec: mujoco.MjSpec) -> None:
 
 def _overhead(spec: mujoco.MjSpec) -> None:
     """Cables from wall to wall, a washing line, and guy wires of a mast."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
     from scenes._props import cable
 
     lines = (
@@ -178,13 +178,13 @@ def _overhead(spec: mujoco.MjSpec) -> None:
     )
     for k, (a, b, c, radius, material) in enumerate(lines):
         cable(spec, f"line_{k}", (a, b, c), radius, material)
-    mast = Group(spec, "mast", (2.3, 6.2, 0))
+    mast = BodyBuilder(spec, "mast", (2.3, 6.2, 0))
     mast.rod((0, 0, 0), (0, 0, 3.4), 0.022, "metal")
     for x, y in ((-1.1, -0.6), (1.0, -0.8), (0.1, 1.1)):
         mast.rod((x, y, 0), (0, 0, 3.0), 0.003, "bright")
     for k in range(4):
         mast.rod((-0.4, 0, 2.7 + 0.2 * k), (0.4, 0, 2.7 + 0.2 * k), 0.006, "bright")
-    props = Group(spec, "line_posts")
+    props = BodyBuilder(spec, "line_posts")
     props.rod((-1.4, 2.4, 0), (-1.4, 2.4, 1.77), 0.014, "metal")
     props.rod((1.9, 2.2, 0), (1.9, 2.2, 1.8), 0.014, "metal")
     for k in range(5):

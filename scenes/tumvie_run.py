@@ -62,9 +62,9 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _arcade(spec: mujoco.MjSpec) -> None:
     """Wall with doors at the left, columns at the right, beams and boards overhead."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "arcade")
+    at = BodyBuilder(spec, "arcade")
     at.box((0.2, 8.5, 1.6), (-1.9, 7.5, 1.6), "wall")
     at.box((2.0, 8.5, 0.1), (-0.1, 7.5, 3.2), "soffit")
     at.box((0.15, 8.5, 0.2), (1.75, 7.5, 3.0), "column")
@@ -89,7 +89,7 @@ def _arcade(spec: mujoco.MjSpec) -> None:
 
 def _things(spec: mujoco.MjSpec, rng: Generator) -> None:
     """Benches, bins, pots and bicycle racks under the roof."""
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
     from scenes._outside import bench
     from scenes._props import plant
 
@@ -102,7 +102,7 @@ def _things(spec: mujoco.MjSpec, rng: Generator) -> None:
         ),
         90,
     )
-    at = Group(spec, "things")
+    at = BodyBuilder(spec, "things")
     at.drum(0.2, 0.38, (-1.38, 7.9, 0.38), "bin")
     at.drum(0.2, 0.38, (1.7, 12.1, 0.38), "bin")
     for k, (x, y) in enumerate(((-1.4, 3.7), (-1.4, 10.9), (-1.4, 15.2))):
@@ -119,9 +119,9 @@ def _things(spec: mujoco.MjSpec, rng: Generator) -> None:
 def _yard(spec: mujoco.MjSpec, rng: Generator) -> None:
     """Lawn, trees, hedges, a fence, and the buildings around them."""
     from scenes import _outside as out
-    from scenes._furniture import Group
+    from scenes._furniture import BodyBuilder
 
-    at = Group(spec, "yard")
+    at = BodyBuilder(spec, "yard")
     at.box((9.0, 3.0, 6.5), (-1.0, 30.0, 6.5), "front_a")
     at.box((9.0, 3.0, 5.0), (17.0, 30.2, 5.0), "front_b")
     at.box((3.0, 6.4, 5.2), (-5.2, 22.6, 5.2), "front_b")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
-from sim.chunks import Job, Shot
+from sim.chunks import RenderedFrame, RenderJob
 from sim.parts import State
 from sim.sensor import Sensor, part_of
 from sim.truth import depth_at_events
@@ -39,7 +39,7 @@ class Cameras:
         state: where to go on; None starts with the first shot.
     """
 
-    def __init__(self, job: Job, pool: Executor, state: State | None) -> None:
+    def __init__(self, job: RenderJob, pool: Executor, state: State | None) -> None:
         self._job, self._pool = job, pool
         self._sensors = [
             Sensor(k, camera.width_px, camera.height_px, job.config, job.seed)
@@ -51,7 +51,7 @@ class Cameras:
         if state is not None:
             self._restore(state)
 
-    def take(self, shot: Shot) -> None:
+    def take(self, shot: RenderedFrame) -> None:
         """Hands over the next pictures; `collect` what came of the ones before first."""
         if self._t_us is None:
             for sensor, intensity in zip(self._sensors, shot.intensity, strict=True):
@@ -90,7 +90,7 @@ class Cameras:
             self._depth_m = tuple(part_of(state, "depth_m").values())
 
     def _step(
-        self, k: int, shot: Shot, before_us: int, before_m: tuple[NDArray[np.float32], ...]
+        self, k: int, shot: RenderedFrame, before_us: int, before_m: tuple[NDArray[np.float32], ...]
     ) -> Packet:
         labelled = self._sensors[k].step(shot.intensity[k], shot.t_us)
         events, extra = labelled.events, dict[str, NDArray[np.generic]]()

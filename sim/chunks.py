@@ -31,7 +31,7 @@ CHUNK_US = 12_500
 TruthImages = dict[str, NDArray[Any]]
 
 
-class Shot(NamedTuple):
+class RenderedFrame(NamedTuple):
     """What the event simulation needs of one exposure.
 
     Attributes:
@@ -60,7 +60,7 @@ def chunk_bounds_us(truth_us: Sequence[int], longest_us: int = CHUNK_US) -> list
 
 
 @dataclass(frozen=True)
-class Job:
+class RenderJob:
     """Everything that decides what is rendered; goes to worker processes as it is.
 
     Attributes:
@@ -124,7 +124,7 @@ class ChunkRenderer:
         renderer: opened in this thread.
     """
 
-    def __init__(self, job: Job, renderer: StereoRenderer) -> None:
+    def __init__(self, job: RenderJob, renderer: StereoRenderer) -> None:
         self.job = job
         self._renderer, self._motion = renderer, job.motion()
         self._config = _capped(job)
@@ -132,7 +132,7 @@ class ChunkRenderer:
         animate = job.scene.animate
         self._bodies = MovingBodies(renderer, animate) if animate is not None else None
 
-    def shots(self, chunk: int) -> Iterator[Shot]:
+    def shots(self, chunk: int) -> Iterator[RenderedFrame]:
         """What the cameras see after the chunk's beginning up to its end; chunk 0 from time 0."""
         job = self.job
         stops_us = list(job.bounds_us[chunk : chunk + 2])
@@ -144,9 +144,9 @@ class ChunkRenderer:
             if chunk == 0 or exposure.t_us > stops_us[0]:
                 yield self._shot(chunk, exposure)
 
-    def _shot(self, chunk: int, exposure: Exposure) -> Shot:
+    def _shot(self, chunk: int, exposure: Exposure) -> RenderedFrame:
         frames = exposure.frames
-        return Shot(
+        return RenderedFrame(
             chunk,
             exposure.t_us,
             tuple(frame.intensity for frame in frames),
@@ -205,7 +205,7 @@ class ChunkRenderer:
         return [camera.bearing_table() for camera in self.job.rig.cameras]
 
 
-def _capped(job: Job) -> SimConfig:
+def _capped(job: RenderJob) -> SimConfig:
     """The parameters, with frames no further apart than the animation allows.
 
     Frames are spaced by how far the pixels move that are seen; what would cross the view between

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from emvs.data.trajectory import Trajectory
 from emvs.versions import versions
-from sim.chunks import Job
+from sim.chunks import RenderJob
 from sim.graphics import import_mujoco
 from sim.imu import imu_samples
 from sim.motion import sampled
@@ -28,7 +28,7 @@ class Facts(NamedTuple):
     key: str
 
 
-def facts_of(job: Job, renderer: StereoRenderer) -> Facts:
+def facts_of(job: RenderJob, renderer: StereoRenderer) -> Facts:
     """Samples what rides on the motion and describes the rest."""
     duration_s = job.duration_us * 1e-6
     trajectory = sampled(job.motion(), duration_s, job.config.pose_rate_hz)
@@ -48,7 +48,7 @@ def facts_of(job: Job, renderer: StereoRenderer) -> Facts:
     return Facts(arguments, _key(job, renderer, trajectory))
 
 
-def _key(job: Job, renderer: StereoRenderer, trajectory: Trajectory) -> str:
+def _key(job: RenderJob, renderer: StereoRenderer, trajectory: Trajectory) -> str:
     """A hash over all that decides the sequence: parameters, geometry, textures and all motion."""
     mj = import_mujoco()
     model = np.zeros(mj.mj_sizeModel(renderer.model), np.uint8)
@@ -69,7 +69,7 @@ def _key(job: Job, renderer: StereoRenderer, trajectory: Trajectory) -> str:
     return digest.hexdigest()
 
 
-def _animation(job: Job, model: Any) -> list[NDArray[np.float64]]:
+def _animation(job: RenderJob, model: Any) -> list[NDArray[np.float64]]:
     """Where the bodies that move by themselves are at some times, and how often frames are."""
     animate = job.scene.animate
     if animate is None:

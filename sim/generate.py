@@ -18,12 +18,12 @@ from emvs.data.writer import SequenceWriter
 from emvs.errors import InputError
 from sim import preflight
 from sim.cameras import Cameras, Packet
-from sim.chunks import Job, Shot, chunk_bounds_us
+from sim.chunks import RenderedFrame, RenderJob, chunk_bounds_us
 from sim.config import SimConfig
 from sim.facts import Facts, facts_of
 from sim.graphics import note
 from sim.parts import PartWriter
-from sim.photos import Photographer, spans_us
+from sim.photos import FrameCamera, spans_us
 from sim.replay_scene import replayed
 from sim.sampling import truth_times_us
 from sim.scene import Scene
@@ -115,7 +115,7 @@ def simulate(
     return out
 
 
-def make_job(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> Job:
+def make_job(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> RenderJob:
     """Decides the times of truth and the chunks.
 
     Raises:
@@ -129,11 +129,15 @@ def make_job(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> Job:
     spans_us(config.frames, duration_us)
     more_us = [round(t_s * 1e6) for t_s in config.truth_times_s]
     truth_us = truth_times_us(duration_us, round(config.truth_interval_s * 1e6), more_us)
-    return Job(scene, rig, config, seed, tuple(truth_us), tuple(chunk_bounds_us(truth_us)))
+    return RenderJob(scene, rig, config, seed, tuple(truth_us), tuple(chunk_bounds_us(truth_us)))
 
 
 def _run(
-    job: Job, shots: Iterator[Shot], work: WorkFolder, commit_s: float, progress: Progress
+    job: RenderJob,
+    shots: Iterator[RenderedFrame],
+    work: WorkFolder,
+    commit_s: float,
+    progress: Progress,
 ) -> None:
     """Turns all remaining shots into parts."""
     done = sum(part.events for part in work.parts)
@@ -141,11 +145,11 @@ def _run(
     committed_s = time.monotonic()
     with ThreadPoolExecutor(len(job.rig)) as pool:
         cameras = Cameras(job, pool, state)
-        photographer = Photographer(job.config.frames, job.duration_us, state)
+        frame_camera = FrameCamera(job.config.frames, job.duration_us, state)
         for shot in shots:
             done += _write_events(work.writer, cameras.collect())
             cameras.take(shot)
-            for photos in photographer.take(shot.t_us, shot.intensity):
+            for photos in frame_camera.take(shot.t_us, shot.intensity):
                 for k, photo in enumerate(photos):
                     work.writer.append_photo(k, photo)
             _write_truth(work.writer, shot)
@@ -154,7 +158,7 @@ def _run(
                 last = shot.chunk + 1 == job.chunks
                 if last or time.monotonic() - committed_s >= commit_s:
                     counts = cameras.finish() if last else ()
-                    state = cameras.state() | photographer.state()
+                    state = cameras.state() | frame_camera.state()
                     work.commit(state, shot.chunk + 1, counts)
                     committed_s = time.monotonic()
             progress(shot.t_us, job.duration_us, done)
@@ -168,14 +172,14 @@ def _write_events(part: PartWriter, packets: list[Packet]) -> int:
     return count
 
 
-def _write_truth(part: PartWriter, shot: Shot) -> None:
+def _write_truth(part: PartWriter, shot: RenderedFrame) -> None:
     for writer, images in zip(part.truth_writers, shot.truth, strict=False):
         optional = dict(images)
         depth_m, intensity = optional.pop("depth_m"), optional.pop("intensity")
         writer.append(shot.t_us, depth_m, intensity, optional)
 
 
-def _assemble(job: Job, work: WorkFolder, facts: Facts, out: Path, *, force: bool) -> None:
+def _assemble(job: RenderJob, work: WorkFolder, facts: Facts, out: Path, *, force: bool) -> None:
     """Streams all parts into the sequence."""
     counts = work.parts[-1].counts if job.labelled else None
     with SequenceWriter(out, **facts.arguments, sensor_counts=counts, force=force) as writer:
@@ -191,7 +195,7 @@ def _assemble(job: Job, work: WorkFolder, facts: Facts, out: Path, *, force: boo
                     writer.append_truth(k, t_us, depth_m, intensity, images)
 
 
-def _tell(job: Job, work: WorkFolder, notice: Notice) -> None:
+def _tell(job: RenderJob, work: WorkFolder, notice: Notice) -> None:
     done_s = job.bounds_us[work.next_chunk] * 1e-6
     notice(
         f"resuming {work.path}: {done_s:.3f} s of {job.duration_us * 1e-6:.3f} s are done "

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.event_store import EventReader, EventWriter
+from emvs.data.event_store import EventStoreReader, EventStoreWriter
 from emvs.data.frame_store import FrameReader, FrameWriter, Photo
 from emvs.data.rig import Rig
 from emvs.data.truth_store import TruthReader, TruthWriter
@@ -47,10 +47,10 @@ class Part:
     events: int
     counts: tuple[dict[str, int], ...] = ()
 
-    def readers(self, camera: int, rig: Rig) -> tuple[EventReader, TruthReader]:
+    def readers(self, camera: int, rig: Rig) -> tuple[EventStoreReader, TruthReader]:
         """Opens one camera's events and ground truth."""
         seen = rig.cameras[camera]
-        events = EventReader(self.path / _events_file(camera), seen.width_px, seen.height_px)
+        events = EventStoreReader(self.path / _events_file(camera), seen.width_px, seen.height_px)
         return events, TruthReader(self.path / _truth_file(camera))
 
     def photos(self, camera: int) -> Iterator[Photo]:
@@ -82,11 +82,11 @@ class PartWriter:
         path.mkdir()
         self._files, self._rig = ExitStack(), rig
         self._frame_writers: dict[int, FrameWriter] = {}
-        self.event_writers: list[EventWriter] = []
+        self.event_writers: list[EventStoreWriter] = []
         self.truth_writers: list[TruthWriter] = []
         for k, camera in enumerate(rig.cameras):
             size_px = camera.width_px, camera.height_px
-            events = EventWriter(path / _events_file(k), *size_px)
+            events = EventStoreWriter(path / _events_file(k), *size_px)
             self.event_writers.append(self._files.enter_context(events))
             truth = TruthWriter(path / _truth_file(k), *size_px)
             self.truth_writers.append(self._files.enter_context(truth))

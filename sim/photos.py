@@ -41,7 +41,7 @@ def spans_us(frames: FramesConfig, duration_us: int) -> list[tuple[int, int]]:
     return [(t, t + exposure_us) for t in starts_us if t >= 0 and t + exposure_us <= duration_us]
 
 
-class Photographer:
+class FrameCamera:
     """One ordinary camera in the place of each event camera.
 
     Args:

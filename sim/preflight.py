@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
-from sim.chunks import Job
+from sim.chunks import RenderJob
 from sim.graphics import import_mujoco
 from sim.photos import spans_us
 from sim.workers import slot_bytes, slot_count
@@ -22,7 +22,7 @@ _IMAGE_BYTES = {"depth_m": 4, "intensity": 1, "flow": 8, "segmentation": 4, "bou
 _PIXEL_BYTES, _SAMPLE_BYTES, _PROCESS_BYTES = 120, 24, 300e6
 
 
-def check_disk(job: Job, out: Path) -> None:
+def check_disk(job: RenderJob, out: Path) -> None:
     """Compares the disk's free space with the size of the ground truth.
 
     Raises:
@@ -46,7 +46,7 @@ def check_disk(job: Job, out: Path) -> None:
         )
 
 
-def check_memory(job: Job, workers: int) -> None:
+def check_memory(job: RenderJob, workers: int) -> None:
     """Compares the machine's free memory with what the rig's pictures take.
 
     Raises:
@@ -75,7 +75,7 @@ def available_memory() -> int | None:
     return min(limits, default=None)
 
 
-def check_outside(job: Job, model: Any) -> None:
+def check_outside(job: RenderJob, model: Any) -> None:
     """Makes sure that no camera starts inside an object.
 
     Raises:

@@ -69,15 +69,15 @@ class SensorConfig(BaseModel):
     timestamp_resolution_us: Annotated[int, Field(ge=1)] | None = None
     """Time stamps are multiples of this, rounded down, µs."""
 
-    def resolved(self) -> Parameters:
+    def resolved(self) -> SensorParameters:
         """The preset's parameters with the given ones in their place."""
-        given = {f.name: getattr(self, f.name) for f in fields(Parameters)}
+        given = {f.name: getattr(self, f.name) for f in fields(SensorParameters)}
         given = {name: value for name, value in given.items() if value is not None}
         return replace(PRESETS[self.preset].parameters, **given)
 
 
 @dataclass(frozen=True, slots=True)
-class Parameters:
+class SensorParameters:
     """All values of a sensor; names, units and meaning as in `SensorConfig`. Defaults: ideal."""
 
     threshold_sigma: float = 0.0
@@ -124,14 +124,14 @@ class Parameters:
 class Preset:
     """A named sensor; `thresholds` are values for fields of `SimConfig` of the same names."""
 
-    parameters: Parameters
+    parameters: SensorParameters
     thresholds: dict[str, float | int]
 
 
 PRESETS: dict[PresetName, Preset] = {
-    "ideal": Preset(Parameters(), {}),
+    "ideal": Preset(SensorParameters(), {}),
     "davis240": Preset(
-        Parameters(
+        SensorParameters(
             threshold_sigma=0.03,
             bandwidth_hz=300.0,
             leak_rate_hz=0.1,
@@ -150,7 +150,7 @@ PRESETS: dict[PresetName, Preset] = {
         },
     ),
     "davis346": Preset(
-        Parameters(
+        SensorParameters(
             threshold_sigma=0.03,
             bandwidth_hz=300.0,
             leak_rate_hz=0.1,
@@ -169,7 +169,7 @@ PRESETS: dict[PresetName, Preset] = {
         },
     ),
     "gen4": Preset(
-        Parameters(
+        SensorParameters(
             threshold_sigma=0.02,
             bandwidth_hz=1000.0,
             leak_rate_hz=0.02,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.labels import Label
-from sim.presets import Parameters
+from sim.presets import SensorParameters
 from sim.sensor_pixels import Batch
 from sim.sensor_random import Randomness, Use
 
@@ -24,7 +24,7 @@ class Noise:
         randomness: this camera's.
     """
 
-    def __init__(self, number: int, parameters: Parameters, randomness: Randomness) -> None:
+    def __init__(self, number: int, parameters: SensorParameters, randomness: Randomness) -> None:
         self._number, self._parameters, self._randomness = number, parameters, randomness
         count = round(parameters.hot_pixel_fraction * number)
         generator = randomness.once(Use.HOT_PIXELS)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from emvs.data.events import Events
 from sim.config import SimConfig
 from sim.labels import Label
-from sim.presets import Parameters
+from sim.presets import SensorParameters
 from sim.sensor import Sensor
 from sim.sensor_samples import EPS, flat, gaps_us, per_pixel, run
 
@@ -156,7 +156,7 @@ def latency(axes: Any) -> None:
         axes[0].hist(delay_us, np.arange(0, 900, 10), density=True, color=colour, alpha=0.6,
                      label=f"I = {level}")  # fmt: skip
     axes[0].set(xlabel="latency (µs)", yticks=[], xlim=(0, 900))
-    levels, dark = np.geomspace(0.005, 4, 15), Parameters().dark_level
+    levels, dark = np.geomspace(0.005, 4, 15), SensorParameters().dark_level
     mean_us = [_delays_us(level, **settings).mean() for level in levels]
     axes[1].loglog(levels, mean_us, "o", ms=4, color=_BLUE, label="measured")
     axes[1].loglog(levels, 50 * (1 + dark) / (levels + dark), color="black", label="model")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sim import sensor_kernels as kernels
 from sim.esim import log_intensity, time_order
 from sim.esim_kernels import PIXEL
-from sim.presets import Parameters
+from sim.presets import SensorParameters
 from sim.sensor_low_pass import low_pass
 from sim.sensor_random import Randomness, Use
 
@@ -86,7 +86,7 @@ class Pixels:
         shape: tuple[int, int],
         thresholds: tuple[float, float],
         log_eps: float,
-        parameters: Parameters,
+        parameters: SensorParameters,
         randomness: Randomness,
     ) -> None:
         self._shape, self._log_eps, self._parameters = shape, log_eps, parameters

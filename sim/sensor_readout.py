@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sim import sensor_readout_kernels as kernels
 from sim.esim import NEVER_US
-from sim.presets import Parameters
+from sim.presets import SensorParameters
 from sim.sensor_pixels import Batch
 from sim.sensor_random import Randomness, Use
 
@@ -27,7 +27,7 @@ class Latency:
         randomness: this camera's.
     """
 
-    def __init__(self, number: int, parameters: Parameters, randomness: Randomness) -> None:
+    def __init__(self, number: int, parameters: SensorParameters, randomness: Randomness) -> None:
         self._parameters, self._randomness = parameters, randomness
         self._last_us = np.full(number, NEVER_US, np.int64)
         self._pending = Batch.empty()
@@ -74,7 +74,7 @@ class Arbiter:
         parameters: throughput and queue.
     """
 
-    def __init__(self, shape: tuple[int, int], parameters: Parameters) -> None:
+    def __init__(self, shape: tuple[int, int], parameters: SensorParameters) -> None:
         self._shape = shape
         self._row_us = _period_us(parameters.readout_rows_per_s)
         self._event_us = _period_us(parameters.readout_events_per_s)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
-from sim.chunks import ChunkRenderer, Job, Shot, TruthImages
+from sim.chunks import ChunkRenderer, RenderedFrame, RenderJob, TruthImages
 from sim.gl_backend import DEVICE
 from sim.graphics import worker_devices
 from sim.renderer import StereoRenderer
@@ -46,7 +46,7 @@ class _Sent(NamedTuple):
 class _Slots:
     """Shared memory as slots, each with room for the pictures of one shot."""
 
-    def __init__(self, job: Job, descriptor: int, count: int) -> None:
+    def __init__(self, job: RenderJob, descriptor: int, count: int) -> None:
         self._memory = mmap.mmap(descriptor, count * slot_bytes(job))
         self._job, self._count = job, count
 
@@ -76,28 +76,30 @@ def _attach(duplicate: Any) -> int:
     return number
 
 
-def _kinds(job: Job) -> int:
+def _kinds(job: RenderJob) -> int:
     return 2 if job.event_depth else 1
 
 
-def slot_bytes(job: Job) -> int:
+def slot_bytes(job: RenderJob) -> int:
     """Memory that the pictures of one shot take."""
     return 4 * _kinds(job) * sum(c.width_px * c.height_px for c in job.rig.cameras)
 
 
-def slot_count(job: Job) -> int:
+def slot_count(job: RenderJob) -> int:
     """Slots of each worker."""
     return int(np.clip(_BYTES_PER_WORKER // slot_bytes(job), _MIN_SLOTS, _MAX_SLOTS))
 
 
-def shots_in_process(job: Job, renderer: StereoRenderer, first_chunk: int) -> Iterator[Shot]:
+def shots_in_process(
+    job: RenderJob, renderer: StereoRenderer, first_chunk: int
+) -> Iterator[RenderedFrame]:
     """Renders the chunks from `first_chunk` on, one after the other, in this process."""
     chunks = ChunkRenderer(job, renderer)
     for chunk in range(first_chunk, job.chunks):
         yield from chunks.shots(chunk)
 
 
-def shots_from_workers(job: Job, first_chunk: int, workers: int) -> Iterator[Shot]:
+def shots_from_workers(job: RenderJob, first_chunk: int, workers: int) -> Iterator[RenderedFrame]:
     """Renders the chunks from `first_chunk` on in `workers` processes; the same shots.
 
     Raises:
@@ -111,7 +113,7 @@ def shots_from_workers(job: Job, first_chunk: int, workers: int) -> Iterator[Sho
     with ExitStack() as stack:
         team = [
             stack.enter_context(
-                _Worker(
+                _RenderWorker(
                     context, job, first_chunk, k, workers, gpus[k % len(gpus)] if gpus else None
                 )
             )
@@ -121,11 +123,17 @@ def shots_from_workers(job: Job, first_chunk: int, workers: int) -> Iterator[Sho
             yield from team[(chunk - first_chunk) % workers].shots(chunk)
 
 
-class _Worker:
+class _RenderWorker:
     """The parent's side of one worker process."""
 
     def __init__(
-        self, context: Any, job: Job, first_chunk: int, index: int, workers: int, gpu: int | None
+        self,
+        context: Any,
+        job: RenderJob,
+        first_chunk: int,
+        index: int,
+        workers: int,
+        gpu: int | None,
     ) -> None:
         self._job, self._end_us = job, job.bounds_us
         count = slot_count(job)
@@ -142,7 +150,7 @@ class _Worker:
         finally:
             os.close(descriptor)
 
-    def __enter__(self) -> _Worker:
+    def __enter__(self) -> _RenderWorker:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -150,7 +158,7 @@ class _Worker:
         self._process.terminate()
         self._process.join()
 
-    def shots(self, chunk: int) -> Iterator[Shot]:
+    def shots(self, chunk: int) -> Iterator[RenderedFrame]:
         """The shots of the worker's next chunk."""
         while True:
             sent = self._receive()
@@ -159,7 +167,7 @@ class _Worker:
             with suppress(BrokenPipeError):
                 self._pipe.send(sent.slot)
             cameras = len(self._job.rig)
-            yield Shot(chunk, sent.t_us, images[:cameras], images[cameras:], sent.truth)
+            yield RenderedFrame(chunk, sent.t_us, images[:cameras], images[cameras:], sent.truth)
             if sent.t_us == self._end_us[chunk + 1]:
                 return
 
@@ -179,7 +187,7 @@ class _Worker:
 
 
 def _work(
-    job: Job, chunks: range, pipe: Connection, descriptor: int, count: int, workers: int,
+    job: RenderJob, chunks: range, pipe: Connection, descriptor: int, count: int, workers: int,
     gpu: int | None,
 ) -> None:  # fmt: skip
     """A worker's whole life."""
@@ -203,7 +211,7 @@ def _work(
             pipe.send(error)
 
 
-def _send(shot: Shot, pipe: Connection, slots: _Slots, free: list[int]) -> None:
+def _send(shot: RenderedFrame, pipe: Connection, slots: _Slots, free: list[int]) -> None:
     while not free or pipe.poll():
         free.append(pipe.recv())
     slot = free.pop()
@@ -212,7 +220,7 @@ def _send(shot: Shot, pipe: Connection, slots: _Slots, free: list[int]) -> None:
     pipe.send(_Sent(shot.chunk, shot.t_us, slot, shot.truth))
 
 
-def _check_sendable(job: Job) -> None:
+def _check_sendable(job: RenderJob) -> None:
     try:
         pickle.dumps(job)
     except (pickle.PicklingError, AttributeError, TypeError) as error:

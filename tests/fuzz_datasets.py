@@ -27,7 +27,7 @@ from emvs.io import dsec_writer, open_recording
 from emvs.io.calibration import read_rig
 from emvs.io.descriptor import read_hand_eye
 from emvs.io.dsec import rectification_of
-from emvs.io.layouts import Job, write_recording
+from emvs.io.layouts import RecordingExport, write_recording
 from emvs.io.poses import read_kitti, read_poses, write_kitti
 from emvs.io.raw_streams import open_readable
 
@@ -59,7 +59,9 @@ def made(folder, kind):
     else:
         found = open_readable(ours)
         sources = tuple(source for _, source in found.streams)
-        write_recording(Job(found.recording, sources, 0, lambda _: None), out, kind.split("-")[0])
+        write_recording(
+            RecordingExport(found.recording, sources, 0, lambda _: None), out, kind.split("-")[0]
+        )
     if kind == "tumvie-vio":
         mocap = next(out.glob("*/mocap_data.txt"))
         mocap.rename(mocap.with_name("vio_poses.txt"))

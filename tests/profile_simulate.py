@@ -25,7 +25,7 @@ STAGES = (
     (sampling._View, "moved_px", "choose times"),
     (cameras.Cameras, "_step", "events (threads)"),
     (cameras.Cameras, "collect", "wait for events"),
-    (event_store.EventWriter, "append", "write events"),
+    (event_store.EventStoreWriter, "append", "write events"),
     (truth_store.TruthWriter, "append", "write truth"),
     (generate.WorkFolder, "commit", "finish parts"),
     (generate, "_assemble", "put together"),

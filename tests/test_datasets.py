@@ -14,7 +14,7 @@ from emvs.data.sequence import Sequence
 from emvs.data.writer import SequenceWriter
 from emvs.errors import InputError
 from emvs.io import open_recording
-from emvs.io.layouts import Job, write_recording
+from emvs.io.layouts import RecordingExport, write_recording
 from emvs.io.mvsec import open_mvsec
 from emvs.io.raw_streams import open_readable
 from emvs.mapper import map_window
@@ -46,7 +46,7 @@ def ours(tmp_path_factory) -> Path:
 def rewritten(ours: Path, out: Path, kind: str, shift_us: int = 0) -> Path:
     found = open_readable(ours)
     sources = tuple(source for _, source in found.streams)
-    write_recording(Job(found.recording, sources, shift_us, lambda _: None), out, kind)
+    write_recording(RecordingExport(found.recording, sources, shift_us, lambda _: None), out, kind)
     return out
 
 

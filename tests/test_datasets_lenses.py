@@ -12,7 +12,7 @@ import pytest
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence
 from emvs.io import open_recording
-from emvs.io.layouts import Job, write_recording
+from emvs.io.layouts import RecordingExport, write_recording
 from emvs.io.raw_streams import open_readable
 from emvs.mapper import map_window
 from emvs.window import choose_window
@@ -34,7 +34,7 @@ def sequences(tmp_path_factory) -> dict[str, Path]:
 def rewritten(ours: Path, out: Path, kind: str) -> Path:
     found = open_readable(ours)
     sources = tuple(source for _, source in found.streams)
-    write_recording(Job(found.recording, sources, 0, lambda _: None), out, kind)
+    write_recording(RecordingExport(found.recording, sources, 0, lambda _: None), out, kind)
     return out
 
 

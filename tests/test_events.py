@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emvs.data.event_store import EventReader, EventWriter
+from emvs.data.event_store import EventStoreReader, EventStoreWriter
 from emvs.data.events import Events
 from emvs.errors import InputError
 
@@ -32,11 +32,11 @@ def equal(a: Events, b: Events) -> bool:
     )
 
 
-def store(path: Path, parts: list[Events]) -> EventReader:
-    with EventWriter(path, 40, 30) as writer:
+def store(path: Path, parts: list[Events]) -> EventStoreReader:
+    with EventStoreWriter(path, 40, 30) as writer:
         for part in parts:
             writer.append(part)
-    return EventReader(path, 40, 30)
+    return EventStoreReader(path, 40, 30)
 
 
 times = st.lists(st.integers(-5_000, 60_000), max_size=80)
@@ -101,12 +101,15 @@ UNEVEN = Events(np.zeros(2, "u2"), np.zeros(1, "u2"), np.array([5]), np.zeros(1,
     ],
 )
 def test_impossible_events_are_refused(tmp_path, events, message):
-    with EventWriter(tmp_path / "e.h5", 40, 30) as writer, pytest.raises(InputError, match=message):
+    with (
+        EventStoreWriter(tmp_path / "e.h5", 40, 30) as writer,
+        pytest.raises(InputError, match=message),
+    ):
         writer.append(events)
 
 
 def test_packets_out_of_order_are_refused(tmp_path):
-    with EventWriter(tmp_path / "e.h5", 40, 30) as writer:
+    with EventStoreWriter(tmp_path / "e.h5", 40, 30) as writer:
         writer.append(make_events([10, 20]))
         with pytest.raises(InputError, match="time order"):
             writer.append(make_events([19]))
@@ -117,14 +120,14 @@ def test_truncated_file_is_refused(tmp_path, keep):
     reader = store(tmp_path / "e.h5", [make_events(list(range(1000)))])
     reader.path.write_bytes(reader.path.read_bytes()[:keep])
     with pytest.raises(InputError, match=r"e\.h5"):
-        EventReader(reader.path, 40, 30)
+        EventStoreReader(reader.path, 40, 30)
 
 
 def test_file_of_another_layout_is_refused(tmp_path):
     with h5py.File(tmp_path / "e.h5", "w") as file:
         file["something"] = 1
     with pytest.raises(InputError, match="layout"):
-        EventReader(tmp_path / "e.h5", 40, 30)
+        EventStoreReader(tmp_path / "e.h5", 40, 30)
 
 
 @pytest.mark.slow
@@ -134,7 +137,7 @@ def test_a_slice_of_a_hundred_million_events_needs_little_memory(tmp_path):
 
     before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     packet = 1_000_000
-    with EventWriter(tmp_path / "e.h5", 1280, 720) as writer:
+    with EventStoreWriter(tmp_path / "e.h5", 1280, 720) as writer:
         for k in range(100):
             rng = np.random.default_rng(k)
             writer.append(
@@ -145,7 +148,7 @@ def test_a_slice_of_a_hundred_million_events_needs_little_memory(tmp_path):
                     rng.integers(0, 2, packet, np.uint8),
                 )
             )
-    reader = EventReader(tmp_path / "e.h5", 1280, 720)
+    reader = EventStoreReader(tmp_path / "e.h5", 1280, 720)
     counts = [len(reader.read(t0, t0 + 10_000)) for t0 in range(0, 5_000_000, 10_000)]
     assert sum(counts) == 100 * packet
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 300_000

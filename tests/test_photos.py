@@ -19,7 +19,7 @@ from sim.config import SimConfig
 from sim.exposure import develop, mean_light, photograph, shutter_for
 from sim.frames_config import FramesConfig, ShutterConfig
 from sim.generate import make_job, simulate
-from sim.photos import Photographer, spans_us
+from sim.photos import FrameCamera, spans_us
 from sim.sampling import exposures
 
 # The shutter is open across chunks, parts and truth times.
@@ -114,11 +114,11 @@ def test_streamed_pictures_are_those_of_the_whole_light(steps_us, cut):
     times_us = [0, *np.cumsum(steps_us).tolist()]
     rng = np.random.default_rng(cut)
     lights = [(t, rng.random((2, 3), np.float32)) for t in times_us]
-    taken, camera = [], Photographer(frames, times_us[-1], None)
+    taken, camera = [], FrameCamera(frames, times_us[-1], None)
     for index, (t_us, light) in enumerate(lights):
         taken += camera.take(t_us, (light, 2 * light))
         if index == cut % len(lights):
-            camera = Photographer(frames, times_us[-1], {**camera.state()})
+            camera = FrameCamera(frames, times_us[-1], {**camera.state()})
     spans = spans_us(frames, times_us[-1])
     assert [(p.start_us, p.end_us) for p, _ in taken] == spans
     for photos in taken:

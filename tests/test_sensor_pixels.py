@@ -9,7 +9,7 @@ from sensor_runs import config, constant, irregular_times_us, run
 
 from sim import sensor_kernels as kernels
 from sim.labels import Label
-from sim.presets import Parameters
+from sim.presets import SensorParameters
 from sim.sensor_low_pass import low_pass
 from sim.sensor_pixels import Pixels
 from sim.sensor_random import Randomness
@@ -63,7 +63,7 @@ def test_unequal_thresholds_give_their_ratio_of_events():
 
 def filtered(log, times_us, **parameters):
     """Output of the photoreceptor of one pixel at the frames."""
-    pixels = Pixels((1, 1), (0.2, 0.2), EPS, Parameters(**parameters), Randomness(0, 0))
+    pixels = Pixels((1, 1), (0.2, 0.2), EPS, SensorParameters(**parameters), Randomness(0, 0))
     frames = (np.exp(np.asarray(log)) - EPS).astype(np.float32).reshape(-1, 1, 1)
     pixels.start(frames[0])
     out = [float(pixels.state()["light"][0])]
@@ -80,7 +80,7 @@ def test_low_pass_equals_many_small_steps(order):
     out, light = filtered(log, times_us, bandwidth_hz=80.0, bandwidth_order=order)
     times_s = [t * 1e-6 for t in times_us]
     twin = naive_sensor.low_pass(
-        np.log(light + EPS), light, times_s, 80.0, Parameters().dark_level, order
+        np.log(light + EPS), light, times_s, 80.0, SensorParameters().dark_level, order
     )
     np.testing.assert_allclose(out, twin, atol=2e-3)
 
@@ -88,7 +88,7 @@ def test_low_pass_equals_many_small_steps(order):
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("level", [0.02, 0.3, 2.0])
 def test_step_response_has_the_analytic_time_course(order, level):
-    cutoff_hz, dark = 100.0, Parameters().dark_level
+    cutoff_hz, dark = 100.0, SensorParameters().dark_level
     tau_us = 1e6 * (1 + dark) / (2 * np.pi * cutoff_hz * (level + dark))
     times_us = [0, *(np.rint(1 + tau_us * np.linspace(0, 5, 60))).astype(int).tolist()]
     # A step too small to change the cut-off.
@@ -107,7 +107,7 @@ def test_sines_are_attenuated_as_the_transfer_function_says(order, frequency_hz)
     t_s = np.array(times_us) * 1e-6
     log = np.log(0.5) + 0.02 * np.sin(2 * np.pi * frequency_hz * t_s)
     out, _ = filtered(log, times_us, bandwidth_hz=100.0, bandwidth_order=order)
-    dark = Parameters().dark_level
+    dark = SensorParameters().dark_level
     ratio = frequency_hz * (1 + dark) / (100.0 * (0.5 + dark))
     settled = t_s > 0.05
     waves = np.stack([f(2 * np.pi * frequency_hz * t_s) for f in (np.sin, np.cos, np.ones_like)])
@@ -184,7 +184,7 @@ def test_pixels_equal_their_twin():
     frames = rng.uniform(0.1, 1, (40, 4, 5)).astype(np.float32)
     frames[10:30] = frames[10]
     times_us = np.cumsum(rng.integers(20, 60_000, 40)).tolist()
-    parameters = Parameters(threshold_sigma=0.04, leak_rate_hz=6.0, leak_jitter=0.3)
+    parameters = SensorParameters(threshold_sigma=0.04, leak_rate_hz=6.0, leak_jitter=0.3)
     pixels = Pixels((4, 5), (0.2, 0.25), 0.02, parameters, Randomness(0, 0))
     pixels.start(frames[0])
     start, key = pixels.state()["leaked"].copy(), pixels._leak_key

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sensor_runs import config, run
 
-from sim.presets import Parameters
+from sim.presets import SensorParameters
 from sim.sensor_pixels import Batch
 from sim.sensor_random import Randomness
 from sim.sensor_readout import Arbiter, Latency
@@ -25,8 +25,8 @@ def batch(t_us, pixel):
 
 @pytest.mark.parametrize("level", [0.0, 0.3, 1.0, 4.0])
 def test_latency_has_its_mean_and_spread(level):
-    number, dark = 20_000, Parameters().dark_level
-    parameters = Parameters(latency_us=2000.0, latency_jitter=0.25)
+    number, dark = 20_000, SensorParameters().dark_level
+    parameters = SensorParameters(latency_us=2000.0, latency_jitter=0.25)
     latency = Latency(number, parameters, Randomness(0, 0))
     light = np.full(number, level, np.float32)
     events = batch(np.zeros(number), np.arange(number))
@@ -44,13 +44,13 @@ def test_latency_without_jitter_only_delays():
     frames = np.array([0.1, 0.9], np.float32)[:, None, None] * np.ones((1, 6, 7), np.float32)
     plain, _ = run([*frames, frames[1]], [0, 1000, 9000], config())
     late, _ = run([*frames, frames[1]], [0, 1000, 9000], config(latency_us=100.0))
-    dark = Parameters().dark_level
+    dark = SensorParameters().dark_level
     delay_us = round(100 * (1 + dark) / (0.9 + dark))
     assert np.array_equal(late.events.t_us, plain.events.t_us + delay_us)
 
 
 def test_a_pixels_events_never_overtake_each_other():
-    parameters = Parameters(latency_us=500.0, latency_jitter=1.0)
+    parameters = SensorParameters(latency_us=500.0, latency_jitter=1.0)
     latency = Latency(3, parameters, Randomness(0, 0))
     pixel = np.arange(3000) % 3
     out = latency.step(batch(np.arange(3000), pixel), np.ones(3, np.float32), 0, LONG_US)
@@ -72,7 +72,7 @@ REQUESTS = st.lists(st.tuples(st.integers(0, 60), st.integers(0, 5)), max_size=6
     st.integers(1, 100),
 )
 def test_arbiter_equals_its_twin_however_it_is_cut(requests, rows_hz, events_hz, capacity, step):
-    parameters = Parameters(
+    parameters = SensorParameters(
         readout_rows_per_s=rows_hz, readout_events_per_s=events_hz, readout_queue_events=capacity
     )
     arbiter = Arbiter((6, 1), parameters)
@@ -95,7 +95,9 @@ def test_throughput_is_never_exceeded_and_reached_under_load():
     rng = np.random.default_rng(0)
     number, rate_hz = 20_000, 1e5
     t_us = np.sort(rng.integers(0, 100_000, number))
-    arbiter = Arbiter((60, 80), Parameters(readout_events_per_s=rate_hz, readout_queue_events=300))
+    arbiter = Arbiter(
+        (60, 80), SensorParameters(readout_events_per_s=rate_hz, readout_queue_events=300)
+    )
     out, lost = arbiter.step(batch(t_us, rng.integers(0, 4800, number)), 100_000)
     left = arbiter.discard()
     assert len(out) + lost + left == number
@@ -107,7 +109,7 @@ def test_throughput_is_never_exceeded_and_reached_under_load():
 
 
 def test_rows_are_read_at_once_and_limited():
-    arbiter = Arbiter((4, 100), Parameters(readout_rows_per_s=1e4))
+    arbiter = Arbiter((4, 100), SensorParameters(readout_rows_per_s=1e4))
     pixel = np.concatenate([np.arange(100) + 100 * row for row in range(4)])
     out, lost = arbiter.step(batch(np.full(400, 7), pixel), 10_000)
     assert lost == 0
@@ -118,6 +120,6 @@ def test_an_unloaded_readout_changes_no_time():
     rng = np.random.default_rng(1)
     t_us = np.cumsum(rng.integers(2, 50, 500))
     events = batch(t_us, rng.integers(0, 100, 500))
-    out, lost = Arbiter((10, 10), Parameters(readout_events_per_s=1e6)).step(events, LONG_US)
+    out, lost = Arbiter((10, 10), SensorParameters(readout_events_per_s=1e6)).step(events, LONG_US)
     assert lost == 0
     assert np.array_equal(out.t_us, t_us)

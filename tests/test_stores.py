@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from memory_simulate import peaks_mb
 
 from emvs.data.camera import Camera
-from emvs.data.event_store import EventReader, EventWriter
+from emvs.data.event_store import EventStoreReader, EventStoreWriter
 from emvs.data.events import Events
 from emvs.data.geoms import Geom
 from emvs.data.rig import Rig
@@ -38,7 +38,7 @@ def some_events(count: int, seed: int = 0) -> tuple[Events, np.ndarray, np.ndarr
 
 def write(path: Path, cuts: list[int], count: int = 300_000) -> None:
     events, label, depth_m = some_events(count)
-    with EventWriter(path, 20, 10) as writer:
+    with EventStoreWriter(path, 20, 10) as writer:
         for start, stop in zip([0, *cuts], [*cuts, count], strict=True):
             extra = {"label": label[start:stop], "depth_m": depth_m[start:stop]}
             writer.append(events.slice(start, stop), extra)
@@ -59,7 +59,7 @@ def test_slices_hold_exactly_their_events_and_columns(tmp_path_factory, start_us
     path = tmp_path_factory.getbasetemp() / "slices.h5"
     if not path.exists():
         write(path, [1000])
-    reader = EventReader(path, 20, 10)
+    reader = EventStoreReader(path, 20, 10)
     events, label, depth_m = some_events(300_000)
     inside = (events.t_us >= start_us) & (events.t_us < start_us + length_us)
     got = reader.read(start_us, start_us + length_us)
@@ -73,7 +73,7 @@ def test_slices_hold_exactly_their_events_and_columns(tmp_path_factory, start_us
 def test_blocks_are_the_whole_file_in_order(tmp_path):
     write(tmp_path / "e", [], count=1_200_000)
     events, label, _ = some_events(1_200_000)
-    blocks = list(EventReader(tmp_path / "e", 20, 10).blocks())
+    blocks = list(EventStoreReader(tmp_path / "e", 20, 10).blocks())
     assert len(blocks) > 1
     assert np.array_equal(Events.concat([block for block, _ in blocks]).t_us, events.t_us)
     assert np.array_equal(np.concatenate([extra["label"] for _, extra in blocks]), label)
@@ -81,7 +81,7 @@ def test_blocks_are_the_whole_file_in_order(tmp_path):
 
 def test_columns_must_be_known_the_same_and_of_one_length(tmp_path):
     events, label, _ = some_events(10)
-    with EventWriter(tmp_path / "e", 20, 10) as writer:
+    with EventStoreWriter(tmp_path / "e", 20, 10) as writer:
         with pytest.raises(InputError, match="there are label, depth_m"):
             writer.append(events, {"colour": label})
         writer.append(events, {"label": label})

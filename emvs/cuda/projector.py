@@ -93,12 +93,12 @@ class CudaCaster:
         )
         return DeviceRays((out,), counts)
 
-    def joined(self, pieces: Sequence[DeviceRays]) -> Joined:
+    def joined(self, pieces: Sequence[DeviceRays]) -> CudaJoined:
         """The rays of pieces that follow each other, to be cut between them."""
-        return Joined(pieces)
+        return CudaJoined(pieces)
 
 
-class Joined:
+class CudaJoined:
     """Pieces of one camera's rays; nothing is copied."""
 
     def __init__(self, pieces: Sequence[DeviceRays]) -> None:

@@ -29,7 +29,7 @@ EXTRA_COLUMNS = {"label": np.uint8, "depth_m": np.float32}
 Column = NDArray[Any]
 
 
-class EventWriter:
+class EventStoreWriter:
     """Appends event packets to a file; memory holds one chunk and a packet, whatever the length.
 
     The bytes depend on the events alone, not on how they were cut into packets.
@@ -92,7 +92,7 @@ class EventWriter:
         finally:
             self._hdf5.close()
 
-    def __enter__(self) -> EventWriter:
+    def __enter__(self) -> EventStoreWriter:
         return self
 
     def __exit__(
@@ -166,7 +166,7 @@ class EventWriter:
         self._ms_to_idx = []
 
 
-class EventReader:
+class EventStoreReader:
     """Reads time slices of an event file; the file is opened for each slice and closed again.
 
     Raises:

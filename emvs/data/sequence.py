@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data import manifest
-from emvs.data.event_store import EventReader
+from emvs.data.event_store import EventStoreReader
 from emvs.data.events import Events
 from emvs.data.frame_store import FILE_NAME as FRAMES_NAME
 from emvs.data.frame_store import FrameReader, Photo
@@ -209,9 +209,9 @@ class Sequence:
         manifest.check_hashes(self.path, self.manifest)
 
     @cached_property
-    def _events(self) -> list[EventReader]:
+    def _events(self) -> list[EventStoreReader]:
         return [
-            EventReader(self.path / f"cam{k}" / "events.h5", camera.width_px, camera.height_px)
+            EventStoreReader(self.path / f"cam{k}" / "events.h5", camera.width_px, camera.height_px)
             for k, camera in enumerate(self.rig.cameras)
         ]
 

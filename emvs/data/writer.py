@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from emvs.atomic import atomic_dir, refuse_existing
 from emvs.data import manifest
-from emvs.data.event_store import EventWriter
+from emvs.data.event_store import EventStoreWriter
 from emvs.data.events import Events
 from emvs.data.frame_store import FILE_NAME as FRAMES_NAME
 from emvs.data.frame_store import FrameWriter, Photo
@@ -166,14 +166,14 @@ class SequenceWriter:
         if self._imu is not None:
             write_imu(self._folder / IMU_NAME, self._imu)
         self._frames: dict[int, FrameWriter] = {}
-        self._events: list[EventWriter] = []
+        self._events: list[EventStoreWriter] = []
         self._truth: list[TruthWriter] = []
         for k, camera in enumerate(self._rig.cameras):
             folder = self._folder / f"cam{k}"
             folder.mkdir()
             size = (camera.width_px, camera.height_px)
             self._events.append(
-                self._file_stack.enter_context(EventWriter(folder / "events.h5", *size))
+                self._file_stack.enter_context(EventStoreWriter(folder / "events.h5", *size))
             )
             self._truth.append(
                 self._file_stack.enter_context(TruthWriter(folder / "truth.h5", *size))

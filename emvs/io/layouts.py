@@ -30,7 +30,7 @@ Told = Callable[[int], None]
 
 
 @dataclass(frozen=True)
-class Job:
+class RecordingExport:
     """What is to be written.
 
     Attributes:
@@ -73,7 +73,7 @@ class Job:
         write_events(path, kind, *size, {"events": self.packets(camera)}, self.told)
 
 
-def write_recording(job: Job, out: Path, kind: str, *, force: bool = False) -> None:
+def write_recording(job: RecordingExport, out: Path, kind: str, *, force: bool = False) -> None:
     """Writes a folder that `open_recording` opens again.
 
     Args:
@@ -105,7 +105,7 @@ def kinds() -> list[str]:
     return list(dict.fromkeys([*LAYOUTS, *(n for n, f in FORMATS.items() if f.writes)]))
 
 
-def _described(job: Job, folder: Path, kind: str) -> None:
+def _described(job: RecordingExport, folder: Path, kind: str) -> None:
     """A file of events per camera, our calibration, poses, and a descriptor."""
     files = [f"cam{k}{FORMATS[kind].suffix}" for k in range(len(job.rig))]
     for k, name in enumerate(files):
@@ -124,7 +124,7 @@ def _described(job: Job, folder: Path, kind: str) -> None:
     (folder / "recording.toml").write_text(tomli_w.dumps(what), encoding="utf-8")
 
 
-def _tumvie(job: Job, folder: Path) -> None:
+def _tumvie(job: RecordingExport, folder: Path) -> None:
     name = job.recording.name
     places = job.T_cam0_cam()
     four = (*job.rig.cameras, *job.rig.cameras)  # entries 0 and 1 would be the frame cameras
@@ -143,7 +143,7 @@ def _tumvie(job: Job, folder: Path) -> None:
             file.write(f"{t} " + " ".join(f"{v:.12f}" for v in (*position, *quat)) + "\n")
 
 
-def _mvsec(job: Job, folder: Path) -> None:
+def _mvsec(job: RecordingExport, folder: Path) -> None:
     from emvs.io.mvsec_writer import write_truth
 
     name, size = job.recording.name, job.rig.cameras[0]
@@ -155,7 +155,7 @@ def _mvsec(job: Job, folder: Path) -> None:
     write_truth(folder / f"{name}_gt.hdf5", job.recording, job.poses(), job.shift_us)
 
 
-def _rosbag(job: Job, folder: Path) -> None:
+def _rosbag(job: RecordingExport, folder: Path) -> None:
     from emvs.io.bag_writer import RecordingBag
 
     path, sensor = folder / f"{job.recording.name}.bag", job.rig.cameras[0]
@@ -175,7 +175,7 @@ def _rosbag(job: Job, folder: Path) -> None:
             job.told(check.count)
 
 
-def _sequence(job: Job, folder: Path, *, force: bool = False) -> None:
+def _sequence(job: RecordingExport, folder: Path, *, force: bool = False) -> None:
     from emvs.data.writer import SequenceWriter
 
     moved = Rig(job.rig.name, job.rig.cameras, job.T_cam0_cam(), job.rig.camera_names)
@@ -196,7 +196,7 @@ def _sequence(job: Job, folder: Path, *, force: bool = False) -> None:
                 job.told(done)
 
 
-def _dsec(job: Job, folder: Path) -> None:
+def _dsec(job: RecordingExport, folder: Path) -> None:
     for k, side in enumerate(("left", "right")):
         job.write_camera(folder / "events" / side / "events.h5", "dsec", k)
     dsec_writer.write_calibration(folder, job.rig)
@@ -204,7 +204,7 @@ def _dsec(job: Job, folder: Path) -> None:
     dsec_writer.write_truth(folder, job.recording, job.shift_us)
 
 
-LAYOUTS: dict[str, Callable[[Job, Path], None]] = {
+LAYOUTS: dict[str, Callable[[RecordingExport, Path], None]] = {
     "sequence": _sequence,
     "dsec": _dsec,
     "tumvie": _tumvie,

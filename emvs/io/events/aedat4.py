@@ -18,7 +18,7 @@ from emvs.data.events import Events
 from emvs.errors import InputError
 from emvs.io.events.bounded import MOST_BYTES, unpacked
 from emvs.io.events.convert_columns import to_events
-from emvs.io.events.flatbuffer import Table
+from emvs.io.events.flatbuffer import FlatbufferTable
 from emvs.io.events.indexed import BlockReader
 from emvs.io.events.raw import opened
 from emvs.io.events.wording import quoted, said
@@ -95,7 +95,7 @@ class Aedat4Reader(BlockReader):
         data = file.read(length)
         if self._compression:
             data = unpacked(data, "lz4" if self._compression < 3 else "zstd", where)
-        rows = np.frombuffer(Table(data, b"EVTS", where).vector(0, EVENT.itemsize), EVENT)
+        rows = np.frombuffer(FlatbufferTable(data, b"EVTS", where).vector(0, EVENT.itemsize), EVENT)
         return to_events(where, rows["x"], rows["y"], rows["t"], rows["p"], 1e-6)
 
 
@@ -107,7 +107,7 @@ def _header(path: Path, file: BinaryIO) -> tuple[int, int, ElementTree.Element]:
     length = int.from_bytes(size, "little")
     if length > _MOST_HEADER:
         raise InputError(f"{path}, byte {len(MAGIC)}: a header of {length} bytes; damaged")
-    table = Table(size + file.read(length), b"IOHE", f"{path}, header")
+    table = FlatbufferTable(size + file.read(length), b"IOHE", f"{path}, header")
     compression = table.number(0, "i", 0)
     if not 0 <= compression <= 4:
         raise InputError(f"{path}, header: compression {compression} is unknown; needs 0 to 4")

@@ -7,7 +7,7 @@ import struct
 from emvs.errors import InputError
 
 
-class Table:
+class FlatbufferTable:
     """The root table of a size-prefixed buffer.
 
     Raises:

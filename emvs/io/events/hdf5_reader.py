@@ -11,7 +11,7 @@ import h5py
 from emvs.data.events import Events
 from emvs.errors import InputError
 from emvs.io.events.hdf5_layouts import check_columns, hdf5_layout, offset_us, opened_hdf5
-from emvs.io.events.indexed import BlockReader, Entry, within
+from emvs.io.events.indexed import BlockReader, IndexedBlock, within
 
 _ROWS = 1 << 19
 
@@ -80,19 +80,19 @@ class Hdf5Reader(BlockReader):
             where = self._where(stream, start, stop)
             return within(self._layout.events(file, where, stream, start, stop), t0_us, t1_us)
 
-    def _index(self, stream: str) -> list[Entry]:
+    def _index(self, stream: str) -> list[IndexedBlock]:
         """Reads the times alone."""
         self.check_stream(stream)
         if stream not in self._entries:
             self._entries[stream] = list(self._times(stream))
         return self._entries[stream]
 
-    def _times(self, stream: str) -> Iterator[Entry]:
+    def _times(self, stream: str) -> Iterator[IndexedBlock]:
         for start in range(0, self._count[stream], _ROWS):
             place = (start, min(start + _ROWS, self._count[stream]))
             with opened_hdf5(self.path) as file:
                 t_us = self._layout.times(file, self._where(stream, *place), stream, *place)
-            yield Entry(place, int(t_us.min()), int(t_us.max()), len(t_us))
+            yield IndexedBlock(place, int(t_us.min()), int(t_us.max()), len(t_us))
 
     def _time(self, file: h5py.File, stream: str, row: int) -> int:
         where = self._where(stream, row, row + 1)

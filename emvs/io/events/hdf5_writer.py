@@ -9,7 +9,7 @@ from typing import Any
 import hdf5plugin
 import numpy as np
 
-from emvs.data.event_store import EventWriter
+from emvs.data.event_store import EventStoreWriter
 from emvs.data.events import Events
 from emvs.data.hdf5 import COMPRESSION, Hdf5Writer
 from emvs.errors import InputError
@@ -25,7 +25,7 @@ class DsecWriter(StreamWriter):
     packet = 1 << 20
 
     def __init__(self, path: Path, width_px: int, height_px: int) -> None:
-        self._writer = EventWriter(path, width_px, height_px)
+        self._writer = EventStoreWriter(path, width_px, height_px)
 
     def _put(self, stream: str, events: Events) -> None:
         del stream

@@ -15,7 +15,7 @@ from emvs.io.events.wording import quoted
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class IndexedBlock:
     """A block: where it lies, the times it covers, and how many events it holds."""
 
     place: Any
@@ -38,7 +38,7 @@ class BlockReader:
     def __init__(self, path: Path, streams: tuple[str, ...]) -> None:
         self.path = path
         self.streams = streams
-        self._entries: dict[str, list[Entry]] = {}
+        self._entries: dict[str, list[IndexedBlock]] = {}
         self._share: dict[str, float] = {}
 
     def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
@@ -93,11 +93,11 @@ class BlockReader:
                 f"{self.path}: no stream {stream!r}; there are {quoted(*self.streams) or 'none'}"
             )
 
-    def _index(self, stream: str) -> list[Entry]:
+    def _index(self, stream: str) -> list[IndexedBlock]:
         self.check_stream(stream)
         if stream not in self._entries:
             self._entries[stream] = [
-                Entry(place, int(events.t_us.min()), int(events.t_us.max()), len(events))
+                IndexedBlock(place, int(events.t_us.min()), int(events.t_us.max()), len(events))
                 for place, events in self.scan(stream)
                 if len(events)
             ]
