@@ -2,8 +2,9 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import Field, FiniteFloat, model_validator
 
+from emvs.parameters import ParameterGroup
 from emvs.rivals.esvo_parameters import EsvoParameters
 from emvs.rivals.parameters import FrameParameters, GtsParameters, SgmParameters
 
@@ -16,133 +17,159 @@ OddPixels = Annotated[int, Field(ge=1, le=99)]
 FocusMeasure = Literal["variance", "mean-square", "gradient", "laplacian", "dog"]
 
 
-class MapperConfig(BaseModel):
+class MapperConfig(ParameterGroup):
     """What Algorithm 1 can be told; every field has a default that works."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    planes: int = Field(100, ge=2, le=100_000, description="number of depth planes")
+    planes: int = Field(default=100, ge=2, le=100_000, description="number of depth planes")
     spacing: Literal["inverse", "linear"] = Field(
-        "inverse", description="planes uniform in inverse depth, or in depth"
+        default="inverse", description="planes uniform in inverse depth, or in depth"
     )
     min_depth_m: Positive | None = Field(
-        None, description="nearest plane, m; by default what the recording knows, else 0.2"
+        default=None, description="nearest plane, m; by default what the recording knows, else 0.2"
     )
     max_depth_m: Positive | None = Field(
-        None, description="farthest plane, m; by default what the recording knows, else 5"
+        default=None, description="farthest plane, m; by default what the recording knows, else 5"
     )
     start_s: NotNegative | None = Field(
-        None, description="window start, s after the first event; by default where poses begin"
+        default=None,
+        description="window start, s after the first event; by default where poses begin",
     )
     duration_s: Positive | None = Field(
-        None, description="window length, s; by default all events that the poses cover"
+        default=None, description="window length, s; by default all events that the poses cover"
     )
     window_s: Positive | None = Field(
-        None, description="map sliding windows of this length, s, over the whole recording"
+        default=None, description="map sliding windows of this length, s, over the whole recording"
     )
     stride_s: Positive | None = Field(
-        None, description="from the begin of one window to the next, s; by default window_s"
+        default=None, description="from the begin of one window to the next, s; by default window_s"
     )
     window_events: int | None = Field(
-        None, ge=1, description="map sliding windows of so many events of camera 0"
+        default=None, ge=1, description="map sliding windows of so many events of camera 0"
     )
     stride_events: int | None = Field(
-        None, ge=1, description="from one window to the next, events; by default window_events"
+        default=None,
+        ge=1,
+        description="from one window to the next, events; by default window_events",
     )
     min_events: int = Field(
-        1, ge=1, description="events that can vote which every camera needs in a window"
+        default=1, ge=1, description="events that can vote which every camera needs in a window"
     )
     max_pose_gap_s: Positive | None = Field(
-        None, description="longest time between two poses, s; by default 10 usual ones, >= 0.05"
+        default=None,
+        description="longest time between two poses, s; by default 10 usual ones, >= 0.05",
     )
     hot_pixels: NotNegative = Field(
-        0.0, description="drop pixels this many times as active as their surroundings; 0: none"
+        default=0.0,
+        description="drop pixels this many times as active as their surroundings; 0: none",
     )
     reference_s: NotNegative | None = Field(
-        None, description="time of the reference view, s after the first event; default: middle"
+        default=None,
+        description="time of the reference view, s after the first event; default: middle",
     )
     reference: Literal["middle", "end"] = Field(
-        "middle", description="place of the reference view in the window, without reference_s"
+        default="middle",
+        description="place of the reference view in the window, without reference_s",
     )
     reference_shift: float = Field(
-        0.0, ge=0, le=1, description="its place on the baseline: 0 at camera 0, 1 at camera 1"
+        default=0.0,
+        ge=0,
+        le=1,
+        description="its place on the baseline: 0 at camera 0, 1 at camera 1",
     )
     view_width_px: int | None = Field(
-        None, ge=2, le=32768, description="columns of the reference view; by default camera 0's"
+        default=None,
+        ge=2,
+        le=32768,
+        description="columns of the reference view; by default camera 0's",
     )
     view_height_px: int | None = Field(
-        None, ge=2, le=32768, description="rows of the reference view; by default camera 0's"
+        default=None,
+        ge=2,
+        le=32768,
+        description="rows of the reference view; by default camera 0's",
     )
     view_focal_px: Positive | None = Field(
-        None, description="focal length of the reference view, px; by default camera 0's"
+        default=None, description="focal length of the reference view, px; by default camera 0's"
     )
     polarity: Literal["both", "separate"] = Field(
-        "both", description="separate: fuse darker and brighter events apart, then sum"
+        default="both", description="separate: fuse darker and brighter events apart, then sum"
     )
     voting: Literal["bilinear", "nearest"] = Field(
-        "bilinear", description="bilinear: exact; nearest: the fast variant, coarser depth"
+        default="bilinear", description="bilinear: exact; nearest: the fast variant, coarser depth"
     )
     methods: tuple[str, ...] = Field(
-        ("all",),
+        default=("all",),
         min_length=1,
         description="methods by name, such as Alg1/H or Alg2/AtHc@4; or all, baselines, everything",
     )
     extraction: Literal["votes", FocusMeasure] = Field(
-        "votes", description="what depth maximises along a ray: the votes, or a focus measure"
+        default="votes",
+        description="what depth maximises along a ray: the votes, or a focus measure",
     )
     focus_measure: FocusMeasure = Field(
-        "variance", description="what the depth of the Focus methods maximises along a ray"
+        default="variance", description="what the depth of the Focus methods maximises along a ray"
     )
     focus_sigma_px: Positive = Field(
-        2.5, le=50, description="scale of the focus measures, px of the reference view"
+        default=2.5, le=50, description="scale of the focus measures, px of the reference view"
     )
     focus_threshold_kernel_px: int = Field(
-        5, ge=3, le=99, description="window of the Focus methods' adaptive threshold, px, odd"
+        default=5,
+        ge=3,
+        le=99,
+        description="window of the Focus methods' adaptive threshold, px, odd",
     )
     focus_threshold_c: FiniteFloat = Field(
-        2.0, description="threshold_c of the Focus methods, which reliability follows"
+        default=2.0, description="threshold_c of the Focus methods, which reliability follows"
     )
     focus_reliability: float = Field(
-        0.03, ge=0, le=1, description="reliability that a point of the Focus methods needs"
+        default=0.03, ge=0, le=1, description="reliability that a point of the Focus methods needs"
     )
     inpaint: bool = Field(
-        False, description="also fill the gaps between points, marked as filled in"
+        default=False, description="also fill the gaps between points, marked as filled in"
     )
-    interpolate: bool = Field(True, description="refine the maximum between planes by a parabola")
+    interpolate: bool = Field(
+        default=True, description="refine the maximum between planes by a parabola"
+    )
     threshold_kernel_px: int = Field(
-        5, ge=3, le=99, description="window of the adaptive threshold, px, odd"
+        default=5, ge=3, le=99, description="window of the adaptive threshold, px, odd"
     )
     threshold_c: FiniteFloat = Field(
-        7.0, description="by how much of 255 a confidence must exceed its neighbours' mean"
+        default=7.0, description="by how much of 255 a confidence must exceed its neighbours' mean"
     )
-    median_px: OddPixels = Field(5, description="window of the masked median, px, odd; 1: none")
-    border_px: int = Field(2, ge=0, description="rim of the image that reports no depth, px")
+    median_px: OddPixels = Field(
+        default=5, description="window of the masked median, px, odd; 1: none"
+    )
+    border_px: int = Field(
+        default=2, ge=0, description="rim of the image that reports no depth, px"
+    )
     max_confidence: NotNegative = Field(
-        0.0,
+        default=0.0,
         description="votes that make full confidence, unless a pixel has more; 0: its maximum",
     )
-    radius_m: Positive = Field(0.05, description="radius of the point cloud's outlier filter, m")
+    radius_m: Positive = Field(
+        default=0.05, description="radius of the point cloud's outlier filter, m"
+    )
     radius_neighbours: int = Field(
-        3, ge=0, description="neighbours that a point needs within the radius; 0: no filter"
+        default=3, ge=0, description="neighbours that a point needs within the radius; 0: no filter"
     )
     compatibility: Literal["none", "mcemvs"] = Field(
-        "none", description="mcemvs: the authors' planes, packets, H and no interpolation"
+        default="none", description="mcemvs: the authors' planes, packets, H and no interpolation"
     )
-    save_dsi: bool = Field(False, description="write every fused volume as .npy")
-    threads: int = Field(0, ge=0, description="threads of the kernels; 0: all")
+    save_dsi: bool = Field(default=False, description="write every fused volume as .npy")
+    threads: int = Field(default=0, ge=0, description="threads of the kernels; 0: all")
     device: DeviceName = Field(
-        "cpu", description="where the sweep runs; auto: on an NVIDIA GPU where there is one"
+        default="cpu", description="where the sweep runs; auto: on an NVIDIA GPU where there is one"
     )
     voting_precision: Literal["fixed", "float"] = Field(
-        "fixed", description="how a GPU sums votes; fixed: the same bits in every run"
+        default="fixed", description="how a GPU sums votes; fixed: the same bits in every run"
     )
     slice_row: int | None = Field(
-        None, ge=0, description="image row of the DSI slice, px; by default the middle row"
+        default=None, ge=0, description="image row of the DSI slice, px; by default the middle row"
     )
-    sgm: SgmParameters = Field(SgmParameters(), description="of SGM on time surfaces")
-    esvo: EsvoParameters = Field(EsvoParameters(), description="of ESVO mapping")
-    gts: GtsParameters = Field(GtsParameters(), description="of event coincidence")
-    frames: FrameParameters = Field(FrameParameters(), description="of SGBM on frames")
+    sgm: SgmParameters = Field(default=SgmParameters(), description="of SGM on time surfaces")
+    esvo: EsvoParameters = Field(default=EsvoParameters(), description="of ESVO mapping")
+    gts: GtsParameters = Field(default=GtsParameters(), description="of event coincidence")
+    frames: FrameParameters = Field(default=FrameParameters(), description="of SGBM on frames")
 
     @model_validator(mode="before")
     @classmethod

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from cyclopts import CycloptsError
 
 from emvs.errors import InputError
+from emvs.parameters import explain
 from eval import commands, settings
 from eval.app import app
 from eval.exits import exit_code
@@ -36,7 +37,7 @@ def _one_line(error: CycloptsError) -> str:
 
     cause = error.__cause__
     if isinstance(cause, ValidationError):
-        return settings.explain(cause)
+        return explain(cause, settings.Settings)
     text = " ".join(str(error).split())
     return f"{text} (`eventsweep --help` shows what there is)"
 

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from emvs.parameters import ParameterGroup
 
 RankingMetric = Literal[
     "mean_error", "median_error", "rmse", "abs_rel", "aerr_r", "silog", "bad_published"
 ]
 
 
-class EvalConfig(BaseModel):
+class EvalConfig(ParameterGroup):
     """Which ground truth counts, and which number ranks the methods."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     min_truth_depth_m: float | None = Field(
         default=None, gt=0, description="Nearer ground truth is left out [m]; unset: no limit."

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from emvs.config import MapperConfig
 from emvs.errors import InputError
+from emvs.parameters import explain
 from eval.config import EvalConfig
 from sim.config import SimConfig
 
@@ -49,20 +49,7 @@ def load(file: Path | None, **flags: BaseModel) -> Settings:
     try:
         return Settings.model_validate(values)
     except ValidationError as error:
-        raise InputError(explain(error, where=f"{file}: " if file else "")) from error
-
-
-def explain(error: ValidationError, where: str = "") -> str:
-    """The first fault of a pydantic error in one line."""
-    fault = error.errors(include_url=False, include_context=False)[0]
-    key = ".".join(str(part) for part in fault["loc"])
-    if fault["type"] == "extra_forbidden":
-        return f"{where}unknown key {key}{_suggestion(fault['loc'])}"
-    message = fault["msg"].removeprefix("Value error, ")
-    if fault["type"] == "value_error":
-        return f"{where}{message}"
-    more = f" ({error.error_count() - 1} more faults)" if error.error_count() > 1 else ""
-    return f"{where}{key} is {fault['input']!r}: {message[0].lower()}{message[1:]}{more}"
+        raise InputError(explain(error, Settings, f"{file}: " if file else "")) from error
 
 
 def _read(file: Path | None) -> dict[str, Any]:
@@ -90,13 +77,3 @@ def _joined(below: dict[str, Any], above: dict[str, Any]) -> dict[str, Any]:
         if isinstance(value, dict) and isinstance(below.get(name), dict):
             both[name] = _joined(below[name], value)
     return both
-
-
-def _suggestion(place: tuple[int | str, ...]) -> str:
-    model: Any = Settings
-    for group in place[:-1]:
-        field = getattr(model, "model_fields", {}).get(str(group))
-        model = field.annotation if field else None
-    known = list(getattr(model, "model_fields", ()))
-    close = difflib.get_close_matches(str(place[-1]), known, n=1)
-    return f"; did you mean {close[0]}?" if close else f"; known are {', '.join(sorted(known))}"

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
+from emvs.parameters import ParameterGroup
 from sim.frames_config import FramesConfig
 from sim.imu_config import ImuConfig
 from sim.light import LightConfig
@@ -16,10 +17,10 @@ TruthName = Literal["flow", "segmentation", "boundary", "twist", "event_depth"]
 """Ground truth on request, see docs/truth.md."""
 
 
-class SimConfig(BaseModel):
+class SimConfig(ParameterGroup):
     """How frames are sampled and turned into events; defaults are the benchmark's."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(allow_inf_nan=False)
 
     contrast_threshold_pos: Annotated[float, Field(gt=0)] = 0.2
     """C+: rise of log intensity per positive event, natural logarithm."""

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
+
+from emvs.parameters import ParameterGroup
 
 
-class ShutterConfig(BaseModel):
+class ShutterConfig(ParameterGroup):
     """How a frame camera turns light into a picture."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(allow_inf_nan=False)
 
     exposure_us: Annotated[int, Field(ge=1)] = 10_000
     """How long the shutter is open, µs."""
@@ -22,10 +24,10 @@ class ShutterConfig(BaseModel):
     """Resolution of the converter."""
 
 
-class FramesConfig(BaseModel):
+class FramesConfig(ParameterGroup):
     """The pictures that an ordinary camera takes in the place of each event camera."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(allow_inf_nan=False)
 
     rate_hz: Annotated[float, Field(ge=0, le=10_000)] | None = None
     """Pictures per second, Hz; 0 for none; None takes the scene's own, which is 0 for most."""

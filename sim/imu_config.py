@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import ConfigDict, Field, field_validator
+
+from emvs.parameters import ParameterGroup
 
 Density = Annotated[float, Field(ge=0)]
 Vector3 = tuple[float, float, float]
 
 
-class ImuConfig(BaseModel):
+class ImuConfig(ParameterGroup):
     """An IMU on the body, of the order of Bosch's BMI160; docs/motion.md says what is known."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(allow_inf_nan=False)
 
     rate_hz: Annotated[float, Field(ge=0, le=1e5)] = 200.0
     """Samples per second, Hz; 0 for no IMU."""

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import ConfigDict
+
+from emvs.parameters import ParameterGroup
 
 LightRenderer = Literal["auto", "classic", "float"]
 
 
-class LightConfig(BaseModel):
+class LightConfig(ParameterGroup):
     """The picture's light."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(allow_inf_nan=False)
 
     renderer: LightRenderer = "auto"
     """`classic` draws 8 bits per channel and sample, cut at 1; `float` draws 32-bit linear light

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
+
+from emvs.parameters import ParameterGroup
 
 PresetName = Literal["ideal", "davis240", "davis346", "gen4"]
 
@@ -13,10 +15,10 @@ _Level = Annotated[float, Field(ge=0)] | None
 _Share = Annotated[float, Field(ge=0, le=1)] | None
 
 
-class SensorConfig(BaseModel):
+class SensorConfig(ParameterGroup):
     """Imperfections of the sensor; what is None is taken from the preset, 0 switches it off."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(allow_inf_nan=False)
 
     preset: PresetName = "ideal"
     """Named sensor that all other values override; it also sets thresholds that are not given."""

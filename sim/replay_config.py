@@ -5,15 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
+
+from emvs.parameters import ParameterGroup
 
 Positive = Annotated[float, Field(gt=0)]
 
 
-class ReplayConfig(BaseModel):
+class ReplayConfig(ParameterGroup):
     """A recorded trajectory instead of the scene's own motion."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(allow_inf_nan=False)
 
     trajectory: Path | None = None
     """Poses in TUM format, `t_s x y z qx qy qz qw`; None moves the head as the scene says."""

@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from point_world import pinhole
-from pydantic import ValidationError
 
 from emvs.config import MapperConfig
 from emvs.depthmap import confidence_mask, eight_bits, extract, without_border
+from emvs.errors import InputError
 from emvs.median import masked_median
 from emvs.planes import inverse_depth_planes
 from emvs.running import Maximum
@@ -117,13 +117,13 @@ def test_depth_is_finite_everywhere_and_interpolated_where_asked():
     ],
 )
 def test_impossible_configurations_are_refused(values, words):
-    with pytest.raises(ValidationError, match=words):
+    with pytest.raises(InputError, match=words):
         MapperConfig(**values)
 
 
 def test_every_parameter_is_described_and_the_configuration_is_frozen():
     assert all(field.description for field in MapperConfig.model_fields.values())
-    with pytest.raises(ValidationError):
+    with pytest.raises(InputError, match="planes=3"):
         CONFIG.planes = 3
 
 

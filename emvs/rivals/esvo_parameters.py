@@ -8,83 +8,99 @@ from __future__ import annotations
 
 from pydantic import Field
 
+from emvs.parameters import ParameterGroup
 from emvs.rivals.parameters import (
     Count,
     MedianPixels,
     NotNegative,
     OddPixels,
-    Parameters,
     Positive,
 )
 
 
-class Matching(Parameters):
+class Matching(ParameterGroup):
     """Block matching that starts each estimate."""
 
-    width_px: OddPixels = Field(15, description="columns of a block, odd, px")
-    height_px: OddPixels = Field(7, description="rows of a block, odd, px")
+    width_px: OddPixels = Field(default=15, description="columns of a block, odd, px")
+    height_px: OddPixels = Field(default=7, description="rows of a block, odd, px")
     coarse_px: Count = Field(
-        1, description="step of the first search along the row, px; the second takes every pixel"
+        default=1,
+        description="step of the first search along the row, px; the second takes every pixel",
     )
     least_zncc: float = Field(
-        0.8, ge=-1, le=1, description="zero-mean normalised cross-correlation that a match needs"
+        default=0.8,
+        ge=-1,
+        le=1,
+        description="zero-mean normalised cross-correlation that a match needs",
     )
 
 
-class Refinement(Parameters):
+class Refinement(ParameterGroup):
     """The non-linear least squares of one inverse depth; time surfaces count 0..255."""
 
-    width_px: OddPixels = Field(15, description="columns of the compared patch, odd, px")
-    height_px: OddPixels = Field(7, description="rows of the compared patch, odd, px")
-    steps: int = Field(10, ge=0, description="most iterations; 0: as block matching left it")
-    dof: float = Field(
-        2.182, gt=2, description="degrees of freedom of the residuals' Student t distribution"
+    width_px: OddPixels = Field(default=15, description="columns of the compared patch, odd, px")
+    height_px: OddPixels = Field(default=7, description="rows of the compared patch, odd, px")
+    steps: int = Field(
+        default=10, ge=0, description="most iterations; 0: as block matching left it"
     )
-    scale: Positive = Field(17.277, description="its scale")
+    dof: float = Field(
+        default=2.182,
+        gt=2,
+        description="degrees of freedom of the residuals' Student t distribution",
+    )
+    scale: Positive = Field(default=17.277, description="its scale")
 
 
-class CleanUp(Parameters):
+class CleanUp(ParameterGroup):
     """Which estimates count: the first two before they are fused, all of them afterwards."""
 
     most_deviation_px: Positive = Field(
-        3.4,
+        default=3.4,
         description="largest standard deviation of an estimate, as disparity, px; the published "
         "0.15 / m on the rig of MVSEC",
     )
     most_spread: Positive = Field(
-        20.0, description="largest scale of a patch's residuals, refitted after refinement"
+        default=20.0, description="largest scale of a patch's residuals, refitted after refinement"
     )
     least_fusions: int = Field(
-        1, ge=0, description="how often a pixel's first estimate must have met one like it"
+        default=1, ge=0, description="how often a pixel's first estimate must have met one like it"
     )
 
 
-class Regularisation(Parameters):
+class Regularisation(ParameterGroup):
     """A mean over like neighbours; off, as in the published configuration."""
 
     radius_px: int = Field(
-        0, ge=0, le=50, description="half a side of the neighbourhood, px; 0: none; elsewhere 5"
+        default=0,
+        ge=0,
+        le=50,
+        description="half a side of the neighbourhood, px; 0: none; elsewhere 5",
     )
     least_neighbours: int = Field(
-        8, ge=0, description="neighbours like it that a pixel needs to stay, itself left out"
+        default=8,
+        ge=0,
+        description="neighbours like it that a pixel needs to stay, itself left out",
     )
 
 
-class EsvoParameters(Parameters):
+class EsvoParameters(ParameterGroup):
     """ESVO's mapping: `ESVO/own-rate` and `ESVO/window`."""
 
-    decay_s: Positive = Field(0.03, description="time constant of the time surfaces, s")
-    median_px: MedianPixels = Field(3, description="median over them, 1 (none), 3 or 5 px")
+    decay_s: Positive = Field(default=0.03, description="time constant of the time surfaces, s")
+    median_px: MedianPixels = Field(default=3, description="median over them, 1 (none), 3 or 5 px")
     blur_sigma_px: NotNegative = Field(
-        0.0, description="standard deviation of a Gaussian after it, px; 0: none"
+        default=0.0, description="standard deviation of a Gaussian after it, px; 0: none"
     )
     recent_s: Positive = Field(
-        0.01, description="how long before a map's time an event may have come, s"
+        default=0.01, description="how long before a map's time an event may have come, s"
     )
-    most_events: Count = Field(1000, description="events that one map looks at, the newest ones")
-    rate_hz: Positive = Field(20.0, description="maps per second, Hz")
+    most_events: Count = Field(
+        default=1000, description="events that one map looks at, the newest ones"
+    )
+    rate_hz: Positive = Field(default=20.0, description="maps per second, Hz")
     most_points: Count = Field(
-        4500, description="estimates that ESVO/own-rate fuses, of whole maps, the newest ones"
+        default=4500,
+        description="estimates that ESVO/own-rate fuses, of whole maps, the newest ones",
     )
     matching: Matching = Matching()
     refinement: Refinement = Refinement()

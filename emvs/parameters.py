@@ -1,0 +1,107 @@
+"""What all groups of parameters are: unknown names and bad values are refused, in one line."""
+
+from __future__ import annotations
+
+import difflib
+from typing import TYPE_CHECKING, Any, Self
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from emvs.errors import InputError
+
+_LONGEST_VALUE = 80
+
+
+class ParameterGroup(BaseModel):
+    """A group of parameters: nothing unknown is taken, and nothing changes afterwards.
+
+    Raises:
+        InputError: an unknown name or an impossible value.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    def __init__(self, /, **values: Any) -> None:
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            raise InputError(explain(error, type(self))) from None
+
+    # So marked, it is not called for groups within groups: their faults keep their whole names.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    if not TYPE_CHECKING:  # a type checker knows without it that nothing may be assigned
+
+        def __setattr__(self, name: str, value: object) -> None:
+            raise InputError(
+                f"{type(self).__name__} cannot be changed: make another one with {name}={value!r}"
+            )
+
+    @classmethod
+    def model_validate(cls, obj: Any, **options: Any) -> Self:
+        """Takes plain values, such as a table of a file.
+
+        Raises:
+            InputError: an unknown name or an impossible value.
+        """
+        try:
+            return super().model_validate(obj, **options)
+        except ValidationError as error:
+            raise InputError(explain(error, cls)) from None
+
+    @classmethod
+    def or_default(cls, given: Self | None) -> Self:
+        """What a caller gave, or all defaults for None.
+
+        Raises:
+            InputError: something else than this group.
+        """
+        if given is None:
+            return cls()
+        if not isinstance(given, cls):
+            raise InputError(f"configuration {_short(given)}: needs a {cls.__name__}")
+        return given
+
+
+def explain(error: ValidationError, model: type[BaseModel], where: str = "") -> str:
+    """The first fault of a pydantic error in one line.
+
+    Args:
+        error: what pydantic says.
+        model: what was to be made, whose names are suggested.
+        where: what to begin with, such as a file's name and a colon.
+    """
+    fault = error.errors(include_url=False, include_context=False)[0]
+    place, value = fault["loc"], _short(fault["input"])
+    key = ".".join(str(part) for part in place) or model.__name__
+    if fault["type"] == "extra_forbidden":
+        return f"{where}unknown key {key}{_suggestion(model, place)}"
+    message = fault["msg"].removeprefix("Value error, ")
+    if fault["type"] == "value_error" and _is_group(_annotation(model, place)):
+        return f"{where}{message}"
+    more = f" ({error.error_count() - 1} more faults)" if error.error_count() > 1 else ""
+    return f"{where}{key} is {value}: {message[0].lower()}{message[1:]}{more}"
+
+
+def _short(value: object) -> str:
+    text = " ".join(repr(value).split())
+    return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}..."
+
+
+def _suggestion(model: type[BaseModel], place: tuple[int | str, ...]) -> str:
+    known = list(getattr(_annotation(model, place[:-1]), "model_fields", ()))
+    close = difflib.get_close_matches(str(place[-1]), known, n=1)
+    return f"; did you mean {close[0]}?" if close else f"; known are {', '.join(sorted(known))}"
+
+
+def _annotation(model: type[BaseModel], place: tuple[int | str, ...]) -> Any:
+    """What a place in a model is to hold; None where no group has such a field."""
+    found: Any = model
+    for name in place:
+        field = getattr(found, "model_fields", {}).get(str(name))
+        found = field.annotation if field else None
+    return found
+
+
+def _is_group(annotation: Any) -> bool:
+    return annotation is None or hasattr(annotation, "model_fields")
