@@ -50,6 +50,14 @@ class DepthMap:
         """Number of pixels with depth."""
         return int(np.count_nonzero(self.mask))
 
+    def __repr__(self) -> str:
+        size = f"{self.camera.width_px} x {self.camera.height_px} px"
+        if not self.points:
+            return f"DepthMap({self.method!r}, {size}, no points)"
+        depth_m = self.depth_m[self.mask]
+        span = f"{depth_m.min():.3g} to {depth_m.max():.3g} m"
+        return f"DepthMap({self.method!r}, {size}, {self.points} points, {span})"
+
 
 def extract(
     method: str,

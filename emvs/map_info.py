@@ -8,6 +8,8 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from emvs.config import MapperConfig
+from emvs.data.recording import Recording
+from emvs.data.sequence import Sequence
 from emvs.errors import InputError
 from emvs.map_files import CURE
 
@@ -24,6 +26,15 @@ class RecordingInfo(_Model):
     name: str
     path: str
     manifest_sha256: str | None = None
+
+    @classmethod
+    def of(cls, recording: Recording, path: Path, map_folder: Path) -> RecordingInfo:
+        """What a map folder remembers of its recording; a path beside it is kept relative."""
+        path, map_folder = path.resolve(), map_folder.resolve()
+        together = path.parent == map_folder.parent
+        digest = recording.manifest.digest() if isinstance(recording, Sequence) else None
+        place = f"../{path.name}" if together else str(path)
+        return cls(name=recording.name, path=place, manifest_sha256=digest)
 
 
 class WindowInfo(_Model):

@@ -100,6 +100,7 @@ def map_window(
         slices=_with_empty(swept.slices, estimators, view),
         event_image=projected.event_image,
         seconds=stopwatch.seconds,
+        config=config,
         device=device.name,
     )
 

@@ -124,6 +124,13 @@ class StoredWindow:
     def __init__(self, path: Path, info: WindowInfo) -> None:
         self.path, self.info = path, info
 
+    def __repr__(self) -> str:
+        info = self.info
+        points = ", ".join(f"{name} {info.points.get(name, '?')}" for name in info.methods)
+        return (
+            f"StoredWindow({str(self.path)!r}, {info.t0_us} to {info.t1_us} µs; points: {points})"
+        )
+
     def depth_map(self, method: str) -> DepthMap:
         """Reads one method's depth map.
 
@@ -180,6 +187,16 @@ class StoredMap:
     def __init__(self, path: Path, info: MapInfo) -> None:
         self.path, self.info = path, info
         self.windows = tuple(StoredWindow(path / window.name, window) for window in info.windows)
+
+    def __repr__(self) -> str:
+        methods = ", ".join(
+            dict.fromkeys(name for one in self.info.windows for name in one.methods)
+        )
+        state = "" if self.info.complete else ", unfinished"
+        return (
+            f"StoredMap({str(self.path)!r}, of {self.info.recording.name}: {len(self.windows)} "
+            f"windows{state}; methods: {methods})"
+        )
 
 
 def read_map(path: Path) -> StoredMap:

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from emvs.config import MapperConfig
 from emvs.depthmap import DepthMap
+from emvs.errors import InputError
 from emvs.rays import RayCounts
 from emvs.sweep import VoteCounts
 from emvs.view import ReferenceView
@@ -43,6 +45,13 @@ class CameraCounts:
         }
 
 
+class _ByMethod(dict[str, DepthMap]):
+    """Depth maps by method; a name that is not there is refused in one line."""
+
+    def __missing__(self, method: str) -> DepthMap:
+        raise InputError(f"no method {method!r} was mapped, there are {', '.join(self)}")
+
+
 @dataclass(frozen=True, eq=False)
 class WindowResult:
     """One window, mapped.
@@ -55,6 +64,7 @@ class WindowResult:
         slices: one image row of every fused volume.
         event_image: (2, H, W) uint32 events of camera 0 per pixel: darker, brighter.
         seconds: wall time per stage.
+        config: what was asked for.
         device: what computed the sweep: `cpu`, or the name of a GPU; `cpu` where only rivals ran.
     """
 
@@ -65,4 +75,17 @@ class WindowResult:
     slices: Slices
     event_image: NDArray[np.uint32]
     seconds: Mapping[str, float]
+    config: MapperConfig
     device: str = "cpu"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "depth_maps", _ByMethod(self.depth_maps))
+
+    def __repr__(self) -> str:
+        camera, window = self.view.camera, self.window
+        points = ", ".join(f"{name} {found.points}" for name, found in self.depth_maps.items())
+        return (
+            f"WindowResult({window.t0_us} to {window.t1_us} µs, view of {camera.width_px} x "
+            f"{camera.height_px} px at {window.t_ref_us} µs, on {self.device};\n"
+            f"  points: {points})"
+        )

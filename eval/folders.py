@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
@@ -44,13 +45,7 @@ def _with_windows(stored: StoredMap) -> StoredMap:
 
 def describe(recording: Recording, path: Path, map_folder: Path) -> RecordingInfo:
     """What a map folder remembers of its recording; a path beside it is kept relative."""
-    path, map_folder = path.resolve(), map_folder.resolve()
-    together = path.parent == map_folder.parent
-    return RecordingInfo(
-        name=recording.name,
-        path=f"../{path.name}" if together else str(path),
-        manifest_sha256=recording.manifest.digest() if isinstance(recording, Sequence) else None,
-    )
+    return RecordingInfo.of(recording, path, map_folder)
 
 
 def recording_of(stored: StoredMap) -> Recording:
@@ -80,14 +75,29 @@ def sequence_of(stored: StoredMap) -> Scored:
     Raises:
         InputError: a recording without ground truth, gone, damaged or changed.
     """
-    if not stored.info.config.is_camera_0_view:
-        raise InputError(
-            f"{stored.path}: mapped from a view of its own, but ground truth is camera 0's: map "
-            "with reference_shift 0 and without view_* to score"
-        )
-    recording = recording_of(stored)
+    check_view(stored.info.config, str(stored.path))
+    recording = with_ground_truth(recording_of(stored))
     if isinstance(recording, Sequence):
         recording.verify()
+    return recording
+
+
+def check_view(config: MapperConfig, what: str) -> None:
+    """Refuses maps, named by `what`, of another view than camera 0's."""
+    if not config.is_camera_0_view:
+        raise InputError(
+            f"{what}: mapped from a view of its own, but ground truth is camera 0's: map "
+            "with reference_shift 0 and without view_* to score"
+        )
+
+
+def with_ground_truth(recording: Recording) -> Scored:
+    """The recording itself, which must have ground truth.
+
+    Raises:
+        InputError: it has none.
+    """
+    if isinstance(recording, Sequence):
         return recording
     if isinstance(recording, PosedRecording) and len(recording.truth_times_us(0)):
         return recording

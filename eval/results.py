@@ -150,6 +150,16 @@ class Results:
             metrics=dict(metrics or {}),
         )  # fmt: skip
 
+    def __repr__(self) -> str:
+        cases, methods, metrics = (
+            list(dict.fromkeys(getattr(row, name) for row in self.rows))
+            for name in ("case", "method", "metric")
+        )
+        return (
+            f"Results({len(self.rows)} numbers of {', '.join(cases) or 'no case'}: "
+            f"{len(metrics)} metrics of {', '.join(methods) or 'no method'})"
+        )
+
 
 _RESULTS = TypeAdapter(Results)
 

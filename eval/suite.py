@@ -16,7 +16,8 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from emvs.errors import InputError
-from eval.settings import Settings, explain
+from emvs.parameters import explain
+from eval.settings import Settings
 
 FOLDER = Path(__file__).parent / "suites"
 NEWEST = "suite-v1"
@@ -194,7 +195,7 @@ def read(path: Path) -> Suite:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not TOML: {error}") from error
     except ValidationError as error:
-        raise InputError(explain(error, where=f"{path}: ")) from error
+        raise InputError(explain(error, Suite, f"{path}: ")) from error
 
 
 def _refuse_unknown(where: str, names: tuple[str, ...], known: Mapping[str, Any]) -> None:

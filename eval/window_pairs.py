@@ -10,6 +10,7 @@ from types import MappingProxyType
 from emvs.data.sequence import Sequence
 from emvs.depthmap import DepthMap
 from emvs.output import StoredWindow
+from emvs.window import Window
 from eval.config import EvalConfig
 from eval.evidence import Evidence
 from eval.folders import Scored, truth_of
@@ -70,11 +71,24 @@ def window_pairs(
     Raises:
         InputError: no ground truth at the window's reference time, or damaged files.
     """
-    t_us = window.info.t_ref_us
+    info = window.info
+    stretch = Window(info.t0_us, info.t1_us, info.t_ref_us, ())
+    maps = {method: window.depth_map(method) for method in info.methods}
+    return pairs_of_maps(sequence, stretch, maps, config, given)
+
+
+def pairs_of_maps(
+    sequence: Scored,
+    window: Window,
+    maps: Mapping[str, DepthMap],
+    config: EvalConfig,
+    given: Mapping[str, Estimate] = NOTHING_GIVEN,
+) -> dict[str, MethodPairs]:
+    """The same of depth maps in memory; `window` is the stretch of time that they were made of."""
+    t_us = window.t_ref_us
     truth = truth_of(sequence, t_us, config)
     if isinstance(sequence, Sequence):
         truth = replace(truth, regions=region_masks(sequence, t_us, truth.depth_m, config))
-    maps = {method: window.depth_map(method) for method in window.info.methods}
     estimates = {
         method: Estimate(depth_map.depth_m, depth_map.mask, depth_map.confidence, depth_map.rho)
         for method, depth_map in maps.items()
@@ -94,16 +108,15 @@ def window_pairs(
 
 
 def _evidence(
-    sequence: Sequence, window: StoredWindow, depth_map: DepthMap, truth: Truth, config: EvalConfig
+    sequence: Sequence, window: Window, depth_map: DepthMap, truth: Truth, config: EvalConfig
 ) -> Evidence:
-    info = window.info
     counts = (
-        count_events(sequence, camera, info.t0_us, info.t1_us)
+        count_events(sequence, camera, window.t0_us, window.t1_us)
         for camera in range(len(sequence.rig))
     )
     return Evidence(
         sequence=sequence,
-        t_us=info.t_ref_us,
+        t_us=window.t_ref_us,
         counts=tuple(counts),
         truth_m=truth.depth_m,
         range_m=(1 / float(depth_map.rho.max()), 1 / float(depth_map.rho.min())),

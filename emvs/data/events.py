@@ -48,6 +48,11 @@ class Events:
     def __len__(self) -> int:
         return len(self.t_us)
 
+    def __repr__(self) -> str:
+        if not len(self):
+            return "Events(none)"
+        return f"Events({len(self)} events, {self.t_us[0]} to {self.t_us[-1]} µs)"
+
     def slice(self, start: int, stop: int) -> Events:
         """Events `start` to `stop` (exclusive), as views."""
         part = slice(start, stop)

@@ -41,6 +41,15 @@ class Recording(Protocol):
         """(H, W) intensity image of a camera nearest to a time, for people to look at, if any."""
 
 
+def summary(recording: Recording) -> str:
+    """A recording's name, cameras and poses in one line, without reading its events."""
+    first_us, last_us = recording.trajectory.span_us
+    return (
+        f"{recording.name!r}, {recording.rig.sizes()}, {len(recording.trajectory)} poses from "
+        f"{first_us} to {last_us} µs"
+    )
+
+
 class DerivedRecording:
     """A recording made from another: all is as it is there, but for what a subclass changes.
 
@@ -50,6 +59,9 @@ class DerivedRecording:
 
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.recording!r})"
 
     @property
     def name(self) -> str:

@@ -48,8 +48,32 @@ class Rig:
     def __len__(self) -> int:
         return len(self.cameras)
 
+    def __repr__(self) -> str:
+        return f"Rig({self.name!r}, {self.sizes()})"
+
+    def sizes(self) -> str:
+        """Cameras, their pixels and the first baseline in words, for people."""
+        pixels = dict.fromkeys(f"{one.width_px} x {one.height_px} px" for one in self.cameras)
+        words = f"{len(self)} camera{'s' * (len(self) > 1)}, {' and '.join(pixels)}"
+        return f"{words}, baseline {self.baseline_m():.3g} m" if len(self) > 1 else words
+
+    def check_camera(self, camera: int) -> None:
+        """Refuses a camera that is not there.
+
+        Raises:
+            InputError: says which there are.
+        """
+        if not 0 <= camera < len(self):
+            raise InputError(f"rig {self.name}: no camera {camera}, it has 0 to {len(self) - 1}")
+
     def baseline_m(self, i: int = 0, j: int = 1) -> float:
-        """Distance between the centres of cameras i and j."""
+        """Distance between the centres of cameras i and j.
+
+        Raises:
+            InputError: a camera that is not there.
+        """
+        self.check_camera(i)
+        self.check_camera(j)
         return float(np.linalg.norm(self.T_body_cam[i][:3, 3] - self.T_body_cam[j][:3, 3]))
 
     def to_json(self) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from functools import cached_property
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +18,14 @@ from emvs.data.frame_store import FrameReader, Photo
 from emvs.data.geoms import Geom, read_geoms
 from emvs.data.imu import FILE_NAME as IMU_NAME
 from emvs.data.imu import ImuSamples, read_imu
+from emvs.data.recording import summary
 from emvs.data.rig import Rig
 from emvs.data.trajectory import Trajectory
 from emvs.data.truth_store import TruthReader
 from emvs.data.tum import read_tum
 from emvs.errors import InputError
+
+Reader = TypeVar("Reader")
 
 
 class Sequence:
@@ -34,20 +38,24 @@ class Sequence:
         trajectory: `T_world_body`.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self.manifest = manifest.read(self.path)
         self.rig = _read_rig(self.path / "rig.json")
         self.trajectory: Trajectory = read_tum(self.path / "poses.txt")
 
     @classmethod
-    def open(cls, path: Path) -> Sequence:
+    def open(cls, path: str | Path) -> Sequence:
         """Opens a sequence folder.
 
         Raises:
             InputError: a missing, truncated or impossible file.
         """
         return cls(path)
+
+    def __repr__(self) -> str:
+        events = " + ".join(map(str, self.manifest.event_counts))
+        return f"Sequence({summary(self)}, {events} events)"
 
     @property
     def name(self) -> str:
@@ -61,16 +69,16 @@ class Sequence:
 
     def event_span_us(self, camera: int) -> tuple[int, int]:
         """First and last instant of the recording, µs: a silent start belongs to it."""
-        del camera
+        self.rig.check_camera(camera)
         return self.manifest.span_us
 
     def event_count(self, camera: int) -> int:
         """Events of a camera."""
-        return self._events[camera].count
+        return self._of(self._events, camera).count
 
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """Events of a camera with `t0_us <= t < t1_us`."""
-        return self._events[camera].read(t0_us, t1_us)
+        return self._of(self._events, camera).read(t0_us, t1_us)
 
     def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
         """(H, W) intensity of a camera at the stored time nearest to `t_us`, if there is one."""
@@ -81,7 +89,7 @@ class Sequence:
 
     def photo_times_us(self, camera: int) -> NDArray[np.int64]:
         """(T,) middles of the exposures of the ordinary camera in a camera's place, µs."""
-        frames = self._frames[camera]
+        frames = self._of(self._frames, camera)
         return np.empty(0, np.int64) if frames is None else frames.t_us
 
     def photo(self, camera: int, t_us: int) -> Photo:
@@ -90,7 +98,7 @@ class Sequence:
         Raises:
             InputError: no pictures are stored.
         """
-        frames = self._frames[camera]
+        frames = self._of(self._frames, camera)
         if frames is None or not len(frames):
             raise InputError(
                 f"{self.path}: has no frames of an ordinary camera; simulate with "
@@ -115,30 +123,30 @@ class Sequence:
 
     def truth_times_us(self, camera: int) -> NDArray[np.int64]:
         """Times at which ground truth is stored, µs."""
-        return self._truth[camera].t_us
+        return self._of(self._truth, camera).t_us
 
     def truth_depth_m(self, camera: int, t_us: int) -> NDArray[np.float32]:
         """(H, W) z-depth of a camera at a stored time, m."""
-        return self._truth[camera].depth_m(t_us)
+        return self._of(self._truth, camera).depth_m(t_us)
 
     def truth_intensity(self, camera: int, t_us: int) -> NDArray[np.uint8]:
         """(H, W) linear intensity of a camera at a stored time, 0..255."""
-        return self._truth[camera].intensity(t_us)
+        return self._of(self._truth, camera).intensity(t_us)
 
     def truth_names(self, camera: int) -> tuple[str, ...]:
         """Which optional ground truth is stored, see `emvs.data.truth_store.OPTIONAL`."""
-        return self._truth[camera].optional
+        return self._of(self._truth, camera).optional
 
     def truth_flow_px(self, camera: int, t_us: int) -> NDArray[np.float32]:
         """(H, W, 2) motion of each pixel's surface point from `t_us` to the next stored time, px.
 
         NaN at the last time, and where the point is no longer in front of the camera.
         """
-        return self._truth[camera].read("flow_px", t_us).astype(np.float32, copy=False)
+        return self._of(self._truth, camera).read("flow_px", t_us).astype(np.float32, copy=False)
 
     def truth_segmentation(self, camera: int, t_us: int) -> NDArray[np.int32]:
         """(H, W) id of the geom at each pixel's centre, -1 for none; `geoms` says what they are."""
-        return self._truth[camera].read("segmentation", t_us).astype(np.int32, copy=False)
+        return self._of(self._truth, camera).read("segmentation", t_us).astype(np.int32, copy=False)
 
     def truth_dynamic(self, camera: int, t_us: int) -> NDArray[np.bool_]:
         """(H, W) whether each pixel shows something that can move by itself."""
@@ -147,17 +155,18 @@ class Sequence:
 
     def truth_boundary(self, camera: int, t_us: int) -> NDArray[np.bool_]:
         """(H, W) whether a pixel's centre lies within 1 px of a depth discontinuity."""
-        return self._truth[camera].read("boundary", t_us).astype(bool)
+        return self._of(self._truth, camera).read("boundary", t_us).astype(bool)
 
     def truth_twist(self, camera: int, t_us: int) -> NDArray[np.float64]:
         """(6,) velocity of the camera in its own frame: linear, m/s, then angular, rad/s."""
-        return self._truth[camera].read("twist", t_us).astype(np.float64, copy=False)
+        return self._of(self._truth, camera).read("twist", t_us).astype(np.float64, copy=False)
 
     def truth_view_depth_m(self, camera: int, t_us: int) -> NDArray[np.float32]:
         """(H, W) z-depth in the camera's undistorted view, m: `rig.cameras[k].undistorted()`."""
+        truth = self._of(self._truth, camera)
         if self.rig.cameras[camera].model == "pinhole":
-            return self.truth_depth_m(camera, t_us)
-        return self._truth[camera].read("view_depth_m", t_us).astype(np.float32, copy=False)
+            return truth.depth_m(t_us)
+        return truth.read("view_depth_m", t_us).astype(np.float32, copy=False)
 
     @cached_property
     def geoms(self) -> dict[int, Geom]:
@@ -166,7 +175,7 @@ class Sequence:
 
     def labels(self, camera: int, t0_us: int, t1_us: int) -> NDArray[np.uint8]:
         """(N,) what made each of `events(camera, t0_us, t1_us)`, see `sim.labels`."""
-        column = self._events[camera].read_extra("label", t0_us, t1_us)
+        column = self._of(self._events, camera).read_extra("label", t0_us, t1_us)
         return column.astype(np.uint8, copy=False)
 
     def sensor_counts(self, camera: int) -> dict[str, int]:
@@ -185,7 +194,7 @@ class Sequence:
 
     def event_depth_m(self, camera: int, t0_us: int, t1_us: int) -> NDArray[np.float32]:
         """(N,) z-depth of the surface that made each of `events(camera, t0_us, t1_us)`, m."""
-        column = self._events[camera].read_extra("depth_m", t0_us, t1_us)
+        column = self._of(self._events, camera).read_extra("depth_m", t0_us, t1_us)
         return column.astype(np.float32, copy=False)
 
     def event_points_world(self, camera: int, t0_us: int, t1_us: int) -> NDArray[np.float64]:
@@ -207,6 +216,15 @@ class Sequence:
             InputError: a file that changed.
         """
         manifest.check_hashes(self.path, self.manifest)
+
+    def _of(self, readers: list[Reader], camera: int) -> Reader:
+        """A camera's own reader.
+
+        Raises:
+            InputError: a camera that is not there.
+        """
+        self.rig.check_camera(camera)
+        return readers[camera]
 
     @cached_property
     def _events(self) -> list[EventStoreReader]:

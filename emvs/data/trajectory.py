@@ -50,6 +50,11 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.t_us)
 
+    def __repr__(self) -> str:
+        first_us, last_us = self.span_us
+        way_m = np.linalg.norm(np.diff(self.positions_m, axis=0), axis=1).sum()
+        return f"Trajectory({len(self)} poses, {first_us} to {last_us} µs, a way of {way_m:.3g} m)"
+
     @property
     def span_us(self) -> tuple[int, int]:
         """Times of the first and the last pose, both included."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from emvs.data.camera import Camera
 from emvs.data.events import Events
+from emvs.data.recording import summary
 from emvs.data.rig import Rig
 from emvs.data.trajectory import Trajectory
 from emvs.data.tum import read_tum
@@ -42,6 +43,9 @@ class EventCameraDataset:
         camera = _read_calibration(self.path / "calib.txt", _sensor_size(self.path))
         self.rig = Rig("DAVIS240C", (camera,), (np.eye(4),))
         self.trajectory: Trajectory = read_tum(self.path / "groundtruth.txt")
+
+    def __repr__(self) -> str:
+        return f"EventCameraDataset({summary(self)})"
 
     def event_span_us(self, camera: int) -> tuple[int, int]:
         """Times of the first and the last event, µs."""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
+from emvs.data.recording import summary
 from emvs.data.rig import Rig
 from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
@@ -121,6 +122,9 @@ class PosedRecording:
                 f"{self.path}: {len(self.sources)} event streams for {len(self.rig)} calibrated "
                 "cameras; needs one per camera: choose the calibration's cameras"
             )
+
+    def __repr__(self) -> str:
+        return f"PosedRecording({self.layout}: {summary(self)})"
 
     def event_span_us(self, camera: int) -> tuple[int, int]:
         """Times of the first and the last event, µs."""

@@ -13,7 +13,7 @@ from emvs.io.event_camera_dataset import FILES, EventCameraDataset
 DESCRIPTOR = "recording.toml"
 
 
-def open_recording(path: Path) -> Recording:
+def open_recording(path: str | Path) -> Recording:
     """Opens a sequence of ours, a data set as its publisher lays it out, or a `recording.toml`.
 
     Raises:

@@ -1,0 +1,127 @@
+"""Simulate, map and score event-based multi-view stereo: the names for users of the library.
+
+    import eventsweep as es
+
+    recording = es.open_recording("out/desk/sequence")
+    result = es.map_window(recording, es.MapperConfig(methods=("Alg1/H",)))
+    print(es.score(result, recording))
+
+Everything is imported when it is first asked for: importing this package costs nothing. Paths may
+be strings everywhere, and bad input raises `InputError` with one line.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from emvs.config import MapperConfig
+    from emvs.data.camera import Camera
+    from emvs.data.events import Events
+    from emvs.data.recording import Recording
+    from emvs.data.rig import Rig
+    from emvs.data.sequence import Sequence
+    from emvs.data.trajectory import Trajectory
+    from emvs.depthmap import DepthMap
+    from emvs.errors import InputError
+    from emvs.io.recognise import open_recording
+    from emvs.methods import overview as methods
+    from emvs.methods import register as register_method
+    from emvs.recipe import Method
+    from emvs.result import WindowResult
+    from eval.config import EvalConfig
+    from eval.method_scores import ALL_METRICS as METRICS
+    from eval.results import Results
+    from eventsweep.mapping import map_window, map_windows
+    from eventsweep.scoring import score
+    from eventsweep.simulation import simulate
+    from scenes import load as load_scene
+    from scenes import names as scenes
+    from sim.config import SimConfig
+    from sim.esim import EventSimulator
+
+    __version__: str
+
+__all__ = [
+    "METRICS",
+    "Camera",
+    "DepthMap",
+    "EvalConfig",
+    "EventSimulator",
+    "Events",
+    "InputError",
+    "MapperConfig",
+    "Method",
+    "Recording",
+    "Results",
+    "Rig",
+    "Sequence",
+    "SimConfig",
+    "Trajectory",
+    "WindowResult",
+    "__version__",
+    "load_scene",
+    "map_window",
+    "map_windows",
+    "methods",
+    "open_recording",
+    "register_method",
+    "scenes",
+    "score",
+    "simulate",
+]
+
+# The name -> where it is.
+_PLACES = {
+    "METRICS": "eval.method_scores:ALL_METRICS",
+    "Camera": "emvs.data.camera:Camera",
+    "DepthMap": "emvs.depthmap:DepthMap",
+    "EvalConfig": "eval.config:EvalConfig",
+    "EventSimulator": "sim.esim:EventSimulator",
+    "Events": "emvs.data.events:Events",
+    "InputError": "emvs.errors:InputError",
+    "MapperConfig": "emvs.config:MapperConfig",
+    "Method": "emvs.recipe:Method",
+    "Recording": "emvs.data.recording:Recording",
+    "Results": "eval.results:Results",
+    "Rig": "emvs.data.rig:Rig",
+    "Sequence": "emvs.data.sequence:Sequence",
+    "SimConfig": "sim.config:SimConfig",
+    "Trajectory": "emvs.data.trajectory:Trajectory",
+    "WindowResult": "emvs.result:WindowResult",
+    "__version__": "eventsweep.version:VERSION",
+    "load_scene": "scenes:load",
+    "map_window": "eventsweep.mapping:map_window",
+    "map_windows": "eventsweep.mapping:map_windows",
+    "methods": "emvs.methods:overview",
+    "open_recording": "emvs.io.recognise:open_recording",
+    "register_method": "emvs.methods:register",
+    "scenes": "scenes:names",
+    "score": "eventsweep.scoring:score",
+    "simulate": "eventsweep.simulation:simulate",
+}
+
+
+def __getattr__(name: str) -> object:
+    """Imports what a name stands for.
+
+    Raises:
+        AttributeError: there is no such name.
+        ImportError: a folder of the user's hides a package of ours.
+    """
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    from eventsweep.installation import refuse_hidden
+
+    module, attribute = _PLACES[name].split(":")
+    refuse_hidden(module)
+    value: object = getattr(import_module(module), attribute)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """The public names, whether they were asked for already or not."""
+    return list(__all__)

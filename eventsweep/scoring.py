@@ -1,0 +1,68 @@
+"""Scores for users of the library: of a window that was just mapped, or of a folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from emvs.data.recording import Recording
+from emvs.data.sequence import Sequence
+from emvs.errors import InputError
+from emvs.output import StoredMap
+from emvs.result import WindowResult
+from eval import folders, runner
+from eval.config import EvalConfig
+from eval.results import Results
+from eval.score import case_rows
+from eval.stage_score import metric_versions
+from eval.window_pairs import pairs_of_maps
+from eventsweep.mapping import opened
+
+_WINDOW = "w000"
+
+
+def score(
+    mapped: WindowResult | StoredMap | str | Path,
+    recording: Recording | str | Path | None = None,
+    config: EvalConfig | None = None,
+) -> Results:
+    """Scores depth maps against the ground truth at their reference time.
+
+    Args:
+        mapped: what `map_window` gave, which needs its recording beside it; or what `map_windows`
+            gave, or the folder of a map or run, where `results.json` and `results.csv` are written.
+        recording: with ground truth, or its path; a folder knows its own.
+        config: masks and limits.
+
+    Raises:
+        InputError: no ground truth at the reference time, a view of the map's own, a folder without
+            maps, damaged files, or a recording too many or too few.
+    """
+    config = EvalConfig.or_default(config)
+    if isinstance(mapped, WindowResult):
+        if recording is None:
+            raise InputError("a window without its recording: needs score(result, recording)")
+        return _score_window(mapped, opened(recording), config)
+    if recording is not None:
+        raise InputError("a map's folder with a recording: a folder knows its own, leave it out")
+    folder = mapped.path if isinstance(mapped, StoredMap) else Path(mapped)
+    return runner.score_folder(folder, config)
+
+
+def _score_window(result: WindowResult, recording: Recording, config: EvalConfig) -> Results:
+    folders.check_view(result.config, recording.name)
+    scored = folders.with_ground_truth(recording)
+    manifest = scored.manifest if isinstance(scored, Sequence) else None
+    pairs = pairs_of_maps(scored, result.window, result.depth_maps, config)
+    return Results(
+        tuple(case_rows(scored.name, {_WINDOW: pairs})),
+        {
+            "score": config.model_dump(mode="json"),
+            scored.name: {
+                **folders.provenance(scored),
+                "map": result.config.model_dump(mode="json"),
+            },
+        },
+        None if manifest is None else manifest.seed,
+        {} if manifest is None else {scored.name: manifest.digest()},
+        metrics=metric_versions(),
+    )

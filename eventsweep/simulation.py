@@ -1,0 +1,58 @@
+"""The simulator for users of the library: what `eventsweep simulate` does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import scenes
+from emvs.data.rig import Rig
+from emvs.data.sequence import Sequence
+from sim import generate
+from sim.config import SimConfig
+from sim.generate import Progress
+from sim.rigs import rig as named_rig
+from sim.scene import Scene
+
+
+def _silent(_done_us: int, _total_us: int, _events: int) -> None:
+    """Shows no progress."""
+
+
+def simulate(
+    scene: Scene | str,
+    out: str | Path,
+    config: SimConfig | None = None,
+    seed: int = 0,
+    rig: Rig | str | None = None,
+    *,
+    force: bool = False,
+    workers: int = 1,
+    progress: Progress = _silent,
+) -> Sequence:
+    """Renders a scene and simulates its events, with exact depth and poses.
+
+    Args:
+        scene: a scene, or the name of one; `scenes` lists them.
+        out: the folder to write; it appears when it is complete. What an interrupted call left
+            beside it is taken up by the next one.
+        config: every parameter; by default the benchmark's.
+        seed: of the head's motion and the sensor's noise, 0 or more.
+        rig: the cameras, by name or by the path of a calibration; by default the scene's own.
+        force: whether to replace `out`.
+        workers: rendering processes; with more than 1 a script needs the usual `__main__` guard.
+        progress: called with the time done, the time in total, µs, and the events so far.
+
+    Returns:
+        The sequence, opened.
+
+    Raises:
+        InputError: an unknown scene or rig, an existing `out`, motion too fast, no graphics
+            library, or too little disk or memory.
+    """
+    scene = scenes.load(scene) if isinstance(scene, str) else scene
+    rig = named_rig(rig or scene.rig) if rig is None or isinstance(rig, str) else rig
+    config, out = SimConfig.or_default(config), Path(out)
+    generate.simulate(
+        scene, rig, config, seed, out, force=force, workers=workers, progress=progress
+    )
+    return Sequence.open(out)
