@@ -195,7 +195,7 @@ def read(path: Path) -> Suite:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not TOML: {error}") from error
     except ValidationError as error:
-        raise InputError(explain(error, Suite, f"{path}: ")) from error
+        raise InputError(explain(error, Settings, f"{path}: ")) from error
 
 
 def _refuse_unknown(where: str, names: tuple[str, ...], known: Mapping[str, Any]) -> None:
