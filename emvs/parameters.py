@@ -59,7 +59,7 @@ class ParameterGroup(BaseModel):
         if given is None:
             return cls()
         if not isinstance(given, cls):
-            raise InputError(f"configuration {_short(given)}: needs a {cls.__name__}")
+            raise InputError(f"configuration {_short(given)}: needs {cls.__name__}(...)")
         return given
 
 

@@ -19,7 +19,7 @@ from eval.settings_table import TABLES, main, settings_block
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
-PACKAGES = ("emvs", "sim", "scenes", "eval")
+PACKAGES = ("emvs", "sim", "scenes", "eval", "eventsweep")
 COMMAND = re.compile(r"-m ((?:emvs|sim|scenes|eval)[\w.]*)|(docs/\w+\.py)")
 
 
@@ -37,7 +37,9 @@ def module_names():
 
 def named_modules():
     """What the page on architecture calls modules, packages and families of them."""
-    found = re.findall(r"`((?:emvs|sim|scenes|eval)\.[\w.*]+)`", text_of(DOCS / "architecture.md"))
+    found = re.findall(
+        r"`((?:emvs|sim|scenes|eval|eventsweep)\.[\w.*]+)`", text_of(DOCS / "architecture.md")
+    )
     # Scenes are listed on pages of their own.
     return {*found, "scenes.[a-z]*"}
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = ("emvs", "sim", "scenes", "eval", "tests")
+FOLDERS = ("emvs", "sim", "scenes", "eval", "eventsweep", "tests")
 SOURCES = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]
 
 
