@@ -102,24 +102,26 @@ _PLACES = {
 }
 
 
-def __getattr__(name: str) -> object:
-    """Imports what a name stands for.
+if not TYPE_CHECKING:  # with it, a type checker would take any name for granted
 
-    Raises:
-        AttributeError: there is no such name.
-        ImportError: a folder of the user's hides a package of ours.
-    """
-    if name not in _PLACES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib import import_module
+    def __getattr__(name: str) -> object:
+        """Imports what a name stands for.
 
-    from eventsweep.installation import refuse_hidden
+        Raises:
+            AttributeError: there is no such name.
+            ImportError: a folder of the user's hides a package of ours.
+        """
+        if name not in _PLACES:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from importlib import import_module
 
-    module, attribute = _PLACES[name].split(":")
-    refuse_hidden(module)
-    value: object = getattr(import_module(module), attribute)
-    globals()[name] = value
-    return value
+        from eventsweep.installation import refuse_hidden
+
+        module, attribute = _PLACES[name].split(":")
+        refuse_hidden(module)
+        value: object = getattr(import_module(module), attribute)
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:

@@ -100,7 +100,7 @@ def test_a_name_that_is_not_public_is_no_attribute():
 
 def test_a_type_checker_sees_what_a_program_gets():
     tree = ast.parse(Path(es.__file__).read_text(encoding="utf-8"))
-    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    block = next(node for node in tree.body if isinstance(node, ast.If))
     seen = {
         alias.asname or alias.name: f"{node.module}:{alias.name}"
         for node in block.body
@@ -313,35 +313,59 @@ def test_the_time_outside_a_trajectory_is_refused(recording):
 # Types
 
 
-@pytest.mark.slow
-def test_a_strict_type_checker_passes_the_pages_examples(tmp_path):
-    """Against the packages as a wheel lays them out: without our settings, and without plugins."""
-    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    packages = settings["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
-    assert all((ROOT / package / "py.typed").exists() for package in packages)
-    venv.create(tmp_path / "venv", symlinks=True)
-    (site,) = (tmp_path / "venv" / "lib").glob("python*/site-packages")
-    for package in packages:
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory) -> Path:
+    """A Python that has our packages as a wheel lays them out, beside the libraries of this one."""
+    home = tmp_path_factory.mktemp("installed")
+    venv.create(home, symlinks=True)
+    (site,) = (home / "lib").glob("python*/site-packages")
+    for package in wheel_packages():
         (site / package).symlink_to(ROOT / package)
     libraries = [path for path in sys.path if path.endswith("site-packages")]
     (site / "libraries.pth").write_text("\n".join(libraries) + "\n")
-    for page in ("tutorial.md", "api.md"):
-        script = tmp_path / page.replace(".md", "_script.py")
-        text = "\n".join(python_blocks(page))
-        typed = text.replace("def least(votes):", "def least(votes: Array) -> Array:")
-        head = "import numpy as np\nfrom numpy.typing import NDArray\nArray = NDArray[np.float32]\n"
-        script.write_text(head + typed)
-        checker = [
-            sys.executable,
-            "-m",
-            "mypy",
-            "--strict",
-            "--config-file=",
-            "--python-executable",
-        ]
-        command = [*checker, str(tmp_path / "venv" / "bin" / "python"), str(script)]
-        environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "MYPYPATH")}
-        done = subprocess.run(
-            command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 0, done.stdout + done.stderr
+    return home / "bin" / "python"
+
+
+def wheel_packages() -> list[str]:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    packages: list[str] = settings["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
+    return packages
+
+
+def test_every_package_says_that_it_has_types():
+    assert [name for name in wheel_packages() if not (ROOT / name / "py.typed").exists()] == []
+
+
+def strictly_checked(python: Path, script: Path) -> "subprocess.CompletedProcess[str]":
+    """Runs mypy as users do: without our settings, and without pydantic's plugin."""
+    options = ["--strict", "--config-file=", "--python-executable", str(python)]
+    return subprocess.run(
+        [sys.executable, "-m", "mypy", *options, str(script)],
+        cwd=script.parent,
+        env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("page", ["tutorial.md", "api.md"])
+def test_a_strict_type_checker_passes_the_examples(installed, page, tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text("\n".join(python_blocks(page)))
+    done = strictly_checked(installed, script)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_type_checker_sees_wrong_names_and_types(installed, tmp_path):
+    script = tmp_path / "script.py"
+    lines = [
+        "import eventsweep as es",
+        "es.MapperConfig(planez=3)",
+        'es.SimConfig(duration_s="long")',
+        'points: int = es.map_window("a")',
+        "es.map_windwo",
+    ]
+    script.write_text("\n".join(lines))
+    said = strictly_checked(installed, script).stdout
+    assert [f"script.py:{k}: error" in said for k in range(1, 6)] == [False] + [True] * 4
