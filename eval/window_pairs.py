@@ -74,7 +74,7 @@ def window_pairs(
     info = window.info
     stretch = Window(info.t0_us, info.t1_us, info.t_ref_us, ())
     maps = {method: window.depth_map(method) for method in info.methods}
-    return pairs_of_maps(sequence, stretch, maps, config, given)
+    return pairs_of_maps(sequence, stretch, maps, config, predictions)
 
 
 def pairs_of_maps(
@@ -82,7 +82,7 @@ def pairs_of_maps(
     window: Window,
     maps: Mapping[str, DepthMap],
     config: EvalConfig,
-    given: Mapping[str, Estimate] = NOTHING_GIVEN,
+    predictions: Mapping[str, Estimate] = NOTHING_GIVEN,
 ) -> dict[str, MethodPairs]:
     """The same of depth maps in memory; `window` is the stretch of time that they were made of."""
     t_us = window.t_ref_us

@@ -11,9 +11,9 @@ from emvs.output import StoredMap
 from emvs.result import WindowResult
 from eval import folders, runner
 from eval.config import EvalConfig
+from eval.metric_versions import metric_versions
 from eval.results import Results
 from eval.score import case_rows
-from eval.stage_score import metric_versions
 from eval.window_pairs import pairs_of_maps
 from eventsweep.mapping import opened
 
