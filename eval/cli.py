@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 
 from cyclopts import CycloptsError
 
 from emvs.errors import InputError
 from emvs.parameters import explain
-from eval import commands, settings
+from eval import settings
 from eval.app import app
 from eval.exits import exit_code
 
-__all__ = ["commands", "main"]  # importing the commands registers them
+VERBS = (
+    "compare", "convert", "fuse", "gate", "info", "inventory", "map", "report", "run", "score",
+    "simulate", "study", "suite",
+)  # fmt: skip
+for _verb in VERBS:  # importing its module registers a verb
+    import_module(f"eval.commands.{_verb}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

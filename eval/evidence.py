@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data import se3
-from emvs.data.sequence import Sequence
+from emvs.data.sequence import Sequence as EventSequence
 from eval.geometry import Flags, Floats, Pixels, pixel_of
 from eval.masks import log_gradient, on_view
 from eval.seen import EventCounts
@@ -41,7 +41,7 @@ class Evidence:
         contrast: gradient of log intensity that makes an edge, 1/px.
     """
 
-    sequence: Sequence
+    sequence: EventSequence
     t_us: int
     counts: tuple[EventCounts, ...]
     truth_m: NDArray[np.floating]

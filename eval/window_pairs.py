@@ -7,7 +7,7 @@ from dataclasses import replace
 from itertools import repeat
 from types import MappingProxyType
 
-from emvs.data.sequence import Sequence
+from emvs.data.sequence import Sequence as EventSequence
 from emvs.depthmap import DepthMap
 from emvs.output import StoredWindow
 from emvs.window import Window
@@ -87,7 +87,7 @@ def pairs_of_maps(
     """The same of depth maps in memory; `window` is the stretch of time that they were made of."""
     t_us = window.t_ref_us
     truth = truth_of(sequence, t_us, config)
-    if isinstance(sequence, Sequence):
+    if isinstance(sequence, EventSequence):
         truth = replace(truth, regions=region_masks(sequence, t_us, truth.depth_m, config))
     estimates = {
         method: Estimate(depth_map.depth_m, depth_map.mask, depth_map.confidence, depth_map.rho)
@@ -95,7 +95,7 @@ def pairs_of_maps(
     }
     estimates |= predictions
     pairs = pair_methods(estimates, truth)
-    if not isinstance(sequence, Sequence):
+    if not isinstance(sequence, EventSequence):
         return pairs
     evidence = _evidence(sequence, window, next(iter(maps.values())), truth, config)
     return {
@@ -108,7 +108,7 @@ def pairs_of_maps(
 
 
 def _evidence(
-    sequence: Sequence, window: Window, depth_map: DepthMap, truth: Truth, config: EvalConfig
+    sequence: EventSequence, window: Window, depth_map: DepthMap, truth: Truth, config: EvalConfig
 ) -> Evidence:
     counts = (
         count_events(sequence, camera, window.t0_us, window.t1_us)

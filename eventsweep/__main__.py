@@ -18,9 +18,9 @@ def main() -> None:
         refuse_hidden(PACKAGES[-1])
     except ImportError as error:
         sys.exit(f"eventsweep: {error}")
-    from eval import cli
+    from eval.cli import main as command
 
-    cli.main()
+    command()
 
 
 if __name__ == "__main__":

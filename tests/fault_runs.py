@@ -46,7 +46,7 @@ def gate(copy, cache, *arguments):
 def run(copy, *arguments):
     """Runs the command of a copy of the packages, and ends it and its workers after `LIMIT_S`."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "eval.cli", *map(str, arguments)],
+        [sys.executable, "-m", "eventsweep", *map(str, arguments)],
         cwd=copy,
         env={**os.environ, "PYTHONPATH": str(copy), "GITHUB_STEP_SUMMARY": ""},
         stdout=subprocess.PIPE,

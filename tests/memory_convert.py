@@ -49,7 +49,7 @@ def convert(source, target, to):
     """One conversion; returns its peak, MB."""
     words = ["convert", str(source), str(target), "--to", to, "--quiet"]
     size = ["--width-px", str(SIZE_PX[0]), "--height-px", str(SIZE_PX[1])]
-    return peak_mb([sys.executable, "-m", "eval.cli", *words, *size])
+    return peak_mb([sys.executable, "-m", "eventsweep", *words, *size])
 
 
 def run_chain(folder, count, chain=CHAIN):

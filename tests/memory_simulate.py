@@ -52,7 +52,7 @@ def peaks_mb(command: list[str], quarters: int = 4) -> list[float]:
 def main(scene: str, rig: str, seconds: str, workers: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "sequence"
-        command = [sys.executable, "-m", "eval.cli", "simulate", scene, "--rig", rig]
+        command = [sys.executable, "-m", "eventsweep", "simulate", scene, "--rig", rig]
         command += ["--seconds", seconds, "--workers", workers, "--out", str(out), "--quiet"]
         began_s = time.perf_counter()
         peaks = peaks_mb(command)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = ("emvs", "sim", "scenes", "eval")
+PACKAGES = ("emvs", "sim", "scenes", "eval", "eventsweep")
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from eval import runner
 from eval.cli import main
 from eval.exits import with_flags
 
-COMMAND = [sys.executable, "-m", "eval.cli"]
+COMMAND = [sys.executable, "-m", "eventsweep"]
 CAMERA = Camera(40, 30, 30, 30, 19.5, 14.5)
 
 
