@@ -195,7 +195,7 @@ class StoredMap:
         state = "" if self.info.complete else ", unfinished"
         return (
             f"StoredMap({str(self.path)!r}, of {self.info.recording.name}: {len(self.windows)} "
-            f"windows{state}; methods: {methods})"
+            f"window{'s' * (len(self.windows) != 1)}{state}; methods: {methods})"
         )
 
 

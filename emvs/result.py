@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
 from emvs.depthmap import DepthMap
-from emvs.errors import InputError
+from emvs.errors import ByName
 from emvs.rays import RayCounts
 from emvs.sweep import VoteCounts
 from emvs.view import ReferenceView
@@ -45,13 +45,6 @@ class CameraCounts:
         }
 
 
-class _ByMethod(dict[str, DepthMap]):
-    """Depth maps by method; a name that is not there is refused in one line."""
-
-    def __missing__(self, method: str) -> DepthMap:
-        raise InputError(f"no method {method!r} was mapped, there are {', '.join(self)}")
-
-
 @dataclass(frozen=True, eq=False)
 class WindowResult:
     """One window, mapped.
@@ -79,7 +72,7 @@ class WindowResult:
     device: str = "cpu"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "depth_maps", _ByMethod(self.depth_maps))
+        object.__setattr__(self, "depth_maps", ByName("method", self.depth_maps))
 
     def __repr__(self) -> str:
         camera, window = self.view.camera, self.window

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
+from emvs.errors import ByName
 from eval.cells import CELL_METRICS
 from eval.coverage import COVERAGE_METRICS
 from eval.curves import CURVE_METRICS
@@ -28,9 +29,10 @@ REGION_NAMES = (
     "outlier_share",
     "f1_5cm",
 )
-ALL_METRICS: dict[str, Metric] = {
-    metric.name: metric for metric in (*METRICS, *CELL_METRICS, *CURVE_METRICS, *COVERAGE_METRICS)
-}
+ALL_METRICS: dict[str, Metric] = ByName(
+    "metric",
+    {one.name: one for one in (*METRICS, *CELL_METRICS, *CURVE_METRICS, *COVERAGE_METRICS)},
+)
 
 
 @dataclass(frozen=True, slots=True)

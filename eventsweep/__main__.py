@@ -17,7 +17,8 @@ def main() -> None:
     try:
         refuse_hidden(PACKAGES[-1])
     except ImportError as error:
-        sys.exit(f"eventsweep: {error}")
+        sys.stderr.write(f"eventsweep: {error}\n")
+        sys.exit(2)
     from eval.cli import main as command
 
     command()

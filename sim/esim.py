@@ -33,12 +33,18 @@ class EventSimulator:
     References are kept as counts of crossings from the first frame, so they carry no drift.
     """
 
-    def __init__(self, width_px: int, height_px: int, config: SimConfig) -> None:
+    def __init__(self, width_px: int, height_px: int, config: SimConfig | None = None) -> None:
+        if width_px < 1 or height_px < 1:
+            raise InputError(f"a sensor of {width_px} x {height_px} px: both must be at least 1")
         self._shape = (height_px, width_px)
-        self._config = config
+        self._config = SimConfig.or_default(config)
         self._t_us: int | None = None
         self.suppressed = 0
         """Crossings so far that fell into a refractory period."""
+
+    def __repr__(self) -> str:
+        rows, columns = self._shape
+        return f"EventSimulator({columns} x {rows} px, last frame at {self._t_us} µs)"
 
     def start(self, intensity: NDArray[np.float32], t_us: int) -> None:
         """Takes the first frame (H, W), linear, full scale 1: it sets every pixel's reference."""

@@ -205,6 +205,12 @@ def test_everything_says_what_it_is(recording, result):
     )
 
 
+def test_an_event_simulator_says_where_it_is():
+    pixels = es.EventSimulator(4, 3)
+    pixels.start(np.ones((3, 4), np.float32), t_us=7)
+    assert repr(pixels) == "EventSimulator(4 x 3 px, last frame at 7 µs)"
+
+
 def test_a_map_on_disk_says_what_it_is(folder, tmp_path):
     config = es.MapperConfig(methods=METHODS, planes=20, window_s=0.2)
     stored = es.map_windows(str(folder), str(tmp_path / "map"), config, clouds=False)
@@ -255,6 +261,10 @@ def refused(call) -> str:
         (lambda: es.simulate("desk", "o", es.MapperConfig()), "needs SimConfig(...)"),
         (lambda: es.register_method(es.Method.from_function("x", len, "y")), "method name 'x'"),
         (lambda: es.score("nowhere"), "nowhere: no maps"),
+        (lambda: es.EventSimulator(0, 3), "a sensor of 0 x 3 px"),
+        (lambda: es.EventSimulator(4, 3, es.MapperConfig()), "needs SimConfig(...)"),
+        (lambda: es.METRICS["mean_eror"], "no metric 'mean_eror': did you mean mean_error?"),
+        (lambda: es.METRICS["x"], "no metric 'x': there are points, completeness"),
         (lambda: es.Camera(0, 3, 1, 1, 1, 1), "camera of 0x3 px"),
     ],
 )
@@ -285,7 +295,7 @@ def test_a_camera_that_is_not_there_is_refused(recording, read, camera):
 
 
 def test_what_does_not_fit_together_is_refused(recording, result, folder):
-    assert "there are Alg1/H, EMVS/cam0" in refused(lambda: result.depth_maps["Alg1/A"])
+    assert "did you mean Alg1/H?" in refused(lambda: result.depth_maps["Alg1/A"])
     assert result.depth_maps.get("Alg1/A") is None
     assert "score(result, recording)" in refused(lambda: es.score(result))
     assert "leave it out" in refused(lambda: es.score("map", recording))

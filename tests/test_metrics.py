@@ -310,5 +310,5 @@ def test_configuration_refuses_reversed_limits_and_unknown_keys():
     assert EvalConfig(min_truth_depth_m=0.5).truth_limits_m == (0.5, float("inf"))
     with pytest.raises(ValueError, match="below"):
         EvalConfig(min_truth_depth_m=4, max_truth_depth_m=1)
-    with pytest.raises(ValueError, match="extra"):
+    with pytest.raises(ValueError, match="unknown key ranking; did you mean ranking_metric"):
         EvalConfig(ranking="rmse")

@@ -132,6 +132,16 @@ def test_the_library_says_so_when_the_other_package_was_imported_before(tmp_path
     assert last.startswith(f"ImportError: {tmp_path / 'eval'} is not eventsweep's own package eval")
 
 
+def test_the_command_line_says_so_too(tmp_path):
+    (tmp_path / "eval").mkdir()
+    (tmp_path / "eval" / "__init__.py").touch()
+    code = "from eval import __file__; from eventsweep.__main__ import main; main()"
+    done = python(tmp_path, "-c", code, "list")
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"eventsweep: {tmp_path / 'eval'} is not eventsweep's own")
+    assert done.stderr.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     "name", ["open_recording", "MapperConfig", "map_window", "DepthMap", "InputError", "methods"]
 )
