@@ -1,8 +1,10 @@
 """The compiled loop that turns events and poses into rays."""
 
-# Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return"
+# mypy: disable-error-code="call-arg, no-any-return, no-untyped-call, no-untyped-def"
 
+from __future__ import annotations
+
+# Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
 import numpy as np
 from numba import njit, prange
 
@@ -10,6 +12,7 @@ import emvs.threads  # noqa: F401  (names the threading layer before the kernels
 
 VOTES, NO_POSE, NO_RAY, BACKWARDS = range(4)
 BLOCK = 4096
+BLOCK = 1 << 17
 
 
 @njit(cache=True)
@@ -117,3 +120,45 @@ def rays(
             b_v[k] = fy * (place[1] - dy * place[2])
             c_z[k] = place[2]
             fate[k] = VOTES
+
+
+@njit(cache=True)
+def _band(v, rows, bands):
+    """The band of image row `v`; what lies outside the image, or nowhere, goes to the ends."""
+    if not v > np.float32(0):
+        return 0
+    return bands - 1 if v >= np.float32(rows * bands) else np.int64(v) // rows
+
+
+@njit(parallel=True, cache=True)
+def count_bands(a_v, b_v, rho, rows, bands, counts):
+    """Counts each block's rays by band.
+
+    Arrays:
+        a_v, b_v: (N,) float32.
+        counts: (blocks, bands) int64 zeros, filled.
+    """
+    for block in prange(counts.shape[0]):
+        for k in range(block * BLOCK, min((block + 1) * BLOCK, len(a_v))):
+            counts[block, _band(a_v[k] + rho * b_v[k], rows, bands)] += 1
+
+
+@njit(parallel=True, cache=True)
+def move_to_bands(a_v, b_v, rho, rows, bands, place, columns, ordered):
+    """Moves each ray to the next free place of its band.
+
+    Arrays:
+        a_v, b_v: (N,) float32.
+        place: (blocks, bands) int64, where each block's first ray of a band goes; counted up.
+        columns, ordered: five (N,) float32 each, read and filled.
+    """
+    for block in prange(place.shape[0]):
+        for k in range(block * BLOCK, min((block + 1) * BLOCK, len(a_v))):
+            band = _band(a_v[k] + rho * b_v[k], rows, bands)
+            to = place[block, band]
+            place[block, band] = to + 1
+            ordered[0][to] = columns[0][k]
+            ordered[1][to] = columns[1][k]
+            ordered[2][to] = columns[2][k]
+            ordered[3][to] = columns[3][k]
+            ordered[4][to] = columns[4][k]

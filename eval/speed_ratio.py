@@ -5,9 +5,6 @@ a mapper does, arithmetic and scattered additions into an image that fits no fir
 are counted in CPU time of one thread, one right after the other, and the ratio is kept.
 """
 
-# Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return"
-
 from __future__ import annotations
 
 import time
@@ -15,30 +12,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 import emvs.threads  # noqa: F401  (names the threading layer before the kernel compiles)
 from emvs.config import MapperConfig
 from emvs.io import open_recording
 from emvs.mapper import map_window
+from eval.speed_kernels import calibration
 
 REPEATS = 3
 _VOTES, _CELLS = 60_000_000, 1 << 17
-
-
-@njit(cache=True)
-def calibration(image, votes):
-    """Adds `votes` weights to four neighbouring cells each of `image`, (N,) float32, N = 2^k."""
-    mask = np.uint32(len(image) - 1)
-    state = np.uint32(12345)
-    for _ in range(votes):
-        state = np.uint32(state * np.uint32(1664525) + np.uint32(1013904223))
-        share = np.float32(state & np.uint32(1023)) / np.float32(1024)
-        cell = (state >> np.uint32(10)) & mask
-        image[cell] += share
-        image[(cell + np.uint32(1)) & mask] += np.float32(1) - share
-        image[(cell + np.uint32(512)) & mask] += share * share
-        image[(cell + np.uint32(513)) & mask] += share - share * share
 
 
 def map_ratios(sequence: Path, config: MapperConfig, repeats: int = REPEATS) -> tuple[float, ...]:

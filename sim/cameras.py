@@ -12,7 +12,7 @@ from emvs.data.events import Events
 from sim.chunks import RenderedFrame, RenderJob
 from sim.parts import State
 from sim.sensor import Sensor, part_of
-from sim.truth import depth_at_events
+from sim.truth_kernels import depth_at_events
 
 # Within half a pixel of motion, inverse depth of one surface changes by less than this share.
 _SAME_SURFACE = 0.02

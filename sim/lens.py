@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -93,85 +92,6 @@ def lens_map(camera: Camera, supersample: int) -> LensMap:
     position[..., 1] = height - 1 - position[..., 1]
     step[..., 1, :] *= -1
     return LensMap(source, position.astype(np.float32), step.astype(np.float32))
-
-
-@numba.njit(cache=True, nogil=True)
-def resample(
-    luma: NDArray[np.float32],
-    window_depth: NDArray[np.float32],
-    position: NDArray[np.float32],
-    step: NDArray[np.float32],
-    supersample: int,
-    intensity: NDArray[np.float32],
-    nearest: NDArray[np.float32],
-) -> None:
-    """Fills `intensity` with each pixel's mean light and `nearest` with its nearest sample.
-
-    A pixel is the mean of supersample² positions spread evenly over it, each interpolated
-    bilinearly; `nearest` is the largest window depth of all samples that took part.
-
-    Args:
-        luma: (Hs, Ws) light of the samples, bottom row first.
-        window_depth: (Hs, Ws) window depth of the samples, 1 near and 0 far.
-        position: `LensMap.position`.
-        step: `LensMap.step`.
-        supersample: positions per pixel and axis.
-        intensity: out, (H, W).
-        nearest: out, (H, W).
-    """
-    height, width = intensity.shape
-    share = np.float32(1.0 / (supersample * supersample))
-    for v in range(height):
-        for u in range(width):
-            total = np.float32(0.0)
-            near = np.float32(0.0)
-            for k in range(supersample):
-                dv = np.float32((k + 0.5) / supersample - 0.5)
-                for m in range(supersample):
-                    du = np.float32((m + 0.5) / supersample - 0.5)
-                    x = position[v, u, 0] + step[v, u, 0, 0] * du + step[v, u, 0, 1] * dv
-                    y = position[v, u, 1] + step[v, u, 1, 0] * du + step[v, u, 1, 1] * dv
-                    j, i = int(x), int(y)
-                    a, b = x - np.float32(j), y - np.float32(i)
-                    below = luma[i, j] + a * (luma[i, j + 1] - luma[i, j])
-                    above = luma[i + 1, j] + a * (luma[i + 1, j + 1] - luma[i + 1, j])
-                    total += below + b * (above - below)
-                    near = max(near, window_depth[i, j], window_depth[i, j + 1])
-                    near = max(near, window_depth[i + 1, j], window_depth[i + 1, j + 1])
-            intensity[v, u] = total * share
-            nearest[v, u] = near
-
-
-@numba.njit(cache=True, nogil=True)
-def centre_depth(
-    window_depth: NDArray[np.float32],
-    position: NDArray[np.float32],
-    found: NDArray[np.float32],
-) -> None:
-    """Fills `found` (H, W) with the window depth at each pixel's centre.
-
-    Window depth is affine in the pinhole picture on every plane, so the plane through the sample
-    nearest to the centre is followed there: exact on planes, and never a mean of two surfaces. Of
-    the two slopes around that sample along each axis the flatter counts, which is that of its own
-    surface beside a depth edge. An edge lies wrong by half a sample at most.
-
-    Args:
-        window_depth: (Hs, Ws) window depth of the samples, 1 near and 0 far.
-        position: `LensMap.position`.
-        found: out, (H, W).
-    """
-    height, width = found.shape
-    for v in range(height):
-        for u in range(width):
-            x, y = position[v, u, 0], position[v, u, 1]
-            j, i = int(x + np.float32(0.5)), int(y + np.float32(0.5))
-            here = window_depth[i, j]
-            before, behind = here - window_depth[i, j - 1], window_depth[i, j + 1] - here
-            along = before if abs(before) <= abs(behind) else behind
-            before, behind = here - window_depth[i - 1, j], window_depth[i + 1, j] - here
-            across = before if abs(before) <= abs(behind) else behind
-            moved = here + (x - np.float32(j)) * along + (y - np.float32(i)) * across
-            found[v, u] = max(moved, np.float32(0.0)) if here > 0.0 else np.float32(0.0)
 
 
 def nearest_samples(lens: LensMap, samples: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from emvs.data.camera import Camera
 from emvs.data.rig import Rig
 from emvs.errors import InputError
-from sim import lens, pixels, views
+from sim import lens, pixel_kernels, pixels, views
 from sim.float_target import FloatTarget
 from sim.graphics import current_driver, import_mujoco, open_context
 
@@ -128,12 +128,14 @@ class StereoRenderer:
         full_scale = 255.0 if self._floats is None else 1.0
         if mapped is None:
             rgb, window_depth = self._draw(seen, camera, T_world_body, self.supersample)
-            pixels.average(rgb, window_depth, self.supersample, intensity, nearest, full_scale)
+            pixel_kernels.average(
+                rgb, window_depth, self.supersample, intensity, nearest, full_scale
+            )
         else:
             rgb, window_depth = self._draw(mapped.source, camera, T_world_body)
             luma = np.empty_like(window_depth)
-            pixels.luma(rgb, full_scale, luma)
-            lens.resample(
+            pixel_kernels.luma(rgb, full_scale, luma)
+            pixel_kernels.resample(
                 luma, window_depth, mapped.position, mapped.step, self._lens_samples,
                 intensity, nearest,
             )  # fmt: skip
@@ -163,7 +165,7 @@ class StereoRenderer:
             else:
                 _, samples = self._draw(mapped.source, camera, T_world_body)
                 window_depth = np.empty(mapped.position.shape[:2], np.float32)
-                lens.centre_depth(samples, mapped.position, window_depth)
+                pixel_kernels.centre_depth(samples, mapped.position, window_depth)
         return pixels.metric_depth(window_depth, self._near_m, self._far_m)
 
     def segmentation(self, camera: int, T_world_body: Pose) -> NDArray[np.int32]:

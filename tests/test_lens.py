@@ -13,7 +13,7 @@ from emvs.data import se3
 from emvs.data.camera import Camera
 from emvs.data.rig import Rig
 from emvs.errors import InputError
-from sim import lens
+from sim import lens, pixel_kernels
 from sim.displacement import largest_displacement_px
 from sim.graphics import import_mujoco
 from sim.motion import look_at
@@ -195,11 +195,11 @@ def test_kernels_equal_their_twins():
     luma = rng.random(shape, np.float32)
     window_depth = rng.random(shape, np.float32) * (rng.random(shape) > 0.2).astype(np.float32)
     intensity, nearest, centre = np.empty((3, 9, 12), np.float32)
-    lens.resample(luma, window_depth, mapped.position, mapped.step, 3, intensity, nearest)
+    pixel_kernels.resample(luma, window_depth, mapped.position, mapped.step, 3, intensity, nearest)
     expected = naive_lens.resample(luma, window_depth, mapped.position, mapped.step, 3)
     np.testing.assert_allclose(intensity, expected[0], atol=2e-5)
     assert np.array_equal(nearest, expected[1])
-    lens.centre_depth(window_depth, mapped.position, centre)
+    pixel_kernels.centre_depth(window_depth, mapped.position, centre)
     expected_depth = naive_lens.centre_depth(window_depth, mapped.position)
     np.testing.assert_allclose(centre, expected_depth, atol=1e-6)
 

@@ -10,7 +10,7 @@ import pytest
 from emvs.data import se3
 from emvs.data.rig import Rig
 from emvs.errors import InputError
-from sim import graphics, pixels
+from sim import graphics, pixel_kernels, pixels
 from sim.graphics import import_mujoco
 from sim.motion import look_at
 from sim.renderer import StereoRenderer
@@ -162,7 +162,7 @@ def test_average_equals_its_twin(supersample):
     rgb = rng.integers(0, 256, (*shape, 3), np.uint8)
     window_depth = rng.random(shape, np.float32)
     intensity, nearest = np.empty((5, 7), np.float32), np.empty((5, 7), np.float32)
-    pixels.average(rgb, window_depth, supersample, intensity, nearest)
+    pixel_kernels.average(rgb, window_depth, supersample, intensity, nearest)
     expected = naive_pixels.average(rgb, window_depth, supersample)
     np.testing.assert_allclose(intensity, expected[0], rtol=0, atol=1e-6)
     assert np.array_equal(nearest, expected[1])

@@ -14,6 +14,7 @@ from emvs.data.events import Events
 from emvs.data.rig import Rig
 from emvs.errors import InputError
 from emvs.rivals import esvo
+from emvs.rivals.esvo_kernels import compatible, fuse_two
 from emvs.rivals.esvo_look import Looked
 from emvs.rivals.esvo_match import match_blocks
 from emvs.rivals.esvo_parameters import (
@@ -25,7 +26,7 @@ from emvs.rivals.esvo_parameters import (
 )
 from emvs.rivals.esvo_refine import Lines, Refined, refine
 from emvs.rivals.esvo_regularise import regularised
-from emvs.rivals.esvo_student_t import Estimates, compatible, fuse_into, fuse_two, propagate
+from emvs.rivals.esvo_student_t import Estimates, fuse_into, propagate
 from emvs.threads import use_threads
 from emvs.view import reference_view
 from emvs.window import choose_window

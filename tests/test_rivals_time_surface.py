@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from emvs.data.events import Events
 from emvs.errors import InputError
-from emvs.rivals.time_surface import NEVER_US, TimeSurface
+from emvs.rivals.time_surface import TimeSurface
+from emvs.rivals.time_surface_kernels import NEVER_US
 
 WIDTH, HEIGHT = 7, 5
 

@@ -20,7 +20,7 @@ from emvs.data.sequence import Sequence
 from emvs.errors import InputError
 from eval.config import EvalConfig
 from eval.folders import truth_of
-from sim import truth
+from sim import truth, truth_kernels
 from sim.config import SimConfig
 from sim.consistency import warped
 from sim.generate import simulate
@@ -228,7 +228,7 @@ def test_event_depth_equals_its_twin(seed):
     x, y = rng.integers(0, 7, 20, np.uint16), rng.integers(0, 5, 20, np.uint16)
     events = Events(x, y, t_us, np.zeros(20, np.uint8))
     depth_m = np.empty(20, np.float32)
-    truth.depth_at_events(before_m, after_m, 100, 900, x, y, t_us, 0.02, depth_m)
+    truth_kernels.depth_at_events(before_m, after_m, 100, 900, x, y, t_us, 0.02, depth_m)
     expected = naive_truth.depth_at_events(before_m, after_m, 100, 900, events, 0.02)
     np.testing.assert_allclose(depth_m, expected, rtol=1e-6)
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from emvs.data import se3
 from emvs.data.events import Events
 from emvs.data.recording import Recording
+from emvs.rivals.esvo_kernels import deviation_of
 from emvs.rivals.esvo_match import match_blocks
 from emvs.rivals.esvo_parameters import EsvoParameters
 from emvs.rivals.esvo_refine import Lines, Refined, refine
-from emvs.rivals.esvo_student_t import deviation_of
 from emvs.rivals.rectify import Rectified
 from emvs.rivals.semi_global import disparity_range_px
 from emvs.rivals.time_surface import TimeSurface

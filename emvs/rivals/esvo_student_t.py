@@ -5,19 +5,16 @@ one again. The bulk of an estimate lies within twice its standard deviation, whi
 `s sqrt(nu / (nu - 2))`.
 """
 
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return"
-
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from emvs.rivals.esvo_kernels import fuse
 
-_WIDTHS = 2.0  # of 95 percent
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,30 +47,6 @@ class Estimates:
         """Standard deviation of inverse depth, 1/m."""
         with np.errstate(invalid="ignore", divide="ignore"):
             return self.scale * np.sqrt(self.dof / (self.dof - 2))
-
-
-@njit(cache=True)
-def deviation_of(scale, dof):
-    """Standard deviation of a Student t distribution with more than 2 degrees of freedom."""
-    return scale * np.sqrt(dof / (dof - 2))
-
-
-@njit(cache=True)
-def compatible(rho_a, dev_a, rho_b, dev_b):
-    """Whether either mean lies within two standard deviations of the other."""
-    return abs(rho_a - rho_b) <= _WIDTHS * max(dev_a, dev_b)
-
-
-@njit(cache=True)
-def fuse_two(rho_a, scale_a, dof_a, rho_b, scale_b, dof_b):
-    """Mean, scale and degrees of freedom of the fused distribution."""
-    dof = min(dof_a, dof_b)
-    square_a, square_b = scale_a * scale_a, scale_b * scale_b
-    both = square_a + square_b
-    rho = (square_a * rho_b + square_b * rho_a) / both
-    apart = (rho_a - rho_b) ** 2 / both
-    square = (dof + apart) / (dof + 1) * square_a * square_b / both
-    return rho, np.sqrt(square), dof + 1
 
 
 def propagate(
@@ -119,38 +92,7 @@ def fuse_into(
         The map with the points.
     """
     fused = Estimates(*(getattr(known, name).copy() for name in Estimates.__dataclass_fields__))
-    _fuse(
+    fuse(
         uv_px, rho, scale, spread, dof, fused.rho, fused.scale, fused.dof, fused.count, fused.spread
     )
     return fused
-
-
-@njit(cache=True)
-def _fuse(
-    uv_px, rho, scale, spread, dof, out_rho, out_scale, out_dof, out_count, out_spread
-):  # fmt: skip
-    """In the order of the points; two of them may meet in one pixel."""
-    height, width = out_rho.shape
-    for k in range(len(rho)):
-        u, v = uv_px[k, 0], uv_px[k, 1]
-        if not (rho[k] > 0 and scale[k] > 0 and -1 < u < width and -1 < v < height):
-            continue
-        new = deviation_of(scale[k], dof)
-        for j in range(int(np.floor(v)), int(np.floor(v)) + 2):
-            for i in range(int(np.floor(u)), int(np.floor(u)) + 2):
-                if i < 0 or j < 0 or i >= width or j >= height:
-                    continue
-                old = deviation_of(out_scale[j, i], out_dof[j, i]) if out_count[j, i] else np.inf
-                if out_count[j, i] and compatible(out_rho[j, i], old, rho[k], new):
-                    fused = fuse_two(
-                        out_rho[j, i], out_scale[j, i], out_dof[j, i], rho[k], scale[k], dof
-                    )
-                    out_rho[j, i], out_scale[j, i], out_dof[j, i] = fused
-                    out_count[j, i] += 1
-                    out_spread[j, i] = min(out_spread[j, i], spread[k])
-                    continue
-                behind = out_count[j, i] and out_rho[j, i] - _WIDTHS * old > rho[k]
-                better = new < old and (not out_count[j, i] or spread[k] < out_spread[j, i])
-                if better and not behind:
-                    out_rho[j, i], out_scale[j, i], out_dof[j, i] = rho[k], scale[k], dof
-                    out_count[j, i], out_spread[j, i] = 1, spread[k]

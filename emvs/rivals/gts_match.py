@@ -5,17 +5,14 @@ Neuroscience 2018: the energy of a pair sums the distance from the epipolar line
 time and the difference in motion; the fourth term, grey levels, needs a sensor that measures them.
 """
 
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return"
-
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
-import emvs.threads  # noqa: F401
+from emvs.rivals.gts_kernels import search
 from emvs.rivals.parameters import Coincidence
 
 Floats = NDArray[np.float64]
@@ -68,7 +65,7 @@ def _best(
     out, energy = np.empty(len(one.t_us), np.int64), np.empty(len(one.t_us))
     order, start = _by_row(other.uv_px)
     widths = settings.row_px, settings.time_us, settings.motion, settings.most_energy
-    _search(
+    search(
         one.uv_px, one.t_us, one.p, one.slope, other.uv_px, other.t_us, other.p, other.slope,
         order, start, low, high, widths, out, energy,
     )  # fmt: skip
@@ -82,53 +79,3 @@ def _by_row(uv_px: Floats) -> tuple[Indices, Indices]:
     order = np.argsort(row, kind="stable")
     rows = int(row.max(initial=0)) + 1
     return order, np.searchsorted(row[order], np.arange(rows + 1))
-
-
-@njit(cache=True)
-def _energy(dv, dt, one, other, widths):
-    """Energy of a pair without the check of its disparity."""
-    row, time, motion, _ = widths
-    length = one[0] ** 2 + one[1] ** 2 + other[0] ** 2 + other[1] ** 2
-    apart = (one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2
-    moved = 2 * apart / (length + 1e-12)
-    return (dv / row) ** 2 + (dt / time) ** 2 + moved / (motion * motion)
-
-
-@njit(cache=True)
-def _not_before(t_us, order, low, high, first_us):
-    """First place in low..high of `order` whose event is not before `first_us`."""
-    while low < high:
-        half = (low + high) // 2
-        if t_us[order[half]] < first_us:
-            low = half + 1
-        else:
-            high = half
-    return low
-
-
-@njit(cache=True, parallel=True)
-def _search(
-    uv, t_us, p, slope, o_uv, o_t_us, o_p, o_slope, order, start, low, high, widths, out, energy
-):
-    """Fills the best partner, -1 for none, and its energy; of equals the earlier row and event."""
-    row_px, time_us, _, most = widths
-    reach = int(np.ceil(2 * row_px)) + 1
-    for k in prange(len(t_us)):
-        out[k], energy[k] = -1, most
-        if np.isnan(slope[k, 0]) or np.isnan(uv[k, 0]):
-            continue
-        middle = int(np.floor(uv[k, 1] + 0.5))
-        for row in range(max(0, middle - reach), min(len(start) - 2, middle + reach) + 1):
-            first = _not_before(o_t_us, order, start[row], start[row + 1], t_us[k] - 2 * time_us)
-            for n in range(first, start[row + 1]):
-                m = order[n]
-                if o_t_us[m] > t_us[k] + 2 * time_us:
-                    break
-                du, dv = uv[k, 0] - o_uv[m, 0], uv[k, 1] - o_uv[m, 1]
-                if o_p[m] != p[k] or not low <= du <= high or abs(dv) > 2 * row_px:
-                    continue
-                if np.isnan(o_slope[m, 0]):
-                    continue
-                value = _energy(dv, float(o_t_us[m] - t_us[k]), slope[k], o_slope[m], widths)
-                if value < energy[k]:
-                    out[k], energy[k] = m, value

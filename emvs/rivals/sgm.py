@@ -19,7 +19,8 @@ from emvs.errors import InputError
 from emvs.rivals.parameters import SgmParameters
 from emvs.rivals.rectify import Rectified
 from emvs.rivals.semi_global import disparity_range_px, match
-from emvs.rivals.time_surface import NEVER_US, TimeSurface
+from emvs.rivals.time_surface import TimeSurface
+from emvs.rivals.time_surface_kernels import NEVER_US
 from emvs.rivals.to_view import Seen, depth_map, see_disparities
 from emvs.view import ReferenceView
 from emvs.window import Window

@@ -4,27 +4,22 @@
 median that the published ESVO (Zhou, Gallego, Shen, TRO 2021) uses, polarity ignored.
 """
 
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return"
-
 from __future__ import annotations
 
 from typing import Literal, get_args
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
 from emvs.errors import InputError
+from emvs.rivals.time_surface_kernels import NEVER_US, decay, stamp
 
 Polarity = Literal["both", "brighter", "darker"]
 Image = NDArray[np.float32]
-
 DECAY_S = 0.03
 MEDIAN_PX = 3
-NEVER_US = np.iinfo(np.int64).min
-
 _WANTED = {"both": -1, "darker": 0, "brighter": 1}
 
 
@@ -79,7 +74,7 @@ class TimeSurface:
             )
         height_px, width_px = self.last_us.shape
         events.checked(width_px, height_px)
-        _stamp(events.x, events.y, events.t_us, events.p, self._wanted, self.last_us)
+        stamp(events.x, events.y, events.t_us, events.p, self._wanted, self.last_us)
         self.newest_us = int(events.t_us[-1])
 
     def at(self, t_us: int, *, smooth: bool = True) -> Image:
@@ -101,13 +96,14 @@ class TimeSurface:
                 "ask before feeding later events"
             )
         surface = np.empty(self.last_us.shape, np.float32)
-        _decay(self.last_us, t_us, self.decay_s * 1e6, surface)
+        decay(self.last_us, t_us, self.decay_s * 1e6, surface)
         return self._smoothed(surface) if smooth else surface
 
     def active(self, t_us: int, within_s: float) -> NDArray[np.bool_]:
         """(H, W) bool, which pixels fired in the last `within_s` before `t_us`."""
         recent: NDArray[np.bool_] = self.last_us >= t_us - round(within_s * 1e6)
-        return recent & (self.last_us != NEVER_US)
+        fired: NDArray[np.bool_] = self.last_us != NEVER_US
+        return recent & fired
 
     def _smoothed(self, surface: Image) -> Image:
         if self.median_px > 1:
@@ -129,22 +125,3 @@ def _check(decay_s: float, polarity: str, median_px: int, blur_sigma_px: float) 
         raise InputError(f"time surface with median_px {median_px}: needs 1, 3 or 5")
     if not (np.isfinite(blur_sigma_px) and blur_sigma_px >= 0):
         raise InputError(f"time surface with blur_sigma_px {blur_sigma_px:g}: must be 0 or more")
-
-
-@njit(cache=True)
-def _stamp(x, y, t_us, p, wanted, out):
-    """Writes each event's time to its pixel; later events overwrite earlier ones."""
-    for k in range(len(t_us)):
-        if wanted < 0 or p[k] == wanted:
-            out[y[k], x[k]] = t_us[k]
-
-
-@njit(cache=True)
-def _decay(last_us, t_us, decay_us, out):
-    """Fills `out` with the decayed age of every pixel."""
-    height, width = last_us.shape
-    for v in range(height):
-        for u in range(width):
-            out[v, u] = 0.0
-            if last_us[v, u] != NEVER_US:
-                out[v, u] = np.exp((last_us[v, u] - t_us) / decay_us)

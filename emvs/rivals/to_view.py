@@ -1,13 +1,10 @@
 """Points of any origin, seen from the reference view: nearest first, one per pixel."""
 
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return"
-
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
@@ -15,6 +12,7 @@ from emvs.data import se3
 from emvs.data.recording import Recording
 from emvs.depthmap import DepthMap, without_border
 from emvs.rivals.rectify import Rectified
+from emvs.rivals.rectify_kernels import splat
 from emvs.view import ReferenceView
 
 Image = NDArray[np.float32]
@@ -52,7 +50,7 @@ def see(
     points_rv = se3.transform(se3.inverse(view.T_world_rv), points_world)
     shape = view.camera.height_px, view.camera.width_px
     depth_m, value = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    _splat(points_rv, values.astype(np.float32), view.camera.K, depth_m, value)
+    splat(points_rv, values.astype(np.float32), view.camera.K, depth_m, value)
     return Seen(depth_m, value)
 
 
@@ -116,22 +114,3 @@ def _nearest_plane(inverse: NDArray[np.floating], rho: Image) -> NDArray[np.int1
     middles = (rho[order][1:] + rho[order][:-1]) / 2
     kind = np.int16 if len(rho) <= np.iinfo(np.int16).max else np.int32
     return order[np.searchsorted(middles, inverse)].astype(kind)
-
-
-@njit(cache=True)
-def _splat(points_rv, values, K, depth_m, value):
-    """Fills `depth_m` and `value` with the nearest point of each pixel; of equals the first."""
-    height, width = depth_m.shape
-    for k in range(len(points_rv)):
-        z = points_rv[k, 2]
-        if not z > 0:
-            continue
-        column = K[0, 0] * points_rv[k, 0] / z + K[0, 2]
-        row = K[1, 1] * points_rv[k, 1] / z + K[1, 2]
-        if not (-0.5 <= column < width - 0.5 and -0.5 <= row < height - 0.5):
-            continue
-        u, v = int(np.floor(column + 0.5)), int(np.floor(row + 0.5))
-        nearer = np.float32(z)
-        if depth_m[v, u] == 0 or nearer < depth_m[v, u]:
-            depth_m[v, u] = nearer
-            value[v, u] = values[k]
