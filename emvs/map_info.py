@@ -9,7 +9,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
-from emvs.data.sequence import Sequence as EventSequence
 from emvs.errors import InputError
 from emvs.map_files import CURE
 
@@ -32,6 +31,9 @@ class RecordingInfo(_Model):
         """What a map folder remembers of its recording; a path beside it is kept relative."""
         path, map_folder = path.resolve(), map_folder.resolve()
         together = path.parent == map_folder.parent
+        # Imported here: HDF5 is a library that reading a map's index does without.
+        from emvs.data.sequence import Sequence as EventSequence
+
         digest = recording.manifest.digest() if isinstance(recording, EventSequence) else None
         place = f"../{path.name}" if together else str(path)
         return cls(name=recording.name, path=place, manifest_sha256=digest)

@@ -440,7 +440,7 @@ def test_a_single_window_that_does_not_get_done_leaves_nothing(tmp_path, stage, 
 def test_a_single_window_never_takes_the_place_of_another_unasked(tmp_path):
     run(tmp_path / "map", with_(**ONE))
     before = all_bytes(tmp_path)
-    with pytest.raises(InputError, match="--force"):
+    with pytest.raises(InputError, match="set force=True to replace it"):
         run(tmp_path / "map", with_(**ONE))
     assert all_bytes(tmp_path) == before
     run(tmp_path / "map", with_(**ONE), force=True)
