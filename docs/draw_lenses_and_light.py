@@ -12,7 +12,8 @@ import numpy as np
 
 import scenes
 from sim.config import SimConfig
-from sim.exposure import ShutterConfig, develop, exposed_for, photograph
+from sim.exposure import develop, exposed_for, photograph
+from sim.frames_config import ShutterConfig
 from sim.renderer import StereoRenderer
 from sim.rigs import RIGS
 

@@ -15,7 +15,7 @@ from emvs.rays import Rays
 from emvs.recipe import Method
 from emvs.running import Maximum, RunningMaxima
 from emvs.sweep import Scratch, VoteCounts, batch_planes, cast_all
-from emvs.threads import use_threads
+from emvs.utils.runtime import use_threads
 from emvs.volume import SliceRecorder
 
 Floats = NDArray[np.float32]

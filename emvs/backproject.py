@@ -13,11 +13,11 @@ from emvs.config import MapperConfig
 from emvs.data.events import Events
 from emvs.data.recording import Recording
 from emvs.errors import InputError
-from emvs.progress import Progress
 from emvs.projector import AnyRays, Caster, Projector
 from emvs.rays import RayCounts
 from emvs.recipe import Split
 from emvs.split import cuts, total, with_left_out
+from emvs.utils.runtime import Progress
 from emvs.view import ReferenceView
 from emvs.window import Window
 

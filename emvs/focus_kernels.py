@@ -6,7 +6,7 @@
 import numpy as np
 from numba import njit, prange
 
-import emvs.threads  # noqa: F401  (names the threading layer before the kernels compile)
+import emvs.utils.runtime  # noqa: F401  (names the threading layer before the kernels compile)
 from emvs.fuse_kernels import fold_row
 
 _ZERO = np.float32(0)

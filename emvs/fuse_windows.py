@@ -8,7 +8,6 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from emvs.atomic import atomic_dir
 from emvs.depthmap import DepthMap
 from emvs.errors import InputError
 from emvs.fuse_config import FuseConfig
@@ -18,6 +17,7 @@ from emvs.mesh import SurfaceFusion, write_mesh
 from emvs.output import StoredMap
 from emvs.pointcloud import back_project_map, depth_colours, without_outliers, write_ply
 from emvs.recipe import file_name
+from emvs.utils.files import atomic_dir
 
 FOLDER = "global"
 _PREFERRED = "Alg1/H"

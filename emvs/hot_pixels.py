@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from emvs.data.events import Events
 from emvs.data.recording import DerivedRecording, Recording
-from emvs.progress import Progress, silent
+from emvs.utils.runtime import Progress, silent
 from emvs.window import time_steps
 
 Mask = NDArray[np.bool_]

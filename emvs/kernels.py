@@ -6,7 +6,7 @@
 import numpy as np
 from numba import njit, prange
 
-import emvs.threads  # noqa: F401  (names the threading layer before the kernels compile)
+import emvs.utils.runtime  # noqa: F401  (names the threading layer before the kernels compile)
 from emvs.intrinsics import add_pair, prefetch
 
 # A thousand rays (16 kB) stay in L1 while every plane of the pass reads them again.

@@ -19,10 +19,10 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from emvs.atomic import atomic_dir, atomic_path
 from emvs.data.recording import Recording
 from emvs.errors import InputError
 from emvs.map_info import MapInfo, WindowInfo, read_info
+from emvs.utils.files import atomic_dir, atomic_path
 
 _INDEX, _ENTRY = "map.json", "window.json"
 _ENTRIES = '  "windows": []'

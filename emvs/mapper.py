@@ -18,12 +18,12 @@ from emvs.device import Device
 from emvs.errors import InputError
 from emvs.focus_depth import extract_in_focus, parallax_baseline_m
 from emvs.late import union
-from emvs.progress import Progress, Stopwatch, silent
 from emvs.recipe import WHOLE, Method, single_cameras
 from emvs.result import CameraCounts, WindowResult
 from emvs.rivals.rival import DepthEstimator
 from emvs.streaming import Swept, grouped, sweep
 from emvs.sweep import VoteCounts
+from emvs.utils.runtime import Progress, Stopwatch, silent
 from emvs.view import ReferenceView, reference_view
 from emvs.volume import Slices
 from emvs.window import Window, choose_window

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.atomic import atomic_path
 from emvs.data import se3
 from emvs.data.camera import Camera
 from emvs.errors import InputError
 from emvs.open3d_library import open3d
+from emvs.utils.files import atomic_path
 
 _BLOCK_VOXELS, _FIRST_BLOCKS = 8, 10_000
 _CHANNELS = (("tsdf", (1,)), ("weight", (1,)), ("color", (3,)))

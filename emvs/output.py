@@ -35,7 +35,7 @@ from emvs.map_info import (
 from emvs.pointcloud import back_project_map, without_outliers, write_ply
 from emvs.recipe import file_name
 from emvs.result import WindowResult
-from emvs.versions import versions
+from emvs.utils.runtime import versions
 from emvs.volume import Slices
 
 __all__ = [

@@ -16,7 +16,6 @@ import numpy as np
 from emvs import device as devices
 from emvs import methods
 from emvs.ahead import ReadAhead
-from emvs.atomic import atomic_dir, refuse_existing
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.data.rig import Rig
@@ -37,8 +36,8 @@ from emvs.mapper import check_request, map_window
 from emvs.memory import check_view_fits, check_window_fits
 from emvs.output import write_index, write_window
 from emvs.pose_gaps import check_poses
-from emvs.progress import Progress, silent
-from emvs.versions import versions
+from emvs.utils.files import atomic_dir, refuse_existing
+from emvs.utils.runtime import Progress, silent, versions
 from emvs.view import reference_view
 from emvs.window import Window, choose_window
 from emvs.windows import WindowPlan, plan_windows

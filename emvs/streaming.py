@@ -15,10 +15,10 @@ from emvs.backproject import Projected
 from emvs.config import MapperConfig
 from emvs.device import CPU, Device
 from emvs.focus_fold import InFocus
-from emvs.progress import Progress
 from emvs.recipe import Method, Split, single_cameras
 from emvs.running import Maximum
 from emvs.sweep import VoteCounts
+from emvs.utils.runtime import Progress
 from emvs.view import ReferenceView
 from emvs.volume import Slices, volume_writer
 

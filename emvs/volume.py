@@ -11,9 +11,9 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.atomic import atomic_path
 from emvs.fusion import fuse_by
 from emvs.recipe import Method
+from emvs.utils.files import atomic_path
 
 Floats = NDArray[np.float32]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.errors import InputError
-from emvs.progress import Progress, silent
+from emvs.utils.runtime import Progress, silent
 from emvs.window import Window, choose_window, time_steps
 
 MOST_WINDOWS = 1_000_000

@@ -11,8 +11,8 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from emvs.atomic import atomic_path
 from emvs.errors import InputError
+from emvs.utils.files import atomic_path
 from eval.gate_series import Key, Measured, Series
 from eval.results import read_json
 

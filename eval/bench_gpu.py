@@ -16,8 +16,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from emvs.atomic import atomic_path, refuse_existing
 from emvs.errors import InputError
+from emvs.utils.files import atomic_path, refuse_existing
 from eval import gpu_tables
 from eval.exits import exit_code
 from eval.gpu_machine import check_device, machine

@@ -6,17 +6,18 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from emvs.atomic import refuse_existing
 from emvs.data.events import Events
 from emvs.data.rig import Rig
 from emvs.data.trajectory import Trajectory
 from emvs.data.tum import write_tum
 from emvs.errors import InputError
 from emvs.io import calibration_writers, depth_writers
-from emvs.io.events import FORMATS, write_events
+from emvs.io.events.formats import FORMATS
+from emvs.io.events.write import write_events
 from emvs.io.layouts import RecordingExport, kinds, write_recording
 from emvs.io.posed import EventSource
 from emvs.io.raw_streams import Readable, open_readable
+from emvs.utils.files import refuse_existing
 from eval.progress import Progress
 
 POSES = ("tum", "kitti")
@@ -196,8 +197,8 @@ def _depth(source: Path, out: Path, options: Options) -> str:
     if options.to != "disparity-png":
         depth_writers.WRITERS[options.to](out, depth_m)
         return f"depth map of {depth_m.shape[1]}x{depth_m.shape[0]} as {options.to}"
-    from emvs.atomic import atomic_path
     from emvs.io.dsec_writer import write_disparity
+    from emvs.utils.files import atomic_path
 
     focal_px = _focal_px(source)
     if options.baseline_m is None:
@@ -224,7 +225,7 @@ def _focal_px(source: Path) -> float:
 def _cloud(source: Path, out: Path, to: str) -> str:
     import open3d as o3d
 
-    from emvs.atomic import atomic_path
+    from emvs.utils.files import atomic_path
 
     if source.suffix not in (".ply", ".pcd") or not source.is_file():
         raise InputError(f"{source}: no point cloud; needs a .ply or .pcd file")

@@ -24,7 +24,7 @@ from emvs.rays import Rays, event_rays
 from emvs.recipe import CODES
 from emvs.running import RunningMaxima
 from emvs.sweep import Scratch, batches
-from emvs.threads import use_threads
+from emvs.utils.runtime import use_threads
 from eval.cost_stream import DEPTH_RANGE_M, WINDOW_US, MovingEdges
 
 SENSORS = {"346x260": (346, 260), "640x480": (640, 480), "1280x720": (1280, 720)}

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
-from emvs.atomic import atomic_path
+from emvs.utils.files import atomic_path
 from eval.cost_growth import Growth, Load
 
 _POINT, _LINE = "#0072b2", "#d55e00"

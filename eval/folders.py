@@ -11,10 +11,11 @@ from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
-from emvs.io import open_recording
 from emvs.io.posed import PosedRecording
+from emvs.io.recognise import open_recording
 from emvs.io.truth import truth_at
-from emvs.output import RecordingInfo, StoredMap, StoredWindow, read_map
+from emvs.map_info import RecordingInfo
+from emvs.output import StoredMap, StoredWindow, read_map
 from eval.config import EvalConfig
 from eval.pairing import Truth
 

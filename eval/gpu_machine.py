@@ -13,7 +13,7 @@ from typing import Any
 
 from emvs.config import MapperConfig
 from emvs.errors import InputError
-from emvs.versions import versions
+from emvs.utils.runtime import versions
 
 _LIBRARIES = ("numba-cuda", "cuda-bindings", "cuda-core", "cuda-toolkit", "llvmlite", "pyopengl")
 _SMI = ("name", "driver_version", "memory.total", "clocks.max.sm", "clocks.max.mem", "power.limit")

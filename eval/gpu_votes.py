@@ -12,8 +12,8 @@ from emvs.backend import Task
 from emvs.backproject import back_project
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
-from emvs.progress import silent
 from emvs.recipe import WHOLE, single_cameras
+from emvs.utils.runtime import silent
 from emvs.view import reference_view
 from emvs.window import choose_window
 

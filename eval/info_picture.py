@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from emvs.atomic import atomic_path
+from emvs.utils.files import atomic_path
 from eval.info_stream import StreamCount
 from eval.plots import ESTIMATE_COLOUR, TRUTH_COLOUR
 

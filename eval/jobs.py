@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol, cast
 
 from emvs.errors import InputError
-from emvs.versions import versions
+from emvs.utils.runtime import versions
 from eval.cache import Cache, CacheEntry, key_of
 from eval.code_version import code_version
 from eval.stage_files import RESULT

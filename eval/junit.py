@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.etree import ElementTree as xml
 
-from emvs.atomic import atomic_path
+from emvs.utils.files import atomic_path
 from eval.gate import RED, Verdict
 from eval.gate_table import sentence
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from emvs.atomic import atomic_path
+from emvs.utils.files import atomic_path
 from eval.findings import findings
 from eval.line_styles import line_style
 from eval.overview import overview_png

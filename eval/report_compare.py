@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from emvs.atomic import atomic_path
+from emvs.utils.files import atomic_path
 from eval.comparison import JUDGED, RunComparison, compare_runs, read_runs
 from eval.gate import Status, Verdict
 from eval.gate_series import Key, Series

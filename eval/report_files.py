@@ -9,7 +9,7 @@ from typing import Literal
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from emvs.atomic import atomic_path
+from emvs.utils.files import atomic_path
 from eval.panels import curves_of, with_given
 from eval.plot_causes import causes_figure, outlier_causes
 from eval.plots import STYLE, curves_figure, slice_figure

@@ -18,10 +18,10 @@ from emvs.output import StoredMap, StoredWindow
 from emvs.volume import Slices
 from eval.config import EvalConfig
 from eval.folders import CONFIG_FILE, Scored, find_maps, has_truth, recording_of, truth_of
+from eval.pairing import Truth
 from eval.plots import DsiSlice
 from eval.ranking import thousands
 from eval.results import JSON_NAME, Results, read_results
-from eval.score import Truth
 from eval.views import CaseView, MethodView, ReportData, WindowView
 
 _MOST_PIXELS_SHOWN = 1_000_000

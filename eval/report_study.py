@@ -9,8 +9,8 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict
 
-from emvs.atomic import atomic_path
 from emvs.errors import InputError
+from emvs.utils.files import atomic_path
 from eval.line_styles import line_style
 from eval.pages import Grid, GridCell, Head, Page, Section, page_text, plural, versions_grid
 from eval.ranking import column, definition, shown

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import BeforeValidator, ConfigDict, PlainSerializer, TypeAdapter, ValidationError
 
-from emvs.atomic import atomic_path
 from emvs.errors import InputError
-from emvs.versions import versions
+from emvs.utils.files import atomic_path
+from emvs.utils.runtime import versions
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import scenes
 from emvs import device, methods
-from emvs.atomic import atomic_dir
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence as EventSequence
 from emvs.errors import InputError
 from emvs.output import StoredWindow
+from emvs.utils.files import atomic_dir
 from eval import folders
 from eval.config import EvalConfig
 from eval.given import estimates, opened, view_of

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-import emvs.threads  # noqa: F401  (names the threading layer before the kernel compiles)
+import emvs.utils.runtime  # noqa: F401  (names the threading layer before the kernel compiles)
 from emvs.config import MapperConfig
-from emvs.io import open_recording
+from emvs.io.recognise import open_recording
 from emvs.mapper import map_window
 from eval.speed_kernels import calibration
 

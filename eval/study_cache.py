@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 import scenes
-from emvs.atomic import atomic_dir
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence as EventSequence
 from emvs.errors import InputError
-from emvs.io import open_recording
+from emvs.io.recognise import open_recording
 from emvs.mapper import map_window
+from emvs.utils.files import atomic_dir
 from emvs.view import ReferenceView, reference_view
 from emvs.window import choose_window
 from eval.config import EvalConfig
 from eval.folders import truth_of
-from eval.score import Truth
+from eval.pairing import Truth
 from sim.config import SimConfig
 from sim.generate import simulate
 from sim.presets import PresetName, SensorConfig

@@ -19,7 +19,8 @@ from emvs.config import MapperConfig
 from emvs.planes import inverse_depth_at
 from eval.exits import exit_code
 from eval.marked import into_page
-from eval.score import ALL_METRICS, pair
+from eval.method_scores import ALL_METRICS
+from eval.pairing import pair
 from eval.study_cache import StudySample, load_sample
 from eval.study_samples import SETS, SampleSpec
 from eval.study_variants import (

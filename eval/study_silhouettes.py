@@ -19,7 +19,8 @@ from emvs.focus_config import FocusConfig
 from emvs.found import most_reliable
 from emvs.median import masked_median
 from emvs.planes import inverse_depth_at
-from eval.score import ALL_METRICS, pair
+from eval.method_scores import ALL_METRICS
+from eval.pairing import pair
 from eval.study_cache import StudySample, load_sample
 from eval.study_variants import VariantEstimate, Volumes, maximum_of
 

@@ -12,8 +12,8 @@ from pathlib import Path
 from rich.console import Console as RichConsole
 from rich.table import Table
 
-from emvs.atomic import atomic_path
 from emvs.errors import InputError
+from emvs.utils.files import atomic_path
 from eval.cache import Cache
 from eval.gate_series import Series, of_suite
 from eval.suite_rows import FILE_NAME, SuiteResult, write_suite

@@ -9,8 +9,8 @@ from typing import Any, ClassVar
 
 from pydantic import ConfigDict, TypeAdapter
 
-from emvs.atomic import atomic_path
-from emvs.versions import versions
+from emvs.utils.files import atomic_path
+from emvs.utils.runtime import versions
 from eval.results import Row, platform_name, read_json
 
 SCHEMA_VERSION = 1

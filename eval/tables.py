@@ -8,7 +8,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from emvs.atomic import atomic_path
+from emvs.utils.files import atomic_path
 from eval.ranking import RankingTable
 from eval.results import is_undefined
 

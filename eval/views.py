@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from emvs.data.camera import Camera
 from emvs.data.frame_store import Photo
+from eval.pairing import Truth
 from eval.plots import DsiSlice
 from eval.results import Results, Row
-from eval.score import Truth
 
 FloatImage = NDArray[np.floating]
 CountImage = NDArray[np.integer]

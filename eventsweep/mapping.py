@@ -12,8 +12,8 @@ from emvs.io.recognise import open_recording
 from emvs.map_info import RecordingInfo
 from emvs.memory import check_window_fits
 from emvs.output import StoredMap, read_map
-from emvs.progress import Progress, silent
 from emvs.result import WindowResult
+from emvs.utils.runtime import Progress, silent
 from emvs.window import choose_window
 
 

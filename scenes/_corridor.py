@@ -10,7 +10,7 @@ from numpy.random import default_rng
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures import Image
+    from scenes.textures.noise import Image
 
 _WALL_M = 1.3
 """The walls stand at this distance from the middle."""

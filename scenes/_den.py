@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import mujoco
 
     from scenes._furniture import Point
-    from scenes.textures import Image
+    from scenes.textures.noise import Image
 
 _WINDOW: Point = (0.35, 3.5, 1.6)
 

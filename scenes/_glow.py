@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scenes.textures import DARKEST
-from scenes.textures.noise import Field
+from scenes.textures.noise import DARKEST, Field
 from sim.graphics import import_mujoco
 from sim.scene import put_texture
 

@@ -14,7 +14,7 @@ from sim.scene import Scene
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures import Image
+    from scenes.textures.noise import Image
 
 
 def case(name: str, summary: str, motion: Callable[[float, int], Motion]) -> Scene:

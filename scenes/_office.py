@@ -15,7 +15,7 @@ from sim.scene import Scene
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures import Image
+    from scenes.textures.noise import Image
 
 
 def case(name: str, summary: str, eye_m: Vector3, target_m: Vector3) -> Scene:

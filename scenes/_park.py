@@ -11,7 +11,7 @@ from numpy.random import Generator, default_rng
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures import Image
+    from scenes.textures.noise import Image
 
 
 _BUSHES_M = (

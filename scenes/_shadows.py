@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
-from scenes.textures import DARKEST
+from scenes.textures.noise import DARKEST
 from sim.graphics import import_mujoco
 from sim.scene import put_texture
 

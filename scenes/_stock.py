@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 if TYPE_CHECKING:
-    from scenes.textures import Colour, Image
+    from scenes.textures.noise import Colour, Image
 
 Maker = Callable[[Generator], "Image"]
 
@@ -61,7 +61,7 @@ def stock(seed: int) -> dict[str, Image]:
 
 def made(seed: int, makers: dict[str, Maker]) -> dict[str, Image]:
     """Runs `makers`, each with a generator of its own drawn from `seed` and the order."""
-    from scenes.textures import streams
+    from scenes.textures.noise import streams
 
     rngs = streams(seed, len(makers))
     return {name: make(rng) for (name, make), rng in zip(makers.items(), rngs, strict=True)}

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     import mujoco
 
     from scenes._stock import Maker
-    from scenes.textures import Image
     from scenes.textures.facades import Front
+    from scenes.textures.noise import Image
 
 _PAINTS = {"a": (0.62, 0.24, 0.2), "b": (0.72, 0.74, 0.76), "c": (0.26, 0.38, 0.56)}
 _END_M = 49.0

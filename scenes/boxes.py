@@ -15,13 +15,13 @@ from sim.scene import Scene
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures import Image
+    from scenes.textures.noise import Image
 
 _GOODS = ("carton_a", "carton_b", "carton_c", "crate", "toolbox")
 
 
 def _textures() -> Mapping[str, Image]:
-    from scenes.textures import streams
+    from scenes.textures.noise import streams
 
     return {**_room(streams(31, 9)), **_things(streams(32, 15))}
 

@@ -15,7 +15,7 @@ from sim.scene import Scene
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures import Colour, Image
+    from scenes.textures.noise import Colour, Image
 
 _BOOK_COLOURS: tuple[tuple[Colour, Colour], ...] = (
     ((0.52, 0.16, 0.14), (0.86, 0.76, 0.45)),
@@ -30,7 +30,7 @@ _BOOK_COLOURS: tuple[tuple[Colour, Colour], ...] = (
 
 
 def _textures() -> Mapping[str, Image]:
-    from scenes.textures import streams
+    from scenes.textures.noise import streams
 
     return {**_room(streams(11, 11)), **_things(streams(12, 15)), **_books(streams(13, 8))}
 

@@ -14,7 +14,7 @@ from sim.scene import Scene
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures import Image
+    from scenes.textures.noise import Image
 
 _MJCF = Path(__file__).with_name("gym.xml")
 

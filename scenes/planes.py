@@ -13,7 +13,7 @@ from sim.motion import HeadSway, Wave, look_at
 from sim.scene import Scene
 
 if TYPE_CHECKING:
-    from scenes.textures import Image
+    from scenes.textures.noise import Image
 
 PLANE_DEPTHS_M = (0.8, 1.1, 1.6, 2.4, 4.0)
 """Z-depth of the geoms panel_0 to panel_4 in every camera, at every time."""

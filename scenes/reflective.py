@@ -12,7 +12,7 @@ from sim.scene import Scene
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures import Image
+    from scenes.textures.noise import Image
 
 
 def _textures() -> Mapping[str, Image]:

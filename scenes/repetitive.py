@@ -14,8 +14,7 @@ from sim.scene import Scene
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures import Image
-    from scenes.textures.noise import Field
+    from scenes.textures.noise import Field, Image
 
 _PICKET_M = ((-0.042, 0.05), (0.042, 0.05), (0.042, 0.92), (0.0, 1.0), (-0.042, 0.92))
 

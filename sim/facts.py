@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.trajectory import Trajectory
-from emvs.versions import versions
+from emvs.utils.runtime import versions
 from sim.chunks import RenderJob
 from sim.graphics import import_mujoco
 from sim.imu import imu_samples

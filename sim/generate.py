@@ -12,10 +12,10 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 
-from emvs.atomic import refuse_existing
 from emvs.data.rig import Rig
 from emvs.data.writer import SequenceWriter
 from emvs.errors import InputError
+from emvs.utils.files import refuse_existing
 from sim import preflight
 from sim.cameras import Cameras, Packet
 from sim.chunks import RenderedFrame, RenderJob, chunk_bounds_us

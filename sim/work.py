@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 
-from emvs.atomic import atomic_path
 from emvs.data.rig import Rig
 from emvs.errors import InputError
+from emvs.utils.files import atomic_path
 from sim.parts import Part, PartWriter, State, whole_part
 
 Notice = Callable[[str], None]

@@ -20,7 +20,7 @@ from emvs.ray_order import BAND_ROWS, grouped_by_rows
 from emvs.rays import event_rays
 from emvs.running import RunningMaxima
 from emvs.sweep import Scratch, batches
-from emvs.threads import use_threads
+from emvs.utils.runtime import use_threads
 from eval.cost_limits import PAPER
 
 EVENTS = 1_000_000

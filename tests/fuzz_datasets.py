@@ -23,13 +23,14 @@ from emvs.data.sequence import Sequence
 from emvs.data.tum import read_tum, write_tum
 from emvs.errors import InputError
 from emvs.io import calibration_writers as rigs
-from emvs.io import dsec_writer, open_recording
+from emvs.io import dsec_writer
 from emvs.io.calibration import read_rig
 from emvs.io.descriptor import read_hand_eye
 from emvs.io.dsec import rectification_of
 from emvs.io.layouts import RecordingExport, write_recording
 from emvs.io.poses import read_kitti, read_poses, write_kitti
 from emvs.io.raw_streams import open_readable
+from emvs.io.recognise import open_recording
 
 SPARE = {"rectify_map.h5", "images.txt", "frame_00000000.png", "hand_eye.yaml"}
 """What a recording may lack: hand-eye where poses are then the first camera's."""

@@ -7,9 +7,10 @@ from html.parser import HTMLParser
 import numpy as np
 
 from emvs.data.camera import Camera
+from eval.pairing import Truth, pair_methods
 from eval.plots import DsiSlice
 from eval.results import Results
-from eval.score import Truth, case_rows, pair_methods
+from eval.score import case_rows
 from eval.views import CaseView, MethodView, ReportData, WindowView
 
 SHAPE = (24, 32)

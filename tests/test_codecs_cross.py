@@ -21,7 +21,9 @@ from event_files import CD
 from rosbags.highlevel import AnyReader
 
 from emvs.data.events import Events
-from emvs.io.events import FORMATS, open_events, write_events
+from emvs.io.events.formats import FORMATS
+from emvs.io.events.recognise import open_events
+from emvs.io.events.write import write_events
 
 SIZE_PX = (1280, 720)
 

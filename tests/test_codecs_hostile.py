@@ -22,9 +22,11 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 
 from emvs.data.events import Events
 from emvs.errors import InputError
-from emvs.io.events import bounded, open_events, write_events
+from emvs.io.events import bounded
 from emvs.io.events.flatbuffer import one_vector
+from emvs.io.events.recognise import open_events
 from emvs.io.events.ros_messages import array_events
+from emvs.io.events.write import write_events
 
 if sys.version_info >= (3, 14):
     from compression import zstd

@@ -23,7 +23,8 @@ from emvs.errors import InputError
 from emvs.io import calibration_writers as rigs
 from emvs.io.calibration import read_rig
 from emvs.io.dsec import read_disparity
-from emvs.io.events import open_events, write_events
+from emvs.io.events.recognise import open_events
+from emvs.io.events.write import write_events
 from emvs.io.poses import read_kitti, read_poses
 from eval.cli import main
 from eval.convert import Options, convert, targets

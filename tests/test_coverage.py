@@ -15,13 +15,13 @@ from emvs.planes import inverse_depth_planes
 from eval.cells import cell_error
 from eval.coverage import coverage_curve
 from eval.findings import findings
-from eval.method_scores import REGION_NAMES
+from eval.method_scores import REGION_NAMES, score_method, score_pairs
 from eval.metrics import Pairs
-from eval.pairing import Estimate, MethodPairs
+from eval.pairing import Estimate, MethodPairs, Truth, pair_methods
 from eval.ranking import column
 from eval.regions import REGIONS
 from eval.results import Results, Row, read_results, write_results
-from eval.score import Truth, case_rows, mean_rows, pair_methods, score_method, score_pairs
+from eval.score import case_rows, mean_rows
 from eval.taxonomy import CAUSES
 from eval.units import rank_runs, unit_values
 

@@ -13,10 +13,10 @@ from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence
 from emvs.data.writer import SequenceWriter
 from emvs.errors import InputError
-from emvs.io import open_recording
 from emvs.io.layouts import RecordingExport, write_recording
 from emvs.io.mvsec import open_mvsec
 from emvs.io.raw_streams import open_readable
+from emvs.io.recognise import open_recording
 from emvs.mapper import map_window
 from emvs.window import choose_window
 from eval.cli import main

@@ -11,7 +11,7 @@ from test_datasets_lenses import rewritten
 
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
-from emvs.io import open_recording
+from emvs.io.recognise import open_recording
 from emvs.io.truth import nearest_truth_us, truth_at
 from eval.cli import main
 

@@ -8,7 +8,8 @@ import pytest
 
 from emvs.errors import InputError
 from sim.config import SimConfig
-from sim.exposure import ShutterConfig, develop, exposed_for, mean_light, photograph
+from sim.exposure import develop, exposed_for, mean_light, photograph
+from sim.frames_config import ShutterConfig
 from sim.motion import HeadSway, look_at
 from sim.renderer import StereoRenderer
 

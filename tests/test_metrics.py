@@ -16,17 +16,10 @@ from eval.cells import CELL_METRICS
 from eval.config import EvalConfig
 from eval.coverage import COVERAGE_METRICS
 from eval.curves import CURVE_METRICS, curve
+from eval.method_scores import ALL_METRICS, score_method, score_pairs
 from eval.metrics import METRICS, Pairs
-from eval.score import (
-    ALL_METRICS,
-    Truth,
-    case_rows,
-    pair,
-    pair_methods,
-    score_depth,
-    score_method,
-    score_pairs,
-)
+from eval.pairing import Truth, pair, pair_methods
+from eval.score import case_rows, score_depth
 
 METRE_METRICS = ("mean_error", "median_error", "rmse")
 RELATIVE_METRICS = (

@@ -27,7 +27,7 @@ from emvs.rivals.esvo_parameters import (
 from emvs.rivals.esvo_refine import Lines, Refined, refine
 from emvs.rivals.esvo_regularise import regularised
 from emvs.rivals.esvo_student_t import Estimates, fuse_into, propagate
-from emvs.threads import use_threads
+from emvs.utils.runtime import use_threads
 from emvs.view import reference_view
 from emvs.window import choose_window
 

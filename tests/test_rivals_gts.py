@@ -13,7 +13,7 @@ from emvs.rivals import gts
 from emvs.rivals.gts_match import Stream, pairs
 from emvs.rivals.gts_motion import time_slopes
 from emvs.rivals.parameters import Coincidence, GtsParameters
-from emvs.threads import use_threads
+from emvs.utils.runtime import use_threads
 from emvs.view import reference_view
 from emvs.window import choose_window
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from emvs.atomic import atomic_dir, atomic_path
 from emvs.data.camera import Camera
 from emvs.data.events import Events
 from emvs.data.rig import Rig
@@ -15,7 +14,8 @@ from emvs.data.sequence import Sequence
 from emvs.data.trajectory import Trajectory
 from emvs.data.writer import SequenceWriter
 from emvs.errors import InputError
-from emvs.io import open_recording
+from emvs.io.recognise import open_recording
+from emvs.utils.files import atomic_dir, atomic_path
 
 CAMERA = Camera(20, 10, 15, 15, 9.5, 4.5)
 
@@ -155,7 +155,7 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
 
 KILLED_WRITER = """
 import os, pathlib, signal, sys
-from emvs.atomic import atomic_dir
+from emvs.utils.files import atomic_dir
 with atomic_dir(pathlib.Path(sys.argv[1])) as folder:
     (folder / "half").write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)

@@ -8,7 +8,7 @@ import pytest
 from emvs.data.rig import Rig
 from emvs.errors import InputError
 from emvs.hot_pixels import find_hot_pixels
-from emvs.io import open_recording
+from emvs.io.recognise import open_recording
 from emvs.output import read_map
 from eval.cli import main
 from eval.progress import MapBars

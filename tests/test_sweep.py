@@ -10,7 +10,7 @@ from emvs.kernels import CHUNK
 from emvs.planes import inverse_depth_at, inverse_depth_planes, mcemvs_planes
 from emvs.rays import RayCounts, Rays
 from emvs.sweep import PASS_PLANES, Scratch, batches, dsi
-from emvs.threads import use_threads
+from emvs.utils.runtime import use_threads
 
 W, H = 12, 9
 NEAREST = pytest.mark.parametrize("nearest", [False, True])

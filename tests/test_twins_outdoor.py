@@ -17,7 +17,8 @@ from twin_checks import (
 import scenes
 from emvs.errors import InputError
 from scenes._bodies import RECORD_S
-from scenes.textures import BRIGHTEST, DARKEST, facades, outdoor, streams, vehicles
+from scenes.textures import facades, outdoor, vehicles
+from scenes.textures.noise import BRIGHTEST, DARKEST, streams
 from sim.graphics import import_mujoco
 from sim.renderer import StereoRenderer
 from sim.rigs import rig

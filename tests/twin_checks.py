@@ -11,7 +11,7 @@ import numpy as np
 import scenes
 from emvs.data.camera import Camera
 from emvs.data.rig import Rig
-from scenes.textures import BRIGHTEST, DARKEST
+from scenes.textures.noise import BRIGHTEST, DARKEST
 from sim.consistency import Warped, warped
 from sim.graphics import import_mujoco
 from sim.renderer import StereoRenderer

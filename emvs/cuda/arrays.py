@@ -18,7 +18,7 @@ import numpy as np
 from numba import cuda, njit, prange
 from numpy.typing import DTypeLike, NDArray
 
-import emvs.threads  # noqa: F401  (names the threading layer before the kernel compiles)
+import emvs.utils.runtime  # noqa: F401  (names the threading layer before the kernel compiles)
 from emvs.cuda import library
 from emvs.cuda.fill_kernel import fill
 from emvs.errors import InputError

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.atomic import atomic_path
 from emvs.data import se3
 from emvs.errors import InputError
+from emvs.utils.files import atomic_path
 
 Array = NDArray[np.float64]
 FILE_NAME = "imu.csv"

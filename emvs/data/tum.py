@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.atomic import atomic_path
 from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
+from emvs.utils.files import atomic_path
 
 _LARGEST_US = 2.0**62
 

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.atomic import atomic_dir, refuse_existing
 from emvs.data import manifest
 from emvs.data.event_store import EventStoreWriter
 from emvs.data.events import Events
@@ -25,7 +24,8 @@ from emvs.data.rig import Rig
 from emvs.data.trajectory import Trajectory
 from emvs.data.truth_store import TruthWriter
 from emvs.data.tum import write_tum
-from emvs.versions import versions
+from emvs.utils.files import atomic_dir, refuse_existing
+from emvs.utils.runtime import versions
 
 
 class SequenceWriter:

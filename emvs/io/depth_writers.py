@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.atomic import atomic_path
 from emvs.errors import InputError
+from emvs.utils.files import atomic_path
 
 PNG_UNIT_M = 0.001
 """A 16-bit depth PNG counts millimetres; 0 means unknown."""

@@ -12,7 +12,6 @@ import numpy as np
 import tomli_w
 import yaml
 
-from emvs.atomic import atomic_dir
 from emvs.data.events import Events
 from emvs.data.recording import Recording
 from emvs.data.rig import Rig
@@ -21,10 +20,11 @@ from emvs.data.tum import write_tum
 from emvs.errors import InputError
 from emvs.io import dsec_writer
 from emvs.io.calibration_writers import basalt, kalibr_chain, pose_values, write_rig_json
-from emvs.io.events import FORMATS, write_events
 from emvs.io.events.contract import Checker
-from emvs.io.events.write import _in_time_order
+from emvs.io.events.formats import FORMATS
+from emvs.io.events.write import _in_time_order, write_events
 from emvs.io.posed import EventSource
+from emvs.utils.files import atomic_dir
 
 Told = Callable[[int], None]
 

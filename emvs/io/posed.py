@@ -19,7 +19,8 @@ from emvs.data.recording import summary
 from emvs.data.rig import Rig
 from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
-from emvs.io.events import EventReader, open_events
+from emvs.io.events.contract import EventReader
+from emvs.io.events.recognise import open_events
 
 
 class DepthTruth(Protocol):

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.atomic import atomic_path
 from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
 from emvs.io.events.wording import said
+from emvs.utils.files import atomic_path
 
 PER_UNIT_US = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
 _MOST_BYTES = 1 << 28

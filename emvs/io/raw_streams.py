@@ -10,7 +10,8 @@ from emvs.data.rig import Rig
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
 from emvs.io.event_camera_dataset import EventCameraDataset
-from emvs.io.events import FORMATS, open_events
+from emvs.io.events.formats import FORMATS
+from emvs.io.events.recognise import open_events
 from emvs.io.posed import EventSource, PosedRecording
 from emvs.io.recognise import open_recording
 

@@ -15,7 +15,7 @@ from emvs.io.descriptor import (
     assembled,
     is_bag,
 )
-from emvs.io.events import open_events
+from emvs.io.events.recognise import open_events
 from emvs.io.layout_files import find_optional
 from emvs.io.posed import PosedRecording
 

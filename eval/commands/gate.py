@@ -130,7 +130,7 @@ def _measured(flags: GateFlags, job_flags: JobFlags, common: Common) -> Measured
 def _report(
     verdicts: Sequence[Verdict], measured: Measured, flags: GateFlags, common: Common
 ) -> None:
-    from emvs.atomic import atomic_path
+    from emvs.utils.files import atomic_path
     from eval import gate_table
     from eval.junit import write_junit
 

@@ -24,7 +24,7 @@ def info(
     from eval.info import facts, inspect
 
     if picture is not None:
-        from emvs.atomic import refuse_existing
+        from emvs.utils.files import refuse_existing
 
         refuse_existing(picture, force=common.force)
     console = common.console()

@@ -31,7 +31,7 @@ def map(  # noqa: A001 - the verb's name
         method: Method to map with, repeatable; as --map.methods.
         device: Where the sweep runs; as --map.device.
     """
-    from eval.runner import map_recording
+    from eval.map_stage import map_recording
 
     flags = with_values(map, methods=method or None, device=device)
     wanted = settings.load(common.config, map=flags)

@@ -15,8 +15,8 @@ from typing import Any
 
 from PIL import Image
 
-from emvs.atomic import atomic_path
 from emvs.errors import InputError
+from emvs.utils.files import atomic_path
 from eval.exits import exit_code
 from eval.marked import into_page
 from eval.report_study import StoredStudy, find_studies, read_study

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from emvs.atomic import atomic_path
+from emvs.utils.files import atomic_path
 from eval.line_styles import line_style
 from eval.studies.curves import BREAKS_AT, METRICS, RobustnessCurve
 from eval.studies.study import Study

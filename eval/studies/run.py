@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from emvs.atomic import atomic_path
-from emvs.versions import versions
+from emvs.utils.files import atomic_path
+from emvs.utils.runtime import versions
 from eval.jobs import Done, Failed, Job, Outcome
 from eval.progress import Progress
 from eval.schedule import Open, run_jobs

@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from emvs.atomic import atomic_path
 from emvs.errors import InputError
 from emvs.io.events.formats import FORMATS, Format
+from emvs.utils.files import atomic_path
 
 _BEGIN, _END = "<!-- formats: begin -->\n", "<!-- formats: end -->\n"
 

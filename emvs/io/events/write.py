@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from emvs.atomic import atomic_path
 from emvs.data.events import Events
 from emvs.errors import InputError
 from emvs.io.events.contract import Checker, Progress, Streams, only_stream
 from emvs.io.events.formats import FORMATS
 from emvs.io.events.writer import StreamWriter
+from emvs.utils.files import atomic_path
 
 
 def write_events(

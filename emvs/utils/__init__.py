@@ -1,0 +1,1 @@
+"""What everything else stands on: atomic files, progress, threads, versions."""

@@ -1,0 +1,69 @@
+"""What a run is made of: progress and stop watch, numba's threads, versions of the libraries."""
+
+import os
+import platform
+import time
+from collections.abc import Callable
+from importlib import metadata
+
+import numba
+
+# progress(stage, done, total)
+Progress = Callable[[str, int, int], None]
+_LIBRARIES = (
+    "eventsweep",
+    "numpy",
+    "numba",
+    "scipy",
+    "opencv-python-headless",
+    "h5py",
+    "mujoco",
+    "open3d",
+    "numba-cuda",
+)
+
+
+def silent(_stage: str, _done: int, _total: int) -> None:
+    """Shows no progress."""
+
+
+class Stopwatch:
+    """Wall time per stage.
+
+    Attributes:
+        seconds: stage -> s.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self._since = time.perf_counter()
+
+    def lap(self, stage: str) -> None:
+        """Books the time since the last lap on `stage`."""
+        now = time.perf_counter()
+        self.seconds[stage], self._since = now - self._since, now
+
+
+# OpenMP is safe when several Python threads call kernels; numba's own queue ends the process.
+if "NUMBA_THREADING_LAYER" not in os.environ:
+    numba.config.THREADING_LAYER = "omp"  # type: ignore[attr-defined]
+
+
+def use_threads(count: int) -> int:
+    """Sets how many threads the kernels use and returns it; 0 means all of them."""
+    available = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
+    chosen = min(count, available) if count > 0 else available
+    numba.set_num_threads(chosen)
+    return chosen
+
+
+def versions() -> dict[str, str]:
+    """Python's and each library's version; "absent" where one is not installed."""
+    return {"python": platform.python_version()} | {name: _version(name) for name in _LIBRARIES}
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return "absent"
