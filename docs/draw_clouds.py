@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import open3d as o3d
 
-from emvs.data import se3
+from emvs.geometry import se3
 from emvs.output import read_map
 from emvs.recipe import file_name
 

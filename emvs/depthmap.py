@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
-from emvs.data.camera import Camera
+from emvs.geometry.camera import Camera
 from emvs.median import masked_median
 from emvs.planes import inverse_depth_at
 from emvs.running import Maximum

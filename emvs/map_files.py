@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.camera import Camera
 from emvs.depthmap import DepthMap
 from emvs.errors import DAMAGED_NPY, InputError
+from emvs.geometry.camera import Camera
 from emvs.inpaint import Dense
 from emvs.recipe import file_name
 from emvs.volume import Slices

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data import se3
-from emvs.data.camera import Camera
 from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
 from emvs.open3d_library import open3d
 from emvs.utils.files import atomic_path
 

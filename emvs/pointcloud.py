@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data import se3
 from emvs.depthmap import DepthMap
+from emvs.geometry import se3
 from emvs.open3d_library import open3d
 from emvs.utils.files import atomic_path
 

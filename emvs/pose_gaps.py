@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from emvs.config import MapperConfig
-from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
+from emvs.geometry.trajectory import Trajectory
 
 _USUAL_STEPS, _ALWAYS_ALLOWED_US = 10, 50_000
 

@@ -10,9 +10,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.camera import Camera
 from emvs.data.events import Events
 from emvs.data.recording import Recording
+from emvs.geometry.camera import Camera
 from emvs.ray_order import grouped_by_rows
 from emvs.rays import RayCounts, Rays, event_rays
 from emvs.split import concatenated, part, total

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from emvs import ray_kernel
-from emvs.data import se3
-from emvs.data.camera import Camera
 from emvs.data.events import Events
-from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
+from emvs.geometry.trajectory import Trajectory
 from emvs.kernels import CHUNK
 
 Floats = NDArray[np.float32]

@@ -18,9 +18,9 @@ from emvs import methods
 from emvs.ahead import ReadAhead
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
-from emvs.data.rig import Rig
 from emvs.device import Device
 from emvs.errors import InputError
+from emvs.geometry.rig import Rig
 from emvs.hot_pixels import HotPixels, WithoutPixels, find_hot_pixels
 from emvs.map_info import (
     SCHEMA_VERSION,

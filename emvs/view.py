@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import DEFAULT_DEPTH_RANGE_M, MapperConfig
-from emvs.data.camera import Camera
 from emvs.data.recording import Recording
 from emvs.errors import InputError
+from emvs.geometry.camera import Camera
 from emvs.planes import inverse_depth_planes, linear_planes, mcemvs_planes
 
 

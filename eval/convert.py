@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from emvs.data.events import Events
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
 from emvs.data.tum import write_tum
 from emvs.errors import InputError
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 from emvs.io import calibration_writers, depth_writers
 from emvs.io.events.formats import FORMATS
 from emvs.io.events.write import write_events

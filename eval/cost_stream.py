@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.camera import Camera
 from emvs.data.events import Events
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 
 DEPTH_RANGE_M = (0.45, 4.0)
 WINDOW_US = 500_000

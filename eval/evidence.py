@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data import se3
 from emvs.data.sequence import Sequence as EventSequence
+from emvs.geometry import se3
 from eval.geometry import Flags, Floats, Pixels, pixel_of
 from eval.masks import log_gradient, on_view
 from eval.seen import EventCounts

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.camera import Camera
+from emvs.geometry.camera import Camera
 
 Floats = NDArray[np.float64]
 Pixels = NDArray[np.int64]

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import scenes
-from emvs.data.camera import Camera
+from emvs.geometry.camera import Camera
 from sim import views
 from sim.renderer import StereoRenderer
 from sim.rigs import rig as named_rig

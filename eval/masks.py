@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.camera import Camera
 from emvs.data.sequence import Sequence
+from emvs.geometry.camera import Camera
 from eval.config import EvalConfig
 from sim.truth import boundary
 

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data import se3
-from emvs.data.camera import Camera
 from emvs.data.sequence import Sequence
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
 from eval.geometry import pixel_of
 from sim.labels import Label
 

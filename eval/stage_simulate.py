@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import scenes
-from emvs.data.rig import Rig
 from emvs.errors import InputError
+from emvs.geometry.rig import Rig
 from eval.code_version import closure, source_digest, with_includes
 from eval.stage_files import SEQUENCE
 from sim.config import SimConfig

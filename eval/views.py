@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.camera import Camera
 from emvs.data.frame_store import Photo
+from emvs.geometry.camera import Camera
 from eval.pairing import Truth
 from eval.plots import DsiSlice
 from eval.results import Results, Row

@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from emvs.config import MapperConfig
-    from emvs.data.camera import Camera
     from emvs.data.events import Events
     from emvs.data.recording import Recording
-    from emvs.data.rig import Rig
     from emvs.data.sequence import Sequence
-    from emvs.data.trajectory import Trajectory
     from emvs.depthmap import DepthMap
     from emvs.errors import InputError
+    from emvs.geometry.camera import Camera
+    from emvs.geometry.rig import Rig
+    from emvs.geometry.trajectory import Trajectory
     from emvs.io.recognise import open_recording
     from emvs.methods import overview as methods
     from emvs.methods import register as register_method
@@ -74,7 +74,7 @@ __all__ = [
 # The name -> where it is.
 _PLACES = {
     "METRICS": "eval.method_scores:ALL_METRICS",
-    "Camera": "emvs.data.camera:Camera",
+    "Camera": "emvs.geometry.camera:Camera",
     "DepthMap": "emvs.depthmap:DepthMap",
     "EvalConfig": "eval.config:EvalConfig",
     "EventSimulator": "sim.esim:EventSimulator",
@@ -84,10 +84,10 @@ _PLACES = {
     "Method": "emvs.recipe:Method",
     "Recording": "emvs.data.recording:Recording",
     "Results": "eval.results:Results",
-    "Rig": "emvs.data.rig:Rig",
+    "Rig": "emvs.geometry.rig:Rig",
     "Sequence": "emvs.data.sequence:Sequence",
     "SimConfig": "sim.config:SimConfig",
-    "Trajectory": "emvs.data.trajectory:Trajectory",
+    "Trajectory": "emvs.geometry.trajectory:Trajectory",
     "WindowResult": "emvs.result:WindowResult",
     "__version__": "eventsweep.version:VERSION",
     "load_scene": "scenes:load",

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import scenes
-from emvs.data.rig import Rig
 from emvs.data.sequence import Sequence
+from emvs.geometry.rig import Rig
 from sim import generate
 from sim.config import SimConfig
 from sim.generate import Progress

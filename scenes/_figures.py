@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import scenes
-from emvs.data.rig import Rig
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
+from emvs.geometry.rig import Rig
 from emvs.utils.files import atomic_path
 from sim.config import SimConfig
 from sim.consistency import warped

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data import se3
+from emvs.geometry import se3
 from sim.graphics import import_mujoco
 
 if TYPE_CHECKING:

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data import se3
-from emvs.data.rig import Rig
+from emvs.geometry import se3
+from emvs.geometry.rig import Rig
 from sim import truth
 from sim.bodies import MovingBodies
 from sim.config import SimConfig

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data import se3
-from emvs.data.rig import Rig
+from emvs.geometry import se3
+from emvs.geometry.rig import Rig
 from sim.truth import boundary
 
 

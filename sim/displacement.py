@@ -8,9 +8,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data import se3
-from emvs.data.camera import Camera
-from emvs.data.rig import Rig
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
 from sim.lens import bearing_steps
 from sim.pixel_kernels import squared_displacement, squared_displacement_lens
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.trajectory import Trajectory
+from emvs.geometry.trajectory import Trajectory
 from emvs.utils.runtime import versions
 from sim.chunks import RenderJob
 from sim.graphics import import_mujoco

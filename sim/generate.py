@@ -12,9 +12,9 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 
-from emvs.data.rig import Rig
 from emvs.data.writer import SequenceWriter
 from emvs.errors import InputError
+from emvs.geometry.rig import Rig
 from emvs.utils.files import refuse_existing
 from sim import preflight
 from sim.cameras import Cameras, Packet

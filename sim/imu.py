@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data import se3
 from emvs.data.imu import ImuSamples
 from emvs.errors import InputError
+from emvs.geometry import se3
 from sim.imu_config import ImuConfig
 from sim.motion import Motion
 from sim.motion_curve import curve_of

@@ -14,8 +14,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.camera import Camera
 from emvs.errors import InputError
+from emvs.geometry.camera import Camera
 
 # Samples beyond the outermost position that bilinear interpolation and one-sided slopes touch.
 _MARGIN = 3

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
     from scipy.spatial.transform import RotationSpline
 
-    from emvs.data.trajectory import Trajectory
+    from emvs.geometry.trajectory import Trajectory
 
 Vector3 = tuple[float, float, float]
 
@@ -182,7 +182,7 @@ def sampled(motion: Motion, duration_s: float, rate_hz: float) -> Trajectory:
 
     Times are rounded to the microsecond before the curve is asked, so stored poses are exact.
     """
-    from emvs.data.trajectory import Trajectory
+    from emvs.geometry.trajectory import Trajectory
 
     duration_us = round(duration_s * 1e6)
     count = max(2, int(np.ceil(duration_us * 1e-6 * rate_hz - 1e-9)) + 1)

@@ -67,7 +67,7 @@ class CurveMotion:
 
     def poses(self, times_s: ArrayLike) -> Array:
         """Poses (N, 4, 4) at (N,) times: many at once, a hundred times faster than one by one."""
-        from emvs.data import se3
+        from emvs.geometry import se3
 
         channels = self.spline[0](self._times(times_s))
         return se3.from_quat_xyzw(channels[:, :3], channels[:, 3:])
@@ -129,7 +129,7 @@ def curve_of(motion: Motion, duration_s: float, rate_hz: float = 250.0) -> Curve
 
     At 250 Hz a 10 Hz sine is met to 1e-6 of its amplitude, its acceleration to 1e-3.
     """
-    from emvs.data import se3
+    from emvs.geometry import se3
 
     if isinstance(motion, CurveMotion) and abs(motion.duration_s - duration_s) < 1e-9:
         return motion

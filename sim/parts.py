@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from emvs.data.event_store import EventStoreReader, EventStoreWriter
 from emvs.data.frame_store import FrameReader, FrameWriter, Photo
-from emvs.data.rig import Rig
 from emvs.data.truth_store import TruthReader, TruthWriter
+from emvs.geometry.rig import Rig
 
 State = dict[str, NDArray[Any]]
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.camera import Camera
-from emvs.data.rig import Rig
 from emvs.errors import InputError
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
 from sim import lens, pixel_kernels, pixels, views
 from sim.float_target import FloatTarget
 from sim.graphics import current_driver, import_mujoco, open_context

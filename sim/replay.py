@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data import se3
 from emvs.errors import InputError
+from emvs.geometry import se3
 from sim.motion_curve import CurveMotion, curve
 
 if TYPE_CHECKING:
-    from emvs.data.trajectory import Trajectory
+    from emvs.geometry.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 _ORDER = 3

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data import se3
-from emvs.data.trajectory import Trajectory
 from emvs.data.tum import read_tum
 from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.trajectory import Trajectory
 from emvs.io.descriptor import read_hand_eye
 from sim.config import SimConfig
 from sim.motion import Motion

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data import se3
-from emvs.data.camera import Camera
-from emvs.data.rig import Rig
 from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
 
 _SUFFIXES = (".json", ".yaml", ".yml")
 

@@ -14,8 +14,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.rig import Rig
 from emvs.errors import InputError
+from emvs.geometry.rig import Rig
 from sim.bodies import BodyPixels, MovingBodies
 from sim.config import SimConfig
 from sim.displacement import largest_displacement_px

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from emvs.data import se3
-from emvs.data.camera import Camera
 from emvs.data.geoms import Geom
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
 from sim.bodies import moving_geoms
 from sim.motion import Motion
 

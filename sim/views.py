@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.camera import Camera
-from emvs.data.rig import Rig
 from emvs.errors import InputError
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
 from sim.lens import LensMap, lens_map
 
 

@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import TracebackType
 
-from emvs.data.rig import Rig
 from emvs.errors import InputError
+from emvs.geometry.rig import Rig
 from emvs.utils.files import atomic_path
 from sim.parts import Part, PartWriter, State, whole_part
 

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from emvs.data.camera import Camera
-from emvs.data.rig import Rig
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
 from sim.config import SimConfig
 from sim.displacement import largest_displacement_px
 from sim.esim import EventSimulator

@@ -14,7 +14,7 @@ from point_world import edge_stream, sideways
 
 from emvs.backproject import Projected
 from emvs.config import MapperConfig
-from emvs.data.camera import Camera
+from emvs.geometry.camera import Camera
 from emvs.methods import methods
 from emvs.planes import inverse_depth_planes
 from emvs.rays import event_rays

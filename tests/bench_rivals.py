@@ -12,7 +12,7 @@ import pytest
 from point_world import Recorded, edge_stream, sideways, stereo_rig
 
 from emvs.config import MapperConfig
-from emvs.data.camera import Camera
+from emvs.geometry.camera import Camera
 from emvs.rivals import catalogue
 from emvs.rivals.time_surface import TimeSurface
 from emvs.view import reference_view

@@ -13,7 +13,7 @@ import pytest
 from point_world import edge_stream, sideways
 
 from emvs import sweep as sweep_module
-from emvs.data.camera import Camera
+from emvs.geometry.camera import Camera
 from emvs.methods import methods
 from emvs.planes import inverse_depth_planes
 from emvs.ray_order import BAND_ROWS, grouped_by_rows

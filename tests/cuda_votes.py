@@ -10,8 +10,8 @@ import pytest
 from emvs import projector, rays, sweep
 from emvs.cuda import arrays, ballot, device_events, device_rays, library
 from emvs.cuda import projector as cuda_projector
-from emvs.data.camera import Camera
 from emvs.errors import InputError
+from emvs.geometry.camera import Camera
 from emvs.view import ReferenceView
 
 if library.missing():

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from emvs.data import se3
-from emvs.data.camera import Camera
 from emvs.data.events import Events
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
 from emvs.data.writer import SequenceWriter
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 
 WIDTH, HEIGHT, FOCAL = 96, 64, 80.0
 LENSES = {

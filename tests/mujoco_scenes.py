@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from emvs.data.camera import Camera
-from emvs.data.rig import Rig
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
 from sim.graphics import import_mujoco
 from sim.motion import HeadSway, look_at
 from sim.scene import Scene

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from emvs.data import se3
+from emvs.geometry import se3
 
 
 def average(rgb, window_depth, supersample):

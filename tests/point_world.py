@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from emvs.data.camera import Camera
 from emvs.data.events import Events
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)

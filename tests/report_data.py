@@ -6,7 +6,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 
-from emvs.data.camera import Camera
+from emvs.geometry.camera import Camera
 from eval.pairing import Truth, pair_methods
 from eval.plots import DsiSlice
 from eval.results import Results

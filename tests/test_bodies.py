@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from emvs.data import se3
 from emvs.data.sequence import Sequence
+from emvs.geometry import se3
 from sim.bodies import MovingBodies
 from sim.config import SimConfig
 from sim.generate import simulate

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import yaml
 
-from emvs.data import se3
 from emvs.errors import InputError
+from emvs.geometry import se3
 from emvs.io.calibration import read_rig
 from sim.rigs import RIGS, rig
 

@@ -15,10 +15,10 @@ import mujoco_scenes as made
 import numpy as np
 import pytest
 
-from emvs.data.camera import Camera
-from emvs.data.rig import Rig
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
 from sim import preflight
 from sim.chunks import CHUNK_US, chunk_bounds_us
 from sim.config import SimConfig

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from emvs.cuda import library
-from emvs.data.camera import Camera
 from emvs.data.events import Events
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
 from emvs.data.writer import SequenceWriter
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 from eval import runner
 from eval.cli import main
 from eval.exits import with_flags

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 from memory_convert import run_chain
 
 from emvs.data.events import Events
-from emvs.data.se3 import from_quat_xyzw
 from emvs.data.sequence import Sequence
-from emvs.data.trajectory import Trajectory
 from emvs.data.tum import read_tum, write_tum
 from emvs.errors import InputError
+from emvs.geometry.se3 import from_quat_xyzw
+from emvs.geometry.trajectory import Trajectory
 from emvs.io import calibration_writers as rigs
 from emvs.io.calibration import read_rig
 from emvs.io.dsec import read_disparity

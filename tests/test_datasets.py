@@ -117,7 +117,7 @@ def test_a_tumvie_marker_off_the_camera_is_undone(ours, tmp_path):
     """Poses of a marker, with the hand-eye calibration, give the camera's own poses."""
     import json
 
-    from emvs.data import se3
+    from emvs.geometry import se3
     from emvs.io.calibration_writers import pose_values
 
     folder = rewritten(ours, tmp_path / "t", "tumvie")

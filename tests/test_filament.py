@@ -11,8 +11,8 @@ import mujoco_scenes as made
 import numpy as np
 import pytest
 
-from emvs.data.camera import Camera
-from emvs.data.rig import Rig
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
 from sim.graphics import import_mujoco
 from sim.motion import look_at
 from sim.renderer import StereoRenderer

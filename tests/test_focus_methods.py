@@ -12,11 +12,11 @@ from point_world import Recorded, fronto_parallel, pinhole, stereo_rig
 
 from emvs import focus
 from emvs.config import MapperConfig
-from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
 from emvs.focus_config import FocusConfig
 from emvs.focus_judge import judge
 from emvs.found import at_least
+from emvs.geometry.trajectory import Trajectory
 from emvs.mapper import map_window
 from emvs.methods import methods, overview
 from emvs.planes import inverse_depth_at

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from emvs.data import se3
 from emvs.errors import InputError
+from emvs.geometry import se3
 from sim.head_styles import STYLES
 from sim.heads import along, bike, generate, placed, run, seated, shake, walk
 from sim.motion import look_at, sampled

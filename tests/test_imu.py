@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from emvs.data import se3
 from emvs.data.imu import ImuSamples, read_imu, write_imu
 from emvs.errors import InputError
+from emvs.geometry import se3
 from sim.heads import run, shake, walk
 from sim.imu import GRAVITY_M_S2, imu_samples
 from sim.imu_config import ImuConfig

@@ -10,9 +10,9 @@ from point_world import fronto_parallel, pinhole, sideways
 from scipy.spatial.transform import Rotation
 
 from emvs.config import MapperConfig
-from emvs.data import se3
 from emvs.data.events import Events
-from emvs.data.trajectory import Trajectory
+from emvs.geometry import se3
+from emvs.geometry.trajectory import Trajectory
 from emvs.mapper import map_window
 from emvs.planes import inverse_depth_planes
 from emvs.rays import PACKET, event_rays

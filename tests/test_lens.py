@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from emvs.data import se3
-from emvs.data.camera import Camera
-from emvs.data.rig import Rig
 from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
 from sim import lens, pixel_kernels
 from sim.displacement import largest_displacement_px
 from sim.graphics import import_mujoco

@@ -6,10 +6,10 @@ from point_world import fronto_parallel
 
 from emvs.config import MapperConfig
 from emvs.data.events import Events
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
 from emvs.fusion import FUSIONS
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 from emvs.mapper import map_window
 from emvs.planes import inverse_depth_planes
 from emvs.rays import event_rays

@@ -10,10 +10,10 @@ CODE = """
 import resource
 import numpy as np
 from emvs.config import MapperConfig
-from emvs.data.camera import Camera
+from emvs.geometry.camera import Camera
 from emvs.data.events import Events
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 from emvs.mapper import map_window
 
 N = 4_000_000

@@ -10,10 +10,10 @@ from point_world import fronto_parallel
 
 from emvs import global_cloud
 from emvs.config import MapperConfig
-from emvs.data.camera import Camera
 from emvs.errors import InputError
 from emvs.fuse_config import FuseConfig
 from emvs.fuse_windows import fuse_windows
+from emvs.geometry.camera import Camera
 from emvs.global_cloud import VoxelCloud
 from emvs.map_info import RecordingInfo
 from emvs.mesh import SurfaceFusion, write_mesh

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emvs.data import se3
 from emvs.errors import InputError
+from emvs.geometry import se3
 from sim.motion import HeadSway, Wave, look_at, sampled, spline
 
 COORDINATE = st.floats(-5, 5)

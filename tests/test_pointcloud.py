@@ -6,8 +6,8 @@ import pytest
 from point_world import pinhole
 from scipy.spatial.transform import Rotation
 
-from emvs.data import se3
 from emvs.depthmap import DepthMap
+from emvs.geometry import se3
 from emvs.planes import inverse_depth_planes
 from emvs.pointcloud import PointCloud, back_project_map, without_outliers, write_ply
 

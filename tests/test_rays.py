@@ -6,11 +6,11 @@ from hypothesis import strategies as st
 from point_world import pinhole
 from scipy.spatial.transform import Rotation
 
-from emvs.data import se3
-from emvs.data.camera import Camera
 from emvs.data.events import Events
-from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
+from emvs.geometry.trajectory import Trajectory
 from emvs.kernels import CHUNK
 from emvs.rays import event_rays
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from emvs.config import MapperConfig
-from emvs.data.camera import Camera
 from emvs.data.events import Events
-from emvs.data.trajectory import Trajectory
 from emvs.depthmap import confidence_mask, eight_bits
+from emvs.geometry.camera import Camera
+from emvs.geometry.trajectory import Trajectory
 from emvs.median import masked_median
 from emvs.methods import methods
 from emvs.planes import mcemvs_planes

@@ -7,9 +7,9 @@ import naive_pixels
 import numpy as np
 import pytest
 
-from emvs.data import se3
-from emvs.data.rig import Rig
 from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.rig import Rig
 from sim import graphics, pixel_kernels, pixels
 from sim.graphics import import_mujoco
 from sim.motion import look_at

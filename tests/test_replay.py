@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from emvs.data import se3
-from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.trajectory import Trajectory
 from sim.motion import look_at
 from sim.replay import Replay, gain, hand_eye, smoothed
 

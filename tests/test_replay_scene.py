@@ -12,11 +12,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 from test_chunks import Killed, scene_in, stop_at
 
-from emvs.data import se3
 from emvs.data.sequence import Sequence
-from emvs.data.trajectory import Trajectory
 from emvs.data.tum import read_tum, write_tum
 from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.trajectory import Trajectory
 from emvs.io.descriptor import read_hand_eye
 from sim import replay_cost
 from sim.config import SimConfig

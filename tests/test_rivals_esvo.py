@@ -11,8 +11,8 @@ from point_world import Recorded, fronto_parallel
 
 from emvs.config import MapperConfig
 from emvs.data.events import Events
-from emvs.data.rig import Rig
 from emvs.errors import InputError
+from emvs.geometry.rig import Rig
 from emvs.rivals import esvo
 from emvs.rivals.esvo_kernels import compatible, fuse_two
 from emvs.rivals.esvo_look import Looked

@@ -7,8 +7,8 @@ from point_world import Recorded, fronto_parallel
 
 from emvs.config import MapperConfig
 from emvs.data.events import Events
-from emvs.data.rig import Rig
 from emvs.errors import InputError
+from emvs.geometry.rig import Rig
 from emvs.rivals import gts
 from emvs.rivals.gts_match import Stream, pairs
 from emvs.rivals.gts_motion import time_slopes

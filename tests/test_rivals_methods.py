@@ -8,10 +8,10 @@ import pytest
 from point_world import Recorded, edge_stream, fronto_parallel, sideways, stereo_rig
 
 from emvs.config import MapperConfig
-from emvs.data.camera import Camera
 from emvs.data.events import Events
 from emvs.data.frame_store import Photo
 from emvs.errors import InputError
+from emvs.geometry.camera import Camera
 from emvs.map_files import read_depth, read_slices
 from emvs.mapper import map_window
 from emvs.methods import methods, overview, register, unregister

@@ -9,11 +9,11 @@ from point_world import pinhole, sideways, stereo_rig
 from scipy.spatial.transform import Rotation
 
 from emvs.config import MapperConfig
-from emvs.data import se3
-from emvs.data.camera import Camera
 from emvs.data.events import Events
-from emvs.data.rig import Rig
 from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
 from emvs.planes import inverse_depth_planes
 from emvs.rivals.rectify import Rectified
 from emvs.rivals.to_view import depth_map, see, see_disparities

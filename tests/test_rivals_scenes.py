@@ -5,9 +5,9 @@ import pytest
 
 import scenes
 from emvs.config import MapperConfig
-from emvs.data import se3
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
+from emvs.geometry import se3
 from emvs.mapper import map_window
 from emvs.rivals import sgm
 from emvs.rivals.esvo_look import Looker

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emvs.data.camera import Camera
-from emvs.data.rig import Rig
 from emvs.errors import InputError
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
 from sim.config import SimConfig
 from sim.displacement import largest_displacement_px
 from sim.motion import HeadSway, Wave, look_at

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from emvs.data.camera import Camera
 from emvs.data.events import Events
-from emvs.data.rig import Rig
 from emvs.data.sequence import Sequence
-from emvs.data.trajectory import Trajectory
 from emvs.data.writer import SequenceWriter
 from emvs.errors import InputError
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 from emvs.io.recognise import open_recording
 from emvs.utils.files import atomic_dir, atomic_path
 

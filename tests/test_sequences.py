@@ -5,8 +5,8 @@ from contextlib import contextmanager
 
 import pytest
 
-from emvs.data.rig import Rig
 from emvs.errors import InputError
+from emvs.geometry.rig import Rig
 from emvs.hot_pixels import find_hot_pixels
 from emvs.io.recognise import open_recording
 from emvs.output import read_map

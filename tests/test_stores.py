@@ -11,16 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from memory_simulate import peaks_mb
 
-from emvs.data.camera import Camera
 from emvs.data.event_store import EventStoreReader, EventStoreWriter
 from emvs.data.events import Events
 from emvs.data.geoms import Geom
-from emvs.data.rig import Rig
 from emvs.data.sequence import Sequence
-from emvs.data.trajectory import Trajectory
 from emvs.data.truth_store import TruthReader, TruthWriter
 from emvs.data.writer import SequenceWriter
 from emvs.errors import InputError
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 from eval.config import EvalConfig
 from eval.folders import truth_of
 

@@ -8,9 +8,9 @@ from point_world import fronto_parallel, pinhole, stereo_rig
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from emvs.data import se3
 from emvs.data.events import Events
-from emvs.data.trajectory import Trajectory
+from emvs.geometry import se3
+from emvs.geometry.trajectory import Trajectory
 from eval.studies.perturbation import Perturbation
 from eval.studies.poses import perturbed_trajectory
 from eval.studies.spoilt import PerturbedRecording, perturbed_rig, thinned

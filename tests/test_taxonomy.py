@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from emvs.data.camera import Camera
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 from eval import masks
 from eval.config import EvalConfig
 from eval.evidence import Evidence

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from emvs.data.camera import Camera
-from emvs.data.rig import Rig
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
 from scenes import textures as tx
 from sim.graphics import import_mujoco
 from sim.motion import look_at

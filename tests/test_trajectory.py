@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from emvs.data import se3
-from emvs.data.trajectory import Trajectory
 from emvs.data.tum import read_tum, write_tum
 from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.trajectory import Trajectory
 
 
 def random_trajectory(n: int, seed: int) -> Trajectory:

@@ -13,11 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import scenes
-from emvs.data import se3
-from emvs.data.camera import Camera
 from emvs.data.events import Events
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
 from eval.config import EvalConfig
 from eval.folders import truth_of
 from sim import truth, truth_kernels

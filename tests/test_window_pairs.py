@@ -7,8 +7,8 @@ import pytest
 
 import scenes
 from emvs.config import MapperConfig
-from emvs.data.camera import Camera
-from emvs.data.rig import Rig
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
 from eval.config import EvalConfig
 from eval.folders import find_maps, sequence_of, truth_of
 from eval.map_stage import map_recording

@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from point_world import Recorded, fronto_parallel, sideways, stereo_rig
 
 from emvs.config import MapperConfig
-from emvs.data.camera import Camera
 from emvs.data.events import Events
 from emvs.data.recording import DerivedRecording
-from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
+from emvs.geometry.camera import Camera
+from emvs.geometry.trajectory import Trajectory
 from emvs.map_info import RecordingInfo
 from emvs.map_store import open_store
 from emvs.mapper import map_window
@@ -489,11 +489,11 @@ from pathlib import Path
 import numpy as np
 
 from emvs.config import MapperConfig
-from emvs.data.camera import Camera
+from emvs.geometry.camera import Camera
 from emvs.data.events import Events
 from emvs.data.recording import DerivedRecording
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 from emvs.map_info import RecordingInfo
 from emvs.sliding import map_windows
 

@@ -9,8 +9,8 @@ from itertools import permutations
 import numpy as np
 
 import scenes
-from emvs.data.camera import Camera
-from emvs.data.rig import Rig
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
 from scenes.textures.noise import BRIGHTEST, DARKEST
 from sim.consistency import Warped, warped
 from sim.graphics import import_mujoco

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from emvs.cuda import arrays, library, ray_kernels
 from emvs.cuda.device_events import DeviceEvents
 from emvs.cuda.device_rays import DeviceRays
-from emvs.data.camera import Camera
 from emvs.data.events import Events
 from emvs.data.recording import Recording
+from emvs.geometry.camera import Camera
 from emvs.ray_kernel import BACKWARDS, NO_POSE, NO_RAY
 from emvs.rays import RayCounts, knots, voters
 from emvs.view import ReferenceView

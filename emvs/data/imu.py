@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data import se3
 from emvs.errors import InputError
+from emvs.geometry import se3
 from emvs.utils.files import atomic_path
 
 Array = NDArray[np.float64]

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 
 
 class Recording(Protocol):

@@ -19,11 +19,11 @@ from emvs.data.geoms import Geom, read_geoms
 from emvs.data.imu import FILE_NAME as IMU_NAME
 from emvs.data.imu import ImuSamples, read_imu
 from emvs.data.recording import summary
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
 from emvs.data.truth_store import TruthReader
 from emvs.data.tum import read_tum
 from emvs.errors import InputError
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 
 Reader = TypeVar("Reader")
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
+from emvs.geometry.trajectory import Trajectory
 from emvs.utils.files import atomic_path
 
 _LARGEST_US = 2.0**62

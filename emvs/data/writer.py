@@ -20,10 +20,10 @@ from emvs.data.frame_store import FrameWriter, Photo
 from emvs.data.geoms import GeomTable, write_geoms
 from emvs.data.imu import FILE_NAME as IMU_NAME
 from emvs.data.imu import ImuSamples, write_imu
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
 from emvs.data.truth_store import TruthWriter
 from emvs.data.tum import write_tum
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 from emvs.utils.files import atomic_dir, refuse_existing
 from emvs.utils.runtime import versions
 

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
+from emvs.geometry.trajectory import Trajectory
 from emvs.io.events.rosbag import opened_bag
 from emvs.io.events.wording import quoted, said
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from emvs.data import se3
-from emvs.data.camera import Camera
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 from emvs.io.events.rosbag_writer import RosbagWriter
 
 POSE_TOPIC = "/T_world_cam0"

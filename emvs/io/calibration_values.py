@@ -10,9 +10,9 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from emvs.data import se3
-from emvs.data.camera import Camera, Model
 from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera, Model
 from emvs.io.events.wording import said
 
 _LARGEST_PX = 20_000

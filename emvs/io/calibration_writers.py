@@ -12,10 +12,10 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from emvs.data import se3
-from emvs.data.camera import Camera
-from emvs.data.rig import Rig
 from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
 from emvs.utils.files import atomic_path
 
 _KALIBR = {"kb4": "equidistant", "radtan": "radtan", "pinhole": "none"}

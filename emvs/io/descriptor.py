@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from emvs.data import se3
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 from emvs.io.calibration import read_imu_cam, read_rig
 from emvs.io.calibration_values import matrix, parsed, pose_of
 from emvs.io.posed import EventSource, PosedRecording, on_first_camera

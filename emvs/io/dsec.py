@@ -10,9 +10,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.camera import Camera
 from emvs.data.hdf5_checks import check_dataset
 from emvs.errors import InputError
+from emvs.geometry.camera import Camera
 from emvs.io.calibration_values import camera_of, entry_of, numbers_of, parsed
 from emvs.io.descriptor import CalibrationTable, Descriptor, EventsTable, PosesTable, assembled
 from emvs.io.events.hdf5_layouts import opened_hdf5
@@ -124,7 +124,7 @@ class DsecDisparity:
 
     def view_depth_m(self, t_us: int) -> NDArray[np.float32]:
         """(H, W) z-depth in the undistorted view at one of the times, m, NaN where unknown."""
-        from emvs.io.warp import turn_depth
+        from emvs.geometry.warp import turn_depth
 
         path = self._images[int(np.argmax(self.t_us == t_us))]
         rectified, R_rect_cam, focal_baseline = self._rectification

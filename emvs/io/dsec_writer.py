@@ -10,12 +10,12 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from emvs.data import se3
-from emvs.data.camera import Camera
 from emvs.data.hdf5 import Hdf5Writer
 from emvs.data.recording import Recording
-from emvs.data.rig import Rig
 from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
 from emvs.io.calibration_writers import kalibr_camera
 from emvs.io.dsec import DISPARITY_SCALE
 
@@ -81,7 +81,7 @@ def write_calibration(folder: Path, rig: Rig) -> None:
 
 def write_truth(folder: Path, recording: Recording, shift_us: int) -> None:
     """Writes disparity images of the left camera, where the recording has ground truth."""
-    from emvs.io.warp import turn_depth
+    from emvs.geometry.warp import turn_depth
 
     view_depth = getattr(recording, "truth_view_depth_m", None)
     times = getattr(recording, "truth_times_us", None)

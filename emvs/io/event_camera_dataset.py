@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.camera import Camera
 from emvs.data.events import Events
 from emvs.data.recording import summary
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
 from emvs.data.tum import read_tum
 from emvs.errors import InputError
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 from emvs.io.events.raw import STREAM
 from emvs.io.events.text import TextLayout, TextReader
 from emvs.io.events.wording import said

@@ -14,10 +14,10 @@ import yaml
 
 from emvs.data.events import Events
 from emvs.data.recording import Recording
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
 from emvs.data.tum import write_tum
 from emvs.errors import InputError
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 from emvs.io import dsec_writer
 from emvs.io.calibration_writers import basalt, kalibr_chain, pose_values, write_rig_json
 from emvs.io.events.contract import Checker

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.camera import Camera
-from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
+from emvs.geometry.camera import Camera
+from emvs.geometry.trajectory import Trajectory
 from emvs.io.calibration import read_rig
 from emvs.io.events.hdf5_layouts import check_columns, opened_hdf5
 from emvs.io.layout_files import find_one
@@ -112,6 +112,6 @@ class MvsecDepth:
         """(H, W) z-depth in the undistorted view at one of the times, m."""
         with opened_hdf5(self._path) as file:
             raw = np.asarray(file[self._DEPTH][int(np.argmax(self.t_us == t_us))], np.float32)
-        from emvs.io.warp import undistort_depth
+        from emvs.geometry.warp import undistort_depth
 
         return undistort_depth(np.where(raw > 0, raw, np.nan).astype(np.float32), self._camera)

@@ -9,7 +9,7 @@ import numpy as np
 from emvs.data.hdf5 import Hdf5Writer
 from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
-from emvs.data.trajectory import Trajectory
+from emvs.geometry.trajectory import Trajectory
 
 
 def write_truth(path: Path, recording: Recording, poses: Trajectory, shift_us: int) -> None:

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from emvs.data.events import Events
 from emvs.data.recording import summary
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
 from emvs.errors import InputError
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 from emvs.io.events.contract import EventReader
 from emvs.io.events.recognise import open_events
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from emvs.data.recording import Recording
-from emvs.data.rig import Rig
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
+from emvs.geometry.rig import Rig
 from emvs.io.event_camera_dataset import EventCameraDataset
 from emvs.io.events.formats import FORMATS
 from emvs.io.events.recognise import open_events

@@ -11,10 +11,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data import se3
 from emvs.data.recording import Recording
 from emvs.errors import InputError
-from emvs.io.warp import move_depth
+from emvs.geometry import se3
+from emvs.geometry.warp import move_depth
 
 
 class TruthRecording(Recording, Protocol):

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
-from emvs.data import se3
 from emvs.data.recording import Recording
 from emvs.depthmap import DepthMap
 from emvs.errors import InputError
+from emvs.geometry import se3
 from emvs.rivals.esvo_look import Looked, Looker
 from emvs.rivals.esvo_parameters import EsvoParameters
 from emvs.rivals.esvo_regularise import regularised

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data import se3
 from emvs.data.events import Events
 from emvs.data.recording import Recording
+from emvs.geometry import se3
 from emvs.rivals.esvo_kernels import deviation_of
 from emvs.rivals.esvo_match import match_blocks
 from emvs.rivals.esvo_parameters import EsvoParameters

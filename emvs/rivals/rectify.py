@@ -15,11 +15,11 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from emvs.data import se3
-from emvs.data.camera import Camera
 from emvs.data.events import Events
-from emvs.data.rig import Rig
 from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
 
 # Beyond these the views no longer show what the cameras see.
 _MAX_SLOPE_DEG = 40.0

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
-from emvs.data import se3
 from emvs.data.recording import Recording
 from emvs.depthmap import DepthMap, without_border
+from emvs.geometry import se3
 from emvs.rivals.rectify import Rectified
 from emvs.rivals.rectify_kernels import splat
 from emvs.view import ReferenceView

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from eval.app import COMMON, Common, app
 
 if TYPE_CHECKING:
-    from emvs.data.rig import Rig
+    from emvs.geometry.rig import Rig
 
 
 @app.command(name="list")

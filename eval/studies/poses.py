@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from emvs.data import se3
-from emvs.data.trajectory import Trajectory
+from emvs.geometry import se3
+from emvs.geometry.trajectory import Trajectory
 from eval.studies.perturbation import Perturbation
 
 

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from emvs.data import se3
-from emvs.data.camera import Camera
 from emvs.data.events import Events
 from emvs.data.recording import DerivedRecording, Recording
-from emvs.data.rig import Rig
-from emvs.data.trajectory import Trajectory
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 from eval.studies.perturbation import Perturbation
 from eval.studies.poses import perturbed_trajectory
 

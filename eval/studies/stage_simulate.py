@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import scenes
-from emvs.data.rig import Rig
+from emvs.geometry.rig import Rig
 from eval import stage_simulate
 from sim.motion import Motion
 from sim.rigs import rig as named_rig

@@ -38,9 +38,9 @@ from typing import Any
 PLACES = {
     "map_window": ("emvs.mapper",),
     "MapperConfig": ("emvs.config",),
-    "Camera": ("emvs.geometry.camera", "emvs.data.camera"),
-    "Rig": ("emvs.geometry.rig", "emvs.data.rig"),
-    "Trajectory": ("emvs.geometry.trajectory", "emvs.data.trajectory"),
+    "Camera": ("emvs.geometry.camera", "emvs.geometry.camera"),
+    "Rig": ("emvs.geometry.rig", "emvs.geometry.rig"),
+    "Trajectory": ("emvs.geometry.trajectory", "emvs.geometry.trajectory"),
     "Events": ("emvs.data.events",),
     "Scene": ("sim.scene",),
     "run_cases": ("eval.pipeline", "eval.runner"),

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from emvs.data import se3
 from emvs.errors import InputError
+from emvs.geometry import se3
 
 _UNIT_TOLERANCE = 1e-3
 

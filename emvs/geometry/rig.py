@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data import se3
-from emvs.data.camera import Camera
 from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,1 @@
+"""Frames, cameras, rigs, trajectories, warps."""
