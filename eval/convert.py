@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from emvs.data.events import Events
-from emvs.data.tum import write_tum
+from emvs.data.poses import write_tum
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
@@ -157,7 +157,7 @@ def _start_us(readable: Readable) -> int:
 
 
 def _poses(source: Path, out: Path, options: Options) -> str:
-    from emvs.io.poses import write_kitti
+    from emvs.data.poses import write_kitti
 
     found = _trajectory(source, options.unit)
     if options.shift_us is None or options.shift_us:
@@ -171,9 +171,9 @@ def _poses(source: Path, out: Path, options: Options) -> str:
 
 
 def _trajectory(source: Path, unit: str) -> Trajectory:
+    from emvs.data.poses import read_poses
     from emvs.io.bag_poses import read_bag_poses
     from emvs.io.descriptor import is_bag
-    from emvs.io.poses import read_poses
     from emvs.io.recognise import open_recording
 
     if is_bag(source):

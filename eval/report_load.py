@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import scenes
-from emvs.data.frame_store import Photo
+from emvs.data.image_stores import Photo
 from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
 from emvs.depthmap import DepthMap

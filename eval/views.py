@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.frame_store import Photo
+from emvs.data.image_stores import Photo
 from emvs.geometry.camera import Camera
 from eval.pairing import Truth
 from eval.plots import DsiSlice

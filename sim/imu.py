@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.imu import ImuSamples
+from emvs.data.tables import ImuSamples
 from emvs.errors import InputError
 from emvs.geometry import se3
 from sim.imu_config import ImuConfig

@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.event_store import EventStoreReader, EventStoreWriter
-from emvs.data.frame_store import FrameReader, FrameWriter, Photo
-from emvs.data.truth_store import TruthReader, TruthWriter
+from emvs.data.image_stores import FrameReader, FrameWriter, Photo, TruthReader, TruthWriter
 from emvs.geometry.rig import Rig
 
 State = dict[str, NDArray[Any]]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.frame_store import Photo
+from emvs.data.image_stores import Photo
 from emvs.errors import InputError
 from sim.exposure import Exposing, Light, TimedLight, develop, shutter_for
 from sim.frames_config import FramesConfig

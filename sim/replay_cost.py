@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.tum import read_tum
+from emvs.data.poses import read_tum
 from emvs.errors import InputError
 from sim.replay import Replay
 

@@ -78,7 +78,7 @@ def statistics(motion: Motion, duration_s: float) -> HeadStatistics:
 
 def recorded(path: Path, cutoff_hz: float = CUTOFF_HZ) -> CurveMotion:
     """A TUM file as a smooth motion, low-passed at `cutoff_hz`, the recording's own scale."""
-    from emvs.data.tum import read_tum
+    from emvs.data.poses import read_tum
 
     try:
         return Replay(position_hz=cutoff_hz, rotation_hz=cutoff_hz).motion(read_tum(path))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from emvs.data.geoms import Geom
+from emvs.data.tables import Geom
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from sim.bodies import moving_geoms

@@ -19,8 +19,8 @@ import fuzz_events
 import numpy as np
 import yaml
 
+from emvs.data.poses import read_kitti, read_poses, read_tum, write_kitti, write_tum
 from emvs.data.sequence import Sequence
-from emvs.data.tum import read_tum, write_tum
 from emvs.errors import InputError
 from emvs.io import calibration_writers as rigs
 from emvs.io import dsec_writer
@@ -28,7 +28,6 @@ from emvs.io.calibration import read_rig
 from emvs.io.descriptor import read_hand_eye
 from emvs.io.dsec import rectification_of
 from emvs.io.layouts import RecordingExport, write_recording
-from emvs.io.poses import read_kitti, read_poses, write_kitti
 from emvs.io.raw_streams import open_readable
 from emvs.io.recognise import open_recording
 

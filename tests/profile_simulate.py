@@ -13,7 +13,7 @@ from collections import defaultdict
 from pathlib import Path
 
 import scenes
-from emvs.data import event_store, truth_store
+from emvs.data import event_store, image_stores
 from sim import cameras, chunks, generate, renderer, sampling
 from sim.config import SimConfig
 from sim.rigs import rig
@@ -26,7 +26,7 @@ STAGES = (
     (cameras.Cameras, "_step", "events (threads)"),
     (cameras.Cameras, "collect", "wait for events"),
     (event_store.EventStoreWriter, "append", "write events"),
-    (truth_store.TruthWriter, "append", "write truth"),
+    (image_stores.TruthWriter, "append", "write truth"),
     (generate.WorkFolder, "commit", "finish parts"),
     (generate, "_assemble", "put together"),
 )

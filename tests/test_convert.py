@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from memory_convert import run_chain
 
 from emvs.data.events import Events
+from emvs.data.poses import read_kitti, read_poses, read_tum, write_tum
 from emvs.data.sequence import Sequence
-from emvs.data.tum import read_tum, write_tum
 from emvs.errors import InputError
 from emvs.geometry.se3 import from_quat_xyzw
 from emvs.geometry.trajectory import Trajectory
@@ -25,7 +25,6 @@ from emvs.io.calibration import read_rig
 from emvs.io.dsec import read_disparity
 from emvs.io.events.recognise import open_events
 from emvs.io.events.write import write_events
-from emvs.io.poses import read_kitti, read_poses
 from eval.cli import main
 from eval.convert import Options, convert, targets
 from eval.info import inspect

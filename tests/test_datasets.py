@@ -207,7 +207,7 @@ def test_a_bad_descriptor_is_refused(ours, tmp_path, text, message):
 
 
 def test_real_trajectories_parse_and_evaluate(shared_data):
-    from emvs.io.poses import read_poses
+    from emvs.data.poses import read_poses
 
     for path in sorted(shared_data.rglob("*.tum.txt")):
         poses = read_poses(path)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from emvs.data.imu import ImuSamples, read_imu, write_imu
+from emvs.data.tables import ImuSamples, read_imu, write_imu
 from emvs.errors import InputError
 from emvs.geometry import se3
 from sim.heads import run, shake, walk

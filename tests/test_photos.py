@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_chunks import Killed, contents, scene_in, stop_at
 
-from emvs.data.frame_store import FrameReader, FrameWriter, Photo
+from emvs.data.image_stores import FrameReader, FrameWriter, Photo
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
 from sim.config import SimConfig

@@ -137,7 +137,7 @@ def test_uneven_times_are_brought_onto_a_grid():
 def test_a_real_head_replays_within_its_noise():
     from pathlib import Path
 
-    from emvs.data.tum import read_tum
+    from emvs.data.poses import read_tum
 
     path = Path(__file__).parents[2] / "shared/data/tumvie/mocap-6dof.tum.txt"
     if not path.is_file():

@@ -12,8 +12,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from test_chunks import Killed, scene_in, stop_at
 
+from emvs.data.poses import read_tum, write_tum
 from emvs.data.sequence import Sequence
-from emvs.data.tum import read_tum, write_tum
 from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.trajectory import Trajectory

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from report_data import METHODS, SHAPE, WellFormed, report_data
 
-from emvs.data.frame_store import Photo
+from emvs.data.image_stores import Photo
 from emvs.errors import InputError
 from eval.findings import findings, fusion_order
 from eval.ranking import mean_over_cases, order, shown, table

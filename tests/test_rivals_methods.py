@@ -9,7 +9,7 @@ from point_world import Recorded, edge_stream, fronto_parallel, sideways, stereo
 
 from emvs.config import MapperConfig
 from emvs.data.events import Events
-from emvs.data.frame_store import Photo
+from emvs.data.image_stores import Photo
 from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.map_files import read_depth, read_slices

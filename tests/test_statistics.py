@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from emvs.data.tum import write_tum
+from emvs.data.poses import write_tum
 from sim.head_styles import STYLES
 from sim.heads import generate
 from sim.motion import sampled

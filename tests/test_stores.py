@@ -13,9 +13,9 @@ from memory_simulate import peaks_mb
 
 from emvs.data.event_store import EventStoreReader, EventStoreWriter
 from emvs.data.events import Events
-from emvs.data.geoms import Geom
+from emvs.data.image_stores import TruthReader, TruthWriter
 from emvs.data.sequence import Sequence
-from emvs.data.truth_store import TruthReader, TruthWriter
+from emvs.data.tables import Geom
 from emvs.data.writer import SequenceWriter
 from emvs.errors import InputError
 from emvs.geometry.camera import Camera

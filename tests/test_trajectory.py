@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from emvs.data.tum import read_tum, write_tum
+from emvs.data.poses import read_tum, write_tum
 from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.trajectory import Trajectory

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from emvs.data.events import Events
-from emvs.data.hdf5 import COMPRESSION, Hdf5Writer, open_hdf5
-from emvs.data.hdf5_checks import check_dataset
+from emvs.data.hdf5 import COMPRESSION, Hdf5Writer, check_dataset, open_hdf5
 from emvs.errors import InputError
 
 _CHUNK = 1 << 17

@@ -13,14 +13,12 @@ from numpy.typing import NDArray
 from emvs.data import manifest
 from emvs.data.event_store import EventStoreReader
 from emvs.data.events import Events
-from emvs.data.frame_store import FILE_NAME as FRAMES_NAME
-from emvs.data.frame_store import FrameReader, Photo
-from emvs.data.geoms import Geom, read_geoms
-from emvs.data.imu import FILE_NAME as IMU_NAME
-from emvs.data.imu import ImuSamples, read_imu
+from emvs.data.image_stores import FRAMES_FILE as FRAMES_NAME
+from emvs.data.image_stores import FrameReader, Photo, TruthReader
+from emvs.data.poses import read_tum
 from emvs.data.recording import summary
-from emvs.data.truth_store import TruthReader
-from emvs.data.tum import read_tum
+from emvs.data.tables import IMU_FILE as IMU_NAME
+from emvs.data.tables import Geom, ImuSamples, read_geoms, read_imu
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
@@ -134,7 +132,7 @@ class Sequence:
         return self._of(self._truth, camera).intensity(t_us)
 
     def truth_names(self, camera: int) -> tuple[str, ...]:
-        """Which optional ground truth is stored, see `emvs.data.truth_store.OPTIONAL`."""
+        """Which optional ground truth is stored, see `emvs.data.image_stores.OPTIONAL`."""
         return self._of(self._truth, camera).optional
 
     def truth_flow_px(self, camera: int, t_us: int) -> NDArray[np.float32]:

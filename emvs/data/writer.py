@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 from emvs.data import manifest
 from emvs.data.event_store import EventStoreWriter
 from emvs.data.events import Events
-from emvs.data.frame_store import FILE_NAME as FRAMES_NAME
-from emvs.data.frame_store import FrameWriter, Photo
-from emvs.data.geoms import GeomTable, write_geoms
-from emvs.data.imu import FILE_NAME as IMU_NAME
-from emvs.data.imu import ImuSamples, write_imu
-from emvs.data.truth_store import TruthWriter
-from emvs.data.tum import write_tum
+from emvs.data.image_stores import FRAMES_FILE as FRAMES_NAME
+from emvs.data.image_stores import FrameWriter, Photo, TruthWriter
+from emvs.data.poses import write_tum
+from emvs.data.tables import IMU_FILE as IMU_NAME
+from emvs.data.tables import GeomTable, ImuSamples, write_geoms, write_imu
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 from emvs.utils.files import atomic_dir, refuse_existing
@@ -141,7 +139,7 @@ class SequenceWriter:
             t_us: after the time before, µs.
             depth_m: (H, W) z-depth, m.
             intensity_u8: (H, W) linear intensity, 0..255.
-            optional: more data sets, named in `emvs.data.truth_store.OPTIONAL`.
+            optional: more data sets, named in `emvs.data.image_stores.OPTIONAL`.
         """
         self._truth[camera].append(t_us, depth_m, intensity_u8, optional)
 

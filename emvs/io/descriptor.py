@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from emvs.data.poses import read_poses
 from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.rig import Rig
@@ -17,7 +18,6 @@ from emvs.geometry.trajectory import Trajectory
 from emvs.io.calibration import read_imu_cam, read_rig
 from emvs.io.calibration_values import matrix, parsed, pose_of
 from emvs.io.posed import EventSource, PosedRecording, on_first_camera
-from emvs.io.poses import read_poses
 
 FILE_NAME = "recording.toml"
 

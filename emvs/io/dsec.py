@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.hdf5_checks import check_dataset
+from emvs.data.hdf5 import check_dataset
 from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.io.calibration_values import camera_of, entry_of, numbers_of, parsed

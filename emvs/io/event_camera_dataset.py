@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
+from emvs.data.poses import read_tum
 from emvs.data.recording import summary
-from emvs.data.tum import read_tum
 from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig

@@ -13,8 +13,8 @@ import tomli_w
 import yaml
 
 from emvs.data.events import Events
+from emvs.data.poses import write_tum
 from emvs.data.recording import Recording
-from emvs.data.tum import write_tum
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory

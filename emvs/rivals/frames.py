@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
-from emvs.data.frame_store import Photo
+from emvs.data.image_stores import Photo
 from emvs.data.recording import Recording
 from emvs.depthmap import DepthMap
 from emvs.errors import InputError

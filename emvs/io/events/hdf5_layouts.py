@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
-from emvs.data.hdf5 import open_hdf5
-from emvs.data.hdf5_checks import check_dataset
+from emvs.data.hdf5 import check_dataset, open_hdf5
 from emvs.errors import InputError
 from emvs.io.events.convert_columns import times_us, to_events
 from emvs.io.events.matrix_kernel import convert_rows

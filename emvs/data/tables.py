@@ -1,21 +1,24 @@
-"""Inertial samples of a sequence, and their file: `imu.csv`."""
+"""Small tables beside a sequence: inertial samples, and what the ids of a segmentation mean."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
 from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.utils.files import atomic_path
 
 Array = NDArray[np.float64]
-FILE_NAME = "imu.csv"
+IMU_FILE = "imu.csv"
 _PLACE = "# T_body_imu x_m y_m z_m qx qy qz qw:"
 _COLUMNS = "#t_us,gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z"
+GEOMS_FILE = "geoms.json"
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,3 +80,42 @@ def _place(line: str) -> Array:
     if numbers.shape != (7,) or not np.isclose(np.linalg.norm(numbers[3:]), 1, atol=1e-6):
         raise ValueError("T_body_imu needs a position and a unit quaternion, seven numbers")
     return se3.from_quat_xyzw(numbers[:3], numbers[3:])
+
+
+class Geom(BaseModel):
+    """One piece of a scene's geometry."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    """The scene's name for it, or that of its body, or its type; not always unique."""
+
+    dynamic: bool
+    """Whether it can move by itself; what is not dynamic moves only because the camera does."""
+
+
+GeomTable = Mapping[int, Geom]
+
+
+_TABLE = TypeAdapter(dict[int, Geom])
+
+
+def write_geoms(folder: Path, geoms: GeomTable) -> None:
+    """Writes `geoms.json` into a sequence's folder, by rising id."""
+    text = _TABLE.dump_json(dict(sorted(geoms.items())), indent=1)
+    (folder / GEOMS_FILE).write_bytes(text + b"\n")
+
+
+def read_geoms(folder: Path) -> dict[int, Geom]:
+    """Reads the table of a sequence.
+
+    Raises:
+        InputError: it was not stored, or is damaged.
+    """
+    path = folder / GEOMS_FILE
+    try:
+        return _TABLE.validate_json(path.read_bytes())
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: not stored; simulate with `segmentation` in `truth`") from error
+    except (OSError, ValidationError) as error:
+        raise InputError(f"{path}: damaged; make the sequence again") from error
