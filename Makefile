@@ -79,7 +79,7 @@ endif
 tables: setup
 	$(BIN)/python -m eval.settings_table
 	$(BIN)/python -m eval.readme_table
-	$(BIN)/python -m emvs.io.events docs/event_formats.md
+	$(BIN)/python -m emvs.formats docs/event_formats.md
 
 measurements: setup studies
 	$(BIN)/python -m scenes._figures docs/scenes.md docs/twins.md docs/twins_outdoor.md docs/twins_hard.md

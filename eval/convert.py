@@ -9,11 +9,9 @@ from pathlib import Path
 from emvs.data.events import Events
 from emvs.data.poses import write_tum
 from emvs.errors import InputError
+from emvs.formats import FORMATS, calibration_writers, depth, write_events
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from emvs.io import calibration_writers, depth_writers
-from emvs.io.events.formats import FORMATS
-from emvs.io.events.write import write_events
 from emvs.io.layouts import RecordingExport, kinds, write_recording
 from emvs.io.posed import EventSource
 from emvs.io.raw_streams import Readable, open_readable
@@ -52,7 +50,7 @@ class Options:
 def targets() -> list[str]:
     """Every format that can be written."""
     disparity = ["disparity-png"]
-    rigs, depths = list(calibration_writers.WRITERS), list(depth_writers.WRITERS)
+    rigs, depths = list(calibration_writers.WRITERS), list(depth.WRITERS)
     return [*kinds(), *POSES, *rigs, *depths, *disparity, *CLOUDS]
 
 
@@ -76,7 +74,7 @@ def convert(source: Path, out: Path, options: Options, progress: Progress) -> st
     if to in calibration_writers.WRITERS:
         calibration_writers.WRITERS[to](out, _rig(source))
         return f"calibration as {to}"
-    if to in depth_writers.WRITERS or to == "disparity-png":
+    if to in depth.WRITERS or to == "disparity-png":
         return _depth(source, out, options)
     if to in CLOUDS:
         return _cloud(source, out, to)
@@ -184,7 +182,7 @@ def _trajectory(source: Path, unit: str) -> Trajectory:
 
 
 def _rig(source: Path) -> Rig:
-    from emvs.io.calibration import read_rig
+    from emvs.formats.calibration import read_rig
     from emvs.io.recognise import open_recording
 
     if source.is_dir() or source.suffix in (".toml", ".bag"):
@@ -193,9 +191,9 @@ def _rig(source: Path) -> Rig:
 
 
 def _depth(source: Path, out: Path, options: Options) -> str:
-    depth_m = depth_writers.read_depth(source)
+    depth_m = depth.read_depth(source)
     if options.to != "disparity-png":
-        depth_writers.WRITERS[options.to](out, depth_m)
+        depth.WRITERS[options.to](out, depth_m)
         return f"depth map of {depth_m.shape[1]}x{depth_m.shape[0]} as {options.to}"
     from emvs.io.dsec_writer import write_disparity
     from emvs.utils.files import atomic_path

@@ -126,7 +126,7 @@ def rig(name_or_path: str) -> Rig:
     """Returns the rig called so, or the rig of a calibration file.
 
     Args:
-        name_or_path: one of `RIGS`, or the path of a file that `emvs.io.calibration.read_rig`
+        name_or_path: one of `RIGS`, or the path of a file that `emvs.formats.calibration.read_rig`
             reads: one that ends in .json, .yaml or .yml.
 
     Raises:
@@ -135,7 +135,7 @@ def rig(name_or_path: str) -> Rig:
     if name_or_path in RIGS:
         return RIGS[name_or_path]
     if name_or_path.lower().endswith(_SUFFIXES):
-        from emvs.io.calibration import read_rig
+        from emvs.formats.calibration import read_rig
 
         return read_rig(Path(name_or_path))
     raise InputError(

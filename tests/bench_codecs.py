@@ -16,10 +16,8 @@ from pathlib import Path
 import pytest
 from event_files import ALL, WRITTEN, moving_edges, stream_of, write_any
 
+from emvs.formats import FORMATS, open_events, write_events
 from emvs.io.events.__main__ import replaced
-from emvs.io.events.formats import FORMATS
-from emvs.io.events.recognise import open_events
-from emvs.io.events.write import write_events
 
 COUNT = 1 << 22
 SIZE_PX = (1280, 720)

@@ -16,8 +16,7 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from emvs.data.events import Events
-from emvs.io.events.formats import FORMATS
-from emvs.io.events.write import write_events
+from emvs.formats import FORMATS, write_events
 
 ALL = list(FORMATS)
 WRITTEN = [name for name, entry in FORMATS.items() if entry.writes]

@@ -22,9 +22,9 @@ import yaml
 from emvs.data.poses import read_kitti, read_poses, read_tum, write_kitti, write_tum
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
-from emvs.io import calibration_writers as rigs
+from emvs.formats import calibration_writers as rigs
+from emvs.formats.calibration import read_rig
 from emvs.io import dsec_writer
-from emvs.io.calibration import read_rig
 from emvs.io.descriptor import read_hand_eye
 from emvs.io.dsec import rectification_of
 from emvs.io.layouts import RecordingExport, write_recording

@@ -28,7 +28,7 @@ import numpy as np
 
 from emvs.data.events import Events
 from emvs.errors import InputError
-from emvs.io.events.recognise import open_events
+from emvs.formats import open_events
 
 SIZE_PX = (1280, 720)
 ROOM = 512 << 20

@@ -19,9 +19,8 @@ from pathlib import Path
 import event_files
 import numpy as np
 
+from emvs.formats import FORMATS, open_events
 from emvs.io.events.__main__ import replaced
-from emvs.io.events.formats import FORMATS
-from emvs.io.events.recognise import open_events
 
 SIZE_PX = (1280, 720)
 STEP_US = 10

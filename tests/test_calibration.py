@@ -12,8 +12,8 @@ import pytest
 import yaml
 
 from emvs.errors import InputError
+from emvs.formats.calibration import read_rig
 from emvs.geometry import se3
-from emvs.io.calibration import read_rig
 from sim.rigs import RIGS, rig
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"

@@ -21,9 +21,7 @@ from event_files import CD
 from rosbags.highlevel import AnyReader
 
 from emvs.data.events import Events
-from emvs.io.events.formats import FORMATS
-from emvs.io.events.recognise import open_events
-from emvs.io.events.write import write_events
+from emvs.formats import FORMATS, open_events, write_events
 
 SIZE_PX = (1280, 720)
 
@@ -239,7 +237,7 @@ const void *H5PLget_plugin_info(void) { return &filter; }
 READ = """
 import sys
 from pathlib import Path
-from emvs.io.events import open_events
+from emvs.formats import open_events
 reader = open_events(Path(sys.argv[1]))
 print(reader.format, *(n for e in reader.chunks("events") for n in (len(e), e.t_us[0], e.x[-1])))
 """

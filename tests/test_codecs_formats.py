@@ -15,10 +15,8 @@ from hypothesis import strategies as st
 
 from emvs.data.events import Events
 from emvs.errors import InputError
+from emvs.formats import FORMATS, open_events, write_events
 from emvs.io.events.__main__ import table
-from emvs.io.events.formats import FORMATS
-from emvs.io.events.recognise import open_events
-from emvs.io.events.write import write_events
 
 SORTED_ONLY = [name for name in WRITTEN if not FORMATS[name].limits.keeps_order]
 # In a DAT file time that runs backwards by half its 32 bits or more is a loop.

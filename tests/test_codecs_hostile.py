@@ -22,11 +22,9 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 
 from emvs.data.events import Events
 from emvs.errors import InputError
-from emvs.io.events import bounded
-from emvs.io.events.flatbuffer import one_vector
-from emvs.io.events.recognise import open_events
-from emvs.io.events.ros_messages import array_events
-from emvs.io.events.write import write_events
+from emvs.formats import blocks, open_events, write_events
+from emvs.formats.aedat4 import one_vector
+from emvs.formats.rosbag import array_events
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -266,7 +264,7 @@ def ros1_bag(path, compression):
 def test_compressed_ros1_bags(tmp_path, monkeypatch, compression):
     path = ros1_bag(tmp_path / "f.bag", compression)
     assert read_all(path) == rows()
-    monkeypatch.setattr(bounded, "MOST_BYTES", 20_000)
+    monkeypatch.setattr(blocks, "MOST_BYTES", 20_000)
     with pytest.raises(InputError, match="holds more than 20000 bytes") as error:
         read_all(path)
     assert_one_line(error, path)
@@ -278,13 +276,13 @@ def test_compressed_ros1_bags(tmp_path, monkeypatch, compression):
 )
 def test_frames_unpack_to_a_bound(monkeypatch, name, compress):
     for size in (0, 1, 1000, 20_000_000):
-        assert bounded.unpacked(compress(bytes(size)), name, "here") == bytes(size)
+        assert blocks.unpacked(compress(bytes(size)), name, "here") == bytes(size)
     for damaged in (b"", compress(b"a" * 99)[:-6], b"\xff" * 40):
         with pytest.raises(InputError, match=r"here: (its compressed|cannot be)"):
-            bounded.unpacked(damaged, name, "here")
-    monkeypatch.setattr(bounded, "MOST_BYTES", 1 << 20)
+            blocks.unpacked(damaged, name, "here")
+    monkeypatch.setattr(blocks, "MOST_BYTES", 1 << 20)
     with pytest.raises(InputError, match="holds more than"):
-        bounded.unpacked(compress(bytes(1 << 25)), name, "here")
+        blocks.unpacked(compress(bytes(1 << 25)), name, "here")
 
 
 def test_npz_headers_are_not_read_whole_where_they_are_absurd(tmp_path):

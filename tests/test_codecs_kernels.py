@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emvs.io.events import evt_decode, evt_encode
-from emvs.io.events.evt_state import LOOPS, initial_state
-from emvs.io.events.matrix_kernel import convert_rows
-from emvs.io.events.ros_kernels import decode_array, encode_array
-from emvs.io.events.text_kernels import format_rows, parse_rows
+from emvs.formats import prophesee_kernels
+from emvs.formats.hdf5_kernels import convert_rows
+from emvs.formats.prophesee_kernels import LOOPS, initial_state
+from emvs.formats.rosbag_kernels import decode_array, encode_array
+from emvs.formats.text_kernels import format_rows, parse_rows
 
 
 def decode(kernel, words, room):
@@ -38,14 +38,14 @@ def word_lists(kinds, bits):
 
 @given(word_lists([0, 1, 8, 8, 10, 14, 15], 32), st.integers(32, 70))
 def test_evt2_equals_its_twin(words, room):
-    rows, unknown = decode(evt_decode.decode_evt2, np.array(words, np.uint32), room)
+    rows, unknown = decode(prophesee_kernels.decode_evt2, np.array(words, np.uint32), room)
     assert unknown is None
     assert rows == naive.decode_evt2(words)
 
 
 @given(word_lists([0, 1, 8, 10, 14, 15], 64), st.integers(32, 70))
 def test_evt21_equals_its_twin(words, room):
-    rows, unknown = decode(evt_decode.decode_evt21, np.array(words, np.uint64), room)
+    rows, unknown = decode(prophesee_kernels.decode_evt21, np.array(words, np.uint64), room)
     assert unknown is None
     assert rows == naive.decode_evt21(words)
 
@@ -55,7 +55,7 @@ def test_evt3_equals_its_twin(words, room):
     with_vectors = []
     for word in words:
         with_vectors += [word, 0x4A51, 0x4801, 0x5081] if word >> 12 == 3 else [word]
-    rows, unknown = decode(evt_decode.decode_evt3, np.array(with_vectors, np.uint16), room)
+    rows, unknown = decode(prophesee_kernels.decode_evt3, np.array(with_vectors, np.uint16), room)
     if unknown is None:
         assert rows == naive.decode_evt3(with_vectors)
     else:
@@ -64,7 +64,7 @@ def test_evt3_equals_its_twin(words, room):
 
 @given(st.lists(st.integers(0, 2**61 - 1), max_size=200))
 def test_dat_equals_its_twin(words):
-    rows, unknown = decode(evt_decode.decode_dat, np.array(words, np.uint64), 32)
+    rows, unknown = decode(prophesee_kernels.decode_dat, np.array(words, np.uint64), 32)
     assert unknown is None
     assert rows == naive.decode_dat(words)
 
@@ -72,7 +72,7 @@ def test_dat_equals_its_twin(words):
 @pytest.mark.parametrize("kind", [0x1, 0x9, 0xB, 0xC, 0xD])
 def test_evt3_refuses_words_of_no_known_kind(kind):
     words = np.array([0x8000, 0x2001, kind << 12, 0x2002], np.uint16)
-    rows, unknown = decode(evt_decode.decode_evt3, words, 32)
+    rows, unknown = decode(prophesee_kernels.decode_evt3, words, 32)
     assert rows == [(0, 1, 0, 0)]
     assert unknown == kind << 12
 
@@ -80,7 +80,7 @@ def test_evt3_refuses_words_of_no_known_kind(kind):
 @pytest.mark.parametrize("kind", [2, 7, 9, 13])
 def test_evt2_refuses_words_of_no_known_kind(kind):
     words = np.array([0x80000000, 0x10000801, kind << 28], np.uint32)
-    rows, unknown = decode(evt_decode.decode_evt2, words, 32)
+    rows, unknown = decode(prophesee_kernels.decode_evt2, words, 32)
     assert rows == [(0, 1, 1, 1)]
     assert unknown == kind << 28
 
@@ -103,13 +103,13 @@ def sorted_rows(draw):
 @pytest.mark.parametrize(
     ("encode", "twin", "kind", "bits"),
     [
-        (evt_encode.encode_evt2, naive.decode_evt2, np.uint32, 34),
-        (evt_encode.encode_evt3, naive.decode_evt3, np.uint16, 24),
+        (prophesee_kernels.encode_evt2, naive.decode_evt2, np.uint32, 34),
+        (prophesee_kernels.encode_evt3, naive.decode_evt3, np.uint16, 24),
     ],
 )
 @given(rows=sorted_rows(), cut=st.integers(0, 100))
 def test_what_is_encoded_decodes_to_the_same_by_the_twin(encode, twin, kind, bits, rows, cut):
-    state, words = evt_encode.encoder_state(), []
+    state, words = prophesee_kernels.encoder_state(), []
     for part in filter(None, (rows[:cut], rows[cut:])):
         events = naive.events_of(part)
         room = 8 * len(part) + 3 * ((part[-1][0] >> bits) - int(state[LOOPS])) + 8
@@ -123,8 +123,8 @@ def test_what_is_encoded_decodes_to_the_same_by_the_twin(encode, twin, kind, bit
 def test_evt3_writes_dense_rows_as_vectors():
     rows = [(100, x, 7, 1) for x in range(640)]
     events, words = naive.events_of(rows), np.empty(8 * 640, np.uint16)
-    state = evt_encode.encoder_state()
-    count = evt_encode.encode_evt3(events.x, events.y, events.t_us, events.p, state, words)
+    state = prophesee_kernels.encoder_state()
+    count = prophesee_kernels.encode_evt3(events.x, events.y, events.t_us, events.p, state, words)
     assert count == 4 + 3 * 20  # time high and low, row, base, and 20 vectors of 32 columns
     assert naive.decode_evt3(words[:count]) == rows
 

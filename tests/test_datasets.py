@@ -117,8 +117,8 @@ def test_a_tumvie_marker_off_the_camera_is_undone(ours, tmp_path):
     """Poses of a marker, with the hand-eye calibration, give the camera's own poses."""
     import json
 
+    from emvs.formats.calibration_writers import pose_values
     from emvs.geometry import se3
-    from emvs.io.calibration_writers import pose_values
 
     folder = rewritten(ours, tmp_path / "t", "tumvie")
     T_imu_marker = se3.from_quat_xyzw(np.array([0.1, -0.2, 0.05]), np.array([0, 0.6, 0, 0.8]))

@@ -16,7 +16,7 @@ from test_datasets_lenses import rewritten
 
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
-from emvs.io.calibration import read_rig
+from emvs.formats.calibration import read_rig
 from emvs.io.raw_streams import open_readable
 from emvs.io.recognise import open_recording
 from eval.cli import main

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from emvs.errors import InputError
-from emvs.io.events import text
+from emvs.formats import text
 from emvs.io.recognise import open_recording
 
 CALIBRATION = "335.4 335.3 129.9 99.2 -0.14 0.09 -0.0003 0.0002 0.0\n"

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emvs.data.events import Events
-from emvs.io.events.write import write_events
+from emvs.formats import write_events
 from eval.cli import main
 from eval.info_stream import GAP_US, StreamCount
 

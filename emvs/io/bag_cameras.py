@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
+from emvs.formats.calibration import camera_of
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera, Model
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 from emvs.io.bag_poses import POSE_TYPES, messages, read_bag_poses, topics
-from emvs.io.calibration_values import camera_of
 from emvs.io.events.wording import quoted
 
 _TYPE = "sensor_msgs/msg/CameraInfo"

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from emvs.errors import InputError
+from emvs.formats.rosbag import opened_bag
 from emvs.geometry.trajectory import Trajectory
-from emvs.io.events.rosbag import opened_bag
 from emvs.io.events.wording import quoted, said
 
 POSE_TYPES: dict[str, Callable[[Any], tuple[Any, Any]]] = {

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
+from emvs.formats.rosbag import RosbagWriter
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from emvs.io.events.rosbag_writer import RosbagWriter
 
 POSE_TOPIC = "/T_world_cam0"
 _LENS = {"pinhole": "plumb_bob", "radtan": "plumb_bob", "kb4": "equidistant"}

@@ -12,11 +12,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from emvs.data.poses import read_poses
 from emvs.errors import InputError
+from emvs.formats.calibration import matrix, parsed, pose_of, read_imu_cam, read_rig
 from emvs.geometry import se3
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from emvs.io.calibration import read_imu_cam, read_rig
-from emvs.io.calibration_values import matrix, parsed, pose_of
 from emvs.io.posed import EventSource, PosedRecording, on_first_camera
 
 FILE_NAME = "recording.toml"
@@ -33,7 +32,7 @@ class EventsTable(_Table):
     """One camera's events.
 
     Attributes:
-        file: event file or ROS2 folder, any format of `emvs.io.events`.
+        file: event file or ROS2 folder, any format of `emvs.formats`.
         stream: which stream, where the file has several.
         time_offset_us: added to the file's times.
     """
@@ -47,7 +46,7 @@ class CalibrationTable(_Table):
     """The rig.
 
     Attributes:
-        file: whatever `emvs.io.calibration.read_rig` reads, or a ROS bag with `camera_info`.
+        file: whatever `emvs.formats.calibration.read_rig` reads, or a ROS bag with `camera_info`.
         cameras: which of its cameras, in the order of the events; by default its event cameras.
     """
 

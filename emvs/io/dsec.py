@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from emvs.data.hdf5 import check_dataset
 from emvs.errors import InputError
+from emvs.formats.calibration import camera_of, entry_of, numbers_of, parsed
+from emvs.formats.depth import read_png
+from emvs.formats.hdf5 import opened_hdf5
 from emvs.geometry.camera import Camera
-from emvs.io.calibration_values import camera_of, entry_of, numbers_of, parsed
 from emvs.io.descriptor import CalibrationTable, Descriptor, EventsTable, PosesTable, assembled
-from emvs.io.events.hdf5_layouts import opened_hdf5
 from emvs.io.layout_files import find_one, find_optional
-from emvs.io.png import read_png
 from emvs.io.posed import PosedRecording
 
 LEFT = "events/left/events.h5"

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from emvs.data.hdf5 import Hdf5Writer
 from emvs.data.recording import Recording
 from emvs.errors import InputError
+from emvs.formats.calibration_writers import kalibr_camera
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
-from emvs.io.calibration_writers import kalibr_camera
 from emvs.io.dsec import DISPARITY_SCALE
 
 Array = NDArray[np.float64]

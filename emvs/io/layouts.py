@@ -16,13 +16,12 @@ from emvs.data.events import Events
 from emvs.data.poses import write_tum
 from emvs.data.recording import Recording
 from emvs.errors import InputError
+from emvs.formats import FORMATS, _in_time_order, write_events
+from emvs.formats.base import Checker
+from emvs.formats.calibration_writers import basalt, kalibr_chain, pose_values, write_rig_json
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 from emvs.io import dsec_writer
-from emvs.io.calibration_writers import basalt, kalibr_chain, pose_values, write_rig_json
-from emvs.io.events.contract import Checker
-from emvs.io.events.formats import FORMATS
-from emvs.io.events.write import _in_time_order, write_events
 from emvs.io.posed import EventSource
 from emvs.utils.files import atomic_dir
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
+from emvs.formats.calibration import read_rig
+from emvs.formats.hdf5 import check_columns, opened_hdf5
 from emvs.geometry.camera import Camera
 from emvs.geometry.trajectory import Trajectory
-from emvs.io.calibration import read_rig
-from emvs.io.events.hdf5_layouts import check_columns, opened_hdf5
 from emvs.io.layout_files import find_one
 from emvs.io.posed import EventSource, PosedRecording
 

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from emvs.data.events import Events
 from emvs.data.recording import summary
 from emvs.errors import InputError
+from emvs.formats import open_events
+from emvs.formats.base import EventReader
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from emvs.io.events.contract import EventReader
-from emvs.io.events.recognise import open_events
 
 
 class DepthTruth(Protocol):

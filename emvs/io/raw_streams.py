@@ -8,10 +8,9 @@ from pathlib import Path
 from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
+from emvs.formats import FORMATS, open_events
 from emvs.geometry.rig import Rig
 from emvs.io.event_camera_dataset import EventCameraDataset
-from emvs.io.events.formats import FORMATS
-from emvs.io.events.recognise import open_events
 from emvs.io.posed import EventSource, PosedRecording
 from emvs.io.recognise import open_recording
 

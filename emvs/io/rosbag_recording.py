@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from emvs.errors import InputError
+from emvs.formats import open_events
 from emvs.io.bag_cameras import info_topic
 from emvs.io.bag_poses import pose_topic, topics
 from emvs.io.descriptor import (
@@ -15,7 +16,6 @@ from emvs.io.descriptor import (
     assembled,
     is_bag,
 )
-from emvs.io.events.recognise import open_events
 from emvs.io.layout_files import find_optional
 from emvs.io.posed import PosedRecording
 

@@ -66,7 +66,7 @@ def _from_imu(recording: PosedRecording, calibration: Path) -> PosedRecording:
     """VIO poses are the IMU's: carries them to the left event camera."""
     from dataclasses import replace
 
-    from emvs.io.calibration import read_imu_cam
+    from emvs.formats.calibration import read_imu_cam
 
     return replace(recording, trajectory=recording.trajectory.times(read_imu_cam(calibration)))
 

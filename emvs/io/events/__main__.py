@@ -1,4 +1,4 @@
-"""Writes the table of formats into the documentation: `python -m emvs.io.events PAGE`."""
+"""Writes the table of formats into the documentation: `python -m emvs.formats PAGE`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from emvs.errors import InputError
-from emvs.io.events.formats import FORMATS, Format
+from emvs.formats import FORMATS, Format
 from emvs.utils.files import atomic_path
 
 _BEGIN, _END = "<!-- formats: begin -->\n", "<!-- formats: end -->\n"
@@ -60,7 +60,7 @@ def replaced(page: str, begin: str, end: str, text: str) -> str:
 def main(arguments: list[str]) -> int:
     """Rewrites the page that is named."""
     if len(arguments) != 1:
-        sys.stderr.write("usage: python -m emvs.io.events PAGE\n")
+        sys.stderr.write("usage: python -m emvs.formats PAGE\n")
         return 2
     page = Path(arguments[0])
     text = replaced(page.read_text(encoding="utf-8"), _BEGIN, _END, table())

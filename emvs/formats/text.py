@@ -1,4 +1,4 @@
-"""Reads events as text: `t x y p` in lines, with or without a size line, or CSV with a header.
+"""Events as text, read and written: `t x y p` in lines, with or without a size line, or CSV.
 
 A time with a decimal point or an exponent is in seconds, a whole number in µs, and a whole file
 is one or the other; a CSV header may name the unit instead (`t_s`, `t_ms`, `t_us`, `t_ns`)
@@ -17,15 +17,19 @@ from numpy.typing import NDArray
 
 from emvs.data.events import Events
 from emvs.errors import InputError
-from emvs.io.events.indexed import BlockReader
-from emvs.io.events.raw import STREAM, opened
-from emvs.io.events.text_kernels import parse_rows
+from emvs.formats.base import FileWriter
+from emvs.formats.blocks import BlockReader
+from emvs.formats.prophesee import STREAM, opened
+from emvs.formats.text_kernels import format_rows, parse_rows
 from emvs.io.events.wording import quoted
 
 _BLOCK_BYTES = 1 << 22
 _HEAD_BYTES = 1 << 16
 _POWERS = {"t_s": 6, "t_ms": 3, "t_us": 0, "t_ns": -3}
+
 _NAMES = {"t": 0, "ts": 0, "time": 0, "timestamp": 0, "timestamps": 0} | dict.fromkeys(_POWERS, 0)
+
+
 _NAMES |= {"x": 1, "y": 2, "p": 3, "pol": 3, "polarity": 3, "on": 3}
 
 
@@ -171,3 +175,21 @@ def _has_points(lines: list[bytes], place: int) -> bool:
         if len(words) > place and not words[0].startswith(b"#") and set(words[place]) & set(b".eE"):
             return True
     return False
+
+
+class TextWriter(FileWriter):
+    """Appends lines."""
+
+    def __init__(self, path: Path, kind: str, width_px: int, height_px: int) -> None:
+        super().__init__(path)
+        self._seconds = kind != "csv"
+        self._gap = ord("," if kind == "csv" else " ")
+        head = {"csv": "t_us,x,y,p\n", "esim-text": f"{width_px} {height_px}\n"}.get(kind, "")
+        self._file.write(head.encode("ascii"))
+
+    def _put(self, stream: str, events: Events) -> None:
+        del stream
+        text = np.empty(48 * len(events), np.uint8)
+        columns = events.t_us, events.x, events.y, events.p
+        size = format_rows(*columns, self._seconds, self._gap, text)
+        self._file.write(text[:size].data)

@@ -1,4 +1,4 @@
-"""Reads events as columns in an npz archive; nothing is ever unpickled.
+"""Events as columns in an npz archive, read and written; nothing is ever unpickled.
 
 Members `x`, `y`, `p` and a time: `t_us`, `t_ns`, `t_s`, or `t` (µs where whole, seconds where
 floating); optionally `width_px` and `height_px`. Columns are read as streams, so that memory holds
@@ -8,6 +8,7 @@ a block of them, compressed or not.
 from __future__ import annotations
 
 import io
+import shutil
 import struct
 import zipfile
 from collections.abc import Iterator
@@ -21,15 +22,21 @@ from numpy.typing import NDArray
 
 from emvs.data.events import Events
 from emvs.errors import InputError
-from emvs.io.events.convert_columns import to_events
-from emvs.io.events.indexed import BlockReader
-from emvs.io.events.raw import STREAM, opened
+from emvs.formats.base import StreamWriter
+from emvs.formats.blocks import BlockReader, to_events
+from emvs.formats.prophesee import STREAM, opened
 from emvs.io.events.wording import quoted, said
 
 _TIMES = {"t_us": 1e-6, "t_ns": 1e-9, "t_s": 1.0, "t": None, "ts": None, "timestamps": None}
 _POLARITIES = ("p", "pol", "polarity")
 _ROWS = 1 << 18
 _MOST_HEADER = 1 << 14
+_COLUMNS: dict[str, type[np.generic]] = {
+    "x": np.uint16,
+    "y": np.uint16,
+    "t_us": np.int64,
+    "p": np.uint8,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,3 +220,50 @@ def _scalar(path: Path, archive: zipfile.ZipFile, name: str) -> int:
     if shape not in ((), (1,)) or len(value) != 1 or not 0 < value[0] <= 1 << 16:
         raise InputError(f"{path}, {name}: needs one whole number, 1 to 65536")
     return int(value[0])
+
+
+class NpzWriter(StreamWriter):
+    """Appends to one plain file per column; the archive is put together at the end."""
+
+    packet = 1 << 20
+
+    def __init__(self, path: Path, width_px: int, height_px: int) -> None:
+        self._path, self._size_px = path, {"width_px": width_px, "height_px": height_px}
+        self._count = 0
+        self._parts = {name: path.with_name(f"{path.name}.{name}") for name in _COLUMNS}
+        self._files = {name: part.open("wb") for name, part in self._parts.items()}
+
+    def _put(self, stream: str, events: Events) -> None:
+        del stream
+        self._count += len(events)
+        for name, kind in _COLUMNS.items():
+            self._files[name].write(np.ascontiguousarray(getattr(events, name), kind).data)
+
+    def _finish(self) -> None:
+        for file in self._files.values():
+            file.flush()
+        with zipfile.ZipFile(self._path, "w", zipfile.ZIP_STORED) as archive:
+            for name, kind in _COLUMNS.items():
+                member = zipfile.ZipInfo(f"{name}.npy")
+                with (
+                    archive.open(member, "w", force_zip64=True) as out,
+                    self._parts[name].open("rb") as part,
+                ):
+                    _write_header(out, kind, (self._count,))
+                    shutil.copyfileobj(part, out, 1 << 20)
+            for name, value in self._size_px.items():
+                with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w") as out:
+                    _write_header(out, np.int64, ())
+                    out.write(np.int64(value).tobytes())
+
+    def _close(self) -> None:
+        for file in self._files.values():
+            file.close()
+        for part in self._parts.values():
+            part.unlink(missing_ok=True)
+
+
+def _write_header(out: IO[bytes], kind: type[np.generic], shape: tuple[int, ...]) -> None:
+    descr = np.lib.format.dtype_to_descr(np.dtype(kind))
+    header = {"descr": descr, "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(out, header)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from types import TracebackType
+from typing import Protocol, Self
 
 from emvs.data.events import Events
 from emvs.errors import InputError
 
 Streams = Mapping[str, Iterable[Events]]
 """Packets of events per stream name, each stream in the order in which it is to be written."""
-
 Progress = Callable[[int], None]
 """Called with the number of events written so far."""
 
@@ -79,9 +79,17 @@ class Limits:
 
 
 ANY_PX = (1 << 16) - 1
+
+
 DOUBLE_US = 1 << 51
+
+
 """Up to here seconds in a double still round to the right microsecond."""
+
+
 ANY_US = (1 << 62) - 1
+
+
 MANY = 1 << 16
 
 
@@ -158,3 +166,80 @@ def only_stream(path: Path, streams: Streams) -> tuple[str, Iterable[Events]]:
             "holds one: write one file per stream, or choose mvsec, rosbag1 or aedat4"
         )
     return next(iter(streams.items()))
+
+
+class StreamWriter:
+    """Appends packets of events, which `Checker` has already found to fit; use it as a context.
+
+    Attributes:
+        packet: how many events are written at once, at most.
+    """
+
+    packet = 1 << 16
+
+    def append(self, stream: str, events: Events) -> None:
+        """Writes a packet, in parts where it is large."""
+        for start in range(0, len(events), self.packet):
+            self._put(stream, events.slice(start, min(start + self.packet, len(events))))
+
+    def _put(self, stream: str, events: Events) -> None:
+        """Writes 1 to `packet` events."""
+        raise NotImplementedError
+
+    def _finish(self) -> None:
+        """Writes what stands at the end of a whole file."""
+
+    def _close(self) -> None:
+        """Lets go of the file, whole or not."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            if error is None:
+                self._finish()
+        finally:
+            self._close()
+
+
+class GatheringWriter(StreamWriter):
+    """A writer to which large packets come much cheaper: small ones wait for each other."""
+
+    packet = 1 << 20
+    _LEAST = 1 << 18
+
+    def __init__(self) -> None:
+        self._waiting: dict[str, list[Events]] = {}
+        self._counts: dict[str, int] = {}
+
+    def append(self, stream: str, events: Events) -> None:
+        """Writes a packet, or lets it wait."""
+        self._waiting.setdefault(stream, []).append(events)
+        self._counts[stream] = self._counts.get(stream, 0) + len(events)
+        if self._counts[stream] >= self._LEAST:
+            self._empty(stream)
+
+    def _empty(self, stream: str) -> None:
+        waiting = self._waiting.pop(stream)
+        self._counts[stream] = 0
+        super().append(stream, waiting[0] if len(waiting) == 1 else Events.concat(waiting))
+
+    def _finish(self) -> None:
+        for stream in list(self._waiting):
+            self._empty(stream)
+
+
+class FileWriter(StreamWriter):
+    """A writer of bytes, one after another."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("wb")
+
+    def _close(self) -> None:
+        self._file.close()

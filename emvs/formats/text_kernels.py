@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from emvs.io.events.evt_state import Whole
+from emvs.formats.prophesee_kernels import Whole
 
 Bytes = NDArray[np.uint8]
 Column = NDArray[np.uint16]

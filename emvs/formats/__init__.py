@@ -1,0 +1,324 @@
+"""Event files in every format of the field: the table of formats, open any, write most.
+
+`open_events(path)` recognises a file by its content; `write_events` writes one, streaming, and
+refuses what the format cannot hold. `FORMATS` says what that is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from emvs.data.events import Events
+from emvs.errors import InputError
+from emvs.formats.base import (
+    ANY_PX,
+    ANY_US,
+    DOUBLE_US,
+    MANY,
+    Checker,
+    EventReader,
+    Limits,
+    Progress,
+    Streams,
+    StreamWriter,
+    only_stream,
+)
+from emvs.formats.prophesee import opened
+from emvs.utils.files import atomic_path
+
+_SPAN_US = 1 << 36
+_PER_MS = "an index entry per millisecond"
+_EVT = "11-bit pixels; longer times would be mostly counter words"
+_COLUMNS = "64-bit columns"
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_OLD_AEDAT = b"#!AER-DAT"
+
+
+def write_events(
+    path: Path,
+    format: str,  # noqa: A002 - the caller's word for it
+    width_px: int,
+    height_px: int,
+    streams: Streams,
+    progress: Progress | None = None,
+) -> int:
+    """Writes streams of events into one file; memory holds a packet per stream.
+
+    Args:
+        path: the file; it appears whole or not at all, and replaces one that is there.
+        format: a name in `FORMATS`.
+        width_px: sensor width.
+        height_px: sensor height.
+        streams: packets per stream; with several streams, written in the order of time.
+        progress: told the number of events written so far, after each packet.
+
+    Returns:
+        The number of events written.
+
+    Raises:
+        InputError: an unknown format, or an event, a sensor or a number of streams that the
+            format cannot hold: nothing is written then.
+    """
+    entry = FORMATS.get(format)
+    if entry is None or not entry.writes:
+        known = ", ".join(name for name, known in FORMATS.items() if known.writes)
+        raise InputError(f"{path}: format {format!r} cannot be written; choose one of {known}")
+    if entry.limits.streams == 1:
+        only_stream(path, streams)
+    if not 1 <= len(streams) <= entry.limits.streams:
+        raise InputError(
+            f"{path}: {len(streams)} streams; {format} holds 1 to {entry.limits.streams}"
+        )
+    check = Checker(path, entry.limits, width_px, height_px)
+    with (
+        atomic_path(path) as partial,
+        _writer(partial, format, width_px, height_px, tuple(streams)) as writer,
+    ):
+        for stream, events in _in_time_order(streams):
+            writer.append(stream, check(stream, events))
+            if progress is not None:
+                progress(check.count)
+    return check.count
+
+
+def _in_time_order(streams: Streams) -> Iterator[tuple[str, Events]]:
+    """Packets of all streams, always the one that ends first."""
+    rest = {name: iter(packets) for name, packets in streams.items()}
+    heads: dict[str, Events] = {}
+    while rest or heads:
+        for name in [name for name in rest if name not in heads]:
+            packet = _next(rest[name])
+            if packet is None:
+                del rest[name]
+            else:
+                heads[name] = packet
+        if heads:
+            name = min(heads, key=lambda name: int(heads[name].t_us[-1]))
+            yield name, heads.pop(name)
+
+
+def _next(packets: Iterable[Events]) -> Events | None:
+    return next((packet for packet in packets if len(packet)), None)
+
+
+def _writer(
+    path: Path,
+    kind: str,
+    width_px: int,
+    height_px: int,
+    names: Sequence[str],
+) -> StreamWriter:
+    from emvs.formats import hdf5, npz, prophesee, text
+
+    match kind:
+        case "evt2" | "evt3":
+            return prophesee.RawWriter(path, kind, width_px, height_px)
+        case "text" | "esim-text" | "csv":
+            return text.TextWriter(path, kind, width_px, height_px)
+        case "npz":
+            return npz.NpzWriter(path, width_px, height_px)
+        case "dsec":
+            return hdf5.DsecWriter(path, width_px, height_px)
+        case "tumvie":
+            return hdf5.TumvieWriter(path)
+        case "mvsec":
+            return hdf5.MvsecWriter(path, names)
+        case "aedat4":
+            from emvs.formats.aedat4 import Aedat4Writer
+
+            return Aedat4Writer(path, width_px, height_px, names)
+        case _:
+            from emvs.formats.rosbag import RosbagWriter
+
+            return RosbagWriter(path, width_px, height_px, names)
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A format.
+
+    Attributes:
+        name: as `write_events` takes it.
+        what: in a few words.
+        suffix: customary end of the file's name.
+        writes: whether it can be written here; all can be read.
+        limits: what it can hold.
+        polarity: how it codes brighter and darker.
+    """
+
+    name: str
+    what: str
+    suffix: str
+    writes: bool
+    limits: Limits
+    polarity: str
+
+
+def _evt(unit: str, max_us: int) -> Limits:
+    return Limits(2047, 2047, max_us, unit, False, 1, _EVT)
+
+
+_ALL = (
+    Format("evt2", "Prophesee RAW, EVT 2.0", ".raw", True, _evt("µs mod 2^34", 1 << 48), "1/0"),
+    Format("evt21", "Prophesee RAW, EVT 2.1", ".raw", False, _evt("µs mod 2^34", ANY_US), "1/0"),
+    Format("evt3", "Prophesee RAW, EVT 3.0", ".raw", True, _evt("µs mod 2^24", 1 << 40), "1/0"),
+    Format(
+        "dat",
+        "Prophesee DAT",
+        ".dat",
+        False,
+        Limits(16383, 16383, ANY_US, "µs mod 2^32", True, 1, "14-bit pixels"),
+        "1/0",
+    ),
+    Format(
+        "prophesee-hdf5",
+        "Prophesee HDF5 (`CD/events`, ECF)",
+        ".hdf5",
+        False,
+        Limits(ANY_PX, ANY_PX, ANY_US, "µs", True, 1, _COLUMNS),
+        "1/0",
+    ),
+    Format(
+        "dsec",
+        "HDF5 as DSEC lays it out, and our own",
+        ".h5",
+        True,
+        Limits(ANY_PX, ANY_PX, ANY_US, "µs from `t_offset`", False, 1, _PER_MS, _SPAN_US),
+        "1/0",
+    ),
+    Format(
+        "tumvie",
+        "HDF5 as TUM-VIE lays it out",
+        ".h5",
+        True,
+        Limits(ANY_PX, ANY_PX, _SPAN_US, "µs", False, 1, f"{_PER_MS} from 0"),
+        "1/0",
+    ),
+    Format(
+        "mvsec",
+        "HDF5 as MVSEC lays it out",
+        ".hdf5",
+        True,
+        Limits(ANY_PX, ANY_PX, DOUBLE_US, "s, double", True, 2, "seconds in a double"),
+        "1/-1",
+    ),
+    Format(
+        "aedat4",
+        "iniVation AEDAT 4.0",
+        ".aedat4",
+        True,
+        Limits(32767, 32767, ANY_US, "µs", False, 64, "signed 16-bit pixels"),
+        "1/0",
+    ),
+    Format(
+        "rosbag1",
+        "ROS1 bag, dvs_msgs (reads prophesee_event_msgs, too)",
+        ".bag",
+        True,
+        Limits(ANY_PX, ANY_PX, (1 << 32) * 10**6 - 1, "s + ns", True, MANY, "32-bit seconds"),
+        "1/0",
+    ),
+    Format(
+        "rosbag2",
+        "ROS2 bag, dvs_msgs or prophesee_event_msgs",
+        "",
+        False,
+        Limits(ANY_PX, ANY_PX, (1 << 32) * 10**6 - 1, "s + ns", True, MANY, "32-bit seconds"),
+        "1/0",
+    ),
+    Format(
+        "text",
+        "lines `t x y p`",
+        ".txt",
+        True,
+        Limits(ANY_PX, ANY_PX, ANY_US // 10, "s, six decimals", True, 1, "18 digits"),
+        "1/0",
+    ),
+    Format(
+        "esim-text",
+        "a line `width height`, then lines `t x y p`",
+        ".txt",
+        True,
+        Limits(ANY_PX, ANY_PX, ANY_US // 10, "s, six decimals", True, 1, "18 digits"),
+        "1/0",
+    ),
+    Format(
+        "csv",
+        "columns named in a header",
+        ".csv",
+        True,
+        Limits(ANY_PX, ANY_PX, ANY_US // 10, "µs", True, 1, "18 digits"),
+        "1/0",
+    ),
+    Format(
+        "npz",
+        "NumPy archive of columns",
+        ".npz",
+        True,
+        Limits(ANY_PX, ANY_PX, ANY_US, "µs", True, 1, _COLUMNS),
+        "1/0",
+    ),
+)
+
+
+FORMATS = {entry.name: entry for entry in _ALL}
+
+
+"""Every format by name."""
+
+
+def open_events(path: Path) -> EventReader:
+    """Opens an event file, or the folder of a ROS2 bag; reads no events yet.
+
+    Raises:
+        InputError: nothing there, nothing known, or a file that is damaged.
+    """
+    path = Path(path)
+    if path.is_dir():
+        return _folder(path)
+    if not path.exists():
+        raise InputError(f"{path}: no such file; needs a file of events")
+    if not path.is_file():
+        raise InputError(f"{path}: is a pipe or device; copy its content into a file first")
+    with opened(path) as file:
+        head = file.read(16)
+    if not head:
+        raise InputError(f"{path}: is empty; fetch it again")
+    return _file(path, head)
+
+
+def _folder(path: Path) -> EventReader:
+    from emvs.formats.rosbag import RosbagReader
+
+    if not (path / "metadata.yaml").exists():
+        raise InputError(f"{path}: a folder without metadata.yaml; needs a file, or a ROS2 bag")
+    return RosbagReader(path)
+
+
+def _file(path: Path, head: bytes) -> EventReader:
+    # Each import waits until its format is met: together they cost half a second.
+    if head.startswith(_HDF5):
+        from emvs.formats.hdf5 import Hdf5Reader
+
+        return Hdf5Reader(path)
+    if head.startswith(b"#ROSBAG V"):
+        from emvs.formats.rosbag import RosbagReader
+
+        return RosbagReader(path)
+    if head.startswith(_OLD_AEDAT):
+        from emvs.formats.aedat4 import Aedat4Reader
+
+        return Aedat4Reader(path)
+    if head.startswith(b"PK\x03\x04"):
+        from emvs.formats.npz import NpzReader
+
+        return NpzReader(path)
+    if head.startswith(b"%"):
+        from emvs.formats.prophesee import RawReader
+
+        return RawReader(path)
+    from emvs.formats.text import TextReader
+
+    return TextReader(path)

@@ -1,0 +1,278 @@
+"""What readers share: bounded blocks, time slices without an index, columns turned to events."""
+
+from __future__ import annotations
+
+import bz2
+import io
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PosixPath
+from typing import Any
+
+import lz4.frame
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.data.events import Events
+from emvs.errors import InputError
+from emvs.io.events.wording import quoted, said
+
+Numbers = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class IndexedBlock:
+    """A block: where it lies, the times it covers, and how many events it holds."""
+
+    place: Any
+    first_us: int
+    last_us: int
+    count: int
+
+
+class BlockReader:
+    """An `EventReader` over blocks of events that a format finds by `scan` and reads by `load`.
+
+    Nothing is read before it is asked for. `chunks` reads the file once from front to back;
+    `span_us`, `count` and `between` first build the index, some 100 bytes per block, which is kept.
+    """
+
+    format = ""
+    width_px: int | None = None
+    height_px: int | None = None
+
+    def __init__(self, path: Path, streams: tuple[str, ...]) -> None:
+        self.path = path
+        self.streams = streams
+        self._entries: dict[str, list[IndexedBlock]] = {}
+        self._share: dict[str, float] = {}
+
+    def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
+        """Blocks in file order: what `load` needs to find each one again, and its events."""
+        raise NotImplementedError
+
+    def load(self, stream: str, place: Any) -> Events:
+        """The events of one block."""
+        raise NotImplementedError
+
+    def span_us(self, stream: str) -> tuple[int, int]:
+        """Earliest and latest time stamp, µs."""
+        entries = self._index(stream)
+        if not entries:
+            raise InputError(f"{self.path}, stream {quoted(stream)}: no events; record it again")
+        return min(e.first_us for e in entries), max(e.last_us for e in entries)
+
+    def count(self, stream: str) -> int:
+        """How many events there are."""
+        return sum(entry.count for entry in self._index(stream))
+
+    def between(self, stream: str, t0_us: int, t1_us: int) -> Events:
+        """Events with `t0_us <= t < t1_us`, in file order."""
+        wanted = [e for e in self._index(stream) if e.last_us >= t0_us and e.first_us < t1_us]
+        return Events.concat([within(self.load(stream, e.place), t0_us, t1_us) for e in wanted])
+
+    def chunks(self, stream: str, max_events: int = 1 << 20) -> Iterator[Events]:
+        """All events in file order, in packets of 1 to `max_events`."""
+        self.check_stream(stream)
+        if max_events < 1:
+            raise InputError(f"{max_events} events per packet: needs at least 1")
+        self._share[stream] = 0.0
+        for place, events in self.scan(stream):
+            self._share[stream] = self.share_before(stream, place)
+            for start in range(0, len(events), max_events):
+                yield events.slice(start, min(start + max_events, len(events)))
+        self._share[stream] = 1.0
+
+    def share(self, stream: str) -> float:
+        """How much of the stream `chunks` has read, 0 to 1."""
+        return self._share.get(stream, 0.0)
+
+    def share_before(self, stream: str, place: Any) -> float:
+        """Which share of a stream ends with a block; here its place is its first byte and size."""
+        del stream
+        return float(min(1.0, (place[0] + place[1]) / max(1, self.path.stat().st_size)))
+
+    def check_stream(self, stream: str) -> None:
+        """Refuses a stream that the file does not have."""
+        if stream not in self.streams:
+            raise InputError(
+                f"{self.path}: no stream {stream!r}; there are {quoted(*self.streams) or 'none'}"
+            )
+
+    def _index(self, stream: str) -> list[IndexedBlock]:
+        self.check_stream(stream)
+        if stream not in self._entries:
+            self._entries[stream] = [
+                IndexedBlock(place, int(events.t_us.min()), int(events.t_us.max()), len(events))
+                for place, events in self.scan(stream)
+                if len(events)
+            ]
+        return self._entries[stream]
+
+
+def within(events: Events, t0_us: int, t1_us: int) -> Events:
+    """Events with `t0_us <= t < t1_us`, whether or not they are sorted."""
+    inside = (events.t_us >= t0_us) & (events.t_us < t1_us)
+    if inside.all():
+        return events
+    return Events(events.x[inside], events.y[inside], events.t_us[inside], events.p[inside])
+
+
+def checked_times(events: Events, where: str) -> Events:
+    """Returns the events; no format here has time stamps below 0 or beyond 2^62 µs.
+
+    Raises:
+        InputError: a time stamp is, named after `where` (file and place).
+    """
+    bad = np.flatnonzero((events.t_us < 0) | (events.t_us > 1 << 62))
+    if bad.size:
+        k = int(bad[0])
+        raise InputError(
+            f"{where}: event {k} at {events.t_us[k]} µs; needs 0 to 2^62 µs: the file is damaged "
+            "or its epoch is not its start, shift its times"
+        )
+    return events
+
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+
+MOST_BYTES = 1 << 28
+
+
+"""What one compressed packet or chunk may unpack to."""
+
+
+_DECOMPRESSORS = {
+    "bz2": bz2.BZ2Decompressor,
+    "lz4": lz4.frame.LZ4FrameDecompressor,
+    "zstd": zstd.ZstdDecompressor,
+}
+
+
+_STEP = 1 << 24
+
+
+_FAULTS = (OSError, RuntimeError, ValueError, EOFError, MemoryError, zstd.ZstdError)
+
+
+def unpacked(data: bytes | memoryview, compression: str, where: str) -> bytes:
+    """Unpacks one frame of `bz2`, `lz4` or `zstd`.
+
+    Raises:
+        InputError: damage, or more than `MOST_BYTES`; named after `where` (file and place).
+    """
+    frame: Any = _DECOMPRESSORS[compression]()
+    parts: list[bytes] = []
+    try:
+        # LZ4 reserves the whole length that it is allowed, so that is a guess, not the bound.
+        guess = min(8 * len(data) + 1024, MOST_BYTES)
+        parts.append(frame.decompress(data, max_length=guess))
+        while not (frame.eof or frame.needs_input or sum(map(len, parts)) >= MOST_BYTES):
+            parts.append(frame.decompress(b"", max_length=_STEP))
+    except _FAULTS as error:
+        raise InputError(
+            f"{where}: cannot be decompressed ({said(error)}); damaged, fetch it again"
+        ) from error
+    if not frame.eof:
+        raise InputError(
+            f"{where}: its compressed frame does not end, or holds more than {MOST_BYTES} "
+            "bytes; the file is damaged, fetch it again"
+        )
+    return b"".join(parts)
+
+
+class BoundedPath(PosixPath):
+    """A path whose file never reserves more than it holds, whatever it is asked to read."""
+
+    def open(self, *args: Any, **kwargs: Any) -> Any:
+        """Opens the file; read-only and binary as `BoundedFile`."""
+        if args != ("rb",) or kwargs:
+            return super().open(*args, **kwargs)
+        return BoundedFile(io.FileIO(self, "rb"), self.stat().st_size)
+
+
+class BoundedFile(io.BufferedReader):
+    """A file of a known size, bytes."""
+
+    def __init__(self, raw: io.FileIO, size: int) -> None:
+        super().__init__(raw)
+        self._size = size
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Reads up to `size` bytes; reserves no more than the file's size for them."""
+        return super().read(-1 if size is None else min(size, self._size))
+
+
+def to_events(
+    where: str, x: Numbers, y: Numbers, t: Numbers, p: Numbers, unit_s: float | None
+) -> Events:
+    """Events from columns of one length.
+
+    Args:
+        where: file and place, for the errors' sake.
+        x: (N,) columns, px.
+        y: (N,) rows, px.
+        t: (N,) times in `unit_s`.
+        p: (N,) polarity: 0 or -1 for darker, 1 for brighter.
+        unit_s: what times count, s; None: µs where whole numbers, seconds where floating.
+
+    Raises:
+        InputError: a value that is not finite, whole (pixels) or in range.
+    """
+    if unit_s is None:
+        unit_s = 1.0 if t.dtype.kind == "f" else 1e-6
+    t_us = times_us(where, t, unit_s)
+    columns = _pixels(where, "x", x), _pixels(where, "y", y)
+    return checked_times(Events(*columns, t_us, _polarity(where, p)), where)
+
+
+def times_us(where: str, t: Numbers, unit_s: float) -> NDArray[np.int64]:
+    """Times in whole µs, rounded to the nearest."""
+    if t.dtype.kind == "f":
+        with np.errstate(over="ignore", invalid="ignore"):
+            t_us = t.astype(np.float64) * (unit_s * 1e6)
+        _refuse(where, "t", t, ~(np.abs(t_us) < 2.0**62), "finite times below 2^62 µs")
+        return np.rint(t_us).astype(np.int64)
+    _refuse(where, "t", t, t > np.iinfo(np.int64).max // 2, "times below 2^62")
+    whole = t.astype(np.int64, copy=False)
+    if unit_s == 1e-9:
+        return (whole + 500) // 1000
+    if unit_s == 1.0:
+        _refuse(where, "t", t, np.abs(whole) >= 1 << 42, "times below 2^42 s")
+        return whole * 1_000_000
+    return whole
+
+
+def _pixels(where: str, name: str, values: Numbers) -> NDArray[np.uint16]:
+    if values.dtype == np.uint16:
+        return values
+    with np.errstate(invalid="ignore"):
+        bad = ~((values >= 0) & (values <= 65535))
+        if values.dtype.kind == "f":
+            bad |= values != np.floor(values)
+    _refuse(where, name, values, bad, "whole pixels from 0 to 65535")
+    return values.astype(np.uint16)
+
+
+def _polarity(where: str, values: Numbers) -> NDArray[np.uint8]:
+    if values.dtype.kind == "b":
+        return values.astype(np.uint8)
+    bad = (values != 0) & (values != 1)
+    if values.dtype.kind != "u":
+        bad &= values != -1
+    _refuse(where, "p", values, bad, "0 or 1, or -1 or 1")
+    return (values > 0).astype(np.uint8)
+
+
+def _refuse(where: str, name: str, values: Numbers, bad: NDArray[np.bool_], needs: str) -> None:
+    if bad.any():
+        k = int(np.argmax(bad))
+        raise InputError(
+            f"{where}: {name} of event {k} is {values[k]}, needs {needs}: the file is damaged or "
+            "its columns mean something else"
+        )

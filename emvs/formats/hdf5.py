@@ -1,0 +1,381 @@
+"""Events in HDF5, read and written in the layouts of DSEC, TUM-VIE, MVSEC and Prophesee."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import hdf5plugin
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.data.event_store import EventStoreWriter
+from emvs.data.events import Events
+from emvs.data.hdf5 import COMPRESSION, Hdf5Writer, check_dataset, open_hdf5
+from emvs.errors import InputError
+from emvs.formats.base import GatheringWriter, StreamWriter
+from emvs.formats.blocks import BlockReader, IndexedBlock, times_us, to_events, within
+from emvs.formats.hdf5_kernels import convert_rows
+from emvs.io.events.wording import quoted, said
+
+Streams = dict[str, tuple[str, ...]]
+_DAVIS = ("davis/left/events", "davis/right/events")
+_CD = "CD/events"
+_BLOCK_ROWS = 1 << 19
+_CHUNK_ROWS = 1 << 16
+_COLUMNS = {"x": np.uint16, "y": np.uint16, "t": np.int64, "p": np.uint8}
+
+
+@contextmanager
+def opened_hdf5(path: Path) -> Iterator[h5py.File]:
+    """Opens a file for reading; what damage makes the library say becomes one line.
+
+    Raises:
+        InputError: a missing or damaged file.
+    """
+    try:
+        with open_hdf5(path) as file:
+            yield file
+    except InputError as error:
+        raise InputError(said(error, 1000)) from error
+    except (ValueError, ArithmeticError, MemoryError) as error:
+        raise InputError(f"{path}: damaged ({said(error)}); fetch it again") from error
+
+
+@dataclass(frozen=True)
+class Hdf5Layout:
+    """One layout.
+
+    Attributes:
+        format: its name.
+        streams: stream names, each with the data sets that hold its columns.
+        events: reads rows `start` to `stop` of a stream.
+        times: reads their times only, µs.
+        size_px: width and height, where the file says them.
+    """
+
+    format: str
+    streams: dict[str, tuple[str, ...]]
+    events: Callable[[h5py.File, str, str, int, int], Events]
+    times: Callable[[h5py.File, str, str, int, int], NDArray[np.int64]]
+    size_px: tuple[int, int] | None = None
+
+
+def hdf5_layout(path: Path) -> Hdf5Layout:
+    """Recognises the layout of a file by its data sets.
+
+    Raises:
+        InputError: a damaged file, or one without events in a known place.
+    """
+    with opened_hdf5(path) as file:
+        if _CD in file:
+            return Hdf5Layout("prophesee-hdf5", {"events": (_CD,)}, _cd, _cd_times, _size(file))
+        davis: Streams = {name.removesuffix("/events"): (name,) for name in _DAVIS if name in file}
+        if davis:
+            return Hdf5Layout("mvsec", davis, _matrix, _matrix_times)
+        columns = tuple(f"events/{name}" for name in "xytp")
+        there = [name for name in columns if name in file]
+        if len(there) == len(columns):
+            kind = "dsec" if "t_offset" in file else "tumvie"
+            return Hdf5Layout(kind, {"events": columns}, _columns, _column_times)
+        found = quoted(*sorted(file)) or "nothing"
+    if there:
+        missing = ", ".join(sorted(set(columns) - set(there)))
+        raise InputError(f"{path}: lacks {missing}; needs all of {', '.join(columns)}")
+    raise InputError(
+        f"{path}: holds {found}; needs events/x, y, t, p (DSEC, TUM-VIE), {' or '.join(_DAVIS)} "
+        f"(MVSEC) or {_CD} (Prophesee)"
+    )
+
+
+def check_columns(
+    path: Path, file: h5py.File, names: tuple[str, ...], axes: int | None = None
+) -> int:
+    """Rows of a stream; refuses data sets that do not match or whose bytes are not all there.
+
+    Args:
+        path: the file, for the error's sake.
+        file: open.
+        names: data sets that must be as long as each other.
+        axes: how many each must have; by default what the layouts of events say.
+
+    Raises:
+        InputError: as said, or a filter that is not installed.
+    """
+    counts = {name: check_dataset(path, file[name]) for name in names}
+    for name in names:
+        if file[name].ndim != (axes or (2 if name in _DAVIS else 1)):
+            raise InputError(f"{path}, data set {name}: shape {file[name].shape}; of no known kind")
+    if len(set(counts.values())) != 1:
+        raise InputError(f"{path}: data sets of lengths {counts}; needs one length")
+    return next(iter(counts.values()))
+
+
+def _size(file: h5py.File) -> tuple[int, int] | None:
+    words = str(file.attrs.get("geometry", "")).split("x")
+    if len(words) == 2 and all(word.isdigit() for word in words):
+        return int(words[0]), int(words[1])
+    return None
+
+
+def offset_us(file: h5py.File) -> int:
+    """What times count from, µs."""
+    offset = int(file["t_offset"][()]) if "t_offset" in file else 0
+    if not 0 <= offset < 1 << 62:
+        raise InputError(
+            f"{file.filename}, data set t_offset: {offset} µs; needs 0 to 2^62 µs, damaged"
+        )
+    return offset
+
+
+def _columns(file: h5py.File, where: str, stream: str, start: int, stop: int) -> Events:
+    x, y, p = (file[f"{stream}/{name}"][start:stop] for name in "xyp")
+    return to_events(where, x, y, _column_times(file, where, stream, start, stop), p, 1e-6)
+
+
+def _column_times(
+    file: h5py.File, where: str, stream: str, start: int, stop: int
+) -> NDArray[np.int64]:
+    return times_us(where, file[f"{stream}/t"][start:stop], 1e-6) + offset_us(file)
+
+
+def _matrix(file: h5py.File, where: str, stream: str, start: int, stop: int) -> Events:
+    data = file[f"{stream}/events"]
+    if data.ndim != 2 or data.shape[1] != 4:
+        raise InputError(f"{where}: shape {data.shape}, needs (N, 4): x, y, t in seconds, p")
+    rows = np.ascontiguousarray(data[start:stop], np.float64)
+    n = len(rows)
+    events = Events(
+        np.empty(n, np.uint16), np.empty(n, np.uint16), np.empty(n, np.int64), np.empty(n, np.uint8)
+    )
+    bad = convert_rows(rows, events.x, events.y, events.t_us, events.p)
+    if bad >= 0:
+        raise InputError(
+            f"{where}: row {start + bad} is {rows[bad].tolist()}; needs whole pixels 0 to 65535, "
+            "seconds >= 0, polarity 1 or -1: the file is damaged or its columns mean something else"
+        )
+    return events
+
+
+def _matrix_times(
+    file: h5py.File, where: str, stream: str, start: int, stop: int
+) -> NDArray[np.int64]:
+    # A chunk holds whole rows: reading only the times would cost the same.
+    return _matrix(file, where, stream, start, stop).t_us
+
+
+def _cd(file: h5py.File, where: str, stream: str, start: int, stop: int) -> Events:
+    del stream
+    data = file[_CD]
+    if data.dtype.names is None or not {"x", "y", "t", "p"} <= set(data.dtype.names):
+        raise InputError(f"{where}: fields {quoted(*(data.dtype.names or ()))}; needs x, y, p, t")
+    rows = data[start:stop]
+    x, y, t, p = (np.ascontiguousarray(rows[name]) for name in "xytp")
+    return to_events(where, x, y, t, p, 1e-6)
+
+
+def _cd_times(file: h5py.File, where: str, stream: str, start: int, stop: int) -> NDArray[np.int64]:
+    return _cd(file, where, stream, start, stop).t_us
+
+
+class Hdf5Reader(BlockReader):
+    """A file of events in any of the known layouts.
+
+    Where the file has `ms_to_idx`, a time slice costs two look-ups; the slice's neighbours are
+    checked against it. Otherwise one pass over the times builds an index.
+
+    Raises:
+        InputError: a missing or damaged file, another layout, or a filter that is not installed.
+    """
+
+    def __init__(self, path: Path) -> None:
+        path = Path(path)
+        self._layout = hdf5_layout(path)
+        super().__init__(path, tuple(self._layout.streams))
+        self.format = self._layout.format
+        self.width_px, self.height_px = self._layout.size_px or (None, None)
+        with opened_hdf5(path) as file:
+            self._count = {
+                stream: check_columns(path, file, names)
+                for stream, names in self._layout.streams.items()
+            }
+            self._has_index = "ms_to_idx" in file and len(self.streams) == 1
+            if self._has_index:
+                self._offset_us = offset_us(file)
+                check_columns(path, file, ("ms_to_idx",))
+
+    def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
+        """Reads the rows from front to back."""
+        for start in range(0, self._count[stream], _BLOCK_ROWS):
+            place = (start, min(start + _BLOCK_ROWS, self._count[stream]))
+            yield place, self.load(stream, place)
+
+    def load(self, stream: str, place: Any) -> Events:
+        """Reads a range of rows."""
+        with opened_hdf5(self.path) as file:
+            return self._layout.events(file, self._where(stream, *place), stream, *place)
+
+    def share_before(self, stream: str, place: Any) -> float:
+        """Which share of the rows ends with a block."""
+        return float(place[1] / max(1, self._count[stream]))
+
+    def span_us(self, stream: str) -> tuple[int, int]:
+        """Earliest and latest time stamp, µs."""
+        self.check_stream(stream)
+        count = self._count[stream]
+        if not self._has_index or not count:
+            return super().span_us(stream)
+        with opened_hdf5(self.path) as file:
+            ends = [self._time(file, stream, k) for k in (0, count - 1)]
+        return ends[0], ends[1]
+
+    def between(self, stream: str, t0_us: int, t1_us: int) -> Events:
+        """Events with `t0_us <= t < t1_us`, in file order."""
+        self.check_stream(stream)
+        if not self._has_index:
+            return super().between(stream, t0_us, t1_us)
+        with opened_hdf5(self.path) as file:
+            start = self._first_at(file, stream, (t0_us - self._offset_us) // 1000)
+            stop = self._first_at(file, stream, -((self._offset_us - t1_us) // 1000))
+            stop = max(start, stop)
+            self._check_neighbours(file, stream, (start, stop), (t0_us, t1_us))
+            where = self._where(stream, start, stop)
+            return within(self._layout.events(file, where, stream, start, stop), t0_us, t1_us)
+
+    def _index(self, stream: str) -> list[IndexedBlock]:
+        """Reads the times alone."""
+        self.check_stream(stream)
+        if stream not in self._entries:
+            self._entries[stream] = list(self._times(stream))
+        return self._entries[stream]
+
+    def _times(self, stream: str) -> Iterator[IndexedBlock]:
+        for start in range(0, self._count[stream], _BLOCK_ROWS):
+            place = (start, min(start + _BLOCK_ROWS, self._count[stream]))
+            with opened_hdf5(self.path) as file:
+                t_us = self._layout.times(file, self._where(stream, *place), stream, *place)
+            yield IndexedBlock(place, int(t_us.min()), int(t_us.max()), len(t_us))
+
+    def _time(self, file: h5py.File, stream: str, row: int) -> int:
+        where = self._where(stream, row, row + 1)
+        return int(self._layout.times(file, where, stream, row, row + 1)[0])
+
+    def _first_at(self, file: h5py.File, stream: str, ms: int) -> int:
+        """The row that `ms_to_idx` gives for a (relative) millisecond."""
+        index, count = file["ms_to_idx"], self._count[stream]
+        if ms <= 0:
+            return 0
+        row = int(index[ms]) if ms < len(index) else count
+        if not 0 <= row <= count:
+            raise InputError(
+                f"{self.path}, data set ms_to_idx, entry {ms}: row {row} of {count}; the index is "
+                "damaged, make it again"
+            )
+        return row
+
+    def _check_neighbours(
+        self, file: h5py.File, stream: str, rows: tuple[int, int], times_us: tuple[int, int]
+    ) -> None:
+        """Refuses an index that leaves out events on either side of a slice."""
+        if times_us[0] >= times_us[1]:
+            return
+        early = rows[0] > 0 and self._time(file, stream, rows[0] - 1) >= times_us[0]
+        late = rows[1] < self._count[stream] and self._time(file, stream, rows[1]) < times_us[1]
+        if early or late:
+            raise InputError(
+                f"{self.path}, data set ms_to_idx: contradicts events/t near row "
+                f"{rows[0] if early else rows[1]} (unsorted times or a damaged index): sort the "
+                "events and make the index again"
+            )
+
+    def _where(self, stream: str, start: int, stop: int) -> str:
+        return f"{self.path}, data set {stream}, rows {start} to {stop}"
+
+
+class DsecWriter(StreamWriter):
+    """The layout of this project's own sequences, too."""
+
+    packet = 1 << 20
+
+    def __init__(self, path: Path, width_px: int, height_px: int) -> None:
+        self._writer = EventStoreWriter(path, width_px, height_px)
+
+    def _put(self, stream: str, events: Events) -> None:
+        del stream
+        self._writer.append(events)
+
+    def _close(self) -> None:
+        self._writer.close()
+
+
+class TumvieWriter(GatheringWriter):
+    """Columns with `ms_to_idx`, and no offset: times count from the recording's zero."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._hdf5 = Hdf5Writer(path)
+        self._count = self._next_ms = 0
+        for name, kind in _COLUMNS.items():
+            _create(self._hdf5, f"events/{name}", kind, (0,))
+        _create(self._hdf5, "ms_to_idx", np.int64, (0,))
+
+    def _put(self, stream: str, events: Events) -> None:
+        """Writes a packet and its part of the index."""
+        del stream
+        for name, kind in _COLUMNS.items():
+            column = getattr(events, "t_us" if name == "t" else name)
+            _extend(self._hdf5, f"events/{name}", column.astype(kind, copy=False))
+        after_ms = int(events.t_us[-1]) // 1000 + 1
+        for first_ms in range(self._next_ms, after_ms, 1 << 20):
+            stamps = np.arange(first_ms, min(first_ms + (1 << 20), after_ms)) * 1000
+            rows = self._count + np.searchsorted(events.t_us, stamps, side="left")
+            _extend(self._hdf5, "ms_to_idx", rows.astype(np.int64))
+        self._next_ms = max(self._next_ms, after_ms)
+        self._count += len(events)
+
+    def _close(self) -> None:
+        self._hdf5.close()
+
+
+class MvsecWriter(GatheringWriter):
+    """`davis/left/events` and `davis/right/events`: rows of x, y, t in seconds, p as -1 or 1."""
+
+    def __init__(self, path: Path, names: Sequence[str]) -> None:
+        super().__init__()
+        sides = {name: name.rpartition("/")[2] for name in names}
+        if set(sides.values()) - {"left", "right"}:
+            sides = dict(zip(names, ("left", "right"), strict=False))
+        if len(set(sides.values())) < len(names):
+            raise InputError(f"{path}: streams {', '.join(names)}; needs a left and a right one")
+        self._names = {name: f"davis/{side}/events" for name, side in sides.items()}
+        self._hdf5 = Hdf5Writer(path)
+        for name in self._names.values():
+            _create(self._hdf5, name, np.float64, (0, 4))
+
+    def _put(self, stream: str, events: Events) -> None:
+        rows = np.empty((len(events), 4), np.float64)
+        rows[:, 0], rows[:, 1], rows[:, 2] = events.x, events.y, events.t_us / 1e6
+        rows[:, 3] = np.where(events.p > 0, 1.0, -1.0)
+        _extend(self._hdf5, self._names[stream], rows)
+
+    def _close(self) -> None:
+        self._hdf5.close()
+
+
+def _create(hdf5: Hdf5Writer, name: str, kind: Any, shape: tuple[int, ...]) -> None:
+    kept = COMPRESSION.get(np.dtype(kind)) or hdf5plugin.Blosc(cname="lz4", clevel=5)
+    hdf5.file.create_dataset(
+        name, shape, kind, maxshape=(None, *shape[1:]), chunks=(_CHUNK_ROWS, *shape[1:]), **kept
+    )
+
+
+def _extend(hdf5: Hdf5Writer, name: str, rows: Any) -> None:
+    data = hdf5.file[name]
+    count = data.shape[0]
+    data.resize(count + len(rows), axis=0)
+    data[count:] = rows
+    hdf5.check()

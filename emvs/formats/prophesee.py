@@ -1,0 +1,254 @@
+"""Prophesee RAW (EVT2, EVT2.1, EVT3) and DAT files, read block by block; RAW is written, too.
+
+A block is a place in the file and what the decoder knew there. The words carry time modulo 2^34 µs
+(EVT2), 2^24 µs (EVT3) or 2^32 µs (DAT); the decoder counts the loops.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.data.events import Events
+from emvs.errors import InputError
+from emvs.formats import prophesee_kernels
+from emvs.formats.base import FileWriter
+from emvs.formats.blocks import BlockReader
+from emvs.formats.prophesee_kernels import (
+    LOOPS,
+    UNTIMED,
+    State,
+    encode_evt2,
+    encode_evt3,
+    encoder_state,
+    initial_state,
+)
+from emvs.io.events.wording import quoted
+
+_BLOCK_BYTES = 1 << 20
+_ROOM = 1 << 19
+STREAM = "events"
+_MOST_BYTES = 1 << 16
+_CODINGS: dict[str, tuple[str, np.dtype[Any], Callable[..., int], int]] = {
+    "evt2": ("2.0", np.dtype("<u4"), encode_evt2, 34),
+    "evt3": ("3.0", np.dtype("<u2"), encode_evt3, 24),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Coding:
+    """How the words of a format are read."""
+
+    name: str
+    word: np.dtype[Any]
+    decode: Callable[..., tuple[int, int, bool]]
+
+
+CODINGS = {
+    "EVT2": _Coding("evt2", np.dtype("<u4"), prophesee_kernels.decode_evt2),
+    "EVT21": _Coding("evt21", np.dtype("<u8"), prophesee_kernels.decode_evt21),
+    "EVT3": _Coding("evt3", np.dtype("<u2"), prophesee_kernels.decode_evt3),
+    "DAT": _Coding("dat", np.dtype("<u8"), prophesee_kernels.decode_dat),
+}
+
+
+class RawReader(BlockReader):
+    """A RAW or DAT file: one stream, `events`.
+
+    Attributes:
+        untimed: events in front of the file's first time word, seen so far. They have no time and
+            are left out, as the maker's own tools do.
+
+    Raises:
+        InputError: a missing or cut-off file, an unknown coding, or a word of no known kind.
+    """
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(Path(path), (STREAM,))
+        with opened(self.path) as file:
+            header = read_raw_header(self.path, file)
+            self._coding, self._start = _coding(self.path, header, file)
+        self.format = self._coding.name
+        self.width_px, self.height_px = header.width_px, header.height_px
+        self.untimed = 0
+        excess = (self.path.stat().st_size - self._start) % self._coding.word.itemsize
+        if excess:
+            raise InputError(
+                f"{self.path}, byte {self.path.stat().st_size - excess}: cut off in the middle of "
+                f"an event word; fetch it again, or remove the last {excess} bytes"
+            )
+
+    def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
+        """Decodes the file from front to back."""
+        del stream
+        state = initial_state()
+        with opened(self.path) as file:
+            offset = file.seek(self._start)
+            while data := file.read(_BLOCK_BYTES):
+                words = np.frombuffer(data, self._coding.word)
+                while len(words):
+                    before = state.copy()
+                    used, events = self._decode(words, state, offset)
+                    size = used * self._coding.word.itemsize
+                    yield (offset, size, before), events
+                    words, offset = words[used:], offset + size
+        self.untimed = int(state[UNTIMED])
+
+    def load(self, stream: str, place: Any) -> Events:
+        """Decodes one block."""
+        del stream
+        offset, size, state = place
+        with opened(self.path) as file:
+            file.seek(offset)
+            words = np.frombuffer(file.read(size), self._coding.word)
+        return self._decode(words, state.copy(), offset)[1]
+
+    def _decode(self, words: NDArray[Any], state: State, offset: int) -> tuple[int, Events]:
+        room = min(_ROOM, prophesee_kernels.MOST_PER_WORD * len(words))
+        x, y = np.empty(room, np.uint16), np.empty(room, np.uint16)
+        t_us, p = np.empty(room, np.int64), np.empty(room, np.uint8)
+        used, count, unknown = self._coding.decode(words, state, x, y, t_us, p)
+        if unknown:
+            place = offset + used * self._coding.word.itemsize
+            raise InputError(
+                f"{self.path}, byte {place}: {int(words[used]):#x} is no word of "
+                f"{self.format.upper()}; the file is damaged or of another format, fetch it again"
+            )
+        return used, Events(x, y, t_us, p).slice(0, count)
+
+
+def opened(path: Path) -> BinaryIO:
+    """Opens a file for reading.
+
+    Raises:
+        InputError: it cannot be opened.
+    """
+    try:
+        return path.open("rb")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def _coding(path: Path, header: RawHeader, file: BinaryIO) -> tuple[_Coding, int]:
+    """The coding, and where the words begin."""
+    if header.kind in CODINGS:
+        return CODINGS[header.kind], header.data_offset
+    if header.kind:
+        known = ", ".join(kind for kind in CODINGS if kind != "DAT")
+        raise InputError(
+            f"{path}: coded as {quoted(header.kind)}, known are {known}: convert it first"
+        )
+    kind, size = (*file.read(2), 0, 0)[:2]
+    if kind not in (0x00, 0x0C) or size != 8:
+        raise InputError(
+            f"{path}, byte {header.data_offset}: events of type {kind:#x} and {size} bytes after a "
+            "header without `% format`; needs change detection events (0x0 or 0xc, 8 bytes)"
+        )
+    return CODINGS["DAT"], header.data_offset + 2
+
+
+_SENSORS = {"gen31": (640, 480), "gen3": (640, 480), "gen41": (1280, 720), "gen42": (1280, 720)}
+
+
+_SENSORS |= {"imx636": (1280, 720), "genx320": (320, 320)}
+
+
+@dataclass(frozen=True)
+class RawHeader:
+    """What the lines say.
+
+    Attributes:
+        kind: `EVT2`, `EVT21`, `EVT3`, or an empty text where no line says it.
+        width_px: sensor width, where a line says it.
+        height_px: sensor height, where a line says it.
+        data_offset: where the events begin, bytes.
+    """
+
+    kind: str
+    width_px: int | None
+    height_px: int | None
+    data_offset: int
+
+
+def read_raw_header(path: Path, file: BinaryIO) -> RawHeader:
+    """Reads the lines and leaves the file where the events begin.
+
+    Raises:
+        InputError: no such lines, too many, or a size that is none.
+    """
+    fields: dict[str, str] = {}
+    while file.peek(1)[:1] == b"%":  # type: ignore[attr-defined]
+        line = file.readline(_MOST_BYTES)
+        if file.tell() > _MOST_BYTES or not line.endswith(b"\n"):
+            raise InputError(
+                f"{path}, byte {file.tell()}: the header does not end; needs lines `% ...` and "
+                "`% end`: the file is damaged"
+            )
+        words = line[1:].decode("latin-1").strip()
+        key, _, value = words.partition(" ")
+        if key == "end":
+            break
+        fields[key.lower()] = value.strip()
+    if not fields:
+        raise InputError(f"{path}, byte 0: no header; needs lines `% ...` before the events")
+    return _header(path, fields, file.tell())
+
+
+def _header(path: Path, fields: dict[str, str], offset: int) -> RawHeader:
+    kind, *options = (fields.get("format") or "").split(";")
+    named = dict(option.partition("=")[::2] for option in options)
+    if "legacy" in (named.get("endianness"), fields.get("endianness")):
+        raise InputError(f"{path}: words in legacy order; convert it with the maker's tools first")
+    if not kind and "evt" in fields:
+        kind = "EVT" + fields["evt"].removesuffix(".0").replace(".", "")
+    size = _size(path, fields, named)
+    return RawHeader(kind.upper().replace(".", ""), size[0], size[1], offset)
+
+
+def _size(
+    path: Path, fields: dict[str, str], named: dict[str, str]
+) -> tuple[int, int] | tuple[None, None]:
+    width = named.get("width") or fields.get("width")
+    height = named.get("height") or fields.get("height")
+    if geometry := re.fullmatch(r"(\d+)x(\d+)", fields.get("geometry", "")):
+        width, height = geometry.groups()
+    if width is None or height is None:
+        sensor = re.sub(r"[^a-z0-9]", "", fields.get("sensor_name", fields.get("generation", "")))
+        return _SENSORS.get(sensor, (None, None))
+    if not all(re.fullmatch(r"[1-9]\d{0,4}", word) for word in (width, height)):
+        raise InputError(
+            f"{path}: sensor size {quoted(width)} x {quoted(height)}; needs whole pixels > 0"
+        )
+    return int(width), int(height)
+
+
+class RawWriter(FileWriter):
+    """Appends sorted events to a RAW file."""
+
+    packet = 1 << 19
+
+    def __init__(self, path: Path, kind: str, width_px: int, height_px: int) -> None:
+        version, self._word, self._encode, self._loop_bits = _CODINGS[kind]
+        self._state = encoder_state()
+        super().__init__(path)
+        lines = [
+            f"evt {version}",
+            f"format {kind.upper()};height={height_px};width={width_px}",
+            f"geometry {width_px}x{height_px}",
+            "integrator_name eventsweep",
+            "end",
+        ]
+        self._file.write("".join(f"% {line}\n" for line in lines).encode("ascii"))
+
+    def _put(self, stream: str, events: Events) -> None:
+        del stream
+        loops = (int(events.t_us[-1]) >> self._loop_bits) - int(self._state[LOOPS])
+        words = np.empty(8 * len(events) + 3 * loops + 8, self._word)
+        count = self._encode(events.x, events.y, events.t_us, events.p, self._state, words)
+        self._file.write(words[:count].data)
