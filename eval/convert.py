@@ -8,13 +8,13 @@ from pathlib import Path
 
 from emvs.data.events import Events
 from emvs.data.poses import write_tum
+from emvs.datasets.export import RecordingExport, kinds, write_recording
+from emvs.datasets.posed import EventSource
+from emvs.datasets.raw_streams import Readable, open_readable
 from emvs.errors import InputError
 from emvs.formats import FORMATS, calibration_writers, depth, write_events
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from emvs.io.layouts import RecordingExport, kinds, write_recording
-from emvs.io.posed import EventSource
-from emvs.io.raw_streams import Readable, open_readable
 from emvs.utils.files import refuse_existing
 from eval.progress import Progress
 
@@ -170,9 +170,9 @@ def _poses(source: Path, out: Path, options: Options) -> str:
 
 def _trajectory(source: Path, unit: str) -> Trajectory:
     from emvs.data.poses import read_poses
-    from emvs.io.bag_poses import read_bag_poses
-    from emvs.io.descriptor import is_bag
-    from emvs.io.recognise import open_recording
+    from emvs.datasets import open_recording
+    from emvs.datasets.bags import read_bag_poses
+    from emvs.datasets.custom import is_bag
 
     if is_bag(source):
         return read_bag_poses(source)
@@ -182,8 +182,8 @@ def _trajectory(source: Path, unit: str) -> Trajectory:
 
 
 def _rig(source: Path) -> Rig:
+    from emvs.datasets import open_recording
     from emvs.formats.calibration import read_rig
-    from emvs.io.recognise import open_recording
 
     if source.is_dir() or source.suffix in (".toml", ".bag"):
         return open_recording(source).rig
@@ -195,7 +195,7 @@ def _depth(source: Path, out: Path, options: Options) -> str:
     if options.to != "disparity-png":
         depth.WRITERS[options.to](out, depth_m)
         return f"depth map of {depth_m.shape[1]}x{depth_m.shape[0]} as {options.to}"
-    from emvs.io.dsec_writer import write_disparity
+    from emvs.datasets.dsec import write_disparity
     from emvs.utils.files import atomic_path
 
     focal_px = _focal_px(source)

@@ -194,7 +194,7 @@ _PEAK = """
 import re, sys
 from pathlib import Path
 from emvs.config import MapperConfig
-from emvs.io import open_recording
+from emvs.datasets import open_recording
 from emvs.mapper import map_window
 map_window(open_recording(sys.argv[1]), MapperConfig(planes={planes}, methods={methods}))
 print(int(re.search(r"VmHWM:\\s*([0-9]+)", Path("/proc/self/status").read_text())[1]) / 1024)

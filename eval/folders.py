@@ -10,10 +10,10 @@ import numpy as np
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
+from emvs.datasets import open_recording
+from emvs.datasets.ground_truth import truth_at
+from emvs.datasets.posed import PosedRecording
 from emvs.errors import InputError
-from emvs.io.posed import PosedRecording
-from emvs.io.recognise import open_recording
-from emvs.io.truth import truth_at
 from emvs.map_info import RecordingInfo
 from emvs.output import StoredMap, StoredWindow, read_map
 from eval.config import EvalConfig
@@ -67,7 +67,7 @@ def recording_of(stored: StoredMap) -> Recording:
 
 
 Scored = Sequence | PosedRecording
-"""Recordings that may have ground truth: `emvs.io.truth.TruthRecording`."""
+"""Recordings that may have ground truth: `emvs.datasets.ground_truth.TruthRecording`."""
 
 
 def sequence_of(stored: StoredMap) -> Scored:
@@ -143,7 +143,7 @@ def truth_of(sequence: Scored, t_ref_us: int, config: EvalConfig) -> Truth:
     """Ground truth in the reference view: camera 0, without lens distortion.
 
     A sequence of ours has truth exactly then, or none; that of a data set may be carried over, see
-    `emvs.io.truth`.
+    `emvs.datasets.ground_truth`.
 
     Raises:
         InputError: none is stored at that time.

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from emvs.data.recording import Recording
-from emvs.io.posed import PosedRecording
-from emvs.io.raw_streams import Readable, open_readable
+from emvs.datasets.posed import PosedRecording
+from emvs.datasets.raw_streams import Readable, open_readable
 from eval.info_stream import StreamCount, count
 from eval.progress import Progress
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from emvs.io.recognise import open_recording
+from emvs.datasets import open_recording
 from emvs.output import StoredMap
 from emvs.sliding import map_windows
 from eval import folders

@@ -15,7 +15,7 @@ import numpy as np
 
 import emvs.utils.runtime  # noqa: F401  (names the threading layer before the kernel compiles)
 from emvs.config import MapperConfig
-from emvs.io.recognise import open_recording
+from emvs.datasets import open_recording
 from emvs.mapper import map_window
 from eval.speed_kernels import calibration
 

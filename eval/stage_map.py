@@ -8,7 +8,7 @@ from typing import Any
 
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
-from emvs.io.recognise import open_recording
+from emvs.datasets import open_recording
 from emvs.map_store import write_entry
 from emvs.sliding import map_into, one_window, without
 from eval.stage_files import SEQUENCE

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 import scenes
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence as EventSequence
+from emvs.datasets import open_recording
 from emvs.errors import InputError
-from emvs.io.recognise import open_recording
 from emvs.mapper import map_window
 from emvs.utils.files import atomic_dir
 from emvs.view import ReferenceView, reference_view

@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from emvs.data.events import Events
     from emvs.data.recording import Recording
     from emvs.data.sequence import Sequence
+    from emvs.datasets import open_recording
     from emvs.depthmap import DepthMap
     from emvs.errors import InputError
     from emvs.geometry.camera import Camera
     from emvs.geometry.rig import Rig
     from emvs.geometry.trajectory import Trajectory
-    from emvs.io.recognise import open_recording
     from emvs.methods import overview as methods
     from emvs.methods import register as register_method
     from emvs.recipe import Method
@@ -94,7 +94,7 @@ _PLACES = {
     "map_window": "eventsweep.mapping:map_window",
     "map_windows": "eventsweep.mapping:map_windows",
     "methods": "emvs.methods:overview",
-    "open_recording": "emvs.io.recognise:open_recording",
+    "open_recording": "emvs.datasets:open_recording",
     "register_method": "emvs.methods:register",
     "scenes": "scenes:names",
     "score": "eventsweep.scoring:score",

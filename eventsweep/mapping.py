@@ -7,8 +7,8 @@ from pathlib import Path
 from emvs import mapper, sliding
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
+from emvs.datasets import open_recording
 from emvs.errors import InputError
-from emvs.io.recognise import open_recording
 from emvs.map_info import RecordingInfo
 from emvs.memory import check_window_fits
 from emvs.output import StoredMap, read_map

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.poses import read_tum
+from emvs.datasets.custom import read_hand_eye
 from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.trajectory import Trajectory
-from emvs.io.descriptor import read_hand_eye
 from sim.config import SimConfig
 from sim.motion import Motion
 from sim.motion_curve import CurveMotion, moved

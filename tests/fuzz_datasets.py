@@ -21,15 +21,14 @@ import yaml
 
 from emvs.data.poses import read_kitti, read_poses, read_tum, write_kitti, write_tum
 from emvs.data.sequence import Sequence
+from emvs.datasets import dsec, open_recording
+from emvs.datasets.custom import read_hand_eye
+from emvs.datasets.dsec import rectification_of
+from emvs.datasets.export import RecordingExport, write_recording
+from emvs.datasets.raw_streams import open_readable
 from emvs.errors import InputError
 from emvs.formats import calibration_writers as rigs
 from emvs.formats.calibration import read_rig
-from emvs.io import dsec_writer
-from emvs.io.descriptor import read_hand_eye
-from emvs.io.dsec import rectification_of
-from emvs.io.layouts import RecordingExport, write_recording
-from emvs.io.raw_streams import open_readable
-from emvs.io.recognise import open_recording
 
 SPARE = {"rectify_map.h5", "images.txt", "frame_00000000.png", "hand_eye.yaml"}
 """What a recording may lack: hand-eye where poses are then the first camera's."""
@@ -175,7 +174,7 @@ def sound_file(folder, kind):
         case "cam_to_cam":
             for side in ("left", "right"):
                 (folder / "events" / side).mkdir(parents=True)
-            dsec_writer.write_calibration(folder, rig)
+            dsec.write_calibration(folder, rig)
             path = folder / "calibration" / "cam_to_cam.yaml"
             return path, lambda p: (checked_rig(p), rectification_of(p))
         case "hand_eye":

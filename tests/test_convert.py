@@ -17,13 +17,13 @@ from memory_convert import run_chain
 from emvs.data.events import Events
 from emvs.data.poses import read_kitti, read_poses, read_tum, write_tum
 from emvs.data.sequence import Sequence
+from emvs.datasets.dsec import read_disparity
 from emvs.errors import InputError
 from emvs.formats import calibration_writers as rigs
 from emvs.formats import open_events, write_events
 from emvs.formats.calibration import read_rig
 from emvs.geometry.se3 import from_quat_xyzw
 from emvs.geometry.trajectory import Trajectory
-from emvs.io.dsec import read_disparity
 from eval.cli import main
 from eval.convert import Options, convert, targets
 from eval.info import inspect

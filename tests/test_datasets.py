@@ -12,11 +12,11 @@ import pytest
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence
 from emvs.data.writer import SequenceWriter
+from emvs.datasets import open_recording
+from emvs.datasets.export import RecordingExport, write_recording
+from emvs.datasets.mvsec import open_mvsec
+from emvs.datasets.raw_streams import open_readable
 from emvs.errors import InputError
-from emvs.io.layouts import RecordingExport, write_recording
-from emvs.io.mvsec import open_mvsec
-from emvs.io.raw_streams import open_readable
-from emvs.io.recognise import open_recording
 from emvs.mapper import map_window
 from emvs.window import choose_window
 from eval.cli import main

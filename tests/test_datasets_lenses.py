@@ -11,9 +11,9 @@ import pytest
 
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence
-from emvs.io.layouts import RecordingExport, write_recording
-from emvs.io.raw_streams import open_readable
-from emvs.io.recognise import open_recording
+from emvs.datasets import open_recording
+from emvs.datasets.export import RecordingExport, write_recording
+from emvs.datasets.raw_streams import open_readable
 from emvs.mapper import map_window
 from emvs.window import choose_window
 

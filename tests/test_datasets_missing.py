@@ -15,10 +15,10 @@ import yaml
 from test_datasets_lenses import rewritten
 
 from emvs.data.sequence import Sequence
+from emvs.datasets import open_recording
+from emvs.datasets.raw_streams import open_readable
 from emvs.errors import InputError
 from emvs.formats.calibration import read_rig
-from emvs.io.raw_streams import open_readable
-from emvs.io.recognise import open_recording
 from eval.cli import main
 
 

@@ -10,9 +10,9 @@ import pytest
 from test_datasets_lenses import rewritten
 
 from emvs.data.sequence import Sequence
+from emvs.datasets import open_recording
+from emvs.datasets.ground_truth import nearest_truth_us, truth_at
 from emvs.errors import InputError
-from emvs.io.recognise import open_recording
-from emvs.io.truth import nearest_truth_us, truth_at
 from eval.cli import main
 
 MAP = ("--map.min-depth-m", 1, "--map.max-depth-m", 4, "--map.planes", 40, "--method", "Alg1/H")

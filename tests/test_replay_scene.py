@@ -14,10 +14,10 @@ from test_chunks import Killed, scene_in, stop_at
 
 from emvs.data.poses import read_tum, write_tum
 from emvs.data.sequence import Sequence
+from emvs.datasets.custom import read_hand_eye
 from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.trajectory import Trajectory
-from emvs.io.descriptor import read_hand_eye
 from sim import replay_cost
 from sim.config import SimConfig
 from sim.facts import facts_of

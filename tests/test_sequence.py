@@ -10,11 +10,11 @@ import pytest
 from emvs.data.events import Events
 from emvs.data.sequence import Sequence
 from emvs.data.writer import SequenceWriter
+from emvs.datasets import open_recording
 from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from emvs.io.recognise import open_recording
 from emvs.utils.files import atomic_dir, atomic_path
 
 CAMERA = Camera(20, 10, 15, 15, 9.5, 4.5)

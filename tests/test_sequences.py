@@ -5,10 +5,10 @@ from contextlib import contextmanager
 
 import pytest
 
+from emvs.datasets import open_recording
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
 from emvs.hot_pixels import find_hot_pixels
-from emvs.io.recognise import open_recording
 from emvs.output import read_map
 from eval.cli import main
 from eval.progress import MapBars

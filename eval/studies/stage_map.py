@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from emvs.io.recognise import open_recording
+from emvs.datasets import open_recording
 from eval import stage_map
 from eval.stage_files import SEQUENCE
 from eval.studies.perturbation import Perturbation

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
+from emvs.datasets import open_recording
+from emvs.datasets.ecd import EventCameraDataset
+from emvs.datasets.posed import EventSource, PosedRecording
 from emvs.errors import InputError
 from emvs.formats import FORMATS, open_events
 from emvs.geometry.rig import Rig
-from emvs.io.event_camera_dataset import EventCameraDataset
-from emvs.io.posed import EventSource, PosedRecording
-from emvs.io.recognise import open_recording
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def open_readable(path: Path) -> Readable:
         return _recording(path)
     reader, why = open_events(path), ""
     if reader.format.startswith("rosbag"):
-        from emvs.io.rosbag_recording import lacks
+        from emvs.datasets.rosbag import lacks
 
         why = lacks(path)
         if not why:

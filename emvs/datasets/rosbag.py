@@ -1,4 +1,4 @@
-"""Writes a whole recording into a ROS1 bag: events, poses and `camera_info`."""
+"""Recordings in ROS bags, read and written: events, poses and `camera_info`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,19 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
+from emvs.datasets.bags import info_topic, pose_topic, topics
+from emvs.datasets.custom import (
+    CalibrationTable,
+    Descriptor,
+    EventsTable,
+    PosesTable,
+    assembled,
+    is_bag,
+)
+from emvs.datasets.files import find_optional
+from emvs.datasets.posed import PosedRecording
+from emvs.errors import InputError
+from emvs.formats import open_events
 from emvs.formats.rosbag import RosbagWriter
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
@@ -16,6 +29,9 @@ from emvs.geometry.trajectory import Trajectory
 
 POSE_TOPIC = "/T_world_cam0"
 _LENS = {"pinhole": "plumb_bob", "radtan": "plumb_bob", "kb4": "equidistant"}
+_CALIBRATIONS = ("camchain*.yaml", "calib*.yaml", "calibration*.yaml", "rig.json")
+_HAND_EYE = ("hand_eye.json", "hand_eye.yaml")
+_POSES = ("poses.txt", "*.tum.txt", "groundtruth.txt")
 
 
 class RecordingBag(RosbagWriter):
@@ -76,3 +92,58 @@ class RecordingBag(RosbagWriter):
         seconds, rest_us = divmod(t_us, 1_000_000)
         stamp = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=rest_us * 1000)
         return types["std_msgs/msg/Header"](seq=sequence, stamp=stamp, frame_id=frame)
+
+
+def find_bag(folder: Path) -> Path | None:
+    """The one bag of a folder, if there is one."""
+    return find_optional(folder, ["*.bag"], "the bag")
+
+
+def lacks(path: Path) -> str:
+    """Why a bag can be read for its events alone; empty where it is a whole recording.
+
+    Only what is not there at all is told of: what is there and damaged is an error of
+    `open_bag_recording`.
+
+    Raises:
+        InputError: a damaged bag, or several files beside it for one purpose.
+    """
+    if not is_bag(path):
+        return "its name does not end in .bag"
+    kinds, streams = topics(path), sorted(open_events(path).streams)
+    calibration = find_optional(path.parent, _CALIBRATIONS, "the calibration")
+    missing = [name for name in map(info_topic, streams) if name not in kinds]
+    if calibration is None and missing:
+        return f"no calibration: no topic {missing[0]}, no camera chain beside it"
+    if find_optional(path.parent, _POSES, "the poses") is None:
+        return pose_topic(kinds, streams).lacks
+    return ""
+
+
+def open_bag_recording(path: Path) -> PosedRecording:
+    """Opens a bag with what lies beside it: calibration, hand-eye, and poses if the bag has none.
+
+    Streams are taken in the order of their names, so that left comes before right.
+
+    Raises:
+        InputError: a bag without events, poses or calibration, or with a choice of poses.
+    """
+    beside = path.parent
+    calibration = find_optional(beside, _CALIBRATIONS, "the calibration")
+    hand_eye = find_optional(beside, _HAND_EYE, "the hand-eye calibration")
+    poses = find_optional(beside, _POSES, "the poses")
+    streams = tuple(sorted(open_events(path).streams))
+    if len(streams) > 64:
+        raise InputError(f"{path}: {len(streams)} topics of events; name some in a recording.toml")
+    topic = "" if poses else pose_topic(topics(path), streams).name
+    what = Descriptor(
+        name=path.stem,
+        calibration=CalibrationTable(file=(calibration or path).name),
+        poses=PosesTable(
+            file=(poses or path).name,
+            topic=topic,
+            hand_eye=None if hand_eye is None else hand_eye.name,
+        ),
+        events=tuple(EventsTable(file=path.name, stream=stream) for stream in streams),
+    )
+    return assembled(beside, what, "ROS2 bag" if path.is_dir() else "ROS1 bag")

@@ -7,8 +7,8 @@ from pathlib import Path
 from emvs.data.manifest import FILE_NAME
 from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
+from emvs.datasets.ecd import FILES, EventCameraDataset
 from emvs.errors import InputError
-from emvs.io.event_camera_dataset import FILES, EventCameraDataset
 
 DESCRIPTOR = "recording.toml"
 
@@ -46,12 +46,12 @@ def open_recording(path: str | Path) -> Recording:
 
 
 def _file(path: Path) -> Recording:
-    from emvs.io.descriptor import open_described
+    from emvs.datasets.custom import open_described
 
     if path.suffix == ".toml":
         return open_described(path)
     if path.suffix == ".bag":
-        from emvs.io.rosbag_recording import open_bag_recording
+        from emvs.datasets.rosbag import open_bag_recording
 
         return open_bag_recording(path)
     raise InputError(
@@ -61,7 +61,7 @@ def _file(path: Path) -> Recording:
 
 def _data_set(path: Path) -> Recording | None:
     """A data set with a module of its own, if the folder looks like one."""
-    from emvs.io import dsec, mvsec, rosbag_recording, tumvie
+    from emvs.datasets import dsec, mvsec, rosbag, tumvie
 
     if dsec.is_dsec(path):
         return dsec.open_dsec(path)
@@ -70,6 +70,6 @@ def _data_set(path: Path) -> Recording | None:
     if mvsec.is_mvsec(path):
         return mvsec.open_mvsec(path)
     if (path / "metadata.yaml").exists():
-        return rosbag_recording.open_bag_recording(path)
-    bag = rosbag_recording.find_bag(path)
-    return None if bag is None else rosbag_recording.open_bag_recording(bag)
+        return rosbag.open_bag_recording(path)
+    bag = rosbag.find_bag(path)
+    return None if bag is None else rosbag.open_bag_recording(bag)

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from emvs.data.poses import read_poses
+from emvs.datasets.posed import EventSource, PosedRecording, on_first_camera
 from emvs.errors import InputError
 from emvs.formats.calibration import matrix, parsed, pose_of, read_imu_cam, read_rig
 from emvs.geometry import se3
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from emvs.io.posed import EventSource, PosedRecording, on_first_camera
 
 FILE_NAME = "recording.toml"
 
@@ -140,7 +140,7 @@ def assembled(folder: Path, what: Descriptor, layout: str) -> PosedRecording:
 def _rig(path: Path, what: Descriptor) -> Rig:
     if not is_bag(path):
         return read_rig(path, what.calibration.cameras)
-    from emvs.io.bag_cameras import read_bag_rig
+    from emvs.datasets.bags import read_bag_rig
 
     return read_bag_rig(path, [one.stream for one in what.events])
 
@@ -148,7 +148,7 @@ def _rig(path: Path, what: Descriptor) -> Rig:
 def _poses(path: Path, table: PosesTable) -> Trajectory:
     if not is_bag(path):
         return read_poses(path, table.unit, table.time_offset_us)
-    from emvs.io.bag_poses import read_bag_poses
+    from emvs.datasets.bags import read_bag_poses
 
     return read_bag_poses(path, table.topic, table.time_offset_us)
 

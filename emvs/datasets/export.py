@@ -15,14 +15,14 @@ import yaml
 from emvs.data.events import Events
 from emvs.data.poses import write_tum
 from emvs.data.recording import Recording
+from emvs.datasets import dsec
+from emvs.datasets.posed import EventSource
 from emvs.errors import InputError
 from emvs.formats import FORMATS, _in_time_order, write_events
 from emvs.formats.base import Checker
 from emvs.formats.calibration_writers import basalt, kalibr_chain, pose_values, write_rig_json
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from emvs.io import dsec_writer
-from emvs.io.posed import EventSource
 from emvs.utils.files import atomic_dir
 
 Told = Callable[[int], None]
@@ -143,7 +143,7 @@ def _tumvie(job: RecordingExport, folder: Path) -> None:
 
 
 def _mvsec(job: RecordingExport, folder: Path) -> None:
-    from emvs.io.mvsec_writer import write_truth
+    from emvs.datasets.mvsec import write_truth
 
     name, size = job.recording.name, job.rig.cameras[0]
     streams = {"davis/left": job.packets(0), "davis/right": job.packets(1)}
@@ -155,7 +155,7 @@ def _mvsec(job: RecordingExport, folder: Path) -> None:
 
 
 def _rosbag(job: RecordingExport, folder: Path) -> None:
-    from emvs.io.bag_writer import RecordingBag
+    from emvs.datasets.rosbag import RecordingBag
 
     path, sensor = folder / f"{job.recording.name}.bag", job.rig.cameras[0]
     size = (sensor.width_px, sensor.height_px)
@@ -198,9 +198,9 @@ def _sequence(job: RecordingExport, folder: Path, *, force: bool = False) -> Non
 def _dsec(job: RecordingExport, folder: Path) -> None:
     for k, side in enumerate(("left", "right")):
         job.write_camera(folder / "events" / side / "events.h5", "dsec", k)
-    dsec_writer.write_calibration(folder, job.rig)
+    dsec.write_calibration(folder, job.rig)
     write_tum(folder / "poses.txt", job.poses())
-    dsec_writer.write_truth(folder, job.recording, job.shift_us)
+    dsec.write_truth(folder, job.recording, job.shift_us)
 
 
 LAYOUTS: dict[str, Callable[[RecordingExport, Path], None]] = {

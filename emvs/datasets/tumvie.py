@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from emvs.errors import InputError
-from emvs.io.descriptor import (
+from emvs.datasets.custom import (
     CalibrationTable,
     Descriptor,
     EventsTable,
     PosesTable,
     assembled,
 )
-from emvs.io.layout_files import find_one, find_optional
-from emvs.io.posed import PosedRecording
+from emvs.datasets.files import find_one, find_optional
+from emvs.datasets.posed import PosedRecording
+from emvs.errors import InputError
 
 LEFT = "*events_left.h5"
 _RIGHT = "*events_right.h5"
