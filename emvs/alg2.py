@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import re
 
-from emvs import fuse_kernels
+from emvs.dsi import fusion_kernels
+from emvs.dsi.method import CODES, MEANS, Method, Split
 from emvs.errors import InputError
-from emvs.recipe import CODES, MEANS, Method, Split
 
 MAX_INTERVALS = 64
 GRAMMAR = "Alg2/<F>t<F>c@n[/time][~] or Alg2/<F>c<F>t@n[/time] with <F> of min, H, G, A, RMS, max"
@@ -68,7 +68,7 @@ def _check(name: str, outer_axis: str, inner_axis: str, count: int, *, shuffled:
 
 def _code(fusion: str, axis: str, mcemvs: bool) -> int:
     if mcemvs and fusion == "H" and axis == "c":
-        return fuse_kernels.HARMONIC_EPS
+        return fusion_kernels.HARMONIC_EPS
     return CODES[fusion]
 
 

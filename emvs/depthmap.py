@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
+from emvs.dsi.maxima import Maximum
 from emvs.geometry.camera import Camera
 from emvs.median import masked_median
 from emvs.planes import inverse_depth_at
-from emvs.running import Maximum
 from emvs.view import ReferenceView
 
 Floats = NDArray[np.float32]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from emvs import focus
+from emvs.dsi import focus_measures
 from emvs.errors import InputError
 
 _POSITIVE = (
@@ -21,7 +21,7 @@ class FocusConfig:
     meaning for other sensors, baselines and depth planes (`docs/extraction.md`).
 
     Attributes:
-        measure: focus measure, by its name in `emvs.focus.MEASURES`.
+        measure: focus measure, by its name in `emvs.dsi.focus_measures.MEASURES`.
         sigma_px: scale of the focus measure, px.
         agreement_px: disagreement between cameras that divides the reliability by e, px of
             disparity, where that is `agreement_at_px`; elsewhere it grows with its square root.
@@ -54,7 +54,7 @@ class FocusConfig:
 
     def __post_init__(self) -> None:
         """Refuses what cannot work."""
-        focus.measure(self.measure)
+        focus_measures.measure(self.measure)
         for name in _POSITIVE:
             if not getattr(self, name) > 0:
                 raise InputError(f"{name} is {getattr(self, name)}: must be above 0")

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.depthmap import DepthMap
+from emvs.dsi.backend import InFocus
+from emvs.dsi.maxima import Maximum
 from emvs.errors import InputError
 from emvs.focus_config import FocusConfig
-from emvs.focus_fold import InFocus
 from emvs.focus_judge import judge, on_surface
 from emvs.found import Found, at_least
 from emvs.planes import inverse_depth_at
-from emvs.running import Maximum
 from emvs.view import ReferenceView
 from emvs.window import Window
 

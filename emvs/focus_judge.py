@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs import focus, focus_kernels
 from emvs.depthmap import eight_bits
+from emvs.dsi import focus_kernels, focus_measures
 from emvs.focus_config import FocusConfig
 from emvs.found import Found
 
@@ -80,7 +80,7 @@ def on_surface(found: Found, disparity_px: NDArray[np.floating], config: FocusCo
     planes = np.arange(len(disparity_px), dtype=np.float64)
     own_px = np.interp(found.position, planes, disparity_px).astype(np.float32)
     reach_px = round(_SURFACE_REACH * config.surface_sigma_px)
-    weight = focus.half_window(config.surface_sigma_px)[: reach_px + 1]
+    weight = focus_measures.half_window(config.surface_sigma_px)[: reach_px + 1]
     fitted_px = own_px.copy()
     focus_kernels.fit_surface(
         own_px, found.candidate, weight, np.float32(config.surface_px), _RIDGE_PX2, fitted_px
@@ -118,7 +118,7 @@ def _inside(confidence: Floats, own_px: Floats, candidate: Mask, config: FocusCo
     focus_kernels.own_surface(
         own_px, candidate, config.inside_radius_px, np.float32(config.support_px), towards
     )
-    smooth = focus.blurred(confidence, _SLOPE_SIGMA_PX)
+    smooth = focus_measures.blurred(confidence, _SLOPE_SIGMA_PX)
     slope_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
     slope_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
     rise = (towards[0] * slope_x + towards[1] * slope_y) / np.maximum(confidence, np.float32(1e-6))

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from emvs import alg2, fuse_kernels
+from emvs import alg2
+from emvs.dsi import fusion_kernels
+from emvs.dsi.method import CODES, MEANS, Method, MethodName
 from emvs.errors import InputError
-from emvs.recipe import CODES, MEANS, Method, MethodName
 
 GRAMMAR = "Focus/<F>, Focus/camK or Focus/<an Algorithm 2, such as AtHc@4>"
 SUMMARY = (
@@ -29,9 +30,9 @@ def build(name: str, mcemvs: bool = False) -> Method:
     _, fused = parts = MethodName.of(name)
     k = parts.camera
     if k is not None and fused == f"cam{k}":
-        return Method(name, fuse_kernels.CAMERA + k, f"camera {k} alone, by focus", focus=True)
+        return Method(name, fusion_kernels.CAMERA + k, f"camera {k} alone, by focus", focus=True)
     if fused in CODES:
-        code = fuse_kernels.HARMONIC_EPS if mcemvs and fused == "H" else CODES[fused]
+        code = fusion_kernels.HARMONIC_EPS if mcemvs and fused == "H" else CODES[fused]
         return Method(name, code, f"{MEANS[fused]} across cameras, by focus", focus=True)
     try:
         method = alg2.build(f"Alg2/{fused}", mcemvs)

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.depthmap import DepthMap
+from emvs.dsi.method import file_name
+from emvs.dsi.slices import Slices
 from emvs.errors import DAMAGED_NPY, InputError
 from emvs.geometry.camera import Camera
 from emvs.inpaint import Dense
-from emvs.recipe import file_name
-from emvs.volume import Slices
 
 CURE = "run `eventsweep map` again"
 _DEPTH_KEYS = (

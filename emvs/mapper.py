@@ -8,24 +8,24 @@ from pathlib import Path
 
 import numpy as np
 
-from emvs import device as devices
 from emvs import methods
-from emvs.backproject import back_project
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.depthmap import DepthMap, extract
-from emvs.device import Device
+from emvs.dsi import device as devices
+from emvs.dsi.backprojection import back_project
+from emvs.dsi.device import Device
+from emvs.dsi.method import WHOLE, Method, single_cameras
+from emvs.dsi.slices import Slices
+from emvs.dsi.sweep import Swept, grouped, sweep
+from emvs.dsi.voting import VoteCounts
 from emvs.errors import InputError
 from emvs.focus_depth import extract_in_focus, parallax_baseline_m
 from emvs.late import union
-from emvs.recipe import WHOLE, Method, single_cameras
 from emvs.result import CameraCounts, WindowResult
 from emvs.rivals.rival import DepthEstimator
-from emvs.streaming import Swept, grouped, sweep
-from emvs.sweep import VoteCounts
 from emvs.utils.runtime import Progress, Stopwatch, silent
 from emvs.view import ReferenceView, reference_view
-from emvs.volume import Slices
 from emvs.window import Window, choose_window
 
 
@@ -47,7 +47,8 @@ def map_window(
             name), what is done and how much there is.
         window: one window of a plan (`emvs.windows`); by default what the configuration says.
         dsi_dir: where `save_dsi` writes the fused volumes.
-        device: what computes (`emvs.device.for_methods`); by default what the configuration says.
+        device: what computes (`emvs.dsi.device.for_methods`); by default what the configuration
+            says.
 
     Raises:
         InputError: a window that events or poses do not cover, no events in it, an impossible depth

@@ -6,9 +6,10 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from emvs import alg2, focus_methods, fuse_kernels, plugins
+from emvs import alg2, focus_methods, plugins
+from emvs.dsi import fusion_kernels
+from emvs.dsi.method import CODES, MEANS, Method, MethodName, single_camera, single_cameras
 from emvs.errors import InputError
-from emvs.recipe import CODES, MEANS, Method, MethodName, single_camera, single_cameras
 from emvs.rivals import catalogue
 from emvs.rivals.rival import BaselineEstimator, DepthEstimator
 
@@ -39,7 +40,7 @@ class Family:
 def _late(name: str, _mcemvs: bool) -> Method:
     if name != "Late/union":
         raise InputError(f"unknown method {name!r}: the late fusion is Late/union")
-    return Method(name, fuse_kernels.MAX, "the single cameras' maps, joined", late=True)
+    return Method(name, fusion_kernels.MAX, "the single cameras' maps, joined", late=True)
 
 
 def _baseline(name: str, mcemvs: bool) -> BaselineEstimator:
@@ -129,7 +130,7 @@ def known_methods(n_cameras: int, *, mcemvs: bool = False) -> tuple[Method, ...]
         n_cameras: cameras of the rig.
         mcemvs: the compatibility setting, whose H is 2ab / (a + b + 0.1).
     """
-    codes = CODES | ({"H": fuse_kernels.HARMONIC_EPS} if mcemvs else {})
+    codes = CODES | ({"H": fusion_kernels.HARMONIC_EPS} if mcemvs else {})
     fused = tuple(
         Method(f"Alg1/{name}", code, f"fused across cameras by the {MEANS[name]}")
         for name, code in codes.items()
@@ -189,7 +190,7 @@ def with_volume(chosen: Sequence[AnyMethod]) -> tuple[Method, ...]:
 def _check_no_pair_mean(chosen: Sequence[AnyMethod], n_cameras: int) -> None:
     for method in chosen:
         codes = (method.code, method.outer) if isinstance(method, Method) else ()
-        if fuse_kernels.HARMONIC_EPS in codes:
+        if fusion_kernels.HARMONIC_EPS in codes:
             raise InputError(
                 f"{method.name} in the mcemvs setting fuses 2 cameras, this rig has {n_cameras}: "
                 "choose other methods or compatibility none"

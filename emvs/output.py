@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
 from emvs.depthmap import DepthMap
+from emvs.dsi.method import file_name
+from emvs.dsi.slices import Slices
 from emvs.errors import InputError
 from emvs.inpaint import Dense, inpaint, write_dense
 from emvs.map_files import (
@@ -33,10 +35,8 @@ from emvs.map_info import (
     read_info,
 )
 from emvs.pointcloud import back_project_map, without_outliers, write_ply
-from emvs.recipe import file_name
 from emvs.result import WindowResult
 from emvs.utils.runtime import versions
-from emvs.volume import Slices
 
 __all__ = [
     "MapInfo", "RecordingInfo", "StoredMap", "StoredWindow", "WindowInfo", "read_map",

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
 from emvs.depthmap import DepthMap
+from emvs.dsi.rays import RayCounts
+from emvs.dsi.slices import Slices
+from emvs.dsi.voting import VoteCounts
 from emvs.errors import ByName
-from emvs.rays import RayCounts
-from emvs.sweep import VoteCounts
 from emvs.view import ReferenceView
-from emvs.volume import Slices
 from emvs.window import Window
 
 

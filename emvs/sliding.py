@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from emvs import device as devices
 from emvs import methods
 from emvs.ahead import ReadAhead
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
-from emvs.device import Device
+from emvs.dsi import device as devices
+from emvs.dsi.device import Device
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
 from emvs.hot_pixels import HotPixels, WithoutPixels, find_hot_pixels

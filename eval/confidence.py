@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from emvs.dsi.method import OWN_UNIT, VOTES
 from emvs.methods import named
-from emvs.recipe import OWN_UNIT, VOTES
 from eval.colour import Scale, confidence_scale
 from eval.views import WindowView
 

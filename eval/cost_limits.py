@@ -16,14 +16,13 @@ import numba
 import numpy as np
 
 from emvs.config import MapperConfig
+from emvs.dsi.maxima import RunningMaxima
+from emvs.dsi.method import CODES
+from emvs.dsi.rays import Rays, event_rays, grouped_by_rows
+from emvs.dsi.voting import Scratch, batches
 from emvs.mapper import map_window
 from emvs.methods import methods, with_volume
 from emvs.planes import inverse_depth_planes
-from emvs.ray_order import grouped_by_rows
-from emvs.rays import Rays, event_rays
-from emvs.recipe import CODES
-from emvs.running import RunningMaxima
-from emvs.sweep import Scratch, batches
 from emvs.utils.runtime import use_threads
 from eval.cost_stream import DEPTH_RANGE_M, WINDOW_US, MovingEdges
 

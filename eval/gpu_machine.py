@@ -28,12 +28,12 @@ def check_device(kind: str) -> None:
     """
     if kind != "cuda":
         return
-    if "device" not in MapperConfig.model_fields or find_spec("emvs.cuda") is None:
+    if "device" not in MapperConfig.model_fields or find_spec("emvs.dsi.cuda") is None:
         raise InputError(
-            "this version's mapper has no CUDA backend (emvs.cuda): take one that has it, or try "
+            "this version's mapper has no CUDA backend: take one that has it, or try "
             "the script with --device cpu"
         )
-    importlib.import_module("emvs.device").choose("cuda")
+    importlib.import_module("emvs.dsi.device").choose("cuda")
 
 
 def machine(kind: str) -> dict[str, Any]:
@@ -59,7 +59,7 @@ def cpu_name() -> str:
 def gpu() -> dict[str, Any]:
     """The GPU as CUDA and its driver name it."""
     cuda: Any = importlib.import_module("numba.cuda")
-    library: Any = importlib.import_module("emvs.cuda.library")
+    library: Any = importlib.import_module("emvs.dsi.cuda.device")
     used, device = library.gpu(), cuda.current_context().device
     driver = "numba.cuda.cudadrv.driver"
     return {

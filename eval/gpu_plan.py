@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from emvs.config import MapperConfig
-from emvs.recipe import CODES
+from emvs.dsi.method import CODES
 from eval.cost_stream import WINDOW_US
 
 PAPER = (*(f"Alg1/{name}" for name in CODES), "EMVS/cam0", "EMVS/cam1")

@@ -7,12 +7,12 @@ import time
 
 import numpy as np
 
-from emvs import device as devices
-from emvs.backend import Task
-from emvs.backproject import back_project
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
-from emvs.recipe import WHOLE, single_cameras
+from emvs.dsi import device as devices
+from emvs.dsi.backend import Task
+from emvs.dsi.backprojection import back_project
+from emvs.dsi.method import WHOLE, single_cameras
 from emvs.utils.runtime import silent
 from emvs.view import reference_view
 from emvs.window import choose_window

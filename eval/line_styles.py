@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 from zlib import crc32
 
-from emvs.recipe import MethodName
+from emvs.dsi.method import MethodName
 
 INK = "#010203"
 """The colour of text. Matplotlib knows no `currentColor`, so it is renamed afterwards."""

@@ -14,8 +14,8 @@ from emvs.data.image_stores import Photo
 from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
 from emvs.depthmap import DepthMap
+from emvs.dsi.slices import Slices
 from emvs.output import StoredMap, StoredWindow
-from emvs.volume import Slices
 from eval.config import EvalConfig
 from eval.folders import CONFIG_FILE, Scored, find_maps, has_truth, recording_of, truth_of
 from eval.pairing import Truth

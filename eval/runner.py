@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import scenes
-from emvs import device, methods
+from emvs import methods
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence as EventSequence
+from emvs.dsi import device
 from emvs.errors import InputError
 from emvs.output import StoredWindow
 from emvs.utils.files import atomic_dir

@@ -9,16 +9,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs import focus
 from emvs.config import MapperConfig
 from emvs.depthmap import confidence_mask, without_border
+from emvs.dsi import focus_measures
+from emvs.dsi.fusion import FUSIONS
+from emvs.dsi.maxima import FocusPeak, Maximum
 from emvs.focus_config import FocusConfig
 from emvs.focus_judge import judge, on_surface
-from emvs.focus_peak import FocusPeak
 from emvs.found import Found, at_least, most_reliable
-from emvs.fusion import FUSIONS
 from emvs.median import masked_median
-from emvs.running import Maximum
 from eval.study_cache import StudySample
 
 BASE = "Alg1/H"
@@ -84,7 +83,7 @@ class Volumes:
     @cached_property
     def focused(self) -> Floats:
         """(N, H, W) local variance of the fused planes."""
-        return np.stack([focus.variance(p, FocusConfig().sigma_px) for p in self.fused])
+        return np.stack([focus_measures.variance(p, FocusConfig().sigma_px) for p in self.fused])
 
     def found(self, config: FocusConfig) -> Found:
         """Extraction by focus."""
@@ -206,7 +205,7 @@ def _same_pixels(volumes: Volumes) -> dict[str, VariantEstimate]:
     """Each focus measure at the pixels of Alg1/H: what the depth alone gains."""
     out = {}
     for name, sigma_px in _SCALES_PX.items():
-        measure = focus.measure(name)
+        measure = focus_measures.measure(name)
         planes = np.stack([measure(plane, sigma_px) for plane in volumes.fused])
         position = maximum_of(planes).position()
         out[f"{name} {sigma_px:g} px at Alg1/H's pixels"] = VariantEstimate(

@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from emvs.data.sequence import Sequence
     from emvs.datasets import open_recording
     from emvs.depthmap import DepthMap
+    from emvs.dsi.method import Method
     from emvs.errors import InputError
     from emvs.geometry.camera import Camera
     from emvs.geometry.rig import Rig
     from emvs.geometry.trajectory import Trajectory
     from emvs.methods import overview as methods
     from emvs.methods import register as register_method
-    from emvs.recipe import Method
     from emvs.result import WindowResult
     from eval.config import EvalConfig
     from eval.method_scores import ALL_METRICS as METRICS
@@ -81,7 +81,7 @@ _PLACES = {
     "Events": "emvs.data.events:Events",
     "InputError": "emvs.errors:InputError",
     "MapperConfig": "emvs.config:MapperConfig",
-    "Method": "emvs.recipe:Method",
+    "Method": "emvs.dsi.method:Method",
     "Recording": "emvs.data.recording:Recording",
     "Results": "eval.results:Results",
     "Rig": "emvs.geometry.rig:Rig",

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from point_world import edge_stream, sideways
 
-from emvs.backproject import Projected
 from emvs.config import MapperConfig
+from emvs.dsi.backprojection import Projected
+from emvs.dsi.method import cuts, part
+from emvs.dsi.rays import event_rays
+from emvs.dsi.sweep import grouped, sweep
 from emvs.geometry.camera import Camera
 from emvs.methods import methods
 from emvs.planes import inverse_depth_planes
-from emvs.rays import event_rays
-from emvs.split import cuts, part
-from emvs.streaming import grouped, sweep
 from emvs.view import ReferenceView
 
 EVENTS, PLANES, ROUNDS = 2_000_000, 20, 3

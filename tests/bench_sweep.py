@@ -12,14 +12,13 @@ import numpy as np
 import pytest
 from point_world import edge_stream, sideways
 
-from emvs import sweep as sweep_module
+from emvs.dsi import voting as sweep_module
+from emvs.dsi.maxima import RunningMaxima
+from emvs.dsi.rays import BAND_ROWS, event_rays, grouped_by_rows
+from emvs.dsi.voting import Scratch, batches
 from emvs.geometry.camera import Camera
 from emvs.methods import methods
 from emvs.planes import inverse_depth_planes
-from emvs.ray_order import BAND_ROWS, grouped_by_rows
-from emvs.rays import event_rays
-from emvs.running import RunningMaxima
-from emvs.sweep import Scratch, batches
 from emvs.utils.runtime import use_threads
 from eval.cost_limits import PAPER
 

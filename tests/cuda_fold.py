@@ -6,16 +6,16 @@ import pytest
 
 from emvs import alg2
 from emvs.config import MapperConfig
-from emvs.cuda import arrays, focus, fuse_kernels, library
-from emvs.cuda.maxima import DeviceMaxima
-from emvs.focus import MEASURES
-from emvs.focus_fold import FocusFold
+from emvs.dsi.backend import FocusFold
+from emvs.dsi.cuda import arrays, device, fusion_kernels, maxima
+from emvs.dsi.cuda.maxima import DeviceMaxima
+from emvs.dsi.focus_measures import MEASURES
+from emvs.dsi.maxima import RunningMaxima
+from emvs.dsi.method import Method, Tables
 from emvs.methods import known_methods, methods
-from emvs.recipe import Method, Tables
-from emvs.running import RunningMaxima
 
-if library.missing():
-    pytest.skip(library.missing(), allow_module_level=True)
+if device.missing():
+    pytest.skip(device.missing(), allow_module_level=True)
 
 W, H, PLANES = 6, 5, 5
 
@@ -30,7 +30,7 @@ def random_votes(seed, volumes, planes=PLANES, zeros=0.3):
 def fused_there(method, votes, polarities=1):
     tables = Tables.of((method,), len(votes), polarities)
     out = arrays.empty(votes.shape[1:], np.float32)
-    fuse_kernels.fuse[library.strided(votes.shape[2])](
+    fusion_kernels.fuse[device.strided(votes.shape[2])](
         *map(arrays.up, (tables.codes, tables.sizes, tables.which)), 0, arrays.up(votes),
         votes.shape[1], out,
     )  # fmt: skip
@@ -104,7 +104,7 @@ def test_witnesses_sum_polarities_and_sub_intervals():
 
 def compare_focus(chosen, config, votes, cameras):
     here = FocusFold(chosen, cameras, W, H, config)
-    there = focus.DeviceFocus(chosen, cameras, len(votes), 4, W, H, config)
+    there = maxima.DeviceFocus(chosen, cameras, len(votes), 4, W, H, config)
     for first in range(0, PLANES, 4):
         part = np.ascontiguousarray(votes[:, first : first + 4])
         here.take(part.reshape(*part.shape[:2], H, W))

@@ -8,15 +8,16 @@ import numpy as np
 import point_world
 import pytest
 
-from emvs import device, methods
+from emvs import methods
 from emvs.config import MapperConfig
-from emvs.cuda import backend as cuda_backend
-from emvs.cuda import library
+from emvs.dsi import device
+from emvs.dsi.cuda import backend as cuda_backend
+from emvs.dsi.cuda import device as library
+from emvs.dsi.method import Method
 from emvs.errors import InputError
 from emvs.map_info import RecordingInfo
 from emvs.mapper import map_window
 from emvs.output import read_map
-from emvs.recipe import Method
 from emvs.sliding import map_windows
 
 if library.missing():

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 from numba import cuda, types
 from numba.cuda import dispatcher
 
-from emvs.cuda import fill_kernel, focus_kernels, fuse_kernels, ray_kernels, vote_kernels
+from emvs.dsi.cuda import arrays, focus_kernels, fusion_kernels, rays_kernels, voting_kernels
 
 CC = (9, 0)  # of an H200
 
@@ -29,26 +29,26 @@ def signatures():
     for name, sums, more in (
         ("vote_fixed", I8, (I8,)), ("vote_float", F4, ()), ("vote_nearest", I4, ()),
     ):  # fmt: skip
-        yield name, vote_kernels, (IMAGES, F4[::1], *SIZE, *more, sums[:, ::1], *TALLIES)
-    yield "settle_fixed", vote_kernels, (I8[:, ::1], IMAGES, I8, SLOTS)
+        yield name, voting_kernels, (IMAGES, F4[::1], *SIZE, *more, sums[:, ::1], *TALLIES)
+    yield "settle_fixed", voting_kernels, (I8[:, ::1], IMAGES, I8, SLOTS)
     for sums in (I4, F4):
-        yield "settle_plain", vote_kernels, (sums[:, ::1], IMAGES)
-    yield "rays", ray_kernels, (
+        yield "settle_plain", voting_kernels, (sums[:, ::1], IMAGES)
+    yield "rays", rays_kernels, (
         U2[::1], U2[::1], I8[::1], F8[:, :, ::1], I8[::1], MATRIX, MATRIX, MATRIX, F8[::1], MATRIX,
         MATRIX, IMAGES, SLOTS,
     )  # fmt: skip
-    yield "count_events", ray_kernels, (U2[::1], U2[::1], U1[::1], I4[:, :, ::1])
+    yield "count_events", rays_kernels, (U2[::1], U2[::1], U1[::1], I4[:, :, ::1])
     for index in (I2, I4):
         state = (IMAGES, index[:, ::1], *STATE)
-        yield "fold", fuse_kernels, (CODES, CODES, WHICH, VOLUMES, I8, I8, *state)
-    yield "fuse", fuse_kernels, (CODES, CODES, WHICH, I8, VOLUMES, I8, IMAGES)
-    yield "keep_row", fuse_kernels, (VOLUMES, I8, I8, I8, I8, VOLUMES)
+        yield "fold", fusion_kernels, (CODES, CODES, WHICH, VOLUMES, I8, I8, *state)
+    yield "fuse", fusion_kernels, (CODES, CODES, WHICH, I8, VOLUMES, I8, IMAGES)
+    yield "keep_row", fusion_kernels, (VOLUMES, I8, I8, I8, I8, VOLUMES)
     yield "sharpness", focus_kernels, (I8, IMAGES, I8, IMAGES)
     yield "blur", focus_kernels, (IMAGES, F4[::1], I8, I8, I8, IMAGES)
     yield "spread", focus_kernels, (IMAGES, IMAGES)
     yield "subtract", focus_kernels, (IMAGES, IMAGES)
     for item in (F4, I2, I4, I8):
-        yield "fill", fill_kernel, (item[:, ::1], item)
+        yield "fill", arrays, (item[:, ::1], item)
 
 
 def translated():

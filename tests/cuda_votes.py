@@ -7,15 +7,28 @@ import numpy as np
 import point_world
 import pytest
 
-from emvs import projector, rays, sweep
-from emvs.cuda import arrays, ballot, device_events, device_rays, library
-from emvs.cuda import projector as cuda_projector
+from emvs.dsi import backprojection, rays
+from emvs.dsi import voting as sweep
+from emvs.dsi.cuda import (
+    arrays,
+    device,
+)
+from emvs.dsi.cuda import (
+    arrays as device_events,
+)
+from emvs.dsi.cuda import (
+    arrays as device_rays,
+)
+from emvs.dsi.cuda import backprojection as cuda_projector
+from emvs.dsi.cuda import (
+    voting as ballot,
+)
 from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.view import ReferenceView
 
-if library.missing():
-    pytest.skip(library.missing(), allow_module_level=True)
+if device.missing():
+    pytest.skip(device.missing(), allow_module_level=True)
 
 W, H = 9, 7
 RHO = np.array([2, 0.9, 0.5], np.float32)
@@ -37,7 +50,7 @@ def random_rays(seed, n=40, c_z=-0.5):
 
 
 def dsi(its_rays, rho, width_px, height_px, *, sums="fixed"):
-    """Builds one camera's whole volume on the GPU, as `emvs.sweep.dsi` does on the CPU."""
+    """Builds one camera's whole volume on the GPU, as `emvs.dsi.voting.dsi` does on the CPU."""
     votes = ballot.Ballot(1, len(rho), width_px, height_px, sums=sums)
     (counts,) = votes.cast([device_rays.DeviceRays.of(its_rays)], arrays.up(rho), len(rho))
     return votes.on_host(len(rho))[0], counts
@@ -152,7 +165,7 @@ def test_rays_equal_those_of_the_cpu(camera):
     recording, view = turning_world()
     events = recording.streams[camera]
     there = cuda_projector.CudaCaster(recording, view, camera, packets=False)(events)
-    here = projector.CpuCaster(recording, view, camera, packets=False)(events)
+    here = backprojection.CpuCaster(recording, view, camera, packets=False)(events)
     assert there.counts == here.counts
     assert there.counts.without_pose > 0
     cast = np.asarray(there.blocks[0].copy_to_host())
@@ -168,7 +181,7 @@ def test_packets_of_the_compatibility_setting_equal_those_of_the_cpu():
     recording, view = turning_world(1030)
     events = recording.streams[0]
     there = cuda_projector.CudaCaster(recording, view, 0, packets=True)(events)
-    here = projector.CpuCaster(recording, view, 0, packets=True)(events)
+    here = backprojection.CpuCaster(recording, view, 0, packets=True)(events)
     assert there.counts == here.counts
     cast = np.asarray(there.blocks[0].copy_to_host())
     np.testing.assert_allclose(
@@ -191,7 +204,7 @@ def test_wrong_events_get_the_line_that_the_cpu_gives(wrong, words):
     with pytest.raises(InputError, match=words) as there:
         cuda_projector.CudaCaster(recording, view, 0, packets=False)(bad)
     with pytest.raises(InputError, match=words) as here:
-        projector.CpuCaster(recording, view, 0, packets=False)(bad)
+        backprojection.CpuCaster(recording, view, 0, packets=False)(bad)
     assert str(there.value) == str(here.value)
 
 
@@ -199,7 +212,7 @@ def test_events_per_pixel_equal_those_of_the_cpu():
     recording, _ = turning_world()
     events = recording.streams[0]
     there = cuda_projector.CudaProjector().event_image(events, 6, 5)
-    np.testing.assert_array_equal(there, projector.CpuProjector().event_image(events, 6, 5))
+    np.testing.assert_array_equal(there, backprojection.CpuProjector().event_image(events, 6, 5))
     assert there.dtype == np.uint32
 
 

@@ -21,20 +21,22 @@ class Fault:
 FAULTS = (
     Fault(
         "wrong sign of the baseline",
-        "emvs/ray_kernel.py",
+        "emvs/dsi/rays_kernels.py",
         "ox, oy, oz = offset_m[0], offset_m[1], offset_m[2]",
         "ox, oy, oz = -offset_m[0], offset_m[1], offset_m[2]",
     ),
-    Fault("pose at the packet's start", "emvs/rays.py", "_PACKET_POSE = 512", "_PACKET_POSE = 0"),
+    Fault(
+        "pose at the packet's start", "emvs/dsi/rays.py", "_PACKET_POSE = 512", "_PACKET_POSE = 0"
+    ),
     Fault(
         "off by half a pixel",
-        "emvs/rays.py",
+        "emvs/dsi/rays.py",
         "pose_us, camera.bearing_table(),",
         "pose_us, camera.bearing_table() + 0.5 / camera.fx_px,",
     ),
     Fault(
         "swapped cameras",
-        "emvs/backproject.py",
+        "emvs/dsi/backprojection.py",
         "recording.events(k, window.t0_us",
         "recording.events(len(recording.rig) - 1 - k, window.t0_us",
     ),
@@ -56,7 +58,7 @@ FAULTS = (
         "position = masked_median(position, mask, config.median_px)",
         "position = position.copy()",
     ),
-    Fault("eps of H times ten", "emvs/fuse_kernels.py", "np.float32(0.1)", "np.float32(1)"),
+    Fault("eps of H times ten", "emvs/dsi/fusion_kernels.py", "np.float32(0.1)", "np.float32(1)"),
     Fault(
         "depth in the wrong frame",
         "emvs/view.py",
@@ -65,7 +67,7 @@ FAULTS = (
     ),
     Fault(
         "dropped tail",
-        "emvs/rays.py",
+        "emvs/dsi/rays.py",
         "return events, events.t_us",
         "return (kept := events.slice(0, len(events) // PACKET * PACKET)), kept.t_us",
     ),

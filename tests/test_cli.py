@@ -12,9 +12,9 @@ import h5py
 import numpy as np
 import pytest
 
-from emvs.cuda import library
 from emvs.data.events import Events
 from emvs.data.writer import SequenceWriter
+from emvs.dsi.cuda import device
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
@@ -95,7 +95,7 @@ def test_bad_input_is_one_line_and_code_2(tmp_path, monkeypatch, capsys, argumen
 
 
 def test_a_run_without_its_gpu_is_refused_before_it_simulates(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(library, "missing", lambda: "it is gone")
+    monkeypatch.setattr(device, "missing", lambda: "it is gone")
     monkeypatch.setattr(runner, "simulate_scene", None)
     arguments = ["run", "planes", "--out", str(tmp_path / "o"), "--device", "cuda"]
     assert "device cuda cannot be used: it is gone" in refused(capsys, arguments)

@@ -70,5 +70,5 @@ def test_without_a_gpu_auto_takes_the_cpu_and_says_so():
 
 
 def test_the_mapper_does_not_load_a_gpus_library():
-    asked = "import sys, emvs.mapper; assert 'emvs.cuda' not in sys.modules"
+    asked = "import sys, emvs.mapper; assert 'emvs.dsi.cuda' not in sys.modules"
     assert run("-c", asked).returncode == 0

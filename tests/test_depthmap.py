@@ -7,10 +7,10 @@ from point_world import pinhole
 
 from emvs.config import MapperConfig
 from emvs.depthmap import confidence_mask, eight_bits, extract, without_border
+from emvs.dsi.maxima import Maximum
 from emvs.errors import InputError
 from emvs.median import masked_median
 from emvs.planes import inverse_depth_planes
-from emvs.running import Maximum
 from emvs.view import ReferenceView
 
 CONFIG = MapperConfig()

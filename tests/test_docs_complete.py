@@ -51,7 +51,9 @@ def covers(name, module):
 def test_every_module_has_its_place_in_the_architecture():
     named = named_modules()
     homeless = [m for m in module_names() if not any(covers(name, m) for name in named)]
-    assert homeless == [], "name them in docs/architecture.md, or their family: `emvs.focus*`"
+    assert homeless == [], (
+        "name them in docs/architecture.md, or their family: `emvs.dsi.focus_measures*`"
+    )
 
 
 def test_the_architecture_names_no_module_that_is_gone():

@@ -10,13 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emvs import focus, focus_kernels
+from emvs.dsi import focus_kernels, focus_measures
+from emvs.dsi.maxima import FocusPeak, Maximum
 from emvs.errors import InputError
 from emvs.focus_config import FocusConfig
 from emvs.focus_judge import on_surface
-from emvs.focus_peak import FocusPeak
 from emvs.found import Found, at_least, most_reliable
-from emvs.running import Maximum
 from eval.study_variants import found_in_volumes
 
 F = np.float32
@@ -45,25 +44,27 @@ def random_planes(seed, *shape):
 
 
 def test_every_measure_has_a_twin():
-    assert set(TWINS) == set(focus.MEASURES)
+    assert set(TWINS) == set(focus_measures.MEASURES)
 
 
-@pytest.mark.parametrize("name", focus.MEASURES)
+@pytest.mark.parametrize("name", focus_measures.MEASURES)
 def test_measure_equals_twin(name):
     plane = random_planes(1, 9, 13)
     slow = TWINS[name](plane, 1.3)
-    np.testing.assert_allclose(focus.measure(name)(plane, 1.3), slow, atol=2e-4 * abs(slow).max())
+    np.testing.assert_allclose(
+        focus_measures.measure(name)(plane, 1.3), slow, atol=2e-4 * abs(slow).max()
+    )
 
 
 @pytest.mark.parametrize("name", ["variance", "gradient", "laplacian", "dog"])
 def test_even_votes_are_nowhere_in_focus(name):
     even = np.full((20, 30), 37.5, F)
-    np.testing.assert_allclose(focus.measure(name)(even, 2.5), 0, atol=1e-2)
+    np.testing.assert_allclose(focus_measures.measure(name)(even, 2.5), 0, atol=1e-2)
 
 
 @pytest.mark.parametrize(("name", "power"), [("variance", 2), ("gradient", 2), ("dog", 1)])
 def test_more_votes_scale_the_measure(name, power):
-    plane, measure = random_planes(2, 20, 30), focus.measure(name)
+    plane, measure = random_planes(2, 20, 30), focus_measures.measure(name)
     np.testing.assert_array_equal(measure(4 * plane, 2.0), F(4**power) * measure(plane, 2.0))
 
 

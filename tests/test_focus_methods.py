@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from point_world import Recorded, fronto_parallel, pinhole, stereo_rig
 
-from emvs import focus
 from emvs.config import MapperConfig
+from emvs.dsi import focus_measures
 from emvs.errors import InputError
 from emvs.focus_config import FocusConfig
 from emvs.focus_judge import judge
@@ -149,7 +149,7 @@ def test_the_harmonic_mean_of_mcemvs_is_for_two_cameras_by_focus_too():
     assert any(name.startswith("Focus/<F>") for name in overview())
 
 
-@pytest.mark.parametrize("measure", [name for name in focus.MEASURES if name != "votes"])
+@pytest.mark.parametrize("measure", [name for name in focus_measures.MEASURES if name != "votes"])
 def test_a_measure_moves_the_depth_of_any_method_and_nothing_else(measure):
     """Pixels and confidence are those of the votes; the plane is still found."""
     recording, names = fronto_parallel(1.23), ("Alg1/H", "EMVS/cam0", "Alg2/AtHc@2", "Late/union")
@@ -167,9 +167,9 @@ def test_a_measure_moves_the_depth_of_any_method_and_nothing_else(measure):
 
 def test_the_configuration_names_every_measure():
     field = MapperConfig.model_fields["extraction"]
-    assert get_args(field.annotation) == tuple(focus.MEASURES)
+    assert get_args(field.annotation) == tuple(focus_measures.MEASURES)
     own = get_args(MapperConfig.model_fields["focus_measure"].annotation)
-    assert ("votes", *own) == tuple(focus.MEASURES)
+    assert ("votes", *own) == tuple(focus_measures.MEASURES)
 
 
 def test_the_focus_methods_have_parameters_of_their_own():

@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emvs import fuse_kernels
+from emvs.dsi import fusion_kernels
+from emvs.dsi.fusion import FUSIONS, fuse
+from emvs.dsi.maxima import RunningMaxima
+from emvs.dsi.method import Method
 from emvs.errors import InputError
-from emvs.fusion import FUSIONS, fuse
 from emvs.methods import known_methods, methods
-from emvs.recipe import Method
-from emvs.running import RunningMaxima
 
 ORDER = ("min", "H", "G", "A", "RMS", "max")
 
@@ -67,7 +67,7 @@ def test_reference_harmonic_mean_has_its_eps():
     volumes = votes(3)
     a, b = volumes
     np.testing.assert_allclose(
-        fuse(fuse_kernels.HARMONIC_EPS, volumes), 2 * a * b / (a + b + np.float32(0.1)), rtol=1e-6
+        fuse(fusion_kernels.HARMONIC_EPS, volumes), 2 * a * b / (a + b + np.float32(0.1)), rtol=1e-6
     )
 
 
@@ -102,14 +102,14 @@ def fold(volumes, chosen, batch):
 def test_no_interpolation_at_the_first_and_last_plane():
     ramp = np.arange(5, dtype=np.float32)[None, :, None, None] * np.ones((1, 5, 2, 3), np.float32)
     for volumes, plane in ((ramp, 4), (ramp[:, ::-1].copy(), 0)):
-        maximum = fold(volumes, (Method("EMVS/cam0", fuse_kernels.CAMERA, "alone"),), 2).of(0)
+        maximum = fold(volumes, (Method("EMVS/cam0", fusion_kernels.CAMERA, "alone"),), 2).of(0)
         np.testing.assert_array_equal(maximum.position(), plane)
 
 
 def test_a_parabola_is_found_exactly():
     z = np.arange(9, dtype=np.float32)
     volumes = np.tile((30 - (z - 4.3) ** 2)[None, :, None, None], (1, 1, 2, 3)).astype(np.float32)
-    maximum = fold(volumes, (Method("EMVS/cam0", fuse_kernels.CAMERA, "alone"),), 4).of(0)
+    maximum = fold(volumes, (Method("EMVS/cam0", fusion_kernels.CAMERA, "alone"),), 4).of(0)
     np.testing.assert_allclose(maximum.position(), 4.3, atol=1e-5)
 
 

@@ -208,7 +208,12 @@ def test_each_stage_reaches_its_own_code_and_no_more():
     simulate = closure(["eval.stage_simulate", "scenes.planes"])
     mapping, scoring = closure(["eval.stage_map"]), closure(["eval.stage_score"])
     assert {"sim.generate", "sim.esim", "scenes.planes", "emvs.data.writer"} <= simulate
-    assert {"emvs.mapper", "emvs.kernels", "emvs.fuse_kernels", "emvs.depthmap"} <= mapping
+    assert {
+        "emvs.mapper",
+        "emvs.dsi.voting_kernels",
+        "emvs.dsi.fusion_kernels",
+        "emvs.depthmap",
+    } <= mapping
     assert {"eval.score", "eval.metrics", "eval.curves"} <= scoring
     assert not any(name.startswith(("emvs.mapper", "eval.score")) for name in simulate)
     assert not any(name.startswith(("sim", "scenes", "eval.score")) for name in mapping)

@@ -11,12 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from emvs.config import MapperConfig
 from emvs.data.events import Events
+from emvs.dsi.rays import PACKET, event_rays
+from emvs.dsi.voting import dsi
 from emvs.geometry import se3
 from emvs.geometry.trajectory import Trajectory
 from emvs.mapper import map_window
 from emvs.planes import inverse_depth_planes
-from emvs.rays import PACKET, event_rays
-from emvs.sweep import dsi
 
 CONFIG = MapperConfig(planes=25, min_depth_m=0.5, max_depth_m=4.0)
 CAMERA = pinhole()

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 
+from emvs.dsi.method import Method
 from emvs.methods import named, register, unregister
-from emvs.recipe import Method
 from emvs.rivals import sgm
 from emvs.rivals.catalogue import BASELINES
 from emvs.rivals.rival import BaselineEstimator

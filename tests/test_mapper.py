@@ -6,14 +6,14 @@ from point_world import fronto_parallel
 
 from emvs.config import MapperConfig
 from emvs.data.events import Events
+from emvs.dsi.fusion import FUSIONS
+from emvs.dsi.rays import event_rays
+from emvs.dsi.voting import dsi
 from emvs.errors import InputError
-from emvs.fusion import FUSIONS
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 from emvs.mapper import map_window
 from emvs.planes import inverse_depth_planes
-from emvs.rays import event_rays
-from emvs.sweep import dsi
 
 RANGE = {"min_depth_m": 0.5, "max_depth_m": 4.0}
 CONFIG = MapperConfig(**RANGE, planes=25, threshold_c=20)

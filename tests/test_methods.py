@@ -8,18 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from point_world import fronto_parallel
 
-from emvs import sweep
 from emvs.config import MapperConfig
+from emvs.dsi import voting
+from emvs.dsi.fusion import fuse_by
+from emvs.dsi.maxima import RunningMaxima
+from emvs.dsi.method import Method, Split, cuts
+from emvs.dsi.voting import batch_planes, batches
 from emvs.errors import InputError
-from emvs.fusion import fuse_by
 from emvs.late import union
 from emvs.mapper import map_window
 from emvs.methods import methods, overview, register, unregister
 from emvs.planes import inverse_depth_at, inverse_depth_planes, is_linear, linear_planes
-from emvs.recipe import Method, Split
-from emvs.running import RunningMaxima
-from emvs.split import cuts
-from emvs.sweep import batch_planes, batches
 
 F = ("min", "H", "G", "A", "RMS", "max")
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25, threshold_c=20)
@@ -495,5 +494,5 @@ def test_scratch_planes_have_a_limit():
 def test_batches_do_not_change_a_bit(monkeypatch):
     recording, name = fronto_parallel(1.5), "Alg2/GtHc@4"
     usual = mapped(recording, name).depth_maps[name]
-    monkeypatch.setattr(sweep, "_SCRATCH_PX", 1)
+    monkeypatch.setattr(voting, "_SCRATCH_PX", 1)
     assert_same_bits(mapped(recording, name).depth_maps[name], usual)

@@ -7,7 +7,7 @@ import pytest
 
 GOOD = """
 from emvs.methods import register
-from emvs.recipe import Method
+from emvs.dsi.method import Method
 
 def offer():
     register(Method.from_function("Theirs/last", lambda votes: votes[-1, -1], "the last camera"))

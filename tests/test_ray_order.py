@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from naive_ray_order import order_by_rows
 
-from emvs.ray_order import BAND_ROWS, grouped_by_rows
-from emvs.rays import RayCounts, Rays
-from emvs.sweep import dsi
+from emvs.dsi.rays import BAND_ROWS, RayCounts, Rays, grouped_by_rows
+from emvs.dsi.voting import dsi
 
 RHO, HEIGHT_PX = 0.5, 70
 # Also what lies outside the image, and what no ray should be but a kernel must survive

@@ -7,12 +7,12 @@ from point_world import pinhole
 from scipy.spatial.transform import Rotation
 
 from emvs.data.events import Events
+from emvs.dsi.rays import event_rays
+from emvs.dsi.voting_kernels import CHUNK
 from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.trajectory import Trajectory
-from emvs.kernels import CHUNK
-from emvs.rays import event_rays
 
 # Strong enough that the corners have no ray.
 CAMERA = Camera(40, 30, 25.0, 26.0, 19.0, 15.5, "radtan", (-0.35, 0.02, 0.001, -0.001))

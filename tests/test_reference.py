@@ -12,14 +12,14 @@ import pytest
 from emvs.config import MapperConfig
 from emvs.data.events import Events
 from emvs.depthmap import confidence_mask, eight_bits
+from emvs.dsi.maxima import RunningMaxima
+from emvs.dsi.rays import event_rays
+from emvs.dsi.voting import VoteCounts, dsi
 from emvs.geometry.camera import Camera
 from emvs.geometry.trajectory import Trajectory
 from emvs.median import masked_median
 from emvs.methods import methods
 from emvs.planes import mcemvs_planes
-from emvs.rays import event_rays
-from emvs.running import RunningMaxima
-from emvs.sweep import VoteCounts, dsi
 
 CONFIG = MapperConfig(compatibility="mcemvs", planes=64, threshold_c=5)
 # In the outermost pixels single votes are accepted or rejected by rounding.

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from emvs.cuda import library
 from emvs.data.sequence import Sequence
+from emvs.dsi.cuda import device as library
 from emvs.errors import InputError
 from eval.baseline import read_baseline
 from eval.cache import Cache, default_cache, key_of

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Protocol
 
-from emvs.recipe import OWN_UNIT, MethodName, file_name
+from emvs.dsi.method import OWN_UNIT, MethodName, file_name
 
 if TYPE_CHECKING:
     from emvs.config import MapperConfig
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 class DepthEstimator(Protocol):
     """What makes a depth map of a window by itself, without rays and planes.
 
-    `emvs.recipe.Method` is the other kind of method: one way from votes to a volume.
+    `emvs.dsi.method.Method` is the other kind of method: one way from votes to a volume.
     """
 
     @property

@@ -8,7 +8,7 @@ from numba import njit, prange
 
 import emvs.utils.runtime  # noqa: F401  (names the threading layer before the kernels compile)
 
-# Numba cannot call through a table of functions, so the table is of codes (`emvs.fusion`).
+# Numba cannot call through a table of functions, so the table is of codes (`emvs.dsi.fusion`).
 MIN, HARMONIC, GEOMETRIC, ARITHMETIC, RMS, MAX, HARMONIC_EPS = range(7)
 CAMERA = 100  # CAMERA + c: camera c alone
 

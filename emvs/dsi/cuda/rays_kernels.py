@@ -8,16 +8,16 @@ import math
 import numpy as np
 from numba import cuda
 
-from emvs import ray_kernel
-from emvs.cuda.library import SLOTS
-from emvs.ray_kernel import BACKWARDS, NO_POSE, NO_RAY, VOTES
+from emvs.dsi import rays_kernels
+from emvs.dsi.cuda.device import SLOTS
+from emvs.dsi.rays_kernels import BACKWARDS, NO_POSE, NO_RAY, VOTES
 
 WRONG = 4  # outside the sensor, or before the event that came before it
 FATES = 5
 
 _NOWHERE, _ZERO = np.float32(np.nan), np.float32(0)
 
-_turned = cuda.jit(device=True)(ray_kernel._turned.py_func)
+_turned = cuda.jit(device=True)(rays_kernels._turned.py_func)
 
 
 @cuda.jit(device=True)
@@ -35,7 +35,7 @@ def _segment(knots_us, t):
 
 @cuda.jit(device=True)
 def _ray(bx, by, share, s, position_m, quat, axis, angle, T, K, out, k):
-    """Fills ray `k`, as `emvs.ray_kernel.rays` does; returns what becomes of its event."""
+    """Fills ray `k`, as `emvs.dsi.rays_kernels.rays` does; returns what becomes of its event."""
     r = _turned(quat[s], axis[s], share * angle[s])
     ex = T[0, 0] * bx + T[0, 1] * by + T[0, 2]
     ey = T[1, 0] * bx + T[1, 1] * by + T[1, 2]
@@ -77,7 +77,7 @@ def _fate(k, x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T,
 def rays(x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T, K, out, fates):
     """Rays of events in the reference view, each with a pose of its own; a thread per event.
 
-    Arrays as in `emvs.ray_kernel.rays`, and
+    Arrays as in `emvs.dsi.rays_kernels.rays`, and
         out: (5, N) float32, filled: a_u, b_u, a_v, b_v, c_z; NaN for events that do not vote.
         fates: (FATES, SLOTS) int64 zeros, added to: events by what became of them, except those
             that vote.

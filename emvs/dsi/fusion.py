@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from emvs import fuse_kernels
+from emvs.dsi import fusion_kernels
+from emvs.dsi.method import CODES, Fusion, Method, Tables, Volume
 from emvs.errors import InputError
-from emvs.recipe import CODES, Fusion, Method, Tables, Volume
 
 
 def fuse(code: int, volumes: Volume) -> Volume:
@@ -37,7 +37,7 @@ def fuse_by(method: Method, volumes: Volume, polarities: int = 1) -> Volume:
     tables = Tables.of((method,), count, polarities)
     out = np.empty((planes, height, width), np.float32)
     level, spare, _ = tables.scratch(height, width)
-    fuse_kernels.fuse(*tables.arrays, votes, level, spare, out)  # type: ignore[call-arg]
+    fusion_kernels.fuse(*tables.arrays, votes, level, spare, out)  # type: ignore[call-arg]
     return out
 
 

@@ -1,17 +1,20 @@
-"""Arrays on the GPU: made there, or copied there and back through two pinned buffers in turns.
+"""Arrays on the GPU, rays and events among them: made there, or copied there and back.
 
 The GPU copies by itself, beside its computing, only from memory that cannot be paged out. All cores
 fill one such buffer while the other is on its way. Everything is queued in the calling thread's
-stream (`emvs.cuda.library.stream`).
+stream (`emvs.dsi.cuda.device.stream`).
+
+Alone in its module: numba's simulator puts a double of `cuda` into the module of a kernel while
+that runs, and the arrays are made by several threads.
 """
 
-# Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, attr-defined"
+# mypy: disable-error-code="attr-defined, misc, no-any-return, no-untyped-call, no-untyped-def"
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,13 +22,14 @@ from numba import cuda, njit, prange
 from numpy.typing import DTypeLike, NDArray
 
 import emvs.utils.runtime  # noqa: F401  (names the threading layer before the kernel compiles)
-from emvs.cuda import library
-from emvs.cuda.fill_kernel import fill
+from emvs.data.events import Events
+from emvs.dsi.cuda import device
+from emvs.dsi.method import total
+from emvs.dsi.rays import RayCounts, Rays
 from emvs.errors import InputError
 
 _BUFFER_BYTES = 16 << 20
 _PIECE = 1 << 18  # bytes that a thread copies at a time
-
 _of_thread = threading.local()
 
 
@@ -37,7 +41,7 @@ def empty(shape: tuple[int, ...], dtype: DTypeLike) -> Any:
     """
     try:
         return cuda.device_array(shape, dtype)
-    except library.CUDA_ERRORS as error:
+    except device.CUDA_ERRORS as error:
         size = np.prod(shape, dtype=float) * np.dtype(dtype).itemsize / 1e9
         raise InputError(
             f"the GPU has no room for {size:.3g} GB more ({' '.join(str(error).split())}): choose "
@@ -59,14 +63,14 @@ def clear(there: Any) -> None:
 
 def _fill(there: Any, value: float) -> None:
     rows, items = there.shape
-    fill[library.strided(items, rows)](there, np.array(value, there.dtype)[()])
+    fill[device.strided(items, rows)](there, np.array(value, there.dtype)[()])
 
 
 def up(array: NDArray[Any]) -> Any:
     """A copy of an array on the GPU, whole when this returns."""
     array = np.ascontiguousarray(array)
     there = empty(array.shape, array.dtype)
-    given, taken, stream = array.reshape(-1), there.reshape(-1), library.stream()
+    given, taken, stream = array.reshape(-1), there.reshape(-1), device.stream()
     for turn, (first, last) in enumerate(_parts(array)):
         buffer = _buffer(turn)
         if turn >= 2:
@@ -82,7 +86,7 @@ def up(array: NDArray[Any]) -> Any:
 def down(there: Any) -> NDArray[Any]:
     """A copy of an array on the GPU in the memory of the CPU, after all that is queued before."""
     array = np.empty(tuple(there.shape), there.dtype)
-    given, taken, stream = there.reshape(-1), array.reshape(-1), library.stream()
+    given, taken, stream = there.reshape(-1), array.reshape(-1), device.stream()
     parts = list(_parts(array))
     for turn in range(len(parts) + 1):
         if turn < len(parts):
@@ -136,3 +140,67 @@ def copy_bytes(source, target):
     for piece in prange((len(source) + _PIECE - 1) // _PIECE):
         first, last = piece * _PIECE, min((piece + 1) * _PIECE, len(source))
         target[first:last] = source[first:last]
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceEvents(Events):
+    """Events of one camera, here and on the GPU.
+
+    Attributes:
+        there: columns x, y, t_us on the GPU.
+    """
+
+    there: tuple[Any, Any, Any] = (None, None, None)
+
+    @classmethod
+    def of(cls, events: Events) -> DeviceEvents:
+        """Uploads events; those that are on the GPU stay as they are."""
+        if isinstance(events, DeviceEvents):
+            return events
+        x, y, t_us = (up(column) for column in (events.x, events.y, events.t_us))
+        return cls(events.x, events.y, events.t_us, events.p, (x, y, t_us))
+
+    def slice(self, start: int, stop: int) -> DeviceEvents:
+        """Events `start` to `stop` (exclusive), as views."""
+        part = slice(start, stop)
+        x, y, t_us = (column[part] for column in self.there)
+        return DeviceEvents(self.x[part], self.y[part], self.t_us[part], self.p[part], (x, y, t_us))
+
+
+@dataclass(frozen=True, eq=False)
+class DeviceRays:
+    """Rays of one camera in the reference view, on the GPU.
+
+    Attributes:
+        blocks: each (5, N) float32 on the GPU, rows a_u, b_u, a_v, b_v, c_z as in `Rays`; events
+            that do not vote have NaN.
+        counts: what became of the events.
+    """
+
+    blocks: tuple[Any, ...]
+    counts: RayCounts
+
+    @classmethod
+    def of(cls, rays: Rays) -> DeviceRays:
+        """Uploads rays."""
+        if not len(rays):
+            return cls((), rays.counts)
+        return cls((up(np.stack(rays.columns)),), rays.counts)
+
+    @classmethod
+    def joined(cls, parts: Sequence[DeviceRays]) -> DeviceRays:
+        """All rays of several parts; nothing is copied."""
+        blocks = tuple(block for part in parts for block in part.blocks)
+        return cls(blocks, total([part.counts for part in parts]))
+
+    def __len__(self) -> int:
+        return self.counts.rays
+
+
+@cuda.jit(cache=True)
+def fill(array, value):
+    """Fills a (P, N) array on the GPU; the grid is (blocks, P)."""
+    p, c = cuda.blockIdx.y, cuda.grid(1)
+    while c < array.shape[1]:
+        array[p, c] = value
+        c += cuda.gridDim.x * cuda.blockDim.x

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numba import cuda
 
-from emvs.fuse_kernels import (
+from emvs.dsi.fusion_kernels import (
     ARITHMETIC,
     CAMERA,
     GEOMETRIC,
@@ -102,7 +102,8 @@ def _fused(codes, sizes, which, m, votes, p, c):
 def fold(codes, sizes, which, votes, first, planes, best, index, left, right, previous):
     """Folds a batch of planes into every method's first maximum; a thread owns a pixel.
 
-    The grid is (blocks, M). Arrays as in `emvs.fuse_kernels.fold`, images as one row of cells:
+    The grid is (blocks, M). Arrays as in `emvs.dsi.fusion_kernels.fold`, images as one row of
+    cells:
         codes, sizes: (M, 2) int64.
         which: (M, L, G, K) int64.
         votes: (V, P, cells) float32.

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.cuda import arrays, library, vote_kernels
-from emvs.cuda.device_rays import DeviceRays
+from emvs.dsi.cuda import arrays, device, voting_kernels
+from emvs.dsi.cuda.arrays import DeviceRays
+from emvs.dsi.voting import VoteCounts
 from emvs.errors import InputError
-from emvs.sweep import VoteCounts
 
 Floats = NDArray[np.float32]
 
@@ -20,9 +20,9 @@ Floats = NDArray[np.float32]
 MOST_BITS, _FEWER, _FEWEST_BITS = 16, 4, 4
 
 _KERNELS = {
-    "fixed": (np.int64, vote_kernels.vote_fixed, vote_kernels.settle_fixed),
-    "float": (np.float32, vote_kernels.vote_float, vote_kernels.settle_plain),
-    "nearest": (np.int32, vote_kernels.vote_nearest, vote_kernels.settle_plain),
+    "fixed": (np.int64, voting_kernels.vote_fixed, voting_kernels.settle_fixed),
+    "float": (np.float32, voting_kernels.vote_float, voting_kernels.settle_plain),
+    "nearest": (np.int32, voting_kernels.vote_nearest, voting_kernels.settle_plain),
 }
 
 
@@ -50,7 +50,7 @@ class Ballot:
         self._sums = arrays.empty((planes, cells), dtype)
         # per volume: votes inside, behind their camera, and the sum of all lanes; each per plane,
         # spread over slots
-        self._counts = arrays.empty((volumes, 3 * planes, library.SLOTS), np.int64)
+        self._counts = arrays.empty((volumes, 3 * planes, device.SLOTS), np.int64)
 
     def cast(self, rays: Sequence[DeviceRays], rho: Any, planes: int) -> list[VoteCounts]:
         """Fills `votes[:, :planes]` with the votes of every volume's rays.
@@ -83,11 +83,11 @@ class Ballot:
         inside, behind, total = (counts[k * planes : (k + 1) * planes] for k in range(3))
         scale = (bits,) if self._exact else ()
         for block in rays.blocks:
-            self._vote[library.each(block.shape[1])](
+            self._vote[device.each(block.shape[1])](
                 block, rho, *self._size, *scale, sums, inside, behind
             )
         settled = (bits, total) if self._exact else ()
-        self._settle[library.strided(cells, planes)](sums, self.votes[volume, :planes], *settled)
+        self._settle[device.strided(cells, planes)](sums, self.votes[volume, :planes], *settled)
 
     def _counted(self, counts: Any, planes: int) -> NDArray[np.int64]:
         """(V, 3, planes) votes inside, behind, and the sum of all lanes."""

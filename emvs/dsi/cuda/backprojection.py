@@ -9,19 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.cuda import arrays, library, ray_kernels
-from emvs.cuda.device_events import DeviceEvents
-from emvs.cuda.device_rays import DeviceRays
 from emvs.data.events import Events
 from emvs.data.recording import Recording
+from emvs.dsi.cuda import arrays, device, rays_kernels
+from emvs.dsi.cuda.arrays import DeviceEvents, DeviceRays
+from emvs.dsi.rays import RayCounts, knots, voters
+from emvs.dsi.rays_kernels import BACKWARDS, NO_POSE, NO_RAY
 from emvs.geometry.camera import Camera
-from emvs.ray_kernel import BACKWARDS, NO_POSE, NO_RAY
-from emvs.rays import RayCounts, knots, voters
 from emvs.view import ReferenceView
 
 
 class CudaProjector:
-    """The twin of `emvs.backproject.CpuProjector` on a GPU."""
+    """The twin of `emvs.dsi.backprojection.CpuProjector` on a GPU."""
 
     def received(self, events: Events) -> Events:
         """The events, on the GPU."""
@@ -39,7 +38,7 @@ class CudaProjector:
         if len(events):
             x, y, _ = DeviceEvents.of(events).there
             p = arrays.up(events.p)
-            ray_kernels.count_events[library.each(len(events))](x, y, p, image)
+            rays_kernels.count_events[device.each(len(events))](x, y, p, image)
         return arrays.down(image).astype(np.uint32)
 
 
@@ -47,7 +46,7 @@ class CudaCaster:
     """Casts rays of one camera.
 
     Attributes:
-        packets: the compatibility setting, see `emvs.rays.event_rays`.
+        packets: the compatibility setting, see `emvs.dsi.rays.event_rays`.
     """
 
     def __init__(
@@ -77,12 +76,12 @@ class CudaCaster:
         x, y, t_us = DeviceEvents.of(chosen).there
         when = arrays.up(pose_us) if self.packets else t_us
         out = arrays.empty((5, len(chosen)), np.float32)
-        fates = arrays.filled((ray_kernels.FATES, library.SLOTS), np.int64, 0)
-        ray_kernels.rays[library.each(len(chosen))](
+        fates = arrays.filled((rays_kernels.FATES, device.SLOTS), np.int64, 0)
+        rays_kernels.rays[device.each(len(chosen))](
             x, y, when, _bearings(self._camera), *self._poses, out, fates
         )
         tally = arrays.down(fates).sum(axis=1)
-        if tally[ray_kernels.WRONG]:
+        if tally[rays_kernels.WRONG]:
             events.checked(self._camera.width_px, self._camera.height_px)
         counts = RayCounts(
             events=len(events),

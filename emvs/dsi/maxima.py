@@ -1,4 +1,4 @@
-"""Every method's running maximum over planes, so that no volume is ever stored."""
+"""Running maxima over planes, of votes and of focus, so that no DSI is ever stored."""
 
 from __future__ import annotations
 
@@ -9,19 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs import fuse_kernels
-from emvs.fusion import fuse_by
-from emvs.recipe import Method, Tables
+from emvs.dsi import focus_kernels, focus_measures, fusion_kernels
+from emvs.dsi.fusion import fuse_by
+from emvs.dsi.method import Method, Tables
 
 Floats = NDArray[np.float32]
-
 _INT16 = 32767  # so many planes can be counted by 16 bits
 # Cells that the fold takes in one go: starting a row costs 0.3 µs, as much as 500 cells; longer
 # rows than these gain nothing and leave less to share among threads.
 _ROW_CELLS = 4096
-
-AS_IT_IS = Method("", fuse_kernels.CAMERA, "the one volume there is")
+AS_IT_IS = Method("", fusion_kernels.CAMERA, "the one volume there is")
 """What folds a volume that is fused, or measured, already."""
+_STRIPS = 64  # enough for any number of threads to share them evenly
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +76,7 @@ def beginnings(planes: int, lowest: float = -1) -> tuple[tuple[type[np.generic],
         lowest: what every value exceeds.
 
     Returns:
-        Of best, index, left, right, previous, as `emvs.fuse_kernels.fold` updates them.
+        Of best, index, left, right, previous, as `emvs.dsi.fusion_kernels.fold` updates them.
     """
     index = np.int16 if planes <= _INT16 else np.int32
     return (np.float32, lowest), (index, -2), (np.float32, 0), (np.float32, 0), (np.float32, 0)
@@ -135,7 +134,7 @@ class RunningMaxima:
 
     def _fold(self, tables: Tables, votes: Floats, planes: int, rows: slice) -> None:
         long = [_in_long_rows(one[rows]) for one in self.arrays]
-        fuse_kernels.fold(  # type: ignore[call-arg]
+        fusion_kernels.fold(  # type: ignore[call-arg]
             *tables.arrays, votes, self.planes, planes, *tables.scratch(*long[0].shape[1:]), *long
         )
 
@@ -151,3 +150,60 @@ def _in_long_rows(images: NDArray[Any]) -> NDArray[Any]:
     fits = (k for k in range(1, height + 1) if height % k == 0 and k * width <= _ROW_CELLS)
     k = max(fits, default=1)
     return images.reshape(count, height // k, k * width)
+
+
+class FocusPeak:
+    """First maximum over planes of a focus measure of one volume; 18 bytes remain per pixel.
+
+    Args:
+        width_px: columns.
+        height_px: rows.
+        measure: focus measure, by its name in `emvs.dsi.focus_measures.MEASURES`.
+        sigma_px: its scale, px.
+        planes: how many will pass; needed only where there are more than 32767.
+    """
+
+    def __init__(
+        self, width_px: int, height_px: int, measure: str, sigma_px: float, planes: int = 0
+    ) -> None:
+        self._measure, self._sigma_px = focus_measures.measure(measure), sigma_px
+        self._window = _Window(height_px, width_px, sigma_px) if measure == "variance" else None
+        self._maxima = RunningMaxima(
+            (AS_IT_IS,), width_px, height_px, planes=planes, lowest=-np.inf
+        )
+
+    def take(self, plane: Floats) -> None:
+        """Takes in the next (H, W) plane."""
+        if self._window is None:
+            self._maxima.fold(self._measure(plane, self._sigma_px).reshape(1, 1, -1), 1)
+            return
+        state = (one[0] for one in self._maxima.arrays)
+        focus_kernels.fold_variance(plane, self._maxima.planes, *self._window.arrays, *state)
+        self._maxima.planes += 1
+
+    def maximum(self) -> Maximum:
+        """The maximum over all planes so far."""
+        return self._maxima.of(0)
+
+
+class _Window:
+    """What the compiled variance needs beside the votes: weights, mirrored indices, room."""
+
+    def __init__(self, height_px: int, width_px: int, sigma_px: float) -> None:
+        weight = focus_measures.half_window(sigma_px)
+        radius = len(weight) - 1
+        strips = min(height_px, _STRIPS)
+        self.arrays = (
+            weight,
+            _mirrored(height_px, radius),
+            _mirrored(width_px, radius),
+            np.empty((strips, 2, width_px + 2 * radius), np.float32),
+            np.empty((strips, 2, width_px), np.float32),
+        )
+
+
+def _mirrored(size: int, radius: int) -> NDArray[np.int64]:
+    """Indices -radius .. size + radius - 1 of a row mirrored at its ends, which stand once."""
+    period = max(2 * (size - 1), 1)
+    place = np.arange(-radius, size + radius) % period
+    return np.minimum(place, period - place)

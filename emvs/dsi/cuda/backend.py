@@ -1,4 +1,4 @@
-"""A sweep on the GPU: rays go up, maxima come down, planes stay there."""
+"""A sweep on the GPU: rays go up, maxima come down, planes stay there, as many as fit."""
 
 from __future__ import annotations
 
@@ -7,25 +7,28 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.backend import Outcome, Task
-from emvs.cuda import arrays, fuse_kernels, library
-from emvs.cuda.ballot import Ballot
-from emvs.cuda.device_rays import DeviceRays
-from emvs.cuda.focus import DeviceFocus
-from emvs.cuda.maxima import DeviceMaxima
-from emvs.cuda.room import planes_in_flight
-from emvs.focus_fold import FocusFold, needs_focus
-from emvs.rays import Rays
-from emvs.recipe import Method
-from emvs.running import RunningMaxima
-from emvs.sweep import VoteCounts
-from emvs.volume import SliceRecorder
+from emvs.dsi.backend import FocusFold, Outcome, Task, needs_focus
+from emvs.dsi.cuda import arrays, device, fusion_kernels
+from emvs.dsi.cuda.arrays import DeviceRays
+from emvs.dsi.cuda.device import Gpu
+from emvs.dsi.cuda.maxima import ROOM_IMAGES, STATE_BYTES, DeviceFocus, DeviceMaxima
+from emvs.dsi.cuda.voting import Ballot
+from emvs.dsi.maxima import RunningMaxima
+from emvs.dsi.method import Method
+from emvs.dsi.rays import Rays
+from emvs.dsi.slices import SliceRecorder
+from emvs.dsi.voting import VoteCounts
+from emvs.errors import InputError
 
 Floats = NDArray[np.float32]
+_CACHE_SHARE = 0.6  # of the second-level cache, for the sums that votes are added to
+_MEMORY_SHARE = 0.9  # of the free memory; the rest is lost to its division into blocks
+_MOST_PLANES = 16
+_SUM_BYTES = {"fixed": 8, "float": 4, "nearest": 4}
 
 
 class CudaBackend:
-    """The twin of `emvs.backend.CpuBackend` on a GPU.
+    """The twin of `emvs.dsi.backend.CpuBackend` on a GPU.
 
     Methods with a function of one's own are Python: their planes come down, batch by batch, and
     are fused and folded by the CPU.
@@ -45,7 +48,7 @@ class CudaBackend:
         own = [method for method in task.swept if method.function is not None]
         compiled = [method for method in task.swept if method.function is None]
         self.planes_in_flight = planes_in_flight(
-            task, volumes, len(needs_focus(compiled, config)), library.gpu()
+            task, volumes, len(needs_focus(compiled, config)), device.gpu()
         )
         self._ballot = Ballot(volumes, self.planes_in_flight, *size, sums=task.sums)
         self._maxima = DeviceMaxima(compiled, volumes, *size, planes, config.polarities)
@@ -70,7 +73,7 @@ class CudaBackend:
         self._maxima.fold(votes, planes)
         self._focus.take(votes, planes)
         width = self._task.width_px
-        fuse_kernels.keep_row[library.strided(width, len(self._rays))](
+        fusion_kernels.keep_row[device.strided(width, len(self._rays))](
             votes, width, self._task.row_px, self._first, planes, self._rows
         )
         if self._own is not None:
@@ -111,3 +114,36 @@ class _Own:
         """Takes in the next planes of (V, P, H, W) votes, in order."""
         self.maxima.fold(images.reshape(*images.shape[:2], -1), images.shape[1])
         self.focus.take(images)
+
+
+def planes_in_flight(task: Task, volumes: int, focused: int, gpu: Gpu) -> int:
+    """Returns how many planes make one batch.
+
+    Votes are added at random places of one volume's planes of a batch. Where these fit into the
+    cache, an addition never waits for memory.
+
+    Args:
+        task: what to sweep.
+        volumes: how many volumes.
+        focused: methods that need a focus measure.
+        gpu: its cache and its free memory, where the rays are already.
+
+    Raises:
+        InputError: too little memory for a single plane.
+    """
+    cells = task.width_px * task.height_px
+    sums = _SUM_BYTES[task.sums] * cells
+    cached = max(1, int(_CACHE_SHARE * gpu.l2_bytes) // sums)
+    per_plane = sums + 4 * cells * (volumes + (ROOM_IMAGES if focused else 0))
+    states = len(task.swept) + (focused + task.cameras if focused else 0)
+    always = states * STATE_BYTES * cells + 4 * volumes * len(task.rho) * task.width_px
+    free = _MEMORY_SHARE * gpu.memory_bytes
+    if always + per_plane > free:
+        raise InputError(
+            f"{gpu.name} has {gpu.memory_bytes / 1e9:.3g} GB of memory free, one plane of "
+            f"{task.width_px} x {task.height_px} px needs {(always + per_plane) / 1e9:.3g} GB with "
+            f"{len(task.swept)} methods and {volumes} volumes: choose device cpu, or fewer methods "
+            "or sub-intervals"
+        )
+    fit = min(len(task.rho), cached, _MOST_PLANES)
+    return fit if always + fit * per_plane <= free else int((free - always) // per_plane)

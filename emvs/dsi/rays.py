@@ -1,4 +1,10 @@
-"""Events and poses to rays: the ray of event k meets inverse depth rho at u = a + rho b."""
+"""Events and poses to rays: the ray of event k meets inverse depth rho at u = a + rho b.
+
+Events come in the order of time, from all over the image, and every vote of a large plane waits for
+memory. Grouped by bands of rows, a thread's votes stay within a few kilobytes of its plane. The
+votes are the same; only the order of their sum changes, and that is the same for any number of
+threads.
+"""
 
 from __future__ import annotations
 
@@ -9,18 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from emvs import ray_kernel
 from emvs.data.events import Events
+from emvs.dsi import rays_kernels
+from emvs.dsi.rays_kernels import BLOCK, count_bands, move_to_bands
+from emvs.dsi.voting_kernels import CHUNK
 from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.trajectory import Trajectory
-from emvs.kernels import CHUNK
 
 Floats = NDArray[np.float32]
-
 PACKET = 1024  # events that share one pose in the authors' implementation
 _PACKET_POSE = 512  # ... that of this event of the packet
+# With fewer rows than these a thread's neighbouring votes meet in one cell and wait for each other,
+# with more the band leaves the cache: docs/performance.md has the times.
+BAND_ROWS = 8
 
 
 @dataclass(frozen=True)
@@ -119,7 +128,7 @@ def event_rays(
     chosen, pose_us = voters(events, packets=packets)
     columns = tuple(np.empty(len(chosen), np.float32) for _ in range(5))
     fate = np.empty(len(chosen), np.uint8)
-    ray_kernel.rays(  # type: ignore[call-arg]
+    rays_kernels.rays(  # type: ignore[call-arg]
         chosen.x, chosen.y, pose_us, camera.bearing_table(), *knots(trajectory, T_world_rv),
         T_body_cam, rv_camera.K, *columns, fate,
     )  # fmt: skip
@@ -131,13 +140,13 @@ def _voting(columns: tuple[Floats, ...], fate: NDArray[np.uint8], events: int) -
     tally = np.bincount(fate, minlength=4)
     counts = RayCounts(
         events=events,
-        without_pose=int(tally[ray_kernel.NO_POSE]),
-        without_ray=int(tally[ray_kernel.NO_RAY]),
-        backwards=int(tally[ray_kernel.BACKWARDS]),
+        without_pose=int(tally[rays_kernels.NO_POSE]),
+        without_ray=int(tally[rays_kernels.NO_RAY]),
+        backwards=int(tally[rays_kernels.BACKWARDS]),
         dropped=events - len(fate),
     )
     if counts.rays < len(fate):
-        votes = fate == ray_kernel.VOTES
+        votes = fate == rays_kernels.VOTES
         columns = tuple(column[votes] for column in columns)
     return Rays.of(columns, counts)
 
@@ -158,7 +167,7 @@ def voters(events: Events, *, packets: bool) -> tuple[Events, NDArray[np.int64]]
 def knots(
     trajectory: Trajectory, T_world_rv: NDArray[np.float64]
 ) -> tuple[NDArray[np.generic], ...]:
-    """The body's poses in the reference view, as `emvs.ray_kernel.rays` takes them.
+    """The body's poses in the reference view, as `emvs.dsi.rays_kernels.rays` takes them.
 
     Returns:
         Times, positions and rotations, and from each to the next the turn's axis and angle.
@@ -176,3 +185,27 @@ def knots(
     angle = np.linalg.norm(turn, axis=1)
     axis = turn / np.maximum(angle, np.finfo(float).tiny)[:, None]
     return trajectory.t_us, position_m, quat, axis, angle
+
+
+def grouped_by_rows(rays: Rays, rho: float, height_px: int, band_rows: int = BAND_ROWS) -> Rays:
+    """Groups rays by bands of the image rows where they meet one plane, stably.
+
+    Args:
+        rays: one camera's rays.
+        rho: the plane's inverse depth, 1/m; a middle one keeps all planes' votes near together.
+        height_px: rows of the reference view.
+        band_rows: rows of a band.
+
+    Returns:
+        The same rays in another order; those above, below or nowhere come first or last.
+    """
+    bands = -(-height_px // band_rows)
+    blocks = -(-len(rays) // BLOCK)
+    place = np.zeros((blocks, bands), np.int64)
+    args = rays.a_v, rays.b_v, np.float32(rho), band_rows, bands
+    count_bands(*args, place)
+    # Where the first ray of each band of each block goes: bands one after another, then blocks.
+    before = np.cumsum(place.T).reshape(bands, blocks).T - place
+    ordered = tuple(np.empty_like(column) for column in rays.columns)
+    move_to_bands(*args, before, rays.columns, ordered)
+    return Rays.of(ordered, rays.counts)

@@ -1,4 +1,4 @@
-"""The GPU's loops of the focus measures (`emvs.focus`), several planes at a time.
+"""The GPU's loops of the focus measures (`emvs.dsi.focus_measures`), several planes at a time.
 
 All arrays are (P, cells) float32, cells = H * W, and the grid is (blocks, P) unless said otherwise.
 """

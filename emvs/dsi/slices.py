@@ -11,8 +11,8 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.fusion import fuse_by
-from emvs.recipe import Method
+from emvs.dsi.fusion import fuse_by
+from emvs.dsi.method import Method
 from emvs.utils.files import atomic_path
 
 Floats = NDArray[np.float32]

@@ -1,4 +1,4 @@
-"""What a sweep on the GPU remembers for methods whose depth is found by focus."""
+"""What a sweep on the GPU remembers of the planes: maxima of votes and of focus."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 
 from emvs.config import MapperConfig
-from emvs.cuda import arrays, focus_kernels, fuse_kernels, library
-from emvs.cuda.maxima import State
-from emvs.focus import DOG_RATIO, half_window
-from emvs.focus_fold import InFocus, measure_of, needs_focus
-from emvs.fuse_kernels import CAMERA
-from emvs.recipe import Method, Tables
-from emvs.running import AS_IT_IS
+from emvs.dsi.backend import InFocus, measure_of, needs_focus
+from emvs.dsi.cuda import arrays, device, focus_kernels, fusion_kernels
+from emvs.dsi.focus_measures import DOG_RATIO, half_window
+from emvs.dsi.fusion_kernels import CAMERA
+from emvs.dsi.maxima import AS_IT_IS, Maximum, beginnings
+from emvs.dsi.method import Method, Tables
 
 _SHARPNESS = {
     "variance": focus_kernels.SQUARE,
@@ -22,12 +21,12 @@ _SHARPNESS = {
     "gradient": focus_kernels.GRADIENT,
     "laplacian": focus_kernels.LAPLACIAN,
 }
-
 ROOM_IMAGES = 4  # per plane, beside the votes
+STATE_BYTES = 4 * 4 + 4  # per pixel and method, at most
 
 
 class DeviceFocus:
-    """Peaks of the focus measure on the GPU; the twin of `emvs.focus_fold.FocusFold`.
+    """Peaks of the focus measure on the GPU; the twin of `emvs.dsi.backend.FocusFold`.
 
     Args:
         methods: the methods of one sweep; those without a focus measure are left alone.
@@ -70,9 +69,9 @@ class DeviceFocus:
         """Takes in the next `planes` planes of (V, P, cells) votes on the GPU, in order."""
         for peak in (*self._peaks.values(), *self._witnesses):
             image = self._measure.image[:planes]
-            fuse_kernels.fuse[library.strided(self._cells)](*peak.fusion, 0, votes, planes, image)
+            fusion_kernels.fuse[device.strided(self._cells)](*peak.fusion, 0, votes, planes, image)
             value = self._measure.of(peak.measure, planes)
-            fuse_kernels.fold[library.strided(self._cells)](
+            fusion_kernels.fold[device.strided(self._cells)](
                 *self._as_it_is, value.reshape(1, *value.shape), self._planes, planes,
                 *peak.state.arrays,
             )  # fmt: skip
@@ -133,7 +132,7 @@ class _Measure:
         """(P, cells) float32, the measure of the first `planes` planes of `image`."""
         image = self.image[:planes]
         spare, one, other = (room[:planes] for room in self._room)
-        grid = library.strided(image.shape[1], planes)
+        grid = device.strided(image.shape[1], planes)
         if measure == "dog":
             self._blur(image, self._weights[0], spare, one)
             self._blur(image, self._weights[1], spare, other)
@@ -147,6 +146,67 @@ class _Measure:
         return one
 
     def _blur(self, image: Any, weight: Any, spare: Any, out: Any) -> None:
-        grid = library.strided(image.shape[1], image.shape[0])
+        grid = device.strided(image.shape[1], image.shape[0])
         focus_kernels.blur[grid](image, weight, self._width_px, 0, 1, spare)
         focus_kernels.blur[grid](spare, weight, self._width_px, 1, 0, out)
+
+
+class State:
+    """What `emvs.dsi.maxima.RunningMaxima` remembers, in the memory of the GPU.
+
+    Attributes:
+        arrays: best, index, left, right, previous, each (M, cells) on the GPU.
+    """
+
+    def __init__(self, images: int, cells: int, planes: int, lowest: float) -> None:
+        self.arrays: tuple[Any, ...] = tuple(
+            arrays.filled((images, cells), dtype, value)
+            for dtype, value in beginnings(planes, lowest)
+        )
+
+    def maximum(self, image: int, width_px: int, planes: int) -> Maximum:
+        """One image's maximum over the `planes` planes that have passed, copied from the GPU."""
+        best, index, left, right = (
+            arrays.down(one[image]).reshape(-1, width_px) for one in self.arrays[:4]
+        )
+        return Maximum(best, index, left, right, planes)
+
+
+class DeviceMaxima:
+    """State of the fold on the GPU; the methods share one split and have no function of their own.
+
+    Args:
+        methods: the methods.
+        volumes: how many volumes there are.
+        width_px: columns.
+        height_px: rows.
+        planes: how many planes will pass.
+        polarities: 2 where each polarity has volumes of its own.
+    """
+
+    def __init__(
+        self, methods: Sequence[Method], volumes: int, width_px: int, height_px: int,
+        planes: int, polarities: int = 1,
+    ) -> None:  # fmt: skip
+        self._methods, self._width_px, self._planes = tuple(methods), width_px, 0
+        self._cells = width_px * height_px
+        self._state = State(len(methods), self._cells, planes, -1)
+        self._tables: tuple[Any, ...] = ()
+        if methods:
+            tables = Tables.of(methods, volumes, polarities)
+            self._tables = tuple(map(arrays.up, (tables.codes, tables.sizes, tables.which)))
+
+    def fold(self, votes: Any, planes: int) -> None:
+        """Takes in the next `planes` planes of (V, P, cells) votes on the GPU, in order."""
+        if self._methods:
+            fusion_kernels.fold[device.strided(self._cells, len(self._methods))](
+                *self._tables, votes, self._planes, planes, *self._state.arrays
+            )
+        self._planes += planes
+
+    def found(self) -> dict[str, Maximum]:
+        """The maximum of every method over all planes so far, by name."""
+        return {
+            method.name: self._state.maximum(m, self._width_px, self._planes)
+            for m, method in enumerate(self._methods)
+        }

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
-from emvs.backend import Backend, CpuBackend, Task
 from emvs.config import DeviceName
-from emvs.projector import AnyRays, CpuProjector, Projector
-from emvs.recipe import Method
+from emvs.dsi.backend import Backend, CpuBackend, Task
+from emvs.dsi.backprojection import AnyRays, CpuProjector, Projector
+from emvs.dsi.method import Method
 
 _log = logging.getLogger(__name__)
 
@@ -40,7 +40,7 @@ def choose(wanted: DeviceName) -> Device:
     if wanted == "cpu":
         return CPU
     # A GPU's libraries take seconds to load, and not everybody has them.
-    from emvs.cuda import library
+    from emvs.dsi.cuda import device as library
 
     reason = library.missing()
     if wanted == "auto" and reason is not None:
@@ -90,7 +90,7 @@ def projector(device: Device) -> Projector:
     """What turns events into rays on a device."""
     if device.kind == "cpu":
         return CpuProjector()
-    from emvs.cuda.projector import CudaProjector
+    from emvs.dsi.cuda.backprojection import CudaProjector
 
     return CudaProjector()
 
@@ -109,6 +109,6 @@ def backend(device: Device, task: Task, rays: Sequence[AnyRays]) -> Backend:
     its_rays: Any = rays
     if device.kind == "cpu":
         return CpuBackend(task, its_rays)
-    from emvs.cuda.backend import CudaBackend
+    from emvs.dsi.cuda.backend import CudaBackend
 
     return CudaBackend(task, its_rays)

@@ -1,32 +1,30 @@
-"""What a method is: which votes it takes, and how it fuses them, level by level."""
+"""What a method is: which votes it takes, over which sub-intervals, and how it fuses them."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs import fuse_kernels
+from emvs.dsi import fusion_kernels
+from emvs.dsi.rays import RayCounts, Rays
 
 Volume = NDArray[np.float32]
 # A fusion of one's own: votes (C, intervals, N, H, W) to (N, H, W)
 Fusion = Callable[[Volume], Volume]
-
 _STRIPS = 64  # enough for any number of threads to share them evenly
-
 CODES = {
-    "min": fuse_kernels.MIN,
-    "H": fuse_kernels.HARMONIC,
-    "G": fuse_kernels.GEOMETRIC,
-    "A": fuse_kernels.ARITHMETIC,
-    "RMS": fuse_kernels.RMS,
-    "max": fuse_kernels.MAX,
+    "min": fusion_kernels.MIN,
+    "H": fusion_kernels.HARMONIC,
+    "G": fusion_kernels.GEOMETRIC,
+    "A": fusion_kernels.ARITHMETIC,
+    "RMS": fusion_kernels.RMS,
+    "max": fusion_kernels.MAX,
 }
-
 MEANS = {
     "min": "minimum",
     "H": "harmonic mean",
@@ -35,9 +33,8 @@ MEANS = {
     "RMS": "root mean square",
     "max": "maximum",
 }
-
-
 VOTES, OWN_UNIT = "votes", "own unit"  # what the values of a confidence are
+_COUNTS = ("events", "without_pose", "without_ray", "backwards", "dropped")
 
 
 class MethodName(NamedTuple):
@@ -102,7 +99,7 @@ class Method:
     code: int
     summary: str
     split: Split = WHOLE
-    outer: int = fuse_kernels.MAX
+    outer: int = fusion_kernels.MAX
     time_first: bool = False
     shuffled: bool = False
     late: bool = False
@@ -123,12 +120,12 @@ class Method:
             summary: what it does, in a few words.
             split: the sub-intervals that it wants votes of.
         """
-        return cls(name, fuse_kernels.MAX, summary, split, function=function, confidence=OWN_UNIT)
+        return cls(name, fusion_kernels.MAX, summary, split, function=function, confidence=OWN_UNIT)
 
     def camera(self) -> int | None:
         """The one camera whose votes it takes; None where it fuses all of them."""
-        alone = self.function is None and self.code >= fuse_kernels.CAMERA
-        return self.code - fuse_kernels.CAMERA if alone else None
+        alone = self.function is None and self.code >= fusion_kernels.CAMERA
+        return self.code - fusion_kernels.CAMERA if alone else None
 
     @property
     def family(self) -> str:
@@ -161,7 +158,7 @@ def single_cameras(n_cameras: int) -> tuple[Method, ...]:
 
 def single_camera(camera: int) -> Method:
     """EMVS with one camera."""
-    return Method(f"EMVS/cam{camera}", fuse_kernels.CAMERA + camera, f"camera {camera} alone")
+    return Method(f"EMVS/cam{camera}", fusion_kernels.CAMERA + camera, f"camera {camera} alone")
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,3 +200,49 @@ class Tables:
         level = np.empty((strips, len(self.every), 1, width_px), np.float32)
         spare, fused = np.empty((2, strips, width_px), np.float32)
         return level, spare, fused
+
+
+def cuts(t_us: NDArray[np.int64], split: Split, t0_us: int, t1_us: int) -> NDArray[np.int64]:
+    """Returns the (intervals + 1,) events where a camera's sub-intervals begin and end.
+
+    Args:
+        t_us: (N,) int64, the camera's events in the window, sorted.
+        split: how many, of equal count or of equal time.
+        t0_us: begin of the window, included.
+        t1_us: end of the window, excluded.
+    """
+    edge = np.arange(split.intervals + 1, dtype=np.int64)
+    if split.by == "count":
+        edge *= len(t_us)
+        edge //= split.intervals
+        return edge
+    inner_us = t0_us + edge[1:-1] * (t1_us - t0_us) // split.intervals
+    edge[1:-1] = np.searchsorted(t_us, inner_us, side="left")
+    edge[-1] = len(t_us)
+    return edge
+
+
+def concatenated(parts: Sequence[Rays]) -> Rays:
+    """Joins rays in the order given."""
+    if len(parts) == 1:
+        return parts[0]
+    columns = [np.concatenate(pieces) for pieces in zip(*(p.columns for p in parts), strict=True)]
+    return Rays.of(columns, total([part.counts for part in parts]))
+
+
+def part(rays: Rays, first: int, last: int, counts: RayCounts) -> Rays:
+    """Returns rays `first` to `last` (exclusive) as views, with counts of their own."""
+    return Rays.of([column[first:last] for column in rays.columns], counts)
+
+
+def total(counts: Sequence[RayCounts]) -> RayCounts:
+    """Adds up what became of events."""
+    sums = {name: sum(getattr(count, name) for count in counts) for name in _COUNTS}
+    return RayCounts(**sums)
+
+
+def with_left_out(counts: RayCounts, left_out: int) -> RayCounts:
+    """Counts events that no pose covers and that were never read."""
+    return replace(
+        counts, events=counts.events + left_out, without_pose=counts.without_pose + left_out
+    )

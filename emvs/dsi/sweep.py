@@ -9,18 +9,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs import device as devices
-from emvs.backend import Backend, Task
-from emvs.backproject import Projected
 from emvs.config import MapperConfig
-from emvs.device import CPU, Device
-from emvs.focus_fold import InFocus
-from emvs.recipe import Method, Split, single_cameras
-from emvs.running import Maximum
-from emvs.sweep import VoteCounts
+from emvs.dsi import device as devices
+from emvs.dsi.backend import Backend, InFocus, Task
+from emvs.dsi.backprojection import Projected
+from emvs.dsi.device import CPU, Device
+from emvs.dsi.maxima import Maximum
+from emvs.dsi.method import Method, Split, single_cameras
+from emvs.dsi.slices import Slices, volume_writer
+from emvs.dsi.voting import VoteCounts
 from emvs.utils.runtime import Progress
 from emvs.view import ReferenceView
-from emvs.volume import Slices, volume_writer
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs import kernels
-from emvs.rays import Rays
+from emvs.dsi import voting_kernels
+from emvs.dsi.rays import Rays
 
 # Planes that share one pass over the rays, and so are read and written in turns: with one, the
 # sweep waits for the stream of rays.
@@ -53,11 +53,11 @@ class Scratch:
         self, cameras: int, planes: int, width_px: int, height_px: int, *, nearest: bool = False
     ) -> None:
         self.width_px, self.height_px, self.nearest = width_px, height_px, nearest
-        cells = kernels.grid_cells(width_px, height_px)
+        cells = voting_kernels.grid_cells(width_px, height_px)
         self.votes = np.zeros((cameras, planes, cells), np.float32)
-        self._cell = np.empty((planes, kernels.CHUNK), np.int32)
-        self._fx = np.empty((planes, kernels.CHUNK), np.float32)
-        self._fy = np.empty((planes, kernels.CHUNK), np.float32)
+        self._cell = np.empty((planes, voting_kernels.CHUNK), np.int32)
+        self._fx = np.empty((planes, voting_kernels.CHUNK), np.float32)
+        self._fy = np.empty((planes, voting_kernels.CHUNK), np.float32)
 
     def images(self, planes: int) -> NDArray[np.float32]:
         """The first `planes` planes as (C, planes, H, W) views."""
@@ -79,7 +79,7 @@ class Scratch:
         per_pass = min(PASS_PLANES, max(1, -(-len(rho) // numba.get_num_threads())))
         passes = -(-len(rho) // per_pass)
         inside, behind = np.empty(len(rho), np.int64), np.empty(len(rho), np.int64)
-        kernels.vote(
+        voting_kernels.vote(
             rays.a_u, rays.b_u, rays.a_v, rays.b_v, rays.c_z, rays.c_z_max, rho,
             (self.width_px, self.height_px), per_pass, self.nearest,
             self._cell[:passes], self._fx[:passes], self._fy[:passes],

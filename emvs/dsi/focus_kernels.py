@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit, prange
 
 import emvs.utils.runtime  # noqa: F401  (names the threading layer before the kernels compile)
-from emvs.fuse_kernels import fold_row
+from emvs.dsi.fusion_kernels import fold_row
 
 _ZERO = np.float32(0)
 
@@ -58,7 +58,7 @@ def fold_variance(
         row_of, column_of: (H + 2 r,), (W + 2 r,) int64, indices of the image mirrored at its rim.
         padded: (S, 2, W + 2 r) float32 scratch; S strips of rows.
         rows: (S, 2, W) float32 scratch.
-        best, index, left, right, previous: (H, W), as in `emvs.fuse_kernels.fold`.
+        best, index, left, right, previous: (H, W), as in `emvs.dsi.fusion_kernels.fold`.
     """
     height, strips = len(value), len(padded)
     for s in prange(strips):

@@ -1,0 +1,1 @@
+"""The disparity space image: back-projection, voting, fusion, maxima; swept plane by plane."""
