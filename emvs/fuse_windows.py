@@ -8,15 +8,20 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from emvs.depthmap import DepthMap
+from emvs.depth.depth_map import DepthMap
+from emvs.depth.inpainting import inpaint
+from emvs.depth.point_cloud import (
+    VoxelCloud,
+    back_project_map,
+    depth_colours,
+    without_outliers,
+    write_ply,
+)
+from emvs.depth.tsdf import SurfaceFusion, write_mesh
 from emvs.dsi.method import file_name
 from emvs.errors import InputError
 from emvs.fuse_config import FuseConfig
-from emvs.global_cloud import VoxelCloud
-from emvs.inpaint import inpaint
-from emvs.mesh import SurfaceFusion, write_mesh
 from emvs.output import StoredMap
-from emvs.pointcloud import back_project_map, depth_colours, without_outliers, write_ply
 from emvs.utils.files import atomic_dir
 
 FOLDER = "global"

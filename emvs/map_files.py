@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.depthmap import DepthMap
+from emvs.depth.depth_map import DepthMap
+from emvs.depth.inpainting import Dense
 from emvs.dsi.method import file_name
 from emvs.dsi.slices import Slices
 from emvs.errors import DAMAGED_NPY, InputError
 from emvs.geometry.camera import Camera
-from emvs.inpaint import Dense
 
 CURE = "run `eventsweep map` again"
 _DEPTH_KEYS = (
@@ -50,7 +50,7 @@ def read_depth(path: Path, method: str) -> DepthMap:
 
 
 def read_dense(path: Path, shape: tuple[int, ...]) -> Dense:
-    """Reads what `emvs.inpaint.write_dense` wrote.
+    """Reads what `emvs.depth.inpainting.write_dense` wrote.
 
     Args:
         path: `dense.npz` of a method.

@@ -11,7 +11,8 @@ import numpy as np
 from emvs import methods
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
-from emvs.depthmap import DepthMap, extract
+from emvs.depth.depth_map import DepthMap, extract, union
+from emvs.depth.focus import extract_in_focus, parallax_baseline_m
 from emvs.dsi import device as devices
 from emvs.dsi.backprojection import back_project
 from emvs.dsi.device import Device
@@ -20,8 +21,6 @@ from emvs.dsi.slices import Slices
 from emvs.dsi.sweep import Swept, grouped, sweep
 from emvs.dsi.voting import VoteCounts
 from emvs.errors import InputError
-from emvs.focus_depth import extract_in_focus, parallax_baseline_m
-from emvs.late import union
 from emvs.result import CameraCounts, WindowResult
 from emvs.rivals.rival import DepthEstimator
 from emvs.utils.runtime import Progress, Stopwatch, silent

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
-from emvs.depthmap import DepthMap
+from emvs.depth.depth_map import DepthMap
+from emvs.depth.inpainting import Dense, inpaint, write_dense
+from emvs.depth.point_cloud import back_project_map, without_outliers, write_ply
 from emvs.dsi.method import file_name
 from emvs.dsi.slices import Slices
 from emvs.errors import InputError
-from emvs.inpaint import Dense, inpaint, write_dense
 from emvs.map_files import (
     check_array,
     read_dense,
@@ -34,7 +35,6 @@ from emvs.map_info import (
     WindowInfo,
     read_info,
 )
-from emvs.pointcloud import back_project_map, without_outliers, write_ply
 from emvs.result import WindowResult
 from emvs.utils.runtime import versions
 

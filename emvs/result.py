@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
-from emvs.depthmap import DepthMap
+from emvs.depth.depth_map import DepthMap
 from emvs.dsi.rays import RayCounts
 from emvs.dsi.slices import Slices
 from emvs.dsi.voting import VoteCounts

@@ -13,7 +13,7 @@ import scenes
 from emvs.data.image_stores import Photo
 from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
-from emvs.depthmap import DepthMap
+from emvs.depth.depth_map import DepthMap
 from emvs.dsi.slices import Slices
 from emvs.output import StoredMap, StoredWindow
 from eval.config import EvalConfig

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.recording import Recording
-from emvs.depthmap import DepthMap
+from emvs.depth.depth_map import DepthMap
+from emvs.depth.point_cloud import back_project_map, without_outliers
 from emvs.dsi.method import file_name
 from emvs.errors import InputError
 from emvs.output import StoredMap, StoredWindow
-from emvs.pointcloud import back_project_map, without_outliers
 from emvs.utils.files import atomic_path
 from eval.config import EvalConfig
 from eval.folders import Scored, find_maps, has_truth, recording_of, truth_of

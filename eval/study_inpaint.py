@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
-from emvs.focus_config import FocusConfig
-from emvs.found import at_least
-from emvs.inpaint import MAX_RATIO, fill
+from emvs.depth.focus import FocusConfig, at_least
+from emvs.depth.inpainting import MAX_RATIO, fill
 from emvs.planes import inverse_depth_at
 from eval.study_cache import StudySample, load_sample
 from eval.study_variants import Volumes

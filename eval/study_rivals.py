@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence
-from emvs.depthmap import DepthMap
+from emvs.depth.depth_map import DepthMap
 from emvs.errors import InputError
 from emvs.mapper import map_window
 from emvs.rivals.esvo_parameters import EsvoParameters

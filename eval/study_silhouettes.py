@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
-from emvs.depthmap import confidence_mask, without_border
-from emvs.focus_config import FocusConfig
-from emvs.found import most_reliable
-from emvs.median import masked_median
+from emvs.depth.depth_map import confidence_mask, without_border
+from emvs.depth.focus import FocusConfig, most_reliable
+from emvs.depth.median import masked_median
 from emvs.planes import inverse_depth_at
 from eval.method_scores import ALL_METRICS
 from eval.pairing import pair

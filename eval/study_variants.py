@@ -10,14 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
-from emvs.depthmap import confidence_mask, without_border
+from emvs.depth.depth_map import confidence_mask, without_border
+from emvs.depth.focus import FocusConfig, Found, at_least, judge, most_reliable, on_surface
+from emvs.depth.median import masked_median
 from emvs.dsi import focus_measures
 from emvs.dsi.fusion import FUSIONS
 from emvs.dsi.maxima import FocusPeak, Maximum
-from emvs.focus_config import FocusConfig
-from emvs.focus_judge import judge, on_surface
-from emvs.found import Found, at_least, most_reliable
-from emvs.median import masked_median
 from eval.study_cache import StudySample
 
 BASE = "Alg1/H"

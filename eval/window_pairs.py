@@ -8,7 +8,7 @@ from itertools import repeat
 from types import MappingProxyType
 
 from emvs.data.sequence import Sequence as EventSequence
-from emvs.depthmap import DepthMap
+from emvs.depth.depth_map import DepthMap
 from emvs.output import StoredWindow
 from emvs.window import Window
 from eval.config import EvalConfig

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from emvs.data.recording import Recording
     from emvs.data.sequence import Sequence
     from emvs.datasets import open_recording
-    from emvs.depthmap import DepthMap
+    from emvs.depth.depth_map import DepthMap
     from emvs.dsi.method import Method
     from emvs.errors import InputError
     from emvs.geometry.camera import Camera
@@ -75,7 +75,7 @@ __all__ = [
 _PLACES = {
     "METRICS": "eval.method_scores:ALL_METRICS",
     "Camera": "emvs.geometry.camera:Camera",
-    "DepthMap": "emvs.depthmap:DepthMap",
+    "DepthMap": "emvs.depth.depth_map:DepthMap",
     "EvalConfig": "eval.config:EvalConfig",
     "EventSimulator": "sim.esim:EventSimulator",
     "Events": "emvs.data.events:Events",

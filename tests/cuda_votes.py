@@ -9,20 +9,11 @@ import pytest
 
 from emvs.dsi import backprojection, rays
 from emvs.dsi import voting as sweep
-from emvs.dsi.cuda import (
-    arrays,
-    device,
-)
-from emvs.dsi.cuda import (
-    arrays as device_events,
-)
-from emvs.dsi.cuda import (
-    arrays as device_rays,
-)
+from emvs.dsi.cuda import arrays, device
+from emvs.dsi.cuda import arrays as device_events
+from emvs.dsi.cuda import arrays as device_rays
 from emvs.dsi.cuda import backprojection as cuda_projector
-from emvs.dsi.cuda import (
-    voting as ballot,
-)
+from emvs.dsi.cuda import voting as ballot
 from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.view import ReferenceView

@@ -54,7 +54,7 @@ FAULTS = (
     ),
     Fault(
         "median off",
-        "emvs/depthmap.py",
+        "emvs/depth/depth_map.py",
         "position = masked_median(position, mask, config.median_px)",
         "position = position.copy()",
     ),

@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 from point_world import pinhole
 
 from emvs.config import MapperConfig
-from emvs.depthmap import confidence_mask, eight_bits, extract, without_border
+from emvs.depth.depth_map import confidence_mask, eight_bits, extract, without_border
+from emvs.depth.median import masked_median
 from emvs.dsi.maxima import Maximum
 from emvs.errors import InputError
-from emvs.median import masked_median
 from emvs.planes import inverse_depth_planes
 from emvs.view import ReferenceView
 

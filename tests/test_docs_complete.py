@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from emvs.config import MapperConfig
+from emvs.depth.inpainting import Dense
 from emvs.fuse_windows import FusedInfo
-from emvs.inpaint import Dense
 from emvs.map_info import HotPixelInfo, MapInfo, RecordingInfo, SkippedWindow, WindowInfo
 from eval.config import EvalConfig
 from eval.settings_table import TABLES, main, settings_block

@@ -10,12 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from emvs.depth.focus import FocusConfig, Found, at_least, most_reliable, on_surface
 from emvs.dsi import focus_kernels, focus_measures
 from emvs.dsi.maxima import FocusPeak, Maximum
 from emvs.errors import InputError
-from emvs.focus_config import FocusConfig
-from emvs.focus_judge import on_surface
-from emvs.found import Found, at_least, most_reliable
 from eval.study_variants import found_in_volumes
 
 F = np.float32

@@ -11,11 +11,9 @@ import pytest
 from point_world import Recorded, fronto_parallel, pinhole, stereo_rig
 
 from emvs.config import MapperConfig
+from emvs.depth.focus import FocusConfig, at_least, judge
 from emvs.dsi import focus_measures
 from emvs.errors import InputError
-from emvs.focus_config import FocusConfig
-from emvs.focus_judge import judge
-from emvs.found import at_least
 from emvs.geometry.trajectory import Trajectory
 from emvs.mapper import map_window
 from emvs.methods import methods, overview

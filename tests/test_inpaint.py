@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from point_world import fronto_parallel
 
 from emvs.config import MapperConfig
+from emvs.depth.inpainting import fill, inpaint
 from emvs.errors import InputError
-from emvs.inpaint import fill, inpaint
 from emvs.mapper import map_window
 from emvs.output import StoredWindow, write_window
 

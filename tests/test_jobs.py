@@ -212,7 +212,7 @@ def test_each_stage_reaches_its_own_code_and_no_more():
         "emvs.mapper",
         "emvs.dsi.voting_kernels",
         "emvs.dsi.fusion_kernels",
-        "emvs.depthmap",
+        "emvs.depth.depth_map",
     } <= mapping
     assert {"eval.score", "eval.metrics", "eval.curves"} <= scoring
     assert not any(name.startswith(("emvs.mapper", "eval.score")) for name in simulate)

@@ -8,17 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from point_world import fronto_parallel
 
-from emvs import global_cloud
 from emvs.config import MapperConfig
+from emvs.depth import point_cloud
+from emvs.depth.point_cloud import PointCloud, VoxelCloud
+from emvs.depth.tsdf import SurfaceFusion, write_mesh
 from emvs.errors import InputError
 from emvs.fuse_config import FuseConfig
 from emvs.fuse_windows import fuse_windows
 from emvs.geometry.camera import Camera
-from emvs.global_cloud import VoxelCloud
 from emvs.map_info import RecordingInfo
-from emvs.mesh import SurfaceFusion, write_mesh
 from emvs.output import read_map
-from emvs.pointcloud import PointCloud
 from emvs.sliding import map_windows
 
 
@@ -57,7 +56,7 @@ def test_voxels_equal_their_slow_twin(points, voxel_m, min_windows, often):
     clouds = [cloud_of(p) for p in points]
     with pytest.MonkeyPatch.context() as patch:
         # Merging at every window or at the end: the same.
-        patch.setattr(global_cloud, "_MERGE_AT_LEAST", 0 if often else 10**9)
+        patch.setattr(point_cloud, "_MERGE_AT_LEAST", 0 if often else 10**9)
         voxels = VoxelCloud(voxel_m)
         for cloud in clouds:
             voxels.add(cloud)
@@ -76,7 +75,7 @@ def test_voxels_equal_their_slow_twin(points, voxel_m, min_windows, often):
 
 
 def test_memory_follows_the_voxels_and_not_the_points(monkeypatch):
-    monkeypatch.setattr(global_cloud, "_MERGE_AT_LEAST", 1000)
+    monkeypatch.setattr(point_cloud, "_MERGE_AT_LEAST", 1000)
     voxels, rng = VoxelCloud(0.5), np.random.default_rng(0)
     for _ in range(50):
         voxels.add(cloud_of(rng.uniform(0, 2, (500, 3))))

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from point_world import fronto_parallel
 
 from emvs.config import MapperConfig
+from emvs.depth.depth_map import union
 from emvs.dsi import voting
 from emvs.dsi.fusion import fuse_by
 from emvs.dsi.maxima import RunningMaxima
 from emvs.dsi.method import Method, Split, cuts
 from emvs.dsi.voting import batch_planes, batches
 from emvs.errors import InputError
-from emvs.late import union
 from emvs.mapper import map_window
 from emvs.methods import methods, overview, register, unregister
 from emvs.planes import inverse_depth_at, inverse_depth_planes, is_linear, linear_planes

@@ -11,13 +11,13 @@ import pytest
 
 from emvs.config import MapperConfig
 from emvs.data.events import Events
-from emvs.depthmap import confidence_mask, eight_bits
+from emvs.depth.depth_map import confidence_mask, eight_bits
+from emvs.depth.median import masked_median
 from emvs.dsi.maxima import RunningMaxima
 from emvs.dsi.rays import event_rays
 from emvs.dsi.voting import VoteCounts, dsi
 from emvs.geometry.camera import Camera
 from emvs.geometry.trajectory import Trajectory
-from emvs.median import masked_median
 from emvs.methods import methods
 from emvs.planes import mcemvs_planes
 

@@ -90,7 +90,7 @@ class Method:
         time_first: whether `code` fuses over time and `outer` across cameras, or the other way.
         shuffled: whether interval k of camera 0 meets interval k + n/2 (cyclic) of the others.
         late: whether it joins the single cameras' depth maps; `code` then only fills its slice.
-        focus: whether depth lies where the fused rays are most in focus (`emvs.focus_judge`).
+        focus: whether depth lies where the fused rays are most in focus (`emvs.depth.focus`).
         function: a fusion of one's own, instead of the codes.
         confidence: what the values of its confidence are, in a word or two, with their unit.
     """

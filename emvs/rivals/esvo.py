@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
-from emvs.depthmap import DepthMap
+from emvs.depth.depth_map import DepthMap
 from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.rivals.esvo_look import Looked, Looker

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from emvs.config import MapperConfig
 from emvs.data.image_stores import Photo
 from emvs.data.recording import Recording
-from emvs.depthmap import DepthMap
+from emvs.depth.depth_map import DepthMap
 from emvs.errors import InputError
 from emvs.rivals.parameters import FrameParameters
 from emvs.rivals.rectify import Rectified

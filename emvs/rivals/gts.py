@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
-from emvs.depthmap import DepthMap
+from emvs.depth.depth_map import DepthMap
 from emvs.errors import InputError
 from emvs.rivals.gts_match import Stream, pairs
 from emvs.rivals.gts_motion import time_slopes

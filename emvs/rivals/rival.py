@@ -12,7 +12,7 @@ from emvs.dsi.method import OWN_UNIT, MethodName, file_name
 if TYPE_CHECKING:
     from emvs.config import MapperConfig
     from emvs.data.recording import Recording
-    from emvs.depthmap import DepthMap
+    from emvs.depth.depth_map import DepthMap
     from emvs.view import ReferenceView
     from emvs.window import Window
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
-from emvs.depthmap import DepthMap, without_border
+from emvs.depth.depth_map import DepthMap, without_border
 from emvs.geometry import se3
 from emvs.rivals.rectify import Rectified
 from emvs.rivals.rectify_kernels import splat

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from emvs.depth.point_cloud import open3d
 from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
-from emvs.open3d_library import open3d
 from emvs.utils.files import atomic_path
 
 _BLOCK_VOXELS, _FIRST_BLOCKS = 8, 10_000

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs import median_kernels
+from emvs.depth import median_kernels
 
 
 def masked_median(

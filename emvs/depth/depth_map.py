@@ -1,22 +1,25 @@
-"""From the maximum of a fused volume to a semi-dense depth map (paper, Alg. 1, line 5)."""
+"""From the maximum of a fused DSI to a semi-dense depth map (paper, Alg. 1, line 5)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
+from emvs.depth.median import masked_median
 from emvs.dsi.maxima import Maximum
 from emvs.geometry.camera import Camera
-from emvs.median import masked_median
 from emvs.planes import inverse_depth_at
 from emvs.view import ReferenceView
 
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+Value = TypeVar("Value", bound=np.generic)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,3 +141,32 @@ def without_border(mask: Mask, border_px: int) -> Mask:
         rows, columns = (slice(border_px, size - border_px) for size in mask.shape)
         inner[rows, columns] = mask[rows, columns]
     return inner
+
+
+def union(method: str, maps: Sequence[DepthMap]) -> DepthMap:
+    """Takes each pixel from the most confident camera among those that report it.
+
+    Where none reports it, the mask stays empty, and the values are the most confident camera's.
+    Of equally confident cameras the first is taken.
+
+    Args:
+        method: name for the result.
+        maps: one per camera, in the same reference view.
+    """
+    masks = np.stack([one.mask for one in maps])
+    confidence = np.stack([one.confidence for one in maps])
+    reported = np.where(masks | ~masks.any(axis=0), confidence, -1)
+    camera = reported.argmax(axis=0)[None]
+    return replace(
+        maps[0],
+        method=method,
+        depth_m=_pick([one.depth_m for one in maps], camera),
+        confidence=_pick([one.confidence for one in maps], camera),
+        argmax=_pick([one.argmax for one in maps], camera),
+        mask=np.logical_or.reduce(masks),
+    )
+
+
+def _pick(images: Sequence[NDArray[Value]], camera: NDArray[np.intp]) -> NDArray[Value]:
+    picked: NDArray[Value] = np.take_along_axis(np.stack(images), camera, axis=0)[0]
+    return picked

@@ -1,0 +1,1 @@
+"""From maxima over planes to depth maps, point clouds and meshes."""

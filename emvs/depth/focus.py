@@ -1,0 +1,326 @@
+"""Depth where the fused rays are most in focus, how reliable it is, and which pixels to keep."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.config import MapperConfig
+from emvs.data.recording import Recording
+from emvs.depth.depth_map import DepthMap, eight_bits, without_border
+from emvs.dsi import focus_kernels, focus_measures
+from emvs.dsi.backend import InFocus
+from emvs.dsi.maxima import Maximum
+from emvs.errors import InputError
+from emvs.planes import inverse_depth_at
+from emvs.view import ReferenceView
+from emvs.window import Window
+
+Floats = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+_SLOPE_SIGMA_PX = 0.8  # scale of the votes' slope: that of a ridge of votes, not of its noise
+_SURFACE_REACH = 1.5  # half the fitted window, in its scale: what is farther hardly counts
+_RIDGE_PX2 = 0.5  # keeps slopes that nothing determines at 0
+_POSITIVE = (
+    "sigma_px", "agreement_px", "agreement_at_px", "ray_px", "support_px", "inside_rise",
+    "surface_sigma_px", "surface_px",
+)  # fmt: skip
+_PATH_SAMPLES = 65
+
+
+def judge(
+    confidence: Floats,
+    loudest: Floats,
+    position: Floats,
+    witnesses: Sequence[Floats],
+    disparity_px: NDArray[np.floating],
+    config: FocusConfig,
+) -> Found:
+    """Says how reliable each pixel's depth is.
+
+    Args:
+        confidence: (H, W) float32 maximum of the fused volume, votes.
+        loudest: (H, W) float32 plane index of that maximum.
+        position: (H, W) float32 plane index where the fused volume is most in focus.
+        witnesses: the same of each camera's own volume, whose agreement is asked for.
+        disparity_px: (N,) disparity of each plane, px, above 0.
+        config: scales.
+    """
+    planes = np.arange(len(disparity_px))
+
+    def disparity(at: Floats) -> Floats:
+        return np.asarray(np.interp(at, planes, disparity_px), np.float32)
+
+    own_px = disparity(position)
+    candidate = _candidates(confidence, config)
+    support = np.zeros_like(position)
+    focus_kernels.support(
+        own_px, candidate, config.support_radius_px, np.float32(config.support_px), support
+    )
+    apart_px = np.zeros_like(position)
+    for witness in witnesses:
+        np.maximum(apart_px, abs(disparity(witness) - own_px), out=apart_px)
+    allowed_px = config.agreement_px * np.sqrt(own_px / np.float32(config.agreement_at_px))
+    return Found(
+        position,
+        confidence,
+        candidate,
+        agreement=np.exp(-apart_px / allowed_px),
+        support=support,
+        inside=_inside(confidence, own_px, candidate, config),
+        ray=np.exp(-abs(disparity(loudest) - own_px) / np.float32(config.ray_px)),
+        strength=_strength(confidence, candidate),
+    )
+
+
+def on_surface(found: Found, disparity_px: NDArray[np.floating], config: FocusConfig) -> Found:
+    """Moves each candidate to the plane that fits the disparities of its own surface around it.
+
+    A plane in space is linear in disparity over the image, so a slanted surface stays what it is.
+
+    Args:
+        found: the extraction.
+        disparity_px: (N,) disparity of each plane, px, rising or falling.
+        config: scale of the fit, and who takes part.
+    """
+    planes = np.arange(len(disparity_px), dtype=np.float64)
+    own_px = np.interp(found.position, planes, disparity_px).astype(np.float32)
+    reach_px = round(_SURFACE_REACH * config.surface_sigma_px)
+    weight = focus_measures.half_window(config.surface_sigma_px)[: reach_px + 1]
+    fitted_px = own_px.copy()
+    focus_kernels.fit_surface(
+        own_px, found.candidate, weight, np.float32(config.surface_px), _RIDGE_PX2, fitted_px
+    )
+    rising = np.argsort(disparity_px)
+    moved = np.interp(fitted_px, disparity_px[rising], planes[rising]).astype(np.float32)
+    return replace(found, position=np.where(found.candidate, moved, found.position))
+
+
+def _strength(confidence: Floats, candidate: Mask) -> Floats:
+    """Votes as a share of themselves and those of the median candidate."""
+    usual = np.float32(np.median(confidence[candidate])) if candidate.any() else np.float32(1)
+    return np.asarray(confidence / (confidence + usual), np.float32)
+
+
+def _candidates(confidence: Floats, config: FocusConfig) -> Mask:
+    kept = cv2.adaptiveThreshold(
+        eight_bits(confidence, 0.0),
+        1,
+        cv2.ADAPTIVE_THRESH_GAUSSIAN_C,
+        cv2.THRESH_BINARY,
+        config.threshold_kernel_px,
+        -config.threshold_c,
+    )
+    return (kept > 0) & (confidence > 0)
+
+
+def _inside(confidence: Floats, own_px: Floats, candidate: Mask, config: FocusConfig) -> Floats:
+    """Near 0 where the votes rise steeply towards the pixel's own surface: it lies beyond an edge.
+
+    The ridge of votes along a silhouette is a few pixels wide, and its outer half shows what is
+    behind. Where the own surface lies is seen from the candidates around.
+    """
+    towards = np.zeros((2, *confidence.shape), np.float32)
+    focus_kernels.own_surface(
+        own_px, candidate, config.inside_radius_px, np.float32(config.support_px), towards
+    )
+    smooth = focus_measures.blurred(confidence, _SLOPE_SIGMA_PX)
+    slope_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
+    slope_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
+    rise = (towards[0] * slope_x + towards[1] * slope_y) / np.maximum(confidence, np.float32(1e-6))
+    steepness = np.clip(rise / np.float32(config.inside_rise), -50, 50)
+    return np.asarray(1 / (1 + np.exp(steepness)), np.float32)
+
+
+@dataclass(frozen=True)
+class FocusConfig:
+    """Parameters of the extraction; chosen on simulated data by `eval.study_extraction`.
+
+    Lengths in px are pixels of the view, disparities those of the rig's baseline: both keep their
+    meaning for other sensors, baselines and depth planes (`docs/extraction.md`).
+
+    Attributes:
+        measure: focus measure, by its name in `emvs.dsi.focus_measures.MEASURES`.
+        sigma_px: scale of the focus measure, px.
+        agreement_px: disagreement between cameras that divides the reliability by e, px of
+            disparity, where that is `agreement_at_px`; elsewhere it grows with its square root.
+        agreement_at_px: disparity to which `agreement_px` refers, px.
+        ray_px: distance from the plain maximum that divides the reliability by e, px of disparity.
+        support_radius_px: half the square of neighbours that are asked, px.
+        support_px: how far a neighbour's depth may be off to count as support, px of disparity.
+        inside_radius_px: half the square in which a pixel looks for its own surface, px.
+        inside_rise: relative rise of the votes, from the pixel to the middle of its own surface,
+            at which it rather lies beyond that surface's edge.
+        surface_sigma_px: scale of the window in which a plane is fitted to the disparities, px.
+        surface_px: how far a neighbour's disparity may be off to take part in that, px.
+        threshold_kernel_px: window of the candidates' adaptive threshold, px, odd, at least 3.
+        threshold_c: by how much of 255 the fused maximum must exceed its neighbours' mean.
+    """
+
+    measure: str = "variance"
+    sigma_px: float = 2.5
+    agreement_px: float = 0.4
+    agreement_at_px: float = 10.0
+    ray_px: float = 3.0
+    support_radius_px: int = 5
+    support_px: float = 1.0
+    inside_radius_px: int = 8
+    inside_rise: float = 0.16
+    surface_sigma_px: float = 4.0
+    surface_px: float = 0.5
+    threshold_kernel_px: int = 5
+    threshold_c: float = 2.0
+
+    def __post_init__(self) -> None:
+        """Refuses what cannot work."""
+        focus_measures.measure(self.measure)
+        for name in _POSITIVE:
+            if not getattr(self, name) > 0:
+                raise InputError(f"{name} is {getattr(self, name)}: must be above 0")
+        for name in ("support_radius_px", "inside_radius_px"):
+            if getattr(self, name) < 1:
+                raise InputError(f"{name} is {getattr(self, name)}: must be at least 1")
+        if self.threshold_kernel_px < 3 or self.threshold_kernel_px % 2 == 0:
+            raise InputError(
+                f"threshold_kernel_px is {self.threshold_kernel_px}: must be odd and at least 3"
+            )
+
+
+def extract_in_focus(
+    method: str,
+    votes: Maximum,
+    found: InFocus,
+    view: ReferenceView,
+    config: MapperConfig,
+    baseline_m: float,
+) -> DepthMap:
+    """Turns one method's focus into its depth map: no median, and reliability chooses the pixels.
+
+    Args:
+        method: name for the result.
+        votes: first maximum of the fused volume; its values are the confidence.
+        found: where the fused rays and each camera's are most in focus.
+        view: the reference view.
+        config: interpolation, reliability, border.
+        baseline_m: what disparities refer to (`parallax_baseline_m`), m.
+    """
+    judged = _judged(votes, found, baseline_m * view.camera.fx_px * view.rho, config)
+    return DepthMap(
+        method=method,
+        depth_m=np.reciprocal(inverse_depth_at(view.rho, judged.position)),
+        confidence=votes.value,
+        mask=at_least(judged, config.focus_reliability, config.border_px),
+        argmax=found.maximum.plane,
+        rho=view.rho,
+        t_us=view.t_us,
+        T_world_rv=view.T_world_rv,
+        camera=view.camera,
+    )
+
+
+def _judged(
+    votes: Maximum, found: InFocus, disparity_px: NDArray[np.floating], config: MapperConfig
+) -> Found:
+    """Depth and reliability; between planes only where the configuration refines at all."""
+    maxima, scales = (found.maximum, *found.witnesses), _scales(config)
+    disparity_px = disparity_px.astype(np.float64)
+    if not config.refines:
+        loudest, own, *witnesses = (m.plane.astype(np.float32) for m in (votes, *maxima))
+        return judge(votes.value, loudest, own, witnesses, disparity_px, scales)
+    own, *witnesses = (m.position(bell=True) for m in maxima)
+    judged = judge(votes.value, votes.position(), own, witnesses, disparity_px, scales)
+    return on_surface(judged, disparity_px, scales)
+
+
+def _scales(config: MapperConfig) -> FocusConfig:
+    """The parameters of the extraction, as far as the mapper's configuration sets them."""
+    return FocusConfig(
+        measure=config.focus_measure,
+        sigma_px=config.focus_sigma_px,
+        threshold_kernel_px=config.focus_threshold_kernel_px,
+        threshold_c=config.focus_threshold_c,
+    )
+
+
+def parallax_baseline_m(recording: Recording, window: Window) -> float:
+    """The distance that disparities refer to, m: between cameras 0 and 1, or along the path.
+
+    One camera has no baseline but its own path: the farthest that it gets, in the window, from
+    where it is at the reference time.
+
+    Raises:
+        InputError: one camera that stays where it is.
+    """
+    if len(recording.rig) > 1:
+        return recording.rig.baseline_m(0, 1)
+    first_us, last_us = recording.trajectory.span_us
+    t_us = np.linspace(max(window.t0_us, first_us), min(window.t1_us, last_us), _PATH_SAMPLES)
+    T_world_cam = recording.trajectory.at(t_us.astype(np.int64)) @ recording.rig.T_body_cam[0]
+    T_world_rv = recording.trajectory.at(window.t_ref_us) @ recording.rig.T_body_cam[0]
+    offsets_m = T_world_cam[:, :3, 3] - T_world_rv[:3, 3]
+    farthest_m = float(np.linalg.norm(offsets_m, axis=1).max())
+    if farthest_m == 0:
+        raise InputError(
+            "Focus methods: one camera that does not move sees no parallax; choose a window in "
+            "which it moves, or EMVS/cam0"
+        )
+    return farthest_m
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What the extraction found.
+
+    Attributes:
+        position: (H, W) float32 plane index, fractional.
+        confidence: (H, W) float32 maximum of the fused volume, votes.
+        candidate: (H, W) bool, where that stands out from its surroundings.
+        agreement: (H, W) float32 in 0..1, of the cameras with each other; 1 with a single camera.
+        support: (H, W) float32 in 0..1, share of the candidates around that have this depth too.
+        inside: (H, W) float32 in 0..1, near 0 where the pixel lies beyond its surface's edge.
+        ray: (H, W) float32 in 0..1, near 0 where the votes' plain maximum lies elsewhere.
+        strength: (H, W) float32 in 0..1, 0.5 where there are as many votes as at half of the
+            candidates.
+    """
+
+    position: Floats
+    confidence: Floats
+    candidate: Mask
+    agreement: Floats
+    support: Floats
+    inside: Floats
+    ray: Floats
+    strength: Floats
+
+    @property
+    def reliability(self) -> Floats:
+        """(H, W) float32 in 0..1: the product, support squared; 0 where there is no candidate."""
+        product = self.agreement * self.support**2 * self.inside * self.ray * self.strength
+        return np.where(self.candidate, product, np.float32(0))
+
+
+def most_reliable(found: Found, points: int, border_px: int) -> Mask:
+    """The (H, W) mask of the `points` most reliable candidates, or of all if there are fewer.
+
+    Equal reliability is decided by confidence, then by the order of pixels.
+
+    Args:
+        found: the extraction.
+        points: number of pixels to keep.
+        border_px: rim of the image that reports no depth, px.
+    """
+    allowed = np.flatnonzero(without_border(found.candidate, border_px))
+    reliability, confidence = found.reliability.ravel()[allowed], found.confidence.ravel()[allowed]
+    kept = allowed[np.lexsort((allowed, -confidence, -reliability))[: max(points, 0)]]
+    mask = np.zeros(found.candidate.shape, np.bool_)
+    mask.flat[kept] = True
+    return mask
+
+
+def at_least(found: Found, reliability: float, border_px: int) -> Mask:
+    """The (H, W) mask of candidates with at least this reliability."""
+    return without_border(found.candidate & (found.reliability >= reliability), border_px)

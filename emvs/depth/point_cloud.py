@@ -1,0 +1,254 @@
+"""Depth maps to point clouds: back-projection, outlier filter, PLY, one cloud of many windows.
+
+Memory grows with the voxels that hold points, not with the points: windows are added one by one,
+and of each voxel only sums are kept.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.depth.depth_map import DepthMap
+from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.utils.files import atomic_path
+
+ColourBy = Literal["depth", "confidence"]
+_BITS = 21  # per axis of a voxel's key; three fit an int64
+_MERGE_AT_LEAST = 200_000
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """Coloured points in the world.
+
+    Attributes:
+        points_world: (N, 3) float64, m.
+        colours: (N, 3) uint8 red, green, blue.
+    """
+
+    points_world: NDArray[np.float64]
+    colours: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.points_world)
+
+
+def back_project_map(depth_map: DepthMap, colour_by: ColourBy = "depth") -> PointCloud:
+    """Turns every pixel with depth into a point in the world.
+
+    Args:
+        depth_map: depth in the reference view.
+        colour_by: `depth`, red near to blue far over the sweep's planes, or `confidence`, red high.
+
+    Returns:
+        Points in the order of the image, row after row.
+    """
+    rows, columns = np.nonzero(depth_map.mask)
+    bearing = depth_map.camera.unproject(np.stack([columns, rows], axis=-1))
+    depth_m = depth_map.depth_m[rows, columns].astype(np.float64)[:, None]
+    points_rv = np.hstack([bearing * depth_m, depth_m])
+    points_world = se3.transform(depth_map.T_world_rv, points_rv)
+    return PointCloud(points_world, _colours(depth_map, rows, columns, colour_by))
+
+
+def without_outliers(cloud: PointCloud, radius_m: float, neighbours: int) -> PointCloud:
+    """Drops points that have fewer than `neighbours` other points within `radius_m`.
+
+    Raises:
+        InputError: open3d cannot be loaded.
+    """
+    if neighbours == 0 or len(cloud) == 0:
+        return cloud
+    o3d = open3d()
+    points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points_world))
+    # open3d counts the point itself, and wants more than nb_points
+    _, kept = points.remove_radius_outlier(nb_points=neighbours, radius=radius_m)
+    chosen = np.asarray(kept, np.int64)
+    return PointCloud(cloud.points_world[chosen], cloud.colours[chosen])
+
+
+def write_ply(path: Path, cloud: PointCloud, windows: NDArray[np.int32] | None = None) -> None:
+    """Writes a binary PLY with colours, whole or not at all; open3d would refuse an empty one.
+
+    Args:
+        path: the file.
+        cloud: the points.
+        windows: (N,) how many windows saw each point, as a further property; None leaves it out.
+
+    Raises:
+        InputError: the folder cannot be written to.
+        OSError: the disk is full.
+    """
+    properties = [(axis, "<f8") for axis in "xyz"] + [(c, "u1") for c in ("red", "green", "blue")]
+    properties += [] if windows is None else [("windows", "<i4")]
+    vertices = np.empty(len(cloud), properties)
+    if windows is not None:
+        vertices["windows"] = windows
+    for axis, values in zip("xyz", cloud.points_world.T, strict=True):
+        vertices[axis] = values
+    for colour, levels in zip(("red", "green", "blue"), cloud.colours.T, strict=True):
+        vertices[colour] = levels
+    kinds = {"<f8": "double", "u1": "uchar", "<i4": "int"}
+    header = [
+        "ply", "format binary_little_endian 1.0", f"element vertex {len(cloud)}",
+        *(f"property {kinds[kind]} {name}" for name, kind in properties), "end_header", "",
+    ]  # fmt: skip
+    with atomic_path(path) as partial, partial.open("wb") as file:
+        file.write("\n".join(header).encode("ascii"))
+        file.write(vertices.tobytes())
+
+
+def _colours(
+    depth_map: DepthMap, rows: NDArray[np.intp], columns: NDArray[np.intp], colour_by: ColourBy
+) -> NDArray[np.uint8]:
+    if colour_by == "depth":
+        values = np.reciprocal(depth_map.depth_m[rows, columns])
+        low, high = float(depth_map.rho.min()), float(depth_map.rho.max())
+    else:
+        values = depth_map.confidence[rows, columns]
+        low, high = 0.0, float(depth_map.confidence.max())
+    return _palette(values, low, high)
+
+
+def depth_colours(depth_m: NDArray[np.float32], near_m: float, far_m: float) -> NDArray[np.uint8]:
+    """(..., 3) red, green, blue of depths: red near, blue far, even in inverse depth."""
+    return _palette(np.reciprocal(depth_m), 1 / far_m, 1 / near_m)
+
+
+def _palette(values: NDArray[np.floating], low: float, high: float) -> NDArray[np.uint8]:
+    grey = np.rint(255 * np.clip((values - low) / (high - low), 0, 1)).astype(np.uint8)
+    palette = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_TURBO)
+    red_green_blue = palette[:, 0, ::-1].astype(np.uint8)
+    colours: NDArray[np.uint8] = red_green_blue[grey]
+    return colours
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """Sums over the points of each voxel.
+
+    Attributes:
+        keys: (V,) int64, increasing; see `VoxelCloud`.
+        sums: (V, 6) float64: position in the voxel, m, then red, green, blue.
+        points: (V,) int64.
+        windows: (V,) int32 windows that have a point there.
+    """
+
+    keys: NDArray[np.int64]
+    sums: NDArray[np.float64]
+    points: NDArray[np.int64]
+    windows: NDArray[np.int32]
+
+    @classmethod
+    def joined(cls, parts: list[_Sums]) -> _Sums:
+        """Adds up what belongs to the same voxel."""
+        keys = np.concatenate([part.keys for part in parts])
+        order = np.argsort(keys, kind="stable")
+        unique, starts = np.unique(keys[order], return_index=True)
+        if not len(unique):
+            return parts[0]
+        columns = ("sums", "points", "windows")
+        values = (np.concatenate([getattr(part, name) for part in parts]) for name in columns)
+        return cls(unique, *(np.add.reduceat(column[order], starts, axis=0) for column in values))
+
+
+class VoxelCloud:
+    """Averages points within voxels, over any number of windows."""
+
+    def __init__(self, voxel_m: float) -> None:
+        """Starts empty.
+
+        Args:
+            voxel_m: edge of a voxel, m.
+        """
+        self._voxel_m = voxel_m
+        empty = np.empty
+        self._merged = _Sums(
+            empty(0, np.int64), empty((0, 6)), empty(0, np.int64), empty(0, np.int32)
+        )
+        self._waiting: list[_Sums] = []
+        self._windows = 0
+
+    def add(self, cloud: PointCloud) -> None:
+        """Adds the points of one window.
+
+        Raises:
+            InputError: points too far from the origin for voxels of this size.
+        """
+        self._windows += 1
+        cell = np.floor(cloud.points_world / self._voxel_m)
+        inside = cloud.points_world - cell * self._voxel_m
+        columns = np.hstack([inside, cloud.colours])
+        n = len(cloud)
+        each = _Sums(self._keys(cell), columns, np.ones(n, np.int64), np.zeros(n, np.int32))
+        own = _Sums.joined([each])
+        own = _Sums(own.keys, own.sums, own.points, np.ones(len(own.keys), np.int32))
+        self._waiting.append(own)
+        # Merging costs as much as there is: so it waits until as much has come.
+        if sum(len(part.keys) for part in self._waiting) > max(_MERGE_AT_LEAST, len(self)):
+            self._merge()
+
+    def __len__(self) -> int:
+        """Voxels merged so far."""
+        return len(self._merged.keys)
+
+    def cloud(self, min_windows: int = 1) -> tuple[PointCloud, NDArray[np.int32]]:
+        """The mean point and colour of every voxel that enough windows have a point in.
+
+        Args:
+            min_windows: how many.
+
+        Returns:
+            The cloud, and for each point how many windows saw it.
+        """
+        self._merge()
+        chosen = self._merged.windows >= min_windows
+        found = self._merged
+        means = found.sums[chosen] / found.points[chosen, None]
+        corner = self._cells(found.keys[chosen]) * self._voxel_m
+        colours = np.rint(means[:, 3:]).astype(np.uint8)
+        return PointCloud(corner + means[:, :3], colours), found.windows[chosen]
+
+    def _merge(self) -> None:
+        if self._waiting:
+            self._merged, self._waiting = _Sums.joined([self._merged, *self._waiting]), []
+
+    def _keys(self, cell: NDArray[np.float64]) -> NDArray[np.int64]:
+        half = 1 << (_BITS - 1)
+        if cell.size and not np.abs(cell).max() < half - 1:
+            raise InputError(
+                f"a point {np.abs(cell).max() * self._voxel_m:.3g} m from the origin does not fit "
+                f"voxels of {self._voxel_m:g} m: choose larger ones, or limit the depth"
+            )
+        x, y, z = (cell.astype(np.int64) + half).T
+        keys: NDArray[np.int64] = (x << 2 * _BITS) | (y << _BITS) | z
+        return keys
+
+    @staticmethod
+    def _cells(keys: NDArray[np.int64]) -> NDArray[np.float64]:
+        mask, half = (1 << _BITS) - 1, 1 << (_BITS - 1)
+        columns = ((keys >> shift) & mask for shift in (2 * _BITS, _BITS, 0))
+        return np.stack([column - half for column in columns], axis=1).astype(np.float64)
+
+
+def open3d() -> Any:
+    """The library.
+
+    Raises:
+        InputError: it cannot be loaded.
+    """
+    try:
+        import open3d as library
+    except (ImportError, OSError) as error:
+        raise InputError(
+            f"open3d cannot be loaded ({error}): install its system libraries "
+            "(Debian: libgl1 libegl1 libx11-6 libusb-1.0-0 libgomp1)"
+        ) from error
+    return library
