@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from emvs import methods
+from emvs.baselines import DepthEstimator
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.depth.depth_map import DepthMap, extract, union
@@ -22,7 +23,6 @@ from emvs.dsi.sweep import Swept, grouped, sweep
 from emvs.dsi.voting import VoteCounts
 from emvs.errors import InputError
 from emvs.result import CameraCounts, WindowResult
-from emvs.rivals.rival import DepthEstimator
 from emvs.utils.runtime import Progress, Stopwatch, silent
 from emvs.view import ReferenceView, reference_view
 from emvs.window import Window, choose_window

@@ -6,12 +6,11 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from emvs import alg2, focus_methods, plugins
+from emvs import alg2, baselines, focus_methods, plugins
+from emvs.baselines import BaselineEstimator, DepthEstimator
 from emvs.dsi import fusion_kernels
 from emvs.dsi.method import CODES, MEANS, Method, MethodName, single_camera, single_cameras
 from emvs.errors import InputError
-from emvs.rivals import catalogue
-from emvs.rivals.rival import BaselineEstimator, DepthEstimator
 
 _NAME = re.compile(r"\w[\w.+@~-]*(/[\w.+@~-]+)+")
 
@@ -44,9 +43,9 @@ def _late(name: str, _mcemvs: bool) -> Method:
 
 
 def _baseline(name: str, mcemvs: bool) -> BaselineEstimator:
-    baseline = catalogue.baseline(name)
+    baseline = baselines.baseline(name)
     if baseline is None:
-        known = ", ".join(one.name for one in catalogue.BASELINES)
+        known = ", ".join(one.name for one in baselines.BASELINES)
         raise InputError(f"unknown method {name!r}: the rivals are {known}")
     if mcemvs:
         raise InputError(f"{name} does not know the mcemvs setting: choose compatibility none")
@@ -54,7 +53,7 @@ def _baseline(name: str, mcemvs: bool) -> BaselineEstimator:
 
 
 def _baseline_family(family: str) -> Family:
-    own = [baseline for baseline in catalogue.BASELINES if baseline.family == family]
+    own = [baseline for baseline in baselines.BASELINES if baseline.family == family]
     names = tuple(baseline.name for baseline in own)
     summary = "; ".join(baseline.summary for baseline in own)
     return Family(", ".join(names), summary, names, _baseline)
@@ -72,7 +71,7 @@ FAMILIES: dict[str, Family] = {
         ("Late/union",),
         _late,
     ),
-} | {family: _baseline_family(family) for family in catalogue.FAMILIES}
+} | {family: _baseline_family(family) for family in baselines.FAMILIES}
 
 _registered: dict[str, AnyMethod] = {}
 
@@ -157,7 +156,7 @@ def methods(names: Sequence[str], n_cameras: int, *, mcemvs: bool = False) -> tu
 
     Args:
         names: method names; `all` stands for what `known_methods` lists, `baselines` for the
-            methods of `emvs.rivals` that need nothing but events, `everything` for both and the
+            methods of `emvs.baselines` that need nothing but events, `everything` for both and the
             late fusion.
         n_cameras: cameras of the rig.
         mcemvs: the compatibility setting.
@@ -171,7 +170,7 @@ def methods(names: Sequence[str], n_cameras: int, *, mcemvs: bool = False) -> tu
             setting with other than two cameras.
     """
     known = known_methods(n_cameras, mcemvs=mcemvs)
-    names = [one for name in names for one in catalogue.GROUPS.get(name, (name,))]
+    names = [one for name in names for one in baselines.GROUPS.get(name, (name,))]
     others = [name for name in dict.fromkeys(names) if name not in {m.name for m in known}]
     if any(name != "all" for name in others):
         plugins.load()

@@ -11,10 +11,10 @@ import cv2
 import pytest
 from point_world import Recorded, edge_stream, sideways, stereo_rig
 
+from emvs import baselines
+from emvs.baselines.time_surface import TimeSurface
 from emvs.config import MapperConfig
 from emvs.geometry.camera import Camera
-from emvs.rivals import catalogue
-from emvs.rivals.time_surface import TimeSurface
 from emvs.view import reference_view
 from emvs.window import choose_window
 
@@ -64,9 +64,9 @@ def test_time_surface(benchmark, sensor, capsys):
 
 # SGM only, whose cost does not depend on what matches. The two cameras' edges are drawn apart, so
 # ESVO rightly says that no two estimates agree; bench_rivals_esvo.py has a plane that both see.
-@pytest.mark.parametrize("name", [n for n in catalogue.names() if n.startswith("SGM")])
+@pytest.mark.parametrize("name", [n for n in baselines.names() if n.startswith("SGM")])
 def test_rivals(benchmark, name, capsys):
-    rival, config = catalogue.baseline(name), MapperConfig(threads=1)
+    rival, config = baselines.baseline(name), MapperConfig(threads=1)
     cv2.setNumThreads(1)
     rows = []
     for sensor in SENSORS:

@@ -6,8 +6,8 @@ import time
 import pytest
 from point_world import fronto_parallel
 
+from emvs.baselines import esvo, gts
 from emvs.config import MapperConfig
-from emvs.rivals import esvo, gts
 from emvs.view import reference_view
 from emvs.window import choose_window
 

@@ -1,4 +1,4 @@
-"""Slow, plain twins of the kernels of `emvs.rivals.esvo*` and `gts*`."""
+"""Slow, plain twins of the kernels of `emvs.baselines.esvo*` and `gts*`."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Slow, plain twins of the kernels of `emvs.rivals`."""
+"""Slow, plain twins of the kernels of `emvs.baselines`."""
 
 import math
 

@@ -10,11 +10,9 @@ from hypothesis import strategies as st
 from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 
+from emvs.baselines import BASELINES, BaselineEstimator, sgm
 from emvs.dsi.method import Method
 from emvs.methods import named, register, unregister
-from emvs.rivals import sgm
-from emvs.rivals.catalogue import BASELINES
-from emvs.rivals.rival import BaselineEstimator
 from eval.confidence import unit
 from eval.line_styles import INK, line_style
 
@@ -47,7 +45,11 @@ def test_the_method_says_what_its_confidence_is(name, expected):
 
 def test_a_registered_method_says_it_too():
     register(Method.from_function("Mine/last", lambda votes: votes[-1, -1], "the last camera"))
-    register(BaselineEstimator("Mine/stereo", "SGM", sgm.estimate, confidence="grey levels"))
+    register(
+        BaselineEstimator(
+            "Mine/stereo", "SGM", sgm.estimate_time_surfaces, confidence="grey levels"
+        )
+    )
     try:
         assert (unit("Mine/last"), unit("Mine/stereo")) == ("own unit", "grey levels")
         assert {named(name).family for name in ("Mine/last", "Mine/stereo")} == {"Mine"}

@@ -9,14 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from point_world import Recorded, fronto_parallel
 
+from emvs.baselines import esvo
+from emvs.baselines.esvo import Looked, match_blocks
+from emvs.baselines.esvo_filter import Estimates, fuse_into, propagate, regularised
+from emvs.baselines.esvo_kernels import compatible, fuse_two
+from emvs.baselines.esvo_refinement import Lines, Refined, refine
 from emvs.config import MapperConfig
 from emvs.data.events import Events
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
-from emvs.rivals import esvo
-from emvs.rivals.esvo_kernels import compatible, fuse_two
-from emvs.rivals.esvo_look import Looked
-from emvs.rivals.esvo_match import match_blocks
 from emvs.rivals.esvo_parameters import (
     CleanUp,
     EsvoParameters,
@@ -24,9 +25,6 @@ from emvs.rivals.esvo_parameters import (
     Refinement,
     Regularisation,
 )
-from emvs.rivals.esvo_refine import Lines, Refined, refine
-from emvs.rivals.esvo_regularise import regularised
-from emvs.rivals.esvo_student_t import Estimates, fuse_into, propagate
 from emvs.utils.runtime import use_threads
 from emvs.view import reference_view
 from emvs.window import choose_window

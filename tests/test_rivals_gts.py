@@ -5,13 +5,12 @@ import numpy as np
 import pytest
 from point_world import Recorded, fronto_parallel
 
+from emvs.baselines import gts
+from emvs.baselines.gts import Stream, pairs, time_slopes
 from emvs.config import MapperConfig
 from emvs.data.events import Events
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
-from emvs.rivals import gts
-from emvs.rivals.gts_match import Stream, pairs
-from emvs.rivals.gts_motion import time_slopes
 from emvs.rivals.parameters import Coincidence, GtsParameters
 from emvs.utils.runtime import use_threads
 from emvs.view import reference_view

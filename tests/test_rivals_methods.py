@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 from point_world import Recorded, edge_stream, fronto_parallel, sideways, stereo_rig
 
+from emvs import baselines
+from emvs.baselines import BaselineEstimator, sgm
+from emvs.baselines.sgm import match
 from emvs.config import MapperConfig
 from emvs.data.events import Events
 from emvs.data.image_stores import Photo
@@ -16,10 +19,7 @@ from emvs.map_files import read_depth, read_slices
 from emvs.mapper import map_window
 from emvs.methods import methods, overview, register, unregister
 from emvs.output import write_window
-from emvs.rivals import catalogue, sgm
 from emvs.rivals.parameters import SemiGlobal
-from emvs.rivals.rival import BaselineEstimator
-from emvs.rivals.semi_global import match
 from emvs.window import Window
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25, border_px=0)
@@ -52,13 +52,13 @@ def lines(error):
 
 def test_all_stays_the_fusion_methods_and_rivals_are_the_others():
     everything = [method.name for method in methods(("all", "baselines"), 2)]
-    assert not {name.split("/")[0] for name in everything[:9]} & set(catalogue.FAMILIES)
-    assert tuple(everything[9:]) == catalogue.names()
-    assert set(ALWAYS) <= set(catalogue.names())
-    assert "Frames/sgm" not in catalogue.names()
+    assert not {name.split("/")[0] for name in everything[:9]} & set(baselines.FAMILIES)
+    assert tuple(everything[9:]) == baselines.names()
+    assert set(ALWAYS) <= set(baselines.names())
+    assert "Frames/sgm" not in baselines.names()
     assert methods(("baselines", "SGM/ts"), 2) == methods(("baselines",), 2)
     shown = " ".join(overview())
-    assert all(baseline.name in shown for baseline in catalogue.BASELINES)
+    assert all(baseline.name in shown for baseline in baselines.BASELINES)
 
 
 def test_names_that_no_rival_has_are_refused():
@@ -72,7 +72,7 @@ def test_names_that_no_rival_has_are_refused():
 
 def test_a_rival_of_ones_own():
     def nothing_new(recording, window, view, config):
-        return sgm.estimate(recording, window, view, config)
+        return sgm.estimate_time_surfaces(recording, window, view, config)
 
     register(BaselineEstimator("Own/rival", "nothing new", nothing_new))
     try:

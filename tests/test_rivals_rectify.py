@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from point_world import pinhole, sideways, stereo_rig
 from scipy.spatial.transform import Rotation
 
+from emvs.baselines.rectification import Rectified, depth_map, see, see_disparities
 from emvs.config import MapperConfig
 from emvs.data.events import Events
 from emvs.errors import InputError
@@ -15,8 +16,6 @@ from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.planes import inverse_depth_planes
-from emvs.rivals.rectify import Rectified
-from emvs.rivals.to_view import depth_map, see, see_disparities
 from emvs.view import ReferenceView
 
 LENSES = (

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 import scenes
+from emvs.baselines import sgm
+from emvs.baselines.esvo import Looker
+from emvs.baselines.esvo_filter import propagate
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.mapper import map_window
-from emvs.rivals import sgm
-from emvs.rivals.esvo_look import Looker
-from emvs.rivals.esvo_student_t import propagate
 from emvs.view import reference_view
 from emvs.window import choose_window
 from sim.config import SimConfig

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from emvs.baselines.time_surface import TimeSurface
+from emvs.baselines.time_surface_kernels import NEVER_US
 from emvs.data.events import Events
 from emvs.errors import InputError
-from emvs.rivals.time_surface import TimeSurface
-from emvs.rivals.time_surface_kernels import NEVER_US
 
 WIDTH, HEIGHT = 7, 5
 

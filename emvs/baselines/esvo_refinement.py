@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.rivals.esvo_kernels import refine_all
+from emvs.baselines.esvo_kernels import refine_all
 from emvs.rivals.esvo_parameters import Refinement
 
 Image = NDArray[np.float32]

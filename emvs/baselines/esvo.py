@@ -1,0 +1,270 @@
+"""ESVO's mapping, with given poses: blocks matched on time surfaces, refined, and fused over time.
+
+Zhou, Gallego, Shen, *Event-based Stereo Visual Odometry*, TRO 2021, section IV, from its
+description; what that leaves open is as in the authors' program (docs/baselines_esvo.md). Each map
+takes the newest events (`esvo_look`); maps are carried into the reference view and fused there,
+the newest first.
+
+Zhou, Gallego, Shen, TRO 2021, section IV: zero-mean normalised cross-correlation (ZNCC), coarse to
+fine, gives the inverse depth from which the refinement starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.baselines.esvo_filter import Estimates, fuse_into, propagate, regularised
+from emvs.baselines.esvo_kernels import deviation_of, search
+from emvs.baselines.esvo_refinement import Lines, Refined, refine
+from emvs.baselines.rectification import Rectified, depth_map
+from emvs.baselines.sgm import disparity_range_px, instants_us
+from emvs.baselines.time_surface import TimeSurface
+from emvs.config import MapperConfig
+from emvs.data.events import Events
+from emvs.data.recording import Recording
+from emvs.depth.depth_map import DepthMap
+from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.rivals.esvo_parameters import EsvoParameters, Matching
+from emvs.view import ReferenceView
+from emvs.window import Window
+
+Floats = NDArray[np.float64]
+Image = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Looked:
+    """What one map made of its events, in the order of the events.
+
+    Attributes:
+        t_ref_us: time of the map, µs.
+        t_us: (N,) int64 times of the events, µs.
+        bearing: (N, 3) their rays in the rectified view of camera i, of depth 1.
+        start: (N,) inverse depths by block matching, 1/m.
+        refined: (N,) the same, refined; NaN where refinement failed or the result is vague.
+    """
+
+    t_ref_us: int
+    t_us: NDArray[np.int64]
+    bearing: Floats
+    start: Floats
+    refined: Refined
+
+    @property
+    def estimates(self) -> int:
+        """How many events have an inverse depth."""
+        return int(np.isfinite(self.refined.rho).sum())
+
+
+class Looker:
+    """Keeps both time surfaces and looks at them at growing times.
+
+    Args:
+        recording: two cameras or more, of which 0 and 1 are used.
+        start_us: from when on events count, µs.
+        view: whose planes limit depth.
+        parameters: of the mapping.
+    """
+
+    def __init__(
+        self, recording: Recording, start_us: int, view: ReferenceView, parameters: EsvoParameters
+    ) -> None:
+        self.stereo = Rectified.of(recording.rig)
+        self._recording, self._parameters, self._fed_us = recording, parameters, start_us
+        self._range_px = disparity_range_px(self.stereo, view)
+        self._surfaces = [
+            TimeSurface(
+                recording.rig.cameras[k].width_px, recording.rig.cameras[k].height_px,
+                parameters.decay_s, median_px=parameters.median_px,
+                blur_sigma_px=parameters.blur_sigma_px,
+            )
+            for k in self.stereo.cameras
+        ]  # fmt: skip
+
+    @property
+    def px_per_rho(self) -> float:
+        """Disparity of an inverse depth of 1/m, px."""
+        return self.stereo.camera.fx_px * self.stereo.baseline_m
+
+    def at(self, t_us: int) -> Looked:
+        """Estimates the newest events before `t_us`, µs."""
+        for camera, surface in zip(self.stereo.cameras, self._surfaces, strict=True):
+            surface.update(self._recording.events(camera, self._fed_us, t_us))
+        self._fed_us = t_us
+        left, right = (
+            self.stereo.image(side, surface.at(t_us)) * np.float32(255)
+            for side, surface in enumerate(self._surfaces)
+        )
+        events, uv_px = self._newest(t_us)
+        pixels = np.rint(uv_px).astype(np.int64)
+        matching = self._parameters.matching
+        disparity_px, _ = match_blocks(left, right, pixels, self._range_px, matching)
+        found = np.isfinite(disparity_px)
+        times_us, uv_px = events.t_us[found], uv_px[found]
+        start = disparity_px[found].astype(np.float64) / self.px_per_rho
+        bearing = np.column_stack([self.stereo.camera.unproject(uv_px), np.ones(len(uv_px))])
+        lines = self._lines(t_us, times_us, bearing)
+        refined = refine(left, right, lines, start, self._parameters.refinement)
+        return Looked(t_us, times_us, bearing, start, self._checked(refined))
+
+    def pose(self, t_us: int | NDArray[np.int64]) -> Floats:
+        """(..., 4, 4) pose of the rectified view of camera i in the world."""
+        pose: Floats = self._recording.trajectory.at(t_us) @ self.stereo.T_body_rect[0]
+        return pose
+
+    def _newest(self, t_us: int) -> tuple[Events, Floats]:
+        """The newest events and their rectified pixels."""
+        camera = self.stereo.cameras[0]
+        since_us = t_us - round(self._parameters.recent_s * 1e6)
+        events = self._recording.events(camera, since_us, t_us)
+        events = events.slice(max(0, len(events) - self._parameters.most_events), len(events))
+        uv_px = self.stereo.events_px(0, events).astype(np.float64)
+        seen = np.isfinite(uv_px).all(axis=1)
+        return (
+            Events(events.x[seen], events.y[seen], events.t_us[seen], events.p[seen]),
+            uv_px[seen],
+        )
+
+    def _lines(self, t_us: int, times_us: NDArray[np.int64], bearing: Floats) -> Lines:
+        T_now_world = se3.inverse(self.pose(t_us))
+        T_now_then = T_now_world @ self.pose(times_us)
+        camera = self.stereo.camera
+        return Lines(
+            np.einsum("nij,nj->ni", T_now_then[:, :3, :3], bearing), T_now_then[:, :3, 3].copy(),
+            camera.fx_px, (camera.cx_px, camera.cy_px), self.stereo.baseline_m,
+        )  # fmt: skip
+
+    def _checked(self, refined: Refined) -> Refined:
+        """Without those that fit badly, are vague, or lie beyond the planes."""
+        clean_up, dof = self._parameters.clean_up, self._parameters.refinement.dof
+        low, high = self._range_px
+        with np.errstate(invalid="ignore"):
+            good = refined.spread <= clean_up.most_spread
+            deviation_px = deviation_of(refined.scale, dof) * self.px_per_rho
+            good &= deviation_px <= clean_up.most_deviation_px
+            disparity_px = refined.rho * self.px_per_rho
+            good &= (disparity_px >= low) & (disparity_px <= high)
+        return Refined(np.where(good, refined.rho, np.nan), refined.scale, refined.spread)
+
+
+def estimate(
+    recording: Recording, window: Window, view: ReferenceView, config: MapperConfig,
+    parameters: EsvoParameters | None = None,
+) -> DepthMap:  # fmt: skip
+    """Fuses the newest maps up to the reference time (`ESVO/own-rate`).
+
+    Confidence is the inverse of the standard deviation of inverse depth, m.
+
+    Args:
+        recording: two cameras or more, of which 0 and 1 are used.
+        window: of which the part before the reference time is looked at.
+        view: where depth is wanted.
+        config: the border that reports no depth.
+        parameters: of the mapping; by default those of `config`.
+
+    Raises:
+        InputError: a rig or depth range that cannot be matched, too short a window, or one in which
+            no two estimates agree.
+    """
+    parameters = parameters or config.esvo
+    times_us = instants_us(window, parameters.rate_hz)
+    before = [t_us for t_us in times_us if t_us <= window.t_ref_us]
+    if not before:
+        raise InputError(
+            f"ESVO/own-rate: no map at {parameters.rate_hz:g} Hz between {window.t0_us} µs and the "
+            f"reference time {window.t_ref_us} µs: choose a longer duration_s"
+        )
+    looker = Looker(recording, window.t0_us, view, parameters)
+    newest = _newest([looker.at(t_us) for t_us in before], parameters.most_points)
+    return _fused("ESVO/own-rate", newest, looker, view, config, parameters)
+
+
+def estimate_window(
+    recording: Recording, window: Window, view: ReferenceView, config: MapperConfig,
+    parameters: EsvoParameters | None = None,
+) -> DepthMap:  # fmt: skip
+    """Fuses every map of the window (`ESVO/window`); otherwise as `estimate`."""
+    parameters = parameters or config.esvo
+    looker = Looker(recording, window.t0_us, view, parameters)
+    maps = [looker.at(t_us) for t_us in instants_us(window, parameters.rate_hz)]
+    return _fused("ESVO/window", maps, looker, view, config, parameters)
+
+
+def _newest(maps: Sequence[Looked], most_points: int) -> Sequence[Looked]:
+    """The last maps whose estimates are not more than so many; at least the last one."""
+    points = np.cumsum([looked.estimates for looked in reversed(maps)])
+    return maps[len(maps) - max(1, int((points <= most_points).sum())) :]
+
+
+def _fused(
+    method: str, maps: Sequence[Looked], looker: Looker, view: ReferenceView, config: MapperConfig,
+    parameters: EsvoParameters,
+) -> DepthMap:  # fmt: skip
+    known = Estimates.empty(view.camera.height_px, view.camera.width_px)
+    for looked in reversed(maps):
+        known = _with(known, looked, looker, view, parameters)
+    clean_up = parameters.clean_up
+    most = clean_up.most_deviation_px / looker.px_per_rho
+    rho = regularised(known, clean_up, parameters.regularisation, most)
+    inside = rho > 0
+    if not inside.any():
+        estimates = sum(looked.estimates for looked in maps)
+        raise InputError(
+            f"{method}: {estimates} estimates of {len(maps)} maps up to {maps[-1].t_ref_us} µs, "
+            f"but no pixel where {clean_up.least_fusions + 1} of them agree: choose a longer or "
+            "another window, or check the calibration"
+        )
+    depth_m = np.divide(1, rho, out=np.zeros(rho.shape), where=inside).astype(np.float32)
+    sure = np.divide(1, known.deviation, out=np.zeros(rho.shape), where=inside).astype(np.float32)
+    return depth_map(method, depth_m, sure, view, config)
+
+
+def _with(
+    known: Estimates, looked: Looked, looker: Looker, view: ReferenceView,
+    parameters: EsvoParameters,
+) -> Estimates:  # fmt: skip
+    """Carries a map into the reference view and fuses it there."""
+    if not looked.estimates:
+        return known
+    T_rv_then = se3.inverse(view.T_world_rv) @ looker.pose(looked.t_us)
+    rays = np.einsum("nij,nj->ni", T_rv_then[:, :3, :3], looked.bearing)
+    refined = looked.refined
+    bearing, rho, scale = propagate(rays, T_rv_then[:, :3, 3], refined.rho, refined.scale)
+    camera = view.camera
+    uv_px = bearing * (camera.fx_px, camera.fy_px) + (camera.cx_px, camera.cy_px)
+    return fuse_into(known, uv_px, rho, scale, refined.spread, parameters.refinement.dof)
+
+
+def match_blocks(
+    left: Image, right: Image, pixels: NDArray[np.int64], range_px: tuple[int, int],
+    settings: Matching,
+) -> tuple[Image, Image]:  # fmt: skip
+    """Matches a block around each pixel.
+
+    Args:
+        left: (H, W) float32 time surface, 0..255.
+        right: (H, W) float32, rows aligned with it.
+        pixels: (N, 2) int64 columns and rows in the left one.
+        range_px: smallest and largest disparity.
+        settings: of the matching.
+
+    Returns:
+        (N,) float32 whole disparities, px, NaN where no block of the right surface reaches
+        `least_zncc`, the best lies at either end of the range, or the block leaves the picture;
+        and (N,) float32 their ZNCC.
+    """
+    disparity_px = np.empty(len(pixels), np.float32)
+    score = np.empty(len(pixels), np.float32)
+    low, high = max(range_px[0] - 1, 0), range_px[1] + 1
+    half = settings.width_px // 2, settings.height_px // 2
+    search(
+        left, right, pixels, low, high, half[0], half[1], settings.coarse_px, disparity_px, score
+    )
+    with np.errstate(invalid="ignore"):
+        good = (score >= settings.least_zncc) & (disparity_px > low) & (disparity_px < high)
+    return np.where(good, disparity_px, np.float32(np.nan)), score
