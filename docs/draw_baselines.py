@@ -18,7 +18,7 @@ import numpy as np
 from PIL import Image
 
 from emvs.data.sequence import Sequence
-from emvs.output import read_map
+from emvs.maps.folder import read_map
 from eval.colour import depth_scale
 from eval.results import read_results
 

@@ -18,7 +18,7 @@ import open3d as o3d
 
 from emvs.dsi.method import file_name
 from emvs.geometry import se3
-from emvs.output import read_map
+from emvs.maps.folder import read_map
 
 SIZE_PX, DPI = (480, 360), 80
 

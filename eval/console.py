@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from emvs.data.sequence import Sequence as EventSequence
-from emvs.output import StoredMap
+from emvs.maps.folder import StoredMap
 from eval import findings, map_summary, ranking
 from eval.exits import with_flags
 from eval.progress import Bars, Progress, Silent
@@ -20,7 +20,7 @@ from eval.results import Results, Row, to_json
 from eval.score import POOLED
 
 if TYPE_CHECKING:
-    from emvs.fuse_windows import FusedInfo
+    from emvs.maps.merge import FusedInfo
 
 
 class Console:

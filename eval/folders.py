@@ -14,8 +14,7 @@ from emvs.datasets import open_recording
 from emvs.datasets.ground_truth import truth_at
 from emvs.datasets.posed import PosedRecording
 from emvs.errors import InputError
-from emvs.map_info import RecordingInfo
-from emvs.output import StoredMap, StoredWindow, read_map
+from emvs.maps.folder import RecordingInfo, StoredMap, StoredWindow, read_map
 from eval.config import EvalConfig
 from eval.pairing import Truth
 

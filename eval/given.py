@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from emvs.errors import InputError
-from emvs.output import StoredWindow
+from emvs.maps.folder import StoredWindow
 from eval.config import EvalConfig
 from eval.folders import Scored, truth_of
 from eval.pairing import Estimate

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from emvs.config import MapperConfig
-from emvs.map_info import RecordingInfo
 from emvs.mapper import map_window
-from emvs.sliding import map_windows
+from emvs.maps.folder import RecordingInfo
+from emvs.maps.sliding import map_windows
 from eval.cost_growth import Growth
 from eval.cost_stream import WINDOW_US, MovingEdges
 from eval.gpu_calls import call

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from emvs.datasets import open_recording
-from emvs.output import StoredMap
-from emvs.sliding import map_windows
+from emvs.maps.folder import StoredMap
+from emvs.maps.sliding import map_windows
 from eval import folders
 from eval.progress import MapBars, Progress, Silent
 from eval.settings import Settings
@@ -26,7 +26,7 @@ def map_recording(
     """Maps one window of a recording and writes the map folder, with its own report on request.
 
     With `window_s` or `window_events` it maps sliding windows: `out` grows window by window, and
-    the same call takes up an unfinished one (`emvs.sliding`).
+    the same call takes up an unfinished one (`emvs.maps.sliding`).
 
     Raises:
         InputError: what `open_recording` or `map_windows` refuses.

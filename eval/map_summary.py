@@ -8,7 +8,7 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from emvs.output import StoredMap, StoredWindow
+from emvs.maps.folder import StoredMap, StoredWindow
 
 _MOST_SKIPPED_SHOWN = 5
 

@@ -94,7 +94,7 @@ def mapping(update: Update) -> Callable[[str, int, int], None]:
 
 
 class MapBars:
-    """Takes what `emvs.sliding.map_windows` tells, and moves bars that run from 0 to 1.
+    """Takes what `emvs.maps.sliding.map_windows` tells, and moves bars that run from 0 to 1.
 
     One bar for all sliding windows; or one for mapping a single window, then one for its files. To
     be used as a context.

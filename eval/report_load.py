@@ -15,7 +15,7 @@ from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
 from emvs.depth.depth_map import DepthMap
 from emvs.dsi.slices import Slices
-from emvs.output import StoredMap, StoredWindow
+from emvs.maps.folder import StoredMap, StoredWindow
 from eval.config import EvalConfig
 from eval.folders import CONFIG_FILE, Scored, find_maps, has_truth, recording_of, truth_of
 from eval.pairing import Truth

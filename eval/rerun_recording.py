@@ -19,7 +19,7 @@ from emvs.depth.depth_map import DepthMap
 from emvs.depth.point_cloud import back_project_map, without_outliers
 from emvs.dsi.method import file_name
 from emvs.errors import InputError
-from emvs.output import StoredMap, StoredWindow
+from emvs.maps.folder import StoredMap, StoredWindow
 from emvs.utils.files import atomic_path
 from eval.config import EvalConfig
 from eval.folders import Scored, find_maps, has_truth, recording_of, truth_of

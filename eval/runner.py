@@ -11,7 +11,7 @@ from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence as EventSequence
 from emvs.dsi import device
 from emvs.errors import InputError
-from emvs.output import StoredWindow
+from emvs.maps.folder import StoredWindow
 from emvs.utils.files import atomic_dir
 from eval import folders
 from eval.config import EvalConfig

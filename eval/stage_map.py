@@ -9,8 +9,8 @@ from typing import Any
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.datasets import open_recording
-from emvs.map_store import write_entry
-from emvs.sliding import map_into, one_window, without
+from emvs.maps.sliding import map_into, one_window, without
+from emvs.maps.store import write_entry
 from eval.stage_files import SEQUENCE
 
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from emvs.data.sequence import Sequence as EventSequence
-from emvs.map_store import read_entry
-from emvs.output import StoredWindow
+from emvs.maps.folder import StoredWindow
+from emvs.maps.store import read_entry
 from eval.config import EvalConfig
 from eval.metric_versions import metric_versions
 from eval.results import Row

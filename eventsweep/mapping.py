@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from emvs import mapper, sliding
+from emvs import mapper
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.datasets import open_recording
 from emvs.errors import InputError
-from emvs.map_info import RecordingInfo
+from emvs.maps import sliding
+from emvs.maps.folder import RecordingInfo, StoredMap, read_map
 from emvs.memory import check_window_fits
-from emvs.output import StoredMap, read_map
 from emvs.result import WindowResult
 from emvs.utils.runtime import Progress, silent
 from emvs.window import choose_window

@@ -15,10 +15,9 @@ from emvs.dsi.cuda import backend as cuda_backend
 from emvs.dsi.cuda import device as library
 from emvs.dsi.method import Method
 from emvs.errors import InputError
-from emvs.map_info import RecordingInfo
 from emvs.mapper import map_window
-from emvs.output import read_map
-from emvs.sliding import map_windows
+from emvs.maps.folder import RecordingInfo, read_map
+from emvs.maps.sliding import map_windows
 
 if library.missing():
     pytest.skip(library.missing(), allow_module_level=True)

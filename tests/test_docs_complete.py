@@ -12,8 +12,8 @@ import pytest
 
 from emvs.config import MapperConfig
 from emvs.depth.inpainting import Dense
-from emvs.fuse_windows import FusedInfo
-from emvs.map_info import HotPixelInfo, MapInfo, RecordingInfo, SkippedWindow, WindowInfo
+from emvs.maps.folder import HotPixelInfo, MapInfo, RecordingInfo, SkippedWindow, WindowInfo
+from emvs.maps.merge import FusedInfo
 from eval.config import EvalConfig
 from eval.settings_table import TABLES, main, settings_block
 

@@ -9,10 +9,9 @@ from point_world import fronto_parallel
 from emvs.config import MapperConfig
 from emvs.data.events import Events
 from emvs.hot_pixels import WithoutPixels, find_hot_pixels, hot_mask
-from emvs.map_info import RecordingInfo
 from emvs.mapper import map_window
-from emvs.output import read_map
-from emvs.sliding import map_windows
+from emvs.maps.folder import RecordingInfo, read_map
+from emvs.maps.sliding import map_windows
 from emvs.window import choose_window
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4, planes=20, methods=("Alg1/H", "EMVS/cam0"))

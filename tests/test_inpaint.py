@@ -12,7 +12,7 @@ from emvs.config import MapperConfig
 from emvs.depth.inpainting import fill, inpaint
 from emvs.errors import InputError
 from emvs.mapper import map_window
-from emvs.output import StoredWindow, write_window
+from emvs.maps.folder import StoredWindow, write_window
 
 SHAPE = (30, 40)
 

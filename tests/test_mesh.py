@@ -14,11 +14,10 @@ from emvs.depth.point_cloud import PointCloud, VoxelCloud
 from emvs.depth.tsdf import SurfaceFusion, write_mesh
 from emvs.errors import InputError
 from emvs.fuse_config import FuseConfig
-from emvs.fuse_windows import fuse_windows
 from emvs.geometry.camera import Camera
-from emvs.map_info import RecordingInfo
-from emvs.output import read_map
-from emvs.sliding import map_windows
+from emvs.maps.folder import RecordingInfo, read_map
+from emvs.maps.merge import fuse_windows
+from emvs.maps.sliding import map_windows
 
 
 def cloud_of(points):

@@ -6,9 +6,8 @@ from point_world import fronto_parallel
 
 from emvs.config import MapperConfig
 from emvs.errors import InputError
-from emvs.map_info import RecordingInfo
 from emvs.mapper import map_window
-from emvs.output import read_map, write_index, write_window
+from emvs.maps.folder import RecordingInfo, read_map, write_index, write_window
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4, planes=20, methods=("Alg1/H", "EMVS/cam0"))
 RECORDING = RecordingInfo(name="points", path="somewhere/points", manifest_sha256="ab12")

@@ -93,7 +93,7 @@ def test_ply_holds_what_was_written(tmp_path, points):
 
 
 def test_mapping_never_loads_open3d():
-    code = "import emvs.output, emvs.mapper, sys; raise SystemExit('open3d' in sys.modules)"
+    code = "import emvs.maps.folder, emvs.mapper, sys; raise SystemExit('open3d' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -13,7 +13,7 @@ from mujoco_scenes import tiny_rig
 
 import scenes
 from emvs.config import MapperConfig
-from emvs.output import read_map
+from emvs.maps.folder import read_map
 from eval.cli import main
 from eval.map_stage import map_recording
 from eval.rerun_recording import write_rerun

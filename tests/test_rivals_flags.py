@@ -4,7 +4,7 @@ import pytest
 from point_world import fronto_parallel
 
 from emvs.data.writer import SequenceWriter
-from emvs.output import read_map
+from emvs.maps.folder import read_map
 from eval.cli import main
 
 PLANES = ["--map.planes", "25", "--map.border-px", "0"]

@@ -15,10 +15,9 @@ from emvs.data.events import Events
 from emvs.data.image_stores import Photo
 from emvs.errors import InputError
 from emvs.geometry.camera import Camera
-from emvs.map_files import read_depth, read_slices
 from emvs.mapper import map_window
+from emvs.maps.folder import read_depth, read_slices, write_window
 from emvs.methods import methods, overview, register, unregister
-from emvs.output import write_window
 from emvs.rivals.parameters import SemiGlobal
 from emvs.window import Window
 

@@ -11,7 +11,7 @@ import pytest
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence
 from emvs.mapper import map_window
-from emvs.output import read_map
+from emvs.maps.folder import read_map
 from eval.cli import main
 from eval.metrics import METRICS
 from eval.results import read_results

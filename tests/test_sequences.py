@@ -9,7 +9,7 @@ from emvs.datasets import open_recording
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
 from emvs.hot_pixels import find_hot_pixels
-from emvs.output import read_map
+from emvs.maps.folder import read_map
 from eval.cli import main
 from eval.progress import MapBars
 from eval.results import read_results

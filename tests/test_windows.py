@@ -19,13 +19,12 @@ from emvs.data.recording import DerivedRecording
 from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.geometry.trajectory import Trajectory
-from emvs.map_info import RecordingInfo
-from emvs.map_store import open_store
 from emvs.mapper import map_window
+from emvs.maps.folder import RecordingInfo, read_map
+from emvs.maps.sliding import map_windows
+from emvs.maps.store import open_store
 from emvs.memory import check_view_fits, need_memory
-from emvs.output import read_map
 from emvs.pose_gaps import check_poses
-from emvs.sliding import map_windows
 from emvs.view import reference_view
 from emvs.windows import _every, plan_windows
 
@@ -494,8 +493,8 @@ from emvs.data.events import Events
 from emvs.data.recording import DerivedRecording
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from emvs.map_info import RecordingInfo
-from emvs.sliding import map_windows
+from emvs.maps.folder import RecordingInfo
+from emvs.maps.sliding import map_windows
 
 SECONDS, PER_SECOND, POINTS = 60, 400_000, 4000
 CAMERA = Camera(1280, 720, 1050, 1050, 639.5, 359.5)

@@ -29,8 +29,8 @@ def fuse(
         folder: What `map` wrote; global/METHOD in it is written anew.
         method: Whose depth maps; by default Alg1/H.
     """
-    from emvs.fuse_windows import fuse_windows
-    from emvs.output import read_map
+    from emvs.maps.folder import read_map
+    from emvs.maps.merge import fuse_windows
 
     console = common.console()
     stored = read_map(folder)

@@ -1,4 +1,4 @@
-"""Maps a recording into a map folder: one window, or a whole recording in sliding windows.
+"""Maps a recording window by window: constant memory, results as they come, resumable.
 
 Every window goes the same way: it is checked, mapped and written (`map_into`). A single one appears
 with its folder, whole or not at all; sliding windows take constant memory, appear one by one, and a
@@ -8,21 +8,24 @@ run that was stopped goes on where it was.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from types import TracebackType
 
 import numpy as np
 
 from emvs import methods
-from emvs.ahead import ReadAhead
 from emvs.config import MapperConfig
-from emvs.data.recording import Recording
+from emvs.data.events import Events
+from emvs.data.recording import DerivedRecording, Recording
 from emvs.dsi import device as devices
 from emvs.dsi.device import Device
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
 from emvs.hot_pixels import HotPixels, WithoutPixels, find_hot_pixels
-from emvs.map_info import (
+from emvs.mapper import check_request, map_window
+from emvs.maps.folder import (
     SCHEMA_VERSION,
     HotPixelInfo,
     MapInfo,
@@ -30,11 +33,11 @@ from emvs.map_info import (
     SkippedWindow,
     WindowInfo,
     read_info,
+    write_index,
+    write_window,
 )
-from emvs.map_store import MapStore, identity, open_store, read_entry, write_entry
-from emvs.mapper import check_request, map_window
+from emvs.maps.store import MapStore, identity, open_store, read_entry, write_entry
 from emvs.memory import check_view_fits, check_window_fits
-from emvs.output import write_index, write_window
 from emvs.pose_gaps import check_poses
 from emvs.utils.files import atomic_dir, refuse_existing
 from emvs.utils.runtime import Progress, silent, versions
@@ -44,8 +47,8 @@ from emvs.windows import WindowPlan, plan_windows
 
 Hot = tuple[HotPixels, ...] | None
 """The hot pixels of every camera; None where the filter is off."""
-
 _SINGLE = "w000"
+_Stretch = tuple[int, int]
 
 
 def _add_nothing(folder: Path) -> None:
@@ -326,3 +329,60 @@ def _check_entry(path: Path, window: Window, device: Device) -> None:
             f"{path}: was mapped on {found.device}, not {device.name}: choose that device, another "
             "output, or set force=True to replace it"
         )
+
+
+class ReadAhead(DerivedRecording):
+    """Reads windows ahead, in a thread of its own; to be used as a context."""
+
+    def __init__(
+        self, recording: Recording, received: Callable[[Events], Events], *, ahead: bool
+    ) -> None:
+        """Starts nothing yet.
+
+        Args:
+            recording: what to read.
+            received: what is done with events as they are read, such as an upload.
+            ahead: whether to read ahead at all; else everything is read when it is asked for.
+        """
+        super().__init__(recording)
+        self._received, self._ahead = received, ahead
+        self._thread = ThreadPoolExecutor(1)
+        self._coming: dict[_Stretch, Future[list[Events]]] = {}
+
+    def __enter__(self) -> ReadAhead:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:  # fmt: skip
+        self._thread.shutdown(cancel_futures=True)
+
+    def start(self, window: Window) -> None:
+        """Starts to read a window, once."""
+        stretch = window.t0_us, window.t1_us
+        if self._ahead and stretch not in self._coming:
+            self._coming[stretch] = self._thread.submit(self._read, window)
+
+    def drop(self, window: Window) -> None:
+        """Lets go of a window."""
+        self._coming.pop((window.t0_us, window.t1_us), None)
+
+    def _read(self, window: Window) -> list[Events]:
+        check_window_fits(self.recording, window)
+        cameras = range(len(self.rig))
+        return [
+            self._received(self.recording.events(camera, window.t0_us, window.t1_us))
+            for camera in cameras
+        ]
+
+    def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
+        """Events of a camera with `t0_us <= t < t1_us`, read ahead where that was started."""
+        coming = self._coming.get((t0_us, t1_us))
+        if coming is not None:
+            try:
+                return coming.result()[camera]
+            except (InputError, MemoryError):
+                # Two windows at a time may be too much; its own turn will tell.
+                self._coming.pop((t0_us, t1_us), None)
+        return self.recording.events(camera, t0_us, t1_us)

@@ -21,7 +21,7 @@ from pydantic import ValidationError
 
 from emvs.data.recording import Recording
 from emvs.errors import InputError
-from emvs.map_info import MapInfo, WindowInfo, read_info
+from emvs.maps.folder import MapInfo, WindowInfo, read_info
 from emvs.utils.files import atomic_dir, atomic_path
 
 _INDEX, _ENTRY = "map.json", "window.json"

@@ -21,7 +21,7 @@ from emvs.depth.tsdf import SurfaceFusion, write_mesh
 from emvs.dsi.method import file_name
 from emvs.errors import InputError
 from emvs.fuse_config import FuseConfig
-from emvs.output import StoredMap
+from emvs.maps.folder import StoredMap
 from emvs.utils.files import atomic_dir
 
 FOLDER = "global"

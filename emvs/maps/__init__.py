@@ -1,0 +1,1 @@
+"""Map folders: written, read, grown window by window, merged."""

@@ -1,0 +1,416 @@
+"""The map folder: what a mapper leaves for scores and reports, in files of documented form."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from emvs.config import MapperConfig
+from emvs.data.recording import Recording
+from emvs.depth.depth_map import DepthMap
+from emvs.depth.inpainting import Dense, inpaint, write_dense
+from emvs.depth.point_cloud import back_project_map, without_outliers, write_ply
+from emvs.dsi.method import file_name
+from emvs.dsi.slices import Slices
+from emvs.errors import DAMAGED_NPY, InputError
+from emvs.geometry.camera import Camera
+from emvs.result import WindowResult
+from emvs.utils.runtime import versions
+
+CURE = "run `eventsweep map` again"
+_DEPTH_KEYS = (
+    "depth_m", "confidence", "mask", "argmax", "rho", "t_us", "T_world_rv", "camera",
+)  # fmt: skip
+Arrays = Mapping[str, NDArray[Any]]
+SCHEMA_VERSION = 1
+
+
+def write_window(
+    directory: Path,
+    result: WindowResult,
+    config: MapperConfig,
+    camera_names: Sequence[str],
+    *,
+    clouds: bool = True,
+    name: str | None = None,
+) -> WindowInfo:
+    """Writes one window's folder; `directory` is made, and its name becomes the window's.
+
+    Args:
+        directory: such as `MAP/w000`, in a folder that the caller writes atomically.
+        result: the mapped window.
+        config: radius filter of the clouds.
+        camera_names: one per camera, for the counts.
+        clouds: whether to write `cloud.ply` (loads open3d).
+        name: of the window, where its folder has another one for now.
+
+    Returns:
+        The window's entry of `map.json`, for `write_index`.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    for depth_map in result.depth_maps.values():
+        folder = directory / file_name(depth_map.method)
+        folder.mkdir()
+        write_depth(folder / "depth.npz", depth_map)
+        if config.inpaint:
+            write_dense(folder / "dense.npz", inpaint(depth_map))
+        if clouds:
+            cloud = back_project_map(depth_map)
+            cloud = without_outliers(cloud, config.radius_m, config.radius_neighbours)
+            write_ply(folder / "cloud.ply", cloud)
+    write_slices(directory / "slices.npz", result.slices)
+    np.savez(directory / "events.npz", counts=result.event_image)
+    return WindowInfo(
+        name=name or directory.name,
+        t0_us=result.window.t0_us,
+        t1_us=result.window.t1_us,
+        t_ref_us=result.window.t_ref_us,
+        methods=tuple(result.depth_maps),
+        counts={
+            name: counts.to_json() for name, counts in zip(camera_names, result.counts, strict=True)
+        },
+        points={method: found.points for method, found in result.depth_maps.items()},
+        device=result.device,
+    )
+
+
+def write_index(
+    directory: Path,
+    recording: RecordingInfo,
+    config: MapperConfig,
+    windows: Sequence[WindowInfo],
+    hot_pixels: Mapping[str, HotPixelInfo] = MappingProxyType({}),
+) -> None:
+    """Writes `map.json`, last: a folder without it is no map."""
+    info = MapInfo(
+        schema_version=SCHEMA_VERSION,
+        recording=recording,
+        config=config,
+        versions=versions(),
+        windows=tuple(windows),
+        hot_pixels=dict(hot_pixels),
+    )
+    text = json.dumps(info.model_dump(mode="json"), indent=2, ensure_ascii=False)
+    (directory / "map.json").write_text(text + "\n", encoding="utf-8")
+
+
+class StoredWindow:
+    """One window of a map folder; files are read when asked for.
+
+    Attributes:
+        path: its folder.
+        info: its entry of `map.json`.
+    """
+
+    def __init__(self, path: Path, info: WindowInfo) -> None:
+        self.path, self.info = path, info
+
+    def __repr__(self) -> str:
+        info = self.info
+        points = ", ".join(f"{name} {info.points.get(name, '?')}" for name in info.methods)
+        return (
+            f"StoredWindow({str(self.path)!r}, {info.t0_us} to {info.t1_us} µs; points: {points})"
+        )
+
+    def depth_map(self, method: str) -> DepthMap:
+        """Reads one method's depth map.
+
+        Raises:
+            InputError: a method that was not mapped, or a missing or damaged file.
+        """
+        return read_depth(self._folder(method) / "depth.npz", method)
+
+    def dense(self, method: str) -> Dense:
+        """Reads one method's depth with its gaps filled, which `inpaint` writes.
+
+        Raises:
+            InputError: a method that was not mapped, a map made without `inpaint`, or a damaged
+                file.
+        """
+        path = self._folder(method) / "dense.npz"
+        if not path.exists():
+            raise InputError(f"{path}: no such file; map with inpaint=True to fill")
+        camera = self.depth_map(method).camera
+        return read_dense(path, (camera.height_px, camera.width_px))
+
+    def _folder(self, method: str) -> Path:
+        if method not in self.info.methods:
+            raise InputError(
+                f"{self.path}: no method {method!r}, it has {', '.join(self.info.methods)}"
+            )
+        return self.path / file_name(method)
+
+    @cached_property
+    def slices(self) -> Slices:
+        """One image row of every fused volume."""
+        # The view may have a size of its own, unlike the sensor whose events are counted.
+        width_px = self.depth_map(self.info.methods[0]).camera.width_px
+        return read_slices(self.path / "slices.npz", self.info.methods, width_px)
+
+    @cached_property
+    def event_image(self) -> NDArray[np.uint32]:
+        """(2, H, W) events of camera 0 per pixel: darker, brighter."""
+        path = self.path / "events.npz"
+        counts = read_npz(path, ("counts",))["counts"]
+        check_array(path, "counts", counts, "u", (2, *counts.shape[1:3]))
+        return counts
+
+
+class StoredMap:
+    """A map folder.
+
+    Attributes:
+        path: the folder.
+        info: what `map.json` says.
+        windows: its windows, in order.
+    """
+
+    def __init__(self, path: Path, info: MapInfo) -> None:
+        self.path, self.info = path, info
+        self.windows = tuple(StoredWindow(path / window.name, window) for window in info.windows)
+
+    def __repr__(self) -> str:
+        methods = ", ".join(
+            dict.fromkeys(name for one in self.info.windows for name in one.methods)
+        )
+        state = "" if self.info.complete else ", unfinished"
+        return (
+            f"StoredMap({str(self.path)!r}, of {self.info.recording.name}: {len(self.windows)} "
+            f"window{'s' * (len(self.windows) != 1)}{state}; methods: {methods})"
+        )
+
+
+def read_map(path: Path) -> StoredMap:
+    """Opens a map folder; the arrays are read when asked for.
+
+    Raises:
+        InputError: no map there, or a `map.json` that is damaged or of another version.
+    """
+    return StoredMap(Path(path), read_info(Path(path)))
+
+
+def write_depth(path: Path, depth_map: DepthMap) -> None:
+    """Writes a depth map: arrays by name, the camera as JSON text."""
+    arrays = {key: getattr(depth_map, key) for key in _DEPTH_KEYS if key != "camera"}
+    np.savez(path, camera=json.dumps(depth_map.camera.to_json()), **arrays)
+
+
+def read_depth(path: Path, method: str) -> DepthMap:
+    """Reads what `write_depth` wrote.
+
+    Raises:
+        InputError: a missing or damaged file.
+    """
+    arrays = read_npz(path, _DEPTH_KEYS)
+    camera = _camera(path, str(arrays["camera"]))
+    shape = (camera.height_px, camera.width_px)
+    for key, kind in (("depth_m", "f"), ("confidence", "f"), ("mask", "b"), ("argmax", "i")):
+        check_array(path, key, arrays[key], kind, shape)
+    check_array(path, "T_world_rv", arrays["T_world_rv"], "f", (4, 4))
+    check_array(path, "rho", arrays["rho"], "f", arrays["rho"].shape[:1])
+    check_array(path, "t_us", arrays["t_us"], "i", ())
+    fields = {key: arrays[key] for key in _DEPTH_KEYS if key not in ("camera", "t_us")}
+    return DepthMap(method=method, camera=camera, t_us=int(arrays["t_us"]), **fields)
+
+
+def read_dense(path: Path, shape: tuple[int, ...]) -> Dense:
+    """Reads what `emvs.depth.inpainting.write_dense` wrote.
+
+    Args:
+        path: `dense.npz` of a method.
+        shape: (H, W) of its depth map.
+
+    Raises:
+        InputError: a missing or damaged file, or a pixel both measured and filled.
+    """
+    arrays = read_npz(path, ("depth_m", "measured", "filled"))
+    for key, kind in (("depth_m", "f"), ("measured", "b"), ("filled", "b")):
+        check_array(path, key, arrays[key], kind, shape)
+    dense = Dense(arrays["depth_m"], arrays["measured"], arrays["filled"])
+    both = int(np.count_nonzero(dense.measured & dense.filled))
+    if both:
+        raise InputError(f"{path}: {both} pixels are both measured and filled: {CURE}")
+    return dense
+
+
+def write_slices(path: Path, slices: Slices) -> None:
+    """Writes one image row of every fused volume: arrays by the method's file name."""
+    arrays: dict[str, Any] = {file_name(name): rows for name, rows in slices.values.items()}
+    np.savez(path, row_px=slices.row_px, rho=slices.rho, **arrays)
+
+
+def read_slices(path: Path, methods: Sequence[str], width_px: int) -> Slices:
+    """Reads what `write_slices` wrote.
+
+    Raises:
+        InputError: a missing or damaged file.
+    """
+    arrays = read_npz(path, ("row_px", "rho", *map(file_name, methods)))
+    check_array(path, "row_px", arrays["row_px"], "i", ())
+    check_array(path, "rho", arrays["rho"], "f", arrays["rho"].shape[:1])
+    for name in map(file_name, methods):
+        # A method without a volume has a slice of no planes.
+        planes = len(arrays["rho"]) if len(arrays[name]) else 0
+        check_array(path, name, arrays[name], "f", (planes, width_px))
+    values = {method: arrays[file_name(method)] for method in methods}
+    return Slices(int(arrays["row_px"]), arrays["rho"], values)
+
+
+def read_npz(path: Path, keys: Sequence[str]) -> Arrays:
+    """Reads the named arrays.
+
+    Raises:
+        InputError: a missing or damaged file, or one without these arrays.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return {key: file[key] for key in keys}
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file, the map is incomplete: {CURE}") from error
+    except KeyError as error:
+        raise InputError(f"{path}: holds no array {error}: {CURE}") from error
+    except DAMAGED_NPY as error:
+        raise InputError(f"{path}: cannot be read ({error}), it is damaged: {CURE}") from error
+
+
+def check_array(
+    path: Path, name: str, array: NDArray[Any], kind: str, shape: tuple[int, ...]
+) -> None:
+    """Refuses an array of another kind (`f`, `i`, `u`, `b`) or shape.
+
+    Raises:
+        InputError: what the array is, and what it must be.
+    """
+    if array.dtype.kind != kind or array.shape != shape:
+        raise InputError(
+            f"{path}: {name} is {array.dtype} {array.shape}, must be of kind {kind!r} and shape "
+            f"{shape}: {CURE}"
+        )
+
+
+def _camera(path: Path, text: str) -> Camera:
+    try:
+        return Camera.from_json(json.loads(text))
+    except (json.JSONDecodeError, TypeError, AttributeError, InputError) as error:
+        raise InputError(f"{path}: camera cannot be read ({error}): {CURE}") from error
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class RecordingInfo(_Model):
+    """Which recording was mapped; `manifest_sha256` is None for other people's formats."""
+
+    name: str
+    path: str
+    manifest_sha256: str | None = None
+
+    @classmethod
+    def of(cls, recording: Recording, path: Path, map_folder: Path) -> RecordingInfo:
+        """What a map folder remembers of its recording; a path beside it is kept relative."""
+        path, map_folder = path.resolve(), map_folder.resolve()
+        together = path.parent == map_folder.parent
+        # Imported here: HDF5 is a library that reading a map's index does without.
+        from emvs.data.sequence import Sequence as EventSequence
+
+        digest = recording.manifest.digest() if isinstance(recording, EventSequence) else None
+        place = f"../{path.name}" if together else str(path)
+        return cls(name=recording.name, path=place, manifest_sha256=digest)
+
+
+class WindowInfo(_Model):
+    """One window in `map.json`; times in µs, counts per camera and by what became of events.
+
+    `device` is what swept it: `cpu`, or the name of a GPU; `cpu` where only rivals ran.
+    """
+
+    name: str = Field(pattern=r"^\w[\w-]*$")
+    t0_us: int
+    t1_us: int
+    t_ref_us: int
+    methods: tuple[str, ...]
+    counts: dict[str, dict[str, int]]
+    points: dict[str, int] = {}
+    device: str = "cpu"
+
+
+class SkippedWindow(_Model):
+    """A sliding window that could not be mapped, and why."""
+
+    name: str
+    t0_us: int
+    t1_us: int
+    reason: str
+
+
+class HotPixelInfo(_Model):
+    """The hot pixels of one camera: (x, y) of each, and how many events they sent."""
+
+    pixels: tuple[tuple[int, int], ...]
+    events: int
+
+
+class MapInfo(_Model):
+    """The whole of `map.json`.
+
+    Attributes:
+        schema_version: of this file.
+        recording: what was mapped.
+        config: every parameter.
+        versions: of everything that can change a result.
+        windows: those mapped, in order.
+        skipped: those that could not be.
+        hot_pixels: per camera, where the filter is on.
+        without_pose: with sliding windows, events per camera that no pose covers.
+        recording_sha256: with sliding windows, of calibration, poses and spans.
+        complete: False while a run with sliding windows goes on, or where it was stopped.
+    """
+
+    schema_version: int
+    recording: RecordingInfo
+    config: MapperConfig
+    versions: dict[str, str]
+    windows: tuple[WindowInfo, ...]
+    skipped: tuple[SkippedWindow, ...] = ()
+    hot_pixels: dict[str, HotPixelInfo] = {}
+    without_pose: dict[str, int] = {}
+    recording_sha256: str | None = None
+    complete: bool = True
+
+
+def read_info(directory: Path) -> MapInfo:
+    """Reads `map.json` of a map folder.
+
+    Raises:
+        InputError: no map there, or a file that is damaged or of another version.
+    """
+    index = directory / "map.json"
+    try:
+        text = index.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{directory} is no map, map.json cannot be read ({error})") from error
+    return _parse(index, text)
+
+
+def _parse(index: Path, text: str) -> MapInfo:
+    try:
+        found = json.loads(text).get("schema_version")
+    except (json.JSONDecodeError, AttributeError) as error:
+        raise InputError(f"{index}: not the JSON of a map ({error}): {CURE}") from error
+    if found != SCHEMA_VERSION:
+        raise InputError(f"{index}: schema version {found}, needs {SCHEMA_VERSION}: {CURE}")
+    try:
+        return MapInfo.model_validate_json(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise InputError(f"{index}: {where}: {first['msg']}: {CURE}") from error
