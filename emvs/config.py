@@ -1,20 +1,214 @@
-"""Parameters of the mapper, defaulted to the benchmark; unknown keys are refused."""
+"""Parameters of the mapper and of the baselines, with defaults that work; imports no numpy.
+
+Zhou, Gallego, Shen, TRO 2021, and the configuration that they published with their program;
+docs/baselines_esvo.md lists both beside ours. No numpy is imported.
+
+Defaults are the published values where there are any; docs/baselines.md says which those are.
+"""
+
+from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, FiniteFloat, model_validator
+from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 
 from emvs.parameters import ParameterGroup
-from emvs.rivals.esvo_parameters import EsvoParameters
-from emvs.rivals.parameters import FrameParameters, GtsParameters, SgmParameters
 
 DEFAULT_DEPTH_RANGE_M = (0.2, 5.0)
-
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 DeviceName = Literal["cpu", "cuda", "auto"]
 OddPixels = Annotated[int, Field(ge=1, le=99)]
 FocusMeasure = Literal["variance", "mean-square", "gradient", "laplacian", "dog"]
+Count = Annotated[int, Field(ge=1)]
+
+
+class FuseConfig(ParameterGroup):
+    """What joining the windows of a map can be told."""
+
+    voxel_m: FiniteFloat = Field(
+        default=0.01, gt=0, description="edge of a voxel, m: one point of the global cloud each"
+    )
+    min_windows: int = Field(
+        default=1, ge=1, description="windows that must have a point in a voxel for it to be kept"
+    )
+    mesh: bool = Field(
+        default=False,
+        description="also make a surface, of depth whose gaps are filled: partly a guess",
+    )
+    mesh_truncation: FiniteFloat = Field(
+        default=4.0, ge=1, description="how far from a surface the mesh counts distances, voxels"
+    )
+    mesh_part: int = Field(
+        default=100, ge=1, description="triangles that a connected part of the mesh needs"
+    )
+
+
+def _odd(size_px: int) -> int:
+    if size_px % 2 == 0:
+        raise ValueError(f"must be odd, {size_px} is not")
+    return size_px
+
+
+BlockPixels = Annotated[int, Field(ge=1, le=99), AfterValidator(_odd)]
+
+
+MedianPixels = Annotated[int, Field(ge=1, le=5), AfterValidator(_odd)]
+
+
+class SemiGlobal(ParameterGroup):
+    """Semi-global matching of two images, OpenCV's."""
+
+    block_px: BlockPixels = Field(default=11, description="side of the matched blocks, odd, px")
+    p1_per_px: Count = Field(
+        default=8, description="penalty per block pixel of a disparity step of 1"
+    )
+    p2_per_px: Count = Field(default=32, description="penalty per block pixel of a larger step")
+    uniqueness_percent: int = Field(
+        default=11, ge=0, le=100, description="by how much the best cost must undercut the second"
+    )
+    left_right_px: Count = Field(
+        default=1, description="largest difference between the disparities seen from both sides, px"
+    )
+
+
+class SgmParameters(ParameterGroup):
+    """Semi-global matching of time surfaces: `SGM/ts` and `SGM/window`."""
+
+    decay_s: Positive = Field(default=0.03, description="time constant of the time surfaces, s")
+    median_px: MedianPixels = Field(default=3, description="median over them, 1 (none), 3 or 5 px")
+    active_s: Positive = Field(
+        default=0.01, description="how lately a pixel must have fired to report depth, s"
+    )
+    rate_hz: Positive = Field(default=20.0, description="how often SGM/window matches, Hz")
+    matcher: SemiGlobal = SemiGlobal()
+
+
+class PictureMatching(SemiGlobal):
+    """The same of pictures, which have texture where time surfaces have edges: a smaller block."""
+
+    block_px: BlockPixels = Field(default=7, description="side of the matched blocks, odd, px")
+
+
+class FrameParameters(ParameterGroup):
+    """Semi-global matching of pictures: `Frames/sgm`."""
+
+    matcher: PictureMatching = PictureMatching()
+
+
+class Coincidence(ParameterGroup):
+    """What makes two events a pair; a unit of energy is one of these widths, squared."""
+
+    row_px: Positive = Field(
+        default=0.5, description="width of the epipolar distance, px; at most twice it is allowed"
+    )
+    time_us: Positive = Field(
+        default=300.0, description="width of the time difference, µs; at most twice it is allowed"
+    )
+    motion: Positive = Field(
+        default=0.15, description="width of the difference of time slopes, relative to their length"
+    )
+    most_energy: Positive = Field(default=1.0, description="largest energy of a pair")
+
+
+class GtsParameters(ParameterGroup):
+    """Event coincidence: `GTS/events`. All ours: the published ones belong to another sensor."""
+
+    radius_px: Count = Field(
+        default=3, description="half a side of the neighbourhood whose times tell the motion, px"
+    )
+    memory_s: Positive = Field(default=0.03, description="how old a neighbour may be, s")
+    coincidence: Coincidence = Coincidence()
+
+
+class Matching(ParameterGroup):
+    """Block matching that starts each estimate."""
+
+    width_px: BlockPixels = Field(default=15, description="columns of a block, odd, px")
+    height_px: BlockPixels = Field(default=7, description="rows of a block, odd, px")
+    coarse_px: Count = Field(
+        default=1,
+        description="step of the first search along the row, px; the second takes every pixel",
+    )
+    least_zncc: float = Field(
+        default=0.8,
+        ge=-1,
+        le=1,
+        description="zero-mean normalised cross-correlation that a match needs",
+    )
+
+
+class Refinement(ParameterGroup):
+    """The non-linear least squares of one inverse depth; time surfaces count 0..255."""
+
+    width_px: BlockPixels = Field(default=15, description="columns of the compared patch, odd, px")
+    height_px: BlockPixels = Field(default=7, description="rows of the compared patch, odd, px")
+    steps: int = Field(
+        default=10, ge=0, description="most iterations; 0: as block matching left it"
+    )
+    dof: float = Field(
+        default=2.182,
+        gt=2,
+        description="degrees of freedom of the residuals' Student t distribution",
+    )
+    scale: Positive = Field(default=17.277, description="its scale")
+
+
+class CleanUp(ParameterGroup):
+    """Which estimates count: the first two before they are fused, all of them afterwards."""
+
+    most_deviation_px: Positive = Field(
+        default=3.4,
+        description="largest standard deviation of an estimate, as disparity, px; the published "
+        "0.15 / m on the rig of MVSEC",
+    )
+    most_spread: Positive = Field(
+        default=20.0, description="largest scale of a patch's residuals, refitted after refinement"
+    )
+    least_fusions: int = Field(
+        default=1, ge=0, description="how often a pixel's first estimate must have met one like it"
+    )
+
+
+class Regularisation(ParameterGroup):
+    """A mean over like neighbours; off, as in the published configuration."""
+
+    radius_px: int = Field(
+        default=0,
+        ge=0,
+        le=50,
+        description="half a side of the neighbourhood, px; 0: none; elsewhere 5",
+    )
+    least_neighbours: int = Field(
+        default=8,
+        ge=0,
+        description="neighbours like it that a pixel needs to stay, itself left out",
+    )
+
+
+class EsvoParameters(ParameterGroup):
+    """ESVO's mapping: `ESVO/own-rate` and `ESVO/window`."""
+
+    decay_s: Positive = Field(default=0.03, description="time constant of the time surfaces, s")
+    median_px: MedianPixels = Field(default=3, description="median over them, 1 (none), 3 or 5 px")
+    blur_sigma_px: NotNegative = Field(
+        default=0.0, description="standard deviation of a Gaussian after it, px; 0: none"
+    )
+    recent_s: Positive = Field(
+        default=0.01, description="how long before a map's time an event may have come, s"
+    )
+    most_events: Count = Field(
+        default=1000, description="events that one map looks at, the newest ones"
+    )
+    rate_hz: Positive = Field(default=20.0, description="maps per second, Hz")
+    most_points: Count = Field(
+        default=4500,
+        description="estimates that ESVO/own-rate fuses, of whole maps, the newest ones",
+    )
+    matching: Matching = Matching()
+    refinement: Refinement = Refinement()
+    clean_up: CleanUp = CleanUp()
+    regularisation: Regularisation = Regularisation()
 
 
 class MapperConfig(ParameterGroup):
@@ -179,7 +373,7 @@ class MapperConfig(ParameterGroup):
         return values
 
     @model_validator(mode="after")
-    def _check(self) -> "MapperConfig":
+    def _check(self) -> MapperConfig:
         for name in ("threshold_kernel_px", "focus_threshold_kernel_px", "median_px"):
             if getattr(self, name) % 2 == 0:
                 raise ValueError(f"{name} is {getattr(self, name)}: must be odd")

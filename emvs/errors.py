@@ -1,4 +1,6 @@
-"""The one error that a user can cause, and what libraries raise for damaged files."""
+"""The one error that a user can cause, what libraries raise for damaged files, and quoting."""
+
+from __future__ import annotations
 
 import difflib
 import tokenize
@@ -43,4 +45,19 @@ DAMAGED_NPY: tuple[type[Exception], ...] = (
     zipfile.LargeZipFile,
     zlib.error,
 )
+
+
 """What `numpy.load` raises for files that are damaged or declare the impossible."""
+
+
+def said(error: BaseException, most: int = 200) -> str:
+    """What a library says of damage, in one line of bounded length; it may quote the file."""
+    line = (" ".join(str(error).split()) or type(error).__name__)[:most]
+    return line if line.isprintable() else ascii(line)
+
+
+def quoted(*words: object) -> str:
+    """Words of a file as an error may show them: printable, the first few, of bounded length."""
+    shown = [word if len(word) < 48 else f"{word[:40]}..." for word in map(str, words[:8])]
+    more = [f"and {len(words) - 8} more"] if len(words) > 8 else []
+    return ", ".join([word if word.isprintable() else ascii(word) for word in shown] + more)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from emvs.data.events import Events
 from emvs.data.recording import DerivedRecording, Recording
 from emvs.utils.runtime import Progress, silent
-from emvs.window import time_steps
+from emvs.windows import time_steps
 
 Mask = NDArray[np.bool_]
 Counts = NDArray[np.int64]

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from emvs import methods
 from emvs.baselines import DepthEstimator
@@ -18,14 +19,14 @@ from emvs.dsi import device as devices
 from emvs.dsi.backprojection import back_project
 from emvs.dsi.device import Device
 from emvs.dsi.method import WHOLE, Method, single_cameras
+from emvs.dsi.rays import RayCounts
 from emvs.dsi.slices import Slices
 from emvs.dsi.sweep import Swept, grouped, sweep
 from emvs.dsi.voting import VoteCounts
-from emvs.errors import InputError
-from emvs.result import CameraCounts, WindowResult
+from emvs.errors import ByName, InputError
+from emvs.reference_view import ReferenceView, reference_view
 from emvs.utils.runtime import Progress, Stopwatch, silent
-from emvs.view import ReferenceView, reference_view
-from emvs.window import Window, choose_window
+from emvs.windows import Window, choose_window
 
 
 def map_window(
@@ -140,3 +141,69 @@ def check_request(config: MapperConfig, view: ReferenceView, dsi_dir: Path | Non
         raise InputError(f"slice_row is {config.slice_row}: the image has rows 0..{rows - 1}")
     if config.save_dsi and dsi_dir is None:
         raise InputError("save_dsi is set: needs an output folder for the volumes")
+
+
+@dataclass(frozen=True)
+class CameraCounts:
+    """What became of one camera's events and of their votes.
+
+    Attributes:
+        events: by event; `events.rays` of them voted, once per plane.
+        votes: by event and plane.
+    """
+
+    events: RayCounts
+    votes: VoteCounts
+
+    def to_json(self) -> dict[str, int]:
+        """Plain numbers; `events` is the sum of the five that follow it."""
+        return {
+            "events": self.events.events,
+            "voting": self.events.rays,
+            "without_pose": self.events.without_pose,
+            "without_ray": self.events.without_ray,
+            "looking_backwards": self.events.backwards,
+            "dropped_tail": self.events.dropped,
+            "votes_counted": self.votes.counted,
+            "votes_outside_image": self.votes.outside,
+            "votes_behind_camera": self.votes.behind,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class WindowResult:
+    """One window, mapped.
+
+    Attributes:
+        window: the stretch of time.
+        view: the reference view.
+        depth_maps: method name -> depth map.
+        counts: one per camera.
+        slices: one image row of every fused volume.
+        event_image: (2, H, W) uint32 events of camera 0 per pixel: darker, brighter.
+        seconds: wall time per stage.
+        config: what was asked for.
+        device: what computed the sweep: `cpu`, or the name of a GPU; `cpu` where only rivals ran.
+    """
+
+    window: Window
+    view: ReferenceView
+    depth_maps: Mapping[str, DepthMap]
+    counts: tuple[CameraCounts, ...]
+    slices: Slices
+    event_image: NDArray[np.uint32]
+    seconds: Mapping[str, float]
+    config: MapperConfig
+    device: str = "cpu"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "depth_maps", ByName("method", self.depth_maps))
+
+    def __repr__(self) -> str:
+        camera, window = self.view.camera, self.window
+        points = ", ".join(f"{name} {found.points}" for name, found in self.depth_maps.items())
+        return (
+            f"WindowResult({window.t0_us} to {window.t1_us} µs, view of {camera.width_px} x "
+            f"{camera.height_px} px at {window.t_ref_us} µs, on {self.device};\n"
+            f"  points: {points})"
+        )

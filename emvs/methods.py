@@ -1,22 +1,130 @@
-"""The registry of methods: named as the paper names them, and open to user code."""
+"""The registry of methods: Algorithms 1 and 2, focus, baselines, and methods of one's own.
+
+The name is a composition of functions and reads as in the paper: in `AtHc@4` the harmonic mean
+across cameras (`Hc`) comes first, in each of 4 sub-intervals, then the arithmetic mean over time
+(`At`). In `HcAt@4` each camera's votes are averaged over time first.
+
+A package offers them in its `pyproject.toml`; the function takes nothing and calls `register`:
+
+    [project.entry-points."eventsweep.methods"]
+    mine = "my_package.eventsweep:register_methods"
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.metadata import entry_points
 
-from emvs import alg2, baselines, focus_methods, plugins
+from emvs import baselines
 from emvs.baselines import BaselineEstimator, DepthEstimator
 from emvs.dsi import fusion_kernels
-from emvs.dsi.method import CODES, MEANS, Method, MethodName, single_camera, single_cameras
+from emvs.dsi.method import CODES, MEANS, Method, MethodName, Split, single_camera, single_cameras
 from emvs.errors import InputError
 
 _NAME = re.compile(r"\w[\w.+@~-]*(/[\w.+@~-]+)+")
-
-
 # What a name stands for: one way to a volume, or what makes its depth map without any
 AnyMethod = Method | DepthEstimator
+MAX_INTERVALS = 64
+ALG2_GRAMMAR = (
+    "Alg2/<F>t<F>c@n[/time][~] or Alg2/<F>c<F>t@n[/time] with <F> of min, H, G, A, RMS, max"
+)
+ALG2_SUMMARY = (
+    "fused across cameras (c) and over n sub-intervals of equal count (/time: equal time), the "
+    "right-hand fusion first; ~ pairs sub-intervals half a window apart"
+)
+ALG2_EXAMPLES = ("Alg2/AtHc@4", "Alg2/HcAt@2/time", "Alg2/AtHc@2~")
+_F = "min|max|RMS|H|G|A"
+_PATTERN = re.compile(rf"Alg2/({_F})([ct])({_F})([ct])@([1-9]\d*)(/time)?(~)?")
+_AXIS = {"c": "across cameras", "t": "over time"}
+FOCUS_GRAMMAR = "Focus/<F>, Focus/camK or Focus/<an Algorithm 2, such as AtHc@4>"
+FOCUS_SUMMARY = (
+    "our own: depth where the fused rays are most in focus, kept where cameras and neighbours "
+    "agree; camK: one camera, without agreement"
+)
+FOCUS_EXAMPLES = ("Focus/H", "Focus/cam0", "Focus/AtHc@4")
+GROUP = "eventsweep.methods"
+
+
+def build_alg2(name: str, mcemvs: bool = False) -> Method:
+    """Makes the method of a name.
+
+    Args:
+        name: such as `Alg2/AtHc@4`.
+        mcemvs: the compatibility setting, whose H across cameras is 2ab / (a + b + 0.1).
+
+    Raises:
+        InputError: a name that does not follow the grammar, or asks for what makes no difference.
+    """
+    match = _PATTERN.fullmatch(name)
+    if match is None:
+        raise InputError(f"unknown method {name!r}: Algorithm 2 is named {ALG2_GRAMMAR}")
+    outer, outer_axis, inner, inner_axis, count, by_time, shuffle = match.groups()
+    _check(name, outer_axis, inner_axis, int(count), shuffled=shuffle is not None)
+    return Method(
+        name,
+        _code(inner, inner_axis, mcemvs),
+        _summary(match),
+        Split(int(count), "time" if by_time else "count"),
+        outer=_code(outer, outer_axis, mcemvs),
+        time_first=inner_axis == "t",
+        shuffled=shuffle is not None,
+    )
+
+
+def _check(name: str, outer_axis: str, inner_axis: str, count: int, *, shuffled: bool) -> None:
+    if outer_axis == inner_axis:
+        raise InputError(
+            f"{name}: fuses twice {_AXIS[inner_axis]}; needs one c and one t, such as Alg2/AtHc@4"
+        )
+    if count > MAX_INTERVALS:
+        raise InputError(f"{name}: {count} sub-intervals; at most {MAX_INTERVALS}")
+    if shuffled and (count == 1 or inner_axis == "t"):
+        raise InputError(
+            f"{name}: shuffling changes nothing here; it needs 2 or more sub-intervals and the "
+            "fusion across cameras first, such as Alg2/AtHc@2~"
+        )
+
+
+def _code(fusion: str, axis: str, mcemvs: bool) -> int:
+    if mcemvs and fusion == "H" and axis == "c":
+        return fusion_kernels.HARMONIC_EPS
+    return CODES[fusion]
+
+
+def _summary(match: re.Match[str]) -> str:
+    outer, outer_axis, inner, inner_axis, count, by_time, shuffle = match.groups()
+    kind = "time" if by_time else "count"
+    return (
+        f"{count} sub-intervals of equal {kind}{', shuffled' if shuffle else ''}; fused "
+        f"{_AXIS[inner_axis]} by the {MEANS[inner]}, then {_AXIS[outer_axis]} by the {MEANS[outer]}"
+    )
+
+
+def build_focus(name: str, mcemvs: bool = False) -> Method:
+    """Makes the method of a name.
+
+    Args:
+        name: such as `Focus/H`.
+        mcemvs: the compatibility setting, whose H across cameras is 2ab / (a + b + 0.1).
+
+    Raises:
+        InputError: a name that does not follow the grammar.
+    """
+    _, fused = parts = MethodName.of(name)
+    k = parts.camera
+    if k is not None and fused == f"cam{k}":
+        return Method(name, fusion_kernels.CAMERA + k, f"camera {k} alone, by focus", focus=True)
+    if fused in CODES:
+        code = fusion_kernels.HARMONIC_EPS if mcemvs and fused == "H" else CODES[fused]
+        return Method(name, code, f"{MEANS[fused]} across cameras, by focus", focus=True)
+    try:
+        method = build_alg2(f"Alg2/{fused}", mcemvs)
+    except InputError as error:
+        raise InputError(f"unknown method {name!r}: the names are {FOCUS_GRAMMAR}") from error
+    return replace(method, name=name, summary=f"{method.summary}; by focus", focus=True)
 
 
 @dataclass(frozen=True)
@@ -61,10 +169,8 @@ def _baseline_family(family: str) -> Family:
 
 # First part of the name -> family. A rig of one camera has only what fuses no cameras.
 FAMILIES: dict[str, Family] = {
-    "Alg2": Family(alg2.GRAMMAR, alg2.SUMMARY, alg2.EXAMPLES, alg2.build),
-    "Focus": Family(
-        focus_methods.GRAMMAR, focus_methods.SUMMARY, focus_methods.EXAMPLES, focus_methods.build
-    ),
+    "Alg2": Family(ALG2_GRAMMAR, ALG2_SUMMARY, ALG2_EXAMPLES, build_alg2),
+    "Focus": Family(FOCUS_GRAMMAR, FOCUS_SUMMARY, FOCUS_EXAMPLES, build_focus),
     "Late": Family(
         "Late/union",
         "per pixel the most confident camera among those that pass their own threshold",
@@ -72,6 +178,7 @@ FAMILIES: dict[str, Family] = {
         _late,
     ),
 } | {family: _baseline_family(family) for family in baselines.FAMILIES}
+
 
 _registered: dict[str, AnyMethod] = {}
 
@@ -137,12 +244,12 @@ def known_methods(n_cameras: int, *, mcemvs: bool = False) -> tuple[Method, ...]
     single = single_cameras(n_cameras)
     if n_cameras == 1:
         return single
-    return fused + single + (() if mcemvs else (focus_methods.build("Focus/H"),))
+    return fused + single + (() if mcemvs else (build_focus("Focus/H"),))
 
 
 def overview(n_cameras: int = 2) -> dict[str, str]:
     """Every method's name or grammar, and one line on it, for people to choose from."""
-    plugins.load()
+    load()
     known = {method.name: method.summary for method in known_methods(n_cameras)}
     families = {
         family.grammar: f"{family.summary}; such as {', '.join(family.examples)}"
@@ -173,7 +280,7 @@ def methods(names: Sequence[str], n_cameras: int, *, mcemvs: bool = False) -> tu
     names = [one for name in names for one in baselines.GROUPS.get(name, (name,))]
     others = [name for name in dict.fromkeys(names) if name not in {m.name for m in known}]
     if any(name != "all" for name in others):
-        plugins.load()
+        load()
     extra = tuple(_find(name, n_cameras, mcemvs) for name in others if name != "all")
     chosen = (*(m for m in known if "all" in names or m.name in names), *extra)
     if n_cameras != 2:
@@ -229,3 +336,22 @@ def _unknown(name: str, n_cameras: int) -> InputError:
     return InputError(
         f"unknown method {name!r} for {n_cameras} camera(s): choose from {available} or all"
     )
+
+
+@cache
+def load() -> None:
+    """Lets every installed package register its methods, once in a process.
+
+    Raises:
+        InputError: one that cannot be imported, or fails.
+    """
+    for point in entry_points(group=GROUP):
+        try:
+            point.load()()
+        except Exception as error:  # whatever a stranger's code raises
+            reason = " ".join(str(error).split()) or type(error).__name__
+            package = point.dist.name if point.dist else "a package"
+            raise InputError(
+                f"{package}: its methods ({point.name} = {point.value}) cannot be registered "
+                f"({reason}): mend or uninstall it"
+            ) from error

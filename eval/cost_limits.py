@@ -22,7 +22,7 @@ from emvs.dsi.rays import Rays, event_rays, grouped_by_rows
 from emvs.dsi.voting import Scratch, batches
 from emvs.mapper import map_window
 from emvs.methods import methods, with_volume
-from emvs.planes import inverse_depth_planes
+from emvs.reference_view import inverse_depth_planes
 from emvs.utils.runtime import use_threads
 from eval.cost_stream import DEPTH_RANGE_M, WINDOW_US, MovingEdges
 

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
-from emvs.mapper import map_window
+from emvs.mapper import WindowResult, map_window
 from emvs.methods import methods, with_volume
-from emvs.result import WindowResult
 
 VOLUMES = ("Alg1/H", "EMVS/cam0", "EMVS/cam1")
 DSI_LIMIT, ARGMAX_LIMIT = 1e-3, 0.999

@@ -11,7 +11,7 @@ from typing import Any
 
 from emvs.config import MapperConfig
 from emvs.errors import InputError
-from emvs.result import WindowResult
+from emvs.mapper import WindowResult
 from eval.cost_stream import MovingEdges
 from eval.gpu_calls import agreement, call, save_volumes
 from eval.gpu_plan import LIMIT_MS, PRECISIONS, BenchmarkPlan

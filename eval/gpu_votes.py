@@ -13,9 +13,9 @@ from emvs.dsi import device as devices
 from emvs.dsi.backend import Task
 from emvs.dsi.backprojection import back_project
 from emvs.dsi.method import WHOLE, single_cameras
+from emvs.reference_view import reference_view
 from emvs.utils.runtime import silent
-from emvs.view import reference_view
-from emvs.window import choose_window
+from emvs.windows import choose_window
 
 
 def votes_s(recording: Recording, config: MapperConfig, rounds: int) -> float:

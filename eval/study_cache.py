@@ -14,9 +14,9 @@ from emvs.data.sequence import Sequence as EventSequence
 from emvs.datasets import open_recording
 from emvs.errors import InputError
 from emvs.mapper import map_window
+from emvs.reference_view import ReferenceView, reference_view
 from emvs.utils.files import atomic_dir
-from emvs.view import ReferenceView, reference_view
-from emvs.window import choose_window
+from emvs.windows import choose_window
 from eval.config import EvalConfig
 from eval.folders import truth_of
 from eval.pairing import Truth

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from emvs.config import MapperConfig
-from emvs.planes import inverse_depth_at
+from emvs.reference_view import inverse_depth_at
 from eval.exits import exit_code
 from eval.marked import into_page
 from eval.method_scores import ALL_METRICS

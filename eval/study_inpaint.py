@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from emvs.config import MapperConfig
 from emvs.depth.focus import FocusConfig, at_least
 from emvs.depth.inpainting import MAX_RATIO, fill
-from emvs.planes import inverse_depth_at
+from emvs.reference_view import inverse_depth_at
 from eval.study_cache import StudySample, load_sample
 from eval.study_variants import Volumes
 

@@ -17,12 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
+from emvs.config import EsvoParameters, MapperConfig
 from emvs.data.sequence import Sequence
 from emvs.depth.depth_map import DepthMap
 from emvs.errors import InputError
 from emvs.mapper import map_window
-from emvs.rivals.esvo_parameters import EsvoParameters
 from eval.exits import exit_code
 from eval.marked import into_page
 from eval.studies.published import TABLE, H

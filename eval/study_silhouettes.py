@@ -17,7 +17,7 @@ from emvs.config import MapperConfig
 from emvs.depth.depth_map import confidence_mask, without_border
 from emvs.depth.focus import FocusConfig, most_reliable
 from emvs.depth.median import masked_median
-from emvs.planes import inverse_depth_at
+from emvs.reference_view import inverse_depth_at
 from eval.method_scores import ALL_METRICS
 from eval.pairing import pair
 from eval.study_cache import StudySample, load_sample

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from emvs.data.sequence import Sequence as EventSequence
 from emvs.depth.depth_map import DepthMap
 from emvs.maps.folder import StoredWindow
-from emvs.window import Window
+from emvs.windows import Window
 from eval.config import EvalConfig
 from eval.evidence import Evidence
 from eval.folders import Scored, truth_of

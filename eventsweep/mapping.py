@@ -9,12 +9,12 @@ from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.datasets import open_recording
 from emvs.errors import InputError
+from emvs.mapper import WindowResult
 from emvs.maps import sliding
 from emvs.maps.folder import RecordingInfo, StoredMap, read_map
-from emvs.memory import check_window_fits
-from emvs.result import WindowResult
+from emvs.preflight import check_window_fits
 from emvs.utils.runtime import Progress, silent
-from emvs.window import choose_window
+from emvs.windows import choose_window
 
 
 def map_window(

@@ -7,8 +7,8 @@ from pathlib import Path
 from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
+from emvs.mapper import WindowResult
 from emvs.maps.folder import StoredMap
-from emvs.result import WindowResult
 from eval import folders, runner
 from eval.config import EvalConfig
 from eval.metric_versions import metric_versions

@@ -19,8 +19,7 @@ from emvs.dsi.rays import event_rays
 from emvs.dsi.sweep import grouped, sweep
 from emvs.geometry.camera import Camera
 from emvs.methods import methods
-from emvs.planes import inverse_depth_planes
-from emvs.view import ReferenceView
+from emvs.reference_view import ReferenceView, inverse_depth_planes
 
 EVENTS, PLANES, ROUNDS = 2_000_000, 20, 3
 MOTION = sideways(0.2)

@@ -15,8 +15,8 @@ from emvs import baselines
 from emvs.baselines.time_surface import TimeSurface
 from emvs.config import MapperConfig
 from emvs.geometry.camera import Camera
-from emvs.view import reference_view
-from emvs.window import choose_window
+from emvs.reference_view import reference_view
+from emvs.windows import choose_window
 
 EVENTS, ROUNDS = 500_000, 3
 SENSORS = {"346x260": (346, 260, 226.0), "640x480": (640, 480, 420.0)}

@@ -8,8 +8,8 @@ from point_world import fronto_parallel
 
 from emvs.baselines import esvo, gts
 from emvs.config import MapperConfig
-from emvs.view import reference_view
-from emvs.window import choose_window
+from emvs.reference_view import reference_view
+from emvs.windows import choose_window
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25, border_px=0)
 

@@ -18,7 +18,7 @@ from emvs.dsi.rays import BAND_ROWS, event_rays, grouped_by_rows
 from emvs.dsi.voting import Scratch, batches
 from emvs.geometry.camera import Camera
 from emvs.methods import methods
-from emvs.planes import inverse_depth_planes
+from emvs.reference_view import inverse_depth_planes
 from emvs.utils.runtime import use_threads
 from eval.cost_limits import PAPER
 

@@ -4,7 +4,7 @@ import naive_methods
 import numpy as np
 import pytest
 
-from emvs import alg2
+from emvs import methods as alg2
 from emvs.config import MapperConfig
 from emvs.dsi.backend import FocusFold
 from emvs.dsi.cuda import arrays, device, fusion_kernels, maxima
@@ -55,7 +55,7 @@ def test_every_fusion_equals_the_slow_twin(cameras):
     "name", ["Alg2/AtHc@2", "Alg2/HtGc@3", "Alg2/RMScmint@2", "Alg2/maxtHc@4~"]
 )
 def test_fusions_of_fusions_equal_the_slow_twin(name):
-    method = alg2.build(name)
+    method = alg2.build_alg2(name)
     n = method.split.intervals
     votes = random_votes(1, 2 * n, 1, zeros=0.1)
     twin = [naive_methods.fuse(name, votes[:, 0, c].reshape(2, n).tolist()) for c in range(H * W)]
@@ -98,7 +98,7 @@ def test_focus_equals_that_of_the_cpu(measure):
 
 def test_witnesses_sum_polarities_and_sub_intervals():
     config = MapperConfig(planes=PLANES, polarity="separate", focus_sigma_px=0.7)
-    chosen = [Method("Focus/x", 1, "", alg2.build("Alg2/AtHc@2").split, outer=3, focus=True)]
+    chosen = [Method("Focus/x", 1, "", alg2.build_alg2("Alg2/AtHc@2").split, outer=3, focus=True)]
     compare_focus(chosen, config, random_votes(5, 8), 2)
 
 

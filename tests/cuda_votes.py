@@ -16,7 +16,7 @@ from emvs.dsi.cuda import backprojection as cuda_projector
 from emvs.dsi.cuda import voting as ballot
 from emvs.errors import InputError
 from emvs.geometry.camera import Camera
-from emvs.view import ReferenceView
+from emvs.reference_view import ReferenceView
 
 if device.missing():
     pytest.skip(device.missing(), allow_module_level=True)

@@ -48,7 +48,7 @@ FAULTS = (
     ),
     Fault(
         "planes off by one",
-        "emvs/planes.py",
+        "emvs/reference_view.py",
         "position.astype(np.float64)",
         "position.astype(np.float64) + 1",
     ),
@@ -61,7 +61,7 @@ FAULTS = (
     Fault("eps of H times ten", "emvs/dsi/fusion_kernels.py", "np.float32(0.1)", "np.float32(1)"),
     Fault(
         "depth in the wrong frame",
-        "emvs/view.py",
+        "emvs/reference_view.py",
         "recording.rig.T_body_cam[0].copy()",
         "recording.rig.T_body_cam[-1].copy()",
     ),

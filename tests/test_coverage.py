@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from emvs.errors import InputError
-from emvs.planes import inverse_depth_planes
+from emvs.reference_view import inverse_depth_planes
 from eval.cells import cell_error
 from eval.coverage import coverage_curve
 from eval.findings import findings

@@ -18,7 +18,7 @@ from emvs.datasets.mvsec import open_mvsec
 from emvs.datasets.raw_streams import open_readable
 from emvs.errors import InputError
 from emvs.mapper import map_window
-from emvs.window import choose_window
+from emvs.windows import choose_window
 from eval.cli import main
 
 DEPTH_M = 2.0

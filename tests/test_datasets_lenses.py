@@ -15,7 +15,7 @@ from emvs.datasets import open_recording
 from emvs.datasets.export import RecordingExport, write_recording
 from emvs.datasets.raw_streams import open_readable
 from emvs.mapper import map_window
-from emvs.window import choose_window
+from emvs.windows import choose_window
 
 PAIRS = [
     ("kb4", "tumvie"), ("kb4", "mvsec"), ("kb4", "dsec"), ("kb4", "rosbag1"), ("kb4", "evt3"),

@@ -10,8 +10,7 @@ from emvs.depth.depth_map import confidence_mask, eight_bits, extract, without_b
 from emvs.depth.median import masked_median
 from emvs.dsi.maxima import Maximum
 from emvs.errors import InputError
-from emvs.planes import inverse_depth_planes
-from emvs.view import ReferenceView
+from emvs.reference_view import ReferenceView, inverse_depth_planes
 
 CONFIG = MapperConfig()
 

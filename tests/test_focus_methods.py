@@ -17,7 +17,7 @@ from emvs.errors import InputError
 from emvs.geometry.trajectory import Trajectory
 from emvs.mapper import map_window
 from emvs.methods import methods, overview
-from emvs.planes import inverse_depth_at
+from emvs.reference_view import inverse_depth_at
 from eval.study_variants import found_in_volumes
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25)

@@ -12,7 +12,7 @@ from emvs.hot_pixels import WithoutPixels, find_hot_pixels, hot_mask
 from emvs.mapper import map_window
 from emvs.maps.folder import RecordingInfo, read_map
 from emvs.maps.sliding import map_windows
-from emvs.window import choose_window
+from emvs.windows import choose_window
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4, planes=20, methods=("Alg1/H", "EMVS/cam0"))
 CLEAN = fronto_parallel(1.5)

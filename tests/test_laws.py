@@ -16,7 +16,7 @@ from emvs.dsi.voting import dsi
 from emvs.geometry import se3
 from emvs.geometry.trajectory import Trajectory
 from emvs.mapper import map_window
-from emvs.planes import inverse_depth_planes
+from emvs.reference_view import inverse_depth_planes
 
 CONFIG = MapperConfig(planes=25, min_depth_m=0.5, max_depth_m=4.0)
 CAMERA = pinhole()

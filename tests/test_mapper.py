@@ -13,7 +13,7 @@ from emvs.errors import InputError
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 from emvs.mapper import map_window
-from emvs.planes import inverse_depth_planes
+from emvs.reference_view import inverse_depth_planes
 
 RANGE = {"min_depth_m": 0.5, "max_depth_m": 4.0}
 CONFIG = MapperConfig(**RANGE, planes=25, threshold_c=20)

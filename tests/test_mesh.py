@@ -8,12 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from point_world import fronto_parallel
 
-from emvs.config import MapperConfig
+from emvs.config import FuseConfig, MapperConfig
 from emvs.depth import point_cloud
 from emvs.depth.point_cloud import PointCloud, VoxelCloud
 from emvs.depth.tsdf import SurfaceFusion, write_mesh
 from emvs.errors import InputError
-from emvs.fuse_config import FuseConfig
 from emvs.geometry.camera import Camera
 from emvs.maps.folder import RecordingInfo, read_map
 from emvs.maps.merge import fuse_windows

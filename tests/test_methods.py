@@ -18,7 +18,7 @@ from emvs.dsi.voting import batch_planes, batches
 from emvs.errors import InputError
 from emvs.mapper import map_window
 from emvs.methods import methods, overview, register, unregister
-from emvs.planes import inverse_depth_at, inverse_depth_planes, is_linear, linear_planes
+from emvs.reference_view import inverse_depth_at, inverse_depth_planes, is_linear, linear_planes
 
 F = ("min", "H", "G", "A", "RMS", "max")
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25, threshold_c=20)

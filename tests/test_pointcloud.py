@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from emvs.depth.depth_map import DepthMap
 from emvs.depth.point_cloud import PointCloud, back_project_map, without_outliers, write_ply
 from emvs.geometry import se3
-from emvs.planes import inverse_depth_planes
+from emvs.reference_view import inverse_depth_planes
 
 POSE = se3.from_rotation(Rotation.from_rotvec([0.1, -0.3, 0.2]), [1.0, -2.0, 0.5])
 

@@ -19,7 +19,7 @@ from emvs.dsi.voting import VoteCounts, dsi
 from emvs.geometry.camera import Camera
 from emvs.geometry.trajectory import Trajectory
 from emvs.methods import methods
-from emvs.planes import mcemvs_planes
+from emvs.reference_view import mcemvs_planes
 
 CONFIG = MapperConfig(compatibility="mcemvs", planes=64, threshold_c=5)
 # In the outermost pixels single votes are accepted or rejected by rounding.

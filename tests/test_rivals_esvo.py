@@ -14,20 +14,13 @@ from emvs.baselines.esvo import Looked, match_blocks
 from emvs.baselines.esvo_filter import Estimates, fuse_into, propagate, regularised
 from emvs.baselines.esvo_kernels import compatible, fuse_two
 from emvs.baselines.esvo_refinement import Lines, Refined, refine
-from emvs.config import MapperConfig
+from emvs.config import CleanUp, EsvoParameters, MapperConfig, Matching, Refinement, Regularisation
 from emvs.data.events import Events
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
-from emvs.rivals.esvo_parameters import (
-    CleanUp,
-    EsvoParameters,
-    Matching,
-    Refinement,
-    Regularisation,
-)
+from emvs.reference_view import reference_view
 from emvs.utils.runtime import use_threads
-from emvs.view import reference_view
-from emvs.window import choose_window
+from emvs.windows import choose_window
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25, border_px=0)
 RHO = st.floats(0.1, 5.0)

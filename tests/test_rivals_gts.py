@@ -7,14 +7,13 @@ from point_world import Recorded, fronto_parallel
 
 from emvs.baselines import gts
 from emvs.baselines.gts import Stream, pairs, time_slopes
-from emvs.config import MapperConfig
+from emvs.config import Coincidence, GtsParameters, MapperConfig
 from emvs.data.events import Events
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
-from emvs.rivals.parameters import Coincidence, GtsParameters
+from emvs.reference_view import reference_view
 from emvs.utils.runtime import use_threads
-from emvs.view import reference_view
-from emvs.window import choose_window
+from emvs.windows import choose_window
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25, border_px=0)
 

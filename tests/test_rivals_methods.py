@@ -10,7 +10,7 @@ from point_world import Recorded, edge_stream, fronto_parallel, sideways, stereo
 from emvs import baselines
 from emvs.baselines import BaselineEstimator, sgm
 from emvs.baselines.sgm import match
-from emvs.config import MapperConfig
+from emvs.config import MapperConfig, SemiGlobal
 from emvs.data.events import Events
 from emvs.data.image_stores import Photo
 from emvs.errors import InputError
@@ -18,8 +18,7 @@ from emvs.geometry.camera import Camera
 from emvs.mapper import map_window
 from emvs.maps.folder import read_depth, read_slices, write_window
 from emvs.methods import methods, overview, register, unregister
-from emvs.rivals.parameters import SemiGlobal
-from emvs.window import Window
+from emvs.windows import Window
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25, border_px=0)
 ALWAYS = ("SGM/ts", "SGM/window")

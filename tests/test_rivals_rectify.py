@@ -15,8 +15,7 @@ from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
-from emvs.planes import inverse_depth_planes
-from emvs.view import ReferenceView
+from emvs.reference_view import ReferenceView, inverse_depth_planes
 
 LENSES = (
     Camera(96, 64, 80.0, 81.0, 47.0, 32.0),

@@ -12,8 +12,8 @@ from emvs.data.sequence import Sequence
 from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.mapper import map_window
-from emvs.view import reference_view
-from emvs.window import choose_window
+from emvs.reference_view import reference_view
+from emvs.windows import choose_window
 from sim.config import SimConfig
 from sim.generate import simulate
 from sim.rigs import rig as named_rig

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from emvs.dsi.rays import RayCounts, Rays
 from emvs.dsi.voting import PASS_PLANES, Scratch, batches, dsi
 from emvs.dsi.voting_kernels import CHUNK
-from emvs.planes import inverse_depth_at, inverse_depth_planes, mcemvs_planes
+from emvs.reference_view import inverse_depth_at, inverse_depth_planes, mcemvs_planes
 from emvs.utils.runtime import use_threads
 
 W, H = 12, 9

@@ -23,10 +23,9 @@ from emvs.mapper import map_window
 from emvs.maps.folder import RecordingInfo, read_map
 from emvs.maps.sliding import map_windows
 from emvs.maps.store import open_store
-from emvs.memory import check_view_fits, need_memory
-from emvs.pose_gaps import check_poses
-from emvs.view import reference_view
-from emvs.windows import _every, plan_windows
+from emvs.preflight import check_view_fits, need_memory
+from emvs.reference_view import reference_view
+from emvs.windows import _every, check_poses, plan_windows
 
 ABOUT = RecordingInfo(name="points", path="somewhere/points")
 CONFIG = MapperConfig(

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from emvs.config import MapperConfig
     from emvs.data.recording import Recording
     from emvs.depth.depth_map import DepthMap
-    from emvs.view import ReferenceView
-    from emvs.window import Window
+    from emvs.reference_view import ReferenceView
+    from emvs.windows import Window
 
     Estimate = Callable[[Recording, Window, ReferenceView, MapperConfig], DepthMap]
 

@@ -23,15 +23,14 @@ from emvs.baselines.esvo_refinement import Lines, Refined, refine
 from emvs.baselines.rectification import Rectified, depth_map
 from emvs.baselines.sgm import disparity_range_px, instants_us
 from emvs.baselines.time_surface import TimeSurface
-from emvs.config import MapperConfig
+from emvs.config import EsvoParameters, MapperConfig, Matching
 from emvs.data.events import Events
 from emvs.data.recording import Recording
 from emvs.depth.depth_map import DepthMap
 from emvs.errors import InputError
 from emvs.geometry import se3
-from emvs.rivals.esvo_parameters import EsvoParameters, Matching
-from emvs.view import ReferenceView
-from emvs.window import Window
+from emvs.reference_view import ReferenceView
+from emvs.windows import Window
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.float32]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.baselines.esvo_kernels import fuse, smooth
-from emvs.rivals.esvo_parameters import CleanUp, Regularisation
+from emvs.config import CleanUp, Regularisation
 
 Floats = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.baselines.esvo_kernels import refine_all
-from emvs.rivals.esvo_parameters import Refinement
+from emvs.config import Refinement
 
 Image = NDArray[np.float32]
 Floats = NDArray[np.float64]

@@ -22,13 +22,12 @@ from numpy.typing import NDArray
 from emvs.baselines.gts_kernels import NEVER, fit, search
 from emvs.baselines.rectification import Rectified, depth_map, see
 from emvs.baselines.sgm import disparity_range_px
-from emvs.config import MapperConfig
+from emvs.config import Coincidence, GtsParameters, MapperConfig
 from emvs.data.recording import Recording
 from emvs.depth.depth_map import DepthMap
 from emvs.errors import InputError
-from emvs.rivals.parameters import Coincidence, GtsParameters
-from emvs.view import ReferenceView
-from emvs.window import Window
+from emvs.reference_view import ReferenceView
+from emvs.windows import Window
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

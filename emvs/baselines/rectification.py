@@ -24,7 +24,7 @@ from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
-from emvs.view import ReferenceView
+from emvs.reference_view import ReferenceView
 
 # Beyond these the views no longer show what the cameras see.
 _MAX_SLOPE_DEG = 40.0

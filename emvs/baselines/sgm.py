@@ -25,15 +25,13 @@ from numpy.typing import NDArray
 from emvs.baselines.rectification import Rectified, Seen, depth_map, see_disparities
 from emvs.baselines.time_surface import TimeSurface
 from emvs.baselines.time_surface_kernels import NEVER_US
-from emvs.config import MapperConfig
+from emvs.config import FrameParameters, MapperConfig, SemiGlobal, SgmParameters
 from emvs.data.image_stores import Photo
 from emvs.data.recording import Recording
 from emvs.depth.depth_map import DepthMap
 from emvs.errors import InputError
-from emvs.planes import inverse_depth_at
-from emvs.rivals.parameters import FrameParameters, SemiGlobal, SgmParameters
-from emvs.view import ReferenceView
-from emvs.window import Window
+from emvs.reference_view import ReferenceView, inverse_depth_at
+from emvs.windows import Window
 
 Image = NDArray[np.float32]
 _GAMMA = 2.2  # cameras deliver pictures that are encoded so

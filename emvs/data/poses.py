@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
+from emvs.errors import InputError, said
 from emvs.geometry.trajectory import Trajectory
-from emvs.io.events.wording import said
 from emvs.utils.files import atomic_path
 
 PER_UNIT_US = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}

@@ -9,14 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
+from emvs.errors import InputError, quoted, said
 from emvs.formats.calibration import camera_of
 from emvs.formats.rosbag import opened_bag
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera, Model
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from emvs.io.events.wording import quoted, said
 
 _TYPE = "sensor_msgs/msg/CameraInfo"
 _NOT_RIGID_M = 1e-3

@@ -17,14 +17,13 @@ from numpy.typing import NDArray
 from emvs.data.events import Events
 from emvs.data.poses import read_tum
 from emvs.data.recording import summary
-from emvs.errors import InputError
+from emvs.errors import InputError, said
 from emvs.formats.depth import read_grey
 from emvs.formats.prophesee import STREAM
 from emvs.formats.text import TextLayout, TextReader
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from emvs.io.events.wording import said
 
 FILES = ("events.txt", "calib.txt", "groundtruth.txt")
 # Every sequence of the data set comes from a DAVIS240C; frames, where there are any, say it again.

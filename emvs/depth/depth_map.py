@@ -14,8 +14,7 @@ from emvs.config import MapperConfig
 from emvs.depth.median import masked_median
 from emvs.dsi.maxima import Maximum
 from emvs.geometry.camera import Camera
-from emvs.planes import inverse_depth_at
-from emvs.view import ReferenceView
+from emvs.reference_view import ReferenceView, inverse_depth_at
 
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]

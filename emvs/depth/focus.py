@@ -16,9 +16,8 @@ from emvs.dsi import focus_kernels, focus_measures
 from emvs.dsi.backend import InFocus
 from emvs.dsi.maxima import Maximum
 from emvs.errors import InputError
-from emvs.planes import inverse_depth_at
-from emvs.view import ReferenceView
-from emvs.window import Window
+from emvs.reference_view import ReferenceView, inverse_depth_at
+from emvs.windows import Window
 
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]

@@ -18,9 +18,9 @@ from emvs.dsi.method import Split, concatenated, cuts, part, total, with_left_ou
 from emvs.dsi.rays import RayCounts, Rays, event_rays, grouped_by_rows
 from emvs.errors import InputError
 from emvs.geometry.camera import Camera
+from emvs.reference_view import ReferenceView
 from emvs.utils.runtime import Progress
-from emvs.view import ReferenceView
-from emvs.window import Window
+from emvs.windows import Window
 
 
 class AnyRays(Protocol):

@@ -18,8 +18,8 @@ from emvs.dsi.maxima import Maximum
 from emvs.dsi.method import Method, Split, single_cameras
 from emvs.dsi.slices import Slices, volume_writer
 from emvs.dsi.voting import VoteCounts
+from emvs.reference_view import ReferenceView
 from emvs.utils.runtime import Progress
-from emvs.view import ReferenceView
 
 
 @dataclass(frozen=True)

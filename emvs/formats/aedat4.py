@@ -16,11 +16,10 @@ import lz4.frame
 import numpy as np
 
 from emvs.data.events import Events
-from emvs.errors import InputError
+from emvs.errors import InputError, quoted, said
 from emvs.formats.base import FileWriter
 from emvs.formats.blocks import MOST_BYTES, BlockReader, to_events, unpacked
 from emvs.formats.prophesee import opened
-from emvs.io.events.wording import quoted, said
 
 MAGIC = b"#!AER-DAT4.0\r\n"
 EVENT = np.dtype(

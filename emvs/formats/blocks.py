@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
-from emvs.errors import InputError
-from emvs.io.events.wording import quoted, said
+from emvs.errors import InputError, quoted, said
 
 Numbers = NDArray[Any]
 

@@ -14,11 +14,10 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
+from emvs.errors import InputError, said
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera, Model
 from emvs.geometry.rig import Rig
-from emvs.io.events.wording import said
 
 _TERMS = {"kb4": ("k1", "k2", "k3", "k4"), "pinhole": (), "radtan4": ("k1", "k2", "p1", "p2")}
 _BASALT: dict[str, tuple[Model, str]] = {"kb4": ("kb4", "kb4"), "pinhole": ("pinhole", "pinhole")}

@@ -14,8 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from emvs.io.events.wording import said
+from emvs.errors import InputError, said
 from emvs.utils.files import atomic_path
 
 if TYPE_CHECKING:

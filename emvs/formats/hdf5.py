@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from emvs.data.event_store import EventStoreWriter
 from emvs.data.events import Events
 from emvs.data.hdf5 import COMPRESSION, Hdf5Writer, check_dataset, open_hdf5
-from emvs.errors import InputError
+from emvs.errors import InputError, quoted, said
 from emvs.formats.base import GatheringWriter, StreamWriter
 from emvs.formats.blocks import BlockReader, IndexedBlock, times_us, to_events, within
 from emvs.formats.hdf5_kernels import convert_rows
-from emvs.io.events.wording import quoted, said
 
 Streams = dict[str, tuple[str, ...]]
 _DAVIS = ("davis/left/events", "davis/right/events")

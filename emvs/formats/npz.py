@@ -21,11 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
-from emvs.errors import InputError
+from emvs.errors import InputError, quoted, said
 from emvs.formats.base import StreamWriter
 from emvs.formats.blocks import BlockReader, to_events
 from emvs.formats.prophesee import STREAM, opened
-from emvs.io.events.wording import quoted, said
 
 _TIMES = {"t_us": 1e-6, "t_ns": 1e-9, "t_s": 1.0, "t": None, "ts": None, "timestamps": None}
 _POLARITIES = ("p", "pol", "polarity")

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
-from emvs.errors import InputError
+from emvs.errors import InputError, quoted
 from emvs.formats import prophesee_kernels
 from emvs.formats.base import FileWriter
 from emvs.formats.blocks import BlockReader
@@ -29,7 +29,6 @@ from emvs.formats.prophesee_kernels import (
     encoder_state,
     initial_state,
 )
-from emvs.io.events.wording import quoted
 
 _BLOCK_BYTES = 1 << 20
 _ROOM = 1 << 19

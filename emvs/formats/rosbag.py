@@ -15,11 +15,10 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from emvs.data.events import Events
-from emvs.errors import InputError
+from emvs.errors import InputError, quoted, said
 from emvs.formats.base import StreamWriter
 from emvs.formats.blocks import BlockReader, BoundedPath, unpacked, within
 from emvs.formats.rosbag_kernels import decode_array, encode_array
-from emvs.io.events.wording import quoted, said
 
 _BLOCK_EVENTS = 1 << 18
 _MOST_NS = 1 << 62

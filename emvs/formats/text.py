@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
-from emvs.errors import InputError
+from emvs.errors import InputError, quoted
 from emvs.formats.base import FileWriter
 from emvs.formats.blocks import BlockReader
 from emvs.formats.prophesee import STREAM, opened
 from emvs.formats.text_kernels import format_rows, parse_rows
-from emvs.io.events.wording import quoted
 
 _BLOCK_BYTES = 1 << 22
 _HEAD_BYTES = 1 << 16

@@ -22,7 +22,7 @@ from emvs.dsi.method import file_name
 from emvs.dsi.slices import Slices
 from emvs.errors import DAMAGED_NPY, InputError
 from emvs.geometry.camera import Camera
-from emvs.result import WindowResult
+from emvs.mapper import WindowResult
 from emvs.utils.runtime import versions
 
 CURE = "run `eventsweep map` again"

@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
+from emvs.config import FuseConfig
 from emvs.depth.depth_map import DepthMap
 from emvs.depth.inpainting import inpaint
 from emvs.depth.point_cloud import (
@@ -20,7 +21,6 @@ from emvs.depth.point_cloud import (
 from emvs.depth.tsdf import SurfaceFusion, write_mesh
 from emvs.dsi.method import file_name
 from emvs.errors import InputError
-from emvs.fuse_config import FuseConfig
 from emvs.maps.folder import StoredMap
 from emvs.utils.files import atomic_dir
 

@@ -37,13 +37,11 @@ from emvs.maps.folder import (
     write_window,
 )
 from emvs.maps.store import MapStore, identity, open_store, read_entry, write_entry
-from emvs.memory import check_view_fits, check_window_fits
-from emvs.pose_gaps import check_poses
+from emvs.preflight import check_view_fits, check_window_fits
+from emvs.reference_view import reference_view
 from emvs.utils.files import atomic_dir, refuse_existing
 from emvs.utils.runtime import Progress, silent, versions
-from emvs.view import reference_view
-from emvs.window import Window, choose_window
-from emvs.windows import WindowPlan, plan_windows
+from emvs.windows import Window, WindowPlan, check_poses, choose_window, plan_windows
 
 Hot = tuple[HotPixels, ...] | None
 """The hot pixels of every camera; None where the filter is off."""

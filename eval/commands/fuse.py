@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Group, Parameter
 
-from emvs.fuse_config import FuseConfig
+from emvs.config import FuseConfig
 from eval.app import COMMON, Common, app
 
 FuseFlags = Annotated[FuseConfig, Parameter(name="*", group=Group("Fusion parameters"))]

@@ -16,7 +16,7 @@ from emvs.dsi.cuda.arrays import DeviceEvents, DeviceRays
 from emvs.dsi.rays import RayCounts, knots, voters
 from emvs.dsi.rays_kernels import BACKWARDS, NO_POSE, NO_RAY
 from emvs.geometry.camera import Camera
-from emvs.view import ReferenceView
+from emvs.reference_view import ReferenceView
 
 
 class CudaProjector:

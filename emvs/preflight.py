@@ -9,8 +9,8 @@ from pathlib import Path
 from emvs.config import MapperConfig
 from emvs.data.recording import DerivedRecording, Recording
 from emvs.errors import InputError
-from emvs.view import ReferenceView
-from emvs.window import Window, time_steps
+from emvs.reference_view import ReferenceView
+from emvs.windows import Window, time_steps
 
 _EVENT_BYTES = 13 + 16  # columns of the event, float32 of its ray
 _PIXEL_BYTES = 4 + 4 + 4 + 1  # depth, confidence, argmax, mask
