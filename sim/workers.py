@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from emvs.errors import InputError
 from sim.chunks import ChunkRenderer, RenderedFrame, RenderJob, TruthImages
-from sim.gl_backend import DEVICE
 from sim.graphics import worker_devices
+from sim.graphics.backend import DEVICE
 from sim.renderer import StereoRenderer
 from sim.work import Stopped
 

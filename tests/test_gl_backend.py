@@ -12,10 +12,11 @@ import scenes
 from emvs.errors import InputError
 from eval import stage_simulate
 from eval.studies import stage_simulate as study_stage_simulate
-from sim import gl_backend, graphics
+from sim import graphics
 from sim.config import SimConfig
 from sim.generate import simulate
-from sim.gl_backend import DEVICE, NOTE, Choice, Driver, choose, equal_devices, probe
+from sim.graphics import backend as gl_backend
+from sim.graphics.backend import DEVICE, NOTE, Choice, Driver, choose, equal_devices, probe
 from sim.rigs import rig
 
 BOTH = ("egl", "osmesa")

@@ -197,9 +197,7 @@ def prefetch(_typing: Any, array: Any, index: Any) -> Any:
         address = _address(context, builder, signature.args[0], *args)
         pointer = builder.bitcast(address, _INT8.as_pointer())
         kind = ir.FunctionType(ir.VoidType(), [_INT8.as_pointer(), _INT32, _INT32, _INT32])
-        function = cgutils.get_or_insert_function(
-            builder.module, kind, "llvm.prefetch.p0"
-        )
+        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
         read, keep, data = _INT32(0), _INT32(3), _INT32(1)
         builder.call(function, [pointer, read, keep, data])
         return context.get_dummy_value()

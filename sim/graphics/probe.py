@@ -1,6 +1,7 @@
 """Opens a graphics context, draws in it and says what drew: a program of its own.
 
-A driver can crash or hang the process that starts it, so `sim.gl_backend` starts it here first.
+A driver can crash or hang the process that starts it, so `sim.graphics.backend` starts it here
+first.
 Usage: `python -P gl_probe.py egl` (or osmesa); one line of JSON on standard output.
 """
 

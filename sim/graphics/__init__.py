@@ -9,7 +9,7 @@ import sys
 from typing import Any
 
 from emvs.errors import InputError
-from sim.gl_backend import NOTE, Choice, Driver, choose, equal_devices, has_gpu, probe
+from sim.graphics.backend import NOTE, Choice, Driver, choose, equal_devices, has_gpu, probe
 
 # What each back end loads (any one of each group), in order of preference. EGL needs no display
 # and uses a GPU where there is one.
@@ -18,7 +18,7 @@ _CURE = "install one, on Debian: apt-get install libegl1 libgl1 libosmesa6"
 
 
 def backend() -> str:
-    """Returns the graphics back end: `MUJOCO_GL` where set, else what `sim.gl_backend` chooses.
+    """Returns the graphics back end: `MUJOCO_GL` where set, else what the machine can do.
 
     Raises:
         InputError: `MUJOCO_GL` names no usable back end, or nothing is installed.

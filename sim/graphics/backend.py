@@ -1,8 +1,8 @@
 """Which graphics library draws: the GPU's EGL where there is one that works, else software.
 
-Only a machine that has a GPU's device file is tried out, in a process of its own (`sim.gl_probe`),
-because a driver can crash or hang whoever starts it. What is found holds for this process and,
-through the environment, for those that it starts.
+Only a machine that has a GPU's device file is tried out, in a process of its own
+(`sim.graphics.probe`), because a driver can crash or hang whoever starts it. What is found holds
+for this process and, through the environment, for those that it starts.
 """
 
 from __future__ import annotations
