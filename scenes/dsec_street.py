@@ -6,7 +6,7 @@ from pathlib import Path
 
 from scenes._drive import CAR
 from scenes._street import edit, textures
-from sim.motion import HeadSway
+from sim.motion.curves import HeadSway
 from sim.scene import Scene
 
 

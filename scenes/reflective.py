@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sim.motion import HeadSway, look_at
+from sim.motion.curves import HeadSway, look_at
 from sim.scene import Scene
 
 if TYPE_CHECKING:

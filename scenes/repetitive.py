@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from numpy.random import default_rng
 
-from sim.motion import HeadSway, look_at
+from sim.motion.curves import HeadSway, look_at
 from sim.scene import Scene
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
-from sim.motion import HeadSway, look_at
+from sim.motion.curves import HeadSway, look_at
 from sim.scene import Scene
 
 if TYPE_CHECKING:

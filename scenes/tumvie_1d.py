@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from scenes._heads import Centred, centred
 from scenes._mocap import case
-from sim.heads import translate_1d
-from sim.motion import look_at
+from sim.motion.curves import look_at
+from sim.motion.head_motion import translate_1d
 
 
 def _motion(duration_s: float, seed: int) -> Centred:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from scenes._heads import Centred, centred
 from scenes._mocap import case
-from sim.heads import six_dof
-from sim.motion import look_at
+from sim.motion.curves import look_at
+from sim.motion.head_motion import six_dof
 
 
 def _motion(duration_s: float, seed: int) -> Centred:

@@ -5,13 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from scenes._park import edit, textures
-from sim import heads
-from sim.motion import Motion, look_at
+from sim.motion import head_motion
+from sim.motion.curves import Motion, look_at
 from sim.scene import Scene
 
 
 def _motion(duration_s: float, seed: int) -> Motion:
-    return heads.placed(heads.bike(duration_s, seed), look_at((0.3, 0.0, 1.85), (0.3, 20.0, 1.85)))
+    return head_motion.placed(
+        head_motion.bike(duration_s, seed), look_at((0.3, 0.0, 1.85), (0.3, 20.0, 1.85))
+    )
 
 
 SCENE = Scene(

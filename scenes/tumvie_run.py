@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from numpy.random import Generator, default_rng
 
-from sim import heads
-from sim.motion import Motion, look_at
+from sim.motion import head_motion
+from sim.motion.curves import Motion, look_at
 from sim.scene import Scene
 
 if TYPE_CHECKING:
@@ -139,7 +139,9 @@ def _yard(spec: mujoco.MjSpec, rng: Generator) -> None:
 
 
 def _motion(duration_s: float, seed: int) -> Motion:
-    return heads.placed(heads.run(duration_s, seed), look_at((0.05, 0.0, 1.68), (0.15, 10.0, 1.5)))
+    return head_motion.placed(
+        head_motion.run(duration_s, seed), look_at((0.05, 0.0, 1.68), (0.15, 10.0, 1.5))
+    )
 
 
 SCENE = Scene(

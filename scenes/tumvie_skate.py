@@ -5,13 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from scenes._corridor import edit, textures
-from sim import heads
-from sim.motion import Motion, look_at
+from sim.motion import head_motion
+from sim.motion.curves import Motion, look_at
 from sim.scene import Scene
 
 
 def _motion(duration_s: float, seed: int) -> Motion:
-    return heads.placed(heads.skate(duration_s, seed), look_at((0.0, 0.0, 1.72), (0.0, 10.0, 1.5)))
+    return head_motion.placed(
+        head_motion.skate(duration_s, seed), look_at((0.0, 0.0, 1.72), (0.0, 10.0, 1.5))
+    )
 
 
 SCENE = Scene(

@@ -20,7 +20,7 @@ from emvs.geometry.rig import Rig
 from sim import truth
 from sim.bodies import MovingBodies
 from sim.config import SimConfig
-from sim.motion import Motion
+from sim.motion.curves import Motion
 from sim.renderer import StereoRenderer
 from sim.sampling import Exposure, exposures
 from sim.scene import Scene

@@ -17,7 +17,7 @@ from emvs.errors import InputError
 from sim.bodies import MovingBodies
 from sim.config import SimConfig
 from sim.frames_config import FramesConfig, ShutterConfig
-from sim.motion import Motion
+from sim.motion.curves import Motion
 from sim.sampling import FrameSource, exposures
 
 Light = NDArray[np.float32]

@@ -14,7 +14,7 @@ from emvs.utils.runtime import versions
 from sim.chunks import RenderJob
 from sim.graphics import import_mujoco
 from sim.imu import imu_samples
-from sim.motion import sampled
+from sim.motion.curves import sampled
 from sim.renderer import StereoRenderer
 from sim.truth import geom_table
 

@@ -13,8 +13,7 @@ from emvs.data.tables import ImuSamples
 from emvs.errors import InputError
 from emvs.geometry import se3
 from sim.imu_config import ImuConfig
-from sim.motion import Motion
-from sim.motion_curve import curve_of
+from sim.motion.curves import Motion, curve_of
 
 Array = NDArray[np.float64]
 # Sets the noise apart from what else is drawn from a sequence's seed.

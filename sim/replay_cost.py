@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from emvs.data.poses import read_tum
 from emvs.errors import InputError
-from sim.replay import Replay
+from sim.motion.replay import Replay
 
 _RATE_HZ = 200.0
 

@@ -16,9 +16,8 @@ from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.trajectory import Trajectory
 from sim.config import SimConfig
-from sim.motion import Motion
-from sim.motion_curve import CurveMotion, moved
-from sim.replay import Replay
+from sim.motion.curves import CurveMotion, Motion, moved
+from sim.motion.replay import Replay
 from sim.replay_config import ReplayConfig
 from sim.scene import Scene
 

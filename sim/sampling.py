@@ -19,7 +19,7 @@ from emvs.geometry.rig import Rig
 from sim.bodies import BodyPixels, MovingBodies
 from sim.config import SimConfig
 from sim.displacement import largest_displacement_px
-from sim.motion import Motion
+from sim.motion.curves import Motion
 from sim.renderer import Frame
 
 # Aim below the limit: motion accelerates, and the backward check must pass as well.

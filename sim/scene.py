@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from emvs.errors import InputError
 from sim.config import SimConfig
-from sim.motion import Motion
+from sim.motion.curves import Motion
 
 if TYPE_CHECKING:
     import mujoco

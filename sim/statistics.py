@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
-from sim.head_styles import STYLES
-from sim.heads import generate
-from sim.motion import Motion
-from sim.motion_curve import CurveMotion, curve_of
-from sim.replay import Replay
+from sim.motion.curves import CurveMotion, Motion, curve_of
+from sim.motion.head_motion import generate
+from sim.motion.head_styles import STYLES
+from sim.motion.replay import Replay
 
 Array = NDArray[np.float64]
 _RATE_HZ = 200.0

@@ -16,7 +16,7 @@ from emvs.data.tables import Geom
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from sim.bodies import moving_geoms
-from sim.motion import Motion
+from sim.motion.curves import Motion
 
 BOUNDARY_JUMP = 0.02
 """A depth discontinuity: inverse depth misses a plane's continuation by this share of itself."""

@@ -9,7 +9,7 @@ import numpy as np
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from sim.graphics import import_mujoco
-from sim.motion import HeadSway, look_at
+from sim.motion.curves import HeadSway, look_at
 from sim.scene import Scene
 
 DARK = '<visual><headlight ambient="0 0 0" diffuse="0 0 0" specular="0 0 0"/></visual>'

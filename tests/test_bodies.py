@@ -15,7 +15,7 @@ from emvs.geometry import se3
 from sim.bodies import MovingBodies
 from sim.config import SimConfig
 from sim.generate import simulate
-from sim.motion import HeadSway, look_at
+from sim.motion.curves import HeadSway, look_at
 from sim.renderer import StereoRenderer
 from sim.sampling import exposures
 

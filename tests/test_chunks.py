@@ -24,7 +24,7 @@ from sim.chunks import CHUNK_US, chunk_bounds_us
 from sim.config import SimConfig
 from sim.generate import make_job, simulate
 from sim.labels import Label
-from sim.motion import HeadSway, look_at
+from sim.motion.curves import HeadSway, look_at
 from sim.presets import SensorConfig
 from sim.scene import Scene
 from sim.work import work_path

@@ -10,7 +10,7 @@ from emvs.errors import InputError
 from sim.config import SimConfig
 from sim.exposure import develop, exposed_for, mean_light, photograph
 from sim.frames_config import ShutterConfig
-from sim.motion import HeadSway, look_at
+from sim.motion.curves import HeadSway, look_at
 from sim.renderer import StereoRenderer
 
 

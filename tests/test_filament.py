@@ -14,7 +14,7 @@ import pytest
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from sim.graphics import import_mujoco
-from sim.motion import look_at
+from sim.motion.curves import look_at
 from sim.renderer import StereoRenderer
 
 # Filament's own unit of emission for nearly black surfaces, and the light that it adds from all

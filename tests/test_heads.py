@@ -10,11 +10,19 @@ from scipy.spatial.transform import Rotation
 
 from emvs.errors import InputError
 from emvs.geometry import se3
-from sim.head_styles import STYLES
-from sim.heads import along, bike, generate, placed, run, seated, shake, walk
-from sim.motion import look_at, sampled
-from sim.motion_curve import curve_of, moved
-from sim.motion_parts import minimum_jerk
+from sim.motion.curves import curve_of, look_at, moved, sampled
+from sim.motion.head_motion import (
+    along,
+    bike,
+    generate,
+    minimum_jerk,
+    placed,
+    run,
+    seated,
+    shake,
+    walk,
+)
+from sim.motion.head_styles import STYLES
 from sim.statistics import statistics
 
 NAMES = list(STYLES)
@@ -189,7 +197,7 @@ def test_impossible_heads_are_refused(name, duration_s, parameters):
 
 
 def test_curve_of_another_motion_meets_it():
-    from sim.motion import HeadSway
+    from sim.motion.curves import HeadSway
 
     sway = HeadSway.seeded(T_REST, (0.1, 0.06, 0.04), (3, 5, 2), (1.4, 0.5), 0)
     smooth = curve_of(sway, 1.0)

@@ -218,7 +218,7 @@ def test_each_stage_reaches_its_own_code_and_no_more():
     assert not any(name.startswith(("emvs.mapper", "eval.score")) for name in simulate)
     assert not any(name.startswith(("sim", "scenes", "eval.score")) for name in mapping)
     assert not any(name.startswith(("scenes", "emvs.mapper", "eval.report")) for name in scoring)
-    assert not {"sim.generate", "sim.esim", "sim.motion_curve"} & scoring
+    assert not {"sim.generate", "sim.esim", "sim.motion.curves"} & scoring
 
 
 def test_a_scene_has_the_files_that_it_includes():

@@ -16,7 +16,7 @@ from emvs.geometry.rig import Rig
 from sim import lens, pixel_kernels
 from sim.displacement import largest_displacement_px
 from sim.graphics import import_mujoco
-from sim.motion import look_at
+from sim.motion.curves import look_at
 from sim.renderer import StereoRenderer
 from sim.rigs import RIGS
 

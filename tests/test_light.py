@@ -12,7 +12,7 @@ from emvs.geometry.rig import Rig
 from sim.config import SimConfig
 from sim.esim import EventSimulator
 from sim.light import LightConfig
-from sim.motion import look_at
+from sim.motion.curves import look_at
 from sim.renderer import StereoRenderer
 
 RANGE_M = (0.5, 8.0)

@@ -12,7 +12,7 @@ from emvs.geometry import se3
 from emvs.geometry.rig import Rig
 from sim import graphics, pixel_kernels, pixels
 from sim.graphics import import_mujoco
-from sim.motion import look_at
+from sim.motion.curves import look_at
 from sim.renderer import StereoRenderer
 
 RANGE_M = (0.5, 8.0)

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.trajectory import Trajectory
-from sim.motion import look_at
-from sim.replay import Replay, gain, hand_eye, smoothed
+from sim.motion.curves import look_at
+from sim.motion.replay import Replay, gain, hand_eye, smoothed
 
 RATE_HZ = 120.0
 

@@ -16,7 +16,7 @@ from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from sim.config import SimConfig
 from sim.displacement import largest_displacement_px
-from sim.motion import HeadSway, Wave, look_at
+from sim.motion.curves import HeadSway, Wave, look_at
 from sim.renderer import Frame, StereoRenderer
 from sim.sampling import exposures, longest_step, truth_times_us
 

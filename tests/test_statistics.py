@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from emvs.data.poses import write_tum
-from sim.head_styles import STYLES
-from sim.heads import generate
-from sim.motion import sampled
+from sim.motion.curves import sampled
+from sim.motion.head_motion import generate
+from sim.motion.head_styles import STYLES
 from sim.statistics import main, recorded, statistics
 
 REAL = Path(__file__).parents[2] / "shared/data"

@@ -8,7 +8,7 @@ from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from scenes import textures as tx
 from sim.graphics import import_mujoco
-from sim.motion import look_at
+from sim.motion.curves import look_at
 from sim.renderer import StereoRenderer
 from sim.scene import put_texture
 

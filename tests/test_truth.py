@@ -24,7 +24,7 @@ from sim import truth, truth_kernels
 from sim.config import SimConfig
 from sim.consistency import warped
 from sim.generate import simulate
-from sim.motion import HeadSway, look_at
+from sim.motion.curves import HeadSway, look_at
 from sim.renderer import StereoRenderer
 from sim.rigs import rig as named_rig
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from emvs.errors import InputError
 from emvs.geometry import se3
-from sim.motion_curve import CurveMotion, curve
+from sim.motion.curves import CurveMotion, curve
 
 if TYPE_CHECKING:
     from emvs.geometry.trajectory import Trajectory

@@ -1,4 +1,4 @@
-"""Head motion: smooth curves of the rig's pose over time."""
+"""Smooth curves of the rig's pose over time: quintic splines of position and quaternion."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from emvs.errors import InputError
 
 if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
+    from scipy.interpolate import BSpline, CubicSpline
     from scipy.spatial.transform import RotationSpline
 
     from emvs.geometry.trajectory import Trajectory
 
 Vector3 = tuple[float, float, float]
+Array = NDArray[np.float64]
+_DEGREE = 5
 
 
 class Motion(Protocol):
@@ -195,3 +197,164 @@ def sampled(motion: Motion, duration_s: float, rate_hz: float) -> Trajectory:
 
 def _scaled(vector: Vector3, factor: float) -> Vector3:
     return vector[0] * factor, vector[1] * factor, vector[2] * factor
+
+
+@dataclass(frozen=True, eq=False)
+class Kinematics:
+    """Velocities and accelerations of the body, (N, 3) each.
+
+    Attributes:
+        velocity_m_s: of the body's origin, in world axes.
+        acceleration_m_s2: of the body's origin, in world axes.
+        angular_velocity_rad_s: in body axes.
+        angular_acceleration_rad_s2: in body axes.
+    """
+
+    velocity_m_s: Array
+    acceleration_m_s2: Array
+    angular_velocity_rad_s: Array
+    angular_acceleration_rad_s2: Array
+
+
+@dataclass(frozen=True, eq=False)
+class CurveMotion:
+    """A motion with four continuous derivatives, over [0, `duration_s`].
+
+    The spline's seven channels are the position in m and a quaternion (x, y, z, w) of any length
+    near 1, which is normalised where the curve is asked: a smooth curve on SO(3), without poles.
+
+    Attributes:
+        spline: quintic, value, first and second derivative.
+        duration_s: end of the curve, s.
+    """
+
+    spline: tuple[BSpline, BSpline, BSpline]
+    duration_s: float
+
+    def T_world_body(self, t_s: float) -> Array:
+        """Pose (4, 4) at `t_s`."""
+        self._check(t_s, t_s)
+        x, y, z, i, j, k, w = self.spline[0](t_s).tolist()
+        s = 2 / (i * i + j * j + k * k + w * w)
+        return np.array(
+            [
+                [1 - s * (j * j + k * k), s * (i * j - k * w), s * (i * k + j * w), x],
+                [s * (i * j + k * w), 1 - s * (i * i + k * k), s * (j * k - i * w), y],
+                [s * (i * k - j * w), s * (j * k + i * w), 1 - s * (i * i + j * j), z],
+                [0.0, 0.0, 0.0, 1.0],
+            ]
+        )
+
+    def poses(self, times_s: ArrayLike) -> Array:
+        """Poses (N, 4, 4) at (N,) times: many at once, a hundred times faster than one by one."""
+        from emvs.geometry import se3
+
+        channels = self.spline[0](self._times(times_s))
+        return se3.from_quat_xyzw(channels[:, :3], channels[:, 3:])
+
+    def kinematics(self, times_s: ArrayLike) -> Kinematics:
+        """Exact derivatives of the curve at (N,) times.
+
+        With a quaternion q of any length, `omega = 2 vec(q* dq) / |q|^2` in body axes.
+        """
+        times = self._times(times_s)
+        value, first, second = (spline(times) for spline in self.spline)
+        q, dq, ddq = value[:, 3:], first[:, 3:], second[:, 3:]
+        square = np.sum(q * q, axis=1, keepdims=True)
+        omega = 2 * _vector_of_conjugate_product(q, dq) / square
+        shrink = 2 * np.sum(q * dq, axis=1, keepdims=True) / square
+        alpha = 2 * _vector_of_conjugate_product(q, ddq) / square - shrink * omega
+        return Kinematics(first[:, :3], second[:, :3], omega, alpha)
+
+    def _times(self, times_s: ArrayLike) -> Array:
+        times = np.atleast_1d(np.asarray(times_s, np.float64))
+        if times.size:
+            self._check(float(times.min()), float(times.max()))
+        return times
+
+    def _check(self, first_s: float, last_s: float) -> None:
+        if not (first_s >= -1e-9 and last_s <= self.duration_s + 1e-9):
+            raise InputError(
+                f"asked for the pose between {first_s} and {last_s} s, but the motion spans 0 to "
+                f"{self.duration_s} s: ask within, or make the motion longer"
+            )
+
+
+def curve(times_s: ArrayLike, positions_m: ArrayLike, quats_xyzw: ArrayLike) -> CurveMotion:
+    """Interpolates poses by quintic splines.
+
+    Args:
+        times_s: (N,) strictly rising from 0, N >= 6.
+        positions_m: (N, 3).
+        quats_xyzw: (N, 4) unit quaternions; neighbours less than 90 degrees apart.
+
+    Raises:
+        InputError: fewer than six poses, or not finite.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    times, quats = np.asarray(times_s, float), np.asarray(quats_xyzw, float)
+    channels = np.hstack([np.asarray(positions_m, float), _one_hemisphere(quats)])
+    if len(times) <= _DEGREE or not np.isfinite(channels).all():
+        raise InputError(
+            f"{len(times)} poses{'' if np.isfinite(channels).all() else ', some not finite'}: "
+            f"a smooth curve needs at least {_DEGREE + 1} finite ones"
+        )
+    spline = make_interp_spline(times, channels, _DEGREE)
+    return CurveMotion((spline, spline.derivative(1), spline.derivative(2)), float(times[-1]))
+
+
+def curve_of(motion: Motion, duration_s: float, rate_hz: float = 250.0) -> CurveMotion:
+    """The same motion as a `CurveMotion`, through its poses at about `rate_hz`.
+
+    At 250 Hz a 10 Hz sine is met to 1e-6 of its amplitude, its acceleration to 1e-3.
+    """
+    from emvs.geometry import se3
+
+    if isinstance(motion, CurveMotion) and abs(motion.duration_s - duration_s) < 1e-9:
+        return motion
+    if not duration_s > 0:
+        raise InputError(f"a motion of {duration_s} s: the duration must be positive")
+    times = np.linspace(0, duration_s, max(6, int(np.ceil(duration_s * rate_hz)) + 1))
+    poses = np.stack([motion.T_world_body(t_s) for t_s in times.tolist()])
+    return curve(times, *se3.to_quat_xyzw(poses))
+
+
+def moved(motion: CurveMotion, T_left: Array, T_right: Array) -> CurveMotion:
+    """The curve `T_left @ T_world_body(t) @ T_right`, `T_right` a pure rotation."""
+    from scipy.interpolate import BSpline
+    from scipy.spatial.transform import Rotation
+
+    left, right = (Rotation.from_matrix(T[:3, :3]).as_quat() for T in (T_left, T_right))
+    matrix = np.zeros((7, 7))
+    matrix[:3, :3] = T_left[:3, :3]
+    matrix[3:, 3:] = _left_product(left) @ _right_product(right)
+    shift = np.concatenate([T_left[:3, 3], np.zeros(4)])
+    knots, coefficients, degree = motion.spline[0].tck
+    spline = BSpline(knots, coefficients @ matrix.T + shift, degree)
+    return CurveMotion((spline, spline.derivative(1), spline.derivative(2)), motion.duration_s)
+
+
+def _vector_of_conjugate_product(q: Array, r: Array) -> Array:
+    """Vector part (N, 3) of the quaternion product q* r, both (N, 4) as x, y, z, w."""
+    part: Array = q[:, 3:] * r[:, :3] - r[:, 3:] * q[:, :3] - np.cross(q[:, :3], r[:, :3])
+    return part
+
+
+def _left_product(q: Array) -> Array:
+    """Matrix (4, 4) of r -> q r."""
+    x, y, z, w = q.tolist()
+    return np.array([[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]])
+
+
+def _right_product(q: Array) -> Array:
+    """Matrix (4, 4) of r -> r q."""
+    x, y, z, w = q.tolist()
+    return np.array([[w, z, -y, x], [-z, w, x, y], [y, -x, w, z], [-x, -y, -z, w]])
+
+
+def _one_hemisphere(quats: Array) -> Array:
+    flips = np.sum(quats[1:] * quats[:-1], axis=1) < 0
+    signs = np.concatenate([[1.0], np.where(flips, -1.0, 1.0)]).cumprod()
+    flipped: Array = quats * signs[:, None]
+    return flipped

@@ -1,0 +1,1 @@
+"""Motion of the rig: smooth curves, heads, recorded trajectories."""
