@@ -14,7 +14,7 @@ import scenes
 from sim.config import SimConfig
 from sim.exposure import develop, exposed_for, photograph
 from sim.frames_config import ShutterConfig
-from sim.renderer import StereoRenderer
+from sim.rendering.renderer import StereoRenderer
 from sim.rigs import RIGS
 
 IMAGES = Path(__file__).with_name("images")

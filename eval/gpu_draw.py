@@ -19,8 +19,8 @@ import numpy as np
 
 import scenes
 from emvs.geometry.camera import Camera
-from sim import views
-from sim.renderer import StereoRenderer
+from sim.rendering import lens
+from sim.rendering.renderer import StereoRenderer
 from sim.rigs import rig as named_rig
 
 SCENE = "desk"
@@ -91,7 +91,7 @@ class _Filament:
 
     def draw(self, T_world_cam: Any, near_m: float) -> None:
         """Draws into `light`."""
-        left, right, top, bottom = near_m * views.edges(self._camera)
+        left, right, top, bottom = near_m * lens.edges(self._camera)
         eye = self._mjrf.Camera(
             pos=T_world_cam[:3, 3], forward=T_world_cam[:3, 2], up=-T_world_cam[:3, 1],
             frustum_bottom=-bottom, frustum_top=-top, frustum_near=near_m, frustum_far=100 * near_m,

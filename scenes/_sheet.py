@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import scenes
-from sim.renderer import StereoRenderer
+from sim.rendering.renderer import StereoRenderer
 from sim.rigs import rig
 
 INDOOR = (

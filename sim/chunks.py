@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from emvs.geometry import se3
 from emvs.geometry.rig import Rig
 from sim import truth
-from sim.bodies import MovingBodies
 from sim.config import SimConfig
 from sim.motion.curves import Motion
-from sim.renderer import StereoRenderer
-from sim.sampling import Exposure, exposures
+from sim.rendering.adaptive_sampling import Exposure, exposures
+from sim.rendering.moving_bodies import MovingBodies
+from sim.rendering.renderer import StereoRenderer
 from sim.scene import Scene
 
 CHUNK_US = 12_500

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
-from sim.bodies import MovingBodies
 from sim.config import SimConfig
 from sim.frames_config import FramesConfig, ShutterConfig
 from sim.motion.curves import Motion
-from sim.sampling import FrameSource, exposures
+from sim.rendering.adaptive_sampling import FrameSource, exposures
+from sim.rendering.moving_bodies import MovingBodies
 
 Light = NDArray[np.float32]
 TimedLight = tuple[int, Light]

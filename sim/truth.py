@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from emvs.data.tables import Geom
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
-from sim.bodies import moving_geoms
 from sim.motion.curves import Motion
+from sim.rendering.moving_bodies import moving_geoms
 
 BOUNDARY_JUMP = 0.02
 """A depth discontinuity: inverse depth misses a plane's continuation by this share of itself."""

@@ -26,7 +26,7 @@ from emvs.errors import InputError
 from sim.chunks import ChunkRenderer, RenderedFrame, RenderJob, TruthImages
 from sim.graphics import worker_devices
 from sim.graphics.backend import DEVICE
-from sim.renderer import StereoRenderer
+from sim.rendering.renderer import StereoRenderer
 from sim.work import Stopped
 
 _BYTES_PER_WORKER = 160 << 20

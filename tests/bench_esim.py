@@ -14,9 +14,9 @@ import pytest
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from sim.config import SimConfig
-from sim.displacement import largest_displacement_px
 from sim.esim import EventSimulator
 from sim.presets import SensorConfig
+from sim.rendering.adaptive_sampling import largest_displacement_px
 from sim.sensor import Sensor
 
 SIZES = {"346x260": (346, 260), "640x480": (640, 480), "1280x720": (1280, 720)}

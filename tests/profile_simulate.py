@@ -14,15 +14,16 @@ from pathlib import Path
 
 import scenes
 from emvs.data import event_store, image_stores
-from sim import cameras, chunks, generate, renderer, sampling
+from sim import cameras, chunks, generate
 from sim.config import SimConfig
+from sim.rendering import adaptive_sampling, renderer
 from sim.rigs import rig
 
 # Owner, function, stage; a stage in a thread of its own runs beside the others.
 STAGES = (
     (renderer.StereoRenderer, "frame", "render frames"),
     (chunks.ChunkRenderer, "_truth", "render truth"),
-    (sampling._View, "moved_px", "choose times"),
+    (adaptive_sampling._View, "moved_px", "choose times"),
     (cameras.Cameras, "_step", "events (threads)"),
     (cameras.Cameras, "collect", "wait for events"),
     (event_store.EventStoreWriter, "append", "write events"),

@@ -11,7 +11,7 @@ from sim.config import SimConfig
 from sim.exposure import develop, exposed_for, mean_light, photograph
 from sim.frames_config import ShutterConfig
 from sim.motion.curves import HeadSway, look_at
-from sim.renderer import StereoRenderer
+from sim.rendering.renderer import StereoRenderer
 
 
 def frames(times_us):

@@ -15,7 +15,7 @@ from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from sim.graphics import import_mujoco
 from sim.motion.curves import look_at
-from sim.renderer import StereoRenderer
+from sim.rendering.renderer import StereoRenderer
 
 # Filament's own unit of emission for nearly black surfaces, and the light that it adds from all
 # around, which the classic renderer does not know. Measured once: two numbers for seven panels.

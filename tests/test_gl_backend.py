@@ -233,7 +233,7 @@ def in_process(code, *arguments, **environment):
 SHOW = """
 import sys
 import scenes
-from sim.renderer import StereoRenderer
+from sim.rendering.renderer import StereoRenderer
 from sim.rigs import rig
 scene = scenes.load("planes")
 with StereoRenderer(scene.spec(), rig("davis346"), 1, scene.depth_range_m) as renderer:

@@ -13,11 +13,11 @@ from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
-from sim import lens, pixel_kernels
-from sim.displacement import largest_displacement_px
 from sim.graphics import import_mujoco
 from sim.motion.curves import look_at
-from sim.renderer import StereoRenderer
+from sim.rendering import lens, pixel_kernels
+from sim.rendering.adaptive_sampling import largest_displacement_px
+from sim.rendering.renderer import StereoRenderer
 from sim.rigs import RIGS
 
 RANGE_M = (0.5, 8.0)

@@ -13,7 +13,7 @@ from sim.config import SimConfig
 from sim.esim import EventSimulator
 from sim.light import LightConfig
 from sim.motion.curves import look_at
-from sim.renderer import StereoRenderer
+from sim.rendering.renderer import StereoRenderer
 
 RANGE_M = (0.5, 8.0)
 POSE = look_at((0, 0, 1), (2, 0.1, 0.95))

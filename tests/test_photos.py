@@ -20,7 +20,7 @@ from sim.exposure import develop, mean_light, photograph, shutter_for
 from sim.frames_config import FramesConfig, ShutterConfig
 from sim.generate import make_job, simulate
 from sim.photos import FrameCamera, spans_us
-from sim.sampling import exposures
+from sim.rendering.adaptive_sampling import exposures
 
 # The shutter is open across chunks, parts and truth times.
 FRAMES = FramesConfig(rate_hz=100, exposure_us=9_000)

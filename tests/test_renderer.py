@@ -10,10 +10,12 @@ import pytest
 from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.rig import Rig
-from sim import graphics, pixel_kernels, pixels
+from sim import graphics
 from sim.graphics import import_mujoco
 from sim.motion.curves import look_at
-from sim.renderer import StereoRenderer
+from sim.rendering import pixel_kernels
+from sim.rendering import renderer as pixels
+from sim.rendering.renderer import StereoRenderer
 
 RANGE_M = (0.5, 8.0)
 RIG = made.small_rig()

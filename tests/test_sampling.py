@@ -15,10 +15,14 @@ from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from sim.config import SimConfig
-from sim.displacement import largest_displacement_px
 from sim.motion.curves import HeadSway, Wave, look_at
-from sim.renderer import Frame, StereoRenderer
-from sim.sampling import exposures, longest_step, truth_times_us
+from sim.rendering.adaptive_sampling import (
+    exposures,
+    largest_displacement_px,
+    longest_step,
+    truth_times_us,
+)
+from sim.rendering.renderer import Frame, StereoRenderer
 
 
 class Walls:

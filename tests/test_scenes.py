@@ -13,7 +13,7 @@ from scenes._shadows import SHELL_GROUP, bake
 from scenes.planes import PLANE_DEPTHS_M
 from sim.config import SimConfig
 from sim.graphics import import_mujoco
-from sim.renderer import StereoRenderer
+from sim.rendering.renderer import StereoRenderer
 from sim.rigs import rig
 from sim.scene import put_texture
 

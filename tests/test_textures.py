@@ -9,7 +9,7 @@ from emvs.geometry.rig import Rig
 from scenes import textures as tx
 from sim.graphics import import_mujoco
 from sim.motion.curves import look_at
-from sim.renderer import StereoRenderer
+from sim.rendering.renderer import StereoRenderer
 from sim.scene import put_texture
 
 PALE = ((0.3, 0.3, 0.3), (0.9, 0.9, 0.85))

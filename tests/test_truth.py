@@ -25,7 +25,7 @@ from sim.config import SimConfig
 from sim.consistency import warped
 from sim.generate import simulate
 from sim.motion.curves import HeadSway, look_at
-from sim.renderer import StereoRenderer
+from sim.rendering.renderer import StereoRenderer
 from sim.rigs import rig as named_rig
 
 EVERYTHING = ("flow", "segmentation", "boundary", "twist", "event_depth")

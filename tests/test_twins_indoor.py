@@ -19,7 +19,7 @@ from twin_checks import (
 )
 
 import scenes
-from sim.renderer import StereoRenderer
+from sim.rendering.renderer import StereoRenderer
 from sim.rigs import rig
 
 # name: width, height, baseline, depth range

@@ -20,7 +20,7 @@ from scenes._bodies import RECORD_S
 from scenes.textures import facades, outdoor, vehicles
 from scenes.textures.noise import BRIGHTEST, DARKEST, streams
 from sim.graphics import import_mujoco
-from sim.renderer import StereoRenderer
+from sim.rendering.renderer import StereoRenderer
 from sim.rigs import rig
 
 # name: rig, width, height, baseline, depth range

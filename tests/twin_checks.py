@@ -14,7 +14,7 @@ from emvs.geometry.rig import Rig
 from scenes.textures.noise import BRIGHTEST, DARKEST
 from sim.consistency import Warped, warped
 from sim.graphics import import_mujoco
-from sim.renderer import StereoRenderer
+from sim.rendering.renderer import StereoRenderer
 from sim.rigs import rig
 
 SMALL = {240: 2.0, 346: 2.5, 640: 5.0, 1280: 8.0}

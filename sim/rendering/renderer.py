@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
-from sim import lens, pixel_kernels, pixels, views
-from sim.float_target import FloatTarget
 from sim.graphics import current_driver, import_mujoco, open_context
+from sim.rendering import lens, pixel_kernels
+from sim.rendering import lens as views
+from sim.rendering.float_target import FloatTarget
 
 if TYPE_CHECKING:
     import mujoco
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 Pose = NDArray[np.float64]
 Colours = NDArray[np.uint8] | NDArray[np.float32]
-
 # Samples per pixel and axis where depth and geoms are looked up through a distorting lens.
 _LEAST_LENS_SAMPLES = 2
 
@@ -47,10 +47,10 @@ class StereoRenderer:
 
     The cameras are not part of the MuJoCo model: each picture sets the OpenGL frustum from the
     calibrated intrinsics, which is exact for any principal point and for unequal focal lengths.
-    A camera with distortion is resampled from a wider and finer pinhole picture, see `sim.lens`.
-    What the renderer calls colour is taken as linear radiance, so lighting and textures mean what
-    their numbers say. MuJoCo's headlight is a lamp on the body, the same for all cameras.
-    A renderer belongs to the thread that made it.
+    A camera with distortion is resampled from a wider and finer pinhole picture, see
+    `sim.rendering.lens`. What the renderer calls colour is taken as linear radiance, so lighting
+    and textures mean what their numbers say. MuJoCo's headlight is a lamp on the body, the same for
+    all cameras. A renderer belongs to the thread that made it.
     """
 
     def __init__(
@@ -139,7 +139,7 @@ class StereoRenderer:
                 luma, window_depth, mapped.position, mapped.step, self._lens_samples,
                 intensity, nearest,
             )  # fmt: skip
-        return Frame(intensity, pixels.metric_depth(nearest, self._near_m, self._far_m))
+        return Frame(intensity, metric_depth(nearest, self._near_m, self._far_m))
 
     def depth(
         self, camera: int, T_world_body: Pose, view: Camera | None = None
@@ -166,7 +166,7 @@ class StereoRenderer:
                 _, samples = self._draw(mapped.source, camera, T_world_body)
                 window_depth = np.empty(mapped.position.shape[:2], np.float32)
                 pixel_kernels.centre_depth(samples, mapped.position, window_depth)
-        return pixels.metric_depth(window_depth, self._near_m, self._far_m)
+        return metric_depth(window_depth, self._near_m, self._far_m)
 
     def segmentation(self, camera: int, T_world_body: Pose) -> NDArray[np.int32]:
         """Returns the geom id (H, W) at every pixel's centre; -1 where there is none.
@@ -281,3 +281,11 @@ def _compiled(spec: mujoco.MjSpec, width_px: int, height_px: int) -> Any:
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise InputError(f"the scene does not compile ({reason}): correct its MJCF") from error
+
+
+def metric_depth(
+    window_depth: NDArray[np.float32], near_m: float, far_m: float
+) -> NDArray[np.float32]:
+    """Turns window depth (1 at the near plane, 0 at the far plane) into z-depth, m; inf at 0."""
+    reciprocal = (window_depth.astype(np.float64) * (far_m - near_m) + near_m) / (near_m * far_m)
+    return np.where(window_depth > 0, 1 / reciprocal, np.inf).astype(np.float32)

@@ -13,7 +13,7 @@ from emvs.geometry import se3
 from sim.graphics import import_mujoco
 
 if TYPE_CHECKING:
-    from sim.renderer import StereoRenderer
+    from sim.rendering.renderer import StereoRenderer
     from sim.scene import Animation
 
 Pose = NDArray[np.float64]

@@ -1,0 +1,1 @@
+"""From a scene to linear intensity and metric depth, through any lens."""
