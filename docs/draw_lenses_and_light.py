@@ -12,10 +12,10 @@ import numpy as np
 
 import scenes
 from sim.config import SimConfig
-from sim.exposure import develop, exposed_for, photograph
 from sim.frames_config import ShutterConfig
 from sim.rendering.renderer import StereoRenderer
 from sim.rigs import RIGS
+from sim.sensor.frame_camera import develop, exposed_for, photograph
 
 IMAGES = Path(__file__).with_name("images")
 RIG_NAMES = ("mvsec", "dsec", "tumvie-kb4")

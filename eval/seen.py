@@ -12,7 +12,7 @@ from emvs.data.sequence import Sequence
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from eval.geometry import pixel_of
-from sim.labels import Label
+from sim.sensor.labels import Label
 
 SLICES = 32
 """Pieces of a window in each of which the camera is taken to stand still."""

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from scenes import load as load_scene
     from scenes import names as scenes
     from sim.config import SimConfig
-    from sim.esim import EventSimulator
+    from sim.sensor.esim import EventSimulator
 
     __version__: str
 
@@ -77,7 +77,7 @@ _PLACES = {
     "Camera": "emvs.geometry.camera:Camera",
     "DepthMap": "emvs.depth.depth_map:DepthMap",
     "EvalConfig": "eval.config:EvalConfig",
-    "EventSimulator": "sim.esim:EventSimulator",
+    "EventSimulator": "sim.sensor.esim:EventSimulator",
     "Events": "emvs.data.events:Events",
     "InputError": "emvs.errors:InputError",
     "MapperConfig": "emvs.config:MapperConfig",

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from emvs.data.events import Events
 from sim.chunks import RenderedFrame, RenderJob
 from sim.parts import State
-from sim.sensor import Sensor, part_of
+from sim.sensor.sensor import Sensor, part_of
 from sim.truth_kernels import depth_at_events
 
 # Within half a pixel of motion, inverse depth of one surface changes by less than this share.

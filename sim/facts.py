@@ -13,9 +13,9 @@ from emvs.geometry.trajectory import Trajectory
 from emvs.utils.runtime import versions
 from sim.chunks import RenderJob
 from sim.graphics import import_mujoco
-from sim.imu import imu_samples
 from sim.motion.curves import sampled
 from sim.rendering.renderer import StereoRenderer
+from sim.sensor.imu import imu_samples
 from sim.truth import geom_table
 
 _ANIMATION_SAMPLES, _ANIMATION_TIMES_S = 32, (0.001, 0.01, 0.1)

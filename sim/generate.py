@@ -23,10 +23,10 @@ from sim.config import SimConfig
 from sim.facts import Facts, facts_of
 from sim.graphics import note
 from sim.parts import PartWriter
-from sim.photos import FrameCamera, spans_us
 from sim.rendering.adaptive_sampling import truth_times_us
 from sim.replay_scene import replayed
 from sim.scene import Scene
+from sim.sensor.frame_camera import FrameCamera, spans_us
 from sim.work import Notice, WorkFolder
 from sim.workers import shots_from_workers, shots_in_process
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from emvs.errors import InputError
 from sim.chunks import RenderJob
 from sim.graphics import import_mujoco
-from sim.photos import spans_us
+from sim.sensor.frame_camera import spans_us
 from sim.workers import slot_bytes, slot_count
 
 # Lossless compression of rendered images gains at least this.

@@ -42,7 +42,7 @@ FAULTS = (
     ),
     Fault(
         "C+ and C- exchanged",
-        "sim/esim.py",
+        "sim/sensor/esim.py",
         "self._config.contrast_threshold_pos, self._config.contrast_threshold_neg",
         "self._config.contrast_threshold_neg, self._config.contrast_threshold_pos",
     ),

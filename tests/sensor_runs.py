@@ -6,8 +6,8 @@ import numpy as np
 
 from emvs.data.events import Events
 from sim.config import SimConfig
-from sim.labels import LabelledEvents
-from sim.sensor import Sensor
+from sim.sensor.labels import LabelledEvents
+from sim.sensor.sensor import Sensor
 
 
 def config(refractory_us=0, c_pos=0.2, c_neg=0.2, log_eps=0.02, **sensor):

@@ -23,10 +23,10 @@ from sim import preflight
 from sim.chunks import CHUNK_US, chunk_bounds_us
 from sim.config import SimConfig
 from sim.generate import make_job, simulate
-from sim.labels import Label
 from sim.motion.curves import HeadSway, look_at
 from sim.presets import SensorConfig
 from sim.scene import Scene
+from sim.sensor.labels import Label
 from sim.work import work_path
 from sim.workers import slot_count
 

@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as hnp
 from emvs.data.events import Events
 from emvs.errors import InputError
 from sim.config import SimConfig
-from sim.esim import EventSimulator
+from sim.sensor.esim import EventSimulator
 
 H, W = 3, 4
 FRAMES = hnp.arrays(

@@ -8,10 +8,10 @@ import pytest
 
 from emvs.errors import InputError
 from sim.config import SimConfig
-from sim.exposure import develop, exposed_for, mean_light, photograph
 from sim.frames_config import ShutterConfig
 from sim.motion.curves import HeadSway, look_at
 from sim.rendering.renderer import StereoRenderer
+from sim.sensor.frame_camera import develop, exposed_for, mean_light, photograph
 
 
 def frames(times_us):

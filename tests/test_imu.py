@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from emvs.data.tables import ImuSamples, read_imu, write_imu
 from emvs.errors import InputError
 from emvs.geometry import se3
-from sim.imu import GRAVITY_M_S2, imu_samples
 from sim.imu_config import ImuConfig
 from sim.motion.curves import look_at
 from sim.motion.head_motion import run, shake, walk
+from sim.sensor.imu import GRAVITY_M_S2, imu_samples
 
 QUIET = ImuConfig(rate_hz=200).noiseless()
 T_BODY_IMU = look_at((0.03, -0.05, 0.02), (0.3, 0.4, 0.1))

@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from sim.config import SimConfig
-from sim.esim import EventSimulator
 from sim.light import LightConfig
 from sim.motion.curves import look_at
 from sim.rendering.renderer import StereoRenderer
+from sim.sensor.esim import EventSimulator
 
 RANGE_M = (0.5, 8.0)
 POSE = look_at((0, 0, 1), (2, 0.1, 0.95))

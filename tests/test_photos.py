@@ -16,11 +16,17 @@ from emvs.data.image_stores import FrameReader, FrameWriter, Photo
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
 from sim.config import SimConfig
-from sim.exposure import develop, mean_light, photograph, shutter_for
 from sim.frames_config import FramesConfig, ShutterConfig
 from sim.generate import make_job, simulate
-from sim.photos import FrameCamera, spans_us
 from sim.rendering.adaptive_sampling import exposures
+from sim.sensor.frame_camera import (
+    FrameCamera,
+    develop,
+    mean_light,
+    photograph,
+    shutter_for,
+    spans_us,
+)
 
 # The shutter is open across chunks, parts and truth times.
 FRAMES = FramesConfig(rate_hz=100, exposure_us=9_000)

@@ -7,7 +7,7 @@ import pytest
 from sensor_runs import config, constant, irregular_times_us, run
 from test_sensor_pixels import counts_per_pixel, gaps_of
 
-from sim.labels import Label
+from sim.sensor.labels import Label
 
 SHAPE = (10, 12)
 

@@ -172,7 +172,7 @@ class Sequence:
         return read_geoms(self.path)
 
     def labels(self, camera: int, t0_us: int, t1_us: int) -> NDArray[np.uint8]:
-        """(N,) what made each of `events(camera, t0_us, t1_us)`, see `sim.labels`."""
+        """(N,) what made each of `events(camera, t0_us, t1_us)`, see `sim.sensor.labels`."""
         column = self._of(self._events, camera).read_extra("label", t0_us, t1_us)
         return column.astype(np.uint8, copy=False)
 

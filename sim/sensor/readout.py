@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import sensor_readout_kernels as kernels
-from sim.esim import NEVER_US
 from sim.presets import SensorParameters
-from sim.sensor_pixels import Batch
-from sim.sensor_random import Randomness, Use
+from sim.sensor import readout_kernels as kernels
+from sim.sensor.esim import NEVER_US
+from sim.sensor.pixels import Batch
+from sim.sensor.random_streams import Randomness, Use
 
 
 class Latency:

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim import sensor_kernels as kernels
-from sim.esim import log_intensity, time_order
-from sim.esim_kernels import PIXEL
 from sim.presets import SensorParameters
-from sim.sensor_low_pass import low_pass
-from sim.sensor_random import Randomness, Use
+from sim.sensor import pixels_kernels as kernels
+from sim.sensor.esim import log_intensity, time_order
+from sim.sensor.esim_kernels import PIXEL
+from sim.sensor.pixels_kernels import low_pass
+from sim.sensor.random_streams import Randomness, Use
 
 # Mismatch never takes a threshold below this share of its nominal value.
 _LEAST_THRESHOLD = 0.1

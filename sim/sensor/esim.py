@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from emvs.data.events import Events
 from emvs.errors import InputError
-from sim import esim_kernels as kernels
 from sim.config import SimConfig
+from sim.sensor import esim_kernels as kernels
 
 # Long before any time stamp, so that a pixel's first event is never held back.
 NEVER_US = -(2**62)

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
-from sim import sensor_kernels
 from sim.config import SimConfig
-from sim.esim import NEVER_US, EventSimulator, time_before
-from sim.labels import Drop, Label, LabelledEvents, count_names
-from sim.sensor_noise import Noise
-from sim.sensor_pixels import Batch, Pixels
-from sim.sensor_random import Randomness
-from sim.sensor_readout import Arbiter, Latency
+from sim.sensor import pixels_kernels
+from sim.sensor.esim import NEVER_US, EventSimulator, time_before
+from sim.sensor.labels import Drop, Label, LabelledEvents, count_names
+from sim.sensor.noise import Noise
+from sim.sensor.pixels import Batch, Pixels
+from sim.sensor.random_streams import Randomness
+from sim.sensor.readout import Arbiter, Latency
 
 State = dict[str, NDArray[Any]]
 
@@ -186,7 +186,7 @@ class _Full:
         if not (self._refractory_us and len(events)):
             return events, 0
         kept = np.empty(len(events), np.bool_)
-        sensor_kernels.awake(events.pixel, events.t_us, self._refractory_us, self._last_us, kept)
+        pixels_kernels.awake(events.pixel, events.t_us, self._refractory_us, self._last_us, kept)
         return events.take(kept), int(len(kept) - np.count_nonzero(kept))
 
     def _labelled(self, events: Batch) -> LabelledEvents:

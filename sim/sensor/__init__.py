@@ -1,0 +1,1 @@
+"""From intensity to events: the ideal model and what a real sensor adds."""
