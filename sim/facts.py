@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from emvs.geometry.trajectory import Trajectory
 from emvs.utils.runtime import versions
-from sim.chunks import RenderJob
 from sim.graphics import import_mujoco
 from sim.motion.curves import sampled
+from sim.parallel.render_job import RenderJob
 from sim.rendering.renderer import StereoRenderer
 from sim.sensor.imu import imu_samples
 from sim.truth import geom_table

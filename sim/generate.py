@@ -17,18 +17,17 @@ from emvs.errors import InputError
 from emvs.geometry.rig import Rig
 from emvs.utils.files import refuse_existing
 from sim import preflight
-from sim.cameras import Cameras, Packet
-from sim.chunks import RenderedFrame, RenderJob, chunk_bounds_us
 from sim.config import SimConfig
 from sim.facts import Facts, facts_of
 from sim.graphics import note
-from sim.parts import PartWriter
+from sim.parallel.checkpoint import Notice, PartWriter, WorkFolder
+from sim.parallel.render_job import RenderedFrame, RenderJob, chunk_bounds_us
+from sim.parallel.sensors import Cameras, Packet
+from sim.parallel.workers import shots_from_workers, shots_in_process
 from sim.rendering.adaptive_sampling import truth_times_us
 from sim.replay_scene import replayed
 from sim.scene import Scene
 from sim.sensor.frame_camera import FrameCamera, spans_us
-from sim.work import Notice, WorkFolder
-from sim.workers import shots_from_workers, shots_in_process
 
 Progress = Callable[[int, int, int], None]
 """Called after every frame with time done, time in total (µs) and events written so far."""

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
-from sim.chunks import RenderJob
 from sim.graphics import import_mujoco
+from sim.parallel.render_job import RenderJob
+from sim.parallel.workers import slot_bytes, slot_count
 from sim.sensor.frame_camera import spans_us
-from sim.workers import slot_bytes, slot_count
 
 # Lossless compression of rendered images gains at least this.
 _COMPRESSED = 0.4

@@ -14,18 +14,19 @@ from pathlib import Path
 
 import scenes
 from emvs.data import event_store, image_stores
-from sim import cameras, chunks, generate
+from sim import generate
 from sim.config import SimConfig
+from sim.parallel import render_job, sensors
 from sim.rendering import adaptive_sampling, renderer
 from sim.rigs import rig
 
 # Owner, function, stage; a stage in a thread of its own runs beside the others.
 STAGES = (
     (renderer.StereoRenderer, "frame", "render frames"),
-    (chunks.ChunkRenderer, "_truth", "render truth"),
+    (render_job.ChunkRenderer, "_truth", "render truth"),
     (adaptive_sampling._View, "moved_px", "choose times"),
-    (cameras.Cameras, "_step", "events (threads)"),
-    (cameras.Cameras, "collect", "wait for events"),
+    (sensors.Cameras, "_step", "events (threads)"),
+    (sensors.Cameras, "collect", "wait for events"),
     (event_store.EventStoreWriter, "append", "write events"),
     (image_stores.TruthWriter, "append", "write truth"),
     (generate.WorkFolder, "commit", "finish parts"),

@@ -20,15 +20,15 @@ from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from sim import preflight
-from sim.chunks import CHUNK_US, chunk_bounds_us
 from sim.config import SimConfig
 from sim.generate import make_job, simulate
 from sim.motion.curves import HeadSway, look_at
+from sim.parallel.checkpoint import work_path
+from sim.parallel.render_job import CHUNK_US, chunk_bounds_us
+from sim.parallel.workers import slot_count
 from sim.presets import SensorConfig
 from sim.scene import Scene
 from sim.sensor.labels import Label
-from sim.work import work_path
-from sim.workers import slot_count
 
 # Every chunk is a part, so that there is something to resume after each.
 CONFIG = SimConfig(
@@ -266,7 +266,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, whole, w
 def test_a_worker_that_dies_is_told_and_loses_nothing(folder, scene, whole, monkeypatch):
     out = folder / "died"
     # So few that the workers cannot be done long before the parent is.
-    monkeypatch.setattr("sim.workers.slot_count", lambda _job: 2)
+    monkeypatch.setattr("sim.parallel.workers.slot_count", lambda _job: 2)
 
     def kill(done_us, _total_us, _events):
         if done_us > 22_000:

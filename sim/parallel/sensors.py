@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
-from sim.chunks import RenderedFrame, RenderJob
-from sim.parts import State
+from sim.parallel.checkpoint import State
+from sim.parallel.render_job import RenderedFrame, RenderJob
 from sim.sensor.sensor import Sensor, part_of
 from sim.truth_kernels import depth_at_events
 

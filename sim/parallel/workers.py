@@ -23,11 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
-from sim.chunks import ChunkRenderer, RenderedFrame, RenderJob, TruthImages
 from sim.graphics import worker_devices
 from sim.graphics.backend import DEVICE
+from sim.parallel.checkpoint import Stopped
+from sim.parallel.render_job import ChunkRenderer, RenderedFrame, RenderJob, TruthImages
 from sim.rendering.renderer import StereoRenderer
-from sim.work import Stopped
 
 _BYTES_PER_WORKER = 160 << 20
 _MIN_SLOTS, _MAX_SLOTS = 3, 512

@@ -1,0 +1,1 @@
+"""Long simulations: jobs, worker processes, checkpoints."""
