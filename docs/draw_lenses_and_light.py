@@ -11,8 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import scenes
-from sim.config import SimConfig
-from sim.frames_config import ShutterConfig
+from sim.config import ShutterConfig, SimConfig
 from sim.rendering.renderer import StereoRenderer
 from sim.rigs import RIGS
 from sim.sensor.frame_camera import develop, exposed_for, photograph

@@ -18,8 +18,8 @@ import scenes
 from emvs.data.sequence import Sequence
 from eval.colour import depth_scale
 from sim.config import SimConfig
-from sim.generate import simulate
 from sim.rigs import RIGS
+from sim.simulate import simulate
 
 PICTURE = Path(__file__).with_name("images") / "truth.png"
 TRUTH = ("flow", "segmentation", "boundary", "event_depth")

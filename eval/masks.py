@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from emvs.data.sequence import Sequence
 from emvs.geometry.camera import Camera
 from eval.config import EvalConfig
-from sim.truth import boundary
+from sim.ground_truth import boundary
 
 MaskImage = NDArray[np.bool_]
 

@@ -22,8 +22,8 @@ from eval.progress import Progress, Silent
 from eval.results import Results, Row, write_results
 from eval.settings import Settings
 from eval.window_pairs import score_windows
-from sim.generate import simulate
 from sim.rigs import rig as named_rig
+from sim.simulate import simulate
 
 __all__ = ["check_case", "map_recording", "run_cases", "score_folder", "simulate_scene"]
 
@@ -85,7 +85,7 @@ def simulate_scene(
     Unfinished work of the same arguments is taken up, unless `fresh` says to discard it.
 
     Raises:
-        InputError: an unknown scene or rig, or what `sim.generate.simulate` refuses.
+        InputError: an unknown scene or rig, or what `sim.simulate.simulate` refuses.
     """
     loaded = scenes.load(scene)
     with progress.stage(f"simulate {scene}", 1) as update:

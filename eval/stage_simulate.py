@@ -12,10 +12,10 @@ from emvs.geometry.rig import Rig
 from eval.code_version import closure, source_digest, with_includes
 from eval.stage_files import SEQUENCE
 from sim.config import SimConfig
-from sim.generate import simulate
 from sim.graphics import drawn_by
 from sim.rigs import rig as named_rig
 from sim.scene import Scene
+from sim.simulate import simulate
 
 
 def parameters(scene: str, rig: str | None, seed: int, sim: Mapping[str, Any]) -> dict[str, Any]:

@@ -21,9 +21,9 @@ from eval.config import EvalConfig
 from eval.folders import truth_of
 from eval.pairing import Truth
 from sim.config import SimConfig
-from sim.generate import simulate
-from sim.presets import PresetName, SensorConfig
 from sim.rigs import rig as named_rig
+from sim.sensor_presets import PresetName, SensorConfig
+from sim.simulate import simulate
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sim.presets import PresetName
+from sim.sensor_presets import PresetName
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from pathlib import Path
 import scenes
 from emvs.data.sequence import Sequence
 from emvs.geometry.rig import Rig
-from sim import generate
+from sim import simulate as generate
 from sim.config import SimConfig
-from sim.generate import Progress
 from sim.rigs import rig as named_rig
 from sim.scene import Scene
+from sim.simulate import Progress
 
 
 def _silent(_done_us: int, _total_us: int, _events: int) -> None:

@@ -26,9 +26,9 @@ from emvs.errors import InputError
 from emvs.geometry.rig import Rig
 from emvs.utils.files import atomic_path
 from sim.config import SimConfig
-from sim.consistency import warped
-from sim.generate import simulate
+from sim.ground_truth import warped
 from sim.rigs import rig
+from sim.simulate import simulate
 
 PAGES = {
     "scenes.md": ("desk", "boxes", "planes"),

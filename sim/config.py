@@ -1,20 +1,177 @@
-"""Every parameter of the simulator, in one place."""
+"""Every parameter of the simulator, in one place; imports no numpy."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from emvs.parameters import ParameterGroup
-from sim.frames_config import FramesConfig
-from sim.imu_config import ImuConfig
-from sim.light import LightConfig
-from sim.presets import PRESETS, SensorConfig
-from sim.replay_config import ReplayConfig
+from sim.sensor_presets import PRESETS, SensorConfig
 
 TruthName = Literal["flow", "segmentation", "boundary", "twist", "event_depth"]
 """Ground truth on request, see docs/truth.md."""
+Density = Annotated[float, Field(ge=0)]
+Vector3 = tuple[float, float, float]
+LightRenderer = Literal["auto", "classic", "float"]
+Positive = Annotated[float, Field(gt=0)]
+
+
+class ShutterConfig(ParameterGroup):
+    """How a frame camera turns light into a picture."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+    exposure_us: Annotated[int, Field(ge=1)] = 10_000
+    """How long the shutter is open, µs."""
+
+    gain: Annotated[float, Field(gt=0)] = 1.0
+    """Pixel value per mean light: 1 saturates at intensity 1."""
+
+    bits: Annotated[int, Field(ge=1, le=8)] = 8
+    """Resolution of the converter."""
+
+
+class FramesConfig(ParameterGroup):
+    """The pictures that an ordinary camera takes in the place of each event camera."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+    rate_hz: Annotated[float, Field(ge=0, le=10_000)] | None = None
+    """Pictures per second, Hz; 0 for none; None takes the scene's own, which is 0 for most."""
+
+    exposure_us: Annotated[int, Field(ge=1)] = 10_000
+    """How long the shutter is open, µs."""
+
+    gain: Annotated[float, Field(gt=0)] | None = None
+    """Pixel value per mean light: 1 saturates at intensity 1; None exposes each picture by itself.
+    """
+
+    bits: Annotated[int, Field(ge=1, le=8)] = 8
+    """Resolution of the converter."""
+
+    auto_percentile: Annotated[float, Field(ge=0, le=100)] = 50.0
+    """Automatic gain looks at this percentile of a picture's light ..."""
+
+    auto_level: Annotated[float, Field(gt=0, le=1)] = 0.18
+    """... and puts it at this share of full scale (a grey card has 0.18) ..."""
+
+    auto_max_gain: Annotated[float, Field(gt=0)] = 256.0
+    """... unless that takes a gain beyond this one: dark scenes stay dark."""
+
+
+class ImuConfig(ParameterGroup):
+    """An IMU on the body, of the order of Bosch's BMI160; docs/motion.md says what is known."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+    rate_hz: Annotated[float, Field(ge=0, le=1e5)] = 200.0
+    """Samples per second, Hz; 0 for no IMU."""
+
+    gyro_noise: Density = 1.2e-4
+    """White noise of the gyroscope, rad/s/sqrt(Hz)."""
+
+    accel_noise: Density = 1.8e-3
+    """White noise of the accelerometer, m/s^2/sqrt(Hz)."""
+
+    gyro_walk: Density = 2e-6
+    """Random walk of the gyroscope's bias, rad/s^2/sqrt(Hz)."""
+
+    accel_walk: Density = 3e-5
+    """Random walk of the accelerometer's bias, m/s^3/sqrt(Hz)."""
+
+    gyro_bias: Vector3 = (0.0, 0.0, 0.0)
+    """At the start, rad/s."""
+
+    accel_bias: Vector3 = (0.0, 0.0, 0.0)
+    """At the start, m/s^2."""
+
+    position_m: Vector3 = (0.0, 0.0, 0.0)
+    """Where the IMU sits in the body's axes (those of camera 0: right, down, forward), m."""
+
+    quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    """How it is turned: unit quaternion of R_body_imu."""
+
+    @field_validator("quat_xyzw")
+    @classmethod
+    def _unit(cls, quat: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+        norm = sum(value * value for value in quat) ** 0.5
+        if abs(norm - 1) > 1e-3:
+            raise ValueError(f"a quaternion of length {norm:.4g}: needs length 1, order x y z w")
+        return quat
+
+    def noiseless(self) -> ImuConfig:
+        """The same IMU without noise and bias."""
+        none = (0.0, 0.0, 0.0)
+        zeros = dict.fromkeys(("gyro_noise", "accel_noise", "gyro_walk", "accel_walk"), 0.0)
+        return self.model_copy(update={**zeros, "gyro_bias": none, "accel_bias": none})
+
+
+class LightConfig(ParameterGroup):
+    """The picture's light."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+    renderer: LightRenderer = "auto"
+    """`classic` draws 8 bits per channel and sample, cut at 1; `float` draws 32-bit linear light
+    without end; `auto` takes `float` for scenes that say `hdr`, else `classic`."""
+
+    def floats(self, hdr: bool) -> bool:
+        """Whether a scene is drawn in floating point; `hdr` is what the scene asks for."""
+        return self.renderer == "float" or (self.renderer == "auto" and hdr)
+
+
+class ReplayConfig(ParameterGroup):
+    """A recorded trajectory instead of the scene's own motion."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+    trajectory: Path | None = None
+    """Poses in TUM format, `t_s x y z qx qy qz qw`; None moves the head as the scene says."""
+
+    sha256: str = ""
+    """Hash of the file: written by the simulation, and checked where it is given."""
+
+    place: Literal["start", "level", "world"] = "start"
+    """Where it goes: `start` puts its first pose onto the scene's; `level` as well, but keeps the
+    recording's tilt (its world's z must be up); `world` takes the recorded world for the scene's.
+    """
+
+    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Added to the positions afterwards, in the scene's axes, m."""
+
+    heading_deg: float = 0.0
+    """Turns the whole way about the vertical through its start, counter-clockwise from above."""
+
+    scale: Positive = 1.0
+    """Factor on the recorded positions."""
+
+    start_s: Annotated[float, Field(ge=0)] = 0.0
+    """Where to begin, s after the first pose."""
+
+    position_hz: Positive = 10.0
+    """Smoothing of positions: -3 dB at this frequency, Hz."""
+
+    rotation_hz: Positive = 10.0
+    """Smoothing of rotations: -3 dB at this frequency, Hz."""
+
+    max_gap_s: Positive = 0.05
+    """Refuse a longer time without a pose; what lies within a gap is interpolated, not recorded."""
+
+    max_speed_m_s: Positive = 12.0
+    """Refuse a faster step between two poses, before scaling."""
+
+    max_rate_rad_s: Positive = 20.0
+    """Refuse a faster turn between two poses."""
+
+    hand_eye: Path | None = None
+    """What turns the recorded body's poses into camera 0's: JSON or YAML with `T_body_cam`, or
+    TUM-VIE's mocap-imu calibration, together with `imu_cam`. None: the poses are camera 0's.
+    """
+
+    imu_cam: Path | None = None
+    """TUM-VIE's camera calibration, with `T_imu_cam`, see `hand_eye`."""
 
 
 class SimConfig(ParameterGroup):

@@ -1,21 +1,30 @@
-"""What a scene is: geometry in MJCF, textures and head motion in Python."""
+"""What a scene is: geometry in MJCF, textures, and head motion made up or recorded."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from emvs.data.poses import read_tum
+from emvs.datasets.custom import read_hand_eye
 from emvs.errors import InputError
-from sim.config import SimConfig
-from sim.motion.curves import Motion
+from emvs.geometry import se3
+from emvs.geometry.trajectory import Trajectory
+from sim.config import ReplayConfig, SimConfig
+from sim.motion.curves import CurveMotion, Motion, moved
+from sim.motion.replay import Replay
 
 if TYPE_CHECKING:
     import mujoco
+
+Array = NDArray[np.float64]
+_STEEP = 0.1
 
 
 class Animation(Protocol):
@@ -115,3 +124,89 @@ def put_texture(spec: mujoco.MjSpec, name: str, pixels: NDArray[np.uint8]) -> No
         )
     texture.height, texture.width, texture.nchannel = pixels.shape
     texture.data = np.ascontiguousarray(pixels).tobytes()
+
+
+@dataclass(frozen=True, eq=False)
+class ReplayedMotion:
+    """Stands in a scene for its own motion.
+
+    Attributes:
+        recorded: the trajectory.
+        config: how it is smoothed and placed.
+        T_body_cam: (4, 4) camera 0 in the recorded body.
+        own: the scene's own motion, at whose start the recorded one is placed.
+    """
+
+    recorded: Trajectory
+    config: ReplayConfig
+    T_body_cam: Array
+    own: Callable[[float, int], Motion]
+
+    def __call__(self, duration_s: float, seed: int) -> CurveMotion:
+        """The head's curve over [0, `duration_s`]."""
+        names = ("position_hz", "rotation_hz", "start_s", "scale")
+        limits = ("max_gap_s", "max_speed_m_s", "max_rate_rad_s")
+        settings = {name: getattr(self.config, name) for name in (*names, *limits)}
+        replay = Replay(**settings, duration_s=duration_s, T_body_cam=self.T_body_cam)
+        as_recorded = replay.motion(self.recorded)
+        T_world_start = as_recorded.T_world_body(0.0)
+        T_scene_start = self.own(duration_s, seed).T_world_body(0.0)
+        return moved(as_recorded, _placed(T_world_start, T_scene_start, self.config), np.eye(4))
+
+
+def replayed(scene: Scene, config: SimConfig) -> tuple[Scene, SimConfig]:
+    """Returns the scene with the configured trajectory for a motion, and the file's hash noted.
+
+    Raises:
+        InputError: a file that cannot be read, or is not the one whose hash is given.
+    """
+    path = config.replay.trajectory
+    if path is None:
+        return scene, config
+    recorded, digest = read_tum(path), hashlib.sha256(path.read_bytes()).hexdigest()
+    if config.replay.sha256 not in ("", digest):
+        raise InputError(f"{path}: not the file of sha256 {config.replay.sha256}: restore that one")
+    noted = config.replay.model_copy(update={"sha256": digest})
+    motion = ReplayedMotion(recorded, noted, _hand_eye(noted), scene.motion)
+    return replace(scene, motion=motion), config.model_copy(update={"replay": noted})
+
+
+def _hand_eye(config: ReplayConfig) -> Array:
+    if config.hand_eye is None:
+        if config.imu_cam is not None:
+            raise InputError("replay.imu_cam without replay.hand_eye: give both, or neither")
+        return np.eye(4)
+    return read_hand_eye(Path(config.hand_eye), config.imu_cam)
+
+
+def _placed(T_world_start: Array, T_scene_start: Array, config: ReplayConfig) -> Array:
+    """`T_scene_world` (4, 4) that carries the recorded start where `config` wants it."""
+    T_scene_world = np.eye(4)
+    if config.place == "start":
+        T_scene_world = T_scene_start @ se3.inverse(T_world_start)
+    elif config.place == "level":
+        turn = _heading(T_scene_start, "the scene's") - _heading(T_world_start, "the trajectory's")
+        T_scene_world = _turned(turn, T_world_start[:3, 3], T_scene_start[:3, 3])
+    start_m = (T_scene_world @ T_world_start)[:3, 3]
+    shifted_m = start_m + np.asarray(config.shift_m)
+    return _turned(float(np.radians(config.heading_deg)), start_m, shifted_m) @ T_scene_world
+
+
+def _heading(T_world_cam: Array, whose: str) -> float:
+    """Direction of view seen from above, rad."""
+    x, y = T_world_cam[:2, 2].tolist()
+    if np.hypot(x, y) < _STEEP:
+        raise InputError(
+            f"place=level, but {whose} first view is straight up or down: use place=start, or give "
+            "the hand-eye calibration"
+        )
+    return float(np.arctan2(y, x))
+
+
+def _turned(angle_rad: float, from_m: Array, to_m: Array) -> Array:
+    """Turns about the vertical through a point, which goes to another."""
+    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
+    T = np.eye(4)
+    T[:2, :2] = [[cosine, -sine], [sine, cosine]]
+    T[:3, 3] = to_m - T[:3, :3] @ from_m
+    return T

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from emvs.data.events import Events
 from sim.config import SimConfig
-from sim.presets import SensorParameters
 from sim.sensor.labels import Label
 from sim.sensor.sensor import Sensor
+from sim.sensor_presets import SensorParameters
 from sim.sensor_samples import EPS, flat, gaps_us, per_pixel, run
 
 # Okabe and Ito's colours, told apart by all.

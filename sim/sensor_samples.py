@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from emvs.data.events import Events
 from sim.config import SimConfig
-from sim.presets import SensorConfig
 from sim.sensor.sensor import Sensor
+from sim.sensor_presets import SensorConfig
 
 Frame = NDArray[np.float32]
 EPS = 1e-4

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import scenes
 from emvs.data import event_store, image_stores
-from sim import generate
+from sim import simulate
 from sim.config import SimConfig
 from sim.parallel import render_job, sensors
 from sim.rendering import adaptive_sampling, renderer
@@ -29,8 +29,8 @@ STAGES = (
     (sensors.Cameras, "collect", "wait for events"),
     (event_store.EventStoreWriter, "append", "write events"),
     (image_stores.TruthWriter, "append", "write truth"),
-    (generate.WorkFolder, "commit", "finish parts"),
-    (generate, "_assemble", "put together"),
+    (simulate.WorkFolder, "commit", "finish parts"),
+    (simulate, "_assemble", "put together"),
 )
 _lock = threading.Lock()
 
@@ -57,7 +57,7 @@ def main(scene: str, rig_name: str, seconds: str, workers: str) -> None:
     calls = []
     began_s = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
-        generate.simulate(
+        simulate.simulate(
             scenes.load(scene), rig(rig_name), SimConfig(duration_s=float(seconds)), 0,
             Path(folder) / "s", workers=int(workers), progress=lambda *call: calls.append(call),
         )  # fmt: skip

@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 from emvs.data.sequence import Sequence
 from emvs.geometry import se3
 from sim.config import SimConfig
-from sim.generate import simulate
 from sim.motion.curves import HeadSway, look_at
 from sim.rendering.adaptive_sampling import exposures
 from sim.rendering.moving_bodies import MovingBodies
 from sim.rendering.renderer import StereoRenderer
+from sim.simulate import simulate
 
 HALF_M, START = 0.15, np.array([1.2, 0.15, 1.0])
 SPEED_M_S, RATE_RAD_S = np.array([0.4, -1.1, 0.3]), np.array([0.8, 2.0, -5.0])

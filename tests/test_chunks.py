@@ -19,16 +19,16 @@ from emvs.data.sequence import Sequence
 from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
-from sim import preflight
+from sim import simulate as preflight
 from sim.config import SimConfig
-from sim.generate import make_job, simulate
 from sim.motion.curves import HeadSway, look_at
 from sim.parallel.checkpoint import work_path
 from sim.parallel.render_job import CHUNK_US, chunk_bounds_us
 from sim.parallel.workers import slot_count
-from sim.presets import SensorConfig
 from sim.scene import Scene
 from sim.sensor.labels import Label
+from sim.sensor_presets import SensorConfig
+from sim.simulate import make_job, simulate
 
 # Every chunk is a part, so that there is something to resume after each.
 CONFIG = SimConfig(

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from emvs.errors import InputError
-from sim.config import SimConfig
-from sim.frames_config import ShutterConfig
+from sim.config import ShutterConfig, SimConfig
 from sim.motion.curves import HeadSway, look_at
 from sim.rendering.renderer import StereoRenderer
 from sim.sensor.frame_camera import develop, exposed_for, mean_light, photograph

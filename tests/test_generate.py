@@ -10,10 +10,10 @@ import pytest
 
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
-from sim import generate
+from sim import simulate as generate
 from sim.config import SimConfig
-from sim.generate import simulate
 from sim.rigs import RIGS, rig
+from sim.simulate import simulate
 
 CONFIG = SimConfig(truth_interval_s=0.01)
 

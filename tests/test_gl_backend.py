@@ -14,10 +14,10 @@ from eval import stage_simulate
 from eval.studies import stage_simulate as study_stage_simulate
 from sim import graphics
 from sim.config import SimConfig
-from sim.generate import simulate
 from sim.graphics import backend as gl_backend
 from sim.graphics.backend import DEVICE, NOTE, Choice, Driver, choose, equal_devices, probe
 from sim.rigs import rig
+from sim.simulate import simulate
 
 BOTH = ("egl", "osmesa")
 GPU = Driver("NVIDIA Corporation", "NVIDIA H200/PCIe/SSE2", "4.6.0 NVIDIA 580.0", devices=2)

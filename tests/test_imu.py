@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from emvs.data.tables import ImuSamples, read_imu, write_imu
 from emvs.errors import InputError
 from emvs.geometry import se3
-from sim.imu_config import ImuConfig
+from sim.config import ImuConfig
 from sim.motion.curves import look_at
 from sim.motion.head_motion import run, shake, walk
 from sim.sensor.imu import GRAVITY_M_S2, imu_samples

@@ -207,7 +207,7 @@ def test_what_code_does_changes_the_version(module, text):
 def test_each_stage_reaches_its_own_code_and_no_more():
     simulate = closure(["eval.stage_simulate", "scenes.planes"])
     mapping, scoring = closure(["eval.stage_map"]), closure(["eval.stage_score"])
-    assert {"sim.generate", "sim.sensor.esim", "scenes.planes", "emvs.data.writer"} <= simulate
+    assert {"sim.simulate", "sim.sensor.esim", "scenes.planes", "emvs.data.writer"} <= simulate
     assert {
         "emvs.mapper",
         "emvs.dsi.voting_kernels",
@@ -218,7 +218,7 @@ def test_each_stage_reaches_its_own_code_and_no_more():
     assert not any(name.startswith(("emvs.mapper", "eval.score")) for name in simulate)
     assert not any(name.startswith(("sim", "scenes", "eval.score")) for name in mapping)
     assert not any(name.startswith(("scenes", "emvs.mapper", "eval.report")) for name in scoring)
-    assert not {"sim.generate", "sim.sensor.esim", "sim.motion.curves"} & scoring
+    assert not {"sim.simulate", "sim.sensor.esim", "sim.motion.curves"} & scoring
 
 
 def test_a_scene_has_the_files_that_it_includes():

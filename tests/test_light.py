@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
-from sim.config import SimConfig
-from sim.light import LightConfig
+from sim.config import LightConfig, SimConfig
 from sim.motion.curves import look_at
 from sim.rendering.renderer import StereoRenderer
 from sim.sensor.esim import EventSimulator

@@ -15,9 +15,7 @@ from test_chunks import Killed, contents, scene_in, stop_at
 from emvs.data.image_stores import FrameReader, FrameWriter, Photo
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
-from sim.config import SimConfig
-from sim.frames_config import FramesConfig, ShutterConfig
-from sim.generate import make_job, simulate
+from sim.config import FramesConfig, ShutterConfig, SimConfig
 from sim.rendering.adaptive_sampling import exposures
 from sim.sensor.frame_camera import (
     FrameCamera,
@@ -27,6 +25,7 @@ from sim.sensor.frame_camera import (
     shutter_for,
     spans_us,
 )
+from sim.simulate import make_job, simulate
 
 # The shutter is open across chunks, parts and truth times.
 FRAMES = FramesConfig(rate_hz=100, exposure_us=9_000)
@@ -233,7 +232,7 @@ def test_the_imu_rides_on_the_same_motion(scene, whole):
 
 
 def test_without_an_imu_there_is_no_file(folder, scene):
-    from sim.imu_config import ImuConfig
+    from sim.config import ImuConfig
 
     config = SimConfig(duration_s=0.002, imu=ImuConfig(rate_hz=0))
     sequence = Sequence.open(simulate(scene, made.tiny_rig(), config, 0, folder / "no-imu"))

@@ -19,13 +19,11 @@ from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.trajectory import Trajectory
 from sim import replay_cost
-from sim.config import SimConfig
-from sim.facts import facts_of
-from sim.generate import make_job, simulate
+from sim.config import ReplayConfig, SimConfig
 from sim.motion.curves import look_at, sampled
 from sim.motion.head_motion import six_dof
-from sim.replay_config import ReplayConfig
-from sim.replay_scene import replayed
+from sim.scene import replayed
+from sim.simulate import facts_of, make_job, simulate
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from eval.map_stage import map_recording
 from eval.rerun_recording import write_rerun
 from eval.settings import Settings
 from sim.config import SimConfig
-from sim.generate import simulate
+from sim.simulate import simulate
 
 
 @pytest.fixture(scope="module")

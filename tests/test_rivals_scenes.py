@@ -15,8 +15,8 @@ from emvs.mapper import map_window
 from emvs.reference_view import reference_view
 from emvs.windows import choose_window
 from sim.config import SimConfig
-from sim.generate import simulate
 from sim.rigs import rig as named_rig
+from sim.simulate import simulate
 
 SCENES = {"planes": 0.2, "desk": 0.2}  # s
 

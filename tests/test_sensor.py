@@ -11,10 +11,10 @@ from sensor_runs import config, constant, irregular_times_us, moving_bars, rows_
 
 from emvs.errors import InputError
 from sim.config import SimConfig
-from sim.presets import PRESETS, SensorConfig
 from sim.sensor.esim import EventSimulator
 from sim.sensor.labels import Drop, Label
 from sim.sensor.sensor import Sensor
+from sim.sensor_presets import PRESETS, SensorConfig
 
 NOISY = {
     "threshold_sigma": 0.03, "bandwidth_hz": 200.0, "bandwidth_order": 2, "leak_rate_hz": 5.0,

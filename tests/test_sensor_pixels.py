@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from sensor_runs import config, constant, irregular_times_us, run
 
-from sim.presets import SensorParameters
 from sim.sensor import pixels_kernels as kernels
 from sim.sensor.labels import Label
 from sim.sensor.pixels import Pixels
 from sim.sensor.pixels_kernels import low_pass
 from sim.sensor.random_streams import Randomness
+from sim.sensor_presets import SensorParameters
 
 EPS = 1e-6
 

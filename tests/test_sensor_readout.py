@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sensor_runs import config, run
 
-from sim.presets import SensorParameters
 from sim.sensor.pixels import Batch
 from sim.sensor.random_streams import Randomness
 from sim.sensor.readout import Arbiter, Latency
+from sim.sensor_presets import SensorParameters
 
 LONG_US = 10**6
 

@@ -20,13 +20,13 @@ from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from eval.config import EvalConfig
 from eval.folders import truth_of
-from sim import truth, truth_kernels
+from sim import ground_truth, ground_truth_kernels
 from sim.config import SimConfig
-from sim.consistency import warped
-from sim.generate import simulate
+from sim.ground_truth import warped
 from sim.motion.curves import HeadSway, look_at
 from sim.rendering.renderer import StereoRenderer
 from sim.rigs import rig as named_rig
+from sim.simulate import simulate
 
 EVERYTHING = ("flow", "segmentation", "boundary", "twist", "event_depth")
 CONFIG = SimConfig(truth_interval_s=0.02, truth_times_s=(0.007,), truth=EVERYTHING)
@@ -58,7 +58,7 @@ def test_flow_equals_its_twin(seed, camera):
     depth_m = rng.uniform(0.3, 5, (11, 13)).astype(np.float32)
     depth_m[2, 3:7] = np.inf
     T_later_now = some_pose(seed, 0.3)
-    flow = truth.flow_px(camera, camera.bearing_table(), depth_m, T_later_now)
+    flow = ground_truth.flow_px(camera, camera.bearing_table(), depth_m, T_later_now)
     expected = naive_truth.flow_px(camera, depth_m, T_later_now)
     np.testing.assert_allclose(flow, expected, rtol=1e-5, atol=1e-4)
 
@@ -113,21 +113,23 @@ def test_boundary_equals_its_twin(seed):
     rng = np.random.default_rng(seed)
     depth_m = rng.choice([1.0, 1.01, 1.05, 3.0, np.inf], (7, 9), p=[0.4, 0.2, 0.2, 0.1, 0.1])
     depth_m = depth_m.astype(np.float32)
-    assert (truth.boundary(depth_m) == naive_truth.boundary(depth_m, 0.02)).all()
+    assert (ground_truth.boundary(depth_m) == naive_truth.boundary(depth_m, 0.02)).all()
 
 
 def test_boundary_is_both_sides_of_a_step_and_nothing_on_planes_and_folds():
     v, u = np.mgrid[:40, :60].astype(float)
     floor_m = (1 / (0.1 + 0.005 * v)).astype(np.float32)
-    assert not truth.boundary(floor_m).any()
+    assert not ground_truth.boundary(floor_m).any()
     folded_m = (1 / np.maximum(0.3, 0.2 + 0.005 * v)).astype(np.float32)
-    assert not truth.boundary(folded_m).any()
+    assert not ground_truth.boundary(folded_m).any()
     stepped_m = np.where(u < 20, 1.0, 1.1).astype(np.float32)
-    assert (truth.boundary(stepped_m) == np.isin(u, (19, 20))).all()
+    assert (ground_truth.boundary(stepped_m) == np.isin(u, (19, 20))).all()
     cable_m = np.where(v == 7, 1.0, np.inf).astype(np.float32)
-    assert (truth.boundary(cable_m) == np.isin(v, (6, 7, 8))).all()
+    assert (ground_truth.boundary(cable_m) == np.isin(v, (6, 7, 8))).all()
     crossing_m = np.where((v == 7) | (u == 9), 1.0, np.inf).astype(np.float32)
-    assert (truth.boundary(crossing_m) == (np.isin(v, (6, 7, 8)) | np.isin(u, (8, 9, 10)))).all()
+    assert (
+        ground_truth.boundary(crossing_m) == (np.isin(v, (6, 7, 8)) | np.isin(u, (8, 9, 10)))
+    ).all()
 
 
 @pytest.mark.parametrize("t_s", [0.0, 0.3, 1.0])
@@ -150,7 +152,7 @@ def test_twist_is_that_of_a_known_motion(t_s):
     # The axis stands still, so that the rate is the same in world and body.
     linear = np.array([0.5, 0.1, -0.2]) + np.cross(rate_rad_s, arm)
     expected = np.concatenate([linear, rate_rad_s]).reshape(2, 3) @ T_world_cam[:3, :3]
-    found = truth.twist(Turning(), T_body_cam, t_s, 1.0)
+    found = ground_truth.twist(Turning(), T_body_cam, t_s, 1.0)
     np.testing.assert_allclose(found, expected.ravel(), atol=1e-6)
 
 
@@ -176,7 +178,7 @@ def test_geoms_are_named_and_what_hangs_on_a_joint_is_dynamic(tmp_path):
         '<body name="fin"><geom type="box" size=".1 .1 .1"/></body></body>'
         '<geom type="box" size="1 1 1"/>'
     )
-    table = truth.geom_table(built.compile())
+    table = ground_truth.geom_table(built.compile())
     assert [(g.name, g.dynamic) for g in table.values()] == [
         ("floor", False), ("geom1", False), ("table", False), ("ball", True), ("fin", True),
     ]  # fmt: skip
@@ -228,7 +230,7 @@ def test_event_depth_equals_its_twin(seed):
     x, y = rng.integers(0, 7, 20, np.uint16), rng.integers(0, 5, 20, np.uint16)
     events = Events(x, y, t_us, np.zeros(20, np.uint8))
     depth_m = np.empty(20, np.float32)
-    truth_kernels.depth_at_events(before_m, after_m, 100, 900, x, y, t_us, 0.02, depth_m)
+    ground_truth_kernels.depth_at_events(before_m, after_m, 100, 900, x, y, t_us, 0.02, depth_m)
     expected = naive_truth.depth_at_events(before_m, after_m, 100, 900, events, 0.02)
     np.testing.assert_allclose(depth_m, expected, rtol=1e-6)
 

@@ -18,7 +18,7 @@ from eval.runner import score_folder
 from eval.settings import Settings
 from eval.window_pairs import window_pairs
 from sim.config import SimConfig
-from sim.generate import simulate
+from sim.simulate import simulate
 
 WIDTH, HEIGHT, FOCAL, BASELINE = 120, 90, 80.0, 0.1
 BARREL = {"radtan": (-0.3, 0.08, 0.001, -0.001, 0.0)}

@@ -12,8 +12,8 @@ import scenes
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from scenes.textures.noise import BRIGHTEST, DARKEST
-from sim.consistency import Warped, warped
 from sim.graphics import import_mujoco
+from sim.ground_truth import Warped, warped
 from sim.rendering.renderer import StereoRenderer
 from sim.rigs import rig
 

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from emvs.errors import InputError
 
-# Why drawing is done in software although there is a GPU; told by `sim.generate`.
+# Why drawing is done in software although there is a GPU; told by `sim.simulate`.
 NOTE = "EVENTSWEEP_GRAPHICS_NOTE"
 _PROBE = Path(__file__).with_name("gl_probe.py")
 # The first start of a driver that serves several GPUs takes seconds.

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from emvs.geometry import se3
 from emvs.geometry.rig import Rig
-from sim import truth
+from sim import ground_truth
 from sim.config import SimConfig
 from sim.motion.curves import Motion
 from sim.rendering.adaptive_sampling import Exposure, exposures
@@ -46,7 +46,7 @@ class RenderedFrame(NamedTuple):
     t_us: int
     intensity: tuple[NDArray[np.float32], ...]
     depth_m: tuple[NDArray[np.float32], ...]
-    truth: tuple[TruthImages, ...]
+    ground_truth: tuple[TruthImages, ...]
 
 
 def chunk_bounds_us(truth_us: Sequence[int], longest_us: int = CHUNK_US) -> list[int]:
@@ -169,10 +169,10 @@ class ChunkRenderer:
         if "segmentation" in wanted:
             images["segmentation"] = self._renderer.segmentation(k, pose)
         if "boundary" in wanted:
-            images["boundary"] = truth.boundary(depth_m).astype(np.uint8)
+            images["boundary"] = ground_truth.boundary(depth_m).astype(np.uint8)
         if "twist" in wanted:
             t_s, end_s = exposure.t_us * 1e-6, self.job.duration_us * 1e-6
-            images["twist"] = truth.twist(self._motion, T_body_cam, t_s, end_s)
+            images["twist"] = ground_truth.twist(self._motion, T_body_cam, t_s, end_s)
         if camera.model != "pinhole":
             view = camera.undistorted()
             images["view_depth_m"] = self._renderer.depth(k, pose, view=view)
@@ -190,14 +190,16 @@ class ChunkRenderer:
         )
         camera, bearing = self.job.rig.cameras[k], self._bearings[k]
         T_later_world = se3.inverse(T_world_later)
-        flow_px = truth.flow_px(camera, bearing, depth_m, T_later_world @ T_world_cam)
+        flow_px = ground_truth.flow_px(camera, bearing, depth_m, T_later_world @ T_world_cam)
         if self._bodies is not None:
             geoms = self._renderer.segmentation(k, exposure.T_world_body)
             moved = self._bodies.moved(exposure.t_us, later_us)
             for geom in np.unique(geoms[self._bodies.moves[geoms]]):
                 shown = geoms == geom
                 T_later_now = T_later_world @ moved[geom] @ T_world_cam
-                flow_px[shown] = truth.body_flow_px(camera, bearing, depth_m, shown, T_later_now)
+                flow_px[shown] = ground_truth.body_flow_px(
+                    camera, bearing, depth_m, shown, T_later_now
+                )
         return flow_px
 
     @cached_property

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
+from sim.ground_truth_kernels import depth_at_events
 from sim.parallel.checkpoint import State
 from sim.parallel.render_job import RenderedFrame, RenderJob
 from sim.sensor.sensor import Sensor, part_of
-from sim.truth_kernels import depth_at_events
 
 # Within half a pixel of motion, inverse depth of one surface changes by less than this share.
 _SAME_SURFACE = 0.02

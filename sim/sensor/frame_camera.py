@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from emvs.data.image_stores import Photo
 from emvs.errors import InputError
-from sim.config import SimConfig
-from sim.frames_config import FramesConfig, ShutterConfig
+from sim.config import FramesConfig, ShutterConfig, SimConfig
 from sim.motion.curves import Motion
 from sim.rendering.adaptive_sampling import FrameSource, exposures
 from sim.rendering.moving_bodies import MovingBodies

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from emvs.data.tables import ImuSamples
 from emvs.errors import InputError
 from emvs.geometry import se3
-from sim.imu_config import ImuConfig
+from sim.config import ImuConfig
 from sim.motion.curves import Motion, curve_of
 
 Array = NDArray[np.float64]

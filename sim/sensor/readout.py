@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.presets import SensorParameters
 from sim.sensor import readout_kernels as kernels
 from sim.sensor.esim import NEVER_US
 from sim.sensor.pixels import Batch
 from sim.sensor.random_streams import Randomness, Use
+from sim.sensor_presets import SensorParameters
 
 
 class Latency:
