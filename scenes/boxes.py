@@ -75,8 +75,8 @@ def _things(rng: list[Generator]) -> dict[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from scenes._props import cable
-    from scenes._shadows import bake
+    from scenes.parts.props import cable
+    from scenes.parts.shadows import bake
 
     rng = default_rng(34)
     _rack(spec, rng)
@@ -96,7 +96,7 @@ def _rack(spec: mujoco.MjSpec, rng: Generator) -> None:
     """A rack along the back wall, left, with boxes of all sizes on its boards."""
     from scipy.spatial.transform import Rotation
 
-    from scenes._props import box
+    from scenes.parts.props import box
 
     left, right, y = -2.1, -0.35, 5.3
     for k, x in enumerate((left, left, right, right)):
@@ -117,7 +117,7 @@ def _rack(spec: mujoco.MjSpec, rng: Generator) -> None:
 
 def _ladder(spec: mujoco.MjSpec) -> None:
     """Leans a ladder against the right wall: two rails and nine rungs."""
-    from scenes._props import rod
+    from scenes.parts.props import rod
 
     foot, head = np.array([1.75, 4.5, 0.0]), np.array([2.4, 4.5, 2.5])
     side = np.array([0.0, 0.21, 0.0])

@@ -83,8 +83,8 @@ def _books(rng: list[Generator]) -> dict[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from scenes._props import book_row, cable, plant
-    from scenes._shadows import bake
+    from scenes.parts.props import book_row, cable, plant
+    from scenes.parts.shadows import bake
 
     rng = default_rng(14)
     for board, top_m in enumerate((0.112, 0.472, 0.812, 1.142, 1.472)):
@@ -105,7 +105,7 @@ def _stack(spec: mujoco.MjSpec, rng: Generator) -> None:
     """Lays three books on top of each other, spines towards the viewer."""
     from scipy.spatial.transform import Rotation
 
-    from scenes._props import box
+    from scenes.parts.props import box
 
     base_m = 0.74
     for k, half_thick_m in enumerate((0.017, 0.012, 0.014)):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from scenes._drive import CAR
-from scenes._street import edit, textures
+from scenes.parts.drive import CAR
+from scenes.parts.street import edit, textures
 from sim.motion.curves import HeadSway
 from sim.scene import Scene
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from scenes._den import case, day
-from scenes._heads import Centred, centred
+from scenes.parts.den import case, day
+from scenes.parts.heads import Centred, centred
 from sim.motion.curves import look_at
 from sim.motion.head_motion import six_dof
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def _textures() -> Mapping[str, Image]:
     from scenes import textures as tx
-    from scenes._stock import made, painted
+    from scenes.parts.stock import made, painted
 
     grey = ((0.50, 0.50, 0.49), (0.53, 0.53, 0.52))
     return made(
@@ -35,8 +35,8 @@ def _textures() -> Mapping[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from scenes._furniture import BodyBuilder
-    from scenes._shadows import bake
+    from scenes.parts.furniture import BodyBuilder
+    from scenes.parts.shadows import bake
 
     at = BodyBuilder(spec, "room")
     for x in (-2.14, 2.14):

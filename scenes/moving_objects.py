@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenes._bodies import Bodies, make_solid
+from scenes.parts.bodies import Bodies, make_solid
 from sim.motion.curves import HeadSway, look_at
 from sim.scene import Scene
 
@@ -21,8 +21,8 @@ _MJCF = Path(__file__).with_name("gym.xml")
 
 def _textures() -> Mapping[str, Image]:
     from scenes import textures as tx
-    from scenes._print import plain_carton
-    from scenes._stock import faded, made, painted
+    from scenes.parts.print import plain_carton
+    from scenes.parts.stock import faded, made, painted
 
     maple = ((0.42, 0.31, 0.20), (0.70, 0.55, 0.38))
     mat = ((0.14, 0.24, 0.42), (0.34, 0.46, 0.64))
@@ -59,7 +59,7 @@ def _build(spec: mujoco.MjSpec) -> None:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from scenes._shadows import bake
+    from scenes.parts.shadows import bake
 
     _static(spec)
     bake(spec, floor="parquet")
@@ -69,7 +69,7 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _static(spec: mujoco.MjSpec) -> None:
     """Wall bars, bench, mats, vaulting box, a hoop and a banner."""
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     bars = BodyBuilder(spec, "bars", (-1.75, 6.86, 0))
     for x in (-0.9, 0.0, 0.9):

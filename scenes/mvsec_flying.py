@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 def _textures() -> Mapping[str, Image]:
     from scenes import textures as tx
-    from scenes._print import plain_carton
-    from scenes._stock import faded, made, painted
+    from scenes.parts.print import plain_carton
+    from scenes.parts.stock import faded, made, painted
 
     concrete = ((0.34, 0.345, 0.35), (0.62, 0.62, 0.6))
     return made(
@@ -55,7 +55,7 @@ def _textures() -> Mapping[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from scenes._shadows import bake
+    from scenes.parts.shadows import bake
 
     _boxes(spec)
     _drums(spec)
@@ -66,7 +66,7 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 
 def _boxes(spec: mujoco.MjSpec) -> None:
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "boxes")
     at.box((0.30, 0.28, 0.28), (-0.62, 1.72, 0.28), "carton_a", (0, 0, 24))
@@ -85,7 +85,7 @@ def _boxes(spec: mujoco.MjSpec) -> None:
 
 
 def _drums(spec: mujoco.MjSpec) -> None:
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "drums")
     places = ((-1.55, 2.75), (-2.05, 5.0), (2.35, 3.95), (0.95, 5.5), (3.6, 5.2))
@@ -103,7 +103,7 @@ def _drums(spec: mujoco.MjSpec) -> None:
 
 def _tarps(spec: mujoco.MjSpec) -> None:
     """Tarpaulins thrown over crates and hung on a line: strips that swing to and fro."""
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     line = BodyBuilder(spec, "tarp_line", (2.05, 5.35, 0), -12)
     line.rod((-1.2, 0, 2.1), (1.2, 0, 2.1), 0.02, "beam")
@@ -125,7 +125,7 @@ def _tarps(spec: mujoco.MjSpec) -> None:
 
 def _net(spec: mujoco.MjSpec) -> None:
     """The net that keeps drones in, on posts along the left side."""
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     net = BodyBuilder(spec, "net", (-3.55, 0, 0))
     for y in (2.6, 4.1, 5.6):
@@ -139,7 +139,7 @@ def _net(spec: mujoco.MjSpec) -> None:
 
 def _roof(spec: mujoco.MjSpec) -> None:
     """Trusses and rows of lamps under the ceiling."""
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     roof = BodyBuilder(spec, "roof")
     for y in (4.6, 6.0):

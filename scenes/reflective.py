@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 def _textures() -> Mapping[str, Image]:
     from scenes import textures as tx
-    from scenes._print import plain_carton
-    from scenes._stock import faded, made, painted
+    from scenes.parts.print import plain_carton
+    from scenes.parts.stock import faded, made, painted
 
     marble = ((0.30, 0.29, 0.28), (0.46, 0.45, 0.43))
     glaze = ((0.50, 0.54, 0.56), (0.62, 0.66, 0.67))
@@ -44,8 +44,8 @@ def _textures() -> Mapping[str, Image]:
 def _edit(spec: mujoco.MjSpec) -> None:
     from numpy.random import default_rng
 
-    from scenes import _furniture as fu
-    from scenes._props import plant
+    from scenes.parts import furniture as fu
+    from scenes.parts.props import plant
 
     _line(spec)
     _on_walls(spec)
@@ -71,7 +71,7 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _line(spec: mujoco.MjSpec) -> None:
     """Kitchen units along the back wall: steel, lacquer, glazed tiles, pans on a rail."""
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "units", (0, 5.02, 0))
     for k in range(5):
@@ -99,7 +99,7 @@ def _on_walls(spec: mujoco.MjSpec) -> None:
 
     The floor is the one mirror: MuJoCo draws the reflections of one surface per scene.
     """
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "on_walls")
     at.box((0.8, 0.55, 0.012), (2.33, 3.3, 1.45), "glass", (0, -90, 0))

@@ -21,7 +21,7 @@ _PICKET_M = ((-0.042, 0.05), (0.042, 0.05), (0.042, 0.92), (0.0, 1.0), (-0.042, 
 
 def _textures() -> Mapping[str, Image]:
     from scenes import textures as tx
-    from scenes._stock import made
+    from scenes.parts.stock import made
     from scenes.textures import facades, outdoor
 
     plank = ((0.62, 0.6, 0.56), (0.82, 0.8, 0.76))
@@ -56,7 +56,7 @@ def _slats(size_px: int) -> Field:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from scenes._shadows import bake
+    from scenes.parts.shadows import bake
 
     _walls(spec)
     _fences(spec)
@@ -66,7 +66,7 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _walls(spec: mujoco.MjSpec) -> None:
     """A brick house at the back with shutters, a board fence at both sides."""
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "walls")
     at.box((3.6, 0.1, 1.7), (0, 7.2, 1.7), "brick")
@@ -81,10 +81,10 @@ def _walls(spec: mujoco.MjSpec) -> None:
 
 def _fences(spec: mujoco.MjSpec) -> None:
     """Two picket fences across the view, one behind the other."""
-    from scenes import _mesh
-    from scenes._furniture import BodyBuilder
+    from scenes.parts import mesh
+    from scenes.parts.furniture import BodyBuilder
 
-    _mesh.prism(spec, "picket", _PICKET_M, 0.011)
+    mesh.prism(spec, "picket", _PICKET_M, 0.011)
     for row, (y, x0, count, yaw) in enumerate(((2.6, -2.6, 22, 8.0), (4.9, -2.9, 38, -5.0))):
         fence = BodyBuilder(spec, f"fence_{row}", (x0, y, 0), yaw)
         length = 0.155 * count
@@ -92,13 +92,13 @@ def _fences(spec: mujoco.MjSpec) -> None:
             fence.box((length / 2, 0.018, 0.035), (length / 2 - 0.08, 0.03, z), "plank")
         body = spec.body(f"fence_{row}")
         for k in range(count):
-            _mesh.place(spec, "picket", f"picket_{row}_{k}", (0.155 * k, 0, 0), "plank", 0, body)
+            mesh.place(spec, "picket", f"picket_{row}_{k}", (0.155 * k, 0, 0), "plank", 0, body)
 
 
 def _rows(spec: mujoco.MjSpec) -> None:
     """Pots in a row, posts in a row, slats of a pergola overhead."""
-    from scenes._furniture import BodyBuilder
-    from scenes._props import plant
+    from scenes.parts.furniture import BodyBuilder
+    from scenes.parts.props import plant
 
     rng = default_rng(352)
     at = BodyBuilder(spec, "rows")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from scenes._office import case
+from scenes.parts.office import case
 
 SCENE = case(
     "rpg-boxes",

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def _textures() -> Mapping[str, Image]:
     from scenes import textures as tx
-    from scenes._stock import made, painted
+    from scenes.parts.stock import made, painted
     from scenes.textures import facades, outdoor
     from scenes.textures.facades import Front
 
@@ -46,7 +46,7 @@ def _textures() -> Mapping[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from scenes._shadows import bake
+    from scenes.parts.shadows import bake
 
     rng = default_rng(362)
     _standing(spec)
@@ -60,22 +60,22 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _mesh_fence(spec: mujoco.MjSpec) -> None:
     """A panel of welded wire (5 cm cells, 3 mm wire) at 1.7 m, and a chain-link fence behind."""
-    from scenes import _mesh
-    from scenes._furniture import BodyBuilder
+    from scenes.parts import mesh
+    from scenes.parts.furniture import BodyBuilder
 
     across, up = np.arange(-0.6, 0.61, 0.05), np.arange(0.25, 1.46, 0.05)
     segments = [((x, 0, up[0]), (x, 0, up[-1])) for x in across]
     segments += [((across[0], 0, z), (across[-1], 0, z)) for z in up]
-    _mesh.sticks(spec, "panel", segments, 0.0017)
-    _mesh.place(spec, "panel", "panel", (-0.95, 1.75, 0), "bright", 14)
+    mesh.sticks(spec, "panel", segments, 0.0017)
+    mesh.place(spec, "panel", "panel", (-0.95, 1.75, 0), "bright", 14)
     link = []
     for k in range(-24, 60):
         for lean in (1, -1):
             start = np.array([0.09 * k, 0.0, 0.1 if lean > 0 else 1.9])
             end = start + np.array([1.8, 0, 1.8 * lean])
             link.append(_cut(start, end, 0.0, 3.4))
-    _mesh.sticks(spec, "link", [s for s in link if s is not None], 0.002)
-    _mesh.place(spec, "link", "link", (0.4, 5.6, 0), "wire", -6)
+    mesh.sticks(spec, "link", [s for s in link if s is not None], 0.002)
+    mesh.place(spec, "link", "link", (0.4, 5.6, 0), "wire", -6)
     posts = BodyBuilder(spec, "posts")
     for x, y in ((-1.53, 1.6), (-0.37, 1.9)):
         posts.rod((x, y, 0), (x, y, 1.5), 0.02, "metal")
@@ -96,7 +96,7 @@ def _cut(
 
 def _railing(spec: mujoco.MjSpec) -> None:
     """A balustrade across the right half, bars of 12 mm every 11 cm."""
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     rail = BodyBuilder(spec, "railing", (0.35, 2.75, 0), 6)
     for z in (0.12, 1.0):
@@ -113,8 +113,8 @@ def _railing(spec: mujoco.MjSpec) -> None:
 
 def _bare_tree(spec: mujoco.MjSpec, rng: Generator) -> None:
     """A leafless tree: boughs that fork five times, the last ones 3 mm thick."""
-    from scenes import _mesh
-    from scenes._furniture import BodyBuilder
+    from scenes.parts import mesh
+    from scenes.parts.furniture import BodyBuilder
 
     BodyBuilder(spec, "trunk", (-0.35, 4.3, 0)).drum(0.05, 0.55, (0, 0, 0.55), "bark")
     tips = [(np.array([0, 0, 1.05]), np.array([0, 0, 1.0]), 0.62)]
@@ -128,27 +128,27 @@ def _bare_tree(spec: mujoco.MjSpec, rng: Generator) -> None:
                 segments.append((at, end))
                 grown.append((end, turned, 0.68 * length))
         tips = grown
-        _mesh.sticks(spec, f"boughs_{level}", segments, radius)
-        _mesh.place(spec, f"boughs_{level}", f"boughs_{level}", (-0.35, 4.3, 0), "dark")
+        mesh.sticks(spec, f"boughs_{level}", segments, radius)
+        mesh.place(spec, f"boughs_{level}", f"boughs_{level}", (-0.35, 4.3, 0), "dark")
 
 
 def _leaves(spec: mujoco.MjSpec, rng: Generator) -> None:
     """A bush of single leaves, ivy on the wall, and a plant with stems like threads."""
-    from scenes import _mesh
-    from scenes._props import plant
+    from scenes.parts import mesh
+    from scenes.parts.props import plant
 
-    _mesh.cards(spec, "bush", _mesh.crown(rng, 700, (0.5, 0.4, 0.5), lumps=5), 0.022, rng)
-    _mesh.place(spec, "bush", "bush", (1.5, 3.7, 0.55), "leaves")
+    mesh.cards(spec, "bush", mesh.crown(rng, 700, (0.5, 0.4, 0.5), lumps=5), 0.022, rng)
+    mesh.place(spec, "bush", "bush", (1.5, 3.7, 0.55), "leaves")
     ivy = rng.uniform((-2.2, -0.05, 0.2), (2.2, 0.05, 3.0), (900, 3))
     ivy = ivy[np.abs(ivy[:, 0]) < 0.4 + 0.6 * ivy[:, 2] + 0.3 * rng.standard_normal(len(ivy))]
-    _mesh.cards(spec, "ivy", ivy, 0.035, rng)
-    _mesh.place(spec, "ivy", "ivy", (1.9, 7.8, 0), "leaves")
+    mesh.cards(spec, "ivy", ivy, 0.035, rng)
+    mesh.place(spec, "ivy", "ivy", (1.9, 7.8, 0), "leaves")
     plant(spec, "grass", (0.62, 1.72, 0.44), 0.72, rng, leaves=14)
 
 
 def _standing(spec: mujoco.MjSpec) -> None:
     """What is thick: a drum, crates, a trestle with a plan, pots."""
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "standing")
     at.drum(0.2, 0.22, (0.62, 1.72, 0.22), "pot")
@@ -168,8 +168,8 @@ def _standing(spec: mujoco.MjSpec) -> None:
 
 def _overhead(spec: mujoco.MjSpec) -> None:
     """Cables from wall to wall, a washing line, and guy wires of a mast."""
-    from scenes._furniture import BodyBuilder
-    from scenes._props import cable
+    from scenes.parts.furniture import BodyBuilder
+    from scenes.parts.props import cable
 
     lines = (
         ((-4.2, 3.4, 2.4), (0, 3.2, 2.05), (4.2, 3.0, 2.5), 0.004, "cable"),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from scenes._heads import Centred, centred
-from scenes._mocap import case
+from scenes.parts.heads import Centred, centred
+from scenes.parts.mocap import case
 from sim.motion.curves import look_at
 from sim.motion.head_motion import six_dof
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def _textures() -> Mapping[str, Image]:
     from scenes import textures as tx
-    from scenes._stock import made, painted
+    from scenes.parts.stock import made, painted
     from scenes.textures import facades, outdoor
     from scenes.textures.facades import Front
 
@@ -62,7 +62,7 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _arcade(spec: mujoco.MjSpec) -> None:
     """Wall with doors at the left, columns at the right, beams and boards overhead."""
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "arcade")
     at.box((0.2, 8.5, 1.6), (-1.9, 7.5, 1.6), "wall")
@@ -89,9 +89,9 @@ def _arcade(spec: mujoco.MjSpec) -> None:
 
 def _things(spec: mujoco.MjSpec, rng: Generator) -> None:
     """Benches, bins, pots and bicycle racks under the roof."""
-    from scenes._furniture import BodyBuilder
-    from scenes._outside import bench
-    from scenes._props import plant
+    from scenes.parts.furniture import BodyBuilder
+    from scenes.parts.outside import bench
+    from scenes.parts.props import plant
 
     bench(
         spec,
@@ -118,8 +118,8 @@ def _things(spec: mujoco.MjSpec, rng: Generator) -> None:
 
 def _yard(spec: mujoco.MjSpec, rng: Generator) -> None:
     """Lawn, trees, hedges, a fence, and the buildings around them."""
-    from scenes import _outside as out
-    from scenes._furniture import BodyBuilder
+    from scenes.parts import outside as out
+    from scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "yard")
     at.box((9.0, 3.0, 6.5), (-1.0, 30.0, 6.5), "front_a")

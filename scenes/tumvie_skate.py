@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from scenes._corridor import edit, textures
+from scenes.parts.corridor import edit, textures
 from sim.motion import head_motion
 from sim.motion.curves import Motion, look_at
 from sim.scene import Scene

@@ -9,7 +9,7 @@ import pytest
 
 import scenes
 from emvs.errors import InputError
-from scenes._shadows import SHELL_GROUP, bake
+from scenes.parts.shadows import SHELL_GROUP, bake
 from scenes.planes import PLANE_DEPTHS_M
 from sim.config import SimConfig
 from sim.graphics import import_mujoco

@@ -16,7 +16,7 @@ from twin_checks import (
 
 import scenes
 from emvs.errors import InputError
-from scenes._bodies import RECORD_S
+from scenes.parts.bodies import RECORD_S
 from scenes.textures import facades, outdoor, vehicles
 from scenes.textures.noise import BRIGHTEST, DARKEST, streams
 from sim.graphics import import_mujoco

@@ -57,7 +57,7 @@ def grass(shape: tuple[int, int], rng: Generator, colours: tuple[Colour, Colour]
 def leaves(size_px: int, rng: Generator, colours: tuple[Colour, Colour] = _GREEN) -> Image:
     """Paints a palette of leaves, PALETTE_CELLS along each side, with veins and shades.
 
-    A card of `scenes._mesh.cards` shows one cell.
+    A card of `scenes.parts.mesh.cards` shows one cell.
     """
     cell = size_px // PALETTE_CELLS
     down, across = np.mgrid[0:cell, 0:cell].astype(np.float32) / cell - 0.5

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import Generator
 
-from scenes import _mesh
-from scenes._furniture import BodyBuilder, Point
+from scenes.parts import mesh
+from scenes.parts.furniture import BodyBuilder, Point
 
 if TYPE_CHECKING:
     import mujoco
@@ -46,7 +46,7 @@ class Trees:
         """Adds `kinds` meshes of crowns with the half axes `half_m`."""
         crowns = tuple(f"{name}_{k}" for k in range(kinds))
         for crown in crowns:
-            _mesh.cards(spec, crown, _mesh.crown(rng, leaves, half_m), leaf_m, rng)
+            mesh.cards(spec, crown, mesh.crown(rng, leaves, half_m), leaf_m, rng)
         return cls(crowns, half_m[2])
 
     def plant(
@@ -72,7 +72,7 @@ class Trees:
         middle = trunk_m + 0.62 * self.height_m
         crown = self.crowns[int(rng.integers(len(self.crowns)))]
         yaw = float(rng.uniform(0, 360))
-        _mesh.place(spec, crown, f"{name}_crown", (x, y, middle), leaves, yaw)
+        mesh.place(spec, crown, f"{name}_crown", (x, y, middle), leaves, yaw)
         if shadow is not None:
             reach = middle * _LIGHT_SLOPE
             size = (0.85 * self.height_m, 0.95 * self.height_m)
@@ -94,16 +94,16 @@ def shade(
 
 def car_meshes(spec: mujoco.MjSpec) -> None:
     """Adds the meshes that all cars share."""
-    _mesh.prism(spec, "car_body", _BODY_M, 0.86, 0.80)
-    _mesh.prism(spec, "car_cabin", _CABIN_M, 0.80, 0.60)
+    mesh.prism(spec, "car_body", _BODY_M, 0.86, 0.80)
+    mesh.prism(spec, "car_cabin", _CABIN_M, 0.80, 0.60)
 
 
 def car(
     spec: mujoco.MjSpec, name: str, at_m: tuple[float, float], yaw_deg: float, paint: str
 ) -> None:
     """Parks a car of materials `paint` and `paint`_cabin, its front along the turned x axis."""
-    _mesh.place(spec, "car_body", f"{name}_body", (*at_m, 0), paint, yaw_deg)
-    _mesh.place(spec, "car_cabin", f"{name}_cabin", (*at_m, 0), f"{paint}_cabin", yaw_deg)
+    mesh.place(spec, "car_body", f"{name}_body", (*at_m, 0), paint, yaw_deg)
+    mesh.place(spec, "car_cabin", f"{name}_cabin", (*at_m, 0), f"{paint}_cabin", yaw_deg)
     parts = BodyBuilder(spec, name, (*at_m, 0), yaw_deg)
     for x in (-1.32, 1.32):
         for y in (-0.78, 0.78):

@@ -22,7 +22,7 @@ def case(name: str, summary: str, motion: Callable[[float, int], Motion]) -> Sce
     return Scene(
         name=name,
         summary=summary,
-        mjcf=Path(__file__).with_name("mocap.xml"),
+        mjcf=Path(__file__).parents[1] / "mocap.xml",
         textures=_textures,
         motion=motion,
         depth_range_m=(0.45, 4.0),
@@ -33,8 +33,8 @@ def case(name: str, summary: str, motion: Callable[[float, int], Motion]) -> Sce
 
 def _textures() -> Mapping[str, Image]:
     from scenes import textures as tx
-    from scenes._print import apriltags, whiteboard
-    from scenes._stock import made, painted, stock
+    from scenes.parts.print import apriltags, whiteboard
+    from scenes.parts.stock import made, painted, stock
 
     carpet = ((0.25, 0.26, 0.28), (0.33, 0.34, 0.36))
     room = {
@@ -49,8 +49,8 @@ def _textures() -> Mapping[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from scenes._props import plant
-    from scenes._shadows import bake
+    from scenes.parts.props import plant
+    from scenes.parts.shadows import bake
 
     rng = default_rng(213)
     _near_table(spec)
@@ -64,8 +64,8 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _near_table(spec: mujoco.MjSpec) -> None:
     """What stands within reach of a head at the origin; the top lies at 0.76 m."""
-    from scenes import _furniture as fu
-    from scenes._props import cable
+    from scenes.parts import furniture as fu
+    from scenes.parts.props import cable
 
     fu.table(spec, "near", (-0.15, 0.72, 0), (1.5, 0.74, 0.76))
     things = fu.BodyBuilder(spec, "near_things", (0, 0, 0.76))
@@ -92,7 +92,7 @@ def _near_table(spec: mujoco.MjSpec) -> None:
 
 def _second_desk(spec: mujoco.MjSpec, rng: Generator) -> None:
     """A work place at the right, for the case that looks at desks."""
-    from scenes import _furniture as fu
+    from scenes.parts import furniture as fu
 
     fu.table(spec, "second", (1.62, 1.55, 0), (1.5, 0.72, 0.74), -18)
     at = fu.BodyBuilder(spec, "second_things", (1.62, 1.55, 0.74), -18)
@@ -108,7 +108,7 @@ def _second_desk(spec: mujoco.MjSpec, rng: Generator) -> None:
 
 
 def _left_desk(spec: mujoco.MjSpec) -> None:
-    from scenes import _furniture as fu
+    from scenes.parts import furniture as fu
 
     fu.table(spec, "left", (-1.65, 2.0, 0), (1.3, 0.66, 0.74), 32)
     fu.monitor(spec, "left_monitor", (-1.72, 2.12, 0.74), 30, 0.6)
@@ -124,7 +124,7 @@ def _left_desk(spec: mujoco.MjSpec) -> None:
 
 def _floor(spec: mujoco.MjSpec) -> None:
     """Cartons, a ball, a planter and a bag, 1.6 to 3.4 m away."""
-    from scenes import _furniture as fu
+    from scenes.parts import furniture as fu
 
     at = fu.BodyBuilder(spec, "stack")
     at.box((0.26, 0.22, 0.21), (0.62, 2.72, 0.21), "carton_a", (0, 0, -14))
@@ -139,7 +139,7 @@ def _floor(spec: mujoco.MjSpec) -> None:
 
 
 def _tripods(spec: mujoco.MjSpec) -> None:
-    from scenes import _furniture as fu
+    from scenes.parts import furniture as fu
 
     fu.tripod(spec, "tripod_a", (-0.42, 2.0, 0), 1.32, 14)
     fu.tripod(spec, "tripod_b", (1.52, 2.95, 0), 1.7, -28)

@@ -26,8 +26,8 @@ _OAKS_M = (
 def textures() -> Mapping[str, Image]:
     """Makes every texture of park.xml."""
     from scenes import textures as tx
-    from scenes._stock import made
-    from scenes._street import disc, front_maker
+    from scenes.parts.stock import made
+    from scenes.parts.street import disc, front_maker
     from scenes.textures import outdoor
     from scenes.textures.facades import Front
 
@@ -68,8 +68,8 @@ def edit(spec: mujoco.MjSpec) -> None:
 
 def _avenue(spec: mujoco.MjSpec, rng: Generator) -> None:
     """Trees along the path, bushes between them, and a copse on the right."""
-    from scenes import _mesh
-    from scenes._outside import Trees, shade
+    from scenes.parts import mesh
+    from scenes.parts.outside import Trees, shade
 
     near = Trees.grown(spec, "lime", rng, half_m=(1.9, 1.9, 2.2), leaf_m=0.06, leaves=3200, kinds=2)
     wood = Trees.grown(spec, "oak", rng, half_m=(3.4, 3.4, 3.0), leaf_m=0.14, leaves=1600)
@@ -82,16 +82,16 @@ def _avenue(spec: mujoco.MjSpec, rng: Generator) -> None:
     for k, (x, y) in enumerate(_OAKS_M):
         wood.plant(spec, f"oak_{k}", (x, y), float(rng.uniform(2.5, 3.6)), rng)
     for k in range(2):
-        middles = _mesh.crown(rng, 1100, (0.8, 0.8, 0.55), lumps=5)
-        _mesh.cards(spec, f"bush_{k}", middles, 0.045, rng)
+        middles = mesh.crown(rng, 1100, (0.8, 0.8, 0.55), lumps=5)
+        mesh.cards(spec, f"bush_{k}", middles, 0.045, rng)
     for k, (x, y) in enumerate(_BUSHES_M):
-        _mesh.place(spec, f"bush_{k % 2}", f"bush_at_{k}", (x, y, 0.5), "leaves", 77.0 * k)
+        mesh.place(spec, f"bush_{k % 2}", f"bush_at_{k}", (x, y, 0.5), "leaves", 77.0 * k)
         shade(spec, f"bush_shade_{k}", (x + 0.3, y + 0.3), (0.85, 0.8))
 
 
 def _roadside(spec: mujoco.MjSpec) -> None:
-    from scenes import _outside as out
-    from scenes._furniture import BodyBuilder
+    from scenes.parts import outside as out
+    from scenes.parts.furniture import BodyBuilder
 
     out.fence(spec, "fence_left", (-3.1, 5.5), (-3.1, 34.0), every_m=2.2)
     out.fence(spec, "fence_right", (3.1, 36.0), (3.1, 62.0), every_m=3.0)
@@ -110,8 +110,8 @@ def _roadside(spec: mujoco.MjSpec) -> None:
 
 
 def _village(spec: mujoco.MjSpec) -> None:
-    from scenes._furniture import BodyBuilder
-    from scenes._outside import house
+    from scenes.parts.furniture import BodyBuilder
+    from scenes.parts.outside import house
 
     places = (
         (-15.0, 47.0, (5.0, 4.0, 2.9), "a", 12), (12.5, 74.0, (6.0, 4.5, 3.0), "c", -8),
@@ -130,7 +130,7 @@ def _village(spec: mujoco.MjSpec) -> None:
 
 def _horizon(spec: mujoco.MjSpec, rng: Generator) -> None:
     """Hedges between the fields and a wooded ridge at the far end."""
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "horizon")
     at.box((14, 0.8, 0.9), (-24, 30.0, 0.9), "hedge", (0, 0, 6))

@@ -94,7 +94,7 @@ def _surfaces() -> dict[str, Maker]:
 
 def _objects() -> dict[str, Maker]:
     from scenes import textures as tx
-    from scenes._print import plain_carton
+    from scenes.parts.print import plain_carton
 
     return {
         "carton_a": faded(lambda rng: tx.carton(256, rng, (0.2, 0.4, 0.6)), 0.65),

@@ -11,7 +11,7 @@ from numpy.random import Generator, default_rng
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes._stock import Maker
+    from scenes.parts.stock import Maker
     from scenes.textures.facades import Front
     from scenes.textures.noise import Image
 
@@ -22,7 +22,7 @@ _END_M = 49.0
 def textures() -> Mapping[str, Image]:
     """Makes every texture of street.xml."""
     from scenes import textures as tx
-    from scenes._stock import made
+    from scenes.parts.stock import made
     from scenes.textures import outdoor, vehicles
     from scenes.textures.facades import Front
 
@@ -83,7 +83,7 @@ def disc(size_px: int, rng: Generator, colour: tuple[float, float, float], text:
 
 def edit(spec: mujoco.MjSpec) -> None:
     """Builds the street."""
-    from scenes import _outside as out
+    from scenes.parts import outside as out
 
     rng = default_rng(302)
     out.car_meshes(spec)
@@ -103,7 +103,7 @@ def edit(spec: mujoco.MjSpec) -> None:
 
 
 def _houses(spec: mujoco.MjSpec) -> None:
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     rows = {-1: "dabcd", 1: "bcdab"}
     for side, order in rows.items():
@@ -122,7 +122,7 @@ def _houses(spec: mujoco.MjSpec) -> None:
 
 
 def _cars(spec: mujoco.MjSpec, rng: Generator) -> None:
-    from scenes._outside import car
+    from scenes.parts.outside import car
 
     for side in (-1, 1):
         y = 6.4 if side < 0 else 9.2
@@ -136,7 +136,7 @@ def _cars(spec: mujoco.MjSpec, rng: Generator) -> None:
 
 def _pavements(spec: mujoco.MjSpec) -> None:
     """Kerbs, bollards, bins, a bicycle stand and boxes of the post."""
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "pavement_things")
     for side in (-1, 1):
@@ -156,7 +156,7 @@ def _pavements(spec: mujoco.MjSpec) -> None:
 
 def _paint(spec: mujoco.MjSpec) -> None:
     """Road markings: dashes in the middle, a crossing, parking bays."""
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "markings")
     for k in range(7):
@@ -169,7 +169,7 @@ def _paint(spec: mujoco.MjSpec) -> None:
 
 
 def _wires(spec: mujoco.MjSpec) -> None:
-    from scenes._props import cable
+    from scenes.parts.props import cable
 
     for k, (y, z) in enumerate(((13.0, 7.4), (27.0, 7.8))):
         points = [(-7.6, y, z), (-2.5, y, z - 0.55), (2.5, y, z - 0.55), (7.6, y, z)]

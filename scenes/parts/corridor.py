@@ -19,8 +19,8 @@ _WALL_M = 1.3
 def textures() -> Mapping[str, Image]:
     """Makes every texture of corridor.xml."""
     from scenes import textures as tx
-    from scenes._print import plain_carton
-    from scenes._stock import faded, made, painted
+    from scenes.parts.print import plain_carton
+    from scenes.parts.stock import faded, made, painted
     from scenes.textures import facades
 
     lino = ((0.30, 0.33, 0.33), (0.52, 0.54, 0.52))
@@ -51,7 +51,7 @@ def textures() -> Mapping[str, Image]:
 
 def edit(spec: mujoco.MjSpec) -> None:
     """Fills the corridor."""
-    from scenes._shadows import bake
+    from scenes.parts.shadows import bake
 
     _doors(spec)
     _walls(spec)
@@ -61,7 +61,7 @@ def edit(spec: mujoco.MjSpec) -> None:
 
 
 def _doors(spec: mujoco.MjSpec) -> None:
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "doors")
     places = (
@@ -91,7 +91,7 @@ def _doors(spec: mujoco.MjSpec) -> None:
 
 def _walls(spec: mujoco.MjSpec) -> None:
     """Skirting boards, hand rail, posters and notice boards."""
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "on_walls")
     for side in (-1, 1):
@@ -113,8 +113,8 @@ def _walls(spec: mujoco.MjSpec) -> None:
 
 def _standing(spec: mujoco.MjSpec) -> None:
     """Lockers, cabinet, chairs, bins, plants and cartons along the walls."""
-    from scenes import _furniture as fu
-    from scenes._props import plant
+    from scenes.parts import furniture as fu
+    from scenes.parts.props import plant
 
     rng = default_rng(312)
     at = fu.BodyBuilder(spec, "standing")
@@ -138,7 +138,7 @@ def _standing(spec: mujoco.MjSpec) -> None:
 
 def _ceiling(spec: mujoco.MjSpec) -> None:
     """Lamps, exit signs, smoke detectors and pipes: too high for the shadows on the floor."""
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "ceiling_things")
     for k in range(8):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from scenes._shadows import SHELL_GROUP
+from scenes.parts.shadows import SHELL_GROUP
 from scenes.textures.outdoor import PALETTE_CELLS
 
 if TYPE_CHECKING:

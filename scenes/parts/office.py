@@ -31,7 +31,7 @@ def _scene(name: str, summary: str, motion: Callable[[float, int], Motion]) -> S
     return Scene(
         name=name,
         summary=summary,
-        mjcf=Path(__file__).with_name("office.xml"),
+        mjcf=Path(__file__).parents[1] / "office.xml",
         textures=_textures,
         motion=motion,
         depth_range_m=(0.5, 6.0),
@@ -58,8 +58,8 @@ def _by_hand(eye_m: Vector3, target_m: Vector3, seed: int) -> HeadSway:
 
 def _textures() -> Mapping[str, Image]:
     from scenes import textures as tx
-    from scenes._print import whiteboard
-    from scenes._stock import made, stock
+    from scenes.parts.print import whiteboard
+    from scenes.parts.stock import made, stock
 
     carpet = ((0.22, 0.24, 0.28), (0.44, 0.46, 0.5))
     sofa = ((0.30, 0.12, 0.12), (0.56, 0.3, 0.27))
@@ -84,9 +84,9 @@ def _textures() -> Mapping[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from scenes._furniture import bin_, chair, shelf
-    from scenes._props import plant
-    from scenes._shadows import bake
+    from scenes.parts.furniture import bin_, chair, shelf
+    from scenes.parts.props import plant
+    from scenes.parts.shadows import bake
 
     rng = default_rng(223)
     _monitor_corner(spec)
@@ -102,7 +102,7 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _monitor_corner(spec: mujoco.MjSpec) -> None:
     """A work place at the left: monitor, keyboard, mug, papers, a lamp."""
-    from scenes import _furniture as fu
+    from scenes.parts import furniture as fu
 
     fu.table(spec, "desk", (-2.0, 1.7, 0), (1.6, 0.76, 0.74))
     fu.monitor(spec, "monitor", (-2.02, 1.86, 0.74), 8, 0.56)
@@ -118,8 +118,8 @@ def _monitor_corner(spec: mujoco.MjSpec) -> None:
 
 
 def _reader_corner(spec: mujoco.MjSpec) -> None:
-    from scenes import _furniture as fu
-    from scenes._person import reader
+    from scenes.parts import furniture as fu
+    from scenes.parts.person import reader
 
     fu.chair(spec, "reader_chair", (1.55, 2.66, 0))
     reader(spec, "reader", (1.55, 2.62, 0), -8)
@@ -134,7 +134,7 @@ def _reader_corner(spec: mujoco.MjSpec) -> None:
 
 def _boxes_corner(spec: mujoco.MjSpec) -> None:
     """Boxes on the floor in the middle of the room."""
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "boxes")
     at.box((0.24, 0.20, 0.20), (0.10, 2.45, 0.20), "carton_a", (0, 0, 22))
@@ -148,7 +148,7 @@ def _boxes_corner(spec: mujoco.MjSpec) -> None:
 
 
 def _beside_the_bin(spec: mujoco.MjSpec) -> None:
-    from scenes._furniture import BodyBuilder
+    from scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "litter")
     at.ball((0.05, 0.045, 0.04), (-0.1, 1.16, 0.04), "white", (20, 30, 0))

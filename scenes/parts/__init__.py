@@ -1,0 +1,1 @@
+"""What scenes share: furniture, houses, trees, light."""
