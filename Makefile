@@ -40,13 +40,13 @@ pictures-scenes: setup
 	cp out/desk/overview.png docs/images/desk.png
 	cp out/boxes/overview.png docs/images/boxes.png
 	cp out/planes/overview.png docs/images/planes.png
-	$(BIN)/python -m scenes._sheet docs/images/twins.png
-	$(BIN)/python -m scenes._sheet docs/images/twins_outdoor.png tumvie-skate tumvie-run tumvie-bike \
+	$(BIN)/python -m docs/figures/scene_sheet.py docs/images/twins.png
+	$(BIN)/python -m docs/figures/scene_sheet.py docs/images/twins_outdoor.png tumvie-skate tumvie-run tumvie-bike \
 		dsec-street moving-objects low-texture repetitive thin-structures reflective
 
 pictures-simulator: setup
-	$(BIN)/python -m sim.sensor_pictures # docs/images/sensor_*.png
-	$(BIN)/python -m sim.motion_figures docs/images # docs/images/motion-*.png
+	$(BIN)/python -m docs/figures/draw_sensor.py # docs/images/sensor_*.png
+	$(BIN)/python -m docs/figures/draw_motion.py docs/images # docs/images/motion-*.png
 	$(BIN)/python docs/draw_lenses_and_light.py # docs/images/lenses.png docs/images/light.png
 	$(BIN)/python docs/draw_truth.py # docs/images/truth.png
 
@@ -82,7 +82,7 @@ tables: setup
 	$(BIN)/python -m emvs.formats docs/event_formats.md
 
 measurements: setup studies
-	$(BIN)/python -m scenes._figures docs/scenes.md docs/twins.md docs/twins_outdoor.md docs/twins_hard.md
+	$(BIN)/python -m docs/figures/scene_tables.py docs/scenes.md docs/twins.md docs/twins_outdoor.md docs/twins_hard.md
 	$(BIN)/python -m eval.study_extraction --sets development held-out --page docs/extraction.md \
 		--picture docs/images/extraction.png
 	$(BIN)/python -m eval.study_cost --page docs/performance.md --picture docs/images/cost.png

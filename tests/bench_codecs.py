@@ -15,9 +15,9 @@ from pathlib import Path
 
 import pytest
 from event_files import ALL, WRITTEN, moving_edges, stream_of, write_any
+from format_table import replaced
 
 from emvs.formats import FORMATS, open_events, write_events
-from emvs.io.events.__main__ import replaced
 
 COUNT = 1 << 22
 SIZE_PX = (1280, 720)

@@ -18,9 +18,9 @@ from pathlib import Path
 
 import event_files
 import numpy as np
+from format_table import replaced
 
 from emvs.formats import FORMATS, open_events
-from emvs.io.events.__main__ import replaced
 
 SIZE_PX = (1280, 720)
 STEP_US = 10

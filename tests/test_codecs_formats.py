@@ -10,13 +10,13 @@ import naive_codecs as naive
 import numpy as np
 import pytest
 from event_files import ALL, READ_ONLY, WRITTEN, stream_of, write_any
+from format_table import table
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from emvs.data.events import Events
 from emvs.errors import InputError
 from emvs.formats import FORMATS, open_events, write_events
-from emvs.io.events.__main__ import table
 
 SORTED_ONLY = [name for name in WRITTEN if not FORMATS[name].limits.keeps_order]
 # In a DAT file time that runs backwards by half its 32 bits or more is a loop.

@@ -1,6 +1,6 @@
 """Draws one picture per effect of the sensor, from runs of the sensor itself.
 
-Run: python -m sim.sensor_pictures [FOLDER]; the folder is docs/images unless given.
+Run: python docs/figures/draw_sensor.py [FOLDER]; the folder is docs/images unless given.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from sensor_samples import EPS, flat, gaps_us, per_pixel, run
 
 from emvs.data.events import Events
 from sim.config import SimConfig
 from sim.sensor.labels import Label
 from sim.sensor.sensor import Sensor
 from sim.sensor_presets import SensorParameters
-from sim.sensor_samples import EPS, flat, gaps_us, per_pixel, run
 
 # Okabe and Ito's colours, told apart by all.
 _BLUE, _ORANGE, _GREEN, _PINK, _GREY = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#777777"

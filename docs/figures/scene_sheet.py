@@ -1,6 +1,6 @@
 """Draws a contact sheet of scenes: a frame and the true depth of each.
 
-python -m scenes._sheet docs/images/twins.png [NAME...]
+python docs/figures/scene_sheet.py docs/images/twins.png [NAME...]
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Pictures of the head generators: `python -m sim.motion_figures docs/images`."""
+"""Pictures of the head generators: `python docs/figures/draw_motion.py docs/images`."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def draw(name: str, path: Path, duration_s: float = 8.0, seed: int = 0) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Draws `motion-NAME.png` for every generator into a folder."""
-    parser = argparse.ArgumentParser(prog="python -m sim.motion_figures", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python docs/figures/draw_motion.py", description=__doc__)
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args(arguments).folder
     folder.mkdir(parents=True, exist_ok=True)

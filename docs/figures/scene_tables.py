@@ -1,6 +1,7 @@
 """Writes the tables of figures of the scenes' pages: every number is measured, none is typed.
 
-python -m scenes._figures docs/scenes.md docs/twins.md docs/twins_outdoor.md docs/twins_hard.md
+python docs/figures/scene_tables.py docs/scenes.md docs/twins.md docs/twins_outdoor.md
+docs/twins_hard.md
 
 Each case is simulated for a short piece with its own rig at full resolution, and the true depth of
 its cameras is warped onto each other. About one minute a case at 1280x720 on two cores, ten
