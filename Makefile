@@ -67,7 +67,7 @@ pictures-methods: pictures-scenes
 		--map.stride-s 0.02 --method Alg1/H --force --quiet
 	$(BIN)/eventsweep fuse out/windows --mesh --min-windows 2
 	$(BIN)/python docs/draw_clouds.py out/windows Alg1/H docs/images/clouds_desk.png
-	$(BIN)/python -m eval.study_inpaint docs/images/inpaint.png
+	$(BIN)/python -m tests/benchmarks/study_inpaint.py docs/images/inpaint.png
 ifdef SLIDER
 	$(BIN)/eventsweep map $(SLIDER) --out out/slider --method EMVS/cam0 --map.window-s 0.8 \
 		--map.stride-s 0.1 --map.min-depth-m 0.3 --map.max-depth-m 4 --map.hot-pixels 3 --force --quiet
@@ -77,16 +77,16 @@ endif
 
 # Tables in the documentation: of the code, in seconds; and measured, in hours on a quiet machine.
 tables: setup
-	$(BIN)/python -m eval.settings_table
-	$(BIN)/python -m eval.readme_table
+	$(BIN)/python -m tests/benchmarks/settings_table.py
+	$(BIN)/python -m tests/benchmarks/readme_table.py
 	$(BIN)/python -m emvs.formats docs/event_formats.md
 
 measurements: setup studies
 	$(BIN)/python -m docs/figures/scene_tables.py docs/scenes.md docs/twins.md docs/twins_outdoor.md docs/twins_hard.md
-	$(BIN)/python -m eval.study_extraction --sets development held-out --page docs/extraction.md \
+	$(BIN)/python -m tests/benchmarks/study_extraction.py --sets development held-out --page docs/extraction.md \
 		--picture docs/images/extraction.png
-	$(BIN)/python -m eval.study_cost --page docs/performance.md --picture docs/images/cost.png
-	$(BIN)/python -m eval.cost_methods --page docs/methods.md
+	$(BIN)/python -m tests/benchmarks/study_cost.py --page docs/performance.md --picture docs/images/cost.png
+	$(BIN)/python -m tests/benchmarks/cost_methods.py --page docs/methods.md
 	$(BIN)/python tests/fault_runs.py --page docs/gate.md
 
 # The figures and tables of docs/studies.md: see there what they cost. Jobs are kept in the cache.
@@ -102,8 +102,8 @@ studies: setup
 	for name in baseline heading contrast-threshold sensor-noise illumination; do \
 		$(STUDY) --case planes --seconds 0.3 || exit; \
 	done
-	$(BIN)/python -m eval.studies.page out/studies docs/studies.md # docs/images/study_*.png
-	$(BIN)/python -m eval.studies.reproduction --out out/mvsec-table --page docs/studies.md
+	$(BIN)/python -m tests/benchmarks/study_pages.py out/studies docs/studies.md # docs/images/study_*.png
+	$(BIN)/python -m tests/benchmarks/reproduction.py --out out/mvsec-table --page docs/studies.md
 
 setup: .venv/installed
 

@@ -15,12 +15,12 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from markdown_blocks import into_page
 
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence
 from emvs.mapper import map_window
 from eval.colour import depth_scale
-from eval.marked import into_page
 
 DOCS = Path(__file__).parent
 NAMES = ("Alg1/H", "ESVO/own-rate", "ESVO/window", "GTS/events")

@@ -1,6 +1,6 @@
 """What the mapper's loops cost, and their choices: `pytest tests/bench_sweep.py --benchmark-only`.
 
-`python -m eval.study_cost` holds the whole mapper against its limits.
+`python tests/benchmarks/study_cost.py` holds the whole mapper against its limits.
 
 Events of edge points at many depths with 10 % noise, seen by a camera that moves sideways, on one
 thread. Each figure is the best round: on a shared machine the others measure the neighbours.
@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 import pytest
+from cost_limits import PAPER
 from point_world import edge_stream, sideways
 
 from emvs.dsi import voting as sweep_module
@@ -20,7 +21,6 @@ from emvs.geometry.camera import Camera
 from emvs.methods import methods
 from emvs.reference_view import inverse_depth_planes
 from emvs.utils.runtime import use_threads
-from eval.cost_limits import PAPER
 
 EVENTS = 1_000_000
 PLANES = 20

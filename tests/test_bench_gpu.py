@@ -7,18 +7,23 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import bench_gpu
+import gpu_calls
+import gpu_frames
+import gpu_machine
+import gpu_parts
+import gpu_tables
 import numpy as np
 import pytest
+from cost_stream import MovingEdges
+from gpu_calls import Agreement, agreement, same, save_volumes
+from gpu_plan import QUICK, BenchmarkPlan
+from gpu_votes import votes_s
 from hypothesis import given
 from hypothesis import strategies as st
 
 from emvs.errors import InputError
 from emvs.mapper import map_window
-from eval import bench_gpu, gpu_calls, gpu_frames, gpu_machine, gpu_parts, gpu_tables
-from eval.cost_stream import MovingEdges
-from eval.gpu_calls import Agreement, agreement, same, save_volumes
-from eval.gpu_plan import QUICK, BenchmarkPlan
-from eval.gpu_votes import votes_s
 
 ROOT = Path(__file__).resolve().parent.parent
 TRIAL = ["--quick", "--device", "cpu"]
@@ -34,7 +39,9 @@ def report(tmp_path_factory):
 
 def program(*arguments, code=None, **environment):
     command = (
-        [sys.executable, "-m", "eval.bench_gpu"] if code is None else [sys.executable, "-c", code]
+        [sys.executable, "-m", "tests/benchmarks/bench_gpu.py"]
+        if code is None
+        else [sys.executable, "-c", code]
     )
     return subprocess.run(
         [*command, *arguments], env=os.environ | environment, cwd=ROOT, text=True,
@@ -214,7 +221,7 @@ sys.meta_path.insert(0, Absent())
 import importlib.util
 found = importlib.util.find_spec
 importlib.util.find_spec = lambda name, *rest: None if name in absent else found(name, *rest)
-from eval.bench_gpu import main
+from tests/benchmarks/bench_gpu.py import main
 sys.exit(main(sys.argv[1:]))
 """
 
@@ -363,8 +370,8 @@ class TestFrames:
 ATOMICS = """
 import json
 import numpy as np
-from eval.gpu_atomics import add_at_random, atomic_rates, cuda
-from eval.gpu_plan import QUICK
+from tests/benchmarks/gpu_atomics.py import add_at_random, atomic_rates, cuda
+from tests/benchmarks/gpu_plan.py import QUICK
 def twin(cells, threads, repeats):
     out = np.zeros(cells, np.int64)
     for thread in range(threads):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import cost_methods
 import numpy as np
 import pytest
+from cost_methods import ASKED, MethodsEffort, costs, main, table
 
 from emvs.methods import methods
-from eval import cost_methods
-from eval.cost_methods import ASKED, MethodsEffort, costs, main, table
 
 TINY = MethodsEffort(events=2000, planes=4, rounds=1)
 

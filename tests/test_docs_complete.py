@@ -9,13 +9,13 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 import pytest
+from settings_table import TABLES, main, settings_block
 
 from emvs.config import MapperConfig
 from emvs.depth.inpainting import Dense
 from emvs.maps.folder import HotPixelInfo, MapInfo, RecordingInfo, SkippedWindow, WindowInfo
 from emvs.maps.merge import FusedInfo
 from eval.config import EvalConfig
-from eval.settings_table import TABLES, main, settings_block
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from study_variants import found_in_volumes
 
 from emvs.depth.focus import FocusConfig, Found, at_least, most_reliable, on_surface
 from emvs.dsi import focus_kernels, focus_measures
 from emvs.dsi.maxima import FocusPeak, Maximum
 from emvs.errors import InputError
-from eval.study_variants import found_in_volumes
 
 F = np.float32
 TWINS = {

@@ -9,6 +9,7 @@ from typing import get_args
 import numpy as np
 import pytest
 from point_world import Recorded, fronto_parallel, pinhole, stereo_rig
+from study_variants import found_in_volumes
 
 from emvs.config import MapperConfig
 from emvs.depth.focus import FocusConfig, at_least, judge
@@ -18,7 +19,6 @@ from emvs.geometry.trajectory import Trajectory
 from emvs.mapper import map_window
 from emvs.methods import methods, overview
 from emvs.reference_view import inverse_depth_at
-from eval.study_variants import found_in_volumes
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25)
 FIELDS = ("depth_m", "confidence", "mask", "argmax")

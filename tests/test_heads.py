@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from motion_statistics import statistics
 from scipy.spatial.transform import Rotation
 
 from emvs.errors import InputError
@@ -23,7 +24,6 @@ from sim.motion.head_motion import (
     walk,
 )
 from sim.motion.head_styles import STYLES
-from sim.statistics import statistics
 
 NAMES = list(STYLES)
 T_REST = look_at((0, 0, 0), (1, 0, 0))

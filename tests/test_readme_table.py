@@ -6,11 +6,11 @@ import shutil
 from pathlib import Path
 
 import pytest
+from markdown_blocks import with_block
+from readme_table import main, results_block
 
 from emvs.errors import InputError
 from eval.baseline import read_baseline
-from eval.marked import with_block
-from eval.readme_table import main, results_block
 
 ROOT = Path(__file__).resolve().parents[1]
 README, BASELINE = ROOT / "README.md", ROOT / "reports" / "baseline.json"

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import mujoco_scenes as made
 import numpy as np
 import pytest
+import replay_cost
 from scipy.spatial.transform import Rotation
 from test_chunks import Killed, scene_in, stop_at
 
@@ -18,7 +19,6 @@ from emvs.datasets.custom import read_hand_eye
 from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.trajectory import Trajectory
-from sim import replay_cost
 from sim.config import ReplayConfig, SimConfig
 from sim.motion.curves import look_at, sampled
 from sim.motion.head_motion import six_dof

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from motion_statistics import main, recorded, statistics
 
 from emvs.data.poses import write_tum
 from sim.motion.curves import sampled
 from sim.motion.head_motion import generate
 from sim.motion.head_styles import STYLES
-from sim.statistics import main, recorded, statistics
 
 REAL = Path(__file__).parents[2] / "shared/data"
 

@@ -3,13 +3,16 @@
 import json
 
 import pytest
+import reproduction
+import study_pages
+import suite_cost
+import suite_efficiency
 from PIL import Image
+from published_table import MONO, RATIOS, TABLE, H
 
 from emvs.errors import InputError
 from eval.metrics import METRICS as KNOWN
 from eval.results import Row
-from eval.studies import efficiency, page, reproduction, suite_cost
-from eval.studies.published import MONO, RATIOS, TABLE, H
 from eval.suite import load
 from eval.suite_rows import JobNote, Sample, SampleFacts, SuiteResult, mapper_method
 
@@ -42,8 +45,8 @@ def docs(folder, mark):
 def test_the_page_has_every_study_with_its_figure_numbers_and_breaking_points(tmp_path):
     study(tmp_path, "planes")
     study(tmp_path, "pose-noise", failures={"map/desk/5": "it died"})
-    path = docs(tmp_path, page.MARK)
-    page.write(tmp_path, path)
+    path = docs(tmp_path, study_pages.MARK)
+    study_pages.write(tmp_path, path)
     text = path.read_text()
     assert "old" not in text
     assert text.startswith("before\n")
@@ -61,13 +64,13 @@ def test_the_page_has_every_study_with_its_figure_numbers_and_breaking_points(tm
 def test_a_folder_without_studies_or_figures_and_a_page_without_marks_are_refused(tmp_path):
     path = docs(tmp_path, "another")
     with pytest.raises(InputError, match="no study"):
-        page.write(tmp_path, path)
+        study_pages.write(tmp_path, path)
     study(tmp_path)
     with pytest.raises(InputError, match="needs the lines"):
-        page.write(tmp_path, path)
+        study_pages.write(tmp_path, path)
     (tmp_path / "pose-noise.png").unlink()
     with pytest.raises(InputError, match="run the study again"):
-        page.write(tmp_path, path)
+        study_pages.write(tmp_path, path)
 
 
 def flights(values, case="mvsec-flying", mapper="default"):
@@ -143,11 +146,11 @@ def test_costs_are_summed_per_case_and_carried_over_to_all_seeds():
 
 
 def test_efficiency_is_the_share_of_the_ideal_speed_up():
-    assert "0.90 of ideal" in efficiency.line("quick", 2, 90.0, 50.0)
-    assert "0.50 of ideal" in efficiency.line("quick", 2, 90.0, 90.0)
+    assert "0.90 of ideal" in suite_efficiency.line("quick", 2, 90.0, 50.0)
+    assert "0.50 of ideal" in suite_efficiency.line("quick", 2, 90.0, 90.0)
 
 
 @pytest.mark.parametrize(("suite", "workers"), [("nosuch", 1), ("quick", 0)])
 def test_what_cannot_be_timed_is_refused(suite, workers):
     with pytest.raises(InputError):
-        efficiency.elapsed_s(suite, workers)
+        suite_efficiency.elapsed_s(suite, workers)

@@ -1,15 +1,15 @@
+import cost_limits
 import numpy as np
 import pytest
+from cost_growth import Growth, Load, growth
+from cost_limits import Figure, LimitsEffort
+from cost_stream import WINDOW_US, MovingEdges
 from hypothesis import given
 from hypothesis import strategies as st
+from markdown_blocks import into_page
+from study_cost import AUTHORS_NS, authors_table, growth_table, limit_table
 
 from emvs.errors import InputError
-from eval import cost_limits
-from eval.cost_growth import Growth, Load, growth
-from eval.cost_limits import Figure, LimitsEffort
-from eval.cost_stream import WINDOW_US, MovingEdges
-from eval.marked import into_page
-from eval.study_cost import AUTHORS_NS, authors_table, growth_table, limit_table
 
 TINY = Load(events=2000, planes=4, width_px=32)
 

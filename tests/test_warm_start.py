@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-from eval.cost_stream import MovingEdges
+from cost_stream import MovingEdges
 
 HEAVY = ("open3d", "matplotlib", "pandas", "mujoco", "dash", "OpenGL", "hypothesis")
 
@@ -25,7 +25,7 @@ COMPILED = """
 from numba.core import event
 from emvs.config import MapperConfig
 from emvs.mapper import map_window
-from eval.cost_stream import MovingEdges
+from tests/benchmarks/cost_stream.py import MovingEdges
 
 with event.install_recorder("numba:compile") as recorder:
     config = MapperConfig(planes=9, methods=("all", "Alg2/AtHc@2"))

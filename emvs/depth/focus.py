@@ -137,7 +137,9 @@ def _inside(confidence: Floats, own_px: Floats, candidate: Mask, config: FocusCo
 
 @dataclass(frozen=True)
 class FocusConfig:
-    """Parameters of the extraction; chosen on simulated data by `eval.study_extraction`.
+    """Parameters of the extraction, chosen on simulated data.
+
+    `tests/benchmarks/study_extraction.py` is what chose them.
 
     Lengths in px are pixels of the view, disparities those of the rig's baseline: both keep their
     meaning for other sensors, baselines and depth planes (`docs/extraction.md`).

@@ -1,4 +1,4 @@
-"""The part of `docs/studies.md` that studies write: `python -m eval.studies.page FOLDER PAGE`.
+"""What studies write into a page: `python tests/benchmarks/study_pages.py FOLDER PAGE`.
 
 FOLDER holds what `eventsweep study` left. Figures go into the page's `images`, and where each
 method breaks becomes a table, so that no number of the page is typed.
@@ -13,12 +13,12 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from markdown_blocks import into_page
 from PIL import Image
 
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path
 from eval.exits import exit_code
-from eval.marked import into_page
 from eval.report_study import StoredStudy, find_studies, read_study
 from eval.studies.curves import METRICS
 from eval.studies.study import STUDIES

@@ -1,7 +1,7 @@
 """Draws one rig's view of a scene for a while and counts pictures: a program of its own.
 
-Usage: `python -m eval.gpu_draw KIND RIG SECONDS`; KIND is classic, float or filament. The last line
-on standard output is JSON. Filament ends its process where it fails, and drivers may.
+Usage: `python tests/benchmarks/gpu_draw.py KIND RIG SECONDS`; KIND is classic, float or filament.
+The last line on standard output is JSON. Filament ends its process where it fails, and drivers may.
 """
 
 from __future__ import annotations

@@ -8,14 +8,15 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from cost_growth import Growth
+from cost_stream import WINDOW_US, MovingEdges
+from gpu_calls import call
+from gpu_plan import BenchmarkPlan
+
 from emvs.config import MapperConfig
 from emvs.mapper import map_window
 from emvs.maps.folder import RecordingInfo
 from emvs.maps.sliding import map_windows
-from eval.cost_growth import Growth
-from eval.cost_stream import WINDOW_US, MovingEdges
-from eval.gpu_calls import call
-from eval.gpu_plan import BenchmarkPlan
 
 
 @dataclass(frozen=True)

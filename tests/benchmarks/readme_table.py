@@ -1,6 +1,7 @@
 """The README's result table, from the committed baseline: nobody types a number.
 
-`python -m eval.readme_table` writes it; with `--check` it only says whether it is stale.
+`python tests/benchmarks/readme_table.py` writes it; with `--check` it only says whether it is
+stale.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from markdown_blocks import refresh
+
 from emvs.errors import InputError
 from eval.baseline import Baseline, read_baseline
 from eval.exits import exit_code
-from eval.marked import refresh
 from eval.ranking import mean_over_cases, table
 from eval.results import Row
 from eval.tables import as_markdown, ranking_table
@@ -54,14 +56,16 @@ def _sentence(baseline: Baseline, cases: Mapping[str, Sequence[Row]]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Writes or checks the table; 1 where a check finds it stale, 2 on bad input."""
-    parser = argparse.ArgumentParser(prog="python -m eval.readme_table", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python tests/benchmarks/readme_table.py", description=__doc__
+    )
     parser.add_argument("page", type=Path, nargs="?", default=Path("README.md"))
     parser.add_argument("--baseline", type=Path, default=Path("reports/baseline.json"))
     parser.add_argument("--check", action="store_true", help="write nothing")
     asked = parser.parse_args(arguments)
     with exit_code() as code:
         block = results_block(read_baseline(asked.baseline))
-        command = "python -m eval.readme_table"
+        command = "python tests/benchmarks/readme_table.py"
         code.value = refresh(asked.page, "results", block, check=asked.check, command=command)
     return code.value
 

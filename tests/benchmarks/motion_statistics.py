@@ -1,4 +1,4 @@
-"""Statistics of head motion: `python -m sim.statistics [TUM files...]` prints a Markdown table."""
+"""Head motion in a table: `python tests/benchmarks/motion_statistics.py [TUM files...]`."""
 
 from __future__ import annotations
 
@@ -117,7 +117,9 @@ def rows_of(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints the table; exit code 2 and one line where a file cannot be used."""
-    parser = argparse.ArgumentParser(prog="python -m sim.statistics", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python tests/benchmarks/motion_statistics.py", description=__doc__
+    )
     parser.add_argument("paths", nargs="*", type=Path, help="trajectories in TUM format")
     parser.add_argument("--seconds", type=float, default=60.0, help="length of the generators")
     parser.add_argument("--seed", type=int, default=0)

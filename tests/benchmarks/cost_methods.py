@@ -1,4 +1,4 @@
-"""What each method costs: `python -m eval.cost_methods --page docs/methods.md`.
+"""What each method costs: `python tests/benchmarks/cost_methods.py --page docs/methods.md`.
 
 Whole calls of the mapper on one thread, by processor time: on a machine that others use too, the
 wall's time would measure the neighbours. Rounds of all methods take turns, and the best one counts.
@@ -14,14 +14,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from cost_stream import MovingEdges
+from markdown_blocks import into_page
 from numpy.typing import NDArray
+from study_cost import machine
 
 from emvs.config import MapperConfig
 from emvs.mapper import map_window
-from eval.cost_stream import MovingEdges
 from eval.exits import exit_code
-from eval.marked import into_page
-from eval.study_cost import machine
 
 BASE = "Alg1/H"
 SENSORS: dict[str, tuple[int, int]] = {"346×260": (346, 260), "1280×720": (1280, 720)}
@@ -107,7 +107,9 @@ def table(found: Mapping[str, Seconds], names: Sequence[str], base: int) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measures, prints the table, and writes it into a page; 2 on bad input."""
-    parser = argparse.ArgumentParser(prog="python -m eval.cost_methods", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python tests/benchmarks/cost_methods.py", description=__doc__
+    )
     parser.add_argument("--events", type=int, default=MethodsEffort.events, help="of each camera")
     parser.add_argument("--planes", type=int, default=MethodsEffort.planes)
     parser.add_argument(

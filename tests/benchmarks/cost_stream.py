@@ -62,7 +62,7 @@ class MovingEdges:
         """Events of one camera in [t0_us, t1_us)."""
         return self._streams[camera].between(t0_us, t1_us)
 
-    def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:  # noqa: ARG002
+    def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
         """There are no frames."""
         return None
 

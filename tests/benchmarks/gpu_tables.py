@@ -1,4 +1,4 @@
-"""The report of `eval.bench_gpu` as tables: for the terminal and for the page."""
+"""The report of `tests/benchmarks/bench_gpu.py` as tables: for the terminal and for the page."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from gpu_machine import title
+
 from emvs.errors import InputError
-from eval.gpu_machine import title
 
 SCHEMA_VERSION = 1
 # What one bilinear vote adds: two sums of two lanes each, or four cells.
@@ -20,7 +21,7 @@ Parts = dict[str, Part]
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Reads what `eval.bench_gpu --out` wrote.
+    """Reads what `tests/benchmarks/bench_gpu.py --out` wrote.
 
     Raises:
         InputError: no such file, no JSON, or another version's.
@@ -43,7 +44,7 @@ def into(page: Path, report: dict[str, Any]) -> None:
     Raises:
         InputError: a page without them, or a report of a trial.
     """
-    from eval.marked import into_page
+    from markdown_blocks import into_page
 
     if is_trial(report):
         raise InputError("a trial is no measurement: its figures stay off the page")

@@ -1,6 +1,7 @@
 """The tables of settings in the documentation, from the code: nobody types a default.
 
-`python -m eval.settings_table` writes them; with `--check` it only says which are stale.
+`python tests/benchmarks/settings_table.py` writes them; with `--check` it only says which are
+stale.
 """
 
 from __future__ import annotations
@@ -11,12 +12,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from markdown_blocks import refresh
 from pydantic import BaseModel
 
 from emvs.config import MapperConfig
 from eval.config import EvalConfig
 from eval.exits import exit_code
-from eval.marked import refresh
 
 TABLES: dict[str, type[BaseModel]] = {"mapper.md": MapperConfig, "scores.md": EvalConfig}
 """Page -> what its table is about."""
@@ -65,7 +66,9 @@ def _values(field: Mapping[str, Any]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Writes or checks the tables; 1 where a check finds one stale, 2 on bad input."""
-    parser = argparse.ArgumentParser(prog="python -m eval.settings_table", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python tests/benchmarks/settings_table.py", description=__doc__
+    )
     parser.add_argument("folder", type=Path, nargs="?", default=Path("docs"))
     parser.add_argument("--check", action="store_true", help="write nothing")
     asked = parser.parse_args(arguments)
@@ -76,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 "settings",
                 settings_block(model),
                 check=asked.check,
-                command="python -m eval.settings_table",
+                command="python tests/benchmarks/settings_table.py",
             )
             for name, model in TABLES.items()
         )

@@ -1,4 +1,4 @@
-"""Sets ESVO's parts beside each other: `python -m eval.study_rivals SEQUENCE --page PAGE`.
+"""ESVO's parts, one by one: `python tests/benchmarks/study_baselines.py SEQUENCE --page PAGE`.
 
 SEQUENCE is a simulated twin of MVSEC's flights. Windows of 1 s follow each other, mapped by the
 thresholds of the published table; errors are pooled over windows, as that table pools them. Truth
@@ -15,7 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from markdown_blocks import into_page
 from numpy.typing import NDArray
+from published_table import TABLE, H
 
 from emvs.config import EsvoParameters, MapperConfig
 from emvs.data.sequence import Sequence
@@ -23,8 +25,6 @@ from emvs.depth.depth_map import DepthMap
 from emvs.errors import InputError
 from emvs.mapper import map_window
 from eval.exits import exit_code
-from eval.marked import into_page
-from eval.studies.published import TABLE, H
 
 MARK, METHOD = "esvo-ablation", "ESVO/own-rate"
 _WINDOW_S, _WRONG = 1.0, 0.1

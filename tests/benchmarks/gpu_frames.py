@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
+from gpu_plan import BenchmarkPlan
+
 from emvs.errors import InputError
-from eval.gpu_plan import BenchmarkPlan
 from sim.graphics import backend
 
 _LIMIT_S = 120.0
@@ -103,7 +104,7 @@ def _found(pattern: str) -> str:
 
 def _drawn(kind: str, where: str, rig: str, seconds: float, chosen: Mapping[str, str]) -> Drawn:
     kept = {name: value for name, value in os.environ.items() if name not in _STEERING}
-    command = [sys.executable, "-m", "eval.gpu_draw", kind, rig, str(seconds)]
+    command = [sys.executable, "-m", "tests/benchmarks/gpu_draw.py", kind, rig, str(seconds)]
     try:
         done = subprocess.run(
             command, env=kept | dict(chosen), capture_output=True, text=True, errors="replace",

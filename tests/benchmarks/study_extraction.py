@@ -1,8 +1,8 @@
-"""The study of `docs/extraction.md`: `python -m eval.study_extraction --help`.
+"""The study of `docs/extraction.md`: `python tests/benchmarks/study_extraction.py --help`.
 
-Every extraction of `eval.study_variants` reports as many pixels as Alg1/H does on the same volumes,
-and every number is a ratio to that of Alg1/H. The development samples of `eval.study_samples` chose
-the parameters; the others show what they are worth.
+Every extraction of `tests/benchmarks/study_variants.py` reports as many pixels as Alg1/H does on
+the same volumes, and every number is a ratio to that of Alg1/H. The development samples of
+`tests/benchmarks/study_samples.py` chose the parameters; the others show what they are worth.
 """
 
 from __future__ import annotations
@@ -14,16 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-
-from emvs.config import MapperConfig
-from emvs.reference_view import inverse_depth_at
-from eval.exits import exit_code
-from eval.marked import into_page
-from eval.method_scores import ALL_METRICS
-from eval.pairing import pair
-from eval.study_cache import StudySample, load_sample
-from eval.study_samples import SETS, SampleSpec
-from eval.study_variants import (
+from markdown_blocks import into_page
+from study_cache import StudySample, load_sample
+from study_samples import SETS, SampleSpec
+from study_variants import (
     BASE,
     BEFORE,
     OURS,
@@ -35,6 +29,12 @@ from eval.study_variants import (
     threshold_name,
     thresholds,
 )
+
+from emvs.config import MapperConfig
+from emvs.reference_view import inverse_depth_at
+from eval.exits import exit_code
+from eval.method_scores import ALL_METRICS
+from eval.pairing import pair
 
 ABLATED = "development"
 PICTURED = SampleSpec("tumvie-6dof")
@@ -208,7 +208,7 @@ def _load(wanted: SampleSpec, cache: Path) -> StudySample:
 
 
 def _draw(sample: StudySample, path: Path) -> None:
-    from eval.study_picture import draw
+    from study_picture import draw
 
     draw(sample, path)
 

@@ -1,12 +1,13 @@
-"""How much `eval.bench_gpu` measures."""
+"""How much `tests/benchmarks/bench_gpu.py` measures."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cost_stream import WINDOW_US
+
 from emvs.config import MapperConfig
 from emvs.dsi.method import CODES
-from eval.cost_stream import WINDOW_US
 
 PAPER = (*(f"Alg1/{name}" for name in CODES), "EMVS/cam0", "EMVS/cam1")
 PRECISIONS = ("fixed", "float")

@@ -1,4 +1,4 @@
-"""The measurements of `docs/performance.md`: `python -m eval.study_cost --help`.
+"""The measurements of `docs/performance.md`: `python tests/benchmarks/study_cost.py --help`.
 
 Times on one thread are processor times, and the best of several rounds counts: on a machine that
 others use too, everything else measures the neighbours.
@@ -13,10 +13,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from eval.cost_growth import SERIES, Growth, Load, growth
-from eval.cost_limits import Figure, LimitsEffort, limits
+from cost_growth import SERIES, Growth, Load, growth
+from cost_limits import Figure, LimitsEffort, limits
+from markdown_blocks import into_page
+
 from eval.exits import exit_code
-from eval.marked import into_page
 
 # The authors' C++ (their main branch of June 2025, -O2), one thread of a 2-core AMD Zen 4 machine.
 AUTHORS_NS = {"346x260": 7.35, "640x480": 7.92, "1280x720": 8.69}
@@ -92,7 +93,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _draw(grown: list[Growth], path: Path) -> None:
-    from eval.cost_picture import draw
+    from cost_picture import draw
 
     draw(grown, Load(), path)
 

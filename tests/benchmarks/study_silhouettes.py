@@ -1,4 +1,4 @@
-"""Where errors lie, at nearly equal points: `python -m eval.study_silhouettes --planes 250`.
+"""Where errors lie: `python tests/benchmarks/study_silhouettes.py --planes 250`.
 
 The table of `docs/extraction.md` on tumvie-6dof at 1280x720; needs 8 GB of memory.
 """
@@ -12,6 +12,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from study_cache import StudySample, load_sample
+from study_variants import VariantEstimate, Volumes, maximum_of
 
 from emvs.config import MapperConfig
 from emvs.depth.depth_map import confidence_mask, without_border
@@ -20,8 +22,6 @@ from emvs.depth.median import masked_median
 from emvs.reference_view import inverse_depth_at
 from eval.method_scores import ALL_METRICS
 from eval.pairing import pair
-from eval.study_cache import StudySample, load_sample
-from eval.study_variants import VariantEstimate, Volumes, maximum_of
 
 SILHOUETTE_PX = 2.0  # of disparity, within a square of 5 px
 _C = np.arange(5, 13, 0.5)  # thresholds tried until Alg1/H has no more points than camera 0

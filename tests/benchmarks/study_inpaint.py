@@ -1,4 +1,4 @@
-"""The picture and numbers of in-painting: `python -m eval.study_inpaint PICTURE`."""
+"""The picture and numbers of in-painting: `python tests/benchmarks/study_inpaint.py PICTURE`."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
+from study_cache import StudySample, load_sample
+from study_variants import Volumes
 
 from emvs.config import MapperConfig
 from emvs.depth.focus import FocusConfig, at_least
 from emvs.depth.inpainting import MAX_RATIO, fill
 from emvs.reference_view import inverse_depth_at
-from eval.study_cache import StudySample, load_sample
-from eval.study_variants import Volumes
 
 Floats = NDArray[np.float32]
 

@@ -1,4 +1,4 @@
-"""The parts of `eval.bench_gpu`: what is measured, as plain values for JSON."""
+"""The parts of `tests/benchmarks/bench_gpu.py`: what is measured, as plain values for JSON."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from cost_stream import MovingEdges
+from gpu_calls import agreement, call, save_volumes
+from gpu_plan import LIMIT_MS, PRECISIONS, BenchmarkPlan
+from gpu_series import grow, stream
+from gpu_votes import votes_s
+
 from emvs.config import MapperConfig
 from emvs.errors import InputError
 from emvs.mapper import WindowResult
-from eval.cost_stream import MovingEdges
-from eval.gpu_calls import agreement, call, save_volumes
-from eval.gpu_plan import LIMIT_MS, PRECISIONS, BenchmarkPlan
-from eval.gpu_series import grow, stream
-from eval.gpu_votes import votes_s
 
 Part = dict[str, Any]
 
@@ -47,8 +48,9 @@ class Bench:
         """Atomic additions per second."""
         if self.device != "cuda":
             raise InputError("no GPU was asked for")
+        from gpu_atomics import atomic_rates
+
         from emvs.dsi.cuda import device as library
-        from eval.gpu_atomics import atomic_rates
 
         rates = atomic_rates(self.plan, library.gpu().l2_bytes)
         self.wrong += [f"atomics: {r.kind} on {r.grid} lost some" for r in rates if not r.right]
@@ -97,7 +99,7 @@ class Bench:
 
     def frames(self) -> Part:
         """Pictures per second."""
-        from eval.gpu_frames import frames
+        from gpu_frames import frames
 
         return {"drawn": [asdict(one) for one in frames(self.plan)]}
 

@@ -1,4 +1,4 @@
-"""What smoothing a recorded trajectory takes away and leaves: `python -m sim.replay_cost FILE`."""
+"""What smoothing takes from a trajectory: `python tests/benchmarks/replay_cost.py FILE`."""
 
 from __future__ import annotations
 
@@ -47,7 +47,9 @@ def _spread(vectors: NDArray[np.float64]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Prints a Markdown table; exit code 2 and one line where a file cannot be replayed."""
-    parser = argparse.ArgumentParser(prog="python -m sim.replay_cost", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python tests/benchmarks/replay_cost.py", description=__doc__
+    )
     parser.add_argument("paths", nargs="+", type=Path, help="trajectories in TUM format")
     parser.add_argument("--hz", nargs="+", type=float, default=[10.0], help="cut-offs")
     parser.add_argument("--max-gap-s", type=float, default=0.05)

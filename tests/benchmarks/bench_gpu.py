@@ -1,4 +1,6 @@
-"""What the GPU gives: `python -m eval.bench_gpu --out FILE.json`; see docs/gpu_benchmark.md.
+"""What the GPU gives: `python tests/benchmarks/bench_gpu.py --out FILE.json`.
+
+The page is docs/gpu_benchmark.md.
 
 Prints tables and writes JSON after every part, so that a run that is stopped leaves what it has.
 Exit code 1 where a result is wrong, 2 where nothing can be measured, 0 otherwise, slow or not.
@@ -16,13 +18,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import gpu_tables
+from gpu_machine import check_device, machine
+from gpu_parts import Bench
+from gpu_plan import QUICK, BenchmarkPlan
+
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path, refuse_existing
-from eval import gpu_tables
 from eval.exits import exit_code
-from eval.gpu_machine import check_device, machine
-from eval.gpu_parts import Bench
-from eval.gpu_plan import QUICK, BenchmarkPlan
 
 _WRONG = 1
 
@@ -77,7 +80,9 @@ def _plain(value: Any) -> Any:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measures or reads, prints the tables, and fills the page where one is named."""
-    parser = argparse.ArgumentParser(prog="python -m eval.bench_gpu", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python tests/benchmarks/bench_gpu.py", description=__doc__
+    )
     parser.add_argument("--out", type=Path, help="JSON to write; must not exist, but for --force")
     parser.add_argument("--from", dest="source", type=Path, help="JSON to read; measures nothing")
     parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")

@@ -1,6 +1,6 @@
 """Sets the twin of MVSEC's flights beside the published table of its original.
 
-`python -m eval.studies.reproduction --out DIR --page docs/studies.md` runs the suite
+`python tests/benchmarks/reproduction.py --out DIR --page docs/studies.md` runs the suite
 `mvsec-table-v1` and writes the tables between the page's marks.
 """
 
@@ -13,14 +13,14 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from markdown_blocks import into_page
 from numpy.typing import NDArray
+from published_table import MONO, RATIOS, TABLE, H, Published
 
 from eval import suite_app, suite_output
 from eval.console import Console
 from eval.exits import exit_code
 from eval.gate_series import Key, Series, of_suite
-from eval.marked import into_page
-from eval.studies.published import MONO, RATIOS, TABLE, H, Published
 from eval.suite import load
 from eval.suite_rows import SuiteResult
 

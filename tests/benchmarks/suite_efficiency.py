@@ -1,7 +1,8 @@
 """How much faster several workers are than one, from empty caches.
 
-`python -m eval.studies.efficiency --page docs/suite.md` runs `quick` with one worker and with two,
-and writes the line of the page. Only a machine on which nothing else runs gives an honest one.
+`python tests/benchmarks/suite_efficiency.py --page docs/suite.md` runs `quick` with one worker and
+with two, and writes the line of the page. Only a machine on which nothing else runs gives an honest
+one.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ import tempfile
 import time
 from pathlib import Path
 
+from markdown_blocks import into_page
+
 from emvs.errors import InputError
 from eval import suite_app
 from eval.exits import exit_code
-from eval.marked import into_page
 from eval.progress import Silent
 from eval.suite import load
 

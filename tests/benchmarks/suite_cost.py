@@ -1,6 +1,7 @@
 """What a suite costs, reckoned from runs of parts of it.
 
-`python -m eval.studies.suite_cost DIR... --page docs/suite.md` writes the table of the page. Every
+`python tests/benchmarks/suite_cost.py DIR... --page docs/suite.md` writes the table of the page.
+Every
 `suite.json` says what its jobs took, in time of processors, whenever they were done. What was not
 run is reckoned from what was: another seed of a case costs as much as the case's mean.
 """
@@ -12,9 +13,10 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+from markdown_blocks import into_page
+
 from emvs.errors import InputError
 from eval.exits import exit_code
-from eval.marked import into_page
 from eval.suite import NEWEST, Suite, load
 from eval.suite_rows import JobNote, read_suite
 

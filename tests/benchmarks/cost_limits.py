@@ -14,6 +14,7 @@ from typing import Literal
 
 import numba
 import numpy as np
+from cost_stream import DEPTH_RANGE_M, WINDOW_US, MovingEdges
 
 from emvs.config import MapperConfig
 from emvs.dsi.maxima import RunningMaxima
@@ -24,7 +25,6 @@ from emvs.mapper import map_window
 from emvs.methods import methods, with_volume
 from emvs.reference_view import inverse_depth_planes
 from emvs.utils.runtime import use_threads
-from eval.cost_stream import DEPTH_RANGE_M, WINDOW_US, MovingEdges
 
 SENSORS = {"346x260": (346, 260), "640x480": (640, 480), "1280x720": (1280, 720)}
 VOTE_LIMIT_NS = {"346x260": 2.6, "640x480": 3.0, "1280x720": 3.6}
