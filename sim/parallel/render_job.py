@@ -46,7 +46,7 @@ class RenderedFrame(NamedTuple):
     t_us: int
     intensity: tuple[NDArray[np.float32], ...]
     depth_m: tuple[NDArray[np.float32], ...]
-    ground_truth: tuple[TruthImages, ...]
+    truth: tuple[TruthImages, ...]
 
 
 def chunk_bounds_us(truth_us: Sequence[int], longest_us: int = CHUNK_US) -> list[int]:
