@@ -348,20 +348,20 @@ class TestFrames:
         assert self.drawn().drawn_by == "exit 1: ValueError: no"
 
     def test_without_a_gpu_only_software_draws(self, monkeypatch):
-        monkeypatch.setattr(gpu_frames.gl_backend, "has_gpu", lambda: False)
+        monkeypatch.setattr(gpu_frames.choice, "has_gpu", lambda: False)
         assert {gpu_frames._environment(kind, "GPU") for kind in gpu_frames.KINDS} == {
             "there is no GPU"
         }
 
     def test_a_gpu_with_an_egl_draws_by_it(self, monkeypatch):
-        monkeypatch.setattr(gpu_frames.gl_backend, "has_gpu", lambda: True)
-        choices = {"works": gpu_frames.gl_backend.Choice("egl", {"A": "b"}),
-                   "software": gpu_frames.gl_backend.Choice("egl", {}, "a note")}  # fmt: skip
+        monkeypatch.setattr(gpu_frames.choice, "has_gpu", lambda: True)
+        choices = {"works": gpu_frames.choice.Choice("egl", {"A": "b"}),
+                   "software": gpu_frames.choice.Choice("egl", {}, "a note")}  # fmt: skip
         for name, wanted in (
             ("works", {"MUJOCO_GL": "egl", "A": "b"}),
             ("software", "the GPU offers no EGL"),
         ):
-            monkeypatch.setattr(gpu_frames.gl_backend, "choose", lambda _, name=name: choices[name])
+            monkeypatch.setattr(gpu_frames.choice, "choose", lambda _, name=name: choices[name])
             assert gpu_frames._environment("float", "GPU") == wanted
         assert gpu_frames._environment("filament", "GPU") == {}
 

@@ -14,8 +14,8 @@ from eval import stage_simulate
 from eval.studies import stage_simulate as study_stage_simulate
 from sim import graphics
 from sim.config import SimConfig
-from sim.graphics import backend as gl_backend
-from sim.graphics.backend import DEVICE, NOTE, Choice, Driver, choose, equal_devices, probe
+from sim.graphics import choice
+from sim.graphics.choice import DEVICE, NOTE, Choice, Driver, choose, equal_devices, probe
 from sim.rigs import rig
 from sim.simulate import simulate
 
@@ -32,10 +32,10 @@ def _fresh(monkeypatch):
         monkeypatch.setenv(name, "")  # so that what a test adopts is undone
         monkeypatch.delenv(name)
     choose.cache_clear()
-    gl_backend._probed.cache_clear()
+    choice._probed.cache_clear()
     yield
     choose.cache_clear()
-    gl_backend._probed.cache_clear()
+    choice._probed.cache_clear()
 
 
 @pytest.fixture
@@ -57,7 +57,7 @@ def program(tmp_path, monkeypatch):
         path.write_text(f"import json, os, sys, time\nopen({str(runs)!r}, 'a').write('.')\n{body}")
         return lambda: len(runs.read_text()) if runs.exists() else 0
 
-    monkeypatch.setattr(gl_backend, "_PROBE", path)
+    monkeypatch.setattr(choice, "_PROBE", path)
     return does
 
 
@@ -120,7 +120,7 @@ def test_egl_in_software_beside_a_gpu_is_told(machine, program):
     ids=["crash", "hang", "error", "silent", "other words", "list", "half", "nothing"],
 )
 def test_a_driver_that_fails_takes_nobody_down(machine, program, monkeypatch, body, reason):
-    monkeypatch.setattr(gl_backend, "_LIMIT_S", 0.5 if "sleep" in body else 60.0)
+    monkeypatch.setattr(choice, "_LIMIT_S", 0.5 if "sleep" in body else 60.0)
     program(body)
     chosen = choose(BOTH, machine)
     assert chosen.backend == "osmesa"
@@ -133,7 +133,7 @@ def test_a_driver_that_fails_takes_nobody_down(machine, program, monkeypatch, bo
 
 def test_the_users_word_wins_without_a_trial(program, monkeypatch):
     runs = program("os.kill(os.getpid(), 11)")
-    monkeypatch.setattr(gl_backend, "has_gpu", lambda root=None: True)
+    monkeypatch.setattr(choice, "has_gpu", lambda root=None: True)
     monkeypatch.setattr(graphics, "_installed", lambda name: True)
     for name in BOTH:
         monkeypatch.setenv("MUJOCO_GL", name.upper())

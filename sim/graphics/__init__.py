@@ -9,7 +9,7 @@ import sys
 from typing import Any
 
 from emvs.errors import InputError
-from sim.graphics.backend import NOTE, Choice, Driver, choose, equal_devices, has_gpu, probe
+from sim.graphics.choice import NOTE, Choice, Driver, choose, equal_devices, has_gpu, probe
 
 # What each back end loads (any one of each group), in order of preference. EGL needs no display
 # and uses a GPU where there is one.

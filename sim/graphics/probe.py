@@ -1,8 +1,8 @@
 """Opens a graphics context, draws in it and says what drew: a program of its own.
 
-A driver can crash or hang the process that starts it, so `sim.graphics.backend` starts it here
+A driver can crash or hang the process that starts it, so `sim.graphics.choice` starts it here
 first.
-Usage: `python -P gl_probe.py egl` (or osmesa); one line of JSON on standard output.
+Usage: `python -P probe.py egl` (or osmesa); one line of JSON on standard output.
 """
 
 from __future__ import annotations

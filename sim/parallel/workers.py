@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from emvs.errors import InputError
 from sim.graphics import worker_devices
-from sim.graphics.backend import DEVICE
+from sim.graphics.choice import DEVICE
 from sim.parallel.checkpoint import Stopped
 from sim.parallel.render_job import ChunkRenderer, RenderedFrame, RenderJob, TruthImages
 from sim.rendering.renderer import StereoRenderer

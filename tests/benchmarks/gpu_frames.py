@@ -16,7 +16,7 @@ from pathlib import Path
 from gpu_plan import BenchmarkPlan
 
 from emvs.errors import InputError
-from sim.graphics import backend
+from sim.graphics import choice
 
 _LIMIT_S = 120.0
 KINDS = ("classic", "float", "filament")
@@ -70,7 +70,7 @@ def _all(plan: BenchmarkPlan) -> Iterator[Drawn]:
 def _environment(kind: str, where: str) -> dict[str, str] | str:
     """Variables that make this renderer draw there, or why it cannot."""
     if where == "GPU":
-        if not backend.has_gpu():
+        if not choice.has_gpu():
             return "there is no GPU"
         chosen = {} if kind == "filament" else _egl()
         return chosen if chosen is not None else "the GPU offers no EGL"
@@ -92,7 +92,7 @@ def _environment(kind: str, where: str) -> dict[str, str] | str:
 def _egl() -> dict[str, str] | None:
     """What makes EGL draw on the GPU, or None."""
     try:
-        chosen = backend.choose(("egl", "osmesa"))
+        chosen = choice.choose(("egl", "osmesa"))
     except InputError:
         return None
     return None if chosen.note else {"MUJOCO_GL": "egl", **chosen.environment}
@@ -121,7 +121,7 @@ def _drawn(kind: str, where: str, rig: str, seconds: float, chosen: Mapping[str,
     found = json.loads(lines[-1])
     device = re.search(r"Selected physical device '([^']+)'", done.stdout)
     by = f"{found['drawn_by']}: {device[1]}" if device else found["drawn_by"]
-    software = backend.Driver("", by, "").hardware is False
+    software = choice.Driver("", by, "").hardware is False
     if software != (where == "software"):
         return Drawn(kind, where, rig, None, f"drawn by {by} instead")
     return Drawn(kind, where, rig, found["per_s"], by)

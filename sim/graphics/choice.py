@@ -23,7 +23,7 @@ from emvs.errors import InputError
 
 # Why drawing is done in software although there is a GPU; told by `sim.simulate`.
 NOTE = "EVENTSWEEP_GRAPHICS_NOTE"
-_PROBE = Path(__file__).with_name("gl_probe.py")
+_PROBE = Path(__file__).with_name("probe.py")
 # The first start of a driver that serves several GPUs takes seconds.
 _LIMIT_S = 60.0
 _GPU_FILES = ("dev/nvidiactl", "dev/dri/renderD*", "dev/dxg")
