@@ -19,7 +19,7 @@ from PIL import Image
 
 from emvs.data.sequence import Sequence
 from emvs.maps.folder import read_map
-from eval.colour import depth_scale
+from eval.figures.colormaps import depth_scale
 from eval.results import read_results
 
 DOCS = Path(__file__).parent

@@ -20,7 +20,7 @@ from markdown_blocks import into_page
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence
 from emvs.mapper import map_window
-from eval.colour import depth_scale
+from eval.figures.colormaps import depth_scale
 
 DOCS = Path(__file__).parent
 NAMES = ("Alg1/H", "ESVO/own-rate", "ESVO/window", "GTS/events")

@@ -16,7 +16,7 @@ import numpy as np
 
 import scenes
 from emvs.data.sequence import Sequence
-from eval.colour import depth_scale
+from eval.figures.colormaps import depth_scale
 from sim.config import SimConfig
 from sim.rigs import RIGS
 from sim.simulate import simulate

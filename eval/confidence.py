@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from emvs.dsi.method import OWN_UNIT, VOTES
 from emvs.methods import named
-from eval.colour import Scale, confidence_scale
+from eval.figures.colormaps import Scale, confidence_scale
 from eval.views import WindowView
 
 _BUSY_PERCENT = 99.7

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from emvs.utils.files import atomic_path
+from eval.figures.plots import ESTIMATE_COLOUR, TRUTH_COLOUR
 from eval.info_stream import StreamCount
-from eval.plots import ESTIMATE_COLOUR, TRUTH_COLOUR
 
 _MOST_STREAMS = 8
 

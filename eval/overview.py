@@ -13,8 +13,8 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from eval.colour import Scale, depth_scale, events_scale
-from eval.figures import depth_image, events_image, frame_image, point_size_px
+from eval.figures.colormaps import Scale, depth_scale, events_scale
+from eval.figures.images import depth_image, events_image, frame_image, point_size_px
 from eval.findings import HARMONIC
 from eval.views import CaseView, MethodView, WindowView
 

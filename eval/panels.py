@@ -10,9 +10,10 @@ import numpy as np
 from markupsafe import Markup
 
 from eval import confidence
-from eval.colour import Scale, depth_scale, error_scale, events_scale
 from eval.curves import THRESHOLDS_CM, ThresholdCurve
-from eval.figures import (
+from eval.figures.colormaps import Scale, depth_scale, error_scale, events_scale
+from eval.figures.images import (
+    IndexedImage,
     behind_image,
     confidence_image,
     depth_image,
@@ -25,10 +26,8 @@ from eval.figures import (
     photo_image,
     point_size_px,
 )
+from eval.figures.plots import causes_svg, curves_svg, outlier_causes, slice_svg
 from eval.findings import findings
-from eval.plot_causes import causes_svg, outlier_causes
-from eval.plots import curves_svg, slice_svg
-from eval.png import IndexedImage
 from eval.ranking import FUSED_PREFIX, column, order, shown, table, with_unit
 from eval.results import Row
 from eval.score import POOLED

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from emvs.utils.files import atomic_path
+from eval.figures.colormaps import line_style
 from eval.findings import findings
-from eval.line_styles import line_style
 from eval.overview import overview_png
 from eval.pages import environment, inline, plural
 from eval.panels import case_panel

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from emvs.utils.files import atomic_path
 from eval.comparison import JUDGED, RunComparison, compare_runs, read_runs
+from eval.figures.colormaps import line_style
 from eval.gate import Status, Verdict
 from eval.gate_series import Key, Series
-from eval.line_styles import line_style
 from eval.pages import Grid, GridCell, Head, Kind, Page, Section, page_text, plural, versions_grid
 from eval.ranking import RANKING_COLUMNS, column, definition, heading, shown
 from eval.tables import TextCell, TextTable, in_unit, write_tables

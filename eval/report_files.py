@@ -10,9 +10,8 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from emvs.utils.files import atomic_path
+from eval.figures.plots import STYLE, causes_figure, curves_figure, outlier_causes, slice_figure
 from eval.panels import curves_of, with_given
-from eval.plot_causes import causes_figure, outlier_causes
-from eval.plots import STYLE, curves_figure, slice_figure
 from eval.ranking import column, mean_over_cases, table
 from eval.report_load import load_run
 from eval.score import POOLED

@@ -17,9 +17,9 @@ from emvs.depth.depth_map import DepthMap
 from emvs.dsi.slices import Slices
 from emvs.maps.folder import StoredMap, StoredWindow
 from eval.config import EvalConfig
+from eval.figures.plots import DsiSlice
 from eval.folders import CONFIG_FILE, Scored, find_maps, has_truth, recording_of, truth_of
 from eval.pairing import Truth
-from eval.plots import DsiSlice
 from eval.ranking import thousands
 from eval.results import JSON_NAME, Results, read_results
 from eval.views import CaseView, MethodView, ReportData, WindowView

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict
 
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path
-from eval.line_styles import line_style
+from eval.figures.colormaps import line_style
 from eval.pages import Grid, GridCell, Head, Page, Section, page_text, plural, versions_grid
 from eval.ranking import column, definition, shown
 from eval.results import Value, read_json

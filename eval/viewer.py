@@ -12,7 +12,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from eval.colour import BLANK, Scale
+from eval.figures.colormaps import BLANK, Scale
 from eval.views import MethodView, WindowView
 
 MOST_POINTS = 30_000

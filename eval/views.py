@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from emvs.data.image_stores import Photo
 from emvs.geometry.camera import Camera
+from eval.figures.plots import DsiSlice
 from eval.pairing import Truth
-from eval.plots import DsiSlice
 from eval.results import Results, Row
 
 FloatImage = NDArray[np.floating]

@@ -7,8 +7,8 @@ from html.parser import HTMLParser
 import numpy as np
 
 from emvs.geometry.camera import Camera
+from eval.figures.plots import DsiSlice
 from eval.pairing import Truth, pair_methods
-from eval.plots import DsiSlice
 from eval.results import Results
 from eval.score import case_rows
 from eval.views import CaseView, MethodView, ReportData, WindowView

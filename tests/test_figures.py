@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from emvs.errors import InputError
-from eval.colour import (
+from eval.curves import curve
+from eval.figures.colormaps import (
     BLANK,
     confidence_scale,
     depth_scale,
@@ -23,8 +24,8 @@ from eval.colour import (
     nice_between,
     spaced,
 )
-from eval.curves import curve
-from eval.figures import (
+from eval.figures.images import (
+    IndexedImage,
     behind_image,
     confidence_image,
     depth_image,
@@ -33,9 +34,8 @@ from eval.figures import (
     events_image,
     frame_image,
 )
+from eval.figures.plots import DsiSlice, _surfaces, curves_svg, slice_svg
 from eval.metrics import Pairs
-from eval.plots import DsiSlice, _surfaces, curves_svg, slice_svg
-from eval.png import IndexedImage
 
 WHITE = [255, 255, 255]
 

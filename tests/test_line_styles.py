@@ -14,7 +14,7 @@ from emvs.baselines import BASELINES, BaselineEstimator, sgm
 from emvs.dsi.method import Method
 from emvs.methods import named, register, unregister
 from eval.confidence import unit
-from eval.line_styles import INK, line_style
+from eval.figures.colormaps import INK, line_style
 
 SWEPT = [f"Alg1/{name}" for name in ("min", "H", "G", "A", "RMS", "max")]
 TOGETHER = [

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from report_data import METHODS, window_view
 
-from eval.colour import depth_scale, error_scale
+from eval.figures.colormaps import depth_scale, error_scale
 from eval.viewer import half, packed, window_data
 
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from emvs.utils.files import atomic_path
-from eval.line_styles import line_style
+from eval.figures.colormaps import line_style
 from eval.studies.curves import BREAKS_AT, METRICS, RobustnessCurve
 from eval.studies.study import Study
 

@@ -1,13 +1,18 @@
-"""Pictures of a window, pixel for pixel: frame, events, depth, confidence, error."""
+"""Pictures of a window, pixel for pixel, as palette images: frame, events, depth, error."""
 
 from __future__ import annotations
+
+import base64
+import io
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
-from eval.colour import BLANK, Scale, grey_palette, nice_above
-from eval.png import IndexedImage
+from emvs.errors import InputError
+from eval.figures.colormaps import BLANK, Scale, grey_palette, nice_above
 
 FloatImage = NDArray[np.floating]
 MaskImage = NDArray[np.bool_]
@@ -119,3 +124,43 @@ def _dilated(index: NDArray[np.uint8], point_px: int) -> NDArray[np.uint8]:
     # Rank the blank lowest: 0 is blank, 1..255 the levels.
     wide = np.asarray(cv2.dilate(index + np.uint8(1), kernel), np.uint8) - np.uint8(1)
     return np.where(index == BLANK, wide, index).astype(np.uint8)
+
+
+@dataclass(frozen=True, slots=True)
+class IndexedImage:
+    """An image whose pixels point into a table of colours.
+
+    Attributes:
+        index: (H, W) uint8 row of the palette.
+        palette: (K, 4) uint8 red, green, blue, opacity; K <= 256.
+    """
+
+    index: NDArray[np.uint8]
+    palette: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        if self.index.size and int(self.index.max()) >= len(self.palette):
+            raise InputError(
+                f"colour index {self.index.max()} in a palette of {len(self.palette)}: extend it"
+            )
+
+    def rgba(self) -> NDArray[np.uint8]:
+        """(H, W, 4) colours."""
+        return self.palette[self.index]
+
+    def enlarged(self, factor: int) -> IndexedImage:
+        """Every pixel becomes a square of `factor` by `factor` pixels."""
+        index = np.repeat(np.repeat(self.index, factor, axis=0), factor, axis=1)
+        return IndexedImage(index, self.palette)
+
+    def png(self) -> bytes:
+        """Encodes the image as an 8-bit palette PNG; the same image gives the same bytes."""
+        image = Image.fromarray(self.index).convert("P")
+        image.putpalette(self.palette.tobytes(), rawmode="RGBA")
+        stream = io.BytesIO()
+        image.save(stream, format="PNG")
+        return stream.getvalue()
+
+    def data_uri(self) -> str:
+        """The PNG as an address that a page can hold inline."""
+        return "data:image/png;base64," + base64.b64encode(self.png()).decode("ascii")
