@@ -20,7 +20,7 @@ from PIL import Image
 from emvs.data.sequence import Sequence
 from emvs.maps.folder import read_map
 from eval.figures.colormaps import depth_scale
-from eval.results import read_results
+from eval.scoring.results import read_results
 
 DOCS = Path(__file__).parent
 # metric -> title, factor from its unit to the title's, digits

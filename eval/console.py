@@ -16,8 +16,8 @@ from emvs.maps.folder import StoredMap
 from eval import findings, map_summary, ranking
 from eval.exits import with_flags
 from eval.progress import Bars, Progress, Silent
-from eval.results import Results, Row, to_json
-from eval.score import POOLED
+from eval.scoring.results import Results, Row, to_json
+from eval.scoring.score import POOLED
 
 if TYPE_CHECKING:
     from emvs.maps.merge import FusedInfo

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from eval.method_scores import CAUSE_PREFIX
 from eval.ranking import FUSED_PREFIX, SINGLE_PREFIX, column, order, shown, with_unit
-from eval.results import Row
+from eval.scoring.method_scores import CAUSE_PREFIX
+from eval.scoring.results import Row
 
 HARMONIC = "Alg1/H"
 

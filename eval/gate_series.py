@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel, ConfigDict
 
 from emvs.errors import InputError
-from eval.metrics import Better
-from eval.results import Results, Row, Value, read_results
+from eval.scoring.metrics import Better
+from eval.scoring.results import Results, Row, Value, read_results
 from eval.suite_rows import FILE_NAME, Sample, SuiteResult, read_suite
 
 SPEED_METHOD, SPEED_METRIC = "mapper", "cpu_time_ratio"

@@ -7,8 +7,8 @@ from pathlib import Path
 from emvs.datasets import open_recording
 from emvs.maps.folder import StoredMap
 from emvs.maps.sliding import map_windows
-from eval import folders
 from eval.progress import MapBars, Progress, Silent
+from eval.scoring import run_folder
 from eval.settings import Settings
 
 _SILENT = Silent()
@@ -32,7 +32,7 @@ def map_recording(
         InputError: what `open_recording` or `map_windows` refuses.
     """
     recording = open_recording(path)
-    about = folders.describe(recording, path, out)
+    about = run_folder.describe(recording, path, out)
     with MapBars(progress, f"map {recording.name}") as bars:
 
         def finish(folder: Path) -> None:

@@ -10,7 +10,6 @@ import numpy as np
 from markupsafe import Markup
 
 from eval import confidence
-from eval.curves import THRESHOLDS_CM, ThresholdCurve
 from eval.figures.colormaps import Scale, depth_scale, error_scale, events_scale
 from eval.figures.images import (
     IndexedImage,
@@ -29,8 +28,9 @@ from eval.figures.images import (
 from eval.figures.plots import causes_svg, curves_svg, outlier_causes, slice_svg
 from eval.findings import findings
 from eval.ranking import FUSED_PREFIX, column, order, shown, table, with_unit
-from eval.results import Row
-from eval.score import POOLED
+from eval.scoring.curves import THRESHOLDS_CM, ThresholdCurve
+from eval.scoring.results import Row
+from eval.scoring.score import POOLED
 from eval.viewer import window_data
 from eval.views import CaseView, MethodView, ReportData, WindowView
 

@@ -8,11 +8,11 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from eval.method_scores import ALL_METRICS, BAD_POINTS, CAUSE_PREFIX
-from eval.metrics import Better
-from eval.regions import REGIONS
-from eval.results import Row
-from eval.taxonomy import CAUSES
+from eval.scoring.method_scores import ALL_METRICS, BAD_POINTS, CAUSE_PREFIX
+from eval.scoring.metrics import Better
+from eval.scoring.outlier_causes import CAUSES
+from eval.scoring.regions import REGIONS
+from eval.scoring.results import Row
 
 FUSED_PREFIX = "Alg1/"
 SINGLE_PREFIX = "EMVS/"

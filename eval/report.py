@@ -14,8 +14,8 @@ from eval.pages import environment, inline, plural
 from eval.panels import case_panel
 from eval.ranking import column, mean_over_cases, table, thousands
 from eval.report_load import load_run
-from eval.results import Row
-from eval.score import POOLED
+from eval.scoring.results import Row
+from eval.scoring.score import POOLED
 from eval.views import ReportData
 
 HTML_NAME = "report.html"

@@ -14,7 +14,7 @@ from eval.figures.plots import STYLE, causes_figure, curves_figure, outlier_caus
 from eval.panels import curves_of, with_given
 from eval.ranking import column, mean_over_cases, table
 from eval.report_load import load_run
-from eval.score import POOLED
+from eval.scoring.score import POOLED
 from eval.tables import TextTable, file_name, ranking_table, write_tables
 from eval.views import CaseView, ReportData
 

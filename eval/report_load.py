@@ -18,10 +18,17 @@ from emvs.dsi.slices import Slices
 from emvs.maps.folder import StoredMap, StoredWindow
 from eval.config import EvalConfig
 from eval.figures.plots import DsiSlice
-from eval.folders import CONFIG_FILE, Scored, find_maps, has_truth, recording_of, truth_of
-from eval.pairing import Truth
 from eval.ranking import thousands
-from eval.results import JSON_NAME, Results, read_results
+from eval.scoring.pairing import Truth
+from eval.scoring.results import JSON_NAME, Results, read_results
+from eval.scoring.run_folder import (
+    CONFIG_FILE,
+    Scored,
+    find_maps,
+    has_truth,
+    recording_of,
+    truth_of,
+)
 from eval.views import CaseView, MethodView, ReportData, WindowView
 
 _MOST_PIXELS_SHOWN = 1_000_000

@@ -14,7 +14,7 @@ from emvs.utils.files import atomic_path
 from eval.figures.colormaps import line_style
 from eval.pages import Grid, GridCell, Head, Page, Section, page_text, plural, versions_grid
 from eval.ranking import column, definition, shown
-from eval.results import Value, read_json
+from eval.scoring.results import Value, read_json
 from eval.studies.curves import BREAKS_AT
 
 HTML_NAME = "report.html"

@@ -22,8 +22,8 @@ from emvs.errors import InputError
 from emvs.maps.folder import StoredMap, StoredWindow
 from emvs.utils.files import atomic_path
 from eval.config import EvalConfig
-from eval.folders import Scored, find_maps, has_truth, recording_of, truth_of
-from eval.masks import on_view
+from eval.scoring.regions import on_view
+from eval.scoring.run_folder import Scored, find_maps, has_truth, recording_of, truth_of
 
 FILE_NAME = "recording.rrd"
 TIMELINE = "recording_time"

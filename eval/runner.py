@@ -13,15 +13,15 @@ from emvs.dsi import device
 from emvs.errors import InputError
 from emvs.maps.folder import StoredWindow
 from emvs.utils.files import atomic_dir
-from eval import folders
 from eval.config import EvalConfig
-from eval.given import estimates, opened, view_of
 from eval.map_stage import map_recording, write_report_stage
-from eval.metric_versions import metric_versions
 from eval.progress import Progress, Silent
-from eval.results import Results, Row, write_results
+from eval.scoring import run_folder
+from eval.scoring.metric_versions import metric_versions
+from eval.scoring.predictions import estimates, opened, view_of
+from eval.scoring.results import Results, Row, write_results
+from eval.scoring.score import score_windows
 from eval.settings import Settings
-from eval.window_pairs import score_windows
 from sim.rigs import rig as named_rig
 from sim.simulate import simulate
 
@@ -58,11 +58,13 @@ def run_cases(
     """
     _check_run(cases, settings, rig)
     with atomic_dir(out, force=force) as folder:
-        (folder / folders.CONFIG_FILE).write_text(settings.to_toml(), encoding="utf-8")
+        (folder / run_folder.CONFIG_FILE).write_text(settings.to_toml(), encoding="utf-8")
         for case in cases:
-            sequence = folder / case / folders.SEQUENCE_FOLDER
+            sequence = folder / case / run_folder.SEQUENCE_FOLDER
             simulate_scene(case, sequence, settings, rig, seed, workers=workers, progress=progress)
-            map_recording(sequence, folder / case / folders.MAP_FOLDER, settings, progress=progress)
+            map_recording(
+                sequence, folder / case / run_folder.MAP_FOLDER, settings, progress=progress
+            )
         results = score_folder(folder, settings.score)
         write_report_stage(folder, progress)
     return results
@@ -123,15 +125,15 @@ def score_folder(folder: Path, config: EvalConfig, predictions: Sequence[Path] =
     rows: list[Row] = []
     sequences = {}
     configuration = {"score": config.model_dump(mode="json")}
-    maps = folders.find_maps(folder)
+    maps = run_folder.find_maps(folder)
     for case, stored in maps.items():
-        sequence = folders.sequence_of(stored)
-        windows = folders.with_truth(stored, sequence, config)
+        sequence = run_folder.sequence_of(stored)
+        windows = run_folder.with_truth(stored, sequence, config)
         rows += _score(case, windows, sequence, config, predictions)
         if isinstance(sequence, EventSequence):
             sequences[case] = sequence.manifest
         configuration[case] = {
-            **folders.provenance(sequence),
+            **run_folder.provenance(sequence),
             "map": stored.info.config.model_dump(mode="json"),
         }
         if len(windows) < len(stored.windows):
@@ -152,7 +154,7 @@ def score_folder(folder: Path, config: EvalConfig, predictions: Sequence[Path] =
 def _score(
     case: str,
     windows: Sequence[StoredWindow],
-    sequence: folders.Scored,
+    sequence: run_folder.Scored,
     config: EvalConfig,
     predictions: Sequence[Path],
 ) -> list[Row]:

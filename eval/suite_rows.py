@@ -11,7 +11,7 @@ from pydantic import ConfigDict, TypeAdapter
 
 from emvs.utils.files import atomic_path
 from emvs.utils.runtime import versions
-from eval.results import Row, platform_name, read_json
+from eval.scoring.results import Row, platform_name, read_json
 
 SCHEMA_VERSION = 1
 FILE_NAME = "suite.json"

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from emvs.utils.files import atomic_path
 from eval.ranking import RankingTable
-from eval.results import is_undefined
+from eval.scoring.results import is_undefined
 
 FORMATS = ("csv", "tex", "md")
 _TEX = {

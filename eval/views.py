@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from emvs.data.image_stores import Photo
 from emvs.geometry.camera import Camera
 from eval.figures.plots import DsiSlice
-from eval.pairing import Truth
-from eval.results import Results, Row
+from eval.scoring.pairing import Truth
+from eval.scoring.results import Results, Row
 
 FloatImage = NDArray[np.floating]
 CountImage = NDArray[np.integer]

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from emvs.methods import overview as methods
     from emvs.methods import register as register_method
     from eval.config import EvalConfig
-    from eval.method_scores import ALL_METRICS as METRICS
-    from eval.results import Results
+    from eval.scoring.method_scores import ALL_METRICS as METRICS
+    from eval.scoring.results import Results
     from eventsweep.mapping import map_window, map_windows
     from eventsweep.scoring import score
     from eventsweep.simulation import simulate
@@ -73,7 +73,7 @@ __all__ = [
 
 # The name -> where it is.
 _PLACES = {
-    "METRICS": "eval.method_scores:ALL_METRICS",
+    "METRICS": "eval.scoring.method_scores:ALL_METRICS",
     "Camera": "emvs.geometry.camera:Camera",
     "DepthMap": "emvs.depth.depth_map:DepthMap",
     "EvalConfig": "eval.config:EvalConfig",
@@ -83,7 +83,7 @@ _PLACES = {
     "MapperConfig": "emvs.config:MapperConfig",
     "Method": "emvs.dsi.method:Method",
     "Recording": "emvs.data.recording:Recording",
-    "Results": "eval.results:Results",
+    "Results": "eval.scoring.results:Results",
     "Rig": "emvs.geometry.rig:Rig",
     "Sequence": "emvs.data.sequence:Sequence",
     "SimConfig": "sim.config:SimConfig",

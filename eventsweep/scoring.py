@@ -9,12 +9,12 @@ from emvs.data.sequence import Sequence
 from emvs.errors import InputError
 from emvs.mapper import WindowResult
 from emvs.maps.folder import StoredMap
-from eval import folders, runner
+from eval import runner
 from eval.config import EvalConfig
-from eval.metric_versions import metric_versions
-from eval.results import Results
-from eval.score import case_rows
-from eval.window_pairs import pairs_of_maps
+from eval.scoring import run_folder
+from eval.scoring.metric_versions import metric_versions
+from eval.scoring.results import Results
+from eval.scoring.score import case_rows, pairs_of_maps
 from eventsweep.mapping import opened
 
 _WINDOW = "w000"
@@ -49,8 +49,8 @@ def score(
 
 
 def _score_window(result: WindowResult, recording: Recording, config: EvalConfig) -> Results:
-    folders.check_view(result.config, recording.name)
-    scored = folders.with_ground_truth(recording)
+    run_folder.check_view(result.config, recording.name)
+    scored = run_folder.with_ground_truth(recording)
     manifest = scored.manifest if isinstance(scored, Sequence) else None
     pairs = pairs_of_maps(scored, result.window, result.depth_maps, config)
     return Results(
@@ -58,7 +58,7 @@ def _score_window(result: WindowResult, recording: Recording, config: EvalConfig
         {
             "score": config.model_dump(mode="json"),
             scored.name: {
-                **folders.provenance(scored),
+                **run_folder.provenance(scored),
                 "map": result.config.model_dump(mode="json"),
             },
         },

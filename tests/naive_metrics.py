@@ -1,4 +1,4 @@
-"""Slow twins of `eval.metrics`, `eval.curves` and `eval.pooling`, from the formulae."""
+"""Slow twins of the metrics, of the curves and of pooling, from the formulae."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 
-from eval.metrics import Pairs
-from eval.pairing import MethodPairs
-from eval.taxonomy import CAUSES
+from eval.scoring.metrics import Pairs
+from eval.scoring.outlier_causes import CAUSES
+from eval.scoring.pairing import MethodPairs
 
 
 def all_metrics(depth, mask, truth, valid, baseline_focal, confidence, rho):

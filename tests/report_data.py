@@ -8,9 +8,9 @@ import numpy as np
 
 from emvs.geometry.camera import Camera
 from eval.figures.plots import DsiSlice
-from eval.pairing import Truth, pair_methods
-from eval.results import Results
-from eval.score import case_rows
+from eval.scoring.pairing import Truth, pair_methods
+from eval.scoring.results import Results
+from eval.scoring.score import case_rows
 from eval.views import CaseView, MethodView, ReportData, WindowView
 
 SHAPE = (24, 32)

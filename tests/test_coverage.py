@@ -12,18 +12,17 @@ from hypothesis.extra import numpy as hnp
 
 from emvs.errors import InputError
 from emvs.reference_view import inverse_depth_planes
-from eval.cells import cell_error
-from eval.coverage import coverage_curve
 from eval.findings import findings
-from eval.method_scores import REGION_NAMES, score_method, score_pairs
-from eval.metrics import Pairs
-from eval.pairing import Estimate, MethodPairs, Truth, pair_methods
 from eval.ranking import column
-from eval.regions import REGIONS
-from eval.results import Results, Row, read_results, write_results
-from eval.score import case_rows, mean_rows
-from eval.taxonomy import CAUSES
-from eval.units import rank_runs, unit_values
+from eval.scoring.curves import coverage_curve
+from eval.scoring.method_scores import REGION_NAMES, score_method, score_pairs
+from eval.scoring.metrics import Pairs, cell_error
+from eval.scoring.outlier_causes import CAUSES
+from eval.scoring.pairing import Estimate, MethodPairs, Truth, pair_methods
+from eval.scoring.regions import REGIONS
+from eval.scoring.results import Results, Row, read_results, write_results
+from eval.scoring.score import case_rows, mean_rows
+from eval.scoring.significance import rank_runs, unit_values
 
 
 def values(pairs):

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from emvs.errors import InputError
-from eval.curves import curve
 from eval.figures.colormaps import (
     BLANK,
     confidence_scale,
@@ -35,7 +34,8 @@ from eval.figures.images import (
     frame_image,
 )
 from eval.figures.plots import DsiSlice, _surfaces, curves_svg, slice_svg
-from eval.metrics import Pairs
+from eval.scoring.curves import curve
+from eval.scoring.metrics import Pairs
 
 WHITE = [255, 255, 255]
 

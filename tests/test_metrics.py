@@ -12,14 +12,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from emvs.errors import InputError
-from eval.cells import CELL_METRICS
 from eval.config import EvalConfig
-from eval.coverage import COVERAGE_METRICS
-from eval.curves import CURVE_METRICS, curve
-from eval.method_scores import ALL_METRICS, score_method, score_pairs
-from eval.metrics import METRICS, Pairs
-from eval.pairing import Truth, pair, pair_methods
-from eval.score import case_rows, score_depth
+from eval.scoring.curves import COVERAGE_METRICS, CURVE_METRICS, curve
+from eval.scoring.method_scores import ALL_METRICS, score_method, score_pairs
+from eval.scoring.metrics import CELL_METRICS, METRICS, Pairs
+from eval.scoring.pairing import Truth, pair, pair_methods
+from eval.scoring.score import case_rows, score_depth
 
 METRE_METRICS = ("mean_error", "median_error", "rmse")
 RELATIVE_METRICS = (

@@ -12,14 +12,13 @@ from hypothesis import strategies as st
 from naive_metrics import pooled, pooled_methods
 
 from emvs.errors import InputError
-from eval.case_pool import CasePool
-from eval.method_scores import ALL_METRICS, score_method, score_pairs
-from eval.metrics import Pairs
-from eval.pairing import MethodPairs
-from eval.pool_order import Ordered
-from eval.pooling import Pool
-from eval.score import case_rows
-from eval.taxonomy import CAUSES
+from eval.scoring.external_sort import Ordered
+from eval.scoring.method_scores import ALL_METRICS, score_method, score_pairs
+from eval.scoring.metrics import Pairs
+from eval.scoring.outlier_causes import CAUSES
+from eval.scoring.pairing import MethodPairs
+from eval.scoring.pooling import CasePool, Pool
+from eval.scoring.score import case_rows
 
 BASELINE_FOCAL = 22.6
 

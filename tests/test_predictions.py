@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emvs.errors import InputError
-from eval.depth_images import SUFFIXES, read_numbers
-from eval.predictions import Prediction, View
+from eval.scoring.depth_files import SUFFIXES, read_numbers
+from eval.scoring.predictions import Prediction, View
 
 VIEW = View(t_us=250_000, width_px=7, height_px=5, focal_px=100.0, baseline_m=0.1)
 SHAPE = (VIEW.height_px, VIEW.width_px)

@@ -15,7 +15,7 @@ from emvs.errors import InputError
 from eval.findings import findings, fusion_order
 from eval.ranking import mean_over_cases, order, shown, table
 from eval.report import render, write_report
-from eval.results import Row
+from eval.scoring.results import Row
 
 
 @pytest.fixture(scope="module")

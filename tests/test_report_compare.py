@@ -14,7 +14,7 @@ from eval.cli import main
 from eval.comparison import compare_runs, read_runs
 from eval.gate_series import Key
 from eval.report_compare import comparison_page, write_comparison
-from eval.results import write_results
+from eval.scoring.results import write_results
 
 KEY = Key("desk", "Alg1/H", "mean_error")
 

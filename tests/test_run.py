@@ -13,8 +13,8 @@ from emvs.data.sequence import Sequence
 from emvs.mapper import map_window
 from emvs.maps.folder import read_map
 from eval.cli import main
-from eval.metrics import METRICS
-from eval.results import read_results
+from eval.scoring.metrics import METRICS
+from eval.scoring.results import read_results
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,7 @@ from emvs.hot_pixels import find_hot_pixels
 from emvs.maps.folder import read_map
 from eval.cli import main
 from eval.progress import MapBars
-from eval.results import read_results
+from eval.scoring.results import read_results
 
 SLIDING = ("--map.window-s", "0.04", "--map.stride-s", "0.02", "--map.planes", "20")
 

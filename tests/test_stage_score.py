@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from eval import metric_versions as versions_of_metrics
 from eval.gate import Tolerances, compare
 from eval.gate_series import of_suite
-from eval.metric_versions import metric_versions
-from eval.results import Row
+from eval.scoring import metric_versions as versions_of_metrics
+from eval.scoring.metric_versions import metric_versions
+from eval.scoring.outlier_causes import CAUSES
+from eval.scoring.results import Row
 from eval.suite_rows import Sample, SampleFacts, SuiteResult
-from eval.taxonomy import CAUSES
 
 CAUSE_METRICS = {"outlier_points", *(f"cause_{cause}" for cause in CAUSES)}
 
@@ -18,7 +18,7 @@ CAUSE_METRICS = {"outlier_points", *(f"cause_{cause}" for cause in CAUSES)}
 def test_causes_have_versions_of_their_own(monkeypatch):
     """A change of what decides a cause changes the version of the causes, and nothing else."""
     before = metric_versions()
-    monkeypatch.setattr(versions_of_metrics, "CAUSE_MODULES", ("eval.taxonomy",))
+    monkeypatch.setattr(versions_of_metrics, "CAUSE_MODULES", ("eval.scoring.outlier_causes",))
     after = metric_versions()
     assert {name for name in before if before[name] != after[name]} == CAUSE_METRICS
 

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emvs.errors import InputError
-from eval.bootstrap import interval, intervals, weights
-from eval.paired import holm, paired_p, rank_methods
+from eval.scoring.bootstrap import interval, intervals, weights
+from eval.scoring.significance import holm, paired_p, rank_methods
 
 numbers = st.floats(-10, 10)
 whole = st.integers(-50, 50)

@@ -22,7 +22,7 @@ from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 from eval.config import EvalConfig
-from eval.folders import truth_of
+from eval.scoring.run_folder import truth_of
 
 LENS = Camera(20, 10, 15, 15, 9.5, 4.5, "kb4", (0.1, 0.0, 0.0, 0.0))
 TRAJECTORY = Trajectory(np.array([0, 10_000]), np.zeros((2, 3)), np.tile([0.0, 0, 0, 1], (2, 1)))

@@ -11,8 +11,8 @@ from PIL import Image
 from published_table import MONO, RATIOS, TABLE, H
 
 from emvs.errors import InputError
-from eval.metrics import METRICS as KNOWN
-from eval.results import Row
+from eval.scoring.metrics import METRICS as KNOWN
+from eval.scoring.results import Row
 from eval.suite import load
 from eval.suite_rows import JobNote, Sample, SampleFacts, SuiteResult, mapper_method
 

@@ -13,7 +13,7 @@ from emvs.errors import InputError
 from eval.baseline import read_baseline
 from eval.cache import Cache, default_cache, key_of
 from eval.cli import main
-from eval.metric_versions import metric_versions
+from eval.scoring.metric_versions import metric_versions
 from eval.suite import FOLDER, load, read
 from eval.suite_jobs import suite_jobs
 from eval.suite_rows import FILE_NAME, read_suite

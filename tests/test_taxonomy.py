@@ -14,13 +14,18 @@ from hypothesis.extra import numpy as hnp
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from eval import masks
 from eval.config import EvalConfig
-from eval.evidence import Evidence
-from eval.geometry import pixel_of
-from eval.pairing import Truth, bad_pixels
-from eval.seen import EventCounts, count_events
-from eval.taxonomy import CAUSES, count_causes, pooled_causes
+from eval.scoring import regions as masks
+from eval.scoring.outlier_causes import (
+    CAUSES,
+    EventCounts,
+    Evidence,
+    count_causes,
+    count_events,
+    pixel_of,
+    pooled_causes,
+)
+from eval.scoring.pairing import Truth, bad_pixels
 
 WIDTH, HEIGHT, FOCAL, BASELINE, WALL_M = 64, 48, 100.0, 0.1, 2.0
 CAMERA = Camera(WIDTH, HEIGHT, FOCAL, FOCAL, 31.5, 23.5)

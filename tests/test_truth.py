@@ -19,7 +19,7 @@ from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from eval.config import EvalConfig
-from eval.folders import truth_of
+from eval.scoring.run_folder import truth_of
 from sim import ground_truth, ground_truth_kernels
 from sim.config import SimConfig
 from sim.ground_truth import warped

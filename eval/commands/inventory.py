@@ -20,7 +20,7 @@ def inventory() -> dict[str, dict[str, str]]:
     """Names and one line on each, by kind: cases, rigs, methods, studies, metrics."""
     import scenes
     from emvs import methods
-    from eval.method_scores import ALL_METRICS
+    from eval.scoring.method_scores import ALL_METRICS
     from eval.studies.study import STUDIES
     from sim.rigs import RIGS
 

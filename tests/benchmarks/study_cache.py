@@ -18,8 +18,8 @@ from emvs.reference_view import ReferenceView, reference_view
 from emvs.utils.files import atomic_dir
 from emvs.windows import choose_window
 from eval.config import EvalConfig
-from eval.folders import truth_of
-from eval.pairing import Truth
+from eval.scoring.pairing import Truth
+from eval.scoring.run_folder import truth_of
 from sim.config import SimConfig
 from sim.rigs import rig as named_rig
 from sim.sensor_presets import PresetName, SensorConfig

@@ -33,8 +33,8 @@ from study_variants import (
 from emvs.config import MapperConfig
 from emvs.reference_view import inverse_depth_at
 from eval.exits import exit_code
-from eval.method_scores import ALL_METRICS
-from eval.pairing import pair
+from eval.scoring.method_scores import ALL_METRICS
+from eval.scoring.pairing import pair
 
 ABLATED = "development"
 PICTURED = SampleSpec("tumvie-6dof")

@@ -20,8 +20,8 @@ from emvs.depth.depth_map import confidence_mask, without_border
 from emvs.depth.focus import FocusConfig, most_reliable
 from emvs.depth.median import masked_median
 from emvs.reference_view import inverse_depth_at
-from eval.method_scores import ALL_METRICS
-from eval.pairing import pair
+from eval.scoring.method_scores import ALL_METRICS
+from eval.scoring.pairing import pair
 
 SILHOUETTE_PX = 2.0  # of disparity, within a square of 5 px
 _C = np.arange(5, 13, 0.5)  # thresholds tried until Alg1/H has no more points than camera 0

@@ -7,13 +7,19 @@ import hashlib
 import numpy as np
 
 from eval.code_version import source_digest
-from eval.method_scores import BAD_POINTS, CAUSE_PREFIX
-from eval.pairing import Estimate, MethodPairs, Truth, pair_methods
-from eval.regions import DRAWN
-from eval.score import POOLED, case_rows
-from eval.taxonomy import CAUSES
+from eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
+from eval.scoring.outlier_causes import CAUSES
+from eval.scoring.pairing import Estimate, MethodPairs, Truth, pair_methods
+from eval.scoring.regions import DRAWN
+from eval.scoring.score import POOLED, case_rows
 
-CAUSE_MODULES = ("eval.evidence", "eval.geometry", "eval.masks", "eval.seen", "eval.taxonomy")
+CAUSE_MODULES = (
+    "eval.scoring.outlier_causes",
+    "eval.scoring.outlier_causes",
+    "eval.scoring.regions",
+    "eval.scoring.outlier_causes",
+    "eval.scoring.outlier_causes",
+)
 """What decides why a pixel is bad: too much to be pinned down by a few fixed maps."""
 
 

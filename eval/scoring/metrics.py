@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 Better = Literal["lower", "higher", "none"]
 Pooling = Literal["sum", "pairs", "squares", "truth", "either", "variance", "order"]
 FloatArray = NDArray[np.float64]
-
 OUTLIER_RELATIVE_ERROR = 0.10
 PUBLISHED_BAD_PX = 5.0
 PUBLISHED_BAD_RELATIVE = 0.05
+CELL_THRESHOLDS: tuple[int, ...] = (1, 2, 5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,10 +78,11 @@ class Metric:
         formula: the definition in one line.
         compute: the value of some pairs.
         needs_pairs: NaN, rather than computed, where the method reports no depth at all.
-        pooling: what the value of several windows' pixels together is made of, see `eval.pooling`:
-            the windows' values, added (`sum`) or averaged by their number of pairs (`pairs`; of
-            squares, `squares`), of true pixels (`truth`) or of both (`either`); the pairs' mean
-            logarithmic ratio, too (`variance`); or all pairs in order (`order`).
+        pooling: what the value of several windows' pixels together is made of, see
+            `eval.scoring.pooling`: the windows' values, added (`sum`) or averaged by their number
+            of pairs (`pairs`; of squares, `squares`), of true pixels (`truth`) or of both
+            (`either`); the pairs' mean logarithmic ratio, too (`variance`); or all pairs in order
+            (`order`).
     """
 
     name: str
@@ -201,4 +202,64 @@ METRICS: tuple[Metric, ...] = (
         "outlier_share", "outliers", "%", "lower", "share with |e - g| / g > 0.10", _outlier_share
     ),
 )
+
 # fmt: on
+
+
+def cell_error(
+    estimate_m: FloatArray, truth_m: FloatArray, rho: NDArray[np.floating]
+) -> FloatArray:
+    """Counts the planes between estimate and truth, in whole and parts of a cell.
+
+    Between two planes, position is linear in inverse depth; beyond the outermost ones it goes on
+    with the step of the outermost cell.
+
+    Args:
+        estimate_m: (N,) estimated depth, m.
+        truth_m: (N,) true depth, m.
+        rho: (P,) inverse depths of the planes in either order, 1/m; 2 or more.
+
+    Returns:
+        (N,) error, depth cells.
+    """
+    planes = np.sort(rho.astype(np.float64))
+    return np.abs(_position(1 / estimate_m, planes) - _position(1 / truth_m, planes))
+
+
+def _position(rho: FloatArray, planes: FloatArray) -> FloatArray:
+    cell = np.clip(np.searchsorted(planes, rho, side="right") - 1, 0, len(planes) - 2)
+    position: FloatArray = cell + (rho - planes[cell]) / (planes[cell + 1] - planes[cell])
+    return position
+
+
+def _mean(pairs: Pairs) -> float:
+    return float("nan") if pairs.cells is None else float(np.mean(pairs.cells))
+
+
+def _median(pairs: Pairs) -> float:
+    return float("nan") if pairs.cells is None else float(np.median(pairs.cells))
+
+
+def _beyond(pairs: Pairs, cells: int) -> float:
+    return float("nan") if pairs.cells is None else 100 * float(np.mean(pairs.cells > cells))
+
+
+def _bad_cells_metric(cells: int) -> Metric:
+    name, title = f"bad_{cells}cell", f"bad {cells} cells"
+    formula = f"share with more than {cells} depth cells between e and g"
+    return Metric(name, title, "%", "lower", formula, partial(_beyond, cells=cells))
+
+
+CELL_METRICS: tuple[Metric, ...] = (
+    Metric("mean_cells", "mean cells", "cells", "lower", "mean depth cells between", _mean),
+    Metric(
+        "median_cells",
+        "median cells",
+        "cells",
+        "lower",
+        "median depth cells between",
+        _median,
+        pooling="order",
+    ),
+    *(_bad_cells_metric(cells) for cells in CELL_THRESHOLDS),
+)

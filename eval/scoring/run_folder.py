@@ -16,7 +16,7 @@ from emvs.datasets.posed import PosedRecording
 from emvs.errors import InputError
 from emvs.maps.folder import RecordingInfo, StoredMap, StoredWindow, read_map
 from eval.config import EvalConfig
-from eval.pairing import Truth
+from eval.scoring.pairing import Truth
 
 MAP_FOLDER, SEQUENCE_FOLDER, CONFIG_FILE = "map", "sequence", "config.toml"
 _INDEX = "map.json"

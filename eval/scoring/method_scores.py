@@ -6,12 +6,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from emvs.errors import ByName
-from eval.cells import CELL_METRICS
-from eval.coverage import COVERAGE_METRICS
-from eval.curves import CURVE_METRICS
-from eval.metrics import METRICS, Better, Metric, Pairs
-from eval.pairing import MethodPairs
-from eval.taxonomy import CAUSES
+from eval.scoring.curves import COVERAGE_METRICS, CURVE_METRICS
+from eval.scoring.metrics import CELL_METRICS, METRICS, Better, Metric, Pairs
+from eval.scoring.outlier_causes import CAUSES
+from eval.scoring.pairing import MethodPairs
 
 ALL = "all"
 COMMON = "common"
@@ -44,7 +42,7 @@ class Score:
         value: the number; NaN where it is undefined.
         unit: of the value.
         better: which direction is better.
-        region: which pixels count, see `eval.masks`.
+        region: which pixels count, see `eval.scoring.regions`.
         points: how many pixels the value is made of; None where it is of none.
     """
 

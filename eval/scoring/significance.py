@@ -1,4 +1,4 @@
-"""Is one method better than another? Paired tests, corrected for their number, and ranks with ties.
+"""Is one method better than another? Paired tests, corrected for their number, and ranks.
 
 A unit is what was drawn independently: a sequence, that is one case with one seed. Windows of one
 sequence are averaged first (window `mean` of the results), or their number would feign certainty.
@@ -6,7 +6,7 @@ sequence are averaged first (window `mean` of the results), or their number woul
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Literal
@@ -16,13 +16,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from emvs.errors import InputError
-from eval.metrics import Better
+from eval.scoring.metrics import Better
+from eval.scoring.results import Results, Row
+from eval.scoring.score import MEAN
 
 ALPHA = 0.05
 PERMUTATIONS = 9999
-
 Test = Literal["permutation", "wilcoxon"]
 Floats = NDArray[np.float64]
+Unit = tuple[str, int | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,3 +186,52 @@ def _mean(values: Floats) -> float:
 
 def _loser(one: PairedComparison, sign: int) -> str:
     return one.first if sign * one.difference > 0 else one.second
+
+
+def unit_values(
+    runs: Iterable[Results], metric: str, window: str = MEAN
+) -> tuple[tuple[Unit, ...], dict[str, NDArray[np.float64]], Better]:
+    """Collects a metric over cases and seeds.
+
+    Args:
+        runs: results, of one seed each.
+        metric: name of the metric.
+        window: `mean` for the plain average over windows, `all` for pixels pooled.
+
+    Returns:
+        The units, case and seed; per method one value per unit, NaN where it has none; and which
+        direction is better.
+
+    Raises:
+        InputError: no such rows, or a unit that two runs hold.
+    """
+    found: dict[str, dict[Unit, Row]] = {}
+    for run in runs:
+        for row in run.rows:
+            if (row.metric, row.window) == (metric, window):
+                _add(found.setdefault(row.method, {}), (row.case, run.seed), row)
+    units = tuple(dict.fromkeys(unit for rows in found.values() for unit in rows))
+    if not units:
+        raise InputError(f"no rows of metric {metric} in window {window}: score the runs again")
+    values = {
+        method: np.array([rows[unit].value if unit in rows else np.nan for unit in units])
+        for method, rows in found.items()
+    }
+    return units, values, next(iter(next(iter(found.values())).values())).better
+
+
+def rank_runs(runs: Sequence[Results], metric: str, window: str = MEAN) -> Ranking:
+    """Ranks the methods of several runs, with ties where the difference is not significant.
+
+    Raises:
+        InputError: as `unit_values`, or a metric without a better direction.
+    """
+    _, values, better = unit_values(runs, metric, window)
+    return rank_methods(values, better)
+
+
+def _add(rows: dict[Unit, Row], unit: Unit, row: Row) -> None:
+    if unit in rows:
+        case, seed = unit
+        raise InputError(f"case {case} with seed {seed} is in two runs: give each once")
+    rows[unit] = row

@@ -51,7 +51,7 @@ class Row:
         value: the number; NaN where it is undefined.
         unit: of the value, and of `low` and `high`.
         better: the direction that is better.
-        region: which pixels count, see `eval.masks`.
+        region: which pixels count, see `eval.scoring.regions`.
         points: how many pixels the value is made of; None where it is of no pixels.
         low: lower end of the 95 % confidence interval; None where none is known.
         high: its upper end.

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
-from eval.cells import cell_error
-from eval.masks import away_from_border
-from eval.metrics import OUTLIER_RELATIVE_ERROR, Pairs
+from eval.scoring.metrics import OUTLIER_RELATIVE_ERROR, Pairs, cell_error
+from eval.scoring.regions import away_from_border
 
 DepthImage = NDArray[np.floating]
 MaskImage = NDArray[np.bool_]
@@ -48,7 +47,7 @@ class Truth:
         baseline_m: distance between the two cameras, m; None for a rig of one.
         limits_m: closed range of true depths that are scored, m.
         border_px: how many rows and columns at each end of the image are left out.
-        regions: (H, W) masks by name, see `eval.masks`.
+        regions: (H, W) masks by name, see `eval.scoring.regions`.
     """
 
     depth_m: DepthImage
@@ -82,7 +81,8 @@ class MethodPairs:
         own: at all pixels that it reports.
         common: at those that all methods report.
         regions: at its own pixels in each region of ground truth.
-        causes: why its bad pixels are bad, see `eval.taxonomy`; None where it was not asked.
+        causes: why its bad pixels are bad, see `eval.scoring.outlier_causes`; None where it was not
+            asked.
     """
 
     own: Pairs
