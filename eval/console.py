@@ -13,9 +13,11 @@ from rich.table import Table
 
 from emvs.data.sequence import Sequence as EventSequence
 from emvs.maps.folder import StoredMap
-from eval import findings, map_summary, ranking
+from eval import map_summary
 from eval.exits import with_flags
 from eval.progress import Bars, Progress, Silent
+from eval.report import ranking
+from eval.report import ranking as findings
 from eval.scoring.results import Results, Row, to_json
 from eval.scoring.score import POOLED
 

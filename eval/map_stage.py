@@ -47,7 +47,7 @@ def map_recording(
 def write_report_stage(folder: Path, progress: Progress) -> None:
     """Writes the report, shown as a stage of its own."""
     # Its figures need matplotlib: 0.3 s before the first event, were it imported at the top.
-    from eval.report import write_report
+    from eval.report.run_page import write_report
 
     with progress.stage("report", 1):
         write_report(folder)

@@ -8,10 +8,10 @@ import numpy as np
 
 from emvs.geometry.camera import Camera
 from eval.figures.plots import DsiSlice
+from eval.report.run_data import CaseView, MethodView, ReportData, WindowView
 from eval.scoring.pairing import Truth, pair_methods
 from eval.scoring.results import Results
 from eval.scoring.score import case_rows
-from eval.views import CaseView, MethodView, ReportData, WindowView
 
 SHAPE = (24, 32)
 # Relative error and share of pixels per method: what the report must find out by itself.

@@ -12,8 +12,7 @@ from hypothesis.extra import numpy as hnp
 
 from emvs.errors import InputError
 from emvs.reference_view import inverse_depth_planes
-from eval.findings import findings
-from eval.ranking import column
+from eval.report.ranking import column, findings
 from eval.scoring.curves import coverage_curve
 from eval.scoring.method_scores import REGION_NAMES, score_method, score_pairs
 from eval.scoring.metrics import Pairs, cell_error

@@ -13,8 +13,8 @@ from matplotlib.lines import Line2D
 from emvs.baselines import BASELINES, BaselineEstimator, sgm
 from emvs.dsi.method import Method
 from emvs.methods import named, register, unregister
-from eval.confidence import unit
 from eval.figures.colormaps import INK, line_style
+from eval.report.overview import unit
 
 SWEPT = [f"Alg1/{name}" for name in ("min", "H", "G", "A", "RMS", "max")]
 TOGETHER = [

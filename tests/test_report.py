@@ -12,9 +12,8 @@ from report_data import METHODS, SHAPE, WellFormed, report_data
 
 from emvs.data.image_stores import Photo
 from emvs.errors import InputError
-from eval.findings import findings, fusion_order
-from eval.ranking import mean_over_cases, order, shown, table
-from eval.report import render, write_report
+from eval.report.ranking import findings, fusion_order, mean_over_cases, order, shown, table
+from eval.report.run_page import render, write_report
 from eval.scoring.results import Row
 
 

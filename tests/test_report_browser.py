@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 from report_data import METHODS, SHAPE, report_data
 
-from eval.report import render
+from eval.report.run_page import render
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium in the PATH")

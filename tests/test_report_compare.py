@@ -11,9 +11,8 @@ from report_data import WellFormed, report_data
 
 from emvs.errors import InputError
 from eval.cli import main
-from eval.comparison import compare_runs, read_runs
 from eval.gate_series import Key
-from eval.report_compare import comparison_page, write_comparison
+from eval.report.compare_page import compare_runs, comparison_page, read_runs, write_comparison
 from eval.scoring.results import write_results
 
 KEY = Key("desk", "Alg1/H", "mean_error")

@@ -10,7 +10,7 @@ from report_data import WellFormed
 
 from emvs.errors import InputError
 from eval.cli import main
-from eval.report_study import find_studies, read_study, write_study_report
+from eval.report.study_page import find_studies, read_study, write_study_report
 
 
 def _study(**changes):

@@ -16,7 +16,7 @@ from emvs.config import MapperConfig
 from emvs.maps.folder import read_map
 from eval.cli import main
 from eval.map_stage import map_recording
-from eval.rerun_recording import write_rerun
+from eval.report.rerun import write_rerun
 from eval.settings import Settings
 from sim.config import SimConfig
 from sim.simulate import simulate

@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from report_data import report_data
 
-from eval.report_files import report_tables
-from eval.tables import (
+from eval.report.tables import (
     TextCell,
     TextTable,
     as_csv,
@@ -21,6 +20,7 @@ from eval.tables import (
     as_markdown,
     file_name,
     in_unit,
+    report_tables,
     write_tables,
 )
 

@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as hnp
 from report_data import METHODS, window_view
 
 from eval.figures.colormaps import depth_scale, error_scale
-from eval.viewer import half, packed, window_data
+from eval.report.html import half, packed, window_data
 
 
 def _unpacked(text, dtype):

@@ -24,6 +24,6 @@ def compare(
         results: Folders of `run`, `score` or `suite`, or their results.json or suite.json.
         out: Folder to write: compare.html and tables/.
     """
-    from eval.report_compare import write_comparison
+    from eval.report.compare_page import write_comparison
 
     common.console().wrote(write_comparison(results, out))

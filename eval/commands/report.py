@@ -39,7 +39,7 @@ def report(folder: Path, /, *, flags: ReportFlags = _PAGE_ONLY, common: Common =
     Args:
         folder: What `run`, `map` or `study` wrote; report.html in it is written anew.
     """
-    from eval.report_study import find_studies
+    from eval.report.study_page import find_studies
 
     written = _of_studies if find_studies(folder) else _of_run
     for path in written(folder, flags):
@@ -47,7 +47,7 @@ def report(folder: Path, /, *, flags: ReportFlags = _PAGE_ONLY, common: Common =
 
 
 def _of_studies(folder: Path, flags: ReportFlags) -> list[Path]:
-    from eval.report_study import write_study_report
+    from eval.report.study_page import write_study_report
 
     if flags != _PAGE_ONLY:
         raise InputError(
@@ -57,9 +57,9 @@ def _of_studies(folder: Path, flags: ReportFlags) -> list[Path]:
 
 
 def _of_run(folder: Path, flags: ReportFlags) -> list[Path]:
-    from eval import report_files
-    from eval.report import write_report
-    from eval.rerun_recording import write_rerun
+    from eval.report import tables as report_files
+    from eval.report.rerun import write_rerun
+    from eval.report.run_page import write_report
 
     written = [write_report(folder)]
     if flags.tables:

@@ -18,9 +18,9 @@ from markdown_blocks import refresh
 from emvs.errors import InputError
 from eval.baseline import Baseline, read_baseline
 from eval.exits import exit_code
-from eval.ranking import mean_over_cases, table
+from eval.report.ranking import mean_over_cases, table
+from eval.report.tables import as_markdown, ranking_table
 from eval.scoring.results import Row
-from eval.tables import as_markdown, ranking_table
 
 METRICS = ("points", "mean_error", "median_error", "abs_rel", "bad_published", "delta_1")
 

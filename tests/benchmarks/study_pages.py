@@ -19,7 +19,7 @@ from PIL import Image
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path
 from eval.exits import exit_code
-from eval.report_study import StoredStudy, find_studies, read_study
+from eval.report.study_page import StoredStudy, find_studies, read_study
 from eval.studies.curves import METRICS
 from eval.studies.study import STUDIES
 

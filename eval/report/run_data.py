@@ -1,9 +1,10 @@
-"""From a folder on disk to what the report shows."""
+"""What the report shows, as plain arrays, and how it is read from a folder on disk."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,13 @@ from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
 from emvs.depth.depth_map import DepthMap
 from emvs.dsi.slices import Slices
+from emvs.geometry.camera import Camera
 from emvs.maps.folder import StoredMap, StoredWindow
 from eval.config import EvalConfig
 from eval.figures.plots import DsiSlice
-from eval.ranking import thousands
+from eval.report.ranking import thousands
 from eval.scoring.pairing import Truth
-from eval.scoring.results import JSON_NAME, Results, read_results
+from eval.scoring.results import JSON_NAME, Results, Row, read_results
 from eval.scoring.run_folder import (
     CONFIG_FILE,
     Scored,
@@ -29,10 +31,11 @@ from eval.scoring.run_folder import (
     recording_of,
     truth_of,
 )
-from eval.views import CaseView, MethodView, ReportData, WindowView
 
 _MOST_PIXELS_SHOWN = 1_000_000
 _EVENTS_PER_PIXEL = 0.25
+FloatImage = NDArray[np.floating]
+CountImage = NDArray[np.integer]
 
 
 def load_run(run_dir: Path) -> ReportData:
@@ -189,3 +192,96 @@ def _facts(stored: StoredMap, recording: Recording | None) -> list[tuple[str, st
     reference_s = (window.info.t_ref_us - window.info.t0_us) / 1e6
     when = f"{span_s:.3f} s, reference view {reference_s:.3f} s after its begin"
     return [*facts, ("window", when), ("planes", str(config.planes))]
+
+
+@dataclass(frozen=True, slots=True)
+class MethodView:
+    """One method's map of one window.
+
+    Attributes:
+        name: as the paper names it, for example `Alg1/H`.
+        depth_m: (H, W) z-depth, m.
+        mask: (H, W) where there is one.
+        confidence: (H, W) fused ray density at the maximum.
+        piece: one row of the DSI; None where it was not kept.
+    """
+
+    name: str
+    depth_m: FloatImage
+    mask: NDArray[np.bool_]
+    confidence: FloatImage
+    piece: DsiSlice | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class WindowView:
+    """One window: what the cameras saw, and every method's map.
+
+    Attributes:
+        name: as in the result rows, for example `w000`.
+        t_us: time of the reference view, µs.
+        methods: the maps.
+        depth_range_m: nearest and farthest plane, m.
+        frame: (H, W) linear intensity, 0..255; None where there is none.
+        photo: what an ordinary camera in the same place took; None where there is none.
+        camera: the reference view's; None where the page needs no point cloud.
+        brighter: (H, W) events of positive polarity per pixel; None where not counted.
+        darker: (H, W) events of negative polarity per pixel; None where not counted.
+        truth: ground truth; None for a recording without.
+        events_caption: which stretch of time the counts cover.
+        counts: per stage or camera, event statistics: numbers of events by outcome.
+    """
+
+    name: str
+    t_us: int
+    methods: tuple[MethodView, ...]
+    depth_range_m: tuple[float, float]
+    frame: NDArray[np.uint8] | None = None
+    brighter: CountImage | None = None
+    darker: CountImage | None = None
+    truth: Truth | None = None
+    events_caption: str = "per pixel, whole window"
+    counts: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    photo: Photo | None = None
+    camera: Camera | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CaseView:
+    """One case: a sequence or recording, mapped.
+
+    Attributes:
+        name: as in the result rows.
+        summary: what it shows, in a sentence.
+        windows: those that the report shows.
+        window_count: how many there are.
+        facts: (name, value) pairs: rig, duration, renderer, and the like.
+    """
+
+    name: str
+    summary: str
+    windows: tuple[WindowView, ...]
+    window_count: int
+    facts: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ReportData:
+    """Everything in a report.
+
+    Attributes:
+        cases: the cases.
+        results: the scores and where they came from; without rows where nothing was scored.
+        ranking_metric: the metric that orders the methods.
+        configuration: the run's configuration, as text.
+    """
+
+    cases: tuple[CaseView, ...]
+    results: Results
+    ranking_metric: str = "mean_error"
+    configuration: str = ""
+
+    def rows_of(self, case: str, window: str) -> tuple[Row, ...]:
+        """The rows of one case and window."""
+        rows = self.results.rows
+        return tuple(row for row in rows if row.case == case and row.window == window)

@@ -1,16 +1,17 @@
-"""From views to what the page's template shows: pictures as text, numbers as captions."""
+"""The report of a run: one page that holds everything and opens without a network."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
-from eval import confidence
-from eval.figures.colormaps import Scale, depth_scale, error_scale, events_scale
+from emvs.utils.files import atomic_path
+from eval.figures.colormaps import Scale, depth_scale, error_scale, events_scale, line_style
 from eval.figures.images import (
     IndexedImage,
     behind_image,
@@ -26,15 +27,28 @@ from eval.figures.images import (
     point_size_px,
 )
 from eval.figures.plots import causes_svg, curves_svg, outlier_causes, slice_svg
-from eval.findings import findings
-from eval.ranking import FUSED_PREFIX, column, order, shown, table, with_unit
+from eval.report import overview
+from eval.report.html import environment, inline, plural, window_data
+from eval.report.overview import overview_png
+from eval.report.ranking import (
+    FUSED_PREFIX,
+    column,
+    findings,
+    mean_over_cases,
+    order,
+    shown,
+    table,
+    thousands,
+    with_unit,
+)
+from eval.report.run_data import CaseView, MethodView, ReportData, WindowView, load_run
 from eval.scoring.curves import THRESHOLDS_CM, ThresholdCurve
 from eval.scoring.results import Row
 from eval.scoring.score import POOLED
-from eval.viewer import window_data
-from eval.views import CaseView, MethodView, ReportData, WindowView
 
 _CAPTION = ("points", "completeness", "mean_error", "median_error", "bad_published")
+HTML_NAME = "report.html"
+OVERVIEW_NAME = "overview.png"
 
 
 def case_panel(
@@ -66,7 +80,7 @@ def case_panel(
 
 def window_panel(window: WindowView, methods: Sequence[str], rows: Sequence[Row]) -> dict[str, Any]:
     """What the template shows of one window."""
-    scales, sure = _scales(window), confidence.scales(window)
+    scales, sure = _scales(window), overview.scales(window)
     names = dict.fromkeys(name for counts in window.counts.values() for name in counts)
     return {
         "name": window.name,
@@ -110,7 +124,7 @@ def _method_panel(
         "depth": _uri(depth),
         "confidence": _uri(confidence_image(method.confidence, sure)),
         "confidence_scale": sure,
-        "confidence_unit": confidence.unit(method.name),
+        "confidence_unit": overview.unit(method.name),
         "error": _error_uri(method, window, scales["error_scale"], point_px),
         "slice_svg": Markup(slice_svg(method.piece)) if method.piece else "",
     }
@@ -118,7 +132,7 @@ def _method_panel(
 
 def _confidence_title(window: WindowView) -> str:
     """With its unit where all methods share it."""
-    units = {confidence.unit(method.name) for method in window.methods}
+    units = {overview.unit(method.name) for method in window.methods}
     return f"Confidence [{units.pop()}]" if len(units) == 1 else "Confidence"
 
 
@@ -230,3 +244,77 @@ def _curve_of(values: dict[tuple[str, str], float], method: str) -> ThresholdCur
         for name in ("precision", "recall", "f1")
     )
     return ThresholdCurve(np.array(THRESHOLDS_CM), *shares)
+
+
+def write_report(run_dir: Path) -> Path:
+    """Writes `report.html` and `overview.png` into a folder and returns the page's path.
+
+    Args:
+        run_dir: a folder that `eventsweep run` or `eventsweep map` wrote.
+
+    Raises:
+        InputError: the folder holds neither, or a file of it is damaged.
+    """
+    run_dir = Path(run_dir)
+    data = load_run(run_dir)
+    page = render(data)
+    with atomic_path(run_dir / HTML_NAME) as path:
+        path.write_text(page, encoding="utf-8")
+    with atomic_path(run_dir / OVERVIEW_NAME) as path:
+        path.write_bytes(overview_png(data.cases[0]))
+    return run_dir / HTML_NAME
+
+
+def render(data: ReportData) -> str:
+    """The page as text; the same data give the same bytes."""
+    template = environment().get_template("report.html.j2")
+    return template.render(_context(data))
+
+
+def _context(data: ReportData) -> dict[str, Any]:
+    pooled = [row for row in data.results.rows if row.window == POOLED]
+    several = len(data.cases) > 1
+    overall = mean_over_cases(pooled, "mean") if several else pooled
+    cases = [case_panel(data, case, k, with_table=several) for k, case in enumerate(data.cases)]
+    return {
+        "title": ", ".join(case.name for case in data.cases),
+        "subtitle": _subtitle(data),
+        "metric": data.ranking_metric,
+        "metric_title": column(data.ranking_metric).title,
+        "overall": table(overall, data.ranking_metric) if overall else None,
+        "findings": findings(overall, data.ranking_metric),
+        "cases": cases,
+        "most_methods": max((len(case["methods"]) for case in cases), default=0),
+        "provenance": _provenance(data),
+        "configuration": data.configuration,
+        "version": data.results.versions.get("eventsweep", ""),
+        "colour_of": lambda method: line_style(method).css,
+        "count": lambda value: "–" if value is None else thousands(value),
+        "css": inline("report.css"),
+        "js": inline("report.js"),
+        "viewer_css": inline("viewer.css"),
+        "viewer_js": inline("viewer.js"),
+    }
+
+
+def _subtitle(data: ReportData) -> str:
+    windows = sum(case.window_count for case in data.cases)
+    methods = {method.name for case in data.cases for w in case.windows for method in w.methods}
+    parts = [plural(len(data.cases), "case"), plural(windows, "window")]
+    return ", ".join([*parts, plural(len(methods), "method")]) + "."
+
+
+def _provenance(data: ReportData) -> list[tuple[str, str]]:
+    results = data.results
+    versions = (f"{name} {version}" for name, version in results.versions.items())
+    facts = [("versions", ", ".join(versions)), ("platform", results.platform)]
+    if results.seed is not None:
+        facts.insert(0, ("seed", str(results.seed)))
+    facts += [(f"sha256 of {name}", digest) for name, digest in results.sequences.items()]
+    units = _rows_named(results.rows, "baseline_focal")
+    return facts + [(f"baseline × focal length of {case}", text) for case, text in units]
+
+
+def _rows_named(rows: Iterable[Row], metric: str) -> list[tuple[str, str]]:
+    found = {row.case: f"{row.value:.4g} {row.unit}" for row in rows if row.metric == metric}
+    return list(found.items())

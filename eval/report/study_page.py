@@ -12,8 +12,17 @@ from pydantic import BaseModel, ConfigDict
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path
 from eval.figures.colormaps import line_style
-from eval.pages import Grid, GridCell, Head, Page, Section, page_text, plural, versions_grid
-from eval.ranking import column, definition, shown
+from eval.report.html import (
+    Grid,
+    GridCell,
+    Head,
+    Page,
+    Section,
+    page_text,
+    plural,
+    versions_grid,
+)
+from eval.report.ranking import column, definition, shown
 from eval.scoring.results import Value, read_json
 from eval.studies.curves import BREAKS_AT
 

@@ -1,0 +1,1 @@
+"""The pages of a run, a comparison and a study."""
