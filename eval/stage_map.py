@@ -11,7 +11,7 @@ from emvs.data.recording import Recording
 from emvs.datasets import open_recording
 from emvs.maps.sliding import map_into, one_window, without
 from emvs.maps.store import write_entry
-from eval.stage_files import SEQUENCE
+from eval.jobs.job import SEQUENCE
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:

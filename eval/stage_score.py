@@ -14,10 +14,10 @@ from emvs.data.sequence import Sequence as EventSequence
 from emvs.maps.folder import StoredWindow
 from emvs.maps.store import read_entry
 from eval.config import EvalConfig
+from eval.jobs.job import RESULT, SEQUENCE
 from eval.scoring.metric_versions import metric_versions
 from eval.scoring.results import Row
 from eval.scoring.score import score_windows
-from eval.stage_files import RESULT, SEQUENCE
 from eval.suite_rows import DEFAULT_MAPPER, Sample, SampleFacts, mapper_method
 
 EVENTS = "events"

@@ -9,8 +9,8 @@ from typing import Any
 import scenes
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
-from eval.code_version import closure, source_digest, with_includes
-from eval.stage_files import SEQUENCE
+from eval.jobs.code_version import closure, source_digest, with_includes
+from eval.jobs.job import SEQUENCE
 from sim.config import SimConfig
 from sim.graphics import drawn_by
 from sim.rigs import rig as named_rig

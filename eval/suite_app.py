@@ -12,8 +12,8 @@ from cyclopts import Group, Parameter
 from emvs.errors import InputError
 
 if TYPE_CHECKING:
+    from eval.jobs.scheduler import Workers
     from eval.progress import Progress
-    from eval.schedule import Workers
     from eval.suite import Suite
     from eval.suite_rows import SuiteResult
 
@@ -50,7 +50,7 @@ class JobFlags:
 
     def cache_folder(self) -> Path:
         """The cache's folder, absolute."""
-        from eval.cache import default_cache
+        from eval.jobs.cache import default_cache
 
         return (self.cache or default_cache()).absolute()
 
@@ -60,15 +60,15 @@ class JobFlags:
         Raises:
             InputError: no workers asked for, or a scheduler that is not there.
         """
-        from eval.cache import Cache
+        from eval.jobs.cache import Cache
 
         folder = self.cache_folder()
         if self.scheduler is not None:
-            from eval.schedule_dask import Cluster, dask_workers
+            from eval.jobs.dask import Cluster, dask_workers
 
             files = (self.tls_ca, self.tls_cert, self.tls_key)
             return dask_workers(Cluster(self.scheduler, self.remote, *files), folder)
-        from eval.schedule_local import default_workers, local_workers
+        from eval.jobs.local import default_workers, local_workers
 
         count = default_workers() if self.workers is None else self.workers
         if count < 1:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from emvs.config import MapperConfig
-from eval.jobs import Job
+from eval.jobs.job import Job
 from eval.runner import check_case
 from eval.stage_simulate import parameters as sequence_parameters
 from eval.stage_simulate import scene_digest

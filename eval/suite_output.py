@@ -14,8 +14,8 @@ from rich.table import Table
 
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path
-from eval.cache import Cache
 from eval.gate_series import Series, of_suite
+from eval.jobs.cache import Cache
 from eval.suite_rows import FILE_NAME, SuiteResult, write_suite
 
 CSV_NAME = "suite.csv"

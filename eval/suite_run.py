@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from emvs.errors import InputError
-from eval.jobs import Done, Failed, Job, Outcome
+from eval.jobs.job import Done, Failed, Job, Outcome
+from eval.jobs.scheduler import Open, run_jobs
 from eval.progress import Progress
-from eval.schedule import Open, run_jobs
 from eval.suite import Suite
 from eval.suite_jobs import suite_jobs
 from eval.suite_rows import JobNote, Sample, SuiteResult, sample_from

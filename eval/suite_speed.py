@@ -6,10 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from emvs.config import MapperConfig
-from eval.cache import Cache
-from eval.jobs import entry
+from eval.jobs.cache import Cache
+from eval.jobs.job import SEQUENCE, entry
 from eval.speed_ratio import map_ratios
-from eval.stage_files import SEQUENCE
 from eval.suite import Suite
 from eval.suite_jobs import suite_jobs
 from eval.suite_rows import SuiteResult

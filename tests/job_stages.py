@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 from emvs.errors import InputError
-from eval.stage_files import RESULT
+from eval.jobs.job import RESULT
 
 
 def code(parameters):

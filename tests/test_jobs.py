@@ -15,16 +15,15 @@ import pytest
 from job_stages import runs
 
 from emvs.errors import InputError
-from eval import code_version as versions_of_code
-from eval import schedule_dask
-from eval.cache import Cache, key_of
-from eval.code_version import closure, code_version, with_includes
-from eval.jobs import Done, Failed, Job, do, order
+from eval.jobs import code_version as versions_of_code
+from eval.jobs import dask as schedule_dask
+from eval.jobs.cache import Cache, key_of
+from eval.jobs.code_version import closure, code_version, with_includes
+from eval.jobs.dask import Cluster, dask_workers
+from eval.jobs.job import RESULT, Done, Failed, Job, do, order
+from eval.jobs.local import ATTEMPTS, local_workers
+from eval.jobs.scheduler import JobBoard, run_jobs
 from eval.progress import Silent
-from eval.schedule import JobBoard, run_jobs
-from eval.schedule_dask import Cluster, dask_workers
-from eval.schedule_local import ATTEMPTS, local_workers
-from eval.stage_files import RESULT
 
 TESTS = Path(__file__).parent
 
@@ -295,10 +294,10 @@ def test_a_lost_or_damaged_result_is_made_again(make, log, tmp_path):
 SWEEP = """
 import sys
 from pathlib import Path
-from eval.jobs import Job
+from eval.jobs.job import Job
 from eval.progress import Silent
-from eval.schedule import run_jobs
-from eval.schedule_local import local_workers
+from eval.jobs.scheduler import run_jobs
+from eval.jobs.local import local_workers
 
 if __name__ == "__main__":
     log, cache = sys.argv[1:]

@@ -11,8 +11,8 @@ from emvs.data.sequence import Sequence
 from emvs.dsi.cuda import device as library
 from emvs.errors import InputError
 from eval.baseline import read_baseline
-from eval.cache import Cache, default_cache, key_of
 from eval.cli import main
+from eval.jobs.cache import Cache, default_cache, key_of
 from eval.scoring.metric_versions import metric_versions
 from eval.suite import FOLDER, load, read
 from eval.suite_jobs import suite_jobs

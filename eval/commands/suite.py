@@ -62,7 +62,7 @@ def cache(
         prune: Gigabytes to keep; what was not used for longest goes. 0 empties it.
     """
     from emvs.errors import InputError
-    from eval.cache import Cache, default_cache
+    from eval.jobs.cache import Cache, default_cache
     from eval.suite_output import say
 
     store = Cache(cache or default_cache())

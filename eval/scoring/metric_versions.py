@@ -6,7 +6,7 @@ import hashlib
 
 import numpy as np
 
-from eval.code_version import source_digest
+from eval.jobs.code_version import source_digest
 from eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
 from eval.scoring.outlier_causes import CAUSES
 from eval.scoring.pairing import Estimate, MethodPairs, Truth, pair_methods

@@ -8,7 +8,7 @@ from typing import Any
 from emvs.config import MapperConfig
 from emvs.errors import InputError
 from eval.config import EvalConfig
-from eval.jobs import Job
+from eval.jobs.job import Job
 from eval.runner import check_case
 from eval.stage_simulate import parameters as sequence_parameters
 from eval.stage_simulate import scene_digest

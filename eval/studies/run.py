@@ -13,9 +13,9 @@ import numpy as np
 
 from emvs.utils.files import atomic_path
 from emvs.utils.runtime import versions
-from eval.jobs import Done, Failed, Job, Outcome
+from eval.jobs.job import Done, Failed, Job, Outcome
+from eval.jobs.scheduler import Open, run_jobs
 from eval.progress import Progress
-from eval.schedule import Open, run_jobs
 from eval.studies.curves import METRICS, RobustnessCurve, StudyValue, curves
 from eval.studies.jobs import study_jobs
 from eval.studies.picture import draw, sample_words

@@ -8,7 +8,7 @@ from typing import Any
 
 from emvs.datasets import open_recording
 from eval import stage_map
-from eval.stage_files import SEQUENCE
+from eval.jobs.job import SEQUENCE
 from eval.studies.perturbation import Perturbation
 from eval.studies.spoilt import PerturbedRecording
 

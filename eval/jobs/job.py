@@ -16,9 +16,12 @@ from typing import Any, Protocol, cast
 
 from emvs.errors import InputError
 from emvs.utils.runtime import versions
-from eval.cache import Cache, CacheEntry, key_of
-from eval.code_version import code_version
-from eval.stage_files import RESULT
+from eval.jobs.cache import Cache, CacheEntry, key_of
+from eval.jobs.code_version import code_version
+
+SEQUENCE = "sequence"
+RESULT = "result.json"
+"""A file whose text travels back with the job's outcome."""
 
 
 @dataclass(frozen=True)

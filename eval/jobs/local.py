@@ -11,8 +11,8 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
-from eval.cache import Cache
-from eval.jobs import Done, Failed, Job, Outcome, do, find
+from eval.jobs.cache import Cache
+from eval.jobs.job import Done, Failed, Job, Outcome, do, find
 
 # One thread per worker: the jobs are the parallelism. Mesa's rasteriser counts helpers beside the
 # calling thread, the others count all threads.

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from emvs.errors import InputError
-from eval.jobs import Failed, Job, Outcome, code_of, do
+from eval.jobs.job import Failed, Job, Outcome, code_of, do
 
 if TYPE_CHECKING:
     from distributed import Client, Future

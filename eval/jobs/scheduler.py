@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from eval.jobs import Failed, Job, Outcome, order
+from eval.jobs.job import Failed, Job, Outcome, order
 from eval.progress import Progress
 
 

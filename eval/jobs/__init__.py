@@ -1,0 +1,1 @@
+"""Jobs with inputs and outputs: cached by content, done here or on a cluster."""
