@@ -13,8 +13,8 @@ from pydantic import BaseModel, ConfigDict
 
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path
-from eval.gate_series import Key, Measured, Series
 from eval.scoring.results import read_json
+from eval.suite.series import Key, Measured, Series
 
 SCHEMA_VERSION = 1
 _CURE = "write it again with `eventsweep gate --update --reason ...`"

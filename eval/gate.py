@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from scipy import stats
 
-from eval.gate_series import SPEED_METRIC, Key, Measured, Series
+from eval.suite.series import SPEED_METRIC, Key, Measured, Series
 
 Status = Literal["worse", "failed", "gone", "not comparable", "better", "new", "same"]
 RED: tuple[Status, ...] = ("worse", "failed", "gone")

@@ -14,8 +14,8 @@ from emvs.errors import InputError
 if TYPE_CHECKING:
     from eval.jobs.scheduler import Workers
     from eval.progress import Progress
-    from eval.suite import Suite
-    from eval.suite_rows import SuiteResult
+    from eval.suite.definition import Suite
+    from eval.suite.results import SuiteResult
 
 _GROUP = Group("Where jobs run")
 _JobFlag = Parameter(group=_GROUP)
@@ -119,8 +119,7 @@ def run(
         cases: some of the subset's.
         speed: whether to measure speed; on this machine, whoever did the jobs.
     """
-    from eval.suite_run import run_suite
-    from eval.suite_speed import with_speed
+    from eval.suite.run import run_suite, with_speed
 
     result = run_suite(suite, subset, flags.open, progress, seeds=seeds, cases=cases)
     if speed and result.samples:

@@ -16,8 +16,8 @@ from pathlib import Path
 from markdown_blocks import into_page
 from planted_faults import FAULTS, ROOT, Fault, broken_copy
 
-from eval.gate_series import SPEED_METRIC
 from eval.jobs.cache import default_cache
+from eval.suite.series import SPEED_METRIC
 
 BASELINE = Path(os.environ.get("EVENTSWEEP_BASELINE", ROOT / "reports" / "baseline.json"))
 """What is held against; `EVENTSWEEP_BASELINE` names another one than the project's."""

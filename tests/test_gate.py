@@ -17,9 +17,9 @@ from eval import gate_table
 from eval.baseline import make_baseline, read_baseline, write_baseline
 from eval.cli import main
 from eval.gate import RED, Tolerances, Verdict, compare, is_red
-from eval.gate_series import SPEED_METHOD, SPEED_METRIC, Key, Measured, Series, read_measured
 from eval.junit import write_junit
 from eval.scoring.results import Results, Row, write_results
+from eval.suite.series import SPEED_METHOD, SPEED_METRIC, Key, Measured, Series, read_measured
 
 TOLERANCES = Tolerances()
 BASELINE = Path(__file__).resolve().parents[1] / "reports" / "baseline.json"

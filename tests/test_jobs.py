@@ -204,8 +204,8 @@ def test_what_code_does_changes_the_version(module, text):
 
 
 def test_each_stage_reaches_its_own_code_and_no_more():
-    simulate = closure(["eval.stage_simulate", "scenes.planes"])
-    mapping, scoring = closure(["eval.stage_map"]), closure(["eval.stage_score"])
+    simulate = closure(["eval.suite.stages.simulate", "scenes.planes"])
+    mapping, scoring = closure(["eval.suite.stages.map"]), closure(["eval.suite.stages.score"])
     assert {"sim.simulate", "sim.sensor.esim", "scenes.planes", "emvs.data.writer"} <= simulate
     assert {
         "emvs.mapper",

@@ -11,9 +11,9 @@ from report_data import WellFormed, report_data
 
 from emvs.errors import InputError
 from eval.cli import main
-from eval.gate_series import Key
 from eval.report.compare_page import compare_runs, comparison_page, read_runs, write_comparison
 from eval.scoring.results import write_results
+from eval.suite.series import Key
 
 KEY = Key("desk", "Alg1/H", "mean_error")
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from eval.gate import Tolerances, compare
-from eval.gate_series import of_suite
 from eval.scoring import metric_versions as versions_of_metrics
 from eval.scoring.metric_versions import metric_versions
 from eval.scoring.outlier_causes import CAUSES
 from eval.scoring.results import Row
-from eval.suite_rows import Sample, SampleFacts, SuiteResult
+from eval.suite.results import Sample, SampleFacts, SuiteResult
+from eval.suite.series import of_suite
 
 CAUSE_METRICS = {"outlier_points", *(f"cause_{cause}" for cause in CAUSES)}
 

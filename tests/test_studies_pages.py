@@ -13,8 +13,8 @@ from published_table import MONO, RATIOS, TABLE, H
 from emvs.errors import InputError
 from eval.scoring.metrics import METRICS as KNOWN
 from eval.scoring.results import Row
-from eval.suite import load
-from eval.suite_rows import JobNote, Sample, SampleFacts, SuiteResult, mapper_method
+from eval.suite.definition import load
+from eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult, mapper_method
 
 FACTS = SampleFacts("a", "b", "c", "d", {}, {}, dict.fromkeys(RATIOS, "e"))
 

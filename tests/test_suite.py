@@ -14,9 +14,9 @@ from eval.baseline import read_baseline
 from eval.cli import main
 from eval.jobs.cache import Cache, default_cache, key_of
 from eval.scoring.metric_versions import metric_versions
-from eval.suite import FOLDER, load, read
-from eval.suite_jobs import suite_jobs
-from eval.suite_rows import FILE_NAME, read_suite
+from eval.suite.definition import FOLDER, load, read
+from eval.suite.results import FILE_NAME, read_suite
+from eval.suite.run import suite_jobs
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from eval.baseline import Baseline
     from eval.gate import Verdict
-    from eval.gate_series import Measured
     from eval.gate_table import VerdictLine
+    from eval.suite.series import Measured
 
 GREEN, RED = 0, 1
 _SUMMARY = "GITHUB_STEP_SUMMARY"
@@ -111,19 +111,19 @@ def _before(flags: GateFlags) -> Baseline | None:
 
 
 def _measured(flags: GateFlags, job_flags: JobFlags, common: Common) -> Measured:
-    from eval import suite_output
-    from eval.gate_series import of_suite, read_measured
-    from eval.suite import load
+    from eval.suite import output
+    from eval.suite.definition import load
+    from eval.suite.series import of_suite, read_measured
 
     if flags.result is not None:
         return read_measured(flags.result)
     suite, subset = load(flags.suite)
-    folder = suite_output.prepared(flags.out, force=common.force) if flags.out else None
+    folder = output.prepared(flags.out, force=common.force) if flags.out else None
     # A baseline needs more seeds than a run: they are what the tolerances are made of.
     seeds = flags.seed_numbers() or (suite.spread_seeds if flags.update else None)
     result = suite_app.run(suite, subset, job_flags, common.console().progress, seeds=seeds)
     if folder is not None:
-        suite_output.write(folder, result)
+        output.write(folder, result)
     return of_suite(result)
 
 

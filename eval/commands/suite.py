@@ -35,18 +35,18 @@ def suite(
         case: Only this case, repeatable.
         speed: Whether to time the mapper at the end.
     """
-    from eval import suite_output
-    from eval.suite import load
+    from eval.suite import output
+    from eval.suite.definition import load
 
     chosen, subset = load(name)
     chosen_seeds = suite_app.seed_numbers(seeds, "--seeds")
     console = common.console()
-    folder = suite_output.prepared(out, force=common.force)
+    folder = output.prepared(out, force=common.force)
     result = suite_app.run(
         chosen, subset, job_flags, console.progress, seeds=chosen_seeds, cases=case, speed=speed
     )
-    suite_output.write(folder, result)
-    suite_output.show(result, job_flags.cache_folder(), as_json=common.json, quiet=common.quiet)
+    output.write(folder, result)
+    output.show(result, job_flags.cache_folder(), as_json=common.json, quiet=common.quiet)
     console.wrote(folder / "suite.json")
     return _FAILED if result.failures else 0
 
@@ -63,7 +63,7 @@ def cache(
     """
     from emvs.errors import InputError
     from eval.jobs.cache import Cache, default_cache
-    from eval.suite_output import say
+    from eval.suite.output import say
 
     store = Cache(cache or default_cache())
     if prune is not None and prune < 0:

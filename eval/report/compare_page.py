@@ -12,7 +12,6 @@ from emvs.errors import InputError
 from emvs.utils.files import atomic_path
 from eval.figures.colormaps import line_style
 from eval.gate import Status, Tolerances, Verdict, compare
-from eval.gate_series import Key, Measured, Series, read_measured
 from eval.report.html import (
     Grid,
     GridCell,
@@ -26,6 +25,7 @@ from eval.report.html import (
 )
 from eval.report.ranking import RANKING_COLUMNS, column, definition, heading, shown
 from eval.report.tables import TextCell, TextTable, in_unit, write_tables
+from eval.suite.series import Key, Measured, Series, read_measured
 
 HTML_NAME = "compare.html"
 TABLES_FOLDER = "tables"

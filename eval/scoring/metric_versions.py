@@ -13,13 +13,7 @@ from eval.scoring.pairing import Estimate, MethodPairs, Truth, pair_methods
 from eval.scoring.regions import DRAWN
 from eval.scoring.score import POOLED, case_rows
 
-CAUSE_MODULES = (
-    "eval.scoring.outlier_causes",
-    "eval.scoring.outlier_causes",
-    "eval.scoring.regions",
-    "eval.scoring.outlier_causes",
-    "eval.scoring.outlier_causes",
-)
+CAUSE_MODULES = ("eval.scoring.outlier_causes", "eval.scoring.regions")
 """What decides why a pixel is bad: too much to be pinned down by a few fixed maps."""
 
 

@@ -10,9 +10,9 @@ from emvs.errors import InputError
 from eval.config import EvalConfig
 from eval.jobs.job import Job
 from eval.runner import check_case
-from eval.stage_simulate import parameters as sequence_parameters
-from eval.stage_simulate import scene_digest
 from eval.studies.study import MARGIN_S, SECONDS, Change, Study
+from eval.suite.stages.simulate import parameters as sequence_parameters
+from eval.suite.stages.simulate import scene_digest
 
 
 def study_jobs(
@@ -57,7 +57,7 @@ def _score_job(
     sequence = (
         Job(f"simulate/{place}", "eval.studies.stage_simulate", {**facts, "change": change.scene})
         if change.scene or change.sim
-        else Job(f"simulate/{simulated}", "eval.stage_simulate", facts)
+        else Job(f"simulate/{simulated}", "eval.suite.stages.simulate", facts)
     )
     mapping = {
         "window": "w000",
@@ -73,7 +73,7 @@ def _score_job(
         "score": EvalConfig().model_dump(mode="json"),
         "scene_digest": scene_digest(case),
     }
-    return Job(f"score/{place}", "eval.stage_score", scoring, (sequence, mapped))
+    return Job(f"score/{place}", "eval.suite.stages.score", scoring, (sequence, mapped))
 
 
 def window_of(change: Change, seconds: float) -> dict[str, Any]:

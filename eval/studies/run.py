@@ -20,7 +20,7 @@ from eval.studies.curves import METRICS, RobustnessCurve, StudyValue, curves
 from eval.studies.jobs import study_jobs
 from eval.studies.picture import draw, sample_words
 from eval.studies.study import SECONDS, Study
-from eval.suite_rows import sample_from
+from eval.suite.results import sample_from
 
 _POOLED = "all"
 

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from emvs.datasets import open_recording
-from eval import stage_map
 from eval.jobs.job import SEQUENCE
 from eval.studies.perturbation import Perturbation
 from eval.studies.spoilt import PerturbedRecording
+from eval.suite.stages.map import map_recording
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
@@ -25,4 +25,4 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
     recording = PerturbedRecording(
         open_recording(inputs[0] / SEQUENCE), perturbation, parameters["seed"]
     )
-    stage_map.map_recording(recording, parameters, out)
+    map_recording(recording, parameters, out)

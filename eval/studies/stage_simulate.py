@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import scenes
 from emvs.geometry.rig import Rig
-from eval import stage_simulate
+from eval.suite.stages import simulate
 from sim.motion.curves import Motion
 from sim.rigs import rig as named_rig
 from sim.scene import Scene
@@ -48,7 +48,7 @@ class Straight:
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
     """The scene's own module and files."""
-    return stage_simulate.code(parameters)
+    return simulate.code(parameters)
 
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
@@ -66,7 +66,7 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
         scene = going_straight(scene, change["heading_deg"])
     if "light" in change:
         scene = lit(scene, change["light"])
-    stage_simulate.simulate_scene(scene, rig, parameters, out)
+    simulate.simulate_scene(scene, rig, parameters, out)
 
 
 def with_baseline(rig: Rig, baseline_m: float) -> Rig:

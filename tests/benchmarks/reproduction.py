@@ -17,12 +17,13 @@ from markdown_blocks import into_page
 from numpy.typing import NDArray
 from published_table import MONO, RATIOS, TABLE, H, Published
 
-from eval import suite_app, suite_output
+from eval import suite_app
 from eval.console import Console
 from eval.exits import exit_code
-from eval.gate_series import Key, Series, of_suite
-from eval.suite import load
-from eval.suite_rows import SuiteResult
+from eval.suite import output
+from eval.suite.definition import load
+from eval.suite.results import SuiteResult
+from eval.suite.series import Key, Series, of_suite
 
 SUITE, MARK = "mvsec-table-v1", "reproduction"
 _DRAWS, _BAND = 2000, (2.5, 97.5)
@@ -66,13 +67,13 @@ def _run(asked: argparse.Namespace) -> SuiteResult:
     suite, subset = load(SUITE)
     seeds = suite_app.seed_numbers(asked.seeds, "--seeds")
     progress = Console(quiet=False, as_json=False).progress
-    folder = suite_output.prepared(asked.out, force=True) if asked.out is not None else None
+    folder = output.prepared(asked.out, force=True) if asked.out is not None else None
     flags = suite_app.JobFlags(workers=asked.workers)
     result = suite_app.run(
         suite, subset, flags, progress, seeds=seeds, cases=tuple(asked.case), speed=False
     )
     if folder is not None:
-        suite_output.write(folder, result)
+        output.write(folder, result)
     return result
 
 

@@ -17,8 +17,8 @@ from markdown_blocks import into_page
 
 from emvs.errors import InputError
 from eval.exits import exit_code
-from eval.suite import NEWEST, Suite, load
-from eval.suite_rows import JobNote, read_suite
+from eval.suite.definition import NEWEST, Suite, load
+from eval.suite.results import JobNote, read_suite
 
 MARK = "cost"
 STAGES = ("simulate", "map", "score")

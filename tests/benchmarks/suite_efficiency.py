@@ -19,7 +19,7 @@ from emvs.errors import InputError
 from eval import suite_app
 from eval.exits import exit_code
 from eval.progress import Silent
-from eval.suite import load
+from eval.suite.definition import load
 
 MARK = "efficiency"
 

@@ -18,7 +18,7 @@ from eval.jobs.job import RESULT, SEQUENCE
 from eval.scoring.metric_versions import metric_versions
 from eval.scoring.results import Row
 from eval.scoring.score import score_windows
-from eval.suite_rows import DEFAULT_MAPPER, Sample, SampleFacts, mapper_method
+from eval.suite.results import DEFAULT_MAPPER, Sample, SampleFacts, mapper_method
 
 EVENTS = "events"
 """What stands in a row's place of a method where the row is about the events themselves."""

@@ -14,9 +14,9 @@ from rich.table import Table
 
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path
-from eval.gate_series import Series, of_suite
 from eval.jobs.cache import Cache
-from eval.suite_rows import FILE_NAME, SuiteResult, write_suite
+from eval.suite.results import FILE_NAME, SuiteResult, write_suite
+from eval.suite.series import Series, of_suite
 
 CSV_NAME = "suite.csv"
 _SHOWN = ("points", "median_error", "mean_error", "abs_rel", "bad_published", "completeness")

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict
 from emvs.errors import InputError
 from eval.scoring.metrics import Better
 from eval.scoring.results import Results, Row, Value, read_results
-from eval.suite_rows import FILE_NAME, Sample, SuiteResult, read_suite
+from eval.suite.results import FILE_NAME, Sample, SuiteResult, read_suite
 
 SPEED_METHOD, SPEED_METRIC = "mapper", "cpu_time_ratio"
 POOLED = "all"

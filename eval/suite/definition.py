@@ -19,7 +19,7 @@ from emvs.errors import InputError
 from emvs.parameters import explain
 from eval.settings import Settings
 
-FOLDER = Path(__file__).parent / "suites"
+FOLDER = Path(__file__).parents[1] / "suites"
 NEWEST = "suite-v1"
 ALL = "all"
 

@@ -1,0 +1,1 @@
+"""Suites: frozen sets of cases, run as jobs."""
