@@ -10,7 +10,7 @@ import pytest
 
 import scenes
 from emvs.errors import InputError
-from eval.studies import stage_simulate as study_stage_simulate
+from eval.studies.stages import simulate as study_stage_simulate
 from eval.suite.stages import simulate as stage_simulate
 from sim import graphics
 from sim.config import SimConfig

@@ -12,10 +12,10 @@ from emvs.config import MapperConfig
 from emvs.errors import InputError
 from eval.cli import main
 from eval.studies.curves import StudyValue, curves
-from eval.studies.jobs import study_jobs, window_of
-from eval.studies.perturbation import Perturbation
-from eval.studies.stage_simulate import WAY_M, going_straight, lit, with_baseline
-from eval.studies.study import MARGIN_S, SECONDS, STUDIES, study_named
+from eval.studies.definitions import MARGIN_S, SECONDS, STUDIES, study_named
+from eval.studies.perturb import Perturbation
+from eval.studies.run import study_jobs, window_of
+from eval.studies.stages.simulate import WAY_M, going_straight, lit, with_baseline
 from sim.config import SimConfig
 from sim.rigs import rig as named_rig
 

@@ -11,9 +11,13 @@ from scipy.spatial.transform import Rotation
 from emvs.data.events import Events
 from emvs.geometry import se3
 from emvs.geometry.trajectory import Trajectory
-from eval.studies.perturbation import Perturbation
-from eval.studies.poses import perturbed_trajectory
-from eval.studies.spoilt import PerturbedRecording, perturbed_rig, thinned
+from eval.studies.perturb import (
+    Perturbation,
+    PerturbedRecording,
+    perturbed_rig,
+    perturbed_trajectory,
+    thinned,
+)
 
 
 def still(poses=4000, rate_hz=1000.0):

@@ -21,7 +21,7 @@ def inventory() -> dict[str, dict[str, str]]:
     import scenes
     from emvs import methods
     from eval.scoring.method_scores import ALL_METRICS
-    from eval.studies.study import STUDIES
+    from eval.studies.definitions import STUDIES
     from sim.rigs import RIGS
 
     return {

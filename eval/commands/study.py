@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from eval import suite_app
 from eval.app import COMMON, Common, Methods, app
-from eval.studies.study import CASES, METHODS, SECONDS, SEEDS
+from eval.studies.definitions import CASES, METHODS, SECONDS, SEEDS
 from eval.suite_app import JOB_FLAGS, JobFlags
 
 _FAILED = 1
@@ -38,9 +38,9 @@ def study(
         seconds: Length of every sequence; the window leaves 0.05 s at either end.
         method: Method to compare, repeatable, instead of a choice of five.
     """
-    from eval.studies import console
+    from eval.studies import run
+    from eval.studies.definitions import STUDIES, study_named
     from eval.studies.run import run_study, write_study
-    from eval.studies.study import STUDIES, study_named
 
     names = tuple(STUDIES) if name == ("all",) else name
     chosen = [study_named(one) for one in names]
@@ -51,6 +51,6 @@ def study(
         result = run_study(one, *samples, job_flags.open, screen.progress, seconds)
         written = write_study(out, result)
         failed += len(result.failures)
-        console.show(result, as_json=common.json, quiet=common.quiet)
+        run.show(result, as_json=common.json, quiet=common.quiet)
         screen.wrote(written[0])
     return _FAILED if failed else 0

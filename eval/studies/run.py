@@ -4,23 +4,39 @@ from __future__ import annotations
 
 import csv
 import json
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
+from emvs.config import MapperConfig
+from emvs.errors import InputError
 from emvs.utils.files import atomic_path
 from emvs.utils.runtime import versions
+from eval.config import EvalConfig
 from eval.jobs.job import Done, Failed, Job, Outcome
 from eval.jobs.scheduler import Open, run_jobs
 from eval.progress import Progress
-from eval.studies.curves import METRICS, RobustnessCurve, StudyValue, curves
-from eval.studies.jobs import study_jobs
-from eval.studies.picture import draw, sample_words
-from eval.studies.study import SECONDS, Study
+from eval.runner import check_case
+from eval.studies.curves import (
+    BREAKS_AT,
+    METRICS,
+    RobustnessCurve,
+    StudyValue,
+    curves,
+    draw,
+    sample_words,
+)
+from eval.studies.definitions import MARGIN_S, SECONDS, Change, Study
 from eval.suite.results import sample_from
+from eval.suite.stages.simulate import parameters as sequence_parameters
+from eval.suite.stages.simulate import scene_digest
 
 _POOLED = "all"
 
@@ -153,3 +169,106 @@ def _facts(result: StudyResult) -> dict[str, Any]:
 
 def _numbers(values: Any) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in values]
+
+
+def show(result: StudyResult, *, as_json: bool, quiet: bool) -> None:
+    """Prints each method's mean error over the amounts, and where it breaks."""
+    if as_json:
+        sys.stdout.write(json.dumps({result.study.name: result.breaking()}) + "\n")
+        return
+    if quiet:
+        return
+    study, breaking = result.study, result.breaking()
+    shown = [curve for curve in result.curves if curve.metric == METRICS[0]]
+    title = f"{study.name}: mean error [{shown[0].unit}] against {study.axis} [{study.unit}]"
+    table = Table(title=Text(title), title_justify="left", box=None)
+    table.add_column("method")
+    for amount in study.amounts:
+        table.add_column(f"{amount:g}", justify="right")
+    table.add_column(f"x{BREAKS_AT:g} at", justify="right")
+    for curve in shown:
+        at = breaking[curve.method]
+        cells = [f"{value:.3g}" for value in curve.mean]
+        table.add_row(curve.method, *cells, "never" if at is None else f"{at:.3g}")
+    Console().print(table)
+
+
+def study_jobs(
+    study: Study,
+    methods: Sequence[str],
+    cases: Sequence[str],
+    seeds: Sequence[int],
+    seconds: float = SECONDS,
+) -> dict[tuple[str, int, float], Job]:
+    """The scoring job of every case, seed and amount, with all that it needs.
+
+    Args:
+        study: what to perturb.
+        methods: whose maps are compared.
+        cases: scenes.
+        seeds: of the head motion, the sensor's noise and the perturbation.
+        seconds: length of every sequence, s.
+
+    Raises:
+        InputError: an unknown case or method, or sequences too short for a window.
+    """
+    if not seconds > 3 * MARGIN_S:
+        raise InputError(f"sequences of {seconds:g} s: a study needs more than {3 * MARGIN_S:g} s")
+    for case in cases:
+        check_case(case, None, MapperConfig(methods=tuple(methods)))
+    return {
+        (case, seed, amount): _score_job(study, methods, case, seed, amount, seconds)
+        for case in cases
+        for seed in seeds
+        for amount in study.amounts
+    }
+
+
+def _score_job(
+    study: Study, methods: Sequence[str], case: str, seed: int, amount: float, seconds: float
+) -> Job:
+    change = study.change(amount)
+    length = {"duration_s": seconds, "truth_times_s": [seconds / 2]}
+    facts = sequence_parameters(case, None, seed, {**length, **change.sim})
+    simulated = f"{case}/seed{seed}"
+    place = f"{simulated}/{study.name}={amount:g}"
+    sequence = (
+        Job(f"simulate/{place}", "eval.studies.stages.simulate", {**facts, "change": change.scene})
+        if change.scene or change.sim
+        else Job(f"simulate/{simulated}", "eval.suite.stages.simulate", facts)
+    )
+    mapping = {
+        "window": "w000",
+        "map": {"methods": list(methods), **window_of(change, seconds)},
+        "perturb": change.perturb,
+        "seed": seed,
+    }
+    mapped = Job(f"map/{place}", "eval.studies.stages.map", mapping, (sequence,))
+    scoring = {
+        "case": case,
+        "seed": seed,
+        "mappers": ["default"],
+        "score": EvalConfig().model_dump(mode="json"),
+        "scene_digest": scene_digest(case),
+    }
+    return Job(f"score/{place}", "eval.suite.stages.score", scoring, (sequence, mapped))
+
+
+def window_of(change: Change, seconds: float) -> dict[str, Any]:
+    """The mapper's settings at an amount: a window about the middle, where the truth is.
+
+    Raises:
+        InputError: it is longer than the sequence.
+    """
+    settings = {"duration_s": seconds - 2 * MARGIN_S, **change.map}
+    if settings["duration_s"] > seconds:
+        raise InputError(
+            f"a window of {settings['duration_s']:g} s in sequences of {seconds:g} s: "
+            "make them longer with --seconds"
+        )
+    start_s = (seconds - settings["duration_s"]) / 2
+    return {
+        **settings,
+        "start_s": round(start_s, 6),
+        "duration_s": round(settings["duration_s"], 6),
+    }

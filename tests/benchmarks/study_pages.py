@@ -21,7 +21,7 @@ from emvs.utils.files import atomic_path
 from eval.exits import exit_code
 from eval.report.study_page import StoredStudy, find_studies, read_study
 from eval.studies.curves import METRICS
-from eval.studies.study import STUDIES
+from eval.studies.definitions import STUDIES
 
 MARK = "studies"
 _COLOURS = 128

@@ -22,7 +22,7 @@ class Change:
 
     Attributes:
         sim: fields of `SimConfig`.
-        scene: `baseline_m`, `heading_deg` or `light`, see `eval.studies.stage_simulate`.
+        scene: `baseline_m`, `heading_deg` or `light`, see `eval.studies.stages.simulate`.
         perturb: fields of `Perturbation`.
         map: fields of `MapperConfig`; the window stays about the middle, where the truth is.
     """

@@ -8,8 +8,7 @@ from typing import Any
 
 from emvs.datasets import open_recording
 from eval.jobs.job import SEQUENCE
-from eval.studies.perturbation import Perturbation
-from eval.studies.spoilt import PerturbedRecording
+from eval.studies.perturb import Perturbation, PerturbedRecording
 from eval.suite.stages.map import map_recording
 
 

@@ -1,0 +1,185 @@
+"""Perturbs a recording on purpose: poses, clocks, calibration, events; the truth stays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from scipy.spatial.transform import Rotation
+
+from emvs.data.events import Events
+from emvs.data.recording import DerivedRecording, Recording
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
+
+NotNegative = Annotated[FiniteFloat, Field(ge=0)]
+
+
+class PerturbedRecording(DerivedRecording):
+    """A recording as a careless user would hand it in.
+
+    Attributes:
+        perturbation: what is wrong, and by how much.
+        seed: of the random parts.
+    """
+
+    def __init__(self, recording: Recording, perturbation: Perturbation, seed: int) -> None:
+        super().__init__(recording)
+        self.perturbation, self.seed = perturbation, seed
+
+    @property
+    def rig(self) -> Rig:
+        """The calibration with its errors."""
+        return perturbed_rig(self.recording.rig, self.perturbation)
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The poses with their errors."""
+        return perturbed_trajectory(self.recording.trajectory, self.perturbation, self.seed)
+
+    def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
+        """Events of a camera with `t0_us <= t < t1_us` on its own clock."""
+        delay_us = self._delay_us(camera)
+        events = self.recording.events(camera, t0_us - delay_us, t1_us - delay_us)
+        kept = thinned(events, self.perturbation.keep_events, self.seed + camera)
+        return replace(kept, t_us=kept.t_us + delay_us)
+
+    def _delay_us(self, camera: int) -> int:
+        return round(1e3 * self.perturbation.camera_delay_ms) if camera == 1 else 0
+
+
+def perturbed_rig(rig: Rig, amount: Perturbation) -> Rig:
+    """The calibration with its errors: all intrinsics, and the extrinsics of camera 1."""
+    cameras = tuple(_perturbed_camera(camera, amount) for camera in rig.cameras)
+    T_body_cam = list(rig.T_body_cam)
+    if len(rig) > 1:
+        T_0_1 = se3.inverse(T_body_cam[0]) @ T_body_cam[1]
+        angles_deg = [amount.stereo_pitch_deg, amount.stereo_yaw_deg, 0]
+        turn = se3.from_rotation(Rotation.from_euler("xyz", angles_deg, degrees=True), np.zeros(3))
+        T_0_1[:3, 3] *= 1 + amount.baseline_percent / 100
+        T_body_cam[1] = T_body_cam[0] @ T_0_1 @ turn
+    return replace(rig, cameras=cameras, T_body_cam=tuple(T_body_cam))
+
+
+def _perturbed_camera(camera: Camera, amount: Perturbation) -> Camera:
+    scale = 1 + amount.focal_percent / 100
+    return replace(
+        camera,
+        fx_px=camera.fx_px * scale,
+        fy_px=camera.fy_px * scale,
+        cx_px=camera.cx_px + amount.centre_px,
+    )
+
+
+def thinned(events: Events, share: float, seed: int) -> Events:
+    """Keeps a share of the events, the same ones however the stream is cut into slices."""
+    if share >= 1:
+        return events
+    kept = _uniform(events, seed) < share
+    return Events(events.x[kept], events.y[kept], events.t_us[kept], events.p[kept])
+
+
+def _uniform(events: Events, seed: int) -> NDArray[np.float64]:
+    """A number in [0, 1) that each event's own values decide (SplitMix64, Steele et al. 2014)."""
+    place = (events.x.astype(np.uint64) << np.uint64(17)) | (
+        events.y.astype(np.uint64) << np.uint64(1)
+    )
+    state = events.t_us.astype(np.uint64) ^ (
+        (place | events.p.astype(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
+    )
+    state += np.uint64((seed + 1) * 0x9E3779B97F4A7C15 % 2**64)
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+        state = (state ^ (state >> np.uint64(shift))) * np.uint64(factor)
+    state ^= state >> np.uint64(31)
+    return (state >> np.uint64(11)).astype(np.float64) * 2.0**-53
+
+
+class Perturbation(BaseModel):
+    """What is perturbed and by how much; by default nothing. Amounts are standard deviations."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    pose_white_mm: NotNegative = Field(0, description="position noise of every pose, mm per axis")
+    pose_white_deg: NotNegative = Field(0, description="rotation noise of every pose, deg per axis")
+    pose_walk_mm: NotNegative = Field(0, description="random walk of position, mm per sqrt(s)")
+    pose_walk_deg: NotNegative = Field(0, description="random walk of rotation, deg per sqrt(s)")
+    drift_percent: NotNegative = Field(
+        0, description="odometry: error of each step's length, % of the way, slowly varying"
+    )
+    drift_yaw_deg_s: NotNegative = Field(
+        0, description="odometry: rate of turn about the vertical, deg/s, constant"
+    )
+    pose_rate_hz: NotNegative = Field(0, description="poses are thinned to this rate; 0: all stay")
+    pose_delay_ms: FiniteFloat = Field(0, description="poses come this late on the events' clock")
+    camera_delay_ms: FiniteFloat = Field(0, description="events of camera 1 are stamped this late")
+    focal_percent: FiniteFloat = Field(0, description="focal lengths are overestimated, %")
+    centre_px: FiniteFloat = Field(0, description="principal points are shifted right, px")
+    stereo_yaw_deg: FiniteFloat = Field(0, description="yaw error of camera 1, deg")
+    stereo_pitch_deg: FiniteFloat = Field(0, description="pitch error of camera 1, deg")
+    baseline_percent: FiniteFloat = Field(0, description="the baseline is overestimated, %", gt=-99)
+    keep_events: float = Field(1, gt=0, le=1, description="share of events that is kept")
+
+
+def perturbed_trajectory(poses: Trajectory, amount: Perturbation, seed: int) -> Trajectory:
+    """The poses with their errors.
+
+    White noise and random walks act in the body's frame. Odometry drifts as it goes: the length of
+    its steps is off by a share that wanders with a correlation time of a second, and its heading
+    turns steadily about the world's z axis. The first pose is right, as an odometry's start is.
+    """
+    rng = np.random.default_rng([seed, 0x905E])
+    thin = _at_rate(poses, amount.pose_rate_hz)
+    T_world_body = thin.at(thin.t_us)
+    dt_s = np.diff(thin.t_us, prepend=thin.t_us[0])[:, None] / 1e6
+    # Drawn whatever the amounts: growing one of them must not shake the others anew.
+    white, walk, wander = rng.normal(size=(3, len(thin), 6))
+    drifted = _drifted(T_world_body, dt_s, wander[:, :1], amount)
+    steps = np.sqrt(dt_s) * walk
+    spread = np.array([[amount.pose_white_mm, amount.pose_white_deg]]).repeat(3, 1)
+    slope = np.array([[amount.pose_walk_mm, amount.pose_walk_deg]]).repeat(3, 1)
+    noise = spread * white + slope * np.cumsum(steps, axis=0)
+    error = se3.from_rotation(Rotation.from_rotvec(noise[:, 3:], degrees=True), noise[:, :3] / 1e3)
+    delay_us = round(1e3 * amount.pose_delay_ms)
+    return Trajectory.from_matrices(thin.t_us + delay_us, drifted @ error)
+
+
+def _at_rate(poses: Trajectory, rate_hz: float) -> Trajectory:
+    """Some of the poses: the first in every period, and the last, so that the span stays."""
+    if rate_hz == 0:
+        return poses
+    period = np.floor((poses.t_us - poses.t_us[0]) * (rate_hz / 1e6) + 1e-9)
+    kept = np.flatnonzero(np.diff(period, prepend=-1) > 0)
+    kept = np.union1d(kept, [len(poses) - 1])
+    return Trajectory(poses.t_us[kept], poses.positions_m[kept], poses.quats_xyzw[kept])
+
+
+def _drifted(
+    T_world_body: NDArray[np.float64],
+    dt_s: NDArray[np.float64],
+    wander: NDArray[np.float64],
+    amount: Perturbation,
+) -> NDArray[np.float64]:
+    share = amount.drift_percent / 100 * _correlated(dt_s[:, 0], wander[:, 0])
+    yaw_deg = amount.drift_yaw_deg_s * np.cumsum(dt_s[:, 0])
+    turn = Rotation.from_euler("z", yaw_deg[:, None], degrees=True)
+    steps_m = np.diff(T_world_body[:, :3, 3], axis=0, prepend=T_world_body[:1, :3, 3])
+    positions_m = T_world_body[0, :3, 3] + np.cumsum(
+        turn.apply(steps_m * (1 + share[:, None])), axis=0
+    )
+    rotation = turn * Rotation.from_matrix(T_world_body[:, :3, :3])
+    return se3.from_rotation(rotation, positions_m)
+
+
+def _correlated(dt_s: NDArray[np.float64], white: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit-variance noise that forgets within a second (Ornstein-Uhlenbeck)."""
+    keep = np.exp(-dt_s)
+    value, values = 0.0, np.empty(len(white))
+    for k in range(len(white)):
+        value = white[k] if k == 0 else keep[k] * value + np.sqrt(1 - keep[k] ** 2) * white[k]
+        values[k] = value
+    return values
