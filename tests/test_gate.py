@@ -13,11 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emvs.errors import InputError
-from eval import gate_table
-from eval.baseline import make_baseline, read_baseline, write_baseline
 from eval.cli import main
-from eval.gate import RED, Tolerances, Verdict, compare, is_red
-from eval.junit import write_junit
+from eval.gate import report
+from eval.gate.baseline import make_baseline, read_baseline, write_baseline
+from eval.gate.compare import RED, Tolerances, Verdict, compare, is_red
+from eval.gate.report import write_junit
 from eval.scoring.results import Results, Row, write_results
 from eval.suite.series import SPEED_METHOD, SPEED_METRIC, Key, Measured, Series, read_measured
 
@@ -248,18 +248,18 @@ def test_junit_has_a_case_for_each_number(tmp_path):
 
 
 def test_the_table_names_the_culprit_first_and_leaves_out_what_is_the_same():
-    text = gate_table.markdown(VERDICTS, "title")
+    text = report.markdown(VERDICTS, "title")
     rows = [line for line in text.splitlines() if line.startswith("| ")]
     assert "worse | desk | Alg1/H | mean_error | 0.1 m | 0.2 m | +0.1 | ± 0.01 |" in rows[2]
     assert "a\\|b" in text
     assert "Alg1/min" not in text
-    assert gate_table.summary(VERDICTS).startswith("gate: red (1 worse, 1 failed")
+    assert report.summary(VERDICTS).startswith("gate: red (1 worse, 1 failed")
     many = [replace(VERDICTS[0], key=Key("c", "m", str(k))) for k in range(99)]
-    assert "and 74 more" in gate_table.markdown(many, "title")
+    assert "and 74 more" in report.markdown(many, "title")
 
 
 def test_verdicts_as_json_have_no_nan():
-    content = json.loads(gate_table.as_json(VERDICTS), parse_constant=pytest.fail)
+    content = json.loads(report.as_json(VERDICTS), parse_constant=pytest.fail)
     assert [one["status"] for one in content] == [one.status for one in VERDICTS]
 
 

@@ -10,7 +10,7 @@ from markdown_blocks import with_block
 from readme_table import main, results_block
 
 from emvs.errors import InputError
-from eval.baseline import read_baseline
+from eval.gate.baseline import read_baseline
 
 ROOT = Path(__file__).resolve().parents[1]
 README, BASELINE = ROOT / "README.md", ROOT / "reports" / "baseline.json"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from eval.gate import Tolerances, compare
+from eval.gate.compare import Tolerances, compare
 from eval.scoring import metric_versions as versions_of_metrics
 from eval.scoring.metric_versions import metric_versions
 from eval.scoring.outlier_causes import CAUSES

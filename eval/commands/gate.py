@@ -18,9 +18,9 @@ from eval.suite_app import JOB_FLAGS, JobFlags
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from eval.baseline import Baseline
-    from eval.gate import Verdict
-    from eval.gate_table import VerdictLine
+    from eval.gate.baseline import Baseline
+    from eval.gate.compare import Verdict
+    from eval.gate.report import VerdictLine
     from eval.suite.series import Measured
 
 GREEN, RED = 0, 1
@@ -85,8 +85,8 @@ class GateFlags:
 @app.command
 def gate(*, flags: GateFlags, job_flags: JobFlags = JOB_FLAGS, common: Common = COMMON) -> int:
     """Compare a result with a baseline, number by number; exit code 1 if anything is worse."""
-    from eval.baseline import make_baseline, write_baseline
-    from eval.gate import Tolerances, compare, is_red
+    from eval.gate.baseline import make_baseline, write_baseline
+    from eval.gate.compare import Tolerances, compare, is_red
 
     flags.check()
     before = _before(flags)
@@ -103,7 +103,7 @@ def gate(*, flags: GateFlags, job_flags: JobFlags = JOB_FLAGS, common: Common = 
 
 
 def _before(flags: GateFlags) -> Baseline | None:
-    from eval.baseline import read_baseline
+    from eval.gate.baseline import read_baseline
 
     if flags.update and not flags.baseline.exists():
         return None
@@ -131,12 +131,12 @@ def _report(
     verdicts: Sequence[Verdict], measured: Measured, flags: GateFlags, common: Common
 ) -> None:
     from emvs.utils.files import atomic_path
-    from eval import gate_table
-    from eval.junit import write_junit
+    from eval.gate import report
+    from eval.gate.report import write_junit
 
     if flags.junit is not None:
         write_junit(flags.junit, verdicts)
-    text = gate_table.markdown(verdicts, f"eventsweep gate, {measured.name}")
+    text = report.markdown(verdicts, f"eventsweep gate, {measured.name}")
     if flags.markdown is not None:
         with atomic_path(flags.markdown) as path:
             path.write_text(text, encoding="utf-8")
@@ -150,18 +150,18 @@ def _report(
 def _print(verdicts: Sequence[Verdict], *, as_json: bool) -> None:
     from rich.console import Console as RichConsole
 
-    from eval import gate_table
+    from eval.gate import report
 
     out = RichConsole(highlight=False)
     if as_json:
-        out.out(gate_table.as_json(verdicts), highlight=False)
+        out.out(report.as_json(verdicts), highlight=False)
         return
-    rows = gate_table.lines(verdicts)
+    rows = report.lines(verdicts)
     if rows:
         out.print(_table(rows))
-    if gate_table.hidden(verdicts):
-        out.print(f"and {gate_table.hidden(verdicts)} more")
-    out.print(gate_table.summary(verdicts), markup=False, soft_wrap=True)
+    if report.hidden(verdicts):
+        out.print(f"and {report.hidden(verdicts)} more")
+    out.print(report.summary(verdicts), markup=False, soft_wrap=True)
 
 
 def _table(rows: Sequence[VerdictLine]) -> Table:

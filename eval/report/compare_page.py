@@ -11,7 +11,7 @@ from pathlib import Path
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path
 from eval.figures.colormaps import line_style
-from eval.gate import Status, Tolerances, Verdict, compare
+from eval.gate.compare import Status, Tolerances, Verdict, compare
 from eval.report.html import (
     Grid,
     GridCell,

@@ -1,18 +1,23 @@
-"""Verdicts for people: a sentence each, a table of what matters, and the same in Markdown."""
+"""Verdicts for people and machines: sentences, tables, Markdown, and JUnit XML."""
 
 from __future__ import annotations
 
 import json
 import math
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from pathlib import Path
+from xml.etree import ElementTree as xml
 
-from eval.gate import RED, Verdict
+from emvs.utils.files import atomic_path
+from eval.gate.compare import RED, Verdict
 
 HEADINGS = ("verdict", "case", "method", "metric", "baseline", "now", "change", "allowed", "why")
 MOST_LINES = 25
-
 VerdictLine = tuple[str, ...]
+# XML 1.0 has no way at all to write most control characters.
+_UNWRITABLE = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def summary(verdicts: Sequence[Verdict]) -> str:
@@ -111,3 +116,28 @@ def _row(cells: Sequence[str]) -> str:
 def _escaped(cells: Sequence[str]) -> Iterator[str]:
     for cell in cells:
         yield cell.replace("\\", "\\\\").replace("|", "\\|").replace("\n", " ")
+
+
+def write_junit(path: Path, verdicts: Sequence[Verdict]) -> None:
+    """One test case per number: failed where it is red, skipped where nothing can be compared."""
+    red = sum(one.status in RED for one in verdicts)
+    skipped = sum(one.status in ("not comparable", "new") for one in verdicts)
+    suite = xml.Element("testsuite", name="eventsweep gate", tests=str(len(verdicts)))
+    suite.attrib |= {"failures": str(red), "errors": "0", "skipped": str(skipped), "time": "0"}
+    for one in verdicts:
+        names = {"classname": one.key.case, "name": f"{one.key.method} {one.key.metric}"}
+        case = xml.SubElement(suite, "testcase", {k: _clean(v) for k, v in names.items()}, time="0")
+        message = _clean(sentence(one))
+        if one.status in RED:
+            xml.SubElement(case, "failure", type=one.status, message=message)
+        elif one.status in ("not comparable", "new"):
+            xml.SubElement(case, "skipped", message=message)
+    root = xml.Element("testsuites")
+    root.append(suite)
+    xml.indent(root)
+    with atomic_path(path) as partial:
+        xml.ElementTree(root).write(partial, encoding="utf-8", xml_declaration=True)
+
+
+def _clean(text: str) -> str:
+    return _UNWRITABLE.sub("\ufffd", text).strip()

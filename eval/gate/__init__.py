@@ -1,0 +1,1 @@
+"""The gate: is this worse than the baseline?"""
