@@ -19,7 +19,7 @@ def main() -> None:
     except ImportError as error:
         sys.stderr.write(f"eventsweep: {error}\n")
         sys.exit(2)
-    from eval.cli import main as command
+    from eval.cli.main import main as command
 
     command()
 

@@ -15,7 +15,7 @@ from point_world import fronto_parallel
 
 import eventsweep as es
 from emvs.data.writer import SequenceWriter
-from eval.cli import main
+from eval.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[1]
 PYTHON_BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)

@@ -19,8 +19,8 @@ from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 from eval import runner
-from eval.cli import main
-from eval.exits import with_flags
+from eval.cli.exit_codes import with_flags
+from eval.cli.main import main
 
 COMMAND = [sys.executable, "-m", "eventsweep"]
 CAMERA = Camera(40, 30, 30, 30, 19.5, 14.5)
@@ -265,7 +265,7 @@ def test_an_interrupted_run_leaves_nothing(tmp_path, kind):
 def test_an_interrupt_inside_a_destructor_is_not_lost():
     script = """
 import signal, sys, time
-from eval.exits import exit_code
+from eval.cli.exit_codes import exit_code
 
 class Late:
     def __del__(self):
@@ -291,7 +291,7 @@ import io, signal, sys, time
 from pathlib import Path
 import numpy as np
 from emvs.data.hdf5 import Hdf5Writer
-from eval.exits import exit_code
+from eval.cli.exit_codes import exit_code
 
 class Interrupted(io.FileIO):
     once = False

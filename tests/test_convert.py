@@ -24,7 +24,7 @@ from emvs.formats import open_events, write_events
 from emvs.formats.calibration import read_rig
 from emvs.geometry.se3 import from_quat_xyzw
 from emvs.geometry.trajectory import Trajectory
-from eval.cli import main
+from eval.cli.main import main
 from eval.convert import Options, convert, targets
 from eval.info import inspect
 from sim.rigs import RIGS

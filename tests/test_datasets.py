@@ -19,7 +19,7 @@ from emvs.datasets.raw_streams import open_readable
 from emvs.errors import InputError
 from emvs.mapper import map_window
 from emvs.windows import choose_window
-from eval.cli import main
+from eval.cli.main import main
 
 DEPTH_M = 2.0
 KINDS = ("dsec", "tumvie", "mvsec", "rosbag1", "evt2", "evt3", "aedat4", "npz", "sequence")

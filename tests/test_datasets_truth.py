@@ -13,7 +13,7 @@ from emvs.data.sequence import Sequence
 from emvs.datasets import open_recording
 from emvs.datasets.ground_truth import nearest_truth_us, truth_at
 from emvs.errors import InputError
-from eval.cli import main
+from eval.cli.main import main
 
 MAP = ("--map.min-depth-m", 1, "--map.max-depth-m", 4, "--map.planes", 40, "--method", "Alg1/H")
 

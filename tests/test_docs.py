@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from emvs import methods
-from eval.cli import main
+from eval.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emvs.errors import InputError
-from eval.cli import main
+from eval.cli.main import main
 from eval.gate import report
 from eval.gate.baseline import make_baseline, read_baseline, write_baseline
 from eval.gate.compare import RED, Tolerances, Verdict, compare, is_red

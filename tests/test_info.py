@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from emvs.data.events import Events
 from emvs.formats import write_events
-from eval.cli import main
+from eval.cli.main import main
 from eval.info_stream import GAP_US, StreamCount
 
 

@@ -70,7 +70,7 @@ def works(folder: Path, *arguments: str) -> str:
 
 
 def test_the_folder_is_as_hostile_as_it_seems(project):
-    assert "package of the user" in python(project, "-c", "import eval.cli").stderr
+    assert "package of the user" in python(project, "-c", "import eval.cli.main").stderr
 
 
 @pytest.mark.parametrize("names", [("eval",), ("sim",), ("eval.py",), ("emvs", "scenes.py")])

@@ -266,7 +266,7 @@ def test_the_table_of_what_smoothing_costs(tum, capsys):
 
 
 def test_the_command_line_replays(folder, tum):
-    from eval.cli import main
+    from eval.cli.main import main
 
     out = folder / "cli"
     flags = ["--trajectory", str(tum), "--sim.motion.replay.start-s", "1", "--seconds", "0.02"]

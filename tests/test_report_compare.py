@@ -10,7 +10,7 @@ import pytest
 from report_data import WellFormed, report_data
 
 from emvs.errors import InputError
-from eval.cli import main
+from eval.cli.main import main
 from eval.report.compare_page import compare_runs, comparison_page, read_runs, write_comparison
 from eval.scoring.results import write_results
 from eval.suite.series import Key

@@ -9,7 +9,7 @@ import pytest
 from report_data import WellFormed
 
 from emvs.errors import InputError
-from eval.cli import main
+from eval.cli.main import main
 from eval.report.study_page import find_studies, read_study, write_study_report
 
 

@@ -14,7 +14,7 @@ from mujoco_scenes import tiny_rig
 import scenes
 from emvs.config import MapperConfig
 from emvs.maps.folder import read_map
-from eval.cli import main
+from eval.cli.main import main
 from eval.map_stage import map_recording
 from eval.report.rerun import write_rerun
 from eval.settings import Settings

@@ -5,7 +5,7 @@ from point_world import fronto_parallel
 
 from emvs.data.writer import SequenceWriter
 from emvs.maps.folder import read_map
-from eval.cli import main
+from eval.cli.main import main
 
 PLANES = ["--map.planes", "25", "--map.border-px", "0"]
 

@@ -12,7 +12,7 @@ from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence
 from emvs.mapper import map_window
 from emvs.maps.folder import read_map
-from eval.cli import main
+from eval.cli.main import main
 from eval.scoring.metrics import METRICS
 from eval.scoring.results import read_results
 

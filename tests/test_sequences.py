@@ -10,7 +10,7 @@ from emvs.errors import InputError
 from emvs.geometry.rig import Rig
 from emvs.hot_pixels import find_hot_pixels
 from emvs.maps.folder import read_map
-from eval.cli import main
+from eval.cli.main import main
 from eval.progress import MapBars
 from eval.scoring.results import read_results
 

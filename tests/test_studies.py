@@ -10,7 +10,7 @@ import pytest
 import scenes
 from emvs.config import MapperConfig
 from emvs.errors import InputError
-from eval.cli import main
+from eval.cli.main import main
 from eval.studies.curves import StudyValue, curves
 from eval.studies.definitions import MARGIN_S, SECONDS, STUDIES, study_named
 from eval.studies.perturb import Perturbation

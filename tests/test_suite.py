@@ -10,7 +10,7 @@ import pytest
 from emvs.data.sequence import Sequence
 from emvs.dsi.cuda import device as library
 from emvs.errors import InputError
-from eval.cli import main
+from eval.cli.main import main
 from eval.gate.baseline import read_baseline
 from eval.jobs.cache import Cache, default_cache, key_of
 from eval.scoring.metric_versions import metric_versions

@@ -10,7 +10,7 @@ HEAVY = ("open3d", "matplotlib", "pandas", "mujoco", "dash", "OpenGL", "hypothes
 # Ends the process where `eventsweep map` reads its first event.
 FIRST_EVENT = """
 import os, sys
-from eval.cli import main
+from eval.cli.main import main
 from emvs.data.sequence import Sequence
 
 def first(*_):

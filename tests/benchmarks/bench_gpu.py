@@ -25,7 +25,7 @@ from gpu_plan import QUICK, BenchmarkPlan
 
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path, refuse_existing
-from eval.exits import exit_code
+from eval.cli.exit_codes import exit_code
 
 _WRONG = 1
 

@@ -201,7 +201,7 @@ print(int(re.search(r"VmHWM:\\s*([0-9]+)", Path("/proc/self/status").read_text()
 
 _FIRST_EVENT = """
 import os, sys
-from eval.cli import main
+from eval.cli.main import main
 from emvs.data.sequence import Sequence
 def first(*_):
     print("first", flush=True)

@@ -21,7 +21,7 @@ from study_cost import machine
 
 from emvs.config import MapperConfig
 from emvs.mapper import map_window
-from eval.exits import exit_code
+from eval.cli.exit_codes import exit_code
 
 BASE = "Alg1/H"
 SENSORS: dict[str, tuple[int, int]] = {"346×260": (346, 260), "1280×720": (1280, 720)}

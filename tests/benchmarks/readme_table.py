@@ -16,7 +16,7 @@ from pathlib import Path
 from markdown_blocks import refresh
 
 from emvs.errors import InputError
-from eval.exits import exit_code
+from eval.cli.exit_codes import exit_code
 from eval.gate.baseline import Baseline, read_baseline
 from eval.report.ranking import mean_over_cases, table
 from eval.report.tables import as_markdown, ranking_table

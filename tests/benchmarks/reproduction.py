@@ -17,9 +17,9 @@ from markdown_blocks import into_page
 from numpy.typing import NDArray
 from published_table import MONO, RATIOS, TABLE, H, Published
 
-from eval import suite_app
-from eval.console import Console
-from eval.exits import exit_code
+from eval.cli import job_flags
+from eval.cli.console import Console
+from eval.cli.exit_codes import exit_code
 from eval.suite import output
 from eval.suite.definition import load
 from eval.suite.results import SuiteResult
@@ -65,11 +65,11 @@ def main() -> int:
 
 def _run(asked: argparse.Namespace) -> SuiteResult:
     suite, subset = load(SUITE)
-    seeds = suite_app.seed_numbers(asked.seeds, "--seeds")
+    seeds = job_flags.seed_numbers(asked.seeds, "--seeds")
     progress = Console(quiet=False, as_json=False).progress
     folder = output.prepared(asked.out, force=True) if asked.out is not None else None
-    flags = suite_app.JobFlags(workers=asked.workers)
-    result = suite_app.run(
+    flags = job_flags.JobFlags(workers=asked.workers)
+    result = job_flags.run(
         suite, subset, flags, progress, seeds=seeds, cases=tuple(asked.case), speed=False
     )
     if folder is not None:

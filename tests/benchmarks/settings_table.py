@@ -16,8 +16,8 @@ from markdown_blocks import refresh
 from pydantic import BaseModel
 
 from emvs.config import MapperConfig
+from eval.cli.exit_codes import exit_code
 from eval.config import EvalConfig
-from eval.exits import exit_code
 
 TABLES: dict[str, type[BaseModel]] = {"mapper.md": MapperConfig, "scores.md": EvalConfig}
 """Page -> what its table is about."""

@@ -24,7 +24,7 @@ from emvs.data.sequence import Sequence
 from emvs.depth.depth_map import DepthMap
 from emvs.errors import InputError
 from emvs.mapper import map_window
-from eval.exits import exit_code
+from eval.cli.exit_codes import exit_code
 
 MARK, METHOD = "esvo-ablation", "ESVO/own-rate"
 _WINDOW_S, _WRONG = 1.0, 0.1

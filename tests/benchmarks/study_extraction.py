@@ -32,7 +32,7 @@ from study_variants import (
 
 from emvs.config import MapperConfig
 from emvs.reference_view import inverse_depth_at
-from eval.exits import exit_code
+from eval.cli.exit_codes import exit_code
 from eval.scoring.method_scores import ALL_METRICS
 from eval.scoring.pairing import pair
 

@@ -18,7 +18,7 @@ from PIL import Image
 
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path
-from eval.exits import exit_code
+from eval.cli.exit_codes import exit_code
 from eval.report.study_page import StoredStudy, find_studies, read_study
 from eval.studies.curves import METRICS
 from eval.studies.definitions import STUDIES

@@ -16,7 +16,7 @@ from pathlib import Path
 from markdown_blocks import into_page
 
 from emvs.errors import InputError
-from eval.exits import exit_code
+from eval.cli.exit_codes import exit_code
 from eval.suite.definition import NEWEST, Suite, load
 from eval.suite.results import JobNote, read_suite
 

@@ -16,8 +16,8 @@ from pathlib import Path
 from markdown_blocks import into_page
 
 from emvs.errors import InputError
-from eval import suite_app
-from eval.exits import exit_code
+from eval.cli import job_flags
+from eval.cli.exit_codes import exit_code
 from eval.progress import Silent
 from eval.suite.definition import load
 
@@ -48,9 +48,9 @@ def elapsed_s(name: str, workers: int) -> float:
     """
     suite, subset = load(name)
     with tempfile.TemporaryDirectory() as folder:
-        flags = suite_app.JobFlags(workers=workers, cache=Path(folder))
+        flags = job_flags.JobFlags(workers=workers, cache=Path(folder))
         started_s = time.monotonic()
-        result = suite_app.run(suite, subset, flags, Silent(), speed=False)
+        result = job_flags.run(suite, subset, flags, Silent(), speed=False)
         took_s = time.monotonic() - started_s
     if result.failures:
         first = result.failures[0]

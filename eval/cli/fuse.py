@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Group, Parameter
 
 from emvs.config import FuseConfig
-from eval.app import COMMON, Common, app
+from eval.cli.app import COMMON, Common, app
 
 FuseFlags = Annotated[FuseConfig, Parameter(name="*", group=Group("Fusion parameters"))]
 _DEFAULT = FuseConfig()

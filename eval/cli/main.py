@@ -11,15 +11,15 @@ from cyclopts import CycloptsError
 from emvs.errors import InputError
 from emvs.parameters import explain
 from eval import settings
-from eval.app import app
-from eval.exits import exit_code
+from eval.cli.app import app
+from eval.cli.exit_codes import exit_code
 
 VERBS = (
-    "compare", "convert", "fuse", "gate", "info", "inventory", "map", "report", "run", "score",
+    "compare", "convert", "fuse", "gate", "info", "list", "map", "report", "run", "score",
     "simulate", "study", "suite",
 )  # fmt: skip
 for _verb in VERBS:  # importing its module registers a verb
-    import_module(f"eval.commands.{_verb}")
+    import_module(f"eval.cli.{_verb}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from emvs.config import DeviceName
 from eval import settings
-from eval.app import (
+from eval.cli.app import (
     COMMON,
     MAP,
     SCORE,

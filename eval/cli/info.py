@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from eval.app import COMMON, Common, app
+from eval.cli.app import COMMON, Common, app
 
 
 @app.command

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from emvs.errors import InputError
-from eval.app import COMMON, Common, app
+from eval.cli.app import COMMON, Common, app
 
 _Switch = Parameter(negative=())
 

@@ -1,10 +1,10 @@
-"""`eventsweep list`: what there is to choose from."""
+"""`eventsweep list`: what there is to choose from: cases, rigs, methods, metrics."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from eval.app import COMMON, Common, app
+from eval.cli.app import COMMON, Common, app
 
 if TYPE_CHECKING:
     from emvs.geometry.rig import Rig

@@ -7,10 +7,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from eval import suite_app
-from eval.app import COMMON, Common, Methods, app
+from eval.cli import job_flags as suite_app
+from eval.cli.app import COMMON, Common, Methods, app
+from eval.cli.job_flags import JOB_FLAGS, JobFlags
 from eval.studies.definitions import CASES, METHODS, SECONDS, SEEDS
-from eval.suite_app import JOB_FLAGS, JobFlags
 
 _FAILED = 1
 

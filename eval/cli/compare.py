@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from eval.app import COMMON, Common, app
+from eval.cli.app import COMMON, Common, app
 
 
 @app.command

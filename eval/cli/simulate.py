@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from eval import settings
-from eval.app import COMMON, SIM, Common, SimFlags, app, with_values
+from eval.cli.app import COMMON, SIM, Common, SimFlags, app, with_values
 
 
 @app.command

@@ -52,7 +52,7 @@ class Common:
 
     def console(self) -> Any:
         """Where progress and summaries go."""
-        from eval.console import Console
+        from eval.cli.console import Console
 
         return Console(quiet=self.quiet, as_json=self.json)
 

@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from eval import settings
-from eval.app import COMMON, SCORE, Common, ScoreFlags, app
+from eval.cli.app import COMMON, SCORE, Common, ScoreFlags, app
 
 
 @app.command

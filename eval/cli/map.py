@@ -6,7 +6,7 @@ from pathlib import Path
 
 from emvs.config import DeviceName
 from eval import settings
-from eval.app import COMMON, MAP, Common, MapFlags, Methods, app, with_values
+from eval.cli.app import COMMON, MAP, Common, MapFlags, Methods, app, with_values
 
 
 @app.command
