@@ -9,7 +9,7 @@ from emvs.data.sequence import Sequence
 from emvs.errors import InputError
 from emvs.mapper import WindowResult
 from emvs.maps.folder import StoredMap
-from eval import runner
+from eval import pipeline
 from eval.config import EvalConfig
 from eval.scoring import run_folder
 from eval.scoring.metric_versions import metric_versions
@@ -45,7 +45,7 @@ def score(
     if recording is not None:
         raise InputError("a map's folder with a recording: a folder knows its own, leave it out")
     folder = mapped.path if isinstance(mapped, StoredMap) else Path(mapped)
-    return runner.score_folder(folder, config)
+    return pipeline.score_folder(folder, config)
 
 
 def _score_window(result: WindowResult, recording: Recording, config: EvalConfig) -> Results:

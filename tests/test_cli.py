@@ -18,7 +18,7 @@ from emvs.dsi.cuda import device
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from eval import runner
+from eval import pipeline
 from eval.cli.exit_codes import with_flags
 from eval.cli.main import main
 
@@ -96,7 +96,7 @@ def test_bad_input_is_one_line_and_code_2(tmp_path, monkeypatch, capsys, argumen
 
 def test_a_run_without_its_gpu_is_refused_before_it_simulates(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(device, "missing", lambda: "it is gone")
-    monkeypatch.setattr(runner, "simulate_scene", None)
+    monkeypatch.setattr(pipeline, "simulate_scene", None)
     arguments = ["run", "planes", "--out", str(tmp_path / "o"), "--device", "cuda"]
     assert "device cuda cannot be used: it is gone" in refused(capsys, arguments)
     assert list(tmp_path.iterdir()) == []

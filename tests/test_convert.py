@@ -26,7 +26,7 @@ from emvs.geometry.se3 import from_quat_xyzw
 from emvs.geometry.trajectory import Trajectory
 from eval.cli.main import main
 from eval.convert import Options, convert, targets
-from eval.info import inspect
+from eval.inspect import inspect
 from sim.rigs import RIGS
 
 SIZE_PX = (640, 480)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from emvs.data.events import Events
 from emvs.formats import write_events
 from eval.cli.main import main
-from eval.info_stream import GAP_US, StreamCount
+from eval.event_statistics import GAP_US, StreamCount
 
 
 def made(times, columns=None) -> Events:

@@ -15,9 +15,9 @@ import scenes
 from emvs.config import MapperConfig
 from emvs.maps.folder import read_map
 from eval.cli.main import main
-from eval.map_stage import map_recording
+from eval.config import Settings
+from eval.pipeline import map_recording
 from eval.report.rerun import write_rerun
-from eval.settings import Settings
 from sim.config import SimConfig
 from sim.simulate import simulate
 

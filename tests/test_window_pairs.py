@@ -9,14 +9,12 @@ import scenes
 from emvs.config import MapperConfig
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
-from eval.config import EvalConfig
-from eval.map_stage import map_recording
-from eval.runner import score_folder
+from eval.config import EvalConfig, Settings
+from eval.pipeline import map_recording, score_folder
 from eval.scoring.method_scores import score_method
 from eval.scoring.pairing import Estimate
 from eval.scoring.run_folder import find_maps, sequence_of, truth_of
 from eval.scoring.score import window_pairs
-from eval.settings import Settings
 from sim.config import SimConfig
 from sim.simulate import simulate
 

@@ -21,7 +21,7 @@ def info(
         path: A sequence, a data set's folder, a recording.toml, an event file or a bag.
         picture: PNG to draw: events per pixel and polarity, and their rate over time.
     """
-    from eval.info import facts, inspect
+    from eval.inspect import facts, inspect
 
     if picture is not None:
         from emvs.utils.files import refuse_existing
@@ -31,11 +31,11 @@ def info(
     readable, counts = inspect(path, console.progress)
     description = facts(readable, counts)
     if not common.quiet:
-        from eval.info_print import show
+        from eval.inspect import show
 
         show(description, as_json=common.json)
     if picture is not None:
-        from eval.info_picture import draw
+        from eval.inspect import draw
 
         names = [name for name, _ in readable.streams]
         draw(picture, f"{readable.path.resolve().name}: {readable.what}", names, counts)

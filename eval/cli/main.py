@@ -10,7 +10,7 @@ from cyclopts import CycloptsError
 
 from emvs.errors import InputError
 from emvs.parameters import explain
-from eval import settings
+from eval import config
 from eval.cli.app import app
 from eval.cli.exit_codes import exit_code
 
@@ -43,7 +43,7 @@ def _one_line(error: CycloptsError) -> str:
 
     cause = error.__cause__
     if isinstance(cause, ValidationError):
-        return explain(cause, settings.Settings)
+        return explain(cause, config.Settings)
     text = " ".join(str(error).split())
     return f"{text} (`eventsweep --help` shows what there is)"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from emvs.config import DeviceName
-from eval import settings
+from eval import config
 from eval.cli.app import COMMON, MAP, Common, MapFlags, Methods, app, with_values
 
 
@@ -31,10 +31,10 @@ def map(  # noqa: A001 - the verb's name
         method: Method to map with, repeatable; as --map.methods.
         device: Where the sweep runs; as --map.device.
     """
-    from eval.map_stage import map_recording
+    from eval.pipeline import map_recording
 
     flags = with_values(map, methods=method or None, device=device)
-    wanted = settings.load(common.config, map=flags)
+    wanted = config.load(common.config, map=flags)
     console = common.console()
     stored = map_recording(
         recording, out, wanted, force=common.force, report=True, progress=console.progress

@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from emvs.config import DeviceName
-from eval import settings
+from eval import config
 from eval.cli.app import (
     COMMON,
     MAP,
@@ -53,9 +53,9 @@ def run(
         method: Method to map with, repeatable; as --map.methods.
         device: Where the mapper's sweep runs; as --map.device.
     """
-    from eval.runner import run_cases
+    from eval.pipeline import run_cases
 
-    wanted = settings.load(
+    wanted = config.load(
         common.config,
         sim=with_values(sim, duration_s=seconds),
         map=with_values(map, methods=method or None, device=device),

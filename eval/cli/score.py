@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from eval import settings
+from eval import config
 from eval.cli.app import COMMON, SCORE, Common, ScoreFlags, app
 
 
@@ -26,9 +26,9 @@ def score(
         folder: What `run` or `map` wrote; results.json and results.csv in it are written anew.
         prediction: Folder with depth maps of another method, scored beside ours, repeatable.
     """
-    from eval.runner import score_folder
+    from eval.pipeline import score_folder
 
-    wanted = settings.load(common.config, score=score)
+    wanted = config.load(common.config, score=score)
     console = common.console()
     results = score_folder(folder, wanted.score, prediction)
     console.results(results, wanted.score.ranking_metric)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from eval import settings
+from eval import config
 from eval.cli.app import COMMON, SIM, Common, SimFlags, app, with_values
 
 
@@ -38,10 +38,10 @@ def simulate(
         workers: Rendering processes.
         fresh: Discard the unfinished work of an interrupted run instead of taking it up.
     """
-    from eval.runner import simulate_scene
+    from eval.pipeline import simulate_scene
 
     replay = with_values(sim.replay, trajectory=trajectory) if trajectory else None
-    wanted = settings.load(common.config, sim=with_values(sim, duration_s=seconds, replay=replay))
+    wanted = config.load(common.config, sim=with_values(sim, duration_s=seconds, replay=replay))
     console = common.console()
     simulate_scene(
         scene,

@@ -22,8 +22,8 @@ from emvs.utils.runtime import versions
 from eval.config import EvalConfig
 from eval.jobs.job import Done, Failed, Job, Outcome
 from eval.jobs.scheduler import Open, run_jobs
+from eval.pipeline import check_case
 from eval.progress import Progress
-from eval.runner import check_case
 from eval.studies.curves import (
     BREAKS_AT,
     METRICS,

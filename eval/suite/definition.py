@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from emvs.errors import InputError
 from emvs.parameters import explain
-from eval.settings import Settings
+from eval.config import Settings
 
 FOLDER = Path(__file__).parents[1] / "suites"
 NEWEST = "suite-v1"

@@ -22,8 +22,8 @@ from emvs.mapper import map_window
 from eval.jobs.cache import Cache
 from eval.jobs.job import SEQUENCE, Done, Failed, Job, Outcome, entry
 from eval.jobs.scheduler import Open, run_jobs
+from eval.pipeline import check_case
 from eval.progress import Progress
-from eval.runner import check_case
 from eval.suite.definition import Suite
 from eval.suite.results import JobNote, Sample, SuiteResult, sample_from
 from eval.suite.speed_kernels import calibration

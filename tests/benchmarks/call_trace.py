@@ -43,8 +43,8 @@ PLACES = {
     "Trajectory": ("emvs.geometry.trajectory", "emvs.geometry.trajectory"),
     "Events": ("emvs.data.events",),
     "Scene": ("sim.scene",),
-    "run_cases": ("eval.pipeline", "eval.runner"),
-    "Settings": ("eval.config", "eval.settings"),
+    "run_cases": ("eval.pipeline", "eval.pipeline"),
+    "Settings": ("eval.config", "eval.config"),
 }
 METHODS = ("Alg1/H", "EMVS/cam0")
 SIZE_PX = (64, 48)

@@ -163,7 +163,7 @@ class StreamCount:
         self.bin_us *= 2
 
 
-def count(
+def count_stream(
     packets: Iterable[Events],
     size_px: tuple[int, int] | None,
     progress: Callable[[StreamCount], None] | None = None,

@@ -9,23 +9,21 @@ import scenes
 from emvs import methods
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence as EventSequence
+from emvs.datasets import open_recording
 from emvs.dsi import device
 from emvs.errors import InputError
-from emvs.maps.folder import StoredWindow
+from emvs.maps.folder import StoredMap, StoredWindow
+from emvs.maps.sliding import map_windows
 from emvs.utils.files import atomic_dir
-from eval.config import EvalConfig
-from eval.map_stage import map_recording, write_report_stage
-from eval.progress import Progress, Silent
+from eval.config import EvalConfig, Settings
+from eval.progress import MapBars, Progress, Silent
 from eval.scoring import run_folder
 from eval.scoring.metric_versions import metric_versions
 from eval.scoring.predictions import estimates, opened, view_of
 from eval.scoring.results import Results, Row, write_results
 from eval.scoring.score import score_windows
-from eval.settings import Settings
 from sim.rigs import rig as named_rig
 from sim.simulate import simulate
-
-__all__ = ["check_case", "map_recording", "run_cases", "score_folder", "simulate_scene"]
 
 _SILENT = Silent()
 
@@ -182,3 +180,42 @@ def check_case(scene: str, rig: str | None, config: MapperConfig) -> None:
     chosen = named_rig(rig or scenes.load(scene).rig)
     methods.methods(config.methods, len(chosen), mcemvs=config.is_mcemvs)
     device.check(config.device)
+
+
+def map_recording(
+    path: Path,
+    out: Path,
+    settings: Settings,
+    *,
+    force: bool = False,
+    report: bool = False,
+    progress: Progress = _SILENT,
+) -> StoredMap:
+    """Maps one window of a recording and writes the map folder, with its own report on request.
+
+    With `window_s` or `window_events` it maps sliding windows: `out` grows window by window, and
+    the same call takes up an unfinished one (`emvs.maps.sliding`).
+
+    Raises:
+        InputError: what `open_recording` or `map_windows` refuses.
+    """
+    recording = open_recording(path)
+    about = run_folder.describe(recording, path, out)
+    with MapBars(progress, f"map {recording.name}") as bars:
+
+        def finish(folder: Path) -> None:
+            bars.close()
+            if report:
+                write_report_stage(folder, progress)
+
+        info = map_windows(recording, out, settings.map, about, bars, force=force, finish=finish)
+    return StoredMap(out, info)
+
+
+def write_report_stage(folder: Path, progress: Progress) -> None:
+    """Writes the report, shown as a stage of its own."""
+    # Its figures need matplotlib: 0.3 s before the first event, were it imported at the top.
+    from eval.report.run_page import write_report
+
+    with progress.stage("report", 1):
+        write_report(folder)

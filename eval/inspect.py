@@ -1,0 +1,270 @@
+"""What lies at a path, for `eventsweep info`: cameras, time span, events, faults, poses."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from emvs.data.recording import Recording
+from emvs.datasets.posed import PosedRecording
+from emvs.datasets.raw_streams import Readable, open_readable
+from emvs.utils.files import atomic_path
+from eval.event_statistics import StreamCount, count_stream
+from eval.figures.plots import ESTIMATE_COLOUR, TRUTH_COLOUR
+from eval.progress import Progress
+
+_POSE_GAP_FACTOR = 5
+_MOST_STREAMS = 8
+_ROWS = {
+    "events": "events",
+    "brighter": "brighter",
+    "darker": "darker",
+    "first_us": "first, s",
+    "last_us": "last, s",
+    "duration_s": "duration, s",
+    "mean_rate_hz": "mean rate, kev/s",
+    "peak_rate_hz": "peak rate, kev/s",
+    "sensor_px": "sensor, px",
+    "largest_px": "largest pixel",
+    "outside_sensor": "off the sensor",
+    "out_of_order": "out of order",
+    "gaps": "silences over 0.1 s",
+}
+
+
+def inspect(path: Path, progress: Progress) -> tuple[Readable, list[StreamCount]]:
+    """Opens anything readable and counts its events, one pass per stream.
+
+    Raises:
+        InputError: nothing readable, or a damaged file.
+    """
+    readable = open_readable(path)
+    counts = []
+    for (name, source), size_px in zip(readable.streams, readable.sizes_px, strict=True):
+        with progress.stage(f"read {name.strip('/')}", 1.0) as update:
+            counts.append(
+                count_stream(
+                    source.chunks(),
+                    size_px,
+                    lambda c, source=source, update=update: update(  # type: ignore[misc]
+                        source.share, f"{c.events:,} events"
+                    ),
+                )
+            )
+    return readable, counts
+
+
+def facts(readable: Readable, counts: Sequence[StreamCount]) -> dict[str, Any]:
+    """Everything that is known, as plain values for JSON."""
+    return {
+        "path": str(readable.path),
+        "what": readable.what,
+        "streams": [
+            {"name": name, **stream_facts(count)}
+            for (name, _), count in zip(readable.streams, counts, strict=True)
+        ],
+        "recording": None
+        if readable.recording is None
+        else recording_facts(readable.recording, counts),
+    }
+
+
+def stream_facts(count: StreamCount) -> dict[str, Any]:
+    """One stream."""
+    first, last = count.first_us, count.last_us
+    duration_s = 0.0 if first is None or last is None else (last - first) * 1e-6
+    return {
+        "events": count.events,
+        "brighter": count.brighter,
+        "darker": count.events - count.brighter,
+        "first_us": first,
+        "last_us": last,
+        "duration_s": duration_s,
+        "mean_rate_hz": count.events / duration_s if duration_s else None,
+        "peak_rate_hz": count.peak_rate_hz,
+        "sensor_px": count.size_px,
+        "largest_px": [count.largest_x, count.largest_y],
+        "outside_sensor": None if count.size_px is None else count.outside,
+        "backward_steps": count.backwards,
+        "out_of_order": count.backwards_events,
+        "gaps": count.gap_count,
+        "longest_gaps_us": [list(gap) for gap in count.gaps],
+    }
+
+
+def recording_facts(recording: Recording, counts: Sequence[StreamCount]) -> dict[str, Any]:
+    """Cameras, poses and truth."""
+    first, last = recording.trajectory.span_us
+    steps_us = np.diff(recording.trajectory.t_us)
+    typical_us = float(np.median(steps_us)) if len(steps_us) else 0.0
+    return {
+        "name": recording.name,
+        "cameras": [
+            {"name": name, **camera.to_json()}
+            for name, camera in zip(recording.rig.camera_names, recording.rig.cameras, strict=True)
+        ],
+        "baseline_m": recording.rig.baseline_m() if len(recording.rig) > 1 else None,
+        "poses": len(recording.trajectory),
+        "poses_us": [first, last],
+        "pose_rate_hz": 1e6 / typical_us if typical_us else None,
+        "pose_gaps": int(np.count_nonzero(steps_us > _POSE_GAP_FACTOR * typical_us)),
+        "poses_cover_events": all(
+            c.first_us is None or c.last_us is None or (first <= c.first_us and c.last_us <= last)
+            for c in counts
+        ),
+        "poses_share_of_events_span": [_covered(c, first, last) for c in counts],
+        "truth_times": _truth_times(recording),
+        "renderer": getattr(getattr(recording, "manifest", None), "renderer", None),
+    }
+
+
+def _covered(count: StreamCount, first_us: int, last_us: int) -> float:
+    """Share of a stream's time span in which there are poses."""
+    if count.first_us is None or count.last_us is None:
+        return 1.0
+    both = min(count.last_us, last_us) - max(count.first_us, first_us)
+    whole = count.last_us - count.first_us
+    return float(np.clip(both / whole, 0.0, 1.0)) if whole else float(both >= 0)
+
+
+def _truth_times(recording: Recording) -> int:
+    if isinstance(recording, PosedRecording):
+        return len(recording.truth_times_us(0))
+    times = getattr(recording, "truth_times_us", None)
+    return 0 if times is None else len(times(0))
+
+
+def warnings(description: dict[str, Any]) -> list[str]:
+    """What a reader should know before mapping, one sentence each."""
+    said = []
+    for stream in description["streams"]:
+        name = stream["name"]
+        if not stream["events"]:
+            said.append(f"{name}: no events")
+        if stream["out_of_order"]:
+            said.append(
+                f"{name}: {stream['out_of_order']:,} events come after later ones: sort by time"
+            )
+        if stream["outside_sensor"]:
+            said.append(
+                f"{name}: {stream['outside_sensor']:,} events lie off the sensor: check its size"
+            )
+    recording = description["recording"]
+    if recording and not recording["poses_cover_events"]:
+        least = min(recording["poses_share_of_events_span"])
+        said.append(f"poses cover {least:.1%} of the events' time; the rest cannot be mapped")
+    if recording and recording["pose_gaps"]:
+        said.append(f"{recording['pose_gaps']} gaps between poses are over 5 times the usual step")
+    return said
+
+
+def draw(path: Path, title: str, names: list[str], counts: list[StreamCount]) -> None:
+    """Writes a PNG with a row per stream (the first 8): brighter, darker, rate over time."""
+    shown = list(zip(names, counts, strict=True))[:_MOST_STREAMS]
+    figure = Figure(figsize=(12, 0.5 + 2.7 * max(len(shown), 1)), layout="constrained")
+    figure.suptitle(title)
+    axes = figure.subplots(len(shown), 3, squeeze=False, width_ratios=(1, 1, 1.3))
+    for row, (name, count) in zip(axes, shown, strict=True):
+        _images(figure, row, name, count)
+        _rates(row[2], count)
+    with atomic_path(path) as partial:
+        figure.savefig(partial, format="png", dpi=110)
+
+
+def _images(figure: Figure, row: Any, name: str, count: StreamCount) -> None:
+    image = count.image()
+    for axis, k, word in zip(row, (1, 0), ("brighter", "darker"), strict=False):
+        guessed = "" if count.size_px else ", up to the largest pixel"
+        axis.set_title(f"{name}: {word}{guessed}", fontsize=10)
+        if image is None:
+            axis.text(
+                0.5, 0.5, "no events, or the file does not\nsay the sensor's size", ha="center"
+            )
+            axis.set_axis_off()
+            continue
+        lit = image[image > 0]
+        top = max(float(np.percentile(lit, 99)) if lit.size else 1.0, 1.0)
+        drawn = axis.imshow(image[k], cmap="gray_r", vmin=0, vmax=top, interpolation="nearest")
+        axis.set_xlabel("column, px")
+        axis.set_ylabel("row, px")
+        if k == 0:
+            figure.colorbar(drawn, ax=axis, label="events per pixel", extend="max")
+
+
+def _rates(axis: Any, count: StreamCount) -> None:
+    starts_us, per_bin = count.rates()
+    axis.set_xlabel("time since the first event, s")
+    axis.set_ylabel("rate, kev/s")
+    if not len(starts_us):
+        return
+    edges_s = np.append(starts_us, starts_us[-1] + count.bin_us) - (count.first_us or 0)
+    for k, colour, word in ((1, ESTIMATE_COLOUR, "brighter"), (0, TRUTH_COLOUR, "darker")):
+        rate = per_bin[k] / count.bin_us * 1e3
+        dash = "-" if k else (0, (3, 1))
+        axis.stairs(rate, edges_s * 1e-6, color=colour, label=word, linestyle=dash)
+    axis.set_ylim(bottom=0)
+    axis.legend(fontsize=8)
+    axis.grid(alpha=0.3)
+
+
+def show(description: dict[str, Any], *, as_json: bool) -> None:
+    """Writes the facts to standard output, as tables or as JSON."""
+    console = Console(highlight=False)
+    if as_json:
+        console.out(json.dumps(description, indent=2, ensure_ascii=False), highlight=False)
+        return
+    console.print(
+        f"[bold]{escape(description['path'])}[/]: {escape(description['what'])}", soft_wrap=True
+    )
+    console.print(_streams(description))
+    if description["recording"] is not None:
+        console.print(_recording(description["recording"]))
+    for sentence in warnings(description):
+        console.print(f"note: {sentence}", style="yellow", markup=False, soft_wrap=True)
+
+
+def _streams(description: dict[str, Any]) -> Table:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("")
+    for stream in description["streams"]:
+        table.add_column(escape(stream["name"]), justify="right")
+    for key, title in _ROWS.items():
+        table.add_row(title, *(_cell(key, stream[key]) for stream in description["streams"]))
+    return table
+
+
+def _cell(key: str, value: Any) -> str:
+    if value is None:
+        return "–"
+    if key.endswith("_us"):
+        return f"{value * 1e-6:.6f}"
+    if key.endswith("_hz"):
+        return f"{value * 1e-3:,.1f}"
+    if key.endswith("_px"):
+        return f"{value[0]}x{value[1]}" if key == "sensor_px" else f"{value[0]}, {value[1]}"
+    return f"{value:,}" if isinstance(value, int) else f"{value:.6f}"
+
+
+def _recording(facts: dict[str, Any]) -> Table:
+    table = Table(box=None, pad_edge=False, show_header=False)
+    for camera in facts["cameras"]:
+        size = f"{camera['width_px']}x{camera['height_px']} px, {camera['model']}"
+        table.add_row(escape(camera["name"]), f"{size}, f {camera['fx_px']:.1f} px")
+    if facts["baseline_m"] is not None:
+        table.add_row("baseline", f"{facts['baseline_m'] * 100:.2f} cm")
+    first, last = (t * 1e-6 for t in facts["poses_us"])
+    rate = "" if facts["pose_rate_hz"] is None else f", {facts['pose_rate_hz']:.1f} Hz"
+    table.add_row("poses", f"{facts['poses']:,} from {first:.6f} to {last:.6f} s{rate}")
+    table.add_row("poses cover events", "yes" if facts["poses_cover_events"] else "no")
+    table.add_row("ground truth", f"at {facts['truth_times']:,} times")
+    if facts["renderer"] is not None:
+        table.add_row("drawn by", escape(facts["renderer"]))
+    return table
