@@ -27,7 +27,7 @@ gate: setup
 	$(BIN)/eventsweep gate --baseline reports/baseline.json --strict
 
 bench: setup
-	$(BIN)/python -m pytest tests/bench_*.py --benchmark-only -p no:xdist
+	$(BIN)/python -m pytest tests/benchmarks/bench_*.py --benchmark-only -p no:xdist
 
 # The pictures in the documentation, all but those of the measurements below. A line that draws under
 # fixed names has them behind it. SLIDER=FOLDER: slider_depth of the Event Camera Dataset.
@@ -40,15 +40,15 @@ pictures-scenes: setup
 	cp out/desk/overview.png docs/images/desk.png
 	cp out/boxes/overview.png docs/images/boxes.png
 	cp out/planes/overview.png docs/images/planes.png
-	$(BIN)/python -m docs/figures/scene_sheet.py docs/images/twins.png
-	$(BIN)/python -m docs/figures/scene_sheet.py docs/images/twins_outdoor.png tumvie-skate tumvie-run tumvie-bike \
+	$(BIN)/python docs/figures/scene_sheet.py docs/images/twins.png
+	$(BIN)/python docs/figures/scene_sheet.py docs/images/twins_outdoor.png tumvie-skate tumvie-run tumvie-bike \
 		dsec-street moving-objects low-texture repetitive thin-structures reflective
 
 pictures-simulator: setup
-	$(BIN)/python -m docs/figures/draw_sensor.py # docs/images/sensor_*.png
-	$(BIN)/python -m docs/figures/draw_motion.py docs/images # docs/images/motion-*.png
-	$(BIN)/python docs/draw_lenses_and_light.py # docs/images/lenses.png docs/images/light.png
-	$(BIN)/python docs/draw_truth.py # docs/images/truth.png
+	$(BIN)/python docs/figures/draw_sensor.py # docs/images/sensor_*.png
+	$(BIN)/python docs/figures/draw_motion.py docs/images # docs/images/motion-*.png
+	$(BIN)/python docs/figures/draw_lenses_and_light.py # docs/images/lenses.png docs/images/light.png
+	$(BIN)/python docs/figures/draw_truth.py # docs/images/truth.png
 
 pictures-methods: pictures-scenes
 	$(BIN)/eventsweep run desk --seconds 0.5 --sim.frames.rate-hz 20 --method Alg1/H \
@@ -59,35 +59,35 @@ pictures-methods: pictures-scenes
 	$(BIN)/eventsweep run mvsec-flying --seconds 1.2 --map.threshold-c 14 --map.median-px 9 \
 		--method Alg1/H --method EMVS/cam0 --method EMVS/cam1 --method baselines \
 		--out out/baselines/mvsec --force --quiet
-	$(BIN)/python docs/draw_baselines.py out/baselines/desk out/baselines/hdr \
+	$(BIN)/python docs/figures/draw_baselines.py out/baselines/desk out/baselines/hdr \
 		out/baselines/mvsec # docs/images/baselines-*.png
-	$(BIN)/python docs/draw_baselines_esvo.py out/baselines/mvsec \
+	$(BIN)/python docs/figures/draw_baselines_esvo.py out/baselines/mvsec \
 		mvsec-flying # docs/images/baselines_esvo-mvsec-flying.png
 	$(BIN)/eventsweep map out/desk/desk/sequence --out out/windows --map.window-s 0.2 \
 		--map.stride-s 0.02 --method Alg1/H --force --quiet
 	$(BIN)/eventsweep fuse out/windows --mesh --min-windows 2
-	$(BIN)/python docs/draw_clouds.py out/windows Alg1/H docs/images/clouds_desk.png
-	$(BIN)/python -m tests/benchmarks/study_inpaint.py docs/images/inpaint.png
+	$(BIN)/python docs/figures/draw_clouds.py out/windows Alg1/H docs/images/clouds_desk.png
+	$(BIN)/python tests/benchmarks/study_inpaint.py docs/images/inpaint.png
 ifdef SLIDER
 	$(BIN)/eventsweep map $(SLIDER) --out out/slider --method EMVS/cam0 --map.window-s 0.8 \
 		--map.stride-s 0.1 --map.min-depth-m 0.3 --map.max-depth-m 4 --map.hot-pixels 3 --force --quiet
 	$(BIN)/eventsweep fuse out/slider --mesh --min-windows 2
-	$(BIN)/python docs/draw_clouds.py out/slider EMVS/cam0 docs/images/slider_depth.png --zoom 0.7
+	$(BIN)/python docs/figures/draw_clouds.py out/slider EMVS/cam0 docs/images/slider_depth.png --zoom 0.7
 endif
 
 # Tables in the documentation: of the code, in seconds; and measured, in hours on a quiet machine.
 tables: setup
-	$(BIN)/python -m tests/benchmarks/settings_table.py
-	$(BIN)/python -m tests/benchmarks/readme_table.py
-	$(BIN)/python -m emvs.formats docs/event_formats.md
+	$(BIN)/python tests/benchmarks/settings_table.py
+	$(BIN)/python tests/benchmarks/readme_table.py
+	$(BIN)/python tests/benchmarks/format_table.py docs/event_formats.md
 
 measurements: setup studies
-	$(BIN)/python -m docs/figures/scene_tables.py docs/scenes.md docs/twins.md docs/twins_outdoor.md docs/twins_hard.md
-	$(BIN)/python -m tests/benchmarks/study_extraction.py --sets development held-out --page docs/extraction.md \
+	$(BIN)/python tests/benchmarks/scene_tables.py docs/scenes.md docs/twins.md docs/twins_outdoor.md docs/twins_hard.md
+	$(BIN)/python tests/benchmarks/study_extraction.py --sets development held-out --page docs/extraction.md \
 		--picture docs/images/extraction.png
-	$(BIN)/python -m tests/benchmarks/study_cost.py --page docs/performance.md --picture docs/images/cost.png
-	$(BIN)/python -m tests/benchmarks/cost_methods.py --page docs/methods.md
-	$(BIN)/python tests/fault_runs.py --page docs/gate.md
+	$(BIN)/python tests/benchmarks/study_cost.py --page docs/performance.md --picture docs/images/cost.png
+	$(BIN)/python tests/benchmarks/cost_methods.py --page docs/methods.md
+	$(BIN)/python tests/benchmarks/fault_runs.py --page docs/gate.md
 
 # The figures and tables of docs/studies.md: see there what they cost. Jobs are kept in the cache.
 STUDY = $(BIN)/eventsweep study $$name --out out/studies --seeds 0,1 --quiet
@@ -102,8 +102,8 @@ studies: setup
 	for name in baseline heading contrast-threshold sensor-noise illumination; do \
 		$(STUDY) --case planes --seconds 0.3 || exit; \
 	done
-	$(BIN)/python -m tests/benchmarks/study_pages.py out/studies docs/studies.md # docs/images/study_*.png
-	$(BIN)/python -m tests/benchmarks/reproduction.py --out out/mvsec-table --page docs/studies.md
+	$(BIN)/python tests/benchmarks/study_pages.py out/studies docs/studies.md # docs/images/study_*.png
+	$(BIN)/python tests/benchmarks/reproduction.py --out out/mvsec-table --page docs/studies.md
 
 setup: .venv/installed
 

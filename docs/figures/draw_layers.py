@@ -30,7 +30,7 @@ from matplotlib.path import Path as Curve
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "benchmarks"))
 
-from import_graph import (  # noqa: E402 - it lies beside the other tools, not in a package
+from import_graph import (
     Graph,
     components,
     floors,
@@ -128,7 +128,7 @@ def _links(
     for name, target in _arrows(graph):
         way = course(name, target, row)
         for bend in way[1:-1]:
-            rows[bend[2] - 1].append(bend)  # type: ignore[arg-type]
+            rows[int(bend[2]) - 1].append(bend)
         for one, other in pairwise(way):
             links.setdefault(one, []).append(other)
             links.setdefault(other, []).append(one)

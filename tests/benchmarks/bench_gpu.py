@@ -19,13 +19,12 @@ from pathlib import Path
 from typing import Any
 
 import gpu_tables
-from gpu_machine import check_device, machine
-from gpu_parts import Bench
-from gpu_plan import QUICK, BenchmarkPlan
-
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path, refuse_existing
 from eval.cli.exit_codes import exit_code
+from gpu_machine import check_device, machine
+from gpu_parts import Bench
+from gpu_plan import QUICK, BenchmarkPlan
 
 _WRONG = 1
 

@@ -6,8 +6,8 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from cost_stream import WINDOW_US, MovingEdges
 
+from cost_stream import WINDOW_US, MovingEdges
 from emvs.config import MapperConfig
 from emvs.mapper import map_window
 

@@ -14,8 +14,8 @@ from typing import Literal
 
 import numba
 import numpy as np
-from cost_stream import DEPTH_RANGE_M, WINDOW_US, MovingEdges
 
+from cost_stream import DEPTH_RANGE_M, WINDOW_US, MovingEdges
 from emvs.config import MapperConfig
 from emvs.dsi.maxima import RunningMaxima
 from emvs.dsi.method import CODES

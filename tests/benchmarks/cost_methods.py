@@ -14,14 +14,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from cost_stream import MovingEdges
-from markdown_blocks import into_page
 from numpy.typing import NDArray
-from study_cost import machine
 
+from cost_stream import MovingEdges
 from emvs.config import MapperConfig
 from emvs.mapper import map_window
 from eval.cli.exit_codes import exit_code
+from markdown_blocks import into_page
+from study_cost import machine
 
 BASE = "Alg1/H"
 SENSORS: dict[str, tuple[int, int]] = {"346×260": (346, 260), "1280×720": (1280, 720)}

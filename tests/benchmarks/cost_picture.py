@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from cost_growth import Growth, Load
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
+from cost_growth import Growth, Load
 from emvs.utils.files import atomic_path
 
 _POINT, _LINE = "#0072b2", "#d55e00"

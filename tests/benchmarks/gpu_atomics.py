@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+
 from gpu_plan import BenchmarkPlan
 
 # mypy: disable-error-code="no-untyped-def"

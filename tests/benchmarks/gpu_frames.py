@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
-from gpu_plan import BenchmarkPlan
-
 from emvs.errors import InputError
+from gpu_plan import BenchmarkPlan
 from sim.graphics import choice
 
 _LIMIT_S = 120.0

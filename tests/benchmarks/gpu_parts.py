@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from cost_stream import MovingEdges
+from emvs.config import MapperConfig
+from emvs.errors import InputError
+from emvs.mapper import WindowResult
 from gpu_calls import agreement, call, save_volumes
 from gpu_plan import LIMIT_MS, PRECISIONS, BenchmarkPlan
 from gpu_series import grow, stream
 from gpu_votes import votes_s
-
-from emvs.config import MapperConfig
-from emvs.errors import InputError
-from emvs.mapper import WindowResult
 
 Part = dict[str, Any]
 
@@ -48,9 +47,8 @@ class Bench:
         """Atomic additions per second."""
         if self.device != "cuda":
             raise InputError("no GPU was asked for")
-        from gpu_atomics import atomic_rates
-
         from emvs.dsi.cuda import device as library
+        from gpu_atomics import atomic_rates
 
         rates = atomic_rates(self.plan, library.gpu().l2_bytes)
         self.wrong += [f"atomics: {r.kind} on {r.grid} lost some" for r in rates if not r.right]

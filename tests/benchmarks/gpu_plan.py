@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cost_stream import WINDOW_US
-
 from emvs.config import MapperConfig
 from emvs.dsi.method import CODES
 

@@ -10,13 +10,12 @@ from pathlib import Path
 
 from cost_growth import Growth
 from cost_stream import WINDOW_US, MovingEdges
-from gpu_calls import call
-from gpu_plan import BenchmarkPlan
-
 from emvs.config import MapperConfig
 from emvs.mapper import map_window
 from emvs.maps.folder import RecordingInfo
 from emvs.maps.sliding import map_windows
+from gpu_calls import call
+from gpu_plan import BenchmarkPlan
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,8 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from gpu_machine import title
-
 from emvs.errors import InputError
+from gpu_machine import title
 
 SCHEMA_VERSION = 1
 # What one bilinear vote adds: two sums of two lanes each, or four cells.

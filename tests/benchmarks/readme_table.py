@@ -13,14 +13,13 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from markdown_blocks import refresh
-
 from emvs.errors import InputError
 from eval.cli.exit_codes import exit_code
 from eval.gate.baseline import Baseline, read_baseline
 from eval.report.ranking import mean_over_cases, table
 from eval.report.tables import as_markdown, ranking_table
 from eval.scoring.results import Row
+from markdown_blocks import refresh
 
 METRICS = ("points", "mean_error", "median_error", "abs_rel", "bad_published", "delta_1")
 

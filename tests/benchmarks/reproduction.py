@@ -13,9 +13,7 @@ from itertools import combinations
 from pathlib import Path
 
 import numpy as np
-from markdown_blocks import into_page
 from numpy.typing import NDArray
-from published_table import MONO, RATIOS, TABLE, H, Published
 
 from eval.cli import job_flags
 from eval.cli.console import Console
@@ -24,6 +22,8 @@ from eval.suite import output
 from eval.suite.definition import load
 from eval.suite.results import SuiteResult
 from eval.suite.series import Key, Series, of_suite
+from markdown_blocks import into_page
+from published_table import MONO, RATIOS, TABLE, H, Published
 
 SUITE, MARK = "mvsec-table-v1", "reproduction"
 _DRAWS, _BAND = 2000, (2.5, 97.5)

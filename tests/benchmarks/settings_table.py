@@ -12,12 +12,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from markdown_blocks import refresh
 from pydantic import BaseModel
 
 from emvs.config import MapperConfig
 from eval.cli.exit_codes import exit_code
 from eval.config import EvalConfig
+from markdown_blocks import refresh
 
 TABLES: dict[str, type[BaseModel]] = {"mapper.md": MapperConfig, "scores.md": EvalConfig}
 """Page -> what its table is about."""

@@ -15,9 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markdown_blocks import into_page
 from numpy.typing import NDArray
-from published_table import TABLE, H
 
 from emvs.config import EsvoParameters, MapperConfig
 from emvs.data.sequence import Sequence
@@ -25,6 +23,8 @@ from emvs.depth.depth_map import DepthMap
 from emvs.errors import InputError
 from emvs.mapper import map_window
 from eval.cli.exit_codes import exit_code
+from markdown_blocks import into_page
+from published_table import TABLE, H
 
 MARK, METHOD = "esvo-ablation", "ESVO/own-rate"
 _WINDOW_S, _WRONG = 1.0, 0.1

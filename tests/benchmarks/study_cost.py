@@ -15,9 +15,8 @@ from pathlib import Path
 
 from cost_growth import SERIES, Growth, Load, growth
 from cost_limits import Figure, LimitsEffort, limits
-from markdown_blocks import into_page
-
 from eval.cli.exit_codes import exit_code
+from markdown_blocks import into_page
 
 # The authors' C++ (their main branch of June 2025, -O2), one thread of a 2-core AMD Zen 4 machine.
 AUTHORS_NS = {"346x260": 7.35, "640x480": 7.92, "1280x720": 8.69}

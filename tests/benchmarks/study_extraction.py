@@ -14,6 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+
+from emvs.config import MapperConfig
+from emvs.reference_view import inverse_depth_at
+from eval.cli.exit_codes import exit_code
+from eval.scoring.method_scores import ALL_METRICS
+from eval.scoring.pairing import pair
 from markdown_blocks import into_page
 from study_cache import StudySample, load_sample
 from study_samples import SETS, SampleSpec
@@ -29,12 +35,6 @@ from study_variants import (
     threshold_name,
     thresholds,
 )
-
-from emvs.config import MapperConfig
-from emvs.reference_view import inverse_depth_at
-from eval.cli.exit_codes import exit_code
-from eval.scoring.method_scores import ALL_METRICS
-from eval.scoring.pairing import pair
 
 ABLATED = "development"
 PICTURED = SampleSpec("tumvie-6dof")

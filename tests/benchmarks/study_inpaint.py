@@ -10,13 +10,13 @@ import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
-from study_cache import StudySample, load_sample
-from study_variants import Volumes
 
 from emvs.config import MapperConfig
 from emvs.depth.focus import FocusConfig, at_least
 from emvs.depth.inpainting import MAX_RATIO, fill
 from emvs.reference_view import inverse_depth_at
+from study_cache import StudySample, load_sample
+from study_variants import Volumes
 
 Floats = NDArray[np.float32]
 

@@ -13,7 +13,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from markdown_blocks import into_page
 from PIL import Image
 
 from emvs.errors import InputError
@@ -22,6 +21,7 @@ from eval.cli.exit_codes import exit_code
 from eval.report.study_page import StoredStudy, find_studies, read_study
 from eval.studies.curves import METRICS
 from eval.studies.definitions import STUDIES
+from markdown_blocks import into_page
 
 MARK = "studies"
 _COLOURS = 128

@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from numpy.typing import NDArray
 from PIL import Image
-from study_cache import StudySample
-from study_variants import BASE, OURS, VariantEstimate, Volumes, estimates
 
 from emvs.reference_view import inverse_depth_at
+from study_cache import StudySample
+from study_variants import BASE, OURS, VariantEstimate, Volumes, estimates
 
 _COLOURS = 255
 _SHOWN = {BASE: "Alg1/H", OURS: "ours, same number of points"}

@@ -12,8 +12,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from study_cache import StudySample, load_sample
-from study_variants import VariantEstimate, Volumes, maximum_of
 
 from emvs.config import MapperConfig
 from emvs.depth.depth_map import confidence_mask, without_border
@@ -22,6 +20,8 @@ from emvs.depth.median import masked_median
 from emvs.reference_view import inverse_depth_at
 from eval.scoring.method_scores import ALL_METRICS
 from eval.scoring.pairing import pair
+from study_cache import StudySample, load_sample
+from study_variants import VariantEstimate, Volumes, maximum_of
 
 SILHOUETTE_PX = 2.0  # of disparity, within a square of 5 px
 _C = np.arange(5, 13, 0.5)  # thresholds tried until Alg1/H has no more points than camera 0

@@ -8,7 +8,6 @@ from functools import cached_property
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from study_cache import StudySample
 
 from emvs.config import MapperConfig
 from emvs.depth.depth_map import confidence_mask, without_border
@@ -17,6 +16,7 @@ from emvs.depth.median import masked_median
 from emvs.dsi import focus_measures
 from emvs.dsi.fusion import FUSIONS
 from emvs.dsi.maxima import FocusPeak, Maximum
+from study_cache import StudySample
 
 BASE = "Alg1/H"
 OURS = "ours"

@@ -13,12 +13,11 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from markdown_blocks import into_page
-
 from emvs.errors import InputError
 from eval.cli.exit_codes import exit_code
 from eval.suite.definition import NEWEST, Suite, load
 from eval.suite.results import JobNote, read_suite
+from markdown_blocks import into_page
 
 MARK = "cost"
 STAGES = ("simulate", "map", "score")

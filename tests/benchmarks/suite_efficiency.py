@@ -13,13 +13,12 @@ import tempfile
 import time
 from pathlib import Path
 
-from markdown_blocks import into_page
-
 from emvs.errors import InputError
 from eval.cli import job_flags
 from eval.cli.exit_codes import exit_code
 from eval.progress import Silent
 from eval.suite.definition import load
+from markdown_blocks import into_page
 
 MARK = "efficiency"
 

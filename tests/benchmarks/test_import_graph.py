@@ -1,0 +1,84 @@
+"""The graph of imports, on checkouts and graphs that one can see through."""
+
+import sys
+
+from places import ROOT
+
+sys.path.insert(0, str(ROOT / "tests" / "benchmarks"))
+
+from import_graph import (
+    circles,
+    components,
+    floors,
+    import_graph,
+    longest_chain,
+    reachable,
+    read_modules,
+    subpackage_graph,
+)
+from structure import classes_defined_twice, named_in, small_with_one_importer
+
+# a imports b is "a": {"b"}
+
+DIAMOND = {"top": {"left", "right"}, "left": {"base"}, "right": {"base"}, "base": set()}
+CIRCLE = {"a": {"b"}, "b": {"c"}, "c": {"b", "d"}, "d": set()}
+
+
+def test_floors_are_counted_from_what_imports_nothing():
+    assert floors(DIAMOND) == {"base": 1, "left": 2, "right": 2, "top": 3}
+    assert longest_chain(DIAMOND) == ["top", "left", "base"]
+
+
+def test_a_circle_is_one_floor_or_as_many_as_it_has_modules():
+    assert circles(CIRCLE) == [("b", "c")]
+    assert components(CIRCLE) == [("d",), ("b", "c"), ("a",)]
+    assert floors(CIRCLE) == {"a": 3, "b": 2, "c": 2, "d": 1}
+    assert floors(CIRCLE, whole_circles=True)["a"] == 4
+    assert longest_chain(CIRCLE) == ["a", "b = c", "d"]
+    assert reachable(CIRCLE, "c") == {"b", "c", "d"}
+
+
+def checkout(folder, files):
+    for name, text in files.items():
+        path = folder / "emvs" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    return read_modules(folder)
+
+
+def test_every_way_to_import_is_seen(tmp_path):
+    files = {
+        "__init__.py": "", "errors.py": "", "config.py": "", "view.py": "",
+        "dsi/__init__.py": "NAME = 1",
+        "dsi/sweep.py": "from .. import errors\nfrom . import NAME\nfrom numpy import array",
+        "mapper.py": "import emvs.errors\nfrom typing import TYPE_CHECKING\n"
+        "if TYPE_CHECKING:\n    from emvs.config import X\n"
+        "def f():\n    from emvs import view\n    from emvs.dsi import NAME, sweep",
+    }  # fmt: skip
+    graph = import_graph(checkout(tmp_path, files))
+    assert graph["emvs.dsi.sweep"] == {"emvs.errors", "emvs.dsi"}
+    assert graph["emvs.mapper"] == {
+        "emvs.errors", "emvs.config", "emvs.reference_view", "emvs.dsi", "emvs.dsi.sweep"
+    }  # fmt: skip
+    assert subpackage_graph(graph)["emvs.dsi"] == {"emvs.errors"}
+
+
+def test_an_example_is_named_by_code_not_by_prose(tmp_path):
+    files = {
+        "prose.py": '"""RMS."""\n# RMS\nrms = 1', "code.py": "from x import RMS_CODE",
+        "text.py": 'NAMES = ("Alg1/RMS",)', "suite.toml": "methods = ['RMS']", "notes.md": "RMS",
+        "other.py": "ALARMS = 2",
+    }  # fmt: skip
+    found = named_in(tmp_path, checkout(tmp_path, files), "RMS")
+    assert found == ["emvs/code.py", "emvs/suite.toml", "emvs/text.py"]
+
+
+def test_small_modules_and_second_classes_are_found(tmp_path):
+    files = {
+        "small.py": "class Job: pass", "large.py": "x = 1\n" * 60, "shared.py": "",
+        "one.py": "from emvs import small, large, shared\nclass Job: pass",
+        "two.py": "from emvs import shared",
+    }  # fmt: skip
+    modules = checkout(tmp_path, files)
+    assert small_with_one_importer(modules, import_graph(modules)) == {"emvs.small": "emvs.one"}
+    assert classes_defined_twice(modules) == {"Job": ["emvs.one", "emvs.small"]}

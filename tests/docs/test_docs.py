@@ -1,0 +1,64 @@
+"""Code in the documentation runs: Python blocks, and `eventsweep` commands in shell blocks."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from emvs import methods
+from eval.cli.main import main
+from places import ROOT
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"\]\(([^)#]+)(?:#[^)]*)?\)")
+
+
+def blocks(page: Path) -> list[tuple[str, str]]:
+    return BLOCK.findall(page.read_text(encoding="utf-8"))
+
+
+def without_folder(arguments: list[str]) -> list[str]:
+    """A command without its --out, which says where and not what."""
+    at = arguments.index("--out") if "--out" in arguments else len(arguments)
+    return arguments[:at] + arguments[at + 2 :]
+
+
+def run_by_the_tutorial() -> list[list[str]]:
+    tutorial = blocks(ROOT / "docs" / "tutorial.md")
+    return [without_folder(one) for language, text in tutorial for one in commands(text)]
+
+
+def commands(text: str) -> list[list[str]]:
+    lines = text.replace("\\\n", " ").splitlines()
+    return [
+        shlex.split(line, comments=True)[1:] for line in lines if line.startswith("eventsweep ")
+    ]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_code_runs(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    # What a page registers must not be known to the tests after it.
+    monkeypatch.setattr(methods, "_registered", dict(methods._registered))
+    names: dict[str, object] = {}
+    for language, text in blocks(page):
+        if language == "python":
+            exec(compile(text, page.name, "exec"), names)
+        for arguments in commands(text) if language == "sh" else ():
+            if page.name == "README.md" and without_folder(arguments) in run_by_the_tutorial():
+                continue  # the whole main job once more
+            assert main(arguments) == 0, arguments
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    targets = LINK.findall(BLOCK.sub("", page.read_text(encoding="utf-8")))
+    local = [target for target in targets if not target.startswith("http")]
+    assert [target for target in local if not (page.parent / target).exists()] == []
+
+
+def test_the_tutorial_has_code():
+    languages = {language for language, _ in blocks(ROOT / "docs" / "tutorial.md")}
+    assert {"sh", "python"} <= languages

@@ -1,0 +1,132 @@
+"""The documentation names what there is: modules, settings, fields, and who draws each picture."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import shutil
+from fnmatch import fnmatchcase
+
+import pytest
+
+from emvs.config import MapperConfig
+from emvs.depth.inpainting import Dense
+from emvs.maps.folder import HotPixelInfo, MapInfo, RecordingInfo, SkippedWindow, WindowInfo
+from emvs.maps.merge import FusedInfo
+from eval.config import EvalConfig
+from places import ROOT
+from settings_table import TABLES, main, settings_block
+
+DOCS = ROOT / "docs"
+PACKAGES = ("emvs", "sim", "scenes", "eval", "eventsweep")
+COMMAND = re.compile(r"-m ((?:emvs|sim|scenes|eval)[\w.]*)|(docs/\w+\.py)")
+
+
+def text_of(*pages):
+    return "\n".join(page.read_text(encoding="utf-8") for page in pages)
+
+
+def module_names():
+    """Dotted names of all modules but packages' own."""
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            if path.stem not in ("__init__", "__main__"):
+                yield ".".join(path.relative_to(ROOT).with_suffix("").parts)
+
+
+def named_modules():
+    """What the page on architecture calls modules, packages and families of them."""
+    found = re.findall(
+        r"`((?:emvs|sim|scenes|eval|eventsweep)\.[\w.*]+)`", text_of(DOCS / "architecture.md")
+    )
+    # Scenes are listed on pages of their own.
+    return {*found, "scenes.[a-z]*"}
+
+
+def covers(name, module):
+    return fnmatchcase(module, name) or module.startswith(name + ".")
+
+
+def test_every_module_has_its_place_in_the_architecture():
+    named = named_modules()
+    homeless = [m for m in module_names() if not any(covers(name, m) for name in named)]
+    assert homeless == [], (
+        "name them in docs/architecture.md, or their family: `emvs.dsi.focus_measures*`"
+    )
+
+
+def test_the_architecture_names_no_module_that_is_gone():
+    modules = [*module_names(), *(f"{p}.{d.name}" for p in PACKAGES for d in (ROOT / p).iterdir())]
+    assert [n for n in named_modules() if not any(covers(n, module) for module in modules)] == []
+
+
+def test_tables_of_settings_are_not_stale(capsys):
+    assert main([str(DOCS), "--check"]) == 0, capsys.readouterr().err
+
+
+@pytest.mark.parametrize("model", [MapperConfig, EvalConfig])
+def test_a_table_has_a_line_for_every_setting(model):
+    lines = settings_block(model).splitlines()[2:]
+    assert [line.split("`")[1] for line in lines] == list(model.model_fields)
+    assert all(len(re.findall(r"(?<!\\)\|", line)) == 5 for line in lines)
+
+
+def test_a_typed_default_is_noticed_and_cured(tmp_path, capsys):
+    for name in TABLES:
+        shutil.copy(DOCS / name, tmp_path / name)
+    assert main([str(tmp_path)]) == 0
+    page = tmp_path / "mapper.md"
+    fresh = page.read_text()
+    page.write_text(fresh.replace("| `planes` | 100 |", "| `planes` | 99 |"))
+    assert main([str(tmp_path), "--check"]) == 1
+    assert "mapper.md: its table is stale" in capsys.readouterr().err
+    assert main([str(tmp_path)]) == 0
+    assert page.read_text() == fresh
+
+
+def test_pages_without_marks_or_none_are_refused(tmp_path, capsys):
+    assert main([str(tmp_path)]) == 2
+    (tmp_path / "mapper.md").write_text("nothing")
+    assert main([str(tmp_path)]) == 2
+    assert "settings: begin" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "model", [MapInfo, WindowInfo, SkippedWindow, HotPixelInfo, RecordingInfo, FusedInfo, Dense]
+)
+def test_every_field_of_a_map_folder_is_described(model):
+    fields = getattr(model, "model_fields", None) or model.__annotations__
+    page = text_of(DOCS / "formats.md")
+    assert [name for name in fields if f"`{name}`" not in page] == []
+
+
+def makefile():
+    """Its lines, continued ones joined."""
+    return text_of(ROOT / "Makefile").replace("\\\n", " ").splitlines()
+
+
+def makers(picture):
+    """Lines of the Makefile that draw a picture, which they name beside the command."""
+    for line in makefile():
+        names = re.findall(r"docs/images/([\w*.-]+\.png)", line)
+        if line.startswith("\t") and any(fnmatchcase(picture, name) for name in names):
+            yield line
+
+
+PICTURES = sorted(path.name for path in (DOCS / "images").iterdir())
+
+
+@pytest.mark.parametrize("picture", PICTURES)
+def test_every_picture_is_shown_and_drawn_by_a_command(picture):
+    pages = [ROOT / "README.md", *DOCS.glob("*.md")]
+    assert any(f"images/{picture})" in text_of(page) for page in pages)
+    line = next(makers(picture), "")
+    assert line, "name the command that draws it in the Makefile"
+    assert COMMAND.search(line) or line.strip().startswith("cp out/")
+
+
+def test_commands_of_the_makefile_exist():
+    found = [match for line in makefile() for match in COMMAND.findall(line)]
+    assert len(found) > 10
+    for module, script in found:
+        assert (ROOT / script).is_file() if script else importlib.util.find_spec(module)

@@ -1,0 +1,50 @@
+"""The README's numbers are those of the committed baseline."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from emvs.errors import InputError
+from eval.gate.baseline import read_baseline
+from markdown_blocks import with_block
+from places import ROOT
+from readme_table import main, results_block
+
+README, BASELINE = ROOT / "README.md", ROOT / "reports" / "baseline.json"
+
+
+def test_the_readme_is_not_stale(capsys):
+    assert main([str(README), "--baseline", str(BASELINE), "--check"]) == 0, capsys.readouterr().err
+
+
+def test_a_typed_number_is_noticed_and_cured(tmp_path, capsys):
+    page = Path(shutil.copy(README, tmp_path / "README.md"))
+    page.write_text(page.read_text().replace("| Alg1/H | 4", "| Alg1/H | 5"))
+    asked = [str(page), "--baseline", str(BASELINE)]
+    assert main([*asked, "--check"]) == 1
+    assert "stale" in capsys.readouterr().err
+    assert main(asked) == 0
+    assert page.read_text() == README.read_text()
+
+
+def test_the_mean_is_that_of_cases_and_seeds():
+    baseline = read_baseline(BASELINE)
+    chosen = [s for s in baseline.series if (s.method, s.metric) == ("Alg1/H", "mean_error")]
+    means = [sum(s.values.values()) / len(s.values) for s in chosen]
+    line = next(x for x in results_block(baseline).splitlines() if x.startswith("| Alg1/H |"))
+    assert f"{100 * sum(means) / len(means):.2f}" in line
+
+
+def test_only_what_stands_between_the_marks_changes():
+    page = "a\n<!-- results: begin -->\nold\n<!-- results: end -->\nz\n"
+    after = with_block(page, "results", "new\n")
+    assert after == "a\n<!-- results: begin -->\n\nnew\n\n<!-- results: end -->\nz\n"
+    assert with_block(after, "results", "new\n") == after
+
+
+def test_a_page_without_marks_is_refused():
+    with pytest.raises(InputError, match="results: begin"):
+        with_block("nothing", "results", "x")

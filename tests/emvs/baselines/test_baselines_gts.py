@@ -1,0 +1,142 @@
+"""Event-by-event stereo: kernels against twins, a world of few points, bad input."""
+
+import numpy as np
+import pytest
+
+import naive_esvo
+from emvs.baselines import gts
+from emvs.baselines.gts import Stream, pairs, time_slopes
+from emvs.config import Coincidence, GtsParameters, MapperConfig
+from emvs.data.events import Events
+from emvs.errors import InputError
+from emvs.geometry.rig import Rig
+from emvs.reference_view import reference_view
+from emvs.utils.runtime import use_threads
+from emvs.windows import choose_window
+from point_world import Recorded, fronto_parallel
+
+CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25, border_px=0)
+
+
+def mapped(recording, parameters=None):
+    window = choose_window(recording, CONFIG)
+    view = reference_view(recording, CONFIG, window.t_ref_us)
+    return gts.estimate(recording, window, view, CONFIG, parameters)
+
+
+def random_stream(seed, n=120):
+    rng = np.random.default_rng(seed)
+    uv_px, t_us = rng.uniform(0, (30, 6), (n, 2)), np.sort(rng.integers(0, 4000, n))
+    polarity = rng.integers(0, 2, n).astype(np.uint8)
+    return Stream(uv_px, t_us, polarity, rng.uniform(800, 1200, (n, 2)))
+
+
+def test_pairs_against_the_twin_choose_each_other():
+    left, right = random_stream(1), random_stream(2)
+    settings = Coincidence(row_px=1.0, time_us=1000.0, motion=0.5, most_energy=4.0)
+    i, j, energy = pairs(left, right, (1, 12), settings)
+    to_right = naive_esvo.best_pairs(left, right, 1, 12, settings)
+    to_left = naive_esvo.best_pairs(right, left, -12, -1, settings)
+    expected = [(k, m) for k, m in enumerate(to_right) if m >= 0 and to_left[m] == k]
+    assert list(zip(i.tolist(), j.tolist(), strict=True)) == expected
+    assert len(expected) > 5
+    assert len(np.unique(j)) == len(j)
+    assert (energy < settings.most_energy).all()
+
+
+def test_events_without_motion_match_nothing():
+    left, right = random_stream(1), random_stream(2)
+    still = Stream(left.uv_px, left.t_us, left.p, np.full((120, 2), np.nan))
+    assert len(pairs(still, right, (1, 12), Coincidence())[0]) == 0
+
+
+@pytest.mark.parametrize("slope", [(500.0, 0.0), (300.0, 400.0), (-200.0, 100.0)])
+def test_an_edge_that_moves_evenly_has_the_slope_of_its_plane(slope):
+    v, u = np.mgrid[0:9, 0:9].reshape(2, -1)
+    t_us = np.rint(u * slope[0] + v * slope[1] + 5000).astype(np.int64)
+    order = np.argsort(t_us, kind="stable")
+    pixels = np.column_stack([u, v])[order]
+    found = time_slopes(pixels, t_us[order], np.zeros(81, np.uint8), (9, 9), 2, 10**6)
+    known = np.isfinite(found).all(axis=1)
+    assert known.sum() > 40
+    np.testing.assert_allclose(found[known], np.tile(slope, (known.sum(), 1)), atol=1.0)
+
+
+def test_old_neighbours_and_the_other_polarity_tell_no_motion():
+    v, u = np.mgrid[0:5, 0:5].reshape(2, -1)
+    pixels, t_us = np.column_stack([u, v]), np.arange(25) * 1000
+    assert np.isnan(time_slopes(pixels, t_us, np.zeros(25, np.uint8), (5, 5), 2, 2000)).all()
+    mixed = (np.arange(25) % 5 == 0).astype(np.uint8)
+    assert np.isnan(time_slopes(pixels, t_us, mixed, (5, 5), 2, 10**6)[mixed == 1]).all()
+
+
+def edge_world(depth_m, f=80.0, speed_m_s=0.8):
+    """One upright edge before a moving rig: no other event to be taken for its partner."""
+    recording = fronto_parallel(depth_m)
+    camera = recording.rig.cameras[0]
+    streams = []
+    for T in recording.rig.T_body_cam:
+        u, v = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
+        x_m = (u - camera.cx_px) / f * depth_m
+        t_us = np.rint((0.25 - (x_m + T[0, 3]) / speed_m_s) * 1e6).astype(np.int64).ravel()
+        inside = np.flatnonzero((t_us >= 0) & (t_us < 500_000))
+        inside = inside[np.argsort(t_us[inside], kind="stable")]
+        streams.append(Events(
+            u.ravel()[inside].astype(np.uint16), v.ravel()[inside].astype(np.uint16), t_us[inside],
+            np.ones(len(inside), np.uint8),
+        ))  # fmt: skip
+    return Recorded(recording.rig, recording.trajectory, tuple(streams))
+
+
+@pytest.mark.parametrize("disparity_px", [4.0, 6.0, 8.0])
+def test_a_lone_edge_is_triangulated_exactly(disparity_px):
+    """At the reference time it fills one column; so slow an edge needs a long memory."""
+    found = mapped(edge_world(8 / disparity_px), GtsParameters(memory_s=0.2))
+    assert found.points > 50
+    np.testing.assert_allclose(8 / found.depth_m[found.mask], disparity_px, atol=1e-3)
+
+
+def test_one_thread_and_two_give_the_same_bits():
+    maps = []
+    for threads in (1, 2):
+        use_threads(threads)
+        maps.append(mapped(edge_world(1.0), GtsParameters(memory_s=0.2)))
+    use_threads(0)
+    for field in ("depth_m", "confidence", "mask", "argmax"):
+        np.testing.assert_array_equal(getattr(maps[0], field), getattr(maps[1], field))
+
+
+def test_settings_of_the_configuration_reach_the_matching():
+    recording, patient = edge_world(1.0), GtsParameters(memory_s=0.2)
+    config = CONFIG.model_copy(update={"gts": patient})
+    window = choose_window(recording, config)
+    view = reference_view(recording, config, window.t_ref_us)
+    by_config = gts.estimate(recording, window, view, config)
+    np.testing.assert_array_equal(by_config.depth_m, mapped(recording, patient).depth_m)
+
+
+# Bad input
+
+
+def test_events_of_different_clocks_are_refused():
+    recording = edge_world(1.0)
+    right = recording.streams[1]
+    later = Events(right.x, right.y, right.t_us // 1000, right.p)
+    with pytest.raises(InputError, match=r"no pair among \d+ and \d+ events") as error:
+        mapped(Recorded(recording.rig, recording.trajectory, (recording.streams[0], later)))
+    assert "\n" not in str(error.value)
+
+
+def test_one_camera_is_refused():
+    with pytest.raises(InputError, match="stereo matching needs 2") as error:
+        mapped(fronto_parallel(1.3, cameras=1))
+    assert "\n" not in str(error.value)
+
+
+def test_a_rig_that_looks_along_its_baseline_is_refused():
+    recording, ahead = fronto_parallel(1.3), np.eye(4)
+    ahead[2, 3] = 0.1
+    rig = Rig("ahead", recording.rig.cameras, (np.eye(4), ahead))
+    with pytest.raises(InputError, match=r"cannot be rectified.*90\.0 degrees") as error:
+        mapped(Recorded(rig, recording.trajectory, recording.streams))
+    assert "\n" not in str(error.value)

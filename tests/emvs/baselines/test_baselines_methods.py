@@ -1,0 +1,212 @@
+"""The rivals through the mapper: registry, recordings in memory, bad input."""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import pytest
+
+from emvs import baselines
+from emvs.baselines import BaselineEstimator, sgm
+from emvs.baselines.sgm import match
+from emvs.config import MapperConfig, SemiGlobal
+from emvs.data.events import Events
+from emvs.data.image_stores import Photo
+from emvs.errors import InputError
+from emvs.geometry.camera import Camera
+from emvs.mapper import map_window
+from emvs.maps.folder import read_depth, read_slices, write_window
+from emvs.methods import methods, overview, register, unregister
+from emvs.windows import Window
+from point_world import Recorded, edge_stream, fronto_parallel, sideways, stereo_rig
+
+CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25, border_px=0)
+ALWAYS = ("SGM/ts", "SGM/window")
+
+
+@dataclass(frozen=True, eq=False)
+class WithPhotos(Recorded):
+    """The same random texture before both cameras, 20 px apart."""
+
+    def photo_times_us(self, camera):
+        return np.array([250_000])
+
+    def photo(self, camera, t_us):
+        height, width = self.rig.cameras[camera].height_px, self.rig.cameras[camera].width_px
+        texture = np.random.default_rng(0).integers(0, 255, (height, width)).astype(np.uint8)
+        return Photo(249_000, 251_000, 1.0, np.roll(texture, -20 * camera, axis=1))
+
+
+def mapped(recording, *names, **values):
+    return map_window(recording, CONFIG.model_copy(update={"methods": names, **values}))
+
+
+def lines(error):
+    return str(error.value).count("\n") + 1
+
+
+# Names
+
+
+def test_all_stays_the_fusion_methods_and_rivals_are_the_others():
+    everything = [method.name for method in methods(("all", "baselines"), 2)]
+    assert not {name.split("/")[0] for name in everything[:9]} & set(baselines.FAMILIES)
+    assert tuple(everything[9:]) == baselines.names()
+    assert set(ALWAYS) <= set(baselines.names())
+    assert "Frames/sgm" not in baselines.names()
+    assert methods(("baselines", "SGM/ts"), 2) == methods(("baselines",), 2)
+    shown = " ".join(overview())
+    assert all(baseline.name in shown for baseline in baselines.BASELINES)
+
+
+def test_names_that_no_rival_has_are_refused():
+    with pytest.raises(InputError, match=r"unknown method 'SGM/x': the rivals are SGM/ts"):
+        methods(("SGM/x",), 2)
+    with pytest.raises(InputError, match="SGM/ts matches two cameras, this rig has 1"):
+        methods(("SGM/ts",), 1)
+    with pytest.raises(InputError, match="does not know the mcemvs setting"):
+        methods(("SGM/ts",), 2, mcemvs=True)
+
+
+def test_a_rival_of_ones_own():
+    def nothing_new(recording, window, view, config):
+        return sgm.estimate_time_surfaces(recording, window, view, config)
+
+    register(BaselineEstimator("Own/rival", "nothing new", nothing_new))
+    try:
+        own = mapped(fronto_parallel(1.5), "Own/rival").depth_maps["Own/rival"]
+        assert own.method == "Own/rival"
+        assert overview()["Own/rival"] == "nothing new"
+    finally:
+        unregister("Own/rival")
+
+
+# Through the mapper
+
+
+def test_rivals_beside_volumes_change_nothing_and_come_back_from_disk(tmp_path):
+    recording = fronto_parallel(1.5, points=3000)
+    both = mapped(recording, "SGM/ts", "Alg1/H", "Late/union")
+    alone, rival = mapped(recording, "Alg1/H"), mapped(recording, "SGM/ts")
+    assert list(both.depth_maps) == ["Alg1/H", "SGM/ts", "Late/union"]
+    for result, name in ((alone, "Alg1/H"), (rival, "SGM/ts")):
+        for field in ("depth_m", "confidence", "mask", "argmax"):
+            np.testing.assert_array_equal(
+                getattr(result.depth_maps[name], field), getattr(both.depth_maps[name], field)
+            )
+    assert rival.counts[0].events == alone.counts[0].events
+    assert rival.counts[0].votes.counted == 0
+    info = write_window(tmp_path / "w000", both, CONFIG, recording.rig.camera_names, clouds=False)
+    assert info.methods == ("Alg1/H", "SGM/ts", "Late/union")
+    slices = read_slices(tmp_path / "w000" / "slices.npz", info.methods, 96)
+    assert [len(slices.values[name]) for name in info.methods] == [25, 0, 25]
+    read = read_depth(tmp_path / "w000" / "SGM-ts" / "depth.npz", "SGM/ts")
+    np.testing.assert_array_equal(read.depth_m, both.depth_maps["SGM/ts"].depth_m)
+
+
+@pytest.mark.parametrize("depth_m", [0.8, 1.3, 2.5])
+@pytest.mark.parametrize("name", ALWAYS)
+def test_a_fronto_parallel_plane_is_found_to_half_a_pixel_of_disparity(depth_m, name):
+    recording = fronto_parallel(depth_m, points=3000)
+    found = mapped(recording, name).depth_maps[name]
+    disparity_px = 80 * 0.1 / found.depth_m[found.mask]
+    assert found.points > 300
+    assert np.median(np.abs(disparity_px - 8 / depth_m)) < 0.5
+
+
+def test_swapping_the_cameras_gives_the_same_plane():
+    """Camera 1 to the left: the views turn by 180 degrees, and depth stays."""
+    recording = fronto_parallel(1.3, points=3000)
+    swapped = Recorded(
+        replace(recording.rig, T_body_cam=recording.rig.T_body_cam[::-1]),
+        recording.trajectory, recording.streams[::-1],
+    )  # fmt: skip
+    found = mapped(swapped, "SGM/ts").depth_maps["SGM/ts"]
+    assert found.points > 300
+    assert np.median(np.abs(8 / found.depth_m[found.mask] - 8 / 1.3)) < 0.5
+
+
+def test_scaling_the_world_scales_the_depth():
+    small, large = (fronto_parallel(1.3, points=3000, scale=scale) for scale in (1.0, 2.0))
+    one = mapped(small, "SGM/ts").depth_maps["SGM/ts"]
+    two = mapped(large, "SGM/ts", min_depth_m=1.0, max_depth_m=8.0).depth_maps["SGM/ts"]
+    np.testing.assert_array_equal(one.mask, two.mask)
+    np.testing.assert_allclose(two.depth_m[two.mask], 2 * one.depth_m[one.mask], rtol=1e-5)
+
+
+@pytest.mark.parametrize("shift_px", [3, 10, 17])
+def test_a_shifted_picture_is_matched_and_its_edges_report_nothing(shift_px):
+    texture = np.random.default_rng(0).integers(0, 255, (40, 120)).astype(np.uint8)
+    left, right = texture[:, :100], np.roll(texture, -shift_px, axis=1)[:, :100]
+    found_px = match(left, right, (2, 18), SemiGlobal(block_px=5))
+    known = np.isfinite(found_px)
+    assert known[:, shift_px + 8 : -20].mean() > 0.95
+    assert np.abs(found_px[:, : 100 - shift_px][known[:, : 100 - shift_px]] - shift_px).max() < 0.1
+    assert not known[:, : 2 + 5 // 2].any()
+
+
+@pytest.mark.parametrize("name", ["SGM/ts", "SGM/window", "Frames/sgm"])
+def test_one_thread_and_two_give_the_same_bits(name):
+    """Of the kernels and of OpenCV, on pictures that OpenCV shares out among its threads."""
+    camera = Camera(640, 480, 400.0, 400.0, 319.5, 239.5)
+    stream, motion = edge_stream(camera, sideways(), 200_000), sideways()
+    recording = WithPhotos(stereo_rig(camera), motion, (stream, stream))
+    before, maps = cv2.getNumThreads(), []
+    try:
+        for threads in (1, 2):
+            cv2.setNumThreads(threads)
+            maps.append(mapped(recording, name, threads=threads).depth_maps[name])
+    finally:
+        cv2.setNumThreads(before)
+    assert maps[0].points > 300
+    for field in ("depth_m", "confidence", "mask", "argmax"):
+        np.testing.assert_array_equal(getattr(maps[0], field), getattr(maps[1], field))
+
+
+def test_one_parameter_of_the_matcher_leaves_the_others_as_they_were():
+    given = MapperConfig.model_validate({"frames": {"matcher": {"p1_per_px": 9}}})
+    default = MapperConfig().frames.matcher
+    assert given.frames.matcher == default.model_copy(update={"p1_per_px": 9})
+    assert default.block_px == 7
+
+
+# Bad input
+
+
+def test_cameras_that_stay_silent_are_named():
+    recording = fronto_parallel(1.5)
+    late = recording.streams[1]
+    after = late.t_us >= 300_000
+    streams = (recording.streams[0], Events(late.x[after], late.y[after], late.t_us[after],
+                                            late.p[after]))  # fmt: skip
+    silent = replace(recording, streams=streams)
+    with pytest.raises(InputError, match="cam1 has no events from") as error:
+        mapped(silent, "SGM/ts")
+    assert lines(error) == 1
+
+
+def test_depths_that_a_pixel_cannot_tell_apart_are_refused():
+    with pytest.raises(InputError, match=r"of disparity on a baseline of 0\.1 m") as error:
+        mapped(fronto_parallel(1.5), "SGM/ts", min_depth_m=20.0, max_depth_m=40.0)
+    assert lines(error) == 1
+
+
+def test_windows_shorter_than_the_rate_are_refused():
+    with pytest.raises(InputError, match=r"at 20 Hz needs at least 0\.05 s") as error:
+        mapped(fronto_parallel(1.5), "SGM/window", start_s=0.1, duration_s=0.04)
+    assert lines(error) == 1
+
+
+def test_poses_need_not_reach_the_end_of_the_window():
+    recording = fronto_parallel(1.5, points=3000)
+    window = Window(300_001, 500_001, 400_000, (0, 0))
+    assert sgm.instants_us(window, 20) == [350_001, 400_001, 450_001, 500_000]
+    config = CONFIG.model_copy(update={"methods": ("SGM/window",)})
+    found = map_window(recording, config, window=window).depth_maps["SGM/window"]
+    assert found.points > 300
+
+
+def test_recordings_without_frames_are_told_how_to_get_them():
+    with pytest.raises(InputError, match="has no frames of an ordinary camera") as error:
+        mapped(fronto_parallel(1.5), "Frames/sgm")
+    assert lines(error) == 1

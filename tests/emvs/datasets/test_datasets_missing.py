@@ -1,0 +1,217 @@
+"""What a data set lacks, or holds damaged, is never passed over: one line says file and place."""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pytest
+import yaml
+
+import dataset_files
+import dataset_world as world
+from dataset_world import rewritten
+from emvs.data.sequence import Sequence
+from emvs.datasets import open_recording
+from emvs.datasets.raw_streams import open_readable
+from emvs.errors import InputError
+from emvs.formats.calibration import read_rig
+from eval.cli.main import main
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("missing")
+    return Sequence.open(world.write_sequence(folder / "ours", "kb4", steps=100))
+
+
+def bag_of(sequence, path, *, info="whole", poses="whole", damage=b""):
+    """ESIM's topics of one camera; `info` and `poses` are whole, damaged, empty or absent."""
+    camera = sequence.rig.cameras[0]
+    with dataset_files.Bag(path) as bag:
+        bag.events("/cam0/events", dataset_files.everything(sequence, 0), (96, 64))
+        if info == "whole":
+            bag.camera_info("/cam0/camera_info", camera, 0)
+        elif info == "damaged":
+            bag.raw("/cam0/camera_info", "sensor_msgs/msg/CameraInfo", 0, damage)
+        if poses == "whole":
+            bag.poses(
+                "/cam0/pose", sequence.trajectory.t_us, dataset_files.T_world_cam(sequence, 0)
+            )
+        elif poses == "damaged":
+            bag.raw("/cam0/pose", "geometry_msgs/msg/PoseStamped", 0, damage)
+    return path
+
+
+@pytest.mark.parametrize("damage", [b"", b"\xff" * 20, bytes(400)])
+@pytest.mark.parametrize("piece", ["info", "poses"])
+def test_damaged_pieces_of_a_bag_are_refused_and_named(sequence, tmp_path, capsys, piece, damage):
+    path = bag_of(sequence, tmp_path / "a.bag", **{piece: "damaged"}, damage=damage)
+    assert main(["info", str(path)]) == 2
+    said = capsys.readouterr().err.strip()
+    assert len(said.splitlines()) == 1
+    assert str(path) in said
+    assert {"info": "/cam0/camera_info", "poses": "/cam0/pose"}[piece] in said
+    out = tmp_path / "b.npz"
+    assert main(["convert", str(path), str(out), "--to", "npz", "--quiet"]) == 2
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("absent", "why"),
+    [("info", "no calibration: no topic /cam0/camera_info"), ("poses", "no poses: no topic")],
+)
+def test_a_bag_without_a_piece_gives_its_events_and_says_why(sequence, tmp_path, absent, why):
+    found = open_readable(bag_of(sequence, tmp_path / "a.bag", **{absent: "absent"}))
+    assert found.recording is None
+    assert f"events alone: {why}" in found.what
+    with pytest.raises(InputError, match=r"a\.bag"):
+        open_recording(tmp_path / "a.bag")
+
+
+def test_a_choice_of_poses_is_named(sequence, tmp_path):
+    with dataset_files.Bag(tmp_path / "a.bag") as bag:
+        bag.events("/dvs/events", dataset_files.everything(sequence, 0), (96, 64))
+        bag.camera_info("/dvs/camera_info", sequence.rig.cameras[0], 0)
+        for topic in ("/head", "/hand"):
+            bag.poses(topic, sequence.trajectory.t_us, dataset_files.T_world_cam(sequence, 0))
+    assert "poses in /head, /hand: name one" in open_readable(tmp_path / "a.bag").what
+
+
+def test_cameras_in_one_place_are_refused(sequence, tmp_path):
+    """`camera_info` of each camera alone says nothing about the other."""
+    with dataset_files.Bag(tmp_path / "a.bag") as bag:
+        bag.poses("/mocap", sequence.trajectory.t_us, dataset_files.T_world_cam(sequence, 0))
+        for k, camera in enumerate(sequence.rig.cameras):
+            bag.camera_info(f"/cam{k}/camera_info", camera, 0)
+            bag.events(f"/cam{k}/events", dataset_files.everything(sequence, k), (96, 64))
+    with pytest.raises(InputError, match=r"all cameras into one place.*/cam0/pose, /cam1/pose"):
+        open_recording(tmp_path / "a.bag")
+
+
+def test_cameras_that_move_against_each_other_are_refused(sequence, tmp_path):
+    t_us = sequence.trajectory.t_us
+    with dataset_files.Bag(tmp_path / "a.bag") as bag:
+        for k, camera in enumerate(sequence.rig.cameras):
+            T = dataset_files.T_world_cam(sequence, k)
+            T[:, 0, 3] += k * 0.01 * np.arange(len(T))
+            bag.camera_info(f"/cam{k}/camera_info", camera, 0)
+            bag.poses(f"/cam{k}/pose", t_us, T)
+            bag.events(f"/cam{k}/events", dataset_files.everything(sequence, k), (96, 64))
+    with pytest.raises(InputError, match=r"/cam1/pose: moves by 0\.25"):
+        open_recording(tmp_path / "a.bag")
+
+
+@pytest.mark.parametrize(
+    ("group", "message"),
+    [
+        ("davis/left/pose", "lacks davis/left/pose"),
+        ("davis/left/pose_ts", "lacks davis/left/pose_ts"),
+        ("davis/left/depth_image_raw", "lacks davis/left/depth_image_raw, but has its partner"),
+        ("davis/left/depth_image_raw_ts", "lacks davis/left/depth_image_raw_ts, but has"),
+    ],
+)
+def test_groups_that_mvsec_lacks_are_named(sequence, tmp_path, group, message):
+    folder = rewritten(sequence.path, tmp_path / "m", "mvsec")
+    truth = next(folder.glob("*_gt.hdf5"))
+    with h5py.File(truth, "r+") as file:
+        del file[group]
+    with pytest.raises(InputError, match=message) as caught:
+        open_recording(folder)
+    assert str(truth) in str(caught.value)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_events_that_mvsec_lacks_are_named(sequence, tmp_path, side):
+    folder = rewritten(sequence.path, tmp_path / "m", "mvsec")
+    with h5py.File(next(folder.glob("*_data.hdf5")), "r+") as file:
+        del file[f"davis/{side}/events"]
+    with pytest.raises(InputError, match=f"no stream 'davis/{side}'"):
+        open_recording(folder).events(("left", "right").index(side), 0, 1000)
+
+
+@pytest.mark.parametrize(
+    ("gone", "message"),
+    [
+        ("disparity/timestamps.txt", "lacks disparity/timestamps.txt, but has"),
+        ("disparity/event/000002.png", "3 times for 2 disparity images"),
+        ("events/right/events.h5", "lacks the right events"),
+        ("calibration/cam_to_cam.yaml", "lacks the calibration"),
+        ("poses.txt", "lacks poses"),
+    ],
+)
+def test_files_that_dsec_lacks_are_named(sequence, tmp_path, gone, message):
+    folder = rewritten(sequence.path, tmp_path / "d", "dsec")
+    (folder / gone).unlink()
+    with pytest.raises(InputError, match=message):
+        open_recording(folder).truth_times_us(0)
+
+
+def test_dsecs_rectify_map_must_be_the_calibrations(sequence, tmp_path):
+    folder = rewritten(sequence.path, tmp_path / "d", "dsec")
+    with h5py.File(folder / "events/left/rectify_map.h5", "r+") as file:
+        assert file["rectify_map"].shape == (64, 96, 2)
+        file["rectify_map"][16, 32] += 2
+    with pytest.raises(InputError, match=r"row 16, column 32 lies 2 px off"):
+        open_recording(folder)
+
+
+def test_yaml_that_stands_for_more_than_memory_holds_is_refused(tmp_path):
+    lines = ["a: &a [1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    lines += [
+        f"{b}: &{b} [{', '.join([f'*{a}'] * 9)}]"
+        for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+    ]
+    path = tmp_path / "c.yaml"
+    path.write_text("\n".join([*lines, "cam0: *i"]))
+    with pytest.raises(InputError, match="more than 100000 values"):
+        read_rig(path)
+    path.write_text("[" * 5000)
+    with pytest.raises(InputError, match="no usable JSON or YAML"):
+        read_rig(path)
+    path.write_text(yaml.safe_dump({"cam0": {"camera_model": "x" * 10_000}}))
+    with pytest.raises(InputError, match="a word of 10000 letters"):
+        read_rig(path)
+
+
+def test_a_filter_without_its_parameters_is_refused(sequence, tmp_path):
+    """Blosc does not count its parameters before it reads them: that would end the process."""
+    folder = rewritten(sequence.path, tmp_path / "t", "tumvie")
+    path = next(folder.glob("*events_left.h5"))
+    data = path.read_bytes()
+    at = data.index(struct.pack("<H", 32001)) + 6  # behind identifier, length of name and flags
+    assert struct.unpack_from("<H", data, at) == (7,)
+    path.write_bytes(data[:at] + bytes(2) + data[at + 2 :])
+    with pytest.raises(InputError, match="filter 32001 with 0 parameters, needs 4") as caught:
+        open_recording(folder).events(0, 0, 10**6)
+    assert str(path) in str(caught.value)
+
+
+CONVERT = """
+import resource, sys
+from eval.cli.main import main
+most = int(sys.argv.pop(1))
+resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+raise SystemExit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize("kind", ["mvsec", "dsec"])
+def test_a_full_disk_is_one_line_and_leaves_nothing(sequence, tmp_path, kind):
+    """The disk ends at several places, in events as in maps, poses and ground truth."""
+    out, words = tmp_path / "out", ("convert", sequence.path, tmp_path / "out", "--to", kind)
+    whole = rewritten(sequence.path, tmp_path / "whole", kind)
+    sizes = sorted({path.stat().st_size for path in whole.rglob("*") if path.is_file()})
+    for most in (sizes[-1] - 1, sizes[len(sizes) // 2] - 1):
+        done = subprocess.run(
+            [sys.executable, "-c", CONVERT, str(most), *map(str, words), "--quiet"],
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 2, done.stderr
+        assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+        assert "File too large" in done.stderr
+        assert [path.name for path in tmp_path.iterdir()] == ["whole"]
+    assert not out.exists()

@@ -1,0 +1,276 @@
+"""Extraction by focus: kernels equal their twins, and depth obeys its laws."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import naive_extraction as naive
+from emvs.depth.focus import FocusConfig, Found, at_least, most_reliable, on_surface
+from emvs.dsi import focus_kernels, focus_measures
+from emvs.dsi.maxima import FocusPeak, Maximum
+from emvs.errors import InputError
+from study_variants import found_in_volumes
+
+F = np.float32
+TWINS = {
+    "votes": lambda plane, _: plane,
+    "variance": naive.variance,
+    "mean-square": naive.mean_square,
+    "gradient": naive.gradient,
+    "laplacian": naive.laplacian,
+    "dog": naive.difference_of_gaussians,
+}
+
+
+def falling(volume):
+    """Disparities of a volume's planes, px: 0.3 from one to the next."""
+    return 16 - 0.3 * np.arange(len(volume))
+
+
+def find(fused, votes, config=FocusConfig()):  # noqa: B008 - frozen
+    """Depth by focus in whole volumes."""
+    return found_in_volumes(fused, votes, falling(fused), config)
+
+
+def random_planes(seed, *shape):
+    return np.random.default_rng(seed).gamma(0.5, 10, shape).astype(F)
+
+
+def test_every_measure_has_a_twin():
+    assert set(TWINS) == set(focus_measures.MEASURES)
+
+
+@pytest.mark.parametrize("name", focus_measures.MEASURES)
+def test_measure_equals_twin(name):
+    plane = random_planes(1, 9, 13)
+    slow = TWINS[name](plane, 1.3)
+    np.testing.assert_allclose(
+        focus_measures.measure(name)(plane, 1.3), slow, atol=2e-4 * abs(slow).max()
+    )
+
+
+@pytest.mark.parametrize("name", ["variance", "gradient", "laplacian", "dog"])
+def test_even_votes_are_nowhere_in_focus(name):
+    even = np.full((20, 30), 37.5, F)
+    np.testing.assert_allclose(focus_measures.measure(name)(even, 2.5), 0, atol=1e-2)
+
+
+@pytest.mark.parametrize(("name", "power"), [("variance", 2), ("gradient", 2), ("dog", 1)])
+def test_more_votes_scale_the_measure(name, power):
+    plane, measure = random_planes(2, 20, 30), focus_measures.measure(name)
+    np.testing.assert_array_equal(measure(4 * plane, 2.0), F(4**power) * measure(plane, 2.0))
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 9), st.integers(2, 40))
+def test_peak_equals_twin(seed, planes, levels):
+    volume = np.random.default_rng(seed).integers(0, levels, (planes, 4, 5)).astype(F)
+    volume -= 3  # a difference of Gaussians is below 0, too
+    peak = FocusPeak(5, 4, "votes", 1.0)
+    for plane in volume:
+        peak.take(plane)
+    found = peak.maximum()
+    for y, x in np.ndindex(volume.shape[1:]):
+        value, plane, before, after = naive.peak(volume[:, y, x].tolist())
+        assert (found.value[y, x], found.plane[y, x]) == (value, plane)
+        assert before is None or found.left[y, x] == before
+        assert after is None or found.right[y, x] == after
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.sampled_from([0.5, 2.0, 9.0]))
+def test_support_equals_twin(seed, radius, tolerance):
+    rng = np.random.default_rng(seed)
+    position, candidate = rng.uniform(0, 10, (7, 9)).astype(F), rng.random((7, 9)) < 0.4
+    out = np.zeros((7, 9), F)
+    focus_kernels.support(position, candidate, radius, F(tolerance), out)
+    slow = naive.support(position, candidate, radius, tolerance)
+    np.testing.assert_allclose(out, slow, atol=1e-6)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 9), st.sampled_from([0.5, 2.0, 9.0]))
+def test_own_surface_equals_twin(seed, radius, tolerance):
+    rng = np.random.default_rng(seed)
+    disparity, candidate = rng.uniform(0, 10, (7, 9)).astype(F), rng.random((7, 9)) < 0.4
+    out = np.zeros((2, 7, 9), F)
+    focus_kernels.own_surface(disparity, candidate, radius, F(tolerance), out)
+    slow = naive.own_surface(disparity, candidate, radius, tolerance)
+    np.testing.assert_allclose(out, slow, atol=1e-5)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 4), st.sampled_from([0.5, 2.0, 9.0]))
+def test_fitted_surface_equals_twin(seed, radius, tolerance):
+    rng = np.random.default_rng(seed)
+    disparity, candidate = rng.uniform(0, 10, (7, 9)).astype(F), rng.random((7, 9)) < 0.4
+    weight = np.exp(-0.1 * np.arange(radius + 1)).astype(F)
+    out = np.full((7, 9), -1, F)
+    focus_kernels.fit_surface(disparity, candidate, weight, F(tolerance), 0.5, out)
+    slow = naive.fitted_surface(disparity, candidate, weight, tolerance, 0.5)
+    np.testing.assert_allclose(out[candidate], slow[candidate], atol=1e-4)
+    assert (out[~candidate] == -1).all()
+
+
+def surface(disparity_px, planes_px):
+    """What was found where every pixel of this disparity is a candidate."""
+    ones = np.ones_like(disparity_px)
+    position = np.interp(-disparity_px, -planes_px, np.arange(len(planes_px))).astype(F)
+    return Found(position, ones, ones > 0, *(ones,) * 5)
+
+
+def test_a_slanted_surface_stays_and_its_noise_goes():
+    """A plane in space is linear in disparity; a step in depth takes no part across."""
+    planes_px, noise = 16 - 0.3 * np.arange(41), np.random.default_rng(1).normal(0, 0.1, (30, 40))
+    x, y = np.arange(40.0), np.arange(30.0)[:, None]
+    exact = (8 + 0.02 * x - 0.03 * y + 3 * (x > 20)).astype(F)
+    here = surface(exact, planes_px)
+    kept = on_surface(here, planes_px, FocusConfig())
+    np.testing.assert_allclose(kept.position, here.position, atol=0.06)
+    noisy = on_surface(surface((exact + noise).astype(F), planes_px), planes_px, FocusConfig())
+    off_px = 0.3 * abs(noisy.position - here.position)
+    assert np.median(off_px) < 0.3 * np.median(abs(noise))
+    turned = on_surface(
+        replace(here, position=40 - here.position), planes_px[::-1], FocusConfig()
+    )  # fmt: skip
+    np.testing.assert_allclose(40 - turned.position, kept.position, atol=1e-3)
+
+
+@pytest.mark.parametrize("at", [3.0, 3.2, 3.49, 2.6])
+def test_a_bell_is_found_where_it_is(at):
+    """The vertex through a Gaussian's three values is exact; a parabola's is not."""
+    left, value, right = (np.full((1, 1), np.exp(-((k - at) ** 2)), F) for k in (2, 3, 4))
+    maximum = Maximum(value, np.full((1, 1), 3, np.int16), left, right, 9)
+    np.testing.assert_allclose(maximum.position(bell=True), at, atol=1e-5)
+    assert at == 3 or abs(maximum.position()[0, 0] - at) > 1e-2
+    dark = Maximum(value, maximum.plane, np.zeros_like(left), right, 9)
+    np.testing.assert_array_equal(dark.position(bell=True), dark.position())
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1), height=st.integers(2, 7), width=st.integers(2, 7),
+    sigma_px=st.sampled_from([0.4, 1.3, 2.0]),
+)  # fmt: skip
+def test_the_compiled_variance_equals_the_measure_and_its_twin(seed, height, width, sigma_px):
+    """Also where the window is wider than the image."""
+    planes = random_planes(seed, 4, height, width)
+    compiled = FocusPeak(width, height, "variance", sigma_px)
+    for plane in planes:
+        compiled.take(plane)
+    slow = np.array([naive.variance(plane, sigma_px) for plane in planes])
+    np.testing.assert_allclose(compiled.maximum().value, slow.max(0), atol=2e-4 * slow.max() + 1e-6)
+    chosen = np.take_along_axis(slow, compiled.maximum().plane[None].astype(int), 0)[0]
+    np.testing.assert_allclose(chosen, slow.max(0), atol=2e-4 * slow.max() + 1e-6)
+
+
+def some_found(seed, levels=5):
+    rng = np.random.default_rng(seed)
+    confidence, *factors = rng.integers(0, levels, (6, 12, 15)).astype(F) / levels
+    candidate = rng.random((12, 15)) < 0.5
+    return Found(confidence, confidence, candidate, *factors)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 120), st.integers(0, 4))
+def test_most_reliable_equals_twin(seed, points, border_px):
+    found = some_found(seed)
+    mask = most_reliable(found, points, border_px)
+    slow = naive.most_reliable(
+        found.reliability, found.confidence, found.candidate, points, border_px
+    )
+    assert {(y, x) for y, x in np.argwhere(mask)} == slow
+
+
+def test_more_points_only_add_points():
+    found = some_found(3)
+    fewer, more = most_reliable(found, 20, 1), most_reliable(found, 40, 1)
+    assert fewer.sum() == 20
+    assert more.sum() == 40
+    assert not (fewer & ~more).any()
+    strict, lax = at_least(found, 0.05, 1), at_least(found, 0.005, 1)
+    assert 0 < strict.sum() < lax.sum()
+    assert not (strict & ~lax).any()
+
+
+def slanted_line(planes=41, at_plane=20, at_px=24.4, slant_px=0.35):
+    """Votes of a vertical line seen by a camera to one side: sharp in its plane, moving past it."""
+    k = np.arange(planes)[:, None, None] - at_plane
+    x = np.arange(49)[None, None, :]
+    width_px = np.hypot(0.6, 0.25 * k)
+    blob = np.exp(-0.5 * ((x - at_px - slant_px * k) / width_px) ** 2) / width_px
+    return np.repeat(100 * blob, 33, axis=1).astype(F)
+
+
+def test_variance_finds_the_plane_beside_the_line_where_the_ray_maximum_slides_off():
+    volume = slanted_line()
+    beside = (16, slice(23, 27))
+    focused = find(volume, volume[None]).position[beside]
+    plain = find(volume, volume[None], FocusConfig(measure="votes")).position[beside]
+    assert abs(plain - 20).max() > 1.0
+    assert abs(focused - 20).max() < 0.5 * abs(plain - 20).max()
+
+
+def test_order_of_cameras_changes_nothing():
+    votes = random_planes(4, 2, 9, 20, 25)
+    one, other = (find(votes.min(0), v) for v in (votes, votes[::-1]))
+    np.testing.assert_array_equal(one.reliability, other.reliability)
+    np.testing.assert_array_equal(one.position, other.position)
+
+
+def test_cameras_that_agree_are_trusted_and_others_are_not():
+    here, there = slanted_line(at_plane=20), slanted_line(at_plane=30)
+    alike = find(here, np.stack([here, here]))
+    apart = find(here, np.stack([here, there]))
+    np.testing.assert_array_equal(alike.agreement, 1)
+    assert apart.agreement[16, 24] < 1e-2
+    assert (apart.reliability <= alike.reliability).all()
+
+
+def test_one_camera_agrees_with_itself():
+    volume = slanted_line()
+    np.testing.assert_array_equal(find(volume, volume[None]).agreement, 1)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_reliability_is_a_share_and_only_candidates_have_one(seed):
+    votes = random_planes(seed, 2, 6, 20, 25)
+    found = find(votes.min(0), votes)
+    assert ((found.reliability >= 0) & (found.reliability <= 1)).all()
+    assert not found.reliability[~found.candidate].any()
+    assert ((found.position >= 0) & (found.position <= 5)).all()
+
+
+def test_no_votes_no_candidates():
+    empty = np.zeros((5, 12, 14), F)
+    assert not find(empty, empty[None]).candidate.any()
+
+
+def test_inputs_stay_as_they_are():
+    votes = random_planes(5, 2, 6, 20, 25)
+    fused, kept = votes.min(0), votes.copy()
+    find(fused, votes)
+    np.testing.assert_array_equal(votes, kept)
+    np.testing.assert_array_equal(fused, kept.min(0))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"measure": "sharpness"}, "unknown focus measure 'sharpness'"),
+        ({"sigma_px": 0.0}, "sigma_px is 0.0"),
+        ({"agreement_px": -1.0}, "agreement_px is -1.0"),
+        ({"support_radius_px": 0}, "support_radius_px is 0"),
+        ({"ray_px": float("nan")}, "ray_px is nan"),
+        ({"threshold_kernel_px": 4}, "threshold_kernel_px is 4"),
+    ],
+)
+def test_impossible_parameters_are_refused(wrong, message):
+    with pytest.raises(InputError, match=message):
+        FocusConfig(**wrong)

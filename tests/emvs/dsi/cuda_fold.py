@@ -1,0 +1,134 @@
+"""Fusion, maxima and focus on a GPU, or its simulator: run by `test_cuda.py`, which says how."""
+
+import numpy as np
+import pytest
+
+import naive_methods
+from emvs import methods as alg2
+from emvs.config import MapperConfig
+from emvs.dsi.backend import FocusFold
+from emvs.dsi.cuda import arrays, device, fusion_kernels, maxima
+from emvs.dsi.cuda.maxima import DeviceMaxima
+from emvs.dsi.focus_measures import MEASURES
+from emvs.dsi.maxima import RunningMaxima
+from emvs.dsi.method import Method, Tables
+from emvs.methods import known_methods, methods
+
+if device.missing():
+    pytest.skip(device.missing(), allow_module_level=True)
+
+W, H, PLANES = 6, 5, 5
+
+
+def random_votes(seed, volumes, planes=PLANES, zeros=0.3):
+    rng = np.random.default_rng(seed)
+    votes = rng.gamma(1, 2, (volumes, planes, H * W)).astype(np.float32)
+    votes[rng.random(votes.shape) < zeros] = 0
+    return np.ascontiguousarray(np.rint(votes * 4) / 4, np.float32)  # with ties
+
+
+def fused_there(method, votes, polarities=1):
+    tables = Tables.of((method,), len(votes), polarities)
+    out = arrays.empty(votes.shape[1:], np.float32)
+    fusion_kernels.fuse[device.strided(votes.shape[2])](
+        *map(arrays.up, (tables.codes, tables.sizes, tables.which)), 0, arrays.up(votes),
+        votes.shape[1], out,
+    )  # fmt: skip
+    return arrays.down(out)
+
+
+@pytest.mark.parametrize("cameras", [2, 3])
+def test_every_fusion_equals_the_slow_twin(cameras):
+    votes = random_votes(0, cameras, 1)
+    for method in known_methods(cameras):
+        if method.focus:
+            continue
+        twin = [
+            naive_methods.fuse(method.name, [[v] for v in votes[:, 0, c]]) for c in range(H * W)
+        ]
+        np.testing.assert_allclose(
+            fused_there(method, votes)[0], twin, rtol=1e-5, err_msg=str(method)
+        )
+
+
+@pytest.mark.parametrize(
+    "name", ["Alg2/AtHc@2", "Alg2/HtGc@3", "Alg2/RMScmint@2", "Alg2/maxtHc@4~"]
+)
+def test_fusions_of_fusions_equal_the_slow_twin(name):
+    method = alg2.build_alg2(name)
+    n = method.split.intervals
+    votes = random_votes(1, 2 * n, 1, zeros=0.1)
+    twin = [naive_methods.fuse(name, votes[:, 0, c].reshape(2, n).tolist()) for c in range(H * W)]
+    np.testing.assert_allclose(fused_there(method, votes)[0], twin, rtol=1e-5)
+
+
+def test_polarities_are_fused_apart_and_summed():
+    method = known_methods(2)[1]
+    votes = random_votes(2, 4, 1)
+    apart = [fused_there(method, np.ascontiguousarray(part)) for part in votes.reshape(2, 2, 1, -1)]
+    np.testing.assert_allclose(fused_there(method, votes, 2), sum(apart), rtol=1e-6)
+
+
+@pytest.mark.parametrize("batch", [1, 4, PLANES])
+def test_maxima_and_their_neighbours_equal_those_of_the_cpu(batch):
+    votes = random_votes(3, 2)
+    chosen = [method for method in known_methods(2) if not method.focus]
+    there = DeviceMaxima(chosen, 2, W, H, PLANES)
+    here = RunningMaxima(chosen, W, H, planes=PLANES)
+    for first in range(0, PLANES, batch):
+        part = np.ascontiguousarray(votes[:, first : first + batch])
+        there.fold(arrays.up(part), part.shape[1])
+        here.fold(part, part.shape[1])
+    for m, method in enumerate(chosen):
+        mine, its = there.found()[method.name], here.of(m)
+        np.testing.assert_allclose(mine.value, its.value, rtol=1e-6)
+        np.testing.assert_array_equal(mine.plane, its.plane, err_msg=method.name)
+        np.testing.assert_allclose(mine.left, its.left, rtol=1e-6)
+        np.testing.assert_allclose(mine.right, its.right, rtol=1e-6)
+        np.testing.assert_allclose(mine.position(), its.position(), atol=1e-4)
+        assert mine.plane.dtype == its.plane.dtype
+
+
+@pytest.mark.parametrize("measure", MEASURES)
+def test_focus_equals_that_of_the_cpu(measure):
+    config = MapperConfig(planes=PLANES, extraction=measure, focus_sigma_px=0.7)
+    chosen = methods(("Alg1/H", "EMVS/cam1"), 2)
+    compare_focus(chosen, config, random_votes(4, 2), 2)
+
+
+def test_witnesses_sum_polarities_and_sub_intervals():
+    config = MapperConfig(planes=PLANES, polarity="separate", focus_sigma_px=0.7)
+    chosen = [Method("Focus/x", 1, "", alg2.build_alg2("Alg2/AtHc@2").split, outer=3, focus=True)]
+    compare_focus(chosen, config, random_votes(5, 8), 2)
+
+
+def compare_focus(chosen, config, votes, cameras):
+    here = FocusFold(chosen, cameras, W, H, config)
+    there = maxima.DeviceFocus(chosen, cameras, len(votes), 4, W, H, config)
+    for first in range(0, PLANES, 4):
+        part = np.ascontiguousarray(votes[:, first : first + 4])
+        here.take(part.reshape(*part.shape[:2], H, W))
+        there.take(arrays.up(part), part.shape[1])
+    mine, its = there.found(), here.found()
+    assert list(mine) == list(its)
+    for name, found in its.items():
+        assert len(mine[name].witnesses) == len(found.witnesses)
+        pairs = zip(
+            (mine[name].maximum, *mine[name].witnesses), (found.maximum, *found.witnesses),
+            strict=True,
+        )  # fmt: skip
+        for one, other in pairs:
+            np.testing.assert_allclose(one.value, other.value, rtol=1e-4, atol=1e-4)
+            same = one.plane == other.plane
+            assert same.mean() > 0.95  # ties within rounding
+            np.testing.assert_allclose(
+                one.position()[same], other.position()[same], atol=2e-2, err_msg=name
+            )
+
+
+def test_large_arrays_go_up_and_down_in_turns(monkeypatch):
+    monkeypatch.setattr(arrays, "_BUFFER_BYTES", 64)
+    for dtype in (np.uint8, np.float32, np.int64):
+        array = np.arange(301 * 2).reshape(2, 301).astype(dtype)
+        np.testing.assert_array_equal(arrays.down(arrays.up(array)), array)
+    assert arrays.down(arrays.up(np.empty(0, np.float32))).shape == (0,)

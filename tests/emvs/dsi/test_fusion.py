@@ -1,0 +1,139 @@
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import naive_sweep
+from emvs.dsi import fusion_kernels
+from emvs.dsi.fusion import FUSIONS, fuse
+from emvs.dsi.maxima import RunningMaxima
+from emvs.dsi.method import Method
+from emvs.errors import InputError
+from emvs.methods import known_methods, methods
+
+ORDER = ("min", "H", "G", "A", "RMS", "max")
+
+
+def votes(seed, cameras=2, planes=3, height=4, width=9):
+    rng = np.random.default_rng(seed)
+    values = rng.exponential(5, (cameras, planes, height, width)).astype(np.float32)
+    values[rng.random(values.shape) < 0.2] = 0
+    return values
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), cameras=st.integers(1, 5))
+def test_kernels_equal_twin(seed, cameras):
+    volumes = votes(seed, cameras)
+    for name, function in FUSIONS.items():
+        expected = np.apply_along_axis(lambda x, n=name: naive_sweep.fuse(n, x), 0, volumes)
+        np.testing.assert_allclose(function(volumes), expected, rtol=2e-6, err_msg=name)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), cameras=st.integers(1, 5))
+def test_order_law(seed, cameras):
+    """Law (paper, Eq. 1): min <= H <= G <= A <= RMS <= max, to a rounding."""
+    fused = [FUSIONS[name](votes(seed, cameras)) for name in ORDER]
+    for smaller, larger in itertools.pairwise(fused):
+        assert np.all(smaller <= larger * np.float32(1 + 1e-6))
+
+
+def test_permuting_cameras_changes_nothing():
+    volumes = votes(7, 3)
+    for name, function in FUSIONS.items():
+        for order in itertools.permutations(range(3)):
+            np.testing.assert_allclose(
+                function(volumes[list(order)]), function(volumes), rtol=1e-6, err_msg=name
+            )
+
+
+def test_of_equal_volumes_every_fusion_is_that_volume():
+    volumes = np.repeat(votes(1, 1), 3, axis=0)
+    for function in FUSIONS.values():
+        np.testing.assert_allclose(function(volumes), volumes[0], rtol=1e-6)
+
+
+def test_a_zero_silences_the_and_like_fusions():
+    volumes = votes(2)
+    volumes[1] = 0
+    for name in ("min", "H", "G"):
+        assert not FUSIONS[name](volumes).any()
+
+
+def test_reference_harmonic_mean_has_its_eps():
+    volumes = votes(3)
+    a, b = volumes
+    np.testing.assert_allclose(
+        fuse(fusion_kernels.HARMONIC_EPS, volumes), 2 * a * b / (a + b + np.float32(0.1)), rtol=1e-6
+    )
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), planes=st.integers(2, 9), batch=st.integers(1, 4))
+def test_fold_equals_twin_whatever_the_batches(seed, planes, batch):
+    volumes = np.round(votes(seed, 2, planes))  # rounding makes ties
+    chosen = known_methods(2)
+    maxima = fold(volumes, chosen, batch)
+    for k, method in enumerate(chosen):
+        fused = fuse(method.code, volumes)
+        got = maxima.of(k)
+        position = got.position()
+        for y, x in np.ndindex(fused.shape[1:]):
+            value, plane, expected = naive_sweep.maximum(fused[:, y, x])
+            assert (got.value[y, x], got.plane[y, x]) == (value, plane)
+            assert position[y, x] == pytest.approx(expected, abs=1e-4)
+
+
+def fold(volumes, chosen, batch):
+    cameras, planes, height, width = volumes.shape
+    flat = volumes.reshape(cameras, planes, height * width)
+    maxima = RunningMaxima(chosen, width, height)
+    for first in range(0, planes, batch):
+        part = np.zeros((cameras, batch, height * width + 5), np.float32)
+        count = min(batch, planes - first)
+        part[:, :count, : height * width] = flat[:, first : first + count]
+        maxima.fold(part, count)
+    return maxima
+
+
+def test_no_interpolation_at_the_first_and_last_plane():
+    ramp = np.arange(5, dtype=np.float32)[None, :, None, None] * np.ones((1, 5, 2, 3), np.float32)
+    for volumes, plane in ((ramp, 4), (ramp[:, ::-1].copy(), 0)):
+        maximum = fold(volumes, (Method("EMVS/cam0", fusion_kernels.CAMERA, "alone"),), 2).of(0)
+        np.testing.assert_array_equal(maximum.position(), plane)
+
+
+def test_a_parabola_is_found_exactly():
+    z = np.arange(9, dtype=np.float32)
+    volumes = np.tile((30 - (z - 4.3) ** 2)[None, :, None, None], (1, 1, 2, 3)).astype(np.float32)
+    maximum = fold(volumes, (Method("EMVS/cam0", fusion_kernels.CAMERA, "alone"),), 4).of(0)
+    np.testing.assert_allclose(maximum.position(), 4.3, atol=1e-5)
+
+
+def test_method_names():
+    two = ["Alg1/min", "Alg1/H", "Alg1/G", "Alg1/A", "Alg1/RMS", "Alg1/max", "EMVS/cam0",
+           "EMVS/cam1"]  # fmt: skip
+    assert [method.name for method in methods(("all",), 2)] == [*two, "Focus/H"]
+    assert [method.name for method in methods(("all",), 2, mcemvs=True)] == two
+    assert [method.name for method in methods(("EMVS/cam1", "Alg1/H", "Alg1/H"), 2)] == [
+        "Alg1/H", "EMVS/cam1",
+    ]  # fmt: skip
+    assert [method.name for method in methods(("all",), 1)] == ["EMVS/cam0"]
+    assert methods(("Alg1/H",), 2)[0].file_name == "Alg1-H"
+    assert "harmonic" in methods(("Alg1/H",), 2)[0].summary
+
+
+@pytest.mark.parametrize(("name", "cameras"), [("Alg1/median", 2), ("EMVS/cam2", 2), ("Alg1/H", 1)])
+def test_unknown_methods_are_refused_with_the_known_ones(name, cameras):
+    with pytest.raises(InputError, match=rf"{name}.*EMVS/cam0") as error:
+        methods((name,), cameras)
+    assert "\n" not in str(error.value)
+
+
+def test_reference_harmonic_mean_is_for_two_cameras():
+    with pytest.raises(InputError, match="2 cameras, this rig has 3"):
+        methods(("all",), 3, mcemvs=True)
+    assert len(methods(("Alg1/min",), 3, mcemvs=True)) == 1

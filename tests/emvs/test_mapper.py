@@ -1,0 +1,279 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from emvs.config import MapperConfig
+from emvs.data.events import Events
+from emvs.dsi.fusion import FUSIONS
+from emvs.dsi.rays import event_rays
+from emvs.dsi.voting import dsi
+from emvs.errors import InputError
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
+from emvs.mapper import map_window
+from emvs.reference_view import inverse_depth_planes
+from point_world import fronto_parallel
+
+RANGE = {"min_depth_m": 0.5, "max_depth_m": 4.0}
+CONFIG = MapperConfig(**RANGE, planes=25, threshold_c=20)
+ALL = ("Alg1/min", "Alg1/H", "Alg1/G", "Alg1/A", "Alg1/RMS", "Alg1/max", "EMVS/cam0", "EMVS/cam1")
+
+
+def at_half_time(recording, config):
+    first_us = min(recording.event_span_us(c)[0] for c in range(len(recording.rig)))
+    return config.model_copy(update={"reference_s": (250_000 - first_us) * 1e-6})
+
+
+def steps_off(result, method, depth_m):
+    depth = result.depth_maps[method]
+    step = abs(float(result.view.rho[1] - result.view.rho[0]))
+    return np.median(np.abs(1 / depth.depth_m - 1 / depth_m)[depth.mask]) / step
+
+
+@pytest.mark.parametrize("depth_m", [0.8, 1.23, 1.7, 2.1, 2.9])
+@pytest.mark.parametrize(("on_pixels", "planes"), [(False, 25), (True, 50)])
+def test_a_fronto_parallel_plane_is_recovered(depth_m, on_pixels, planes):
+    """Law: within a quarter of a plane step with interpolation, and half a step without.
+
+    Points between pixels shift a pixel's maximum by a fraction of a pixel's disparity, which is why
+    the finer planes are held against points on pixels.
+    """
+    recording = fronto_parallel(depth_m, on_pixels=on_pixels)
+    for interpolate, limit in ((True, 0.25), (False, 0.5)):
+        config = CONFIG.model_copy(update={"planes": planes, "interpolate": interpolate})
+        result = map_window(recording, at_half_time(recording, config))
+        for method in ("Alg1/H", "Alg1/G", "Alg1/A", "EMVS/cam0"):
+            assert result.depth_maps[method].points > 200
+            assert steps_off(result, method, depth_m) <= limit, method
+
+
+@pytest.mark.parametrize("scale", [0.25, 8.0])
+def test_scaling_the_world_scales_the_depth(scale):
+    near, far = CONFIG.min_depth_m, CONFIG.max_depth_m
+    scaled = CONFIG.model_copy(update={"min_depth_m": near * scale, "max_depth_m": far * scale})
+    one = map_window(fronto_parallel(1.23), CONFIG)
+    other = map_window(fronto_parallel(1.23, scale=scale), scaled)
+    # a power of two: every float scales exactly, only the times are rounded alike
+    for method in ALL:
+        a, b = one.depth_maps[method], other.depth_maps[method]
+        assert (a.mask == b.mask).mean() > 0.999
+        both = a.mask & b.mask
+        ratio = b.depth_m[both] / a.depth_m[both]
+        assert np.mean(np.abs(ratio / scale - 1) < 1e-3) > 0.99
+
+
+def test_threads_and_repetition_do_not_change_a_bit():
+    recording = fronto_parallel(1.5)
+    runs = [
+        map_window(recording, CONFIG.model_copy(update={"threads": threads}))
+        for threads in (1, 2, 2)
+    ]
+    for other in runs[1:]:
+        for method in ALL:
+            a, b = runs[0].depth_maps[method], other.depth_maps[method]
+            for name in ("depth_m", "confidence", "mask", "argmax"):
+                np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+            np.testing.assert_array_equal(
+                runs[0].slices.values[method], other.slices.values[method]
+            )
+        assert runs[0].counts == other.counts
+
+
+def test_polarity_is_not_used():
+    recording = fronto_parallel(1.5)
+    flipped = replace(recording, streams=tuple(replace(s, p=1 - s.p) for s in recording.streams))
+    one, other = map_window(recording, CONFIG), map_window(flipped, CONFIG)
+    for method in ALL:
+        np.testing.assert_array_equal(
+            one.depth_maps[method].depth_m, other.depth_maps[method].depth_m
+        )
+    np.testing.assert_array_equal(one.event_image, other.event_image[::-1])
+
+
+def test_streaming_equals_whole_volumes():
+    """The fold, plane by plane, gives what fusing whole volumes gives; so do slices and files."""
+    recording = fronto_parallel(1.5)
+    result = map_window(recording, CONFIG)
+    rho = inverse_depth_planes(0.5, 4.0, 25)
+    camera = recording.rig.cameras[0]
+    volumes = []
+    for k, stream in enumerate(recording.streams):
+        events = stream.between(result.window.t0_us, result.window.t1_us)
+        rays = event_rays(events, camera, recording.rig.T_body_cam[k], recording.trajectory,
+                          result.view.T_world_rv, camera)  # fmt: skip
+        volumes.append(dsi(rays, rho, camera.width_px, camera.height_px)[0])
+    stacked = np.stack(volumes)
+    expected = {f"Alg1/{name}": fuse(stacked) for name, fuse in FUSIONS.items()}
+    expected |= {"EMVS/cam0": volumes[0], "EMVS/cam1": volumes[1]}
+    assert list(result.depth_maps) == [*ALL, "Focus/H"]
+    for method, volume in expected.items():
+        depth = result.depth_maps[method]
+        np.testing.assert_array_equal(depth.argmax, volume.argmax(axis=0))
+        np.testing.assert_array_equal(depth.confidence, volume.max(axis=0))
+        np.testing.assert_array_equal(result.slices.values[method], volume[:, result.slices.row_px])
+
+
+def test_whole_volumes_on_request(tmp_path):
+    recording = fronto_parallel(1.5)
+    config = CONFIG.model_copy(update={"save_dsi": True, "methods": ("Alg1/H", "EMVS/cam1")})
+    result = map_window(recording, config, dsi_dir=tmp_path / "dsi")
+    assert sorted(p.name for p in (tmp_path / "dsi").iterdir()) == ["Alg1-H.npy", "EMVS-cam1.npy"]
+    for method in config.methods:
+        volume = np.load(tmp_path / "dsi" / f"{method.replace('/', '-')}.npy")
+        assert volume.shape == (25, 64, 96)
+        np.testing.assert_array_equal(volume.max(axis=0), result.depth_maps[method].confidence)
+    with pytest.raises(InputError, match="save_dsi"):
+        map_window(recording, config)
+
+
+def test_a_stopped_run_leaves_no_volume(tmp_path):
+    def stop(stage, done, _total):
+        if stage == "sweep" and done > 10:
+            raise KeyboardInterrupt
+
+    config = CONFIG.model_copy(update={"save_dsi": True})
+    with pytest.raises(KeyboardInterrupt):
+        map_window(fronto_parallel(1.5), config, stop, dsi_dir=tmp_path / "dsi")
+    assert list((tmp_path / "dsi").iterdir()) == []
+
+
+def test_every_event_and_vote_is_accounted_for():
+    recording = fronto_parallel(1.5)
+    result = map_window(recording, CONFIG)
+    for camera, counts in enumerate(result.counts):
+        flat = counts.to_json()
+        assert flat["events"] == len(recording.streams[camera])
+        lost = ("without_pose", "without_ray", "looking_backwards", "dropped_tail")
+        assert flat["events"] == flat["voting"] + sum(flat[name] for name in lost)
+        votes = ("votes_counted", "votes_outside_image", "votes_behind_camera")
+        assert flat["voting"] * 25 == sum(flat[name] for name in votes)
+    assert result.event_image.sum() == len(recording.streams[0])
+
+
+def test_the_reference_view_is_camera_0_at_the_middle():
+    recording = fronto_parallel(1.5)
+    result = map_window(recording, CONFIG)
+    t_ref_us = (result.window.t0_us + result.window.t1_us) // 2
+    assert result.view.t_us == t_ref_us
+    np.testing.assert_allclose(
+        result.view.T_world_rv, recording.trajectory.at(t_ref_us) @ recording.rig.T_body_cam[0]
+    )
+    assert result.view.camera == recording.rig.cameras[0].undistorted()
+
+
+@pytest.mark.parametrize("cameras", [1, 3])
+def test_any_number_of_cameras(cameras):
+    result = map_window(fronto_parallel(1.23, cameras=cameras), CONFIG)
+    assert "EMVS/cam0" in result.depth_maps
+    assert len(result.counts) == cameras
+    assert len(result.depth_maps) == (1 if cameras == 1 else 10)
+    method = "EMVS/cam0" if cameras == 1 else "Alg1/H"
+    assert steps_off(result, method, 1.23) < 0.5
+
+
+def test_the_compatibility_setting_counts_its_tail_and_never_interpolates():
+    recording = fronto_parallel(1.5)
+    result = map_window(recording, CONFIG.model_copy(update={"compatibility": "mcemvs"}))
+    for counts in result.counts:
+        assert counts.events.dropped == (counts.events.events - 1) % 1024 + 1
+    assert np.all(np.diff(result.view.rho) > 0)
+    depth = result.depth_maps["Alg1/H"]
+    nearest = np.abs(1 / depth.depth_m[..., None] - result.view.rho).min(axis=-1)
+    assert nearest.max() < 1e-5
+
+
+def test_events_without_poses_are_left_out_and_counted():
+    recording = fronto_parallel(1.5)
+    inside = recording.trajectory
+    t_us = np.array([100_000, 400_000])
+    positions = np.stack([inside.at(t)[:3, 3] for t in t_us])
+    cut = replace(recording, trajectory=Trajectory(t_us, positions, inside.quats_xyzw[:2]))
+    result = map_window(cut, CONFIG)
+    for stream, counts in zip(recording.streams, result.counts, strict=True):
+        covered = int(((stream.t_us >= 100_000) & (stream.t_us <= 400_000)).sum())
+        assert counts.events.rays == covered
+        assert counts.events.without_pose == len(stream) - covered > 0
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"start_s": 0.9}, "begins 0.4.* s after the last of the events"),
+        ({"start_s": 0.1, "duration_s": 0.9}, "ends 0.5.* s after the last of the events"),
+        ({"reference_s": 0.9}, "reference_s 0.9 lies 0.4.* s outside the poses"),
+        ({"slice_row": 64}, r"rows 0\.\.63"),
+        ({"methods": ("Alg1/h",)}, "unknown method 'Alg1/h'.*Alg1/H"),
+        ({"min_depth_m": 4.5, "max_depth_m": None}, "depth range 4.5"),
+    ],
+)
+def test_bad_requests_get_one_clear_line(values, words):
+    recording = replace(fronto_parallel(1.5), depth_range_m=(0.5, 4.0))
+    with pytest.raises(InputError, match=words) as error:
+        map_window(recording, CONFIG.model_copy(update=values))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("start_s", "duration_s", "words"),
+    [(0.05, 0.1, "begins 0.0.* before the first of the poses"),
+     (0.2, 0.25, "ends 0.0.* s after the last of the poses")],
+)  # fmt: skip
+def test_a_window_that_poses_do_not_cover_says_by_how_much(start_s, duration_s, words):
+    recording = fronto_parallel(1.5)
+    t_us = np.array([100_000, 400_000])
+    positions = np.stack([recording.trajectory.at(t)[:3, 3] for t in t_us])
+    cut = replace(recording, trajectory=Trajectory(t_us, positions, np.eye(4)[[3, 3]]))
+    config = CONFIG.model_copy(update={"start_s": start_s, "duration_s": duration_s})
+    with pytest.raises(InputError, match=words):
+        map_window(cut, config)
+
+
+def test_poses_and_events_on_different_clocks_are_refused():
+    recording = fronto_parallel(1.5)
+    later = Trajectory(recording.trajectory.t_us + 10**9, recording.trajectory.positions_m,
+                       recording.trajectory.quats_xyzw)  # fmt: skip
+    with pytest.raises(InputError, match="do not overlap"):
+        map_window(replace(recording, trajectory=later), CONFIG)
+
+
+def test_an_explicit_window_takes_its_events_only():
+    recording = fronto_parallel(1.5)
+    config = CONFIG.model_copy(update={"start_s": 0.1, "duration_s": 0.2})
+    result = map_window(recording, config)
+    first_us = min(recording.event_span_us(c)[0] for c in (0, 1))
+    assert (result.window.t0_us, result.window.t1_us) == (first_us + 100_000, first_us + 300_000)
+    for stream, counts in zip(recording.streams, result.counts, strict=True):
+        assert counts.events.events == len(stream.between(first_us + 100_000, first_us + 300_000))
+
+
+def test_a_camera_without_events_in_the_window_is_refused():
+    recording = fronto_parallel(1.5)
+    late = recording.streams[1].between(450_000, 500_000)
+    config = CONFIG.model_copy(update={"start_s": 0.0, "duration_s": 0.2})
+    with pytest.raises(InputError, match="cam1 has 0 events"):
+        map_window(replace(recording, streams=(recording.streams[0], late)), config)
+
+
+def test_a_camera_that_looks_away_is_refused_and_one_that_looks_elsewhere_is_not():
+    recording = fronto_parallel(1.5, cameras=1)
+    away = np.diag([-1.0, 1, -1, 1])
+    rig = Rig("away", recording.rig.cameras * 2, (np.eye(4), away))
+    both = replace(recording, rig=rig, streams=recording.streams * 2)
+    with pytest.raises(InputError, match="none that can vote"):
+        map_window(both, CONFIG)
+
+
+def test_progress_reaches_the_end_of_every_stage():
+    told = []
+    map_window(fronto_parallel(1.5), CONFIG, lambda *report: told.append(report))
+    assert {("rays", 2, 2), ("sweep", 25, 25)} <= set(told)
+
+
+def test_events_in_memory_are_not_changed():
+    recording = fronto_parallel(1.5)
+    copies = [Events(s.x.copy(), s.y.copy(), s.t_us.copy(), s.p.copy()) for s in recording.streams]
+    map_window(recording, CONFIG)
+    for stream, copy in zip(recording.streams, copies, strict=True):
+        for name in ("x", "y", "t_us", "p"):
+            np.testing.assert_array_equal(getattr(stream, name), getattr(copy, name))

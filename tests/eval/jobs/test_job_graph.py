@@ -1,0 +1,459 @@
+"""Jobs: nothing twice, nothing lost, and no failure that stops the others."""
+
+import json
+import multiprocessing
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from emvs.errors import InputError
+from eval.jobs import code_version as versions_of_code
+from eval.jobs import dask as schedule_dask
+from eval.jobs.cache import Cache, key_of
+from eval.jobs.code_version import closure, code_version, with_includes
+from eval.jobs.dask import Cluster, dask_workers
+from eval.jobs.job import RESULT, Done, Failed, Job, do, order
+from eval.jobs.local import ATTEMPTS, local_workers
+from eval.jobs.scheduler import JobBoard, run_jobs
+from eval.progress import Silent
+from job_stages import runs
+from places import HELPERS, ROOT
+
+
+@pytest.fixture
+def log(tmp_path):
+    return tmp_path / "log"
+
+
+@pytest.fixture
+def make(log):
+    """A function that makes jobs of the test stage."""
+
+    def job(name, act="write", needs=(), **more):
+        facts = {"id": name, "act": act, "log": str(log), **more}
+        return Job(name, "job_stages", facts, tuple(needs))
+
+    return job
+
+
+def run_here(jobs, folder, count=2):
+    return run_jobs(jobs, lambda: local_workers(count, folder), Silent())
+
+
+# The cache
+
+
+def write(text):
+    return lambda out: (out / "a").write_text(text)
+
+
+def refuse_to_fill(out):
+    raise AssertionError("must not be made again")
+
+
+def test_an_entry_is_made_once(tmp_path):
+    cache = Cache(tmp_path)
+    made = cache.get("k1", {}, write("one"))
+    again = cache.get("k1", {}, refuse_to_fill)
+    assert (made.found, again.found) == (False, True)
+    assert made.digest == again.digest
+    assert (again.path / "a").read_text() == "one"
+
+
+def flip(path):
+    content = bytearray(path.read_bytes())
+    content[0] ^= 1
+    path.write_bytes(content)
+
+
+DAMAGES = {
+    "a flipped bit": lambda entry: flip(entry / "data" / "a"),
+    "a lost file": lambda entry: (entry / "data" / "a").unlink(),
+    "a file too many": lambda entry: (entry / "data" / "b").write_text("x"),
+    "a truncated index": lambda entry: (entry / "entry.json").write_text('{"files": {'),
+    "another index": lambda entry: (entry / "entry.json").write_text("[]"),
+    "no index": lambda entry: (entry / "entry.json").unlink(),
+    "nothing": shutil.rmtree,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES)
+def test_a_damaged_entry_is_made_again(tmp_path, damage):
+    cache = Cache(tmp_path)
+    before = cache.get("k1", {}, write("one"))
+    damage(before.path.parent)
+    after = cache.get("k1", {}, write("one"))
+    assert not after.found
+    assert after.digest == before.digest
+    assert [path.name for path in after.path.iterdir()] == ["a"]
+
+
+def test_a_failed_entry_leaves_nothing(tmp_path):
+    cache = Cache(tmp_path)
+    with pytest.raises(ZeroDivisionError):
+        cache.get("k1", {}, lambda out: 1 / 0)
+    assert not cache.path_of("k1").exists()
+    assert cache.size_bytes() == 0
+
+
+def test_what_a_killed_process_left_goes_with_the_next(tmp_path):
+    cache = Cache(tmp_path)
+    left = cache.path_of("k1").parent / ".k1.abc.partial"
+    left.mkdir(parents=True)
+    cache.get("k1", {}, write("one"))
+    assert not left.exists()
+
+
+def _get_slowly(folder, log):
+    def fill(out):
+        (log / str(os.getpid())).touch()
+        time.sleep(0.3)
+        (out / "a").write_text("one")
+
+    Cache(folder).get("k1", {}, fill)
+
+
+def test_two_processes_make_it_once(tmp_path):
+    log = tmp_path / "log"
+    log.mkdir()
+    context = multiprocessing.get_context("fork")
+    both = [context.Process(target=_get_slowly, args=(tmp_path / "c", log)) for _ in range(2)]
+    for process in both:
+        process.start()
+    for process in both:
+        process.join()
+    assert [process.exitcode for process in both] == [0, 0]
+    assert len(list(log.iterdir())) == 1
+
+
+def test_pruning_removes_what_was_not_used_for_longest(tmp_path):
+    cache = Cache(tmp_path)
+    for number, name in enumerate(("k1", "k2", "k3")):
+        entry = cache.get(name, {}, write("x" * 1000))
+        os.utime(entry.path.parent / "entry.json", (number, number))
+    cache.get("k1", {}, refuse_to_fill)
+    one = cache.size_bytes() / 3
+    freed = cache.prune(round(2.5 * one))
+    assert freed == pytest.approx(one, rel=0.1)
+    assert cache.get("k1", {}, refuse_to_fill).found
+    assert cache.get("k3", {}, refuse_to_fill).found
+    assert not cache.path_of("k2").exists()
+    cache.prune(0)
+    assert cache.size_bytes() == 0
+
+
+def test_a_cache_that_cannot_be_made_is_told_in_one_line(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=r"^cache .*file/c: cannot be made .*--cache$"):
+        Cache(tmp_path / "file" / "c")
+
+
+def test_keys_tell_facts_apart():
+    keys = {key_of(facts) for facts in ({"a": 1}, {"a": 2}, {"b": 1}, {"a": "1"}, {})}
+    assert len(keys) == 5
+    assert key_of({"a": 1, "b": 2}) == key_of({"b": 2, "a": 1})
+
+
+# The version of code
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    """A function that writes a module and returns its version."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def version(text):
+        (tmp_path / "written.py").write_text(text)
+        for memory in ("_imports", "_source_hash"):
+            getattr(versions_of_code, memory).cache_clear()
+        return code_version(["written"])
+
+    yield version
+    for memory in ("_imports", "_source_hash"):
+        getattr(versions_of_code, memory).cache_clear()
+
+
+def test_words_for_people_do_not_change_the_version(module):
+    plain = module("def f(x):\n    return x + 1\n")
+    told = module('"""M."""\n# why\n\n\ndef f(x):\n    """F."""\n    return (x\n        + 1)\n')
+    assert told == plain
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "def f(x):\n    return x + 2\n",
+        "def f(x):\n    return x - 1\n",
+        "def g(x):\n    return x + 1\n",
+        "def f(y):\n    return y + 1\n",
+        "def f(x):\n    return x + 1\nf(1)\n",
+        "def f(x):\n    return x + 1.0\n",
+        "import emvs.errors\ndef f(x):\n    return x + 1\n",
+    ],
+)
+def test_what_code_does_changes_the_version(module, text):
+    assert module("def f(x):\n    return x + 1\n") != module(text)
+
+
+def test_each_stage_reaches_its_own_code_and_no_more():
+    simulate = closure(["eval.suite.stages.simulate", "scenes.planes"])
+    mapping, scoring = closure(["eval.suite.stages.map"]), closure(["eval.suite.stages.score"])
+    assert {"sim.simulate", "sim.sensor.esim", "scenes.planes", "emvs.data.writer"} <= simulate
+    assert {
+        "emvs.mapper",
+        "emvs.dsi.voting_kernels",
+        "emvs.dsi.fusion_kernels",
+        "emvs.depth.depth_map",
+    } <= mapping
+    assert {"eval.scoring.score", "eval.scoring.metrics", "eval.scoring.curves"} <= scoring
+    assert not any(name.startswith(("emvs.mapper", "eval.scoring.score")) for name in simulate)
+    assert not any(name.startswith(("sim", "scenes", "eval.scoring.score")) for name in mapping)
+    assert not any(
+        name.startswith(("scenes", "emvs.mapper", "eval.report.run_page")) for name in scoring
+    )
+    assert not {"sim.simulate", "sim.sensor.esim", "sim.motion.curves"} & scoring
+
+
+def test_a_scene_has_the_files_that_it_includes():
+    import scenes
+
+    names = {path.name for path in with_includes(scenes.load("desk").mjcf)}
+    assert {"desk.xml", "common.xml"} <= names
+
+
+# Jobs in processes
+
+
+def test_a_graph_is_done_in_order_and_once(make, log, tmp_path):
+    a, b = make("a"), make("b")
+    c = make("c", needs=(a, b))
+    d = make("d", needs=(c, a))
+    first = run_here([d], tmp_path / "cache")
+    assert first["d"].text == "a+b+c+a+d"
+    again = run_here([d], tmp_path / "cache")
+    assert all(one.found for one in again.values())
+    assert {name: runs(log, name) for name in "abcd"} == dict.fromkeys("abcd", 1)
+
+
+def test_one_failure_is_told_and_stops_only_what_needs_it(make, tmp_path):
+    bad = make("bad", "fail")
+    jobs = [make("after", needs=(make("between", needs=(bad,)),)), make("other")]
+    over = run_here(jobs, tmp_path / "cache")
+    assert over["bad"].reason == "ZeroDivisionError: as asked"
+    assert over["between"].reason == over["after"].reason
+    assert over["after"].reason == "not started: ZeroDivisionError: as asked"
+    assert over["other"].text == "other"
+
+
+def test_bad_input_and_a_full_disk_are_one_line(make, tmp_path):
+    acts = {"r": "refuse", "f": "full disk", "s": "small files"}
+    over = run_here([make(name, act) for name, act in acts.items()], tmp_path / "cache", 1)
+    assert over["r"] == Failed("r", "3 came, needs 4: add one")
+    assert "No space left on device" in over["f"].reason
+    assert "File too large" in over["s"].reason
+    assert all("\n" not in one.reason for one in over.values())
+    assert Cache(tmp_path / "cache").size_bytes() == 0
+
+
+def test_a_worker_killed_in_the_middle_is_replaced(make, log, tmp_path):
+    over = run_here([make("a", "die once"), make("b")], tmp_path / "cache")
+    assert over["a"].text == "a"
+    assert runs(log, "a") == 2
+    assert over["b"].text == "b"
+
+
+def test_a_job_that_always_dies_fails_alone(make, log, tmp_path):
+    over = run_here([make("a", "die"), make("b"), make("c")], tmp_path / "cache")
+    assert over["a"] == Failed("a", f"its worker died {ATTEMPTS} times, last by signal 9")
+    assert runs(log, "a") == ATTEMPTS
+    assert isinstance(over["b"], Done)
+    assert isinstance(over["c"], Done)
+
+
+def test_a_lost_or_damaged_result_is_made_again(make, log, tmp_path):
+    a = make("a")
+    b = make("b", needs=(a,))
+    cache = str(tmp_path / "cache")
+    done = do(a, cache)
+    flip(Cache(tmp_path / "cache").path_of(done.key) / "data" / RESULT)
+    assert do(b, cache).text == "a+b"
+    assert runs(log, "a") == 2
+    shutil.rmtree(Cache(tmp_path / "cache").path_of(done.key))
+    assert do(make("c", needs=(a,)), cache).text == "a+c"
+    assert runs(log, "a") == 3
+
+
+SWEEP = """
+import sys
+from pathlib import Path
+from eval.jobs.job import Job
+from eval.progress import Silent
+from eval.jobs.scheduler import run_jobs
+from eval.jobs.local import local_workers
+
+if __name__ == "__main__":
+    log, cache = sys.argv[1:]
+    jobs = [
+        Job(f"j{k}", "job_stages", {"id": f"j{k}", "act": act, "log": log, "seconds": 60})
+        for k, act in enumerate(("write", "write", "sleep"))
+    ]
+    run_jobs(jobs, lambda: local_workers(1, Path(cache)), Silent())
+"""
+
+
+def test_a_killed_sweep_goes_on_where_it_was(make, log, tmp_path):
+    (tmp_path / "sweep.py").write_text(SWEEP)
+    arguments = [sys.executable, str(tmp_path / "sweep.py"), str(log), str(tmp_path / "cache")]
+    search = f"{HELPERS}{os.pathsep}{ROOT}"
+    sweep = subprocess.Popen(arguments, env={**os.environ, "PYTHONPATH": search})
+    wait_for(lambda: runs(log, "j2"))
+    (worker,) = {int(path.suffix[1:]) for path in log.glob("j2.*")}
+    sweep.kill()
+    sweep.wait()
+    os.kill(worker, signal.SIGKILL)
+    jobs = [make(name, seconds=60) for name in ("j0", "j1", "j2")]
+    over = run_here(jobs, tmp_path / "cache")
+    assert [over[name].found for name in ("j0", "j1")] == [True, True]
+    assert runs(log, "j0") == runs(log, "j1") == 1
+
+
+def wait_for(condition, seconds=30):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "nothing happened"
+        time.sleep(0.05)
+
+
+def test_order_puts_needs_first_and_each_once(make):
+    a = make("a")
+    b, c = make("b", needs=(a,)), make("c", needs=(a,))
+    names = [job.name for job in order([make("d", needs=(b, c)), c])]
+    assert names == ["a", "b", "c", "d"]
+
+
+def test_progress_says_done_running_failed_and_left(make):
+    board = JobBoard([make(name) for name in "abcd"])
+    assert board.words(2) == "0/4 jobs, 0 running, 0 failed"
+    board.running.add("c")
+    board.take(Done("a", "k", "d", 4.0, False, "v"))
+    board.take(Failed("b", "why"))
+    assert board.words(2) == "2/4 jobs, 1 running, 1 failed, 4 s left"
+    assert "no worker yet" in board.words(0)
+
+
+# Jobs on a cluster
+
+ADDRESSES = ["127.0.0.1:8786", "http://127.0.0.1:1", "tcp://127.0.0.1", "tcp://", "", "tls://x"]
+
+
+@pytest.mark.parametrize("address", ADDRESSES)
+def test_what_is_no_address_is_refused(address):
+    with pytest.raises(InputError, match="needs tcp://HOST:PORT or tls://HOST:PORT"):
+        Cluster(address).check()
+
+
+def test_another_machine_without_encryption_needs_a_word():
+    for host in ("10.0.0.1", "head.example", "0.0.0.0", "[2001:db8::1]"):
+        with pytest.raises(InputError, match="neither encrypted nor authenticated"):
+            Cluster(f"tcp://{host}:8786").check()
+    Cluster("tcp://10.0.0.1:8786", remote=True).check()
+    for host in ("127.0.0.1", "localhost", "[::1]", "127.3.2.1"):
+        Cluster(f"tcp://{host}:8786").check()
+
+
+def test_tls_needs_its_files(tmp_path):
+    file = tmp_path / "pem"
+    file.touch()
+    with pytest.raises(InputError, match="needs --tls-key FILE, not None"):
+        Cluster("tls://head:8786", tls_ca=file, tls_cert=file).check()
+
+
+def test_an_unreachable_scheduler_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(schedule_dask, "_CONNECT_S", 1)
+    cluster = Cluster("tcp://127.0.0.1:9")
+    with pytest.raises(InputError, match="not reached") as caught, dask_workers(cluster, tmp_path):
+        pass
+    assert "\n" not in str(caught.value)
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Starts schedulers and workers in processes of their own, and ends them."""
+    search = f"{HELPERS}{os.pathsep}{ROOT}"
+    # One job per worker at a time: who dies takes nobody along.
+    settings = {"ALLOWED_FAILURES": "2", "WORKER_SATURATION": "1.0"}
+    dask = {f"DASK_DISTRIBUTED__SCHEDULER__{name}": value for name, value in settings.items()}
+    env = {**os.environ, "PYTHONPATH": search, **dask}
+    started = []
+
+    def process(what, *arguments):
+        command = [sys.executable, "-m", f"distributed.cli.dask_{what}", "--no-dashboard"]
+        options = ["--scheduler-file", str(tmp_path / "scheduler.json"), "--host", "127.0.0.1"]
+        started.append(
+            subprocess.Popen([*command, *options, *arguments], env=env, stderr=subprocess.DEVNULL)
+        )
+
+    yield process
+    for one in started:
+        one.kill()
+        one.wait()
+
+
+def address(tmp_path):
+    file = tmp_path / "scheduler.json"
+    wait_for(file.exists)
+    return json.loads(file.read_text())["address"]
+
+
+@pytest.fixture
+def cluster(start, tmp_path):
+    """A scheduler, and a function that starts a worker."""
+    start("scheduler", "--port", "0")
+    place = Cluster(address(tmp_path))
+    return place, lambda: start("worker", "--nthreads", "1", "--no-nanny")
+
+
+def test_the_same_graph_runs_on_a_cluster_whose_worker_joins_late(cluster, make, log, tmp_path):
+    place, start_worker = cluster
+    threading.Timer(1.0, start_worker).start()
+    last = make("c", needs=(make("a"), make("b", "sleep", seconds=0.1)))
+    jobs = [last, make("bad", "fail")]
+    over = run_jobs(jobs, lambda: dask_workers(place, tmp_path / "cache"), Silent())
+    assert over["c"].text == "a+b+c"
+    assert over["bad"].reason == "ZeroDivisionError: as asked"
+    assert {name: runs(log, name) for name in "abc"} == dict.fromkeys("abc", 1)
+
+
+@pytest.mark.slow
+def test_a_cluster_survives_workers_that_die(cluster, make, log, tmp_path):
+    place, start_worker = cluster
+    for _ in range(5):
+        start_worker()
+    jobs = [make("once", "die once"), make("always", "die"), make("b"), make("c")]
+    over = run_jobs(jobs, lambda: dask_workers(place, tmp_path / "cache"), Silent())
+    assert over["once"].text == "once"
+    assert over["always"].reason.startswith("KilledWorker")
+    assert over["b"].text == "b"
+    assert over["c"].text == "c"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="needs openssl for a certificate")
+def test_a_cluster_behind_tls(start, make, tmp_path):
+    cert, key = tmp_path / "cert.pem", tmp_path / "key.pem"
+    subject = ["-subj", "/CN=localhost", "-addext", "subjectAltName=IP:127.0.0.1"]
+    request = ["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", *subject]
+    subprocess.run([*request, "-keyout", key, "-out", cert], check=True, capture_output=True)
+    files = ["--tls-ca-file", str(cert), "--tls-cert", str(cert), "--tls-key", str(key)]
+    start("scheduler", "--port", "0", "--protocol", "tls", *files)
+    place = Cluster(address(tmp_path), tls_ca=cert, tls_cert=cert, tls_key=key)
+    start("worker", "--nthreads", "1", "--no-nanny", "--protocol", "tls", *files)
+    over = run_jobs([make("a")], lambda: dask_workers(place, tmp_path / "cache"), Silent())
+    assert over["a"].text == "a"
+    assert place.address.startswith("tls://")

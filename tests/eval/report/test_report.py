@@ -1,0 +1,189 @@
+"""The report: one file that needs nothing else, and says what the numbers say."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from emvs.data.image_stores import Photo
+from emvs.errors import InputError
+from eval.report.ranking import findings, fusion_order, mean_over_cases, order, shown, table
+from eval.report.run_page import render, write_report
+from eval.scoring.results import Row
+from report_data import METHODS, SHAPE, WellFormed, report_data
+
+
+@pytest.fixture(scope="module")
+def one_case():
+    return render(report_data("desk"))
+
+
+def test_the_page_is_well_formed_and_loads_nothing(one_case):
+    page = WellFormed(one_case)
+    assert page.sources
+    assert all(source.startswith(("data:", "#")) for source in page.sources)
+    assert not re.search(r"url\(\s*['\"]?https?:|@import|<link|<script src", one_case)
+
+
+def test_same_data_same_page(one_case):
+    assert render(report_data("desk")) == one_case
+
+
+def test_the_best_fused_method_is_shown_first(one_case):
+    page = WellFormed(one_case)
+    assert page.checked == ["case0-m1"]
+    assert page.ids.index("ranking") < page.ids.index("case0") < page.ids.index("provenance")
+
+
+def test_every_picture_of_every_method_is_there(one_case):
+    for method in METHODS:
+        for kind in ("Depth [m]", "Confidence [votes]", "Error |e − g| [cm]"):
+            assert f'alt="{kind} of {method}' in one_case
+    assert one_case.count("tolerated error [cm]") == 3
+    assert one_case.count("even in 1/depth") == len(METHODS)
+
+
+def test_a_method_scored_beside_the_map_has_curves_but_no_pictures():
+    data = report_data("desk")
+    given = [replace(r, method="Given/x") for r in data.results.rows if r.method == "Alg1/H"]
+    results = replace(data.results, rows=(*data.results.rows, *given))
+    page = render(replace(data, results=results))
+    assert 'alt="Depth [m] of Given/x' not in page
+    svg = page[page.index("tolerated error [cm]") - 40_000 :]
+    assert re.search(r"<text[^>]*>Given/x</text>", svg)
+    assert "case0-precision-curve-4" in svg
+
+
+def test_numbers_units_counts_and_provenance_are_printed(one_case):
+    assert "1\u202f234\u202f567" in one_case
+    assert "planes = 12" in one_case
+    assert "ab" * 32 in one_case
+    assert "3 px·m" in one_case
+    assert "1 of 3 windows" in one_case
+
+
+def test_text_from_outside_is_escaped(one_case):
+    assert "test &lt;scene&gt;" in one_case
+    assert "<scene>" not in one_case
+
+
+def test_several_cases_and_windows_have_ids_of_their_own():
+    page = WellFormed(text := render(report_data("desk", "boxes", windows=2)))
+    own = [name for name in page.ids if name.startswith("case")]
+    assert len(own) == len(set(own))
+    assert "mean of 2 cases" in text
+    assert text.count('<details class="window"') == 4
+
+
+def test_a_recording_without_truth_has_maps_but_no_scores():
+    text = render(report_data("slider", truth=False))
+    WellFormed(text)
+    assert "Ranking" not in text
+    assert "Ground truth" not in text
+    assert 'alt="Depth [m] of Alg1/H' in text
+    assert re.search(r"Alg1/H</b> · points \d+ px", text)
+
+
+def test_an_ordinary_cameras_picture_says_what_it_lost():
+    image = np.full(SHAPE, 100, np.uint8)
+    image[:6], image[23, :1] = 255, 0
+    data = report_data("desk")
+    window = replace(data.cases[0].windows[0], photo=Photo(240_000, 250_000, 1.5, image))
+    case = replace(data.cases[0], windows=(window,))
+    text = render(replace(data, cases=(case,)))
+    WellFormed(text)
+    assert "Ordinary camera" in text
+    assert "10 ms exposure, -5 ms" in text
+    assert "25.0 % of the pixels white, 0.1 % black" in text
+    assert "Ordinary camera" not in render(data)
+
+
+def test_a_folder_without_maps_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no map"):
+        write_report(tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def rows():
+    data = report_data("desk")
+    return data.rows_of("desk", "all")
+
+
+def test_the_order_is_measured(rows):
+    assert fusion_order(rows, "mean_error") == "H < A < max"
+    assert [name for name, _ in order(rows, "delta_1")][-1] == "Alg1/max"
+
+
+def test_ties_are_called_ties():
+    tied = [Row("c", "all", f"Alg1/{m}", "rmse", 1.0, "m", "lower") for m in ("H", "G")]
+    assert fusion_order(tied, "rmse") == "H = G"
+
+
+def test_undefined_is_last_and_never_best():
+    values = {"Alg1/min": math.nan, "Alg1/H": 2.0, "Alg1/A": 1.0}
+    tabled = [Row("c", "all", m, "mean_error", v, "m", "lower") for m, v in values.items()]
+    got = table(tabled, "mean_error")
+    assert [line.method for line in got.lines] == ["Alg1/A", "Alg1/H", "Alg1/min"]
+    assert [line.cells[0].best for line in got.lines] == [True, False, False]
+    assert got.lines[2].cells[0].text == "–"
+
+
+def test_the_best_of_each_column_follows_its_direction(rows):
+    got = table(rows, "mean_error")
+    for position, column in enumerate(got.columns):
+        values = [line.cells[position].value for line in got.lines]
+        best = max(values) if column.better == "higher" else min(values)
+        marked = [line.cells[position].value for line in got.lines if line.cells[position].best]
+        assert set(marked) == {best}, column.name
+
+
+def test_single_cameras_have_no_rank(rows):
+    ranks = {line.method: line.rank for line in table(rows, "mean_error").lines}
+    assert ranks == {"Alg1/H": 1, "Alg1/A": 2, "EMVS/cam0": None, "Alg1/max": 3}
+
+
+def test_equal_methods_share_a_rank_and_undefined_ones_have_none():
+    values = {
+        "a": 1.0,
+        "b": 2.0,
+        "EMVS/cam0": 2.0,
+        "c": 2.0,
+        "d": 3.0,
+        "e": math.nan,
+        "f": math.nan,
+    }
+    tabled = [Row("c", "all", m, "mean_error", v, "m", "lower") for m, v in values.items()]
+    ranks = {line.method: line.rank for line in table(tabled, "mean_error").lines}
+    assert ranks == {"a": 1, "b": 2, "EMVS/cam0": None, "c": 2, "d": 4, "e": None, "f": None}
+
+
+def test_findings_compare_the_harmonic_mean_with_the_single_camera(rows):
+    sentences = findings(rows, "mean_error")
+    assert sentences[0].endswith("H < A < max.")
+    assert "Alg1/H beside EMVS/cam0" in sentences[-1]
+    assert re.search(r"mean error [\d.]+ cm against [\d.]+ cm \(−\d+ %\)", sentences[-1])
+
+
+def test_the_mean_over_cases_weighs_cases_and_keeps_undefined():
+    parts = [
+        Row("a", "all", "Alg1/H", "rmse", 1.0, "m", "lower"),
+        Row("b", "all", "Alg1/H", "rmse", 3.0, "m", "lower"),
+        Row("a", "all", "Alg1/A", "rmse", 1.0, "m", "lower"),
+        Row("b", "all", "Alg1/A", "rmse", math.nan, "m", "lower"),
+    ]
+    only_one_case = Row("a", "all", "mine", "rmse", 1.0, "m", "lower")
+    means = {row.method: row.value for row in mean_over_cases([*parts, only_one_case], "mean")}
+    assert means["Alg1/H"] == 2.0
+    assert math.isnan(means["Alg1/A"])
+    assert math.isnan(means["mine"])
+
+
+def test_numbers_are_shown_in_units_that_people_read():
+    assert shown(0.0625, "m") == "6.25"
+    assert shown(1234567.0, "px") == "1\u202f234\u202f567"
+    assert shown(math.nan, "%") == "–"

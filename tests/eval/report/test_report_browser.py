@@ -1,0 +1,197 @@
+"""Pages in a real browser: scripts run, the cursor reads, tables sort, nothing is fetched."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from eval.report.run_page import render
+from report_data import METHODS, SHAPE, report_data
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium in the PATH")
+FLAGS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--hide-scrollbars",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--virtual-time-budget=6000", "--host-resolver-rules=MAP * ~NOTFOUND",
+)  # fmt: skip
+# Collects errors from before the page's own scripts run, and asks when all data are unpacked.
+WATCH = "<script>window.wrong=[];addEventListener('error',(e)=>wrong.push(e.message));</script>"
+ASK = """<script>(async () => {
+  for (let k = 0; k < 300 && !document.documentElement.classList.contains("ready"); k++)
+    await new Promise((done) => setTimeout(done, 10));
+  let answer;
+  try { answer = (() => { %s })(); } catch (error) { wrong.push(String(error)); }
+  const probe = document.createElement("pre");
+  probe.id = "probe";
+  probe.textContent = JSON.stringify({ answer, wrong });
+  document.body.append(probe);
+})();</script>"""
+
+
+def _browse(tmp_path, page, *flags):
+    path = tmp_path / "page.html"
+    path.write_text(page, encoding="utf-8")
+    profile = tmp_path / "profile"
+    command = [CHROMIUM, *FLAGS, f"--user-data-dir={profile}", *flags, path.as_uri()]
+    return subprocess.run(command, capture_output=True, timeout=120, check=True).stdout.decode()
+
+
+def _ask(tmp_path, page, question):
+    asked = page.replace("<head>", f"<head>{WATCH}").replace("</body>", f"{ASK % question}</body>")
+    dom = _browse(tmp_path, asked, "--dump-dom")
+    found = json.loads(html.unescape(re.search(r'<pre id="probe">(.*?)</pre>', dom, re.S)[1]))
+    assert found["wrong"] == []
+    return found["answer"]
+
+
+@pytest.fixture(scope="module")
+def data():
+    return report_data("desk")
+
+
+@pytest.fixture(scope="module")
+def page(data):
+    return render(data)
+
+
+MOVE = """
+  const box = picture.getBoundingClientRect();
+  picture.dispatchEvent(new PointerEvent("pointermove", {bubbles: true,
+    clientX: box.left + picture.clientLeft + (x + .5) / 32 * picture.clientWidth,
+    clientY: box.top + picture.clientTop + (y + .5) / 24 * picture.clientHeight}));
+"""
+
+
+def test_the_cursor_reads_the_same_pixel_everywhere(tmp_path, page, data):
+    window = data.cases[0].windows[0]
+    method = next(m for m in window.methods if m.name == "Alg1/H")
+    y, x = (int(v) for v in np.argwhere(method.mask)[7])
+    question = f"""
+      const linked = document.querySelector(".linked"), x = {x}, y = {y};
+      const pictures = [...linked.querySelectorAll(".picture")], texts = [];
+      for (const picture of pictures) {{
+        {MOVE} texts.push(linked.querySelector(".readout").textContent);
+      }}
+      const marks = [...linked.querySelectorAll("i.cross")].map((m) => [m.style.left, m.style.top]);
+      return {{ texts, marks, pictures: pictures.length }};"""
+    got = _ask(tmp_path, page, question)
+    depth_m, truth_m = float(method.depth_m[y, x]), float(window.truth.depth_m[y, x])
+    assert len(set(got["texts"])) == 1
+    assert len(got["marks"]) == got["pictures"] == 6
+    assert len({tuple(mark) for mark in got["marks"]}) == 1
+    text = got["texts"][0]
+    named = r" · (true depth|depth|error|frame|confidence) ([-\d.]+)"
+    numbers = dict(re.findall(named, text))
+    assert float(numbers["depth"]) == pytest.approx(depth_m, rel=1e-3)
+    assert float(numbers["true depth"]) == pytest.approx(truth_m, rel=1e-3)
+    assert float(numbers["error"]) == pytest.approx(100 * (depth_m - truth_m), abs=0.3)
+    assert int(numbers["frame"]) == window.frame[y, x]
+    assert float(numbers["confidence"]) == pytest.approx(method.confidence[y, x], rel=0.01)
+
+
+def test_a_pixel_without_depth_says_so_until_a_method_has_one(tmp_path, page, data):
+    first, second = (
+        next(m for m in data.cases[0].windows[0].methods if m.name == name)
+        for name in ("Alg1/H", "Alg1/max")
+    )
+    y, x = (int(v) for v in np.argwhere(~first.mask & second.mask)[0])
+    question = f"""
+      const linked = document.querySelector(".linked"), x = {x}, y = {y};
+      const picture = linked.querySelector(".picture"); {MOVE}
+      const before = linked.querySelector(".readout").textContent;
+      document.querySelector("label[for=case0-m{list(METHODS).index("Alg1/max")}]").click();
+      return [before, linked.querySelector(".readout").textContent];"""
+    before, after = _ask(tmp_path, page, question)
+    assert before.endswith("no depth")
+    found_m = float(re.search(r" · depth ([\d.]+) m", after)[1])
+    assert found_m == pytest.approx(second.depth_m[y, x], rel=1e-3)
+
+
+def test_the_cloud_draws_every_point_and_turns(tmp_path, page, data):
+    question = """
+      const canvas = document.querySelector(".cloud canvas");
+      const cloud = canvas.closest(".linked").cloud, context = canvas.getContext("2d");
+      const look = () => context.getImageData(0, 0, canvas.width, canvas.height).data;
+      const filled = (data) => data.filter((value, k) => k % 4 === 3 && value > 0).length;
+      cloud.draw();
+      const before = look(), drawn = +canvas.dataset.drawn;
+      canvas.dispatchEvent(new KeyboardEvent("keydown", { key: "ArrowLeft" }));
+      const after = look(), moved = before.some((value, k) => value !== after[k]);
+      cloud.box.querySelector("[name=truth]").click();
+      return { drawn, moved, filled: filled(before), alone: +canvas.dataset.drawn };"""
+    got = _ask(tmp_path, page, question)
+    points = next(m for m in data.cases[0].windows[0].methods if m.name == "Alg1/H").mask.sum()
+    assert got["drawn"] == SHAPE[0] * SHAPE[1] + points
+    assert got["alone"] == points
+    assert got["moved"]
+    assert got["filled"] > 300
+
+
+def test_a_click_sorts_and_another_turns_the_order_around(tmp_path, page):
+    question = """
+      const table = document.querySelector("#ranking table"), head = table.tHead.rows[0].cells[1];
+      const column = () => [...table.tBodies[0].rows].map((row) => +row.cells[1].dataset.value);
+      head.click(); const first = column(); head.click(); return [first, column()];"""
+    first, second = _ask(tmp_path, page, question)
+    assert first == sorted(first, reverse=True)
+    assert second == sorted(first)
+    assert len(set(first)) > 1
+
+
+def test_a_click_enlarges_and_the_cursor_goes_on(tmp_path, page):
+    question = f"""
+      document.querySelector(".linked .picture").click();
+      const dialog = document.querySelector("dialog"), picture = dialog.querySelector(".picture");
+      const x = 3, y = 4; {MOVE}
+      return [dialog.open, dialog.querySelector(".readout").textContent];"""
+    opened, text = _ask(tmp_path, page, question)
+    assert opened
+    assert text.startswith("x 3, y 4 px")
+
+
+def test_hostile_names_run_nothing(tmp_path, data):
+    hostile = "</script><script>window.hit=1</script>"
+    window = data.cases[0].windows[0]
+    methods = tuple(replace(m, name=m.name + hostile) for m in window.methods)
+    case = replace(
+        data.cases[0], name=hostile, windows=(replace(window, name=hostile, methods=methods),)
+    )
+    rows = tuple(replace(r, case=hostile, method=r.method + hostile) for r in data.results.rows)
+    page = render(replace(data, cases=(case,), results=replace(data.results, rows=rows)))
+    assert _ask(tmp_path, page, "return window.hit ?? 0;") == 0
+
+
+@pytest.mark.parametrize("flags", [(), ("--blink-settings=preferredColorScheme=0",)])
+def test_a_phone_sees_a_page_in_light_and_dark(tmp_path, page, flags):
+    """The narrowest window that a headless browser opens is wider than a phone, a frame is not."""
+    inner = tmp_path / "inner.html"
+    inner.write_text(page, encoding="utf-8")
+    style = "border:0;width:390px;height:800px"
+    frame = f'<body style="margin:0"><iframe src="{inner.as_uri()}" style="{style}"></iframe>'
+    shot = tmp_path / "shot.png"
+    _browse(tmp_path, frame, f"--screenshot={shot}", "--window-size=500,800", *flags)
+    pixels = np.asarray(Image.open(shot).convert("L"))[:, :390]
+    assert pixels.std() > 10
+    assert (pixels.mean() < 100) == bool(flags)
+
+
+def test_on_a_phone_only_tables_and_plots_scroll_sideways(tmp_path, page):
+    """A frame of the page's own text is as narrow as a phone, and can be asked how wide it is."""
+    holder = f"""<html><head></head><body>
+      <iframe srcdoc="{html.escape(page)}" style="width:390px;height:800px;border:0"></iframe>
+      <script>onload = () => document.documentElement.classList.add("ready")</script>
+      </body></html>"""
+    question = """
+      const inner = document.querySelector("iframe").contentDocument.documentElement;
+      return [inner.clientWidth, inner.scrollWidth];"""
+    wide, scrolled = _ask(tmp_path, holder, question)
+    assert 300 < scrolled <= wide <= 390

@@ -1,0 +1,91 @@
+"""The page of studies: every number of their files, and no trust in them."""
+
+from __future__ import annotations
+
+import base64
+import json
+
+import pytest
+
+from emvs.errors import InputError
+from eval.cli.main import main
+from eval.report.study_page import find_studies, read_study, write_study_report
+from report_data import WellFormed
+
+
+def _study(**changes):
+    curve = {"method": "Alg1/H", "unit": "m", "samples": [2, 2]}
+    numbers = {"mean": [0.1, None], "low": [0.08, None], "high": [0.12, None]}
+    return {
+        "study": "pose-noise", "axis": "white noise of every pose", "unit": "mm",
+        "cases": ["desk"], "seeds": [0, 1], "amounts": [0, 5], "changes": {},
+        "breaks_at": {"Alg1/H": 5.0, "EMVS/cam0": None},
+        "curves": [{**curve, "metric": "mean_error", **numbers}],
+        "failures": {"map/desk/5": "it died"}, "versions": {"eventsweep": "0.1.0"}, **changes,
+    }  # fmt: skip
+
+
+def _write(folder, name="pose-noise", **changes):
+    path = folder / f"{name}.json"
+    path.write_text(json.dumps(_study(**changes)))
+    return path
+
+
+def test_numbers_bands_and_breaking_points_are_there(tmp_path):
+    _write(tmp_path)
+    text = write_study_report(tmp_path).read_text()
+    WellFormed(text)
+    assert "10.00 ± 2.00" in text
+    assert ">never<" in text
+    assert "it died" in text
+    assert "http" not in text
+
+
+def test_a_figure_is_an_image_in_which_nothing_runs(tmp_path):
+    _write(tmp_path)
+    drawing = b"<svg xmlns='http://www.w3.org/2000/svg'><script>alert(1)</script></svg>"
+    (tmp_path / "pose-noise.svg").write_bytes(drawing)
+    text = write_study_report(tmp_path).read_text()
+    assert "alert(1)" not in text
+    assert base64.b64encode(drawing).decode() in text
+
+
+def test_names_are_escaped(tmp_path):
+    hostile = "<img src=x onerror=alert(1)>"
+    failures, versions = {hostile: hostile}, {hostile: hostile}
+    _write(tmp_path, study=hostile, axis=hostile, unit=hostile, cases=[hostile],
+           breaks_at={hostile: None}, failures=failures, versions=versions)  # fmt: skip
+    text = write_study_report(tmp_path).read_text()
+    assert "<img src=x" not in text
+    assert "&lt;img src=x" in text
+
+
+def test_only_studies_are_found(tmp_path):
+    (tmp_path / "results.json").write_text("{}")
+    (tmp_path / "broken.json").write_text("{")
+    (tmp_path / "list.json").write_text("[1]")
+    path = _write(tmp_path)
+    assert find_studies(tmp_path) == [path]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"amounts": [0, 5, 9]}, "has 2 values for 3 amounts"),
+        ({"cases": 3}, "cases"),
+        ({"curves": [{"method": "x"}]}, "curves.0.metric"),
+    ],
+)
+def test_a_damaged_study_is_refused_in_a_line(tmp_path, changes, words):
+    path = _write(tmp_path, **changes)
+    with pytest.raises(InputError, match=words) as caught:
+        read_study(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_command_finds_out_what_a_folder_holds(tmp_path, capsys):
+    _write(tmp_path)
+    assert main(["report", str(tmp_path)]) == 0
+    assert (tmp_path / "report.html").is_file()
+    assert main(["report", str(tmp_path), "--tables"]) == 2
+    assert "for runs" in capsys.readouterr().err

@@ -1,0 +1,305 @@
+"""Metrics: against their slow twin, against a hand calculation, and by law."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+import naive_metrics
+from emvs.errors import InputError
+from eval.config import EvalConfig
+from eval.scoring.curves import COVERAGE_METRICS, CURVE_METRICS, curve
+from eval.scoring.method_scores import ALL_METRICS, score_method, score_pairs
+from eval.scoring.metrics import CELL_METRICS, METRICS, Pairs
+from eval.scoring.pairing import Truth, pair, pair_methods
+from eval.scoring.score import case_rows, score_depth
+
+METRE_METRICS = ("mean_error", "median_error", "rmse")
+RELATIVE_METRICS = (
+    "abs_rel",
+    "aerr_r",
+    "silog",
+    "log_rmse",
+    "delta_1",
+    "delta_2",
+    "delta_3",
+    "outlier_share",
+)
+DISPARITY_METRICS = ("bad_1px", "bad_2px", "bad_3px", "bad_5px", "bad_published")
+
+depths = st.floats(0.25, 100.0)
+
+
+@st.composite
+def pair_lists(draw, baseline_focal_px_m=22.6):
+    n = draw(st.integers(1, 30))
+    estimate_m = draw(hnp.arrays(np.float64, n, elements=depths))
+    truth_m = draw(hnp.arrays(np.float64, n, elements=depths))
+    return Pairs(estimate_m, truth_m, n + draw(st.integers(0, 30)), baseline_focal_px_m)
+
+
+def values(pairs):
+    return {score.metric: score.value for score in score_pairs(pairs)}
+
+
+def scene(seed, shape=(13, 17)):
+    rng = np.random.default_rng(seed)
+    truth_m = rng.uniform(0.5, 6.0, shape)
+    depth_m = truth_m * np.exp(rng.normal(0, 0.1, shape))
+    return depth_m, rng.random(shape) < 0.6, truth_m, rng.random(shape) < 0.8
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_every_metric_equals_its_slow_twin(seed):
+    depth_m, mask, truth_m, valid = scene(seed)
+    # Few values of confidence, so that many pixels share one.
+    confidence = np.random.default_rng(seed).integers(0, 20, mask.shape) / 4
+    rho = np.linspace(1 / 5.0, 1 / 0.6, 25)[:: 1 if seed % 2 else -1]
+    truth = Truth(truth_m, valid, 226.0, 0.1)
+    got = {
+        s.metric: s.value
+        for s in score_pairs(pair(depth_m, mask, truth, confidence=confidence, rho=rho))
+    }
+    expected = naive_metrics.all_metrics(depth_m, mask, truth_m, valid, 22.6, confidence, rho)
+    assert set(expected) == set(ALL_METRICS)
+    for name, value in expected.items():
+        assert got[name] == pytest.approx(value, rel=1e-9, abs=1e-9, nan_ok=True), name
+
+
+def test_hand_computed_three_by_three():
+    truth_m = np.array([[1.0, 2.0, 4.0], [1.0, 2.0, 4.0], [1.0, 2.0, 4.0]])
+    valid = np.array([[1, 1, 1], [1, 1, 1], [0, 1, 1]], bool)
+    depth_m = np.array([[1.0, 2.5, 9.0], [1.25, 2.0, 8.0], [3.0, 1.0, 4.0]])
+    mask = np.array([[1, 1, 0], [1, 1, 1], [1, 0, 0]], bool)
+    # Pairs (e, g): (1, 1), (2.5, 2), (1.25, 1), (2, 2), (8, 4); errors 0, 0.5, 0.25, 0, 4 m.
+    scores = score_depth(depth_m, mask, truth_m, valid, focal_px=100.0, baseline_m=0.1)
+    got = {score.metric: score.value for score in scores}
+    assert got["points"] == 5
+    assert got["truth_points"] == 8
+    assert got["baseline_focal"] == pytest.approx(10.0)
+    assert got["completeness"] == pytest.approx(62.5)
+    assert got["mean_error"] == pytest.approx(0.95)
+    assert got["median_error"] == pytest.approx(0.25)
+    assert got["rmse"] == pytest.approx(np.sqrt((0.25 + 0.0625 + 16) / 5))
+    assert got["abs_rel"] == pytest.approx(100 * (0.25 + 0.25 + 1) / 5)
+    assert got["aerr_r"] == pytest.approx(100 * (0.2 + 0.2 + 0.5) / 5)
+    # Ratios 1.25 are not below 1.25; 2 is not below 1.25³ = 1.953.
+    assert (got["delta_1"], got["delta_2"], got["delta_3"]) == pytest.approx((40, 80, 80))
+    # Disparity errors: 0, 1, 2, 0, 1.25 px; a threshold is exceeded, not met.
+    assert got["bad_1px"] == pytest.approx(40)
+    assert got["bad_2px"] == got["bad_5px"] == got["bad_published"] == 0
+    assert got["outlier_share"] == pytest.approx(60)
+    assert got["precision_1cm"] == pytest.approx(40)
+    assert got["recall_15cm"] == pytest.approx(25)
+    log2, log125 = np.log(2), np.log(1.25)
+    mean_square = (2 * log125**2 + log2**2) / 5
+    variance = mean_square - ((2 * log125 + log2) / 5) ** 2
+    assert got["silog"] == pytest.approx(100 * variance)
+    assert got["log_rmse"] == pytest.approx(100 * np.sqrt(mean_square))
+
+
+def test_published_rule_needs_both_conditions():
+    # 5 px at b f = 100 px·m is 0.05 1/m: 1.25 m at 5 m, and 2.6 mm at 0.23 m.
+    far_off = Pairs(np.array([10.0]), np.array([5.0]), 1, 100.0)
+    near = Pairs(np.array([0.2]), np.array([0.2021]), 1, 100.0)
+    assert values(far_off)["bad_published"] == 100
+    assert values(near)["bad_5px"] == 100
+    assert values(near)["bad_published"] == 0
+
+
+def test_empty_prediction_is_undefined_but_not_an_error():
+    _, mask, truth_m, valid = scene(0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scores = score_depth(truth_m, np.zeros_like(mask), truth_m, valid, 226.0, 0.1)
+    got = {score.metric: score.value for score in scores}
+    assert got["points"] == got["completeness"] == got["recall_5cm"] == got["f1_5cm"] == 0
+    undefined = {*METRE_METRICS, *RELATIVE_METRICS, *DISPARITY_METRICS, "precision_5cm"}
+    assert all(np.isnan(got[name]) for name in undefined)
+
+
+def test_no_truth_at_all_is_undefined():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        got = values(Pairs(np.empty(0), np.empty(0), 0, 22.6))
+    assert got.pop("points") == got.pop("truth_points") == 0
+    assert got.pop("baseline_focal") == 22.6
+    assert all(np.isnan(value) for value in got.values())
+
+
+def test_perfect_prediction_is_perfect():
+    _, _, truth_m, valid = scene(1)
+    truth = Truth(truth_m, valid, 226.0, 0.1)
+    pairs = pair(truth_m, valid, truth, confidence=truth_m, rho=np.linspace(0.2, 1.0, 9))
+    got = {s.metric: s for s in score_pairs(pairs)}
+    for name in ALL_METRICS:
+        if name != "points":
+            assert got[name].value == (100 if got[name].better == "higher" else 0), name
+    assert got["points"].value == np.count_nonzero(valid)
+
+
+@given(pair_lists(), st.floats(0.125, 8.0))
+def test_scaling_the_world_scales_metres_and_nothing_else(pairs, scale):
+    scaled = Pairs(
+        pairs.estimate_m * scale,
+        pairs.truth_m * scale,
+        pairs.truth_count,
+        pairs.baseline_focal_px_m * scale,
+    )
+    before, after = values(pairs), values(scaled)
+    for name in METRE_METRICS:
+        assert after[name] == pytest.approx(scale * before[name], rel=1e-9)
+    for name in ("abs_rel", "aerr_r", "silog", "log_rmse", "completeness"):
+        assert after[name] == pytest.approx(before[name], rel=1e-6, abs=1e-9)
+
+
+@given(pair_lists(), st.sampled_from([0.25, 0.5, 2.0, 8.0]))
+def test_scaling_by_a_power_of_two_keeps_every_threshold_decision(pairs, scale):
+    scaled = Pairs(
+        pairs.estimate_m * scale,
+        pairs.truth_m * scale,
+        pairs.truth_count,
+        pairs.baseline_focal_px_m * scale,
+    )
+    before, after = values(pairs), values(scaled)
+    for name in ("delta_1", "delta_2", "delta_3", "outlier_share", *DISPARITY_METRICS):
+        assert after[name] == before[name], name
+
+
+@given(pair_lists())
+def test_symmetric_metrics_do_not_care_which_one_is_the_truth(pairs):
+    swapped = Pairs(pairs.truth_m, pairs.estimate_m, pairs.truth_count, pairs.baseline_focal_px_m)
+    before, after = values(pairs), values(swapped)
+    assert [before[f"delta_{k}"] for k in (1, 2, 3)] == [after[f"delta_{k}"] for k in (1, 2, 3)]
+    assert before["silog"] == pytest.approx(after["silog"])
+    assert before["abs_rel"] == pytest.approx(after["aerr_r"])
+
+
+@given(pair_lists())
+def test_shares_grow_with_their_threshold(pairs):
+    got = values(pairs)
+    assert got["delta_1"] <= got["delta_2"] <= got["delta_3"]
+    assert got["bad_1px"] >= got["bad_2px"] >= got["bad_3px"] >= got["bad_5px"]
+    assert got["bad_5px"] >= got["bad_published"]
+    measured = curve(pairs)
+    for share in (measured.precision, measured.recall, measured.f1):
+        assert (np.diff(share) >= 0).all()
+        assert ((share >= 0) & (share <= 100)).all()
+    assert (measured.recall <= measured.precision).all()
+
+
+@given(pair_lists())
+def test_means_are_ordered(pairs):
+    got = values(pairs)
+    assert got["mean_error"] <= got["rmse"] * (1 + 1e-12)
+    assert got["silog"] <= (got["log_rmse"] / 10) ** 2 + 1e-9
+
+
+def test_curve_is_the_registry_drawn():
+    depth_m, mask, truth_m, valid = scene(2)
+    pairs = pair(depth_m, mask, Truth(truth_m, valid, 226.0, 0.1))
+    got, drawn = values(pairs), curve(pairs)
+    for k, cm in enumerate(drawn.threshold_cm):
+        assert drawn.precision[k] == got[f"precision_{cm}cm"]
+        assert drawn.recall[k] == got[f"recall_{cm}cm"]
+        assert drawn.f1[k] == got[f"f1_{cm}cm"]
+
+
+def test_truth_must_be_finite_positive_and_within_the_limits():
+    truth_m = np.array([[np.nan, np.inf, 0.0, -1.0, 0.5, 1.0, 4.0, 5.0]])
+    truth = Truth(truth_m, np.ones_like(truth_m, bool), 100.0, 0.1, limits_m=(1.0, 4.0))
+    np.testing.assert_array_equal(truth.scored, [[0, 0, 0, 0, 0, 1, 1, 0]])
+    got = pair(np.full_like(truth_m, 2.0), np.ones_like(truth_m, bool), truth)
+    np.testing.assert_array_equal(got.truth_m, [1.0, 4.0])
+
+
+def test_one_camera_has_no_disparity_metric_but_all_others():
+    depth_m, mask, truth_m, valid = scene(3)
+    got = {s.metric: s.value for s in score_depth(depth_m, mask, truth_m, valid, 226.0, None)}
+    assert {name for name, value in got.items() if np.isnan(value)} == {
+        "baseline_focal",
+        *DISPARITY_METRICS,
+        *(metric.name for metric in (*CELL_METRICS, *COVERAGE_METRICS)),
+    }
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mask": np.ones((2, 3), bool)}, "shapes"),
+        ({"depth_m": np.full((2, 2), np.nan)}, "4 of 4 reported depths"),
+        ({"depth_m": np.zeros((2, 2))}, "4 of 4 reported depths"),
+        ({"focal_px": 0.0}, "focal length 0"),
+        ({"baseline_m": np.nan}, "baseline nan"),
+    ],
+)
+def test_unusable_input_is_named_in_one_line(change, message):
+    ones = np.ones((2, 2))
+    arguments = {
+        "depth_m": ones,
+        "mask": ones.astype(bool),
+        "truth_depth_m": ones,
+        "truth_valid": ones.astype(bool),
+        "focal_px": 100.0,
+        "baseline_m": 0.1,
+    }
+    with pytest.raises(InputError, match=message) as caught:
+        score_depth(**{**arguments, **change})
+    assert "\n" not in str(caught.value)
+
+
+def test_common_support_is_shared_by_all_methods_that_report_anything():
+    truth_m = np.ones((1, 4))
+    masks = {
+        "a": np.array([[1, 1, 1, 0]], bool),
+        "b": np.array([[0, 1, 1, 1]], bool),
+        "silent": np.zeros((1, 4), bool),
+    }
+    depth_m = np.array([[1.5, 1.0, 1.25, 9.0]])
+    truth = Truth(truth_m, np.ones_like(truth_m, bool), 100.0, 0.1)
+    methods = pair_methods({name: (depth_m, mask) for name, mask in masks.items()}, truth)
+    got = {
+        name: {score.metric: score.value for score in score_method(pairs)}
+        for name, pairs in methods.items()
+    }
+    assert got["a"]["common_points"] == got["b"]["common_points"] == 2
+    assert got["a"]["common_mean_error"] == got["b"]["common_mean_error"] == 0.125
+    assert got["a"]["mean_error"] == 0.25
+    assert got["silent"]["common_points"] == 0
+
+
+def test_case_rows_hold_every_window_and_their_pool():
+    windows = {}
+    for seed in (0, 1):
+        depth_m, mask, truth_m, valid = scene(seed)
+        truth = Truth(truth_m, valid, 226.0, 0.1)
+        windows[f"w{seed:03d}"] = pair_methods({"Alg1/H": (depth_m, mask)}, truth)
+    rows = case_rows("desk", windows)
+    points = {row.window: row.value for row in rows if row.metric == "points"}
+    assert points["mean"] == points["all"] / 2
+    assert points["all"] == points["w000"] + points["w001"]
+    assert {row.case for row in rows} == {"desk"}
+    assert len({(row.window, row.method, row.metric) for row in rows}) == len(rows)
+
+
+def test_every_metric_says_what_it_is():
+    for metric in ALL_METRICS.values():
+        assert metric.title
+        assert metric.formula
+        assert metric.unit
+        assert metric.better in ("lower", "higher")
+    registries = (METRICS, CELL_METRICS, CURVE_METRICS, COVERAGE_METRICS)
+    assert len(ALL_METRICS) == sum(map(len, registries))
+
+
+def test_configuration_refuses_reversed_limits_and_unknown_keys():
+    assert EvalConfig(min_truth_depth_m=0.5).truth_limits_m == (0.5, float("inf"))
+    with pytest.raises(ValueError, match="below"):
+        EvalConfig(min_truth_depth_m=4, max_truth_depth_m=1)
+    with pytest.raises(ValueError, match="unknown key ranking; did you mean ranking_metric"):
+        EvalConfig(ranking="rmse")

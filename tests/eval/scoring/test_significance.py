@@ -1,0 +1,156 @@
+"""Bootstrap, paired tests and ranks: against slow twins, by hand, and by law."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import naive_scoring
+from emvs.errors import InputError
+from eval.scoring.bootstrap import interval, intervals, weights
+from eval.scoring.significance import holm, paired_p, rank_methods
+
+numbers = st.floats(-10, 10)
+whole = st.integers(-50, 50)
+group_lists = st.lists(st.lists(numbers, min_size=1, max_size=5), min_size=1, max_size=4)
+
+
+@given(group_lists)
+def test_bootstrap_is_the_mean_of_what_was_drawn(groups):
+    sizes = [len(group) for group in groups]
+    drawn = weights(sizes, 20, seed=3)
+    np.testing.assert_allclose(drawn.sum(axis=1), 1)
+    expected = naive_scoring.bootstrap_means(groups, 20, 3)
+    np.testing.assert_allclose(drawn @ np.concatenate(groups), expected, atol=1e-12)
+
+
+@given(group_lists.filter(lambda groups: sum(map(len, groups)) > 1), numbers)
+def test_interval_moves_with_the_values_and_holds_no_more_than_them(groups, shift):
+    low, high = interval(groups, resamples=50)
+    values = np.concatenate(groups)
+    assert values.min() - 1e-9 <= low <= high <= values.max() + 1e-9
+    moved = interval([np.array(group) + shift for group in groups], resamples=50)
+    np.testing.assert_allclose(moved, (low + shift, high + shift), atol=1e-9)
+
+
+def test_interval_covers_the_truth_about_as_often_as_it_says():
+    """Seeds differ (sd 1) more than windows (sd 0.5): an interval over windows alone fails."""
+    rng = np.random.default_rng(0)
+    both = alone = 0
+    for _ in range(200):
+        groups = [rng.normal(rng.normal(0, 1), 0.5, 8) for _ in range(12)]
+        low, high = interval(groups, resamples=200)
+        both += low <= 0 <= high
+        low, high = interval(list(np.concatenate(groups)[:, None].T), resamples=200)
+        alone += low <= 0 <= high
+    assert 170 <= both <= 200
+    assert alone < 140
+
+
+def test_same_seed_same_interval_and_one_value_has_none():
+    values = [np.arange(5.0), np.arange(3.0)]
+    assert interval(values) == interval(values)
+    assert interval(values) != interval(values, seed=1)
+    assert np.isnan(interval([[1.0]])).all()
+    assert np.isnan(interval([[1.0, np.nan]])).all()
+    low, high = intervals(np.array([[1.0, np.nan], [1.0, 2.0]]), [2])
+    assert low[0] == high[0] == 1
+    assert np.isnan(low[1])
+
+
+@pytest.mark.parametrize(
+    ("sizes", "options", "message"),
+    [([3], {}, "3"), ([2, 0], {}, "one or more"), ([2], {"level": 1.0}, "level"),
+     ([2], {"resamples": 0}, "resamples")],
+)  # fmt: skip
+def test_impossible_bootstraps_are_refused(sizes, options, message):
+    with pytest.raises(InputError, match=message) as caught:
+        intervals(np.ones((2, 1)), sizes, **options)
+    assert "\n" not in str(caught.value)
+
+
+# Whole numbers: sums that differ by rounding alone would be ties for one and not for the other.
+@given(st.lists(st.tuples(whole, whole), min_size=2, max_size=7))
+def test_permutation_p_is_that_of_all_sign_flips(pairs):
+    a, b = np.array(pairs, float).T
+    if (a == b).all():
+        assert paired_p(a, b) == 1
+        return
+    assert paired_p(a, b) == pytest.approx(naive_scoring.sign_flip_p(a, b), abs=1e-12)
+
+
+def test_p_by_hand():
+    # Of the 2^6 sign patterns, only the one seen and its opposite are as extreme.
+    better, worse = np.arange(6.0), np.arange(6.0) + np.arange(1, 7)
+    assert paired_p(better, worse) == pytest.approx(2 / 64)
+    assert paired_p(better, worse, test="wilcoxon") == pytest.approx(2 / 64)
+    assert paired_p(better[:5], worse[:5]) == pytest.approx(2 / 32)
+    assert np.isnan(paired_p([1.0], [2.0]))
+
+
+def test_values_that_do_not_pair_are_refused():
+    for a, b in (([1.0], [1.0, 2.0]), ([1.0, np.nan], [1.0, 2.0]), ([[1.0]], [[1.0]])):
+        with pytest.raises(InputError, match="pairs of finite"):
+            paired_p(a, b)
+
+
+@given(st.lists(st.floats(0, 1), max_size=8))
+def test_holm_is_step_down_and_never_makes_surer(p):
+    got = holm(p)
+    np.testing.assert_allclose(got, naive_scoring.holm(p))
+    assert all(raw <= corrected <= 1 for raw, corrected in zip(p, got, strict=True))
+    order = np.argsort(p, kind="stable")
+    assert (np.diff(np.array(got)[order]) >= 0).all()
+
+
+def test_holm_by_hand():
+    # 3 x 0.01, 2 x 0.03, and 0.04 raised to the one before.
+    assert holm([0.03, 0.01, 0.04]) == pytest.approx([0.06, 0.03, 0.06])
+    assert holm([0.01, float("nan")])[0] == pytest.approx(0.01)
+
+
+def test_ranks_tie_where_the_difference_is_not_significant():
+    rng = np.random.default_rng(1)
+    base = rng.normal(0, 1, 10)
+    values = {
+        "noisy": base + rng.normal(0, 1e-3, 10),
+        "best": base,
+        "worst": base + 1,
+    }
+    found = rank_methods(values, "lower")
+    assert {one.method: one.rank for one in found.standings} == {"noisy": 1, "best": 1, "worst": 3}
+    assert found.units == 10
+    turned = rank_methods(values, "higher")
+    assert {one.method: one.rank for one in turned.standings} == {"worst": 1, "noisy": 2, "best": 2}
+
+
+def test_a_unit_that_one_method_lacks_is_left_out_for_all():
+    values = {"a": [1.0, 2.0, np.nan], "b": [1.5, 2.5, 9.0]}
+    found = rank_methods(values, "lower")
+    assert found.units == 2
+    assert [one.mean for one in found.standings] == [1.5, 2.0]
+    assert {one.rank for one in found.standings} == {1}
+    nothing = rank_methods({"a": [np.nan], "b": [1.0]}, "lower")
+    assert nothing.units == 0
+    assert {one.rank for one in nothing.standings} == {1}
+
+
+def test_ranking_is_the_same_in_any_order_of_methods():
+    rng = np.random.default_rng(2)
+    values = {name: rng.normal(k, 0.5, 9) for k, name in enumerate("abcd")}
+    turned = dict(reversed(values.items()))
+    ranks = [
+        {one.method: one.rank for one in rank_methods(v, "lower").standings}
+        for v in (values, turned)
+    ]
+    assert ranks[0] == ranks[1]
+    assert sorted(ranks[0].values()) == [1, 2, 3, 4]
+
+
+def test_what_cannot_be_ranked_is_refused():
+    with pytest.raises(InputError, match="as many units"):
+        rank_methods({"a": [1.0], "b": [1.0, 2.0]}, "lower")
+    with pytest.raises(InputError, match="direction"):
+        rank_methods({"a": [1.0]}, "none")

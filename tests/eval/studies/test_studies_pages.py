@@ -1,0 +1,156 @@
+"""What studies write into the documentation: every number from a file, none typed."""
+
+import json
+
+import pytest
+from PIL import Image
+
+import reproduction
+import study_pages
+import suite_cost
+import suite_efficiency
+from emvs.errors import InputError
+from eval.scoring.metrics import METRICS as KNOWN
+from eval.scoring.results import Row
+from eval.suite.definition import load
+from eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult, mapper_method
+from published_table import MONO, RATIOS, TABLE, H
+
+FACTS = SampleFacts("a", "b", "c", "d", {}, {}, dict.fromkeys(RATIOS, "e"))
+
+
+def study(folder, name="pose-noise", **changes):
+    """A study's files as `eventsweep study` leaves them, with numbers to tell apart."""
+    curve = {"unit": "m", "low": [0.1, None], "high": [0.2, None], "metric": "mean_error"}
+    facts = {
+        "study": name, "axis": "noise", "unit": "mm", "cases": ["desk", "boxes"],
+        "seeds": [0, 1], "amounts": [0, 5], "breaks_at": {"Alg1/H": 3.25, "EMVS/cam0": None},
+        "curves": [
+            {**curve, "method": "Alg1/H", "mean": [0.123, None]},
+            {**curve, "method": "EMVS/cam0", "mean": [0.2, 0.3456]},
+        ],
+        "failures": {}, "versions": {}, "cpu_s": 90.0, **changes,
+    }  # fmt: skip
+    (folder / f"{name}.json").write_text(json.dumps(facts))
+    Image.new("RGB", (60, 30), "white").save(folder / f"{name}.png")
+
+
+def docs(folder, mark):
+    path = folder / "docs" / "page.md"
+    path.parent.mkdir()
+    path.write_text(f"before\n<!-- {mark}: begin -->\nold\n<!-- {mark}: end -->\nafter\n")
+    return path
+
+
+def test_the_page_has_every_study_with_its_figure_numbers_and_breaking_points(tmp_path):
+    study(tmp_path, "planes")
+    study(tmp_path, "pose-noise", failures={"map/desk/5": "it died"})
+    path = docs(tmp_path, study_pages.MARK)
+    study_pages.write(tmp_path, path)
+    text = path.read_text()
+    assert "old" not in text
+    assert text.startswith("before\n")
+    assert text.endswith("after\n")
+    line = "mm | 3.25 | never (x 1.7) | desk, boxes; 2 seeds | 1.5 |"
+    assert f"| [`pose-noise`](#pose-noise) | {line}" in text
+    assert "| together | | | | | 3.0 |" in text
+    assert "| 5 | no map | 34.6 |" in text
+    assert "it died" in text
+    assert text.index("### pose-noise") < text.index("### planes")
+    with Image.open(tmp_path / "docs" / "images" / "study_pose-noise.png") as image:
+        assert image.size == (60, 30)
+
+
+def test_a_folder_without_studies_or_figures_and_a_page_without_marks_are_refused(tmp_path):
+    path = docs(tmp_path, "another")
+    with pytest.raises(InputError, match="no study"):
+        study_pages.write(tmp_path, path)
+    study(tmp_path)
+    with pytest.raises(InputError, match="needs the lines"):
+        study_pages.write(tmp_path, path)
+    (tmp_path / "pose-noise.png").unlink()
+    with pytest.raises(InputError, match="run the study again"):
+        study_pages.write(tmp_path, path)
+
+
+def flights(values, case="mvsec-flying", mapper="default"):
+    """A result with, per method, one value of every metric for each seed."""
+    samples = []
+    for seed in range(len(next(iter(values.values())))):
+        rows = tuple(
+            Row(case, "all", mapper_method(method, mapper), metric, row[seed], "x", "lower")
+            for method, row in values.items()
+            for metric in (*RATIOS, "points")
+        )
+        samples.append(Sample(case, seed, rows, FACTS))
+    suite, _ = load(reproduction.SUITE)
+    return SuiteResult(
+        suite.name, "all", suite.digest, suite.model_dump(mode="json"), {case: "x"},
+        tuple(range(len(samples))), tuple(samples),
+    )  # fmt: skip
+
+
+def test_ratios_are_of_means_over_flights_and_bands_hold_them():
+    text = reproduction.report(flights({"Alg1/H": [1.0, 2.0], "EMVS/cam0": [2.0, 2.0]}))
+    (line,) = [line for line in text.splitlines() if line.startswith("| published thresholds")]
+    assert line.count("0.75 (0.50 to 1.00)") == len(RATIOS) + 1
+    assert "| published | 0.59 | 0.66 | 0.35 |" in text
+
+
+def test_pairs_that_stand_the_other_way_round_are_named():
+    text = reproduction.report(
+        flights({"Alg1/H": [1.0], "EMVS/cam0": [3.0], "ESVO/own-rate": [4.0]})
+    )
+    lines = [line for line in text.splitlines() if line.startswith("- By mean error")]
+    (line,) = lines
+    assert "2 of 3 pairs" in line
+    assert "`ESVO/own-rate` and `EMVS/cam0`" in line
+
+
+def test_the_suite_has_what_the_tables_show():
+    suite, _ = load(reproduction.SUITE)
+    assert set(RATIOS) < set(suite.metrics) <= {metric.name for metric in KNOWN}
+    methods = suite.mappers["default"]["methods"]
+    assert {line.ours for line in TABLE} <= set(methods)
+    assert {case for case, *_ in reproduction.SETTINGS} == set(suite.cases)
+    for case, of_h, of_mono, _ in reproduction.SETTINGS:
+        for ending, method in ((of_h, "Alg1/H"), (of_mono, "EMVS/cam0")):
+            mapper = ending.strip() or "default"
+            assert mapper in suite.cases[case].mappers
+            assert method in suite.mappers[mapper]["methods"]
+
+
+def test_the_published_ratios_are_those_that_are_quoted():
+    ratios = [round(H.value(metric) / MONO.value(metric), 2) for metric in RATIOS]
+    assert ratios == [0.59, 0.66, 0.35]
+
+
+def jobs(case, seed, seconds):
+    return [
+        JobNote(f"simulate/{case}/seed{seed}", "k", cpu_seconds=seconds),
+        JobNote(f"map/{case}/seed{seed}/default/w000", "k", cpu_seconds=2 * seconds),
+        JobNote(f"score/{case}/seed{seed}", "k", cpu_seconds=3 * seconds),
+    ]
+
+
+def test_costs_are_summed_per_case_and_carried_over_to_all_seeds():
+    suite, _ = load("suite-v1")
+    notes = [*jobs("desk", 0, 10.0), *jobs("desk", 1, 20.0), *jobs("boxes", 0, 1.0)]
+    notes[-1] = JobNote("score/boxes/seed0", failure="it died")
+    found = suite_cost.took(notes)
+    assert set(found) == {("desk", "seed0"), ("desk", "seed1")}
+    text = suite_cost.table(suite, found)
+    # The mean of 60 and 120 s, five times; 180 s were run.
+    assert "| `desk` | 2 of 5 | 15.0 s | 30.0 s | 45.0 s | 7.5 min | 3.0 min |" in text
+    assert "Not run, and not in the sum: planes, boxes," in text
+
+
+def test_efficiency_is_the_share_of_the_ideal_speed_up():
+    assert "0.90 of ideal" in suite_efficiency.line("quick", 2, 90.0, 50.0)
+    assert "0.50 of ideal" in suite_efficiency.line("quick", 2, 90.0, 90.0)
+
+
+@pytest.mark.parametrize(("suite", "workers"), [("nosuch", 1), ("quick", 0)])
+def test_what_cannot_be_timed_is_refused(suite, workers):
+    with pytest.raises(InputError):
+        suite_efficiency.elapsed_s(suite, workers)

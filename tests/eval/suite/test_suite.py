@@ -1,0 +1,326 @@
+"""A suite is frozen data; running it twice does nothing twice and gives the same numbers."""
+
+import json
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from emvs.data.sequence import Sequence
+from emvs.dsi.cuda import device as library
+from emvs.errors import InputError
+from eval.cli.main import main
+from eval.gate.baseline import read_baseline
+from eval.jobs.cache import Cache, default_cache, key_of
+from eval.scoring.metric_versions import metric_versions
+from eval.suite.definition import FOLDER, load, read
+from eval.suite.results import FILE_NAME, read_suite
+from eval.suite.run import suite_jobs
+from places import ROOT
+
+TINY = """
+name = "tiny"
+summary = "one short case"
+seeds = [0, 1]
+spread_seeds = [0, 1]
+metrics = ["points", "mean_error", "median_error", "events"]
+speed_case = "wall"
+
+[mappers.default]
+methods = ["Alg1/H", "EMVS/cam0"]
+planes = 30
+
+[mappers.coarse]
+methods = ["Alg1/H"]
+planes = 10
+
+[cases.wall]
+scene = "planes"
+rig = "rpg"
+seconds = 0.04
+windows = [{ start_s = 0.0, duration_s = 0.02 }, { start_s = 0.02, duration_s = 0.02 }]
+mappers = ["default", "coarse"]
+sim = { contrast_threshold_pos = 0.4, contrast_threshold_neg = 0.5 }
+
+[subsets.one]
+cases = ["wall"]
+seeds = [0]
+"""
+
+
+def toml(folder, text=TINY):
+    path = folder / "tiny.toml"
+    path.write_text(text)
+    return path
+
+
+# The definition
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda path: path.stem)
+def test_every_suite_can_be_run(path):
+    suite = read(path)
+    assert suite.name == path.stem
+    assert suite.spread_seeds[: len(suite.seeds)] == suite.seeds
+    assert suite_jobs(suite, tuple(suite.cases), (0,))
+    for subset in suite.subsets.values():
+        assert set(subset.seeds) <= set(suite.spread_seeds)
+
+
+FROZEN = {"suite-v1": "8306e22943153863", "mvsec-table-v1": "1ea46b539308529d"}
+
+
+@pytest.mark.parametrize("name", FROZEN)
+def test_a_suite_is_frozen(name):
+    """A changed definition is another suite: give it another name, and add its digest here."""
+    assert load(name)[0].digest == FROZEN[name]
+
+
+def test_names_find_suites_and_subsets(tmp_path):
+    file = toml(tmp_path)
+    assert load("quick")[0].name == load("suite-v1")[0].name == "suite-v1"
+    assert [load(name)[1] for name in ("quick", "suite-v1", "suite-v1:quick")] == [
+        "quick", "all", "quick",
+    ]  # fmt: skip
+    assert load(f"{file}:one")[1] == "one"
+    assert load(str(file))[1] == "all"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("seeds = [0, 1]\nspread", "seeds = []\nspread", "seeds"),
+        ('scene = "planes"', 'scen = "planes"', "cases.wall.scen"),
+        ("planes = 30", "plane = 30", "plane"),
+        ("planes = 30", "planes = 1", "planes"),
+        ("duration_s = 0.02 }]", "duration_s = 0.03 }]", "the case has 0.04 s"),
+        ('cases = ["wall"]', 'cases = ["hall"]', "no 'hall', there are wall"),
+        ('"default", "coarse"]', '"default", "fine"]', "no 'fine', there are default, coarse"),
+        ("contrast_threshold_pos = 0.4", "contrast_threshold_pos = -1", "contrast_threshold_pos"),
+        ('speed_case = "wall"', 'speed_case = "hall"', "no 'hall'"),
+        ("planes = 10", 'device = "auto"', "mappers.coarse.device is 'auto'"),
+        ("[subsets.one]", "[subsets.one", "not TOML"),
+    ],
+)
+def test_a_wrong_definition_is_one_line(tmp_path, old, new, words):
+    assert old in TINY
+    with pytest.raises(InputError) as caught:
+        read(toml(tmp_path, TINY.replace(old, new)))
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('scene = "planes"', 'scene = "plains"', "unknown scene 'plains'"),
+        ('rig = "rpg"', 'rig = "gpr"', "gpr"),
+        ('"EMVS/cam0"', '"EMVS/cam7"', "EMVS/cam7"),
+    ],
+)
+def test_what_does_not_exist_is_refused_before_the_first_job(tmp_path, old, new, words):
+    suite = read(toml(tmp_path, TINY.replace(old, new)))
+    with pytest.raises(InputError, match=words):
+        suite_jobs(suite, ("wall",), (0,))
+
+
+def test_a_gpu_that_is_not_there_is_refused_before_the_first_job(tmp_path, monkeypatch):
+    suite = read(toml(tmp_path, TINY.replace("planes = 10", 'device = "cuda"')))
+    monkeypatch.setattr(library, "missing", lambda: "it is gone")
+    with pytest.raises(InputError, match="device cuda cannot be used: it is gone"):
+        suite_jobs(suite, ("wall",), (0,))
+
+
+def test_a_map_by_the_gpu_is_another_job_than_one_by_the_cpu(tmp_path, monkeypatch):
+    monkeypatch.setattr(library, "missing", lambda: None)
+    monkeypatch.setattr(library, "gpu", lambda: SimpleNamespace(name="some GPU"))
+    parameters = []
+    for device in ("cpu", "cuda"):
+        suite = read(toml(tmp_path, TINY.replace("planes = 10", f'device = "{device}"')))
+        (score,) = suite_jobs(suite, ("wall",), (0,))
+        parameters.append([need.parameters for need in score.needs])
+    here, there = parameters
+    assert here[:3] == there[:3]  # the sequence, and two windows by the other mapper
+    assert all(key_of(one) != key_of(other) for one, other in zip(here[3:], there[3:], strict=True))
+    assert len(here) == 5
+
+
+def test_the_digest_sees_every_change_of_a_case(tmp_path):
+    changes = [
+        ("planes = 30", "planes = 31"),
+        ("seconds = 0.04", "seconds = 0.05"),
+        ("neg = 0.5", "neg = 0.6"),
+        ('rig = "rpg"', 'rig = "davis346"'),
+        ("start_s = 0.02", "start_s = 0.01"),
+        ("[cases.wall]", "[score]\nmax_truth_depth_m = 3\n[cases.wall]"),
+    ]
+    texts = [TINY, *(TINY.replace(*change) for change in changes)]
+    digests = {read(toml(tmp_path, text)).digest_of("wall") for text in texts}
+    assert len(digests) == len(texts)
+    more = read(toml(tmp_path, TINY.replace("seeds = [0, 1]\n", "seeds = [0, 1, 2]\n", 1)))
+    assert more.digest_of("wall") == read(toml(tmp_path)).digest_of("wall")
+
+
+def test_truth_is_rendered_in_the_middle_of_every_window(tmp_path):
+    suite = read(toml(tmp_path))
+    assert suite.sim_of(suite.cases["wall"])["truth_times_s"] == [0.01, 0.03]
+
+
+def test_jobs_share_what_they_have_in_common(tmp_path):
+    (job,) = suite_jobs(read(toml(tmp_path)), ("wall",), (0,))
+    sequence, *maps = job.needs
+    assert [one.name.split("/", 3)[-1] for one in maps] == [
+        "default/w000", "default/w001", "coarse/w000", "coarse/w001",
+    ]  # fmt: skip
+    assert all(one.needs == (sequence,) for one in maps)
+
+
+def test_metric_versions_are_those_of_meanings():
+    versions = metric_versions()
+    assert versions == metric_versions()
+    assert versions["mean_error"] != versions["median_error"]
+    assert set(load("quick")[0].metrics) - set(versions) == {
+        "events", "brighter_share", "voting_share", "votes_in_image_share", "dropped_tail",
+    }  # fmt: skip
+
+
+def test_the_cache_is_where_the_user_says(monkeypatch, tmp_path):
+    monkeypatch.delenv("EVENTSWEEP_CACHE", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert default_cache() == tmp_path / "eventsweep"
+    monkeypatch.setenv("EVENTSWEEP_CACHE", str(tmp_path / "own"))
+    assert default_cache() == tmp_path / "own"
+
+
+# A run
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """`eventsweep suite` on a cold cache: the definition, the cache and the result."""
+    folder = tmp_path_factory.mktemp("suite")
+    file, cache, out = toml(folder), folder / "cache", folder / "out"
+    arguments = ["--out", str(out), "--cache", str(cache), "--workers", "1", "--quiet"]
+    assert main(["suite", f"{file}:one", *arguments]) == 0
+    return file, cache, out
+
+
+def test_the_result_says_what_made_it(run):
+    file, cache, out = run
+    result = read_suite(out)
+    suite = read(file)
+    (sample,) = result.samples
+    assert (result.suite, result.digest) == ("tiny", suite.digest)
+    assert result.cases == {"wall": suite.digest_of("wall")}
+    assert {"numpy", "mujoco", "eventsweep"} <= set(result.versions)
+    assert len(result.jobs) == 6
+    assert not result.failures
+    (simulated,) = [job for job in result.jobs if job.name.startswith("simulate")]
+    sequence = Sequence.open(Cache(cache).path_of(simulated.key) / "data" / "sequence")
+    assert sample.facts.sequence == sequence.manifest.digest()
+    assert sample.facts.truth == sequence.manifest.files["cam0/truth.h5"].sha256
+    assert sample.facts.sim["contrast_threshold_pos"] == 0.4
+    assert sample.facts.metrics == metric_versions()
+    assert all(ratio > 0 for ratio in result.speed["wall"])
+
+
+def test_the_result_has_every_window_method_and_metric(run):
+    (sample,) = read_suite(run[2]).samples
+    places = {(row.window, row.method) for row in sample.rows if row.metric == "mean_error"}
+    windows, methods = ("w000", "w001", "all"), ("Alg1/H", "EMVS/cam0", "Alg1/H coarse")
+    assert places >= {(window, method) for window in windows for method in methods}
+    (events,) = [row for row in sample.rows if row.metric == "events"]
+    assert events.value > 1000
+    lines = (run[2] / "suite.csv").read_text().splitlines()
+    assert lines[0] == "case,seed,window,method,metric,value,unit,better"
+    assert len(lines) == len(sample.rows) + 1
+
+
+def test_running_again_does_nothing_again(run, tmp_path):
+    file, cache, out = run
+    arguments = ["--out", str(tmp_path), "--cache", str(cache), "--no-speed", "--quiet"]
+    assert main(["suite", f"{file}:one", *arguments]) == 0
+    again = read_suite(tmp_path)
+    assert all(job.found for job in again.jobs)
+    assert again.samples == read_suite(out).samples
+
+
+def test_a_suite_gates_itself(run, tmp_path, capsys):
+    """Green against its own numbers; red, with the culprit, against better ones."""
+    file, cache, _ = run
+    baseline = tmp_path / "baseline.json"
+    common = ["--suite", f"{file}:one", "--baseline", str(baseline), "--cache", str(cache)]
+    assert main(["gate", *common, "--update", "--reason", "first", "--seeds", "0"]) == 0
+    assert main(["gate", *common]) in (0, 1)  # its speed may differ while others work
+    content = json.loads(baseline.read_text())
+    for one in content["series"]:
+        if (one["method"], one["metric"]) == ("Alg1/H", "mean_error"):
+            one["values"] = {"0": one["values"]["0"] / 2}
+    baseline.write_text(json.dumps(content))
+    capsys.readouterr()
+    assert main(["gate", *common]) == 1
+    assert "worse" in capsys.readouterr().out
+
+
+def test_a_job_that_fails_is_told_and_others_go_on(run, tmp_path, capsys):
+    """A window in which nothing moves has no events."""
+    cache = run[1]
+    broken = TINY.replace("pos = 0.4", "pos = 9").replace("neg = 0.5", "neg = 9")
+    more = broken[broken.index("[cases.wall]") : broken.index("[subsets")]
+    toml(
+        tmp_path,
+        TINY.replace("[subsets", more.replace("[cases.wall]", "[cases.still]") + "[subsets"),
+    )
+    arguments = [
+        "--out",
+        str(tmp_path / "out"),
+        "--cache",
+        str(cache),
+        "--seeds",
+        "0",
+        "--no-speed",
+    ]
+    assert main(["suite", str(tmp_path / "tiny.toml"), *arguments]) == 1
+    result = read_suite(tmp_path / "out")
+    assert [sample.case for sample in result.samples] == ["wall"]
+    assert any("none that can vote" in job.failure for job in result.failures)
+    assert any(job.failure.startswith("not started") for job in result.failures)
+    assert "failed" in capsys.readouterr().out
+
+
+def test_an_output_that_exists_is_kept(run, capsys):
+    file, cache, out = run
+    assert main(["suite", f"{file}:one", "--out", str(out), "--cache", str(cache)]) == 2
+    assert "add --force" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"schema_version": 1}', '{"schema_version": 7}'])
+def test_a_damaged_result_is_one_line(tmp_path, text):
+    (tmp_path / FILE_NAME).write_text(text)
+    with pytest.raises(InputError, match="run the suite again") as caught:
+        read_suite(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_cache_says_its_size_and_shrinks(tmp_path, capsys):
+    Cache(tmp_path).get("k1", {}, lambda out: (out / "a").write_bytes(bytes(1000)))
+    assert main(["cache", "--cache", str(tmp_path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["bytes"] > 1000
+    assert main(["cache", "--cache", str(tmp_path), "--prune", "0", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["bytes"] == 0
+    assert main(["cache", "--cache", str(tmp_path), "--prune", "-1"]) == 2
+
+
+# The project's own baseline
+
+
+def test_the_projects_baseline_is_of_its_suite():
+    """Every case of `quick`, with seeds to spare for the spread, and a reason."""
+    suite, subset = load("quick")
+    baseline = read_baseline(ROOT / "reports" / "baseline.json")
+    assert baseline.name == suite.name
+    assert baseline.seeds == suite.spread_seeds
+    assert {one.case for one in baseline.series} == set(suite.subset(subset).cases)
+    assert {one.metric for one in baseline.series} >= set(suite.metrics)
+    assert all(math.isfinite(value) for one in baseline.series for value in one.values.values())
+    assert baseline.history[-1].reason

@@ -1,0 +1,279 @@
+"""`eventsweep convert`: what goes in comes out, or is refused in one line."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dataset_world import write_sequence
+from emvs.data.events import Events
+from emvs.data.poses import read_kitti, read_poses, read_tum, write_tum
+from emvs.data.sequence import Sequence
+from emvs.datasets.dsec import read_disparity
+from emvs.errors import InputError
+from emvs.formats import calibration_writers as rigs
+from emvs.formats import open_events, write_events
+from emvs.formats.calibration import read_rig
+from emvs.geometry.se3 import from_quat_xyzw
+from emvs.geometry.trajectory import Trajectory
+from eval.cli.main import main
+from eval.convert import Options, convert, targets
+from eval.inspect import inspect
+from event_files import ALL, READ_ONLY, WRITTEN, moving_edges, write_any
+from memory_convert import run_chain
+from places import ROOT
+from sim.rigs import RIGS
+
+SIZE_PX = (640, 480)
+WIDE = {"width_px": 1280, "height_px": 720}
+SIZE = ("--width-px", 640, "--height-px", 480)
+# Zero, repeated, a burst that EVT3 writes as vectors, a gap beyond its clock, beyond 32 bits.
+TIMES = [0, 0, 7, *[20_000_000] * 40, 1 << 33]
+
+
+def run(*words) -> int:
+    return main(["convert", *map(str, words), "--quiet"])
+
+
+def events(times=TIMES) -> Events:
+    x = np.arange(len(times), dtype=np.uint16)
+    return Events(x, x // 40, np.array(times), (x % 32 > 2).astype(np.uint8))
+
+
+def assert_same(path, kind, expected):
+    reader = open_events(path)
+    assert reader.format == kind
+    got = Events.concat(list(reader.chunks(reader.streams[0])))
+    for name in ("x", "y", "t_us", "p"):
+        np.testing.assert_array_equal(getattr(got, name), getattr(expected, name))
+
+
+@pytest.mark.parametrize(("first", "second"), list(itertools.permutations(WRITTEN, 2)))
+def test_every_pair_of_event_formats_keeps_every_event(tmp_path, first, second):
+    a, b = tmp_path / "a", tmp_path / "b"
+    write_any(a, first, SIZE_PX, [events()])
+    assert run(a, b, "--to", second, *SIZE) == 0
+    assert_same(b, second, events())
+
+
+@pytest.mark.parametrize("first", READ_ONLY)
+@pytest.mark.parametrize("second", ["evt3", "npz", "rosbag1"])
+def test_formats_that_are_only_read_convert_too(tmp_path, first, second):
+    made = events([*TIMES[:-1], 1 << 31] if first == "dat" else TIMES)
+    write_any(tmp_path / "a", first, SIZE_PX, [made])
+    assert run(tmp_path / "a", tmp_path / "b", "--to", second, *SIZE) == 0
+    assert_same(tmp_path / "b", second, made)
+
+
+@settings(max_examples=8)
+@given(
+    order=st.permutations(WRITTEN),
+    start_us=st.sampled_from([0, 2**24 - 1, 2**32 - 2]),
+    steps_us=st.lists(
+        st.tuples(st.sampled_from([0, 1, 999, 4096, 2**24, 17_000_000]), st.integers(1, 40)),
+        min_size=1,
+        max_size=8,
+    ),
+)
+def test_events_survive_a_walk_through_all_formats(tmp_path, order, start_us, steps_us):
+    stamps = start_us + np.cumsum([step for step, _ in steps_us])
+    made = events(np.repeat(stamps, [count for _, count in steps_us]))
+    path = write_any(tmp_path / "0", order[0], SIZE_PX, [made])
+    for k, kind in enumerate(order[1:], 1):
+        assert run(path, tmp_path / f"{k}", "--to", kind, *SIZE, "--force") == 0
+        path = tmp_path / f"{k}"
+        assert_same(path, kind, made)
+
+
+class Shares:
+    """A progress that remembers how far each stage came."""
+
+    def __init__(self):
+        self.seen = []
+
+    @contextmanager
+    def stage(self, title, total):
+        yield lambda done, words: self.seen.append(done)
+
+
+@pytest.mark.parametrize("kind", ALL)
+def test_every_format_says_how_much_of_it_is_read(tmp_path, kind):
+    """From the first packet to all of it, never backwards."""
+    count = 400_000
+    write_any(tmp_path / "a", kind, (1280, 720), moving_edges(count, packet=1 << 15))
+    for work in (
+        lambda progress: convert(tmp_path / "a", tmp_path / "b", Options("dsec", **WIDE), progress),
+        lambda progress: inspect(tmp_path / "a", progress),
+    ):
+        shares = Shares()
+        work(shares)
+        assert len(shares.seen) > 0
+        assert shares.seen == sorted(shares.seen)
+        assert 0 < shares.seen[0] <= shares.seen[-1] <= 1
+        assert shares.seen[-1] > 0.9
+
+
+def test_recordings_say_it_of_all_cameras(tmp_path):
+    ours = write_sequence(tmp_path / "ours", "kb4", steps=60)
+    for kind in ("mvsec", "tumvie", "rosbag1", "npz"):
+        shares = Shares()
+        convert(ours, tmp_path / kind, Options(kind), shares)
+        assert shares.seen == sorted(shares.seen)
+        assert shares.seen[-1] > 0.9
+
+
+def test_one_camera_of_a_recording_goes_into_one_file(tmp_path):
+    ours = write_sequence(tmp_path / "ours", "kb4", steps=60)
+    assert run(ours, tmp_path / "b", "--to", "evt3", "--stream", "cam1") == 0
+    sequence = Sequence.open(ours)
+    assert_same(tmp_path / "b", "evt3", sequence.events(1, 0, 10**6))
+    assert run(ours, tmp_path / "c", "--to", "evt3", "--stream", "cam7") == 2
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_the_file(tmp_path):
+    chain = ("dsec", "evt3", "rosbag1", "npz", "mvsec", "csv")
+    short, long = (run_chain(tmp_path, count, chain) for count in (4_000_000, 40_000_000))
+    assert max(np.subtract(long, short)) < 30
+    assert max(long) < 400
+
+
+def test_a_shift_is_applied_and_printed(tmp_path, capsys):
+    a, b = tmp_path / "a.txt", tmp_path / "b.raw"
+    late = events()
+    late = Events(late.x, late.y, late.t_us + (1 << 50), late.p)
+    write_events(a, "text", *SIZE_PX, {"e": [late]})
+    assert run(a, b, "--to", "evt3", *SIZE) == 2
+    assert not b.exists()
+    assert main(["convert", str(a), str(b), "--to", "evt3", *map(str, SIZE), "--from-zero"]) == 0
+    assert f"shifted by -{1 << 50} µs" in capsys.readouterr().err
+    assert open_events(b).span_us("events") == (0, 1 << 33)
+
+
+def test_outputs_are_kept_unless_forced(tmp_path):
+    a = tmp_path / "a.npz"
+    write_events(a, "npz", 64, 64, {"e": [events()]})
+    assert run(a, a, "--to", "npz") == 2
+    assert run(a, a, "--to", "npz", "--force") == 2
+    assert run(a, tmp_path / "b", "--to", "nothing") == 2
+    assert run(a, tmp_path / "b", "--to", "sequence") == 2
+
+
+def test_slider_depth_becomes_a_bag_and_a_folder(shared_data, tmp_path):
+    folder = tmp_path / "slider"
+    assert run(shared_data / "slider_depth", folder, "--to", "evt3") == 0
+    said = (folder / "recording.toml").read_text()
+    assert 'file = "cam0.raw"' in said
+    assert sum(len(p) for p in open_events(folder / "cam0.raw").chunks("events")) == 1_078_541
+
+
+def poses(n=20) -> Trajectory:
+    rng = np.random.default_rng(3)
+    quats = rng.normal(size=(n, 4))
+    quats /= np.linalg.norm(quats, axis=1, keepdims=True)
+    return Trajectory(np.arange(n) * 5000 + (1 << 45), rng.normal(size=(n, 3)), quats)
+
+
+def test_trajectories_go_to_tum_and_kitti(tmp_path):
+    made, a = poses(), tmp_path / "a.txt"
+    write_tum(a, made)
+    assert run(a, tmp_path / "b", "--to", "tum") == 0
+    assert run(a, tmp_path / "c", "--to", "kitti") == 0
+    for got in (read_tum(tmp_path / "b"), read_kitti(tmp_path / "c", made.t_us)):
+        np.testing.assert_array_equal(got.t_us, made.t_us)
+        np.testing.assert_allclose(got.at(made.t_us), made.at(made.t_us), atol=1e-9)
+
+
+@pytest.mark.parametrize(("unit", "scale"), [("s", 1e-6), ("ms", 1e-3), ("us", 1), ("ns", 1000)])
+def test_units_of_time(tmp_path, unit, scale):
+    path = tmp_path / "p.txt"
+    path.write_text(f"time,x,y,z,qx,qy,qz,qw\n{5_000_000 * scale},1,2,3,0,0,0,1\n")
+    assert read_poses(path, unit).t_us.tolist() == [5_000_000]
+
+
+@pytest.mark.parametrize("name", RIGS)
+@pytest.mark.parametrize("kind", ["kalibr", "basalt", "rig"])
+def test_calibrations_come_back(tmp_path, name, kind):
+    made, path = RIGS[name], tmp_path / ("rig.yaml" if kind == "kalibr" else "rig.json")
+    if kind == "basalt" and made.cameras[0].model == "radtan":
+        with pytest.raises(InputError, match="no Basalt form"):
+            rigs.write_basalt(path, made)
+        return
+    rigs.WRITERS[kind](path, made)
+    got = read_rig(path)
+    for k in range(len(made)):
+        np.testing.assert_allclose(got.T_body_cam[k], made.T_body_cam[k], atol=1e-9)
+        assert got.cameras[k].K.tolist() == made.cameras[k].K.tolist()
+        assert got.cameras[k].distortion[:4] == made.cameras[k].distortion[:4]
+
+
+def test_opencv_reads_its_own_yaml(tmp_path):
+    import cv2
+
+    rigs.write_opencv(tmp_path / "c.yaml", RIGS["mvsec"])
+    store = cv2.FileStorage(str(tmp_path / "c.yaml"), cv2.FileStorage_READ)
+    np.testing.assert_array_equal(store.getNode("cam1_K").mat(), RIGS["mvsec"].cameras[1].K)
+    assert store.getNode("cam0_model").string() == "fisheye"
+
+
+def test_depth_maps_go_to_every_image_format(tmp_path):
+    import cv2
+
+    depth_m = np.array([[1.0, 2.5, 60.0], [0.5, 4.0, 8.0]], np.float32)
+    mask = depth_m != 4.0
+    a = tmp_path / "depth.npz"
+    camera = json.dumps({"fx_px": 100.0})
+    np.savez(a, depth_m=depth_m, mask=mask, camera=camera)
+    known = np.where(mask, depth_m, np.nan)
+    for kind in ("depth-png", "depth-npy", "depth-tiff"):
+        assert run(a, tmp_path / kind, "--to", kind) == 0
+    png = cv2.imread(str(tmp_path / "depth-png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(png, np.where(mask, depth_m * 1000, 0))
+    tiff = cv2.imread(str(tmp_path / "depth-tiff"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(tiff, known)
+    np.testing.assert_array_equal(np.load(tmp_path / "depth-npy"), known)
+    out = tmp_path / "d.png"
+    assert run(a, out, "--to", "disparity-png") == 2
+    assert run(a, out, "--to", "disparity-png", "--baseline-m", 0.1) == 0
+    np.testing.assert_allclose(read_disparity(out, 10.0), known, rtol=0.02)
+
+
+def test_depth_is_never_unpickled(tmp_path):
+    path = tmp_path / "evil.npy"
+    np.save(path, np.array([{"a": 1}], object), allow_pickle=True)
+    assert run(path, tmp_path / "b", "--to", "depth-npy") == 2
+
+
+def test_clouds_go_to_pcd_and_back(tmp_path):
+    import open3d as o3d
+
+    points = np.random.default_rng(0).normal(size=(50, 3))
+    a = tmp_path / "a.ply"
+    o3d.io.write_point_cloud(str(a), o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points)))
+    assert run(a, tmp_path / "b.pcd", "--to", "pcd") == 0
+    assert run(tmp_path / "b.pcd", tmp_path / "c.ply", "--to", "ply") == 0
+    got = np.asarray(o3d.io.read_point_cloud(str(tmp_path / "c.ply")).points)
+    np.testing.assert_allclose(got, points, atol=1e-6)
+
+
+def test_every_target_is_named_in_the_docs():
+
+    text = (ROOT / "docs" / "convert.md").read_text()
+    assert [name for name in targets() if f"`{name}`" not in text] == []
+
+
+def test_kitti_refuses_what_is_no_rotation(tmp_path):
+    path = tmp_path / "k.txt"
+    path.write_text("2 0 0 0 0 1 0 0 0 0 1 0\n")
+    with pytest.raises(InputError, match="line 1 is no rigid motion"):
+        read_kitti(path, np.array([0]))
+    T = from_quat_xyzw(np.zeros(3), np.array([0, 0, 0, 1.0]))
+    np.savetxt(path, T[:3].reshape(1, 12))
+    with pytest.raises(InputError, match="1 poses for 2 times"):
+        read_kitti(path, np.array([0, 1]))

@@ -1,0 +1,381 @@
+"""The public names: what importing them costs, what they refuse, and how they show themselves."""
+
+import ast
+import os
+import re
+import subprocess
+import sys
+import tomllib
+import venv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import eventsweep as es
+from emvs.data.writer import SequenceWriter
+from eval.cli.main import main
+from places import ROOT
+from point_world import fronto_parallel
+
+PYTHON_BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+METHODS = ("Alg1/H", "EMVS/cam0")
+
+
+def python_blocks(page: str) -> list[str]:
+    return PYTHON_BLOCK.findall((ROOT / "docs" / page).read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A sequence of points on a plane, with its true depth at the middle of every window."""
+    world = fronto_parallel(1.5)
+    path = tmp_path_factory.mktemp("points") / "sequence"
+    with SequenceWriter(
+        path, name="points", rig=world.rig, trajectory=world.trajectory, config={},
+        depth_range_m=(0.5, 4),
+    ) as writer:  # fmt: skip
+        for camera, events in enumerate(world.streams):
+            writer.append_events(camera, events)
+            sensor = world.rig.cameras[camera]
+            truth_m = np.full((sensor.height_px, sensor.width_px), 1.5, np.float32)
+            middle_us = sum(world.event_span_us(0)) // 2
+            for t_us in sorted({0, *range(100_000, 500_000, 50_000), middle_us}):
+                writer.append_truth(camera, t_us, truth_m, np.zeros(truth_m.shape, np.uint8))
+    return path
+
+
+@pytest.fixture(scope="module")
+def recording(folder):
+    return es.open_recording(str(folder))
+
+
+@pytest.fixture(scope="module")
+def middle_s(recording):
+    times_us = recording.truth_times_us(0)
+    return float(times_us[len(times_us) // 2]) / 1e6
+
+
+@pytest.fixture(scope="module")
+def config(middle_s):
+    return es.MapperConfig(methods=METHODS, planes=20, reference_s=middle_s)
+
+
+@pytest.fixture(scope="module")
+def result(recording, config):
+    return es.map_window(recording, config)
+
+
+# Importing
+
+
+def test_importing_the_package_imports_nothing_else():
+    code = (
+        "import sys; before = set(sys.modules); import eventsweep; "
+        "print(*{name.split('.')[0] for name in set(sys.modules) - before})"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    foreign = set(done.stdout.split()) - set(sys.stdlib_module_names)
+    assert foreign == {"eventsweep"}
+
+
+def test_the_light_names_load_nothing_heavy():
+    code = (
+        "import sys, eventsweep as es; es.InputError, es.MapperConfig, es.SimConfig, es.EvalConfig;"
+        "sys.exit(bool({'numpy', 'numba', 'mujoco', 'h5py', 'cv2'} & set(sys.modules)))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("name", es.__all__)
+def test_every_public_name_is_there(name):
+    assert getattr(es, name) is not None
+    assert name in dir(es)
+
+
+def test_a_name_that_is_not_public_is_no_attribute():
+    with pytest.raises(AttributeError, match="has no attribute 'map_windwo'"):
+        es.map_windwo  # noqa: B018
+
+
+def test_a_type_checker_sees_what_a_program_gets():
+    tree = ast.parse(Path(es.__file__).read_text(encoding="utf-8"))
+    block = next(node for node in tree.body if isinstance(node, ast.If))
+    seen = {
+        alias.asname or alias.name: f"{node.module}:{alias.name}"
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert seen | {"__version__": es._PLACES["__version__"]} == es._PLACES
+    assert sorted(es._PLACES) == sorted(es.__all__)
+
+
+def test_every_public_name_has_an_example():
+    code = "\n".join(python_blocks("api.md"))
+    assert [name for name in es.__all__ if not re.search(rf"\bes\.{name}\b", code)] == []
+
+
+def test_mapping_and_scoring_take_six_lines_and_one_import():
+    for page in ("tutorial.md", "api.md"):
+        block = next(text for text in python_blocks(page) if "import eventsweep" in text)
+        lines = [line for line in block.splitlines() if line]
+        assert len(lines) <= 6
+        assert sum("import" in line for line in lines) == 1
+        assert "es.score(" in block
+
+
+# What comes out
+
+
+@pytest.mark.parametrize("flags", [[], ["--map.hot-pixels", "3"]])
+def test_a_window_scores_as_the_command_line_does(folder, config, middle_s, tmp_path, flags):
+    chosen = config.model_copy(update={"hot_pixels": 3.0}) if flags else config
+    recording = es.open_recording(folder)
+    direct = es.score(es.map_window(recording, chosen), recording)
+    out = str(tmp_path / "map")
+    asked = ["--method", "Alg1/H", "--method", "EMVS/cam0", "--map.planes", "20", *flags]
+    reference = ["--map.reference-s", str(middle_s), "--quiet"]
+    assert main(["map", str(folder), "--out", out, *asked, *reference]) == 0
+    written = es.score(out)
+    assert repr(direct.rows) == repr(written.rows)  # NaN is not equal to itself
+    assert (direct.configuration, direct.seed) == (written.configuration, written.seed)
+    assert (direct.sequences, direct.metrics) == (written.sequences, written.metrics)
+
+
+def test_paths_may_be_strings_everywhere(folder, config, tmp_path):
+    path, out = str(folder), str(tmp_path / "windows")
+    assert repr(es.Sequence(path)) == repr(es.open_recording(path))
+    by_path = es.score(es.map_window(path, config), path)
+    assert by_path.rows
+    sliding = es.MapperConfig(methods=METHODS, planes=20, window_s=0.1, start_s=0.05)
+    stored = es.map_windows(path, out, sliding, clouds=False)
+    assert repr(es.score(out).rows) == repr(es.score(stored).rows)
+    again = es.map_windows(es.open_recording(path), out, sliding, clouds=False)
+    assert len(again.windows) == len(stored.windows) > 1
+
+
+def test_a_scene_is_simulated_by_name_or_by_itself(tmp_path):
+    short = es.SimConfig(duration_s=0.02)
+    sequence = es.simulate("planes", str(tmp_path / "one"), short, rig="rpg")
+    other = es.simulate(
+        es.load_scene("planes"), tmp_path / "two", short, rig=sequence.rig, progress=print
+    )
+    assert isinstance(sequence, es.Sequence)
+    assert sequence.manifest.digest() == other.manifest.digest()
+
+
+def test_names_of_scenes_methods_and_metrics():
+    assert "desk" in es.scenes()
+    assert es.load_scene("desk").name == "desk"
+    assert "Alg1/H" in es.methods()
+    assert es.METRICS["mean_error"].unit == "m"
+
+
+# How things show themselves
+
+
+def test_everything_says_what_it_is(recording, result):
+    counts = [len(recording.events(k, 0, 1_000_000)) for k in (0, 1)]
+    rig = "2 cameras, 96 x 64 px, baseline 0.1 m"
+    assert repr(recording.rig) == f"Rig('test', {rig})"
+    assert repr(recording.trajectory) == "Trajectory(6 poses, 0 to 500000 µs, a way of 0.4 m)"
+    assert repr(recording) == (
+        f"Sequence('points', {rig}, 6 poses from 0 to 500000 µs, {counts[0]} + {counts[1]} events)"
+    )
+    events = recording.events(0, 0, 1_000_000)
+    span = f"{events.t_us[0]} to {events.t_us[-1]} µs"
+    assert repr(events) == f"Events({counts[0]} events, {span})"
+    assert repr(events.slice(0, 0)) == "Events(none)"
+    depth_map = result.depth_maps["Alg1/H"]
+    depth_m = depth_map.depth_m[depth_map.mask]
+    assert repr(depth_map) == (
+        f"DepthMap('Alg1/H', 96 x 64 px, {depth_map.points} points, "
+        f"{depth_m.min():.3g} to {depth_m.max():.3g} m)"
+    )
+    assert repr(result).splitlines() == [
+        f"WindowResult({result.window.t0_us} to {result.window.t1_us} µs, view of 96 x 64 px at "
+        f"{result.window.t_ref_us} µs, on cpu;",
+        f"  points: Alg1/H {depth_map.points}, EMVS/cam0 {result.depth_maps['EMVS/cam0'].points})",
+    ]
+    results = es.score(result, recording)
+    metrics = len({row.metric for row in results.rows})
+    assert repr(results) == (
+        f"Results({len(results.rows)} numbers of points: {metrics} metrics of Alg1/H, EMVS/cam0)"
+    )
+
+
+def test_an_event_simulator_says_where_it_is():
+    pixels = es.EventSimulator(4, 3)
+    pixels.start(np.ones((3, 4), np.float32), t_us=7)
+    assert repr(pixels) == "EventSimulator(4 x 3 px, last frame at 7 µs)"
+
+
+def test_a_map_on_disk_says_what_it_is(folder, tmp_path):
+    config = es.MapperConfig(methods=METHODS, planes=20, window_s=0.2)
+    stored = es.map_windows(str(folder), str(tmp_path / "map"), config, clouds=False)
+    assert repr(stored) == (
+        f"StoredMap({str(tmp_path / 'map')!r}, of points: 2 windows; methods: Alg1/H, EMVS/cam0)"
+    )
+    window = stored.windows[0]
+    assert repr(window).startswith(f"StoredWindow({str(window.path)!r}, {window.info.t0_us} to ")
+
+
+# What is refused
+
+
+def refused(call) -> str:
+    with pytest.raises(es.InputError) as caught:
+        call()
+    message = str(caught.value)
+    assert len(message.splitlines()) == 1
+    assert "pydantic" not in message
+    return message
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: es.MapperConfig(planes=1), "planes is 1: input should be greater"),
+        (lambda: es.MapperConfig(planez=50), "unknown key planez; did you mean planes?"),
+        (lambda: es.MapperConfig(planes="many"), "planes is 'many': input should be a valid int"),
+        (lambda: es.MapperConfig(planes=1, median_px=0), "(1 more faults)"),
+        (lambda: es.MapperConfig(median_px=4), "median_px is 4: must be odd"),
+        (lambda: es.MapperConfig(min_depth_m=np.ones(200)), "min_depth_m is array([1., 1.,"),
+        (lambda: es.MapperConfig(sgm={"decay_s": -1}), "sgm.decay_s is -1"),
+        (lambda: es.MapperConfig(sgm={"matcher": {"block_px": 4}}), "sgm.matcher.block_px is 4"),
+        (lambda: es.MapperConfig(sgm={"dekay_s": 1}), "did you mean decay_s?"),
+        (lambda: es.MapperConfig.model_validate([1]), "MapperConfig is [1]"),
+        (lambda: setattr(es.MapperConfig(), "planes", 3), "cannot be changed"),
+        (lambda: es.SimConfig(duration_s=-1), "duration_s is -1"),
+        (lambda: es.SimConfig(sensor={"preset": "davis"}), "sensor.preset is 'davis'"),
+        (lambda: es.SimConfig(imu={"quat_xyzw": (1, 1, 1, 1)}), "imu.quat_xyzw is (1, 1, 1, 1)"),
+        (lambda: es.SimConfig(min_frame_interval_us=10**6), "min_frame_interval_us=1000000"),
+        (lambda: es.EvalConfig(border_px=-1), "border_px is -1"),
+        (lambda: es.open_recording("nowhere"), "nowhere: no such folder"),
+        (lambda: es.Sequence("nowhere"), "nowhere"),
+        (lambda: es.map_window("nowhere"), "nowhere: no such folder"),
+        (lambda: es.load_scene("desc"), "unknown scene 'desc'"),
+        (lambda: es.simulate("desk", "o", rig="kinect"), "unknown rig 'kinect'"),
+        (lambda: es.simulate("desk", "o", seed=-1), "seed -1"),
+        (lambda: es.simulate("desk", "o", es.MapperConfig()), "needs SimConfig(...)"),
+        (lambda: es.register_method(es.Method.from_function("x", len, "y")), "method name 'x'"),
+        (lambda: es.score("nowhere"), "nowhere: no maps"),
+        (lambda: es.EventSimulator(0, 3), "a sensor of 0 x 3 px"),
+        (lambda: es.EventSimulator(4, 3, es.MapperConfig()), "needs SimConfig(...)"),
+        (lambda: es.METRICS["mean_eror"], "no metric 'mean_eror': did you mean mean_error?"),
+        (lambda: es.METRICS["x"], "no metric 'x': there are points, completeness"),
+        (lambda: es.Camera(0, 3, 1, 1, 1, 1), "camera of 0x3 px"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(call, words):
+    assert words in refused(call)
+
+
+@pytest.mark.parametrize("camera", [2, 7, -1])
+@pytest.mark.parametrize(
+    "read",
+    [
+        lambda recording, k: recording.events(k, 0, 1000),
+        lambda recording, k: recording.events(camera=k, t0_us=0, t1_us=1000),
+        lambda recording, k: recording.event_span_us(k),
+        lambda recording, k: recording.event_count(k),
+        lambda recording, k: recording.frame(k, 0),
+        lambda recording, k: recording.photo_times_us(k),
+        lambda recording, k: recording.truth_times_us(k),
+        lambda recording, k: recording.truth_depth_m(k, 0),
+        lambda recording, k: recording.truth_view_depth_m(k, 0),
+        lambda recording, k: recording.labels(k, 0, 1000),
+        lambda recording, k: recording.event_points_world(k, 0, 1000),
+        lambda recording, k: recording.rig.baseline_m(0, k),
+    ],
+)
+def test_a_camera_that_is_not_there_is_refused(recording, read, camera):
+    assert f"no camera {camera}, it has 0 to 1" in refused(lambda: read(recording, camera))
+
+
+def test_what_does_not_fit_together_is_refused(recording, result, folder):
+    assert "did you mean Alg1/H?" in refused(lambda: result.depth_maps["Alg1/A"])
+    assert result.depth_maps.get("Alg1/A") is None
+    assert "score(result, recording)" in refused(lambda: es.score(result))
+    assert "leave it out" in refused(lambda: es.score("map", recording))
+    assert "needs MapperConfig(...)" in refused(lambda: es.map_window(recording, es.SimConfig()))
+    assert "needs EvalConfig(...)" in refused(lambda: es.score(result, recording, {"border_px": 1}))
+    assert "unknown method" in refused(
+        lambda: es.map_window(recording, es.MapperConfig(methods=("Alg1/Z",)))
+    )
+    sliding = es.MapperConfig(window_s=0.1)
+    assert "call map_windows" in refused(lambda: es.map_window(recording, sliding))
+    other_view = es.MapperConfig(methods=METHODS, planes=20, reference_shift=0.5)
+    shifted = es.map_window(recording, other_view)
+    assert "view of its own" in refused(lambda: es.score(shifted, recording))
+    world = fronto_parallel(1.5)
+    assert "without ground truth" in refused(lambda: es.score(result, world))
+    assert "no ground truth at" in refused(
+        lambda: es.score(es.map_window(folder, es.MapperConfig(reference_s=0.22)), folder)
+    )
+
+
+def test_the_time_outside_a_trajectory_is_refused(recording):
+    assert "never extrapolated" in refused(lambda: recording.trajectory.at(10**9))
+
+
+# Types
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory) -> Path:
+    """A Python that has our packages as a wheel lays them out, beside the libraries of this one."""
+    home = tmp_path_factory.mktemp("installed")
+    venv.create(home, symlinks=True)
+    (site,) = (home / "lib").glob("python*/site-packages")
+    for package in wheel_packages():
+        (site / package).symlink_to(ROOT / package)
+    libraries = [path for path in sys.path if path.endswith("site-packages")]
+    (site / "libraries.pth").write_text("\n".join(libraries) + "\n")
+    return home / "bin" / "python"
+
+
+def wheel_packages() -> list[str]:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    packages: list[str] = settings["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
+    return packages
+
+
+def test_every_package_says_that_it_has_types():
+    assert [name for name in wheel_packages() if not (ROOT / name / "py.typed").exists()] == []
+
+
+def strictly_checked(python: Path, script: Path) -> "subprocess.CompletedProcess[str]":
+    """Runs mypy as users do: without our settings, and without pydantic's plugin."""
+    options = ["--strict", "--config-file=", "--python-executable", str(python)]
+    return subprocess.run(
+        [sys.executable, "-m", "mypy", *options, str(script)],
+        cwd=script.parent,
+        env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("page", ["tutorial.md", "api.md"])
+def test_a_strict_type_checker_passes_the_examples(installed, page, tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text("\n".join(python_blocks(page)))
+    done = strictly_checked(installed, script)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_type_checker_sees_wrong_names_and_types(installed, tmp_path):
+    script = tmp_path / "script.py"
+    lines = [
+        "import eventsweep as es",
+        "es.MapperConfig(planez=3)",
+        'es.SimConfig(duration_s="long")',
+        'points: int = es.map_window("a")',
+        "es.map_windwo",
+    ]
+    script.write_text("\n".join(lines))
+    said = strictly_checked(installed, script).stdout
+    assert [f"script.py:{k}: error" in said for k in range(1, 6)] == [False] + [True] * 4

@@ -1,0 +1,223 @@
+"""Fuzzes the readers of data sets: `python tests/fuzz/fuzz_datasets.py [N ...]`.
+
+As `fuzz_events.py`, whose process, damages and bounds it uses: of a sound miniature one file is
+damaged or taken away, everything that a reader offers is read, and the end is a sound recording or
+an `InputError` of one line that names a file of it. What is taken away must be missed.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+import shutil
+import sys
+from pathlib import Path
+
+# Run as a program, too: what it shares with the tests lies beside its folder.
+sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("helpers", "reference")]
+
+import numpy as np
+import yaml
+
+import dataset_files
+import dataset_world as world
+import fuzz_events
+from emvs.data.poses import read_kitti, read_poses, read_tum, write_kitti, write_tum
+from emvs.data.sequence import Sequence
+from emvs.datasets import dsec, open_recording
+from emvs.datasets.custom import read_hand_eye
+from emvs.datasets.dsec import rectification_of
+from emvs.datasets.export import RecordingExport, write_recording
+from emvs.datasets.raw_streams import open_readable
+from emvs.errors import InputError
+from emvs.formats import calibration_writers as rigs
+from emvs.formats.calibration import read_rig
+
+SPARE = {"rectify_map.h5", "images.txt", "frame_00000000.png", "hand_eye.yaml"}
+"""What a recording may lack: hand-eye where poses are then the first camera's."""
+MODEL = {"tumvie": "kb4", "tumvie-vio": "kb4", "mvsec": "kb4"}
+LAYOUTS = ("dsec", "tumvie", "tumvie-vio", "mvsec", "rosbag1", "evt3")
+FOLDERS = ("sequence", *LAYOUTS, "event-camera-dataset", *dataset_files.WRITERS)
+RIGS = ("kalibr", "basalt", "rig", "cam_to_cam", "hand_eye", "marker")
+POSES = ("tum", "csv", "kitti")
+KINDS = [*FOLDERS, *RIGS, *(f"{kind}+values" for kind in RIGS), *POSES]
+ODD = (
+    None, True, "", "x", [], {}, [[]], {"a": 1}, -1, 0, 1e-320, 1e308, 10**400, float("nan"),
+    float("inf"), [1, "2", None], [[1, 2], [3]], {1: 2}, "9" * 5000, list(range(5)),
+)  # fmt: skip
+
+
+def made(folder, kind):
+    """A sound miniature: the folder or file to open."""
+    cameras = 1 if kind == "event-camera-dataset" else 2
+    ours = world.write_sequence(folder / "ours", MODEL.get(kind, "radtan"), cameras, steps=120)
+    sequence, out = Sequence.open(ours), folder / "sound"
+    if kind == "sequence":
+        return ours
+    if kind in dataset_files.WRITERS:
+        dataset_files.WRITERS[kind](sequence, out)
+    elif kind == "event-camera-dataset":
+        dataset_files.write_event_camera_dataset(sequence, out)
+    else:
+        found = open_readable(ours)
+        sources = tuple(source for _, source in found.streams)
+        write_recording(
+            RecordingExport(found.recording, sources, 0, lambda _: None), out, kind.split("-")[0]
+        )
+    if kind == "tumvie-vio":
+        mocap = next(out.glob("*/mocap_data.txt"))
+        mocap.rename(mocap.with_name("vio_poses.txt"))
+        next(out.glob("mocap-imu*")).unlink()
+    return out
+
+
+def opened_at(folder):
+    """What `map` is given: a bag is opened itself, with what lies beside it."""
+    return folder / "bag" if (folder / "bag").is_dir() else folder
+
+
+def recording_begun(folder, kind):
+    """An example: one file of the folder damaged, or taken away."""
+    source, target = made(folder, kind), folder / "damaged"
+    read_everything(source)
+
+    def example(rng):
+        shutil.copytree(source, target)
+        files = sorted(path for path in target.rglob("*") if path.is_file())
+        file = files[int(rng.integers(0, len(files)))]
+        gone = rng.random() < 0.15
+        file.unlink() if gone else file.write_bytes(fuzz_events.damaged(file.read_bytes(), rng))
+        try:
+            read_everything(target)
+            assert not gone or file.name in SPARE, f"{file.name} is not missed"
+            return True
+        except InputError as error:
+            fuzz_events.assert_proper(error, target)
+            return None
+        finally:
+            shutil.rmtree(target)
+
+    return example
+
+
+def read_everything(folder):
+    """All that a mapper, `info` and the scores ask for; what comes must be sound."""
+    found = open_recording(opened_at(folder))
+    assert np.isfinite(found.trajectory.at(found.trajectory.t_us)).all()
+    for k, camera in enumerate(found.rig.cameras):
+        assert np.isfinite(found.rig.T_body_cam[k]).all()
+        first, last = found.event_span_us(k)
+        assert 0 <= first <= last
+        for e in (found.events(k, 0, 1 << 60), found.events(k, first, first + 1000)):
+            assert (np.diff(e.t_us) >= 0).all()
+            assert not len(e) or (e.x.max() < camera.width_px and e.y.max() < camera.height_px)
+        found.frame(k, first)
+        for t_us in getattr(found, "truth_times_us", lambda _: [])(k)[:50]:
+            depth_m = found.truth_view_depth_m(k, int(t_us))
+            assert depth_m.shape == (camera.height_px, camera.width_px)
+            assert (depth_m[np.isfinite(depth_m)] > 0).all()
+
+
+def file_begun(folder, kind):
+    """An example: a damaged calibration or text of poses."""
+    source, read = sound_file(folder, kind.partition("+")[0])
+    target = folder / f"damaged{source.suffix}"
+    read(source)
+
+    def example(rng):
+        if "+" in kind:
+            target.write_text(with_odd_values(source, rng))
+        else:
+            target.write_bytes(fuzz_events.damaged(source.read_bytes(), rng))
+        try:
+            read(target)
+            return True
+        except InputError as error:
+            fuzz_events.assert_proper(error, target)
+            return None
+
+    return example
+
+
+def with_odd_values(path, rng):
+    """The file with one to three of its values, or whole branches, replaced by odd ones."""
+    is_json = path.suffix == ".json"
+    values = json.loads(path.read_text()) if is_json else yaml.safe_load(path.read_text())
+    for _ in range(int(rng.integers(1, 4))):
+        places = list(containers(values))
+        inside = places[int(rng.integers(0, len(places)))]
+        keys = list(inside) if isinstance(inside, dict) else list(range(len(inside)))
+        if keys:
+            key = keys[int(rng.integers(0, len(keys)))]
+            if rng.random() < 0.2:
+                del inside[key]
+            else:
+                inside[key] = copy.deepcopy(ODD[int(rng.integers(0, len(ODD)))])
+    return json.dumps(values) if is_json else yaml.safe_dump(values)
+
+
+def containers(values):
+    """All mappings and lists in it, itself the first."""
+    yield values
+    inner = values.values() if isinstance(values, dict) else values
+    for value in inner:
+        if isinstance(value, dict | list) and value:
+            yield from containers(value)
+
+
+def sound_file(folder, kind):
+    """A calibration or text of poses, and what reads it."""
+    rig = world.rig_of("kb4")
+    trajectory = world.trajectory_of(rig)
+    path = folder / ("f.json" if kind in ("basalt", "rig", "marker") else "f.yaml")
+    match kind:
+        case "kalibr" | "basalt" | "rig":
+            rigs.WRITERS[kind](path, rig)
+            return path, checked_rig
+        case "cam_to_cam":
+            for side in ("left", "right"):
+                (folder / "events" / side).mkdir(parents=True)
+            dsec.write_calibration(folder, rig)
+            path = folder / "calibration" / "cam_to_cam.yaml"
+            return path, lambda p: (checked_rig(p), rectification_of(p))
+        case "hand_eye":
+            path.write_text(yaml.safe_dump({"T_body_cam": rig.T_body_cam[1].tolist()}))
+            return path, lambda p: sane(read_hand_eye(p))
+        case "marker":
+            values = rigs.basalt(rig.cameras, rig.T_body_cam)
+            values["value0"]["T_imu_marker"] = rigs.pose_values(rig.T_body_cam[1])
+            path.write_text(json.dumps(values))
+            return path, lambda p: sane(read_hand_eye(p, p))
+        case "tum":
+            write_tum(path, trajectory)
+            return path, lambda p: (sane(read_tum(p)), sane(read_poses(p)))
+        case "csv":
+            write_tum(path, trajectory)
+            path.write_text("t,x,y,z\n" + path.read_text().replace(" ", ","))
+            return path, lambda p: sane(read_poses(p, "s", -5))
+    write_kitti(path, trajectory)
+    return path, lambda p: sane(read_kitti(p, trajectory.t_us))
+
+
+def checked_rig(path):
+    """A rig that can be used: finite lenses and rigid places."""
+    for camera in (rig := read_rig(path)).cameras:
+        assert camera.width_px <= 20_000
+        camera.project([0.1, 0.1, 1.0])
+    sane(np.stack(rig.T_body_cam))
+
+
+def sane(found):
+    """Refuses what is not finite."""
+    values = found if isinstance(found, np.ndarray) else found.at(found.t_us)
+    assert np.isfinite(values).all()
+
+
+def begin(folder, kind):
+    """What one example of a kind does."""
+    return (recording_begun if kind in FOLDERS else file_begun)(Path(folder), kind)
+
+
+if __name__ == "__main__":
+    words = sys.argv[1:] or ["100"]
+    raise SystemExit(fuzz_events.main(*words, kinds=KINDS, begin=begin))

@@ -1,0 +1,356 @@
+"""Fuzzes the readers of event formats: `python tests/fuzz/fuzz_events.py [EXAMPLES] [KIND ...]`.
+
+Each kind runs in a process of its own, which may reserve `ROOM` bytes more than it starts with and
+take `PATIENCE_S` per example. A sound small file is damaged in one to three places, and everything
+that a reader does must end in events or in an `InputError` of one line that names the file. The
+example's number is its seed: `python tests/fuzz/fuzz_events.py 1 KIND FIRST` repeats it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import resource
+import shutil
+import sys
+import tempfile
+import time
+import traceback
+import zipfile
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from pathlib import Path
+
+# Run as a program, too: what it shares with the tests lies beside its folder.
+sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("helpers", "reference")]
+
+import h5py
+import lz4.frame
+import numpy as np
+
+import event_files
+import naive_formats as naive
+from emvs.data.events import Events
+from emvs.errors import InputError
+from emvs.formats import open_events
+
+SIZE_PX = (1280, 720)
+# A line of what a run prints.
+LINE = re.compile(r"(\S+) +(\d+) done, +(\d+) refused, slowest +\d+ ms, +(\d+) MB more((?:\n .*)*)")
+ROOM = 512 << 20
+PATIENCE_S = 20
+# A prefix of these is a whole file of its own, where it ends between two words or lines.
+PREFIXES = {"evt2", "evt3", "evt21", "dat", "text", "esim-text", "csv"}
+
+
+def rows(count=1500):
+    rng = np.random.default_rng(5)
+    t_us = np.cumsum(rng.integers(0, 300, count))
+    return [(int(t), k % 1280, k % 720, k % 2) for k, t in enumerate(t_us)]
+
+
+def sound(folder, kind):
+    """A sound file of a kind, or of a less compressed variant, so that damage goes deeper."""
+    path, events = folder / "f", [naive.events_of(rows())]
+    name = kind.partition("+")[0]
+    match kind:
+        case "rosbag2+mcap":
+            event_files.write_rosbag2(path, SIZE_PX, events, event_files.StoragePlugin.MCAP)
+        case "dsec+plain" | "mvsec+plain":
+            event_files.write_any(folder / "whole", name, SIZE_PX, events)
+            with h5py.File(folder / "whole") as whole, h5py.File(path, "w") as out:
+                whole.visititems(lambda key, node: plain(out, key, node))
+        case "aedat4+plain":
+            event_files.write_any(path, name, SIZE_PX, events)
+            path.write_bytes(uncompressed(path.read_bytes()))
+        case _:
+            event_files.write_any(path, name, SIZE_PX, events)
+    return path
+
+
+def plain(out, key, node):
+    if isinstance(node, h5py.Dataset):
+        out[key] = node[()]
+
+
+def uncompressed(data):
+    """An AEDAT4 file of ours without compression and without its table."""
+    head = 14 + 4 + int.from_bytes(data[14:18], "little")
+    table = int.from_bytes(data[54:62], "little")
+    assert data[46:50] == (1).to_bytes(4, "little")
+    out, at = bytearray(data[:head]), head
+    out[46:50], out[54:62] = bytes(4), b"\xff" * 8
+    while at < table:
+        size = int.from_bytes(data[at + 4 : at + 8], "little")
+        packet = lz4.frame.decompress(data[at + 8 : at + 8 + size])
+        out += data[at : at + 4] + len(packet).to_bytes(4, "little") + packet
+        at += 8 + size
+    return bytes(out)
+
+
+KINDS = [
+    *event_files.ALL, "rosbag2+mcap", "dsec+plain", "mvsec+plain", "aedat4+plain", "npz+members",
+]  # fmt: skip
+
+
+def cut(data, rng):
+    return data[: int(rng.integers(0, len(data) + 1))]
+
+
+def flip(data, rng):
+    out = bytearray(data)
+    for _ in range(int(rng.integers(1, 9))):
+        out[place(data, rng)] ^= 1 << int(rng.integers(0, 8))
+    return bytes(out)
+
+
+def extreme(data, rng):
+    """A count, size or time of the worst kind."""
+    size = int(rng.choice([1, 2, 4, 8]))
+    at = place(data, rng)
+    at -= at % size if rng.random() < 0.7 else 0
+    top = 1 << (8 * size)
+    value = int(rng.choice([0, 1, 2, 3])) * (top // 4) + int(rng.integers(-2, 3))
+    out = data[:at] + (value % top).to_bytes(size, "little") + data[at + size :]
+    return out[: len(data)]
+
+
+def stretch(data, rng):
+    """A stretch is missing, repeated, zero, or from elsewhere."""
+    at, other = place(data, rng), place(data, rng)
+    size = int(rng.choice([1, 2, 4, 13, 16, 512, 4096]))
+    part = data[at : at + size]
+    new = (b"", part + part, bytes(len(part)), data[other : other + size])
+    return data[:at] + new[int(rng.integers(0, 4))] + data[at + size :]
+
+
+def words(data, rng):
+    """Signs that mean something in text."""
+    at = place(data, rng)
+    new = rng.choice(
+        [b"-", b".", b"e9", b"\n", b" ", b",", b"#", b"nan", b"9" * 25, b"\0", b"\xff"]
+    )
+    return data[:at] + bytes(new) + data[at + int(rng.integers(0, 3)) :]
+
+
+def place(data, rng):
+    """A byte's place: half of them in the first 600, where formats keep their words."""
+    return int(rng.integers(0, max(1, min(len(data), 600) if rng.random() < 0.5 else len(data))))
+
+
+DAMAGES = (cut, flip, flip, extreme, extreme, stretch, words)
+
+
+def damaged(data, rng):
+    for _ in range(int(rng.integers(1, 4))):
+        if data:
+            data = DAMAGES[int(rng.integers(0, len(DAMAGES)))](data, rng)
+    return data
+
+
+def damage(source, target, rng, kind):
+    """Writes a damaged copy; returns whether it was only cut off."""
+    if source.is_dir():
+        shutil.copytree(source, target)
+        file = sorted(target.iterdir())[int(rng.integers(0, 2))]
+        file.write_bytes(damaged(file.read_bytes(), rng))
+        return False
+    data = source.read_bytes()
+    if kind == "npz+members":
+        target.write_bytes(data)
+        damage_member(target, rng)
+        return False
+    if rng.random() < 0.15:
+        target.write_bytes(cut(data, rng))
+        return True
+    target.write_bytes(damaged(data, rng))
+    return False
+
+
+def damage_member(path, rng):
+    """Damages a column inside the archive, whose check sums then hold."""
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    name = sorted(members)[int(rng.integers(0, len(members)))]
+    data = members[name]
+    members[name] = (
+        damaged(data[:128], rng) + data[128:] if rng.random() < 0.7 else damaged(data, rng)
+    )
+    with zipfile.ZipFile(path, "w") as archive:
+        for member, content in members.items():
+            archive.writestr(member, content)
+
+
+def examine(path, kind, only_cut):
+    """Reads everything; returns the events' rows, or None after a proper error.
+
+    Raises:
+        AssertionError: the error is no proper one, or what is read contradicts itself.
+    """
+    try:
+        return read_all(path, kind, only_cut)
+    except InputError as error:
+        assert_proper(error, path)
+        return None
+
+
+def assert_proper(error, path):
+    """One printable line of bounded length that names the file, and memory was not the cause."""
+    text = str(error)
+    assert text.isprintable(), f"not one printable line: {text!r}"
+    assert str(path) in text, f"does not name the file: {text}"
+    assert len(text) < 1000, f"{len(text)} characters: {text}"
+    assert not isinstance(error.__cause__, MemoryError), f"reserved what is not there: {text}"
+
+
+def read_all(path, kind, only_cut):
+    reader = open_events(path)
+    parts = []
+    for name in reader.streams:
+        own = list(reader.chunks(name))
+        whole = Events.concat(own)
+        parts.append(whole)
+        if len(whole):
+            consistent(reader, name, whole)
+    found = naive.rows_of(Events.concat(parts))
+    if only_cut:
+        part = rows()[: len(found)]
+        assert found[:-1] == part[:-1], "a part was changed by cutting the file"
+        assert kind in PREFIXES or found == rows(), (
+            f"{len(found)} of {len(rows())} events, silently"
+        )
+    return found
+
+
+def consistent(reader, name, whole):
+    """Slices hold what the whole holds; an index of the file's own promises sorted times."""
+    assert whole.t_us.min() >= 0, "negative time"
+    if reader.format in ("dsec", "tumvie") and (np.diff(whole.t_us) < 0).any():
+        return
+    if not same(whole, Events.concat(list(reader.chunks(name)))):
+        # Blosc unpacks a damaged chunk to whatever memory held: it has no check sum.
+        assert reader.format in ("dsec", "tumvie", "mvsec"), "two readings differ"
+        return
+    first, last = reader.span_us(name)
+    assert (first, last) == (whole.t_us.min(), whole.t_us.max()), "span"
+    middle = (first + last) // 2
+    for t0_us, t1_us in ((first, last + 1), (middle, middle + 1000)):
+        inside = (whole.t_us >= t0_us) & (whole.t_us < t1_us)
+        columns = (getattr(whole, name)[inside] for name in ("x", "y", "t_us", "p"))
+        part = reader.between(name, t0_us, t1_us)
+        assert same(part, Events(*columns)), f"slice {t0_us} to {t1_us}"
+
+
+def same(one, other):
+    columns = ("x", "y", "t_us", "p")
+    return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in columns)
+
+
+@dataclass
+class Tally:
+    """What a run found."""
+
+    kind: str
+    done: int = 0
+    refused: int = 0
+    slowest_s: float = 0.0
+    peak_mb: float = 0.0
+    faults: list[str] = field(default_factory=list)
+
+    def __str__(self):
+        text = f"{self.kind:15} {self.done:6} done, {self.refused:6} refused, "
+        text += f"slowest {1000 * self.slowest_s:5.0f} ms, {self.peak_mb:4.0f} MB more"
+        return "\n    ".join([text, *self.faults[:5]])
+
+
+def fuzz(kind, examples, first=0, begin=None):
+    """Runs examples of a kind in a process of its own; returns what it found."""
+    ours, theirs = get_context("fork").Pipe(duplex=False)
+    tally = Tally(kind)
+    with tempfile.TemporaryDirectory() as folder:
+        process = get_context("fork").Process(
+            target=work, args=(theirs, Path(folder), kind, first, examples, begin or begun)
+        )
+        process.start()
+        theirs.close()
+        while watch(ours, tally):
+            pass
+        process.kill()
+        process.join()
+    if tally.done < examples and not tally.faults:
+        tally.faults.append(f"example {first + tally.done}: crash or hang")
+    return tally
+
+
+def watch(pipe, tally):
+    """Takes one report; False at the end, after a crash, or when none comes in time."""
+    if not pipe.poll(PATIENCE_S + 20 * (not tally.done)):
+        return False
+    try:
+        done, refused, took_s, peak_mb, fault = pipe.recv()
+    except EOFError:
+        return False
+    tally.done, tally.refused = tally.done + done, tally.refused + refused
+    tally.slowest_s = max(tally.slowest_s, took_s)
+    tally.peak_mb = max(tally.peak_mb, peak_mb)
+    tally.faults += fault
+    return True
+
+
+def begun(folder, kind):
+    """What one example does: damages a sound file with `rng` and reads it."""
+    source, target = sound(folder, kind), folder / "damaged"
+    assert examine(source, kind, True) == rows()
+
+    def example(rng):
+        only_cut = damage(source, target, rng, kind)
+        try:
+            return examine(target, kind, only_cut)
+        finally:
+            shutil.rmtree(target) if target.is_dir() else target.unlink(missing_ok=True)
+
+    return example
+
+
+def work(pipe, folder, kind, first, examples, begin):
+    """The process's part: all examples one after another, a report after each."""
+    example = begin(folder, kind)
+    reserved, used = limit_memory(), peak_mb()
+    for number in range(first, first + examples):
+        began_s, fault, found = time.process_time(), [], None
+        try:
+            found = example(np.random.default_rng([7, number]))
+        except BaseException as error:  # whatever a reader lets through is a fault
+            last = traceback.extract_tb(error.__traceback__)[-1]
+            at = f"{Path(last.filename).name}:{last.lineno}"
+            fault.append(f"example {number}: {type(error).__name__} at {at}: {str(error)[:300]}")
+        took_s = time.process_time() - began_s
+        pipe.send((1, found is None, took_s, peak_mb() - used, fault))
+    del reserved
+
+
+def limit_memory():
+    """Lets this process reserve only so much more; returns the limit."""
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    limit = pages * os.sysconf("SC_PAGE_SIZE") + ROOM
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    return limit
+
+
+def peak_mb():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def main(examples="200", *words, kinds=KINDS, begin=None):
+    first = int(words[-1]) if words and words[-1].isdigit() else 0
+    chosen = [word for word in words if not word.isdigit()] or kinds
+    tallies = []
+    for kind in chosen:
+        tallies.append(fuzz(kind, int(examples), first, begin))
+        sys.stdout.write(f"{tallies[-1]}\n")
+        sys.stdout.flush()
+    return any(tally.faults for tally in tallies)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(*sys.argv[1:]))

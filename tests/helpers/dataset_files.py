@@ -1,0 +1,205 @@
+"""Data sets as their publishers lay them out, written plainly, beside and not by the product.
+
+Each function takes a sequence of ours and writes what its publisher's own tools leave on a disk:
+topics, names, frames and units. What the product writes itself is not written here.
+"""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import yaml
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.rosbag2 import Writer as Ros2Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from emvs.formats.calibration_writers import kalibr_chain
+from emvs.geometry import se3
+from event_files import ros2_message, ros2_types
+
+LENS = {"pinhole": "plumb_bob", "radtan": "plumb_bob", "kb4": "equidistant"}
+MESSAGE = 2000
+EVENT = "uint16 x\nuint16 y\ntime ts\nbool polarity\n"
+ARRAY = "std_msgs/Header header\nuint32 height\nuint32 width\ndvs_msgs/Event[] events\n"
+
+
+class Bag:
+    """A bag of either kind with the messages that event cameras' bags hold."""
+
+    def __init__(self, path, ros2=False):
+        self.ros2 = ros2
+        if ros2:
+            self.store = ros2_types()
+            self.bag = Ros2Writer(path, version=9)
+        else:
+            self.store = get_typestore(Stores.ROS1_NOETIC)
+            self.store.register(get_types_from_msg(EVENT, "dvs_msgs/msg/Event"))
+            self.store.register(get_types_from_msg(ARRAY, "dvs_msgs/msg/EventArray"))
+            self.bag = Ros1Writer(path)
+        self.topics = {}
+
+    def write(self, topic, kind, t_us, **fields):
+        """One message of a standard type."""
+        message = self.store.types[kind](header=self.header(t_us), **fields)
+        code = self.store.serialize_cdr if self.ros2 else self.store.serialize_ros1
+        self.raw(topic, kind, t_us, code(message, kind))
+
+    def raw(self, topic, kind, t_us, data):
+        if topic not in self.topics:
+            self.topics[topic] = self.bag.add_connection(topic, kind, typestore=self.store)
+        self.bag.write(self.topics[topic], t_us * 1000, data)
+
+    def header(self, t_us):
+        stamp = self.store.types["builtin_interfaces/msg/Time"](t_us // 10**6, t_us % 10**6 * 1000)
+        header = self.store.types["std_msgs/msg/Header"]
+        kept = {} if self.ros2 else {"seq": 0}
+        return header(stamp=stamp, frame_id="map", **kept)
+
+    def events(self, topic, events, size_px):
+        for start in range(0, len(events), MESSAGE):
+            part = events.slice(start, min(start + MESSAGE, len(events)))
+            data = ros2_message(part, size_px) if self.ros2 else ros1_message(part, size_px)
+            self.raw(topic, "dvs_msgs/msg/EventArray", int(part.t_us[-1]), data)
+
+    def poses(self, topic, t_us, T_world_tracked):
+        """geometry_msgs/PoseStamped."""
+        types = self.store.types
+        position_m, quat = se3.to_quat_xyzw(T_world_tracked)
+        for t, place, turn in zip(t_us.tolist(), position_m.tolist(), quat.tolist(), strict=True):
+            pose = types["geometry_msgs/msg/Pose"](
+                types["geometry_msgs/msg/Point"](*place),
+                types["geometry_msgs/msg/Quaternion"](*turn),
+            )
+            self.write(topic, "geometry_msgs/msg/PoseStamped", t, pose=pose)
+
+    def camera_info(self, topic, camera, t_us, R=None, P=None):
+        """sensor_msgs/CameraInfo; without R and P as a single camera's."""
+        P = np.column_stack([camera.K, np.zeros(3)]) if P is None else P
+        R = np.eye(3) if R is None else R
+        terms = np.array(camera.distortion or (0.0,) * 4)
+        letters = ("d", "k", "r", "p") if self.ros2 else ("D", "K", "R", "P")
+        numbers = (terms, camera.K.ravel(), R.ravel(), P.ravel())
+        self.write(
+            topic, "sensor_msgs/msg/CameraInfo", t_us,
+            height=camera.height_px, width=camera.width_px,
+            distortion_model=LENS[camera.model],
+            binning_x=0, binning_y=0,
+            roi=self.store.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False),
+            **dict(zip(letters, numbers, strict=True)),
+        )  # fmt: skip
+
+    def __enter__(self):
+        self.bag.open()
+        return self
+
+    def __exit__(self, *_):
+        self.bag.close()
+
+
+def ros1_message(e, size_px):
+    """An EventArray as ROS1 lays it out, packed."""
+    rows = np.zeros(len(e), [("x", "<u2"), ("y", "<u2"), ("s", "<u4"), ("ns", "<u4"), ("p", "u1")])
+    rows["x"], rows["y"], rows["p"] = e.x, e.y, e.p
+    rows["s"], rows["ns"] = e.t_us // 10**6, e.t_us % 10**6 * 1000
+    head = struct.pack("<IIII", 0, 0, 0, 0) + struct.pack("<III", size_px[1], size_px[0], len(e))
+    return head + rows.tobytes()
+
+
+def everything(sequence, camera):
+    first, last = sequence.event_span_us(camera)
+    return sequence.events(camera, first, last + 1)
+
+
+def size_of(sequence):
+    camera = sequence.rig.cameras[0]
+    return camera.width_px, camera.height_px
+
+
+def T_world_cam(sequence, camera):
+    t_us = sequence.trajectory.t_us
+    return sequence.trajectory.at(t_us) @ sequence.rig.T_body_cam[camera]
+
+
+def write_esim(sequence, folder):
+    """`out.bag`: events, poses and camera_info per camera; camera_info knows no other camera."""
+    folder.mkdir()
+    with Bag(folder / "out.bag") as bag:
+        for k, camera in enumerate(sequence.rig.cameras):
+            bag.camera_info(f"/cam{k}/camera_info", camera, 0)
+            bag.poses(f"/cam{k}/pose", sequence.trajectory.t_us, T_world_cam(sequence, k))
+            bag.events(f"/cam{k}/events", everything(sequence, k), size_of(sequence))
+    return folder
+
+
+def write_rpg(sequence, folder, ros2=False):
+    """A bag of events and motion capture, with a camera chain and hand-eye beside it."""
+    folder.mkdir()
+    T_body_cam = sequence.rig.T_body_cam
+    with Bag(folder / ("bag" if ros2 else "boxes_edited.bag"), ros2) as bag:
+        t_us = sequence.trajectory.t_us
+        bag.poses("/optitrack/davis_stereo", t_us, sequence.trajectory.at(t_us))
+        for k, side in enumerate(("left", "right")):
+            bag.events(f"/davis/{side}/events", everything(sequence, k), size_of(sequence))
+    chain = yaml.safe_dump(kalibr_chain(sequence.rig))
+    (folder / "camchain-stereo.yaml").write_text(chain)
+    hand_eye = {"T_body_cam": T_body_cam[0].tolist()}
+    (folder / "hand_eye.yaml").write_text(yaml.safe_dump(hand_eye))
+    return folder / "bag" if ros2 else folder
+
+
+def write_ros2(sequence, folder):
+    """The same as a ROS2 bag."""
+    return write_rpg(sequence, folder, ros2=True)
+
+
+def write_event_camera_dataset(sequence, folder):
+    """Text of one camera, radial-tangential; times in s with nine decimals."""
+    folder.mkdir()
+    e, camera = everything(sequence, 0), sequence.rig.cameras[0]
+    rows = zip(e.t_us.tolist(), e.x.tolist(), e.y.tolist(), e.p.tolist(), strict=True)
+    lines = [f"{t // 10**6}.{t % 10**6:06d}000 {x} {y} {p}\n" for t, x, y, p in rows]
+    (folder / "events.txt").write_text("".join(lines))
+    terms = (*camera.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+    numbers = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, *terms)
+    (folder / "calib.txt").write_text(" ".join(map(repr, numbers)) + "\n")
+    position_m, quat = se3.to_quat_xyzw(T_world_cam(sequence, 0))
+    poses = np.column_stack([sequence.trajectory.t_us / 1e6, position_m, quat])
+    np.savetxt(folder / "groundtruth.txt", poses, fmt="%.12f")
+    (folder / "images").mkdir()
+    import cv2
+
+    image = np.zeros((camera.height_px, camera.width_px), np.uint8)
+    cv2.imwrite(str(folder / "images" / "frame_00000000.png"), image)
+    (folder / "images.txt").write_text("0.000000 images/frame_00000000.png\n")
+    return folder
+
+
+def write_raw(sequence, folder):
+    """Two RAW files with a `recording.toml` of the user's own, poses of the body, Kalibr chain."""
+    from event_files import write_evt21
+
+    folder.mkdir()
+    for k in range(len(sequence.rig)):
+        write_evt21(folder / f"{k}.raw", size_of(sequence), [everything(sequence, k)])
+    (folder / "chain.yaml").write_text(yaml.safe_dump(kalibr_chain(sequence.rig)))
+    position_m, quat = se3.to_quat_xyzw(sequence.trajectory.at(sequence.trajectory.t_us))
+    rows = np.column_stack([sequence.trajectory.t_us / 1e3, position_m, quat])
+    np.savetxt(folder / "mocap.csv", rows, fmt="%.12f", delimiter=",", header="t,x,y,z,qx,qy,qz,qw")
+    hand_eye = {"T_body_cam": sequence.rig.T_body_cam[0].tolist()}
+    (folder / "hand_eye.yaml").write_text(yaml.safe_dump(hand_eye))
+    (folder / "recording.toml").write_text(
+        '[calibration]\nfile = "chain.yaml"\n'
+        '[poses]\nfile = "mocap.csv"\nunit = "ms"\nhand_eye = "hand_eye.yaml"\n'
+        '[[events]]\nfile = "0.raw"\n[[events]]\nfile = "1.raw"\n'
+    )
+    return folder
+
+
+WRITERS = {
+    "esim": write_esim,
+    "rpg_eccv18": write_rpg,
+    "rosbag2": write_ros2,
+    "raw": write_raw,
+}
+"""Of two cameras; the Event Camera Dataset has one."""

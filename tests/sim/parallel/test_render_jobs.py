@@ -1,0 +1,274 @@
+"""Long sequences: chunks in processes, parts on disk, stopped and resumed: the same bytes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import mujoco_scenes as made
+from emvs.data.sequence import Sequence
+from emvs.errors import InputError
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from noise_scene import CONFIG, Killed, contents, motion, scene_in, stop_at, textures
+from places import HELPERS
+from sim import simulate as preflight
+from sim.config import SimConfig
+from sim.parallel.checkpoint import work_path
+from sim.parallel.render_job import CHUNK_US, chunk_bounds_us
+from sim.parallel.workers import slot_count
+from sim.sensor.labels import Label
+from sim.sensor_presets import SensorConfig
+from sim.simulate import make_job, simulate
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("chunks")
+
+
+@pytest.fixture(scope="module")
+def scene(folder):
+    return scene_in(folder)
+
+
+@pytest.fixture(scope="module")
+def whole(folder, scene):
+    """The sequence, simulated without a stop."""
+    return simulate(scene, made.tiny_rig(), CONFIG, 0, folder / "whole")
+
+
+def stopped(scene, out, t_us, config=CONFIG):
+    with pytest.raises(Killed):
+        simulate(scene, made.tiny_rig(), config, 0, out, commit_s=0, progress=stop_at(t_us))
+    assert not out.exists()
+
+
+def test_two_workers_give_the_same_bytes_as_none(folder, scene, whole):
+    calls = []
+    out = simulate(
+        scene, made.tiny_rig(), CONFIG, 0, folder / "two", workers=2, commit_s=0,
+        progress=lambda *call: calls.append(call),
+    )  # fmt: skip
+    assert contents(out) == contents(whole)
+    assert [call[0] for call in calls] == sorted({call[0] for call in calls})
+    assert calls[-1][0] == calls[-1][1] == 50_000
+    assert not work_path(out).exists()
+    assert multiprocessing.active_children() == []
+
+
+@pytest.mark.parametrize("t_us", [12_000, 30_000, 50_000])
+def test_a_stopped_run_goes_on_where_it_was(folder, scene, whole, t_us):
+    out, lines = folder / f"stopped{t_us}", []
+    stopped(scene, out, t_us)
+    assert work_path(out).exists()
+    seen = []
+    simulate(
+        scene, made.tiny_rig(), CONFIG, 0, out, notice=lines.append,
+        progress=lambda done_us, _total_us, events: seen.append((done_us, events)),
+    )  # fmt: skip
+    assert contents(out) == contents(whole)
+    assert len(lines) == 1
+    assert "resuming" in lines[0]
+    assert all(done_us > t_us - 10_000 for done_us, _ in seen)
+    if seen:
+        assert seen[-1][1] == sum(Sequence.open(whole).event_count(k) for k in range(2))
+    assert not work_path(out).exists()
+
+
+def test_a_resume_with_more_workers_gives_the_same_bytes(folder, scene, whole):
+    out = folder / "mixed"
+    stopped(scene, out, 22_000)
+    simulate(scene, made.tiny_rig(), CONFIG, 0, out, workers=2)
+    assert contents(out) == contents(whole)
+
+
+def test_a_sensor_with_noise_goes_on_as_if_never_stopped(folder, scene):
+    """Mismatch, bandwidth, noise, latency, arbiter: whatever it remembers is in the parts."""
+    noisy = SimConfig(
+        truth_interval_s=0.01, truth=("event_depth",), sensor=SensorConfig(preset="davis346")
+    )
+    once = simulate(scene, made.tiny_rig(), noisy, 0, folder / "noisy")
+    out = folder / "noisy-again"
+    stopped(scene, out, 22_000, noisy)
+    simulate(scene, made.tiny_rig(), noisy, 0, out, workers=2)
+    assert contents(out) == contents(once)
+    sequence = Sequence.open(out)
+    for k in range(2):
+        counts, labels = sequence.sensor_counts(k), sequence.labels(k, 0, 50_001)
+        assert len(labels) == sequence.event_count(k) == len(sequence.events(k, 0, 50_001))
+        for label in Label:
+            assert counts[label.name.lower()] == np.count_nonzero(labels == label)
+        assert counts["signal"] > 500
+        assert len(sequence.event_depth_m(k, 0, 50_001)) == len(labels)
+
+
+def test_an_ideal_sensor_stores_no_labels(whole):
+    sequence = Sequence.open(whole)
+    with pytest.raises(InputError, match="no label"):
+        sequence.labels(0, 0, 50_001)
+    with pytest.raises(InputError, match="not ideal"):
+        sequence.sensor_counts(0)
+
+
+@pytest.mark.parametrize(
+    ("name", "index"),
+    [
+        ("cam0.events.h5", 0),
+        ("cam1.truth.h5", -1),
+        ("part.json", 1),
+        ("part.json", -1),
+        ("state.npz", -1),
+    ],
+)
+def test_a_damaged_part_is_made_again(folder, scene, whole, name, index):
+    out, lines = folder / f"damaged-{name}{index}", []
+    stopped(scene, out, 35_000)
+    part = sorted(path for path in work_path(out).iterdir() if path.is_dir())[index]
+    file = part / name
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+    simulate(scene, made.tiny_rig(), CONFIG, 0, out, notice=lines.append)
+    assert contents(out) == contents(whole)
+    assert "damaged" in lines[0]
+
+
+def test_work_of_another_configuration_is_not_taken_up(folder, scene, whole):
+    out = folder / "other"
+    other = CONFIG.model_copy(update={"contrast_threshold_pos": 0.3})
+    stopped(scene, out, 22_000, other)
+    kept = contents(work_path(out))
+    with pytest.raises(InputError, match="resume=False") as caught:
+        simulate(scene, made.tiny_rig(), CONFIG, 0, out)
+    assert "\n" not in str(caught.value)
+    moved = replace(scene, motion=lambda duration_s, seed: motion(duration_s, seed + 1))
+    with pytest.raises(InputError, match="resume=False"):
+        simulate(moved, made.tiny_rig(), other, 0, out)
+    assert contents(work_path(out)) == kept
+    simulate(scene, made.tiny_rig(), CONFIG, 0, out, resume=False)
+    assert contents(out) == contents(whole)
+
+
+def test_a_target_is_worked_on_once_at_a_time(folder, scene):
+    out = folder / "busy"
+
+    def again(*_):
+        with pytest.raises(InputError, match="another process"):
+            simulate(scene, made.tiny_rig(), CONFIG, 0, out)
+        raise Killed
+
+    with pytest.raises(Killed):
+        simulate(scene, made.tiny_rig(), CONFIG, 0, out, progress=again)
+    assert not work_path(out).exists()
+
+
+# Forks before any graphics or threads, so that each attempt starts within milliseconds.
+KILLED = """
+import os, pathlib, random, signal, sys, time
+sys.path.insert(0, {tests!r})
+import mujoco_scenes as made
+import noise_scene as t
+from sim.simulate import simulate as simulated
+
+def simulate(out, workers):
+    simulated(t.scene_in(out.parent), made.tiny_rig(), t.CONFIG, 0, out,
+              commit_s=0, workers=workers)
+
+def main(out, workers, seed):
+    rng, kills = random.Random(seed), 0
+    while True:
+        child = os.fork()
+        if not child:
+            simulate(out, workers)
+            os._exit(0)
+        time.sleep(rng.uniform(0.1, 0.4 + {patience} * kills))
+        os.kill(child, signal.SIGKILL)
+        _, status = os.waitpid(child, 0)
+        if os.WIFEXITED(status):
+            print(kills)
+            return os.WEXITSTATUS(status)
+        kills += 1
+        if out.exists():
+            print(kills)
+            return 0
+
+if __name__ == "__main__":
+    sys.exit(main(pathlib.Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])))
+"""
+
+
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, whole, workers):
+    script = tmp_path / "killed.py"
+    script.write_text(KILLED.format(tests=str(HELPERS), patience=0.1 * workers**2))
+    command = [sys.executable, str(script), str(tmp_path / "s"), str(workers), "3"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) > 0
+    assert contents(tmp_path / "s") == contents(whole)
+    # Killed between the end of the work and its removal, the work may stay: it is whole.
+    left = {path.name for path in tmp_path.iterdir()} - {work_path(tmp_path / "s").name}
+    assert left == {"s", "noise.xml", "killed.py"}
+
+
+def test_a_worker_that_dies_is_told_and_loses_nothing(folder, scene, whole, monkeypatch):
+    out = folder / "died"
+    # So few that the workers cannot be done long before the parent is.
+    monkeypatch.setattr("sim.parallel.workers.slot_count", lambda _job: 2)
+
+    def kill(done_us, _total_us, _events):
+        if done_us > 22_000:
+            for child in multiprocessing.active_children():
+                os.kill(child.pid, signal.SIGKILL)
+
+    with pytest.raises(InputError, match="run again"):
+        simulate(scene, made.tiny_rig(), CONFIG, 0, out, workers=2, commit_s=0, progress=kill)
+    assert work_path(out).exists()
+    simulate(scene, made.tiny_rig(), CONFIG, 0, out)
+    assert contents(out) == contents(whole)
+
+
+def test_what_workers_refuse_is_one_line(folder, scene):
+    config = SimConfig(min_frame_interval_us=9_000)
+    with pytest.raises(InputError, match="slow the motion"):
+        simulate(scene, made.tiny_rig(), config, 0, folder / "fast", workers=2)
+    local = replace(scene, textures=lambda: textures())
+    with pytest.raises(InputError, match="top of a module") as caught:
+        simulate(local, made.tiny_rig(), CONFIG, 0, folder / "local", workers=2)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(InputError, match="0 workers"):
+        simulate(scene, made.tiny_rig(), CONFIG, 0, folder / "none", workers=0)
+    assert not any(work_path(folder / name).exists() for name in ("fast", "local", "none"))
+
+
+def test_chunks_meet_at_all_truth_times_and_are_short():
+    truth_us = [0, 3, 50_000, 50_001, 1_000_000]
+    bounds_us = chunk_bounds_us(truth_us)
+    assert bounds_us == sorted(set(bounds_us))
+    assert set(truth_us) <= set(bounds_us)
+    assert np.diff(bounds_us).max() <= CHUNK_US
+    assert (bounds_us[0], bounds_us[-1]) == (0, 1_000_000)
+
+
+def test_slots_are_bounded_in_memory(scene):
+    big = Rig("big", (Camera(1280, 720, 1000, 1000, 640, 360),) * 2, (np.eye(4),) * 2)
+    assert 10 < slot_count(make_job(scene, big, CONFIG, 0)) < 30
+
+
+def test_too_little_disk_or_memory_is_refused_with_numbers(folder, scene, monkeypatch):
+    job = make_job(scene, made.tiny_rig(), CONFIG, 0)
+    # As many truth times as a sequence of 10 days has.
+    long = replace(job, truth_us=range(10**8))
+    with pytest.raises(InputError, match=r"takes about [\d.]+ GB, but [\d.]+ GB are free"):
+        preflight.check_disk(long, folder / "not" / "there")
+    monkeypatch.setattr(preflight, "available_memory", lambda: 10**8)
+    with pytest.raises(InputError, match=r"takes about [\d.]+ GB of memory, but 0.1 GB"):
+        simulate(scene, made.tiny_rig(), CONFIG, 0, folder / "big")

@@ -1,0 +1,88 @@
+"""A frame camera's pictures: integrals of light, saturation, quantisation, blur."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import mujoco_scenes as made
+from emvs.errors import InputError
+from sim.config import ShutterConfig, SimConfig
+from sim.motion.curves import HeadSway, look_at
+from sim.rendering.renderer import StereoRenderer
+from sim.sensor.frame_camera import develop, exposed_for, mean_light, photograph
+
+
+def frames(times_us):
+    rng = np.random.default_rng(0)
+    return [(t_us, rng.random((4, 5), np.float32)) for t_us in times_us]
+
+
+def test_mean_light_is_the_integral_of_what_is_linear_between_frames():
+    taken = frames([0, 30, 100, 170, 171, 400])
+    fine = np.arange(50, 350) + 0.5
+    values = [[np.interp(fine, [t for t, _ in taken], [f[i, j] for _, f in taken]).mean()
+               for j in range(5)] for i in range(4)]  # fmt: skip
+    np.testing.assert_allclose(mean_light(taken, 50, 350), values, atol=1e-4)
+
+
+def test_exposures_add_up():
+    taken = frames([0, 37, 90, 200])
+    whole, first, second = (mean_light(taken, *span) for span in [(5, 180), (5, 60), (60, 180)])
+    np.testing.assert_allclose(175 * whole, 55 * first + 120 * second, rtol=1e-5)
+
+
+def test_steady_light_stays_what_it_is():
+    steady = np.float32([[0, 0.25, 3e4]])
+    assert np.array_equal(mean_light([(0, steady), (7, steady), (20, steady)], 3, 19), steady)
+
+
+def test_development_quantises_and_saturates():
+    light = np.float32([[0, 0.001, 0.5, 0.999, 1.0, 40.0]])
+    made_of = develop(light, ShutterConfig())
+    assert made_of.image.tolist() == [[0, 0, 128, 255, 255, 255]]
+    assert (made_of.saturated, made_of.black) == pytest.approx((1 / 2, 1 / 3))
+    assert develop(light, ShutterConfig(gain=100)).image.tolist() == [[0, 26, 255, 255, 255, 255]]
+    assert set(develop(light, ShutterConfig(bits=1)).image.ravel()) == {0, 255}
+
+
+def test_the_gain_puts_a_percentile_where_asked():
+    light = np.random.default_rng(1).lognormal(0, 2, (50, 50)).astype(np.float32)
+    gain = exposed_for(light, 80, 0.6)
+    assert np.percentile(gain * light, 80) == pytest.approx(0.6)
+    with pytest.raises(InputError, match="needs some light"):
+        exposed_for(np.zeros((3, 3), np.float32))
+
+
+@pytest.mark.parametrize(
+    ("times_us", "span_us"),
+    [([0, 50], (10, 60)), ([20, 80], (10, 60)), ([0], (0, 5)), ([], (0, 5))],
+)
+def test_refuses_frames_that_do_not_cover_the_exposure(times_us, span_us):
+    with pytest.raises(InputError, match="do not cover"):
+        mean_light(frames(times_us), *span_us)
+
+
+def test_refuses_shutters_and_times_that_run_backwards():
+    with pytest.raises(InputError, match="must close later"):
+        mean_light(frames([0, 10]), 5, 5)
+    with pytest.raises(InputError, match="must rise"):
+        mean_light(frames([0, 10, 10, 20]), 0, 20)
+
+
+def test_a_moving_edge_is_smeared_over_the_distance_it_moves(tmp_path):
+    """A bright card under sideways motion: the edge's ramp is as wide as the motion, in pixels."""
+    card = np.array([[2, -1, z] for z in (0.0, 2.0)] + [[2, 1.0, z] for z in (2.0, 0.0)])
+    level = look_at((0, 0, 1), (2, 0, 1))
+    rig = made.tiny_rig()
+    moving = HeadSway(level, (), (1.0, 0.0, 0.0))
+    config = SimConfig(max_displacement_px=0.25)
+    shutter = ShutterConfig(exposure_us=300_000)
+    with StereoRenderer(made.card_spec(card), rig, 4, (0.5, 8)) as renderer:
+        blurred = photograph(renderer, moving, 0, 0, config, shutter)
+        sharp = photograph(renderer, moving, 0, 0, config, ShutterConfig(exposure_us=1_000))
+    moved_px = 0.3 / 2 * rig.cameras[0].fx_px
+    row = [p.light[18].astype(float) for p in (blurred, sharp)]
+    ramp_px = [1 / np.abs(np.diff(r)).max() for r in row]
+    assert ramp_px[0] == pytest.approx(moved_px, rel=0.05)
+    assert ramp_px[1] < 2.5

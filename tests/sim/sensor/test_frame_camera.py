@@ -1,0 +1,241 @@
+"""Pictures of ordinary cameras in a sequence: the light of the events, whole, and once."""
+
+from __future__ import annotations
+
+import hashlib
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import mujoco_scenes as made
+from emvs.data.image_stores import FrameReader, FrameWriter, Photo
+from emvs.data.sequence import Sequence
+from emvs.errors import InputError
+from noise_scene import Killed, contents, scene_in, stop_at
+from sim.config import FramesConfig, ShutterConfig, SimConfig
+from sim.rendering.adaptive_sampling import exposures
+from sim.sensor.frame_camera import (
+    FrameCamera,
+    develop,
+    mean_light,
+    photograph,
+    shutter_for,
+    spans_us,
+)
+from sim.simulate import make_job, simulate
+
+# The shutter is open across chunks, parts and truth times.
+FRAMES = FramesConfig(rate_hz=100, exposure_us=9_000)
+CONFIG = SimConfig(truth_interval_s=0.007, frames=FRAMES)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("photos")
+
+
+@pytest.fixture(scope="module")
+def scene(folder):
+    return scene_in(folder)
+
+
+@pytest.fixture(scope="module")
+def whole(folder, scene):
+    return simulate(scene, made.tiny_rig(), CONFIG, 0, folder / "whole")
+
+
+def test_a_stored_picture_is_the_light_of_the_frames_that_made_the_events(scene, whole):
+    """Bit by bit; and what `photograph` takes, whose frames lie elsewhere, to a grey level."""
+    sequence, job = Sequence.open(whole), make_job(scene, made.tiny_rig(), CONFIG, 0)
+    assert sequence.photo_times_us(1).tolist() == [10_000, 20_000, 30_000, 40_000]
+    with job.renderer() as renderer:
+        taken = []
+        for k in range(job.chunks):
+            stops_us = list(job.bounds_us[k : k + 2])
+            taken += list(exposures(renderer, job.motion(), stops_us, CONFIG))[k > 0 :]
+        for camera in range(2):
+            frames = [(e.t_us, e.frames[camera].intensity) for e in taken]
+            for t_us in (10_000, 30_000):
+                photo = sequence.photo(camera, t_us)
+                assert (photo.start_us, photo.end_us) == (t_us - 4_500, t_us + 4_500)
+                light = mean_light(frames, photo.start_us, photo.end_us)
+                shutter = shutter_for(light, FRAMES)
+                assert photo.gain == shutter.gain
+                assert np.array_equal(photo.image, develop(light, shutter).image)
+                called = photograph(renderer, job.motion(), camera, photo.start_us, CONFIG, shutter)
+                off = np.abs(photo.image.astype(int) - called.image)
+                assert np.mean(off) < 0.5
+                assert np.mean(off > 1) < 0.02
+
+
+def test_events_and_truth_do_not_depend_on_the_pictures(folder, scene, whole):
+    without = CONFIG.model_copy(update={"frames": FramesConfig(rate_hz=0)})
+    other = contents(simulate(scene, made.tiny_rig(), without, 0, folder / "without"))
+    with_them = contents(whole)
+    photos = {f"cam{k}/frames.h5" for k in range(2)}
+    assert with_them.keys() - other.keys() == photos
+    differ = {name for name in other if other[name] != with_them[name]}
+    assert differ == {"manifest.json"}
+
+
+def test_two_workers_take_the_same_pictures(folder, scene, whole):
+    out = simulate(scene, made.tiny_rig(), CONFIG, 0, folder / "two", workers=2, commit_s=0)
+    assert contents(out) == contents(whole)
+
+
+@pytest.mark.parametrize(("t_us", "workers"), [(7_500, 1), (15_000, 2), (31_000, 1)])
+def test_a_stopped_run_goes_on_with_the_shutter_open(folder, scene, whole, t_us, workers):
+    out = folder / f"stopped{t_us}"
+    with pytest.raises(Killed):
+        simulate(scene, made.tiny_rig(), CONFIG, 0, out, commit_s=0, progress=stop_at(t_us))
+    simulate(scene, made.tiny_rig(), CONFIG, 0, out, workers=workers)
+    assert contents(out) == contents(whole)
+
+
+@given(st.floats(1, 2_000), st.integers(1, 3_000), st.integers(2, 200_000))
+def test_exposures_are_whole_apart_and_centred_on_the_interval(rate_hz, exposure_us, duration_us):
+    frames = FramesConfig(rate_hz=rate_hz, exposure_us=exposure_us)
+    if exposure_us > 1e6 / rate_hz:
+        with pytest.raises(InputError, match="expose for less"):
+            spans_us(frames, duration_us)
+        return
+    spans = spans_us(frames, duration_us)
+    flat = [t for span in spans for t in span]
+    assert all(end - start == exposure_us for start, end in spans)
+    assert all(0 <= t <= duration_us for t in flat)
+    assert all(before[1] <= after[0] for before, after in pairwise(spans))
+    for start, _ in spans:
+        middle = (start + exposure_us // 2) * rate_hz / 1e6
+        assert abs(middle - round(middle)) <= rate_hz / 1e6
+
+
+@given(st.lists(st.integers(1, 4_000), min_size=1, max_size=40), st.integers(1, 10_000))
+def test_streamed_pictures_are_those_of_the_whole_light(steps_us, cut):
+    """Whatever the frames' times are, and wherever the photographer is taken out and put back."""
+    frames = FramesConfig(rate_hz=400, exposure_us=2_500)  # one ends where the next begins
+    times_us = [0, *np.cumsum(steps_us).tolist()]
+    rng = np.random.default_rng(cut)
+    lights = [(t, rng.random((2, 3), np.float32)) for t in times_us]
+    taken, camera = [], FrameCamera(frames, times_us[-1], None)
+    for index, (t_us, light) in enumerate(lights):
+        taken += camera.take(t_us, (light, 2 * light))
+        if index == cut % len(lights):
+            camera = FrameCamera(frames, times_us[-1], {**camera.state()})
+    spans = spans_us(frames, times_us[-1])
+    assert [(p.start_us, p.end_us) for p, _ in taken] == spans
+    for photos in taken:
+        for photo, factor in zip(photos, (1, 2), strict=True):
+            scaled = [(t, factor * light) for t, light in lights]
+            light = mean_light(scaled, photo.start_us, photo.end_us)
+            assert np.array_equal(photo.image, develop(light, shutter_for(light, frames)).image)
+
+
+def test_automatic_gain_meets_the_level_and_leaves_the_dark_dark():
+    light = np.random.default_rng(1).lognormal(0, 2, (50, 50)).astype(np.float32)
+    shutter = shutter_for(light, FramesConfig(auto_percentile=80, auto_level=0.6))
+    assert np.percentile(shutter.gain * light, 80) == pytest.approx(0.6)
+    assert shutter_for(0 * light, FramesConfig(auto_max_gain=50)).gain == pytest.approx(50)
+    assert shutter_for(light, FramesConfig(gain=3)).gain == 3
+
+
+def test_too_long_an_exposure_is_refused_before_anything_is_made(folder, scene):
+    config = SimConfig(frames=FramesConfig(rate_hz=200, exposure_us=5_001))
+    with pytest.raises(InputError, match="lower the rate") as caught:
+        simulate(scene, made.tiny_rig(), config, 0, folder / "long")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_scene_says_whether_there_are_pictures_and_its_user_has_the_last_word(scene):
+    from dataclasses import replace
+
+    lit = replace(scene, frames_rate_hz=40)
+    assert scene.configured(SimConfig()).frames.rate_hz == 0
+    assert lit.configured(SimConfig()).frames.rate_hz == 40
+    assert lit.configured(SimConfig(frames=FramesConfig(rate_hz=0))).frames.rate_hz == 0
+
+
+def test_a_sequence_without_pictures_says_how_to_get_them(folder, scene):
+    config = SimConfig(duration_s=0.002)
+    sequence = Sequence.open(simulate(scene, made.tiny_rig(), config, 0, folder / "none"))
+    assert sequence.photo_times_us(0).tolist() == []
+    with pytest.raises(InputError, match=r"frames\.rate_hz"):
+        sequence.photo(0, 0)
+
+
+IMAGE = np.arange(12, dtype=np.uint8).reshape(3, 4) * 23
+
+
+def test_pictures_read_back(tmp_path):
+    with FrameWriter(tmp_path / "f.h5", 4, 3) as writer:
+        writer.append(Photo(0, 10, 0.5, IMAGE))
+        writer.append(Photo(10, 21, 2.0, 255 - IMAGE))
+    reader = FrameReader(tmp_path / "f.h5")
+    assert len(reader) == 2
+    assert reader.t_us.tolist() == [5, 15]
+    second = reader.photo(1)
+    assert second[:3] == (10, 21, 2.0)
+    assert np.array_equal(second.image, 255 - IMAGE)
+    assert (reader.photo(0).black, second.white) == (1 / 12, 1 / 12)
+
+
+@pytest.mark.parametrize(
+    "photo",
+    [Photo(9, 20, 1, IMAGE), Photo(30, 30, 1, IMAGE), Photo(10, 20, 1, IMAGE[:2])],
+)
+def test_pictures_that_do_not_fit_are_refused(tmp_path, photo):
+    with FrameWriter(tmp_path / "f.h5", 4, 3) as writer:
+        writer.append(Photo(0, 10, 1.0, IMAGE))
+        with pytest.raises(InputError):
+            writer.append(photo)
+
+
+@pytest.mark.parametrize("damage", ["missing", "empty", "truncated", "other"])
+def test_damaged_files_are_refused(tmp_path, damage):
+    path = tmp_path / "f.h5"
+    with FrameWriter(path, 4, 3) as writer:
+        writer.append(Photo(0, 10, 1.0, IMAGE))
+    content = path.read_bytes()
+    path.unlink()
+    if damage == "other":
+        import h5py
+
+        with h5py.File(path, "w") as file:
+            file["image"] = IMAGE
+    elif damage != "missing":
+        path.write_bytes(content[: len(content) // 2] if damage == "truncated" else b"")
+    with pytest.raises(InputError) as caught:
+        FrameReader(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_shutters_have_the_same_defaults_either_way():
+    frames, shutter = FramesConfig(), ShutterConfig()
+    assert (frames.exposure_us, frames.bits) == (shutter.exposure_us, shutter.bits)
+
+
+def test_the_imu_rides_on_the_same_motion(scene, whole):
+    sequence = Sequence.open(whole)
+    sequence.verify()
+    samples = sequence.imu()
+    assert samples.t_us.tolist() == list(range(0, 50_001, 5_000))
+    assert "imu.csv" in sequence.manifest.files
+    digest = hashlib.sha256((whole / "imu.csv").read_bytes()).hexdigest()
+    assert sequence.manifest.files["imu.csv"].sha256 == digest
+    poses = sequence.trajectory.at(samples.t_us[1:-1])
+    later = sequence.trajectory.at(samples.t_us[1:-1] + 1_000)
+    turned = np.swapaxes(poses[:, :3, :3], 1, 2) @ later[:, :3, :3]
+    rate = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]], axis=1) / 1e-3
+    np.testing.assert_allclose(samples.gyro_rad_s[1:-1], rate, atol=0.03)
+
+
+def test_without_an_imu_there_is_no_file(folder, scene):
+    from sim.config import ImuConfig
+
+    config = SimConfig(duration_s=0.002, imu=ImuConfig(rate_hz=0))
+    sequence = Sequence.open(simulate(scene, made.tiny_rig(), config, 0, folder / "no-imu"))
+    assert not sequence.has_imu
+    with pytest.raises(InputError, match=r"imu\.rate_hz"):
+        sequence.imu()

@@ -1,0 +1,197 @@
+"""From a scene to a sequence on disk."""
+
+from __future__ import annotations
+
+import hashlib
+
+import numpy as np
+import pytest
+
+import mujoco_scenes as made
+from emvs.data.sequence import Sequence
+from emvs.errors import InputError
+from sim import simulate as generate
+from sim.config import SimConfig
+from sim.rigs import RIGS, rig
+from sim.simulate import simulate
+
+CONFIG = SimConfig(truth_interval_s=0.01)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("generate")
+
+
+@pytest.fixture(scope="module")
+def scene(folder):
+    return made.noise_scene(folder)
+
+
+@pytest.fixture(scope="module")
+def sequence(folder, scene):
+    return Sequence.open(simulate(scene, made.tiny_rig(), CONFIG, 0, folder / "first"))
+
+
+def hashes(path):
+    files = sorted(p for p in path.rglob("*") if p.is_file())
+    return {str(p.relative_to(path)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+
+
+def everything(sequence, camera):
+    return sequence.events(camera, 0, sequence.trajectory.span_us[1] + 1)
+
+
+def test_the_same_arguments_give_the_same_bytes(folder, scene, sequence):
+    again = simulate(scene, made.tiny_rig(), CONFIG, 0, folder / "again")
+    assert hashes(again) == hashes(sequence.path)
+    sequence.verify()
+
+
+def test_another_seed_is_another_motion(folder, scene, sequence):
+    other = Sequence.open(simulate(scene, made.tiny_rig(), CONFIG, 1, folder / "seed1"))
+    assert other.manifest.seed == 1
+    assert not np.allclose(other.trajectory.positions_m, sequence.trajectory.positions_m)
+
+
+def test_cameras_see_different_streams(sequence):
+    left, right = everything(sequence, 0), everything(sequence, 1)
+    assert min(len(left), len(right)) > 1000
+    shared = min(len(left), len(right))
+    assert not np.array_equal(left.t_us[:shared], right.t_us[:shared])
+    assert not np.array_equal(left.x[:shared], right.x[:shared])
+
+
+def test_events_lie_on_the_sensor_and_within_the_poses(sequence):
+    first_us, last_us = sequence.trajectory.span_us
+    assert (first_us, last_us) == (0, 50_000)
+    for k, camera in enumerate(sequence.rig.cameras):
+        events = everything(sequence, k).checked(camera.width_px, camera.height_px)
+        assert len(events) == sequence.event_count(k)
+        assert first_us < events.t_us[0]
+        assert events.t_us[-1] <= last_us
+
+
+def test_events_integrate_to_the_stored_frames(sequence):
+    """Rounding to 8 bits costs half a grey level at each end."""
+    for k, camera in enumerate(sequence.rig.cameras):
+        first, last = (sequence.truth_intensity(k, t) / 255 for t in (0, 50_000))
+        low, high = np.log(first + CONFIG.log_eps), np.log(last + CONFIG.log_eps)
+        rounding = 0.5 / 255 * (1 / (first + CONFIG.log_eps) + 1 / (last + CONFIG.log_eps))
+        events = everything(sequence, k)
+        total = np.zeros((camera.height_px, camera.width_px))
+        np.add.at(total, (events.y, events.x), np.where(events.p == 1, 0.2, -0.2))
+        assert (np.abs(high - low - total) <= 0.2 + 1.2 * rounding).all()
+
+
+def test_truth_holds_the_start_the_middle_the_end_and_the_right_depth(sequence):
+    assert sequence.truth_times_us(0).tolist() == [
+        0,
+        10_000,
+        20_000,
+        25_000,
+        30_000,
+        40_000,
+        50_000,
+    ]
+    wall_m = 2.4
+    for k, camera in enumerate(sequence.rig.cameras):
+        T_world_cam = sequence.trajectory.at(25_000) @ sequence.rig.T_body_cam[k]
+        depth_m = sequence.truth_depth_m(k, 25_000)
+        rays = np.dstack([camera.bearing_table(), np.ones(depth_m.shape)]) @ T_world_cam[:3, :3].T
+        reached = T_world_cam[:3, 3] + rays * depth_m[..., None]
+        on_wall = np.abs(reached[..., 0] - wall_m) < 1e-5
+        in_box = (np.abs(reached - (1, 0.1, 1)) < 0.1 + 1e-5).all(-1)
+        assert (on_wall | in_box).all()
+        assert on_wall.any()
+        assert in_box.any()
+
+
+def test_the_manifest_says_how_it_was_made(scene, sequence):
+    manifest = sequence.manifest
+    assert manifest.name == "noise"
+    assert SimConfig(**manifest.configuration) == scene.configured(CONFIG)
+    assert manifest.renderer.startswith("mujoco 4")
+    assert manifest.depth_range_m == (0.7, 3.0)
+
+
+def test_progress_ends_at_the_end(folder, scene):
+    calls = []
+    simulate(
+        scene, made.tiny_rig(), CONFIG.model_copy(update={"duration_s": 0.01}), 0,
+        folder / "progress", progress=lambda *call: calls.append(call),
+    )  # fmt: skip
+    done, total, events = zip(*calls, strict=True)
+    assert done[0] == 0
+    assert done[-1] == 10_000
+    assert set(total) == {10_000}
+    assert list(done) == sorted(set(done))
+    assert list(events) == sorted(events)
+    assert events[-1] > 0
+
+
+def test_an_existing_folder_is_kept_without_force(folder, scene, sequence):
+    before = hashes(sequence.path)
+    with pytest.raises(InputError, match="first"):
+        simulate(scene, made.tiny_rig(), CONFIG, 1, sequence.path)
+    assert hashes(sequence.path) == before
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+def test_an_interrupted_run_leaves_nothing(folder, scene, error):
+    out = folder / "interrupted"
+    before = set(folder.iterdir())
+
+    def stop(done_us, total_us, events):
+        if done_us > 10_000:
+            raise error
+
+    with pytest.raises(error):
+        simulate(scene, made.tiny_rig(), CONFIG, 0, out, progress=stop)
+    assert set(folder.iterdir()) == before
+
+
+def test_too_fast_a_motion_leaves_nothing(folder, scene):
+    before = set(folder.iterdir())
+    config = SimConfig(min_frame_interval_us=9_000)
+    with pytest.raises(InputError, match="slow the motion"):
+        simulate(scene, made.tiny_rig(), config, 0, folder / "fast")
+    assert set(folder.iterdir()) == before
+
+
+def test_refuses_a_negative_seed_and_no_duration(folder, scene):
+    with pytest.raises(InputError, match="seed -1"):
+        simulate(scene, made.tiny_rig(), CONFIG, -1, folder / "bad")
+    with pytest.raises(InputError, match="duration_s"):
+        generate.simulate(scene, made.tiny_rig(), SimConfig(duration_s=1e-7), 0, folder / "bad")
+    with pytest.raises(ValueError, match="duration_s"):
+        SimConfig(duration_s=0)
+
+
+def test_textures_must_fit_the_mjcf(scene):
+    from dataclasses import replace
+
+    unknown = replace(scene, textures=lambda: {"stone": np.zeros((4, 4, 3), np.uint8)})
+    with pytest.raises(InputError, match="it has: noise"):
+        unknown.spec()
+    grey = replace(scene, textures=lambda: {"noise": np.zeros((4, 4), np.uint8)})
+    with pytest.raises(InputError, match="need uint8"):
+        grey.spec()
+    with pytest.raises(InputError, match="has no file"):
+        replace(scene, mjcf=scene.mjcf.with_name("none.xml")).spec()
+
+
+def test_named_rigs_are_what_their_names_say():
+    assert (rig("davis346").cameras[0].width_px, rig("davis346").cameras[0].height_px) == (346, 260)
+    assert rig("davis346").baseline_m() == pytest.approx(0.10)
+    assert (rig("tumvie").cameras[1].width_px, rig("tumvie").cameras[1].height_px) == (1280, 720)
+    assert rig("tumvie").baseline_m() == pytest.approx(0.1184)
+    for known in RIGS.values():
+        centres = {(camera.cx_px, camera.cy_px) for camera in known.cameras}
+        assert len(centres) == len(known) >= 2
+        assert np.array_equal(known.T_body_cam[0], np.eye(4))
+
+
+def test_an_unknown_rig_is_refused_with_the_names():
+    with pytest.raises(InputError, match=r"davis346, .*tumvie"):
+        rig("davis")
