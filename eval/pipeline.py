@@ -1,8 +1,8 @@
-"""The stages, one function each, and `run_cases` for all of them: simulate, map, score, report."""
+"""The stages, one function each, and `run_cases` for all of them: simulate, map, score."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import scenes
@@ -28,6 +28,10 @@ from sim.simulate import simulate
 _SILENT = Silent()
 
 
+def _add_nothing(folder: Path) -> None:
+    """What `finish` is by default."""
+
+
 def run_cases(
     cases: Sequence[str],
     out: Path,
@@ -37,9 +41,10 @@ def run_cases(
     *,
     force: bool = False,
     workers: int = 1,
+    finish: Callable[[Path], None] = _add_nothing,
     progress: Progress = _SILENT,
 ) -> Results:
-    """Simulates, maps and scores every case and writes one report; `out` appears when all is done.
+    """Simulates, maps and scores every case; `out` appears when all is done.
 
     Args:
         cases: names of scenes.
@@ -49,6 +54,8 @@ def run_cases(
         seed: seed of the head motion.
         force: whether an existing `out` is replaced.
         workers: rendering processes.
+        finish: adds to the folder that holds all results, before it takes its place, such as a
+            report.
         progress: shows how far the run is.
 
     Raises:
@@ -64,7 +71,7 @@ def run_cases(
                 sequence, folder / case / run_folder.MAP_FOLDER, settings, progress=progress
             )
         results = score_folder(folder, settings.score)
-        write_report_stage(folder, progress)
+        finish(folder)
     return results
 
 
@@ -188,13 +195,14 @@ def map_recording(
     settings: Settings,
     *,
     force: bool = False,
-    report: bool = False,
+    finish: Callable[[Path], None] = _add_nothing,
     progress: Progress = _SILENT,
 ) -> StoredMap:
-    """Maps one window of a recording and writes the map folder, with its own report on request.
+    """Maps one window of a recording and writes the map folder.
 
     With `window_s` or `window_events` it maps sliding windows: `out` grows window by window, and
-    the same call takes up an unfinished one (`emvs.maps.sliding`).
+    the same call takes up an unfinished one (`emvs.maps.sliding`). `finish` is that of
+    `map_windows`, called when the bars of the mapping have ended, so that it may show its own.
 
     Raises:
         InputError: what `open_recording` or `map_windows` refuses.
@@ -203,19 +211,9 @@ def map_recording(
     about = run_folder.describe(recording, path, out)
     with MapBars(progress, f"map {recording.name}") as bars:
 
-        def finish(folder: Path) -> None:
+        def end(folder: Path) -> None:
             bars.close()
-            if report:
-                write_report_stage(folder, progress)
+            finish(folder)
 
-        info = map_windows(recording, out, settings.map, about, bars, force=force, finish=finish)
+        info = map_windows(recording, out, settings.map, about, bars, force=force, finish=end)
     return StoredMap(out, info)
-
-
-def write_report_stage(folder: Path, progress: Progress) -> None:
-    """Writes the report, shown as a stage of its own."""
-    # Its figures need matplotlib: 0.3 s before the first event, were it imported at the top.
-    from eval.report.run_page import write_report
-
-    with progress.stage("report", 1):
-        write_report(folder)
