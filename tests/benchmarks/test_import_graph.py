@@ -1,11 +1,5 @@
 """The graph of imports, on checkouts and graphs that one can see through."""
 
-import sys
-
-from places import ROOT
-
-sys.path.insert(0, str(ROOT / "tests" / "benchmarks"))
-
 from import_graph import (
     circles,
     components,
