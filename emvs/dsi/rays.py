@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from emvs.data.events import Events
 from emvs.dsi import rays_kernels
-from emvs.dsi.rays_kernels import BLOCK, count_bands, move_to_bands
+from emvs.dsi.rays_kernels import RAY_BLOCK, count_bands, move_to_bands
 from emvs.dsi.voting_kernels import CHUNK
 from emvs.errors import InputError
 from emvs.geometry import se3
@@ -200,7 +200,7 @@ def grouped_by_rows(rays: Rays, rho: float, height_px: int, band_rows: int = BAN
         The same rays in another order; those above, below or nowhere come first or last.
     """
     bands = -(-height_px // band_rows)
-    blocks = -(-len(rays) // BLOCK)
+    blocks = -(-len(rays) // RAY_BLOCK)
     place = np.zeros((blocks, bands), np.int64)
     args = rays.a_v, rays.b_v, np.float32(rho), band_rows, bands
     count_bands(*args, place)

@@ -1,18 +1,16 @@
-"""The compiled loop that turns events and poses into rays."""
-
-# mypy: disable-error-code="call-arg, no-any-return, no-untyped-call, no-untyped-def"
-
-from __future__ import annotations
+"""The compiled loops of the rays: from events and poses to rays, and rays grouped by image rows."""
 
 # Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
+# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, call-arg"
+
 import numpy as np
 from numba import njit, prange
 
 import emvs.utils.runtime  # noqa: F401  (names the threading layer before the kernels compile)
 
 VOTES, NO_POSE, NO_RAY, BACKWARDS = range(4)
-BLOCK = 4096
-BLOCK = 1 << 17
+EVENT_BLOCK = 4096  # events that a thread casts in one go
+RAY_BLOCK = 1 << 17  # rays that a thread moves to their bands in one go
 
 
 @njit(cache=True)
@@ -82,8 +80,8 @@ def rays(
     R, offset_m = T_body_cam[:3, :3], T_body_cam[:3, 3]
     fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
     last_segment = len(angle) - 1
-    for block in prange((len(x) + BLOCK - 1) // BLOCK):
-        lo, hi = block * BLOCK, min((block + 1) * BLOCK, len(x))
+    for block in prange((len(x) + EVENT_BLOCK - 1) // EVENT_BLOCK):
+        lo, hi = block * EVENT_BLOCK, min((block + 1) * EVENT_BLOCK, len(x))
         seen = _look_up(x[lo:hi], y[lo:hi], bearing)
         s = np.searchsorted(knots_us, pose_us[lo], side="right") - 1
         s = min(max(s, 0), last_segment)
@@ -139,7 +137,7 @@ def count_bands(a_v, b_v, rho, rows, bands, counts):
         counts: (blocks, bands) int64 zeros, filled.
     """
     for block in prange(counts.shape[0]):
-        for k in range(block * BLOCK, min((block + 1) * BLOCK, len(a_v))):
+        for k in range(block * RAY_BLOCK, min((block + 1) * RAY_BLOCK, len(a_v))):
             counts[block, _band(a_v[k] + rho * b_v[k], rows, bands)] += 1
 
 
@@ -153,7 +151,7 @@ def move_to_bands(a_v, b_v, rho, rows, bands, place, columns, ordered):
         columns, ordered: five (N,) float32 each, read and filled.
     """
     for block in prange(place.shape[0]):
-        for k in range(block * BLOCK, min((block + 1) * BLOCK, len(a_v))):
+        for k in range(block * RAY_BLOCK, min((block + 1) * RAY_BLOCK, len(a_v))):
             band = _band(a_v[k] + rho * b_v[k], rows, bands)
             to = place[block, band]
             place[block, band] = to + 1
