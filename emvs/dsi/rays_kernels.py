@@ -59,7 +59,7 @@ def _look_up(x, y, bearing):
 @njit(parallel=True, cache=True)
 def rays(
     x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T_body_cam, K,
-    a_u, b_u, a_v, b_v, c_z, fate,
+    a_u, b_u, a_v, b_v, c_z, outcome,
 ):  # fmt: skip
     """Rays of events in the reference view (rv), each with a pose of its own.
 
@@ -74,8 +74,8 @@ def rays(
         angle: (S,) float64, that turn's angle.
         T_body_cam: (4, 4) float64.
         K: (3, 3) float64, the reference view's intrinsics.
-        a_u, b_u, a_v, b_v, c_z: (N,) float32, filled where `fate` is VOTES.
-        fate: (N,) uint8, filled: VOTES, NO_POSE, NO_RAY or BACKWARDS.
+        a_u, b_u, a_v, b_v, c_z: (N,) float32, filled where `outcome` is VOTES.
+        outcome: (N,) uint8, filled: VOTES, NO_POSE, NO_RAY or BACKWARDS.
     """
     R, offset_m = T_body_cam[:3, :3], T_body_cam[:3, 3]
     fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
@@ -91,11 +91,11 @@ def rays(
         for k in range(lo, hi):
             t = pose_us[k]
             if t < knots_us[0] or t > knots_us[-1]:
-                fate[k] = NO_POSE
+                outcome[k] = NO_POSE
                 continue
             bx, by = seen[k - lo, 0], seen[k - lo, 1]
             if np.isnan(bx) or np.isnan(by):
-                fate[k] = NO_RAY
+                outcome[k] = NO_RAY
                 continue
             if t != posed_us:
                 posed_us = t
@@ -108,7 +108,7 @@ def rays(
             ez = R[2, 0] * bx + R[2, 1] * by + R[2, 2]
             dz = r[6] * ex + r[7] * ey + r[8] * ez
             if dz <= 0:
-                fate[k] = BACKWARDS
+                outcome[k] = BACKWARDS
                 continue
             dx = (r[0] * ex + r[1] * ey + r[2] * ez) / dz
             dy = (r[3] * ex + r[4] * ey + r[5] * ez) / dz
@@ -117,7 +117,7 @@ def rays(
             a_v[k] = fy * dy + cy
             b_v[k] = fy * (place[1] - dy * place[2])
             c_z[k] = place[2]
-            fate[k] = VOTES
+            outcome[k] = VOTES
 
 
 @njit(cache=True)
