@@ -154,7 +154,7 @@ def _baseline(name: str, mcemvs: bool) -> BaselineEstimator:
     baseline = baselines.baseline(name)
     if baseline is None:
         known = ", ".join(one.name for one in baselines.BASELINES)
-        raise InputError(f"unknown method {name!r}: the rivals are {known}")
+        raise InputError(f"unknown method {name!r}: the baselines are {known}")
     if mcemvs:
         raise InputError(f"{name} does not know the mcemvs setting: choose compatibility none")
     return baseline
@@ -258,7 +258,9 @@ def overview(n_cameras: int = 2) -> dict[str, str]:
     return known | families | {method.name: method.summary for method in _registered.values()}
 
 
-def methods(names: Sequence[str], n_cameras: int, *, mcemvs: bool = False) -> tuple[AnyMethod, ...]:
+def methods_by_name(
+    names: Sequence[str], n_cameras: int, *, mcemvs: bool = False
+) -> tuple[AnyMethod, ...]:
     """Looks methods up by name.
 
     Args:

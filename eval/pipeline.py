@@ -10,7 +10,7 @@ from emvs import methods
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence as EventSequence
 from emvs.datasets import open_recording
-from emvs.dsi import device
+from emvs.dsi.device import check_device
 from emvs.errors import InputError
 from emvs.maps.folder import StoredMap, StoredWindow
 from emvs.maps.sliding import map_windows
@@ -185,8 +185,8 @@ def check_case(scene: str, rig: str | None, config: MapperConfig) -> None:
         InputError: an unknown scene, rig or method, or a GPU that is not there.
     """
     chosen = named_rig(rig or scenes.load(scene).rig)
-    methods.methods(config.methods, len(chosen), mcemvs=config.is_mcemvs)
-    device.check(config.device)
+    methods.methods_by_name(config.methods, len(chosen), mcemvs=config.is_mcemvs)
+    check_device(config.device)
 
 
 def map_recording(

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from emvs.geometry.camera import Camera
     from emvs.geometry.rig import Rig
     from emvs.geometry.trajectory import Trajectory
-    from emvs.mapper import WindowResult
     from emvs.methods import overview as methods
     from emvs.methods import register as register_method
+    from emvs.window_result import WindowResult
     from eval.config import EvalConfig
     from eval.scoring.method_scores import ALL_METRICS as METRICS
     from eval.scoring.results import Results
@@ -88,7 +88,7 @@ _PLACES = {
     "Sequence": "emvs.data.sequence:Sequence",
     "SimConfig": "sim.config:SimConfig",
     "Trajectory": "emvs.geometry.trajectory:Trajectory",
-    "WindowResult": "emvs.mapper:WindowResult",
+    "WindowResult": "emvs.window_result:WindowResult",
     "__version__": "eventsweep.version:VERSION",
     "load_scene": "scenes:load",
     "map_window": "eventsweep.mapping:map_window",

@@ -9,11 +9,11 @@ from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.datasets import open_recording
 from emvs.errors import InputError
-from emvs.mapper import WindowResult
 from emvs.maps import sliding
 from emvs.maps.folder import RecordingInfo, StoredMap, read_map
 from emvs.preflight import check_window_fits
 from emvs.utils.runtime import Progress, silent
+from emvs.window_result import WindowResult
 from emvs.windows import choose_window
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
-from emvs.mapper import WindowResult
 from emvs.maps.folder import StoredMap
+from emvs.window_result import WindowResult
 from eval import pipeline
 from eval.config import EvalConfig
 from eval.scoring import run_folder

@@ -68,7 +68,8 @@ def estimate_window(
     inverse depths that reach it. Confidence is the sum of their time surfaces' values.
 
     Raises:
-        InputError: as `estimate`, or a window shorter than the interval between estimates.
+        InputError: as `estimate_time_surfaces`, or a window shorter than the interval between
+            estimates.
     """
     parameters = parameters or config.sgm
     matched = _Matcher(recording, window, view, parameters)

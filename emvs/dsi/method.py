@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emvs.dsi import fusion_kernels
-from emvs.dsi.rays import RayCounts, Rays
 
 Volume = NDArray[np.float32]
 # A fusion of one's own: votes (C, intervals, N, H, W) to (N, H, W)
@@ -34,7 +33,6 @@ MEANS = {
     "max": "maximum",
 }
 VOTES, OWN_UNIT = "votes", "own unit"  # what the values of a confidence are
-_COUNTS = ("events", "without_pose", "without_ray", "backwards", "dropped")
 
 
 class MethodName(NamedTuple):
@@ -72,6 +70,24 @@ class Split:
 
     intervals: int = 1
     by: Literal["count", "time"] = "count"
+
+    def edges(self, t_us: NDArray[np.int64], t0_us: int, t1_us: int) -> NDArray[np.int64]:
+        """Returns the (intervals + 1,) events where a camera's sub-intervals begin and end.
+
+        Args:
+            t_us: (N,) int64, the camera's events in the window, sorted.
+            t0_us: begin of the window, included.
+            t1_us: end of the window, excluded.
+        """
+        edge = np.arange(self.intervals + 1, dtype=np.int64)
+        if self.by == "count":
+            edge *= len(t_us)
+            edge //= self.intervals
+            return edge
+        inner_us = t0_us + edge[1:-1] * (t1_us - t0_us) // self.intervals
+        edge[1:-1] = np.searchsorted(t_us, inner_us, side="left")
+        edge[-1] = len(t_us)
+        return edge
 
 
 WHOLE = Split()
@@ -128,6 +144,11 @@ class Method:
         return self.code - fusion_kernels.CAMERA if alone else None
 
     @property
+    def compares_cameras(self) -> bool:
+        """Whether it asks where each camera's own rays are in focus, and so whether they agree."""
+        return self.focus and self.camera() is None
+
+    @property
     def family(self) -> str:
         """The first part of its name."""
         return MethodName.of(self.name).family
@@ -162,8 +183,8 @@ def single_camera(camera: int) -> Method:
 
 
 @dataclass(frozen=True, eq=False)
-class Tables:
-    """Methods of one split as the compiled loops read them (`fuse_kernels.fold`)."""
+class FusionTables:
+    """Methods of one split as the compiled loops read them (`emvs.dsi.fusion_kernels.fold`)."""
 
     codes: NDArray[np.int64]
     sizes: NDArray[np.int64]
@@ -171,7 +192,7 @@ class Tables:
     every: NDArray[np.int64]
 
     @classmethod
-    def of(cls, methods: Sequence[Method], volumes: int, polarities: int = 1) -> Tables:
+    def of(cls, methods: Sequence[Method], volumes: int, polarities: int = 1) -> FusionTables:
         """Lists the groups of methods, whose split must be the same.
 
         Args:
@@ -200,49 +221,3 @@ class Tables:
         level = np.empty((strips, len(self.every), 1, width_px), np.float32)
         spare, fused = np.empty((2, strips, width_px), np.float32)
         return level, spare, fused
-
-
-def cuts(t_us: NDArray[np.int64], split: Split, t0_us: int, t1_us: int) -> NDArray[np.int64]:
-    """Returns the (intervals + 1,) events where a camera's sub-intervals begin and end.
-
-    Args:
-        t_us: (N,) int64, the camera's events in the window, sorted.
-        split: how many, of equal count or of equal time.
-        t0_us: begin of the window, included.
-        t1_us: end of the window, excluded.
-    """
-    edge = np.arange(split.intervals + 1, dtype=np.int64)
-    if split.by == "count":
-        edge *= len(t_us)
-        edge //= split.intervals
-        return edge
-    inner_us = t0_us + edge[1:-1] * (t1_us - t0_us) // split.intervals
-    edge[1:-1] = np.searchsorted(t_us, inner_us, side="left")
-    edge[-1] = len(t_us)
-    return edge
-
-
-def concatenated(parts: Sequence[Rays]) -> Rays:
-    """Joins rays in the order given."""
-    if len(parts) == 1:
-        return parts[0]
-    columns = [np.concatenate(pieces) for pieces in zip(*(p.columns for p in parts), strict=True)]
-    return Rays.of(columns, total([part.counts for part in parts]))
-
-
-def part(rays: Rays, first: int, last: int, counts: RayCounts) -> Rays:
-    """Returns rays `first` to `last` (exclusive) as views, with counts of their own."""
-    return Rays.of([column[first:last] for column in rays.columns], counts)
-
-
-def total(counts: Sequence[RayCounts]) -> RayCounts:
-    """Adds up what became of events."""
-    sums = {name: sum(getattr(count, name) for count in counts) for name in _COUNTS}
-    return RayCounts(**sums)
-
-
-def with_left_out(counts: RayCounts, left_out: int) -> RayCounts:
-    """Counts events that no pose covers and that were never read."""
-    return replace(
-        counts, events=counts.events + left_out, without_pose=counts.without_pose + left_out
-    )

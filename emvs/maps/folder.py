@@ -22,8 +22,8 @@ from emvs.dsi.method import file_name
 from emvs.dsi.slices import Slices
 from emvs.errors import DAMAGED_NPY, InputError
 from emvs.geometry.camera import Camera
-from emvs.mapper import WindowResult
 from emvs.utils.runtime import versions
+from emvs.window_result import WindowResult
 
 CURE = "run `eventsweep map` again"
 _DEPTH_KEYS = (
@@ -77,7 +77,7 @@ def write_window(
         counts={
             name: counts.to_json() for name, counts in zip(camera_names, result.counts, strict=True)
         },
-        points={method: found.points for method, found in result.depth_maps.items()},
+        points={method: depth_map.points for method, depth_map in result.depth_maps.items()},
         device=result.device,
     )
 
@@ -330,7 +330,7 @@ class RecordingInfo(_Model):
 class WindowInfo(_Model):
     """One window in `map.json`; times in µs, counts per camera and by what became of events.
 
-    `device` is what swept it: `cpu`, or the name of a GPU; `cpu` where only rivals ran.
+    `device` is what swept it: `cpu`, or the name of a GPU; `cpu` where only baselines ran.
     """
 
     name: str = Field(pattern=r"^\w[\w-]*$")

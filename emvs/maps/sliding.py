@@ -15,12 +15,10 @@ from types import TracebackType
 
 import numpy as np
 
-from emvs import methods
 from emvs.config import MapperConfig
 from emvs.data.events import Events
 from emvs.data.recording import DerivedRecording, Recording
-from emvs.dsi import device as devices
-from emvs.dsi.device import Device
+from emvs.dsi.device import Device, check_device, device_for_methods, projector_on
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
 from emvs.hot_pixels import HotPixels, WithoutPixels, find_hot_pixels
@@ -37,6 +35,7 @@ from emvs.maps.folder import (
     write_window,
 )
 from emvs.maps.store import MapStore, identity, open_store, read_entry, write_entry
+from emvs.methods import methods_by_name
 from emvs.preflight import check_view_fits, check_window_fits
 from emvs.reference_view import reference_view
 from emvs.utils.files import atomic_dir, refuse_existing
@@ -168,8 +167,8 @@ def _map_sliding(
     recording: Recording, out: Path, config: MapperConfig, about: RecordingInfo,
     progress: Progress, *, force: bool, clouds: bool,
 ) -> None:  # fmt: skip
-    asked = methods.methods(config.methods, len(recording.rig), mcemvs=config.is_mcemvs)
-    device = devices.for_methods(config.device, asked)
+    requested = methods_by_name(config.methods, len(recording.rig), mcemvs=config.is_mcemvs)
+    device = device_for_methods(config.device, requested)
     head = MapInfo(
         schema_version=SCHEMA_VERSION,
         recording=about,
@@ -188,7 +187,7 @@ def _map_sliding(
         head = head.model_copy(
             update={"hot_pixels": described(recording.rig, hot), "without_pose": dict(lost)}
         )
-        received, on_gpu = devices.projector(device).received, device.kind == "cuda"
+        received, on_gpu = projector_on(device).received, device.kind == "cuda"
         with ReadAhead(without(recording, hot), received, ahead=on_gpu) as ahead:
             run = _Run(ahead, config, plan, store, clouds, progress, device)
             skipped = run.all_windows(head)
@@ -287,11 +286,11 @@ def check_settings(recording: Recording, config: MapperConfig, out: Path) -> Non
         InputError: an unknown method, a GPU that is not there, an impossible depth range or row, or
             planes that memory or disk cannot hold.
     """
-    asked = methods.methods(config.methods, len(recording.rig), mcemvs=config.is_mcemvs)
-    devices.check(config.device)
+    requested = methods_by_name(config.methods, len(recording.rig), mcemvs=config.is_mcemvs)
+    check_device(config.device)
     view = reference_view(recording, config, recording.trajectory.span_us[0])
     check_request(config, view, out)
-    check_view_fits(view, len(asked), config, out)
+    check_view_fits(view, len(requested), config, out)
 
 
 def find_hot(

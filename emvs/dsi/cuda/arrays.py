@@ -24,7 +24,6 @@ from numpy.typing import DTypeLike, NDArray
 import emvs.utils.runtime  # noqa: F401  (names the threading layer before the kernel compiles)
 from emvs.data.events import Events
 from emvs.dsi.cuda import device
-from emvs.dsi.method import total
 from emvs.dsi.rays import RayCounts, Rays
 from emvs.errors import InputError
 
@@ -191,7 +190,7 @@ class DeviceRays:
     def joined(cls, parts: Sequence[DeviceRays]) -> DeviceRays:
         """All rays of several parts; nothing is copied."""
         blocks = tuple(block for part in parts for block in part.blocks)
-        return cls(blocks, total([part.counts for part in parts]))
+        return cls(blocks, RayCounts.total([part.counts for part in parts]))
 
     def __len__(self) -> int:
         return self.counts.rays

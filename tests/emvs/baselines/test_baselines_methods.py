@@ -16,7 +16,7 @@ from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.mapper import map_window
 from emvs.maps.folder import read_depth, read_slices, write_window
-from emvs.methods import methods, overview, register, unregister
+from emvs.methods import methods_by_name, overview, register, unregister
 from emvs.windows import Window
 from point_world import Recorded, edge_stream, fronto_parallel, sideways, stereo_rig
 
@@ -49,23 +49,23 @@ def lines(error):
 
 
 def test_all_stays_the_fusion_methods_and_rivals_are_the_others():
-    everything = [method.name for method in methods(("all", "baselines"), 2)]
+    everything = [method.name for method in methods_by_name(("all", "baselines"), 2)]
     assert not {name.split("/")[0] for name in everything[:9]} & set(baselines.FAMILIES)
     assert tuple(everything[9:]) == baselines.names()
     assert set(ALWAYS) <= set(baselines.names())
     assert "Frames/sgm" not in baselines.names()
-    assert methods(("baselines", "SGM/ts"), 2) == methods(("baselines",), 2)
+    assert methods_by_name(("baselines", "SGM/ts"), 2) == methods_by_name(("baselines",), 2)
     shown = " ".join(overview())
     assert all(baseline.name in shown for baseline in baselines.BASELINES)
 
 
 def test_names_that_no_rival_has_are_refused():
     with pytest.raises(InputError, match=r"unknown method 'SGM/x': the rivals are SGM/ts"):
-        methods(("SGM/x",), 2)
+        methods_by_name(("SGM/x",), 2)
     with pytest.raises(InputError, match="SGM/ts matches two cameras, this rig has 1"):
-        methods(("SGM/ts",), 1)
+        methods_by_name(("SGM/ts",), 1)
     with pytest.raises(InputError, match="does not know the mcemvs setting"):
-        methods(("SGM/ts",), 2, mcemvs=True)
+        methods_by_name(("SGM/ts",), 2, mcemvs=True)
 
 
 def test_a_rival_of_ones_own():
