@@ -23,7 +23,7 @@ from sim.config import ReplayConfig, SimConfig
 from sim.motion.curves import look_at, sampled
 from sim.motion.head_motion import six_dof
 from sim.scene import replayed
-from sim.simulate import facts_of, make_job, simulate
+from sim.simulate import describe, make_job, simulate
 
 
 @pytest.fixture(scope="module")
@@ -299,7 +299,7 @@ def test_the_key_of_unfinished_work_knows_how_bodies_move(folder, scene):
         moving = replace(scene, mjcf=mjcf, animate=animate)
         job = make_job(moving, made.tiny_rig(), SimConfig(duration_s=0.02), 0)
         with job.renderer() as renderer:
-            return facts_of(job, renderer).key
+            return describe(job, renderer).key
 
     assert key(Sliding(1.0)) == key(Sliding(1.0))
     assert len({key(Sliding(1.0)), key(Sliding(1.001)), key(Sliding(1.0, 4_000)), key(None)}) == 4
