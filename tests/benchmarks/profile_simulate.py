@@ -29,7 +29,7 @@ STAGES = (
     (sensors.Cameras, "collect", "wait for events"),
     (event_store.EventStoreWriter, "append", "write events"),
     (image_stores.TruthWriter, "append", "write truth"),
-    (simulate.CheckpointFolder, "commit", "finish parts"),
+    (simulate.CheckpointFolder, "commit", "finish checkpoints"),
     (simulate, "_assemble", "put together"),
 )
 _lock = threading.Lock()
