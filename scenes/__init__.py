@@ -1,7 +1,8 @@
 """The scenes: one module each, found by themselves.
 
-A module of this package that does not begin with an underscore is a scene and defines `SCENE`.
-A scene is called what its module is called, with dashes for underscores; both spellings are taken.
+A module of this package that does not begin with an underscore is a scene and defines `SCENE`; what
+scenes share lies in the packages `scenes.parts` and `scenes.textures`. A scene is called what its
+module is called, with dashes for underscores; both spellings are taken.
 """
 
 from __future__ import annotations

@@ -13,8 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.sensor.esim_kernels import level_of, number_of_falls, number_of_rises
+from sim.sensor.labels import Label
 
-_LEAK = 1
+# Compiled code takes plain numbers only.
+_SIGNAL, _LEAK = int(Label.SIGNAL), int(Label.LEAK)
+# Least difference of numbers of 53 bits in [0, 1).
 _UNIT = 2.0**-53
 
 
@@ -185,7 +188,7 @@ def emit(
             pixel[event], p[event] = k, crossings[n] > 0
             offset_us[event] = min(max(int(np.rint(share * step_us)), 1), step_us)
             leaky = c_pos[k] * (leaked - leaked_last[k]) > lit - lit_last
-            label[event] = _LEAK if crossings[n] > 0 and leaky else 0
+            label[event] = _LEAK if crossings[n] > 0 and leaky else _SIGNAL
             leaked_last[k], lit_last = leaked, lit
             event += 1
         memory[k].up, memory[k].down = up, down
