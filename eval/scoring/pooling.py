@@ -51,9 +51,11 @@ class Pool:
         self._sums = dict.fromkeys(metrics, 0.0)
         self._log_ratio: list[tuple[int, float]] = []
         self._errors = SortedRuns(folder / f"{name}-errors")
-        cells, sure = SortedRuns(folder / f"{name}-cells"), SortedRuns(folder / f"{name}-sure")
+        cells, confidence = (
+            SortedRuns(folder / f"{name}-{key}") for key in ("cells", "confidence")
+        )
         self._cells = cells if "median_cells" in metrics else None
-        self._sure = sure if "aurc" in metrics else None
+        self._by_confidence = confidence if "aurc" in metrics else None
         self._windows = 0
 
     def add(self, pairs: Pairs, values: Mapping[str, float]) -> None:
@@ -103,9 +105,9 @@ class Pool:
         # Half a column is not comparable: one window without it, and there is none.
         self._cells = _added(self._cells, pairs.cells)
         if pairs.confidence is None:
-            self._sure = None
-        elif self._sure is not None:
-            self._sure.add(-pairs.confidence, error_m)
+            self._by_confidence = None
+        elif self._by_confidence is not None:
+            self._by_confidence.add(-pairs.confidence, error_m)
 
     def _value(self, metric: Metric) -> float:
         total, name = self._sums[metric.name], metric.name
@@ -137,15 +139,15 @@ class Pool:
         """The curves of all windows' pixels; every chunk goes on where the last one ended."""
         names = {percent: f"mean_error_top_{percent}pct" for percent in COVERAGES_PERCENT}
         found = dict.fromkeys(("aurc", "ause", *names.values()), _NAN)
-        if self._sure is None or not self.points:
+        if self._by_confidence is None or not self.points:
             return found
         area = least = before = error_sum = best_sum = 0.0
         best = _SmallestErrors(self._errors, most)
-        for keys, error_m in self._sure.chunks(most):
+        for keys, error_m in self._by_confidence.chunks(most):
             last = np.append(keys[1:] != keys[:-1], True)
             points = before + np.flatnonzero(last) + 1
-            errors = _running(error_sum, error_m)
-            bests = _running(best_sum, best.take(len(keys)))
+            errors = _cumulative(error_sum, error_m)
+            bests = _cumulative(best_sum, best.take(len(keys)))
             steps, mean_m = np.diff(points, prepend=before), errors[last] / points
             area += float(np.sum(steps * mean_m))
             least += float(np.sum(steps * (mean_m - bests[last] / points)))
@@ -174,7 +176,7 @@ class _SmallestErrors:
         return whole[:count]
 
 
-def _running(before: float, numbers: Floats) -> Floats:
+def _cumulative(before: float, numbers: Floats) -> Floats:
     """Cumulative sums that go on from `before`."""
     found: Floats = np.cumsum(np.concatenate([[before], numbers]))[1:]
     return found

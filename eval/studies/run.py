@@ -36,8 +36,7 @@ from eval.studies.curves import (
 )
 from eval.studies.definitions import MARGIN_S, SECONDS, Change, Study
 from eval.suite.results import sample_from
-from eval.suite.stages.simulate import parameters as sequence_parameters
-from eval.suite.stages.simulate import scene_digest
+from eval.suite.stages.simulate import scene_digest, sequence_parameters
 
 
 @dataclass(frozen=True)
@@ -170,7 +169,7 @@ def _numbers(values: Any) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in values]
 
 
-def show(result: StudyResult, *, as_json: bool, quiet: bool) -> None:
+def show_study(result: StudyResult, *, as_json: bool, quiet: bool) -> None:
     """Prints each method's mean error over the amounts, and where it breaks."""
     if as_json:
         sys.stdout.write(json.dumps({result.study.name: result.breaking()}) + "\n")
