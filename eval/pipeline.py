@@ -12,14 +12,14 @@ from emvs.data.sequence import Sequence as EventSequence
 from emvs.datasets import open_recording
 from emvs.dsi.device import check_device
 from emvs.errors import InputError
-from emvs.maps.folder import StoredMap, StoredWindow
+from emvs.maps.folder import RecordingInfo, StoredMap, StoredWindow
 from emvs.maps.sliding import map_windows
 from emvs.utils.files import atomic_dir
 from eval.config import EvalConfig, Settings
 from eval.progress import MapBars, Progress, Silent
 from eval.scoring import run_folder
 from eval.scoring.metric_versions import metric_versions
-from eval.scoring.predictions import estimates, opened, view_of
+from eval.scoring.predictions import estimates_of, open_predictions, target_view
 from eval.scoring.results import Results, Row, write_results
 from eval.scoring.score import score_windows
 from sim.rigs import rig as named_rig
@@ -163,11 +163,12 @@ def _score(
     config: EvalConfig,
     predictions: Sequence[Path],
 ) -> list[Row]:
-    # What others' maps are checked against is read only where there are any.
-    views = [view_of(sequence, window, config) for window in windows] if predictions else []
-    others = opened(predictions, case, views)
-    given = (estimates(others, view) for view in views) if others else None
-    return score_windows(case, sequence, windows, config, given)
+    if not predictions:  # nor is anything read that they would be checked against
+        return score_windows(case, sequence, windows, config)
+    views = [target_view(sequence, window, config) for window in windows]
+    opened = open_predictions(predictions, case, views)
+    estimates = (estimates_of(opened, view) for view in views)
+    return score_windows(case, sequence, windows, config, estimates)
 
 
 def _check_run(cases: Sequence[str], settings: Settings, rig: str | None) -> None:
@@ -208,7 +209,7 @@ def map_recording(
         InputError: what `open_recording` or `map_windows` refuses.
     """
     recording = open_recording(path)
-    about = run_folder.describe(recording, path, out)
+    about = RecordingInfo.of(recording, path, out)
     with MapBars(progress, f"map {recording.name}") as bars:
 
         def end(folder: Path) -> None:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
-
 from emvs.config import DeviceName
 from eval import config
 from eval.cli.app import (
     COMMON,
     MAP,
+    NO_NEGATIVE,
     SCORE,
     SIM,
     Common,
@@ -26,7 +25,7 @@ from eval.cli.app import (
 
 @app.command
 def run(
-    case: Annotated[tuple[str, ...], Parameter(negative=())],
+    case: Annotated[tuple[str, ...], NO_NEGATIVE],
     /,
     *,
     out: Path,

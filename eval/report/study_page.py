@@ -13,6 +13,7 @@ from emvs.errors import InputError
 from emvs.utils.files import atomic_path
 from eval.figures.colormaps import line_style
 from eval.report.html import (
+    REPORT_NAME,
     Grid,
     GridCell,
     Head,
@@ -25,8 +26,6 @@ from eval.report.html import (
 from eval.report.ranking import column, definition, shown
 from eval.scoring.results import Value, read_json
 from eval.studies.curves import BREAKS_AT
-
-HTML_NAME = "report.html"
 
 
 class StudyCurve(BaseModel):
@@ -99,9 +98,9 @@ def write_study_report(folder: Path) -> Path:
         raise InputError(f"{folder}: no study; `eventsweep study NAME --out {folder}` writes one")
     studies = [read_study(path) for path in paths]
     figures = [_figure(path.with_suffix(".svg")) for path in paths]
-    with atomic_path(folder / HTML_NAME) as path:
+    with atomic_path(folder / REPORT_NAME) as path:
         path.write_text(page_text(study_page(studies, figures)), encoding="utf-8")
-    return folder / HTML_NAME
+    return folder / REPORT_NAME
 
 
 def study_page(studies: list[StoredStudy], figures: list[str]) -> Page:

@@ -67,9 +67,9 @@ def _run(asked: argparse.Namespace) -> SuiteResult:
     suite, subset = load(SUITE)
     seeds = job_flags.seed_numbers(asked.seeds, "--seeds")
     progress = Console(quiet=False, as_json=False).progress
-    folder = output.prepared(asked.out, force=True) if asked.out is not None else None
+    folder = output.prepare_folder(asked.out, force=True) if asked.out is not None else None
     flags = job_flags.JobFlags(workers=asked.workers)
-    result = job_flags.run(
+    result = job_flags.run_with_flags(
         suite, subset, flags, progress, seeds=seeds, cases=tuple(asked.case), speed=False
     )
     if folder is not None:

@@ -18,7 +18,9 @@ from sim.scene import Scene
 from sim.simulate import simulate
 
 
-def parameters(scene: str, rig: str | None, seed: int, sim: Mapping[str, Any]) -> dict[str, Any]:
+def sequence_parameters(
+    scene: str, rig: str | None, seed: int, sim: Mapping[str, Any]
+) -> dict[str, Any]:
     """What decides a sequence beside code; `sim` holds the settings that are not the defaults."""
     return {
         "scene": scene,
