@@ -20,13 +20,10 @@ from structure import is_tool, small_with_one_importer
 
 MOST_MODULES = 15  # in one folder, beside its `__init__`
 MOST_FLOORS = 10  # of subpackages of `emvs`, one upon the other
-LONGEST_CHAIN = 15  # of modules in `emvs`
+LONGEST_CHAIN = 11  # of modules in `emvs`
 
 # Folders that are tables: a file for every scene and its parts, a file for every verb.
 TABLES = ("scenes", "eval.cli")
-
-# Folders that hold more, and how many.
-FULLER = {"eval.scoring": 16}
 
 # Small modules with one importer that are an idea of their own, and which.
 SMALL = {
@@ -38,8 +35,8 @@ SMALL = {
 # Modules that hold a compiled loop among their functions, and why.
 WITH_LOOPS = {"emvs.dsi.cuda.arrays": "how bytes are copied to the GPU, and memory there is filled"}
 
-# What compiled loops may import besides other kernels: how they are started.
-KERNELS_IMPORT = {"emvs.utils.runtime", "emvs.dsi.cuda.device"}
+# What compiled loops may import besides other kernels: how they are started, codes that they write.
+KERNELS_IMPORT = {"emvs.utils.runtime", "emvs.dsi.cuda.device", "sim.sensor.labels"}
 
 
 def is_in_table(name):
@@ -78,7 +75,7 @@ def test_the_subpackages_are_layered(graph):
 def test_a_folder_shows_its_parts_at_a_glance(modules):
     folders = by_folder(modules.values())
     sizes = {name: len(inside) - 1 for name, inside in folders.items() if not is_in_table(name)}
-    assert {name: size for name, size in sizes.items() if size > MOST_MODULES} == FULLER
+    assert {name: size for name, size in sizes.items() if size > MOST_MODULES} == {}
 
 
 def test_the_mapper_is_not_a_tower(graph):
