@@ -99,7 +99,7 @@ BASELINES: tuple[BaselineEstimator, ...] = (
     BaselineEstimator(
         "SGM/ts",
         "semi-global matching of the two time surfaces at the reference time",
-        found_in("emvs.baselines.sgm"),
+        found_in("emvs.baselines.sgm", "estimate_time_surfaces"),
         confidence="time surface, 0..1",
     ),
     BaselineEstimator(
@@ -129,7 +129,7 @@ BASELINES: tuple[BaselineEstimator, ...] = (
     BaselineEstimator(
         "Frames/sgm",
         "semi-global matching of an ordinary stereo camera's pictures",
-        found_in("emvs.baselines.sgm"),
+        found_in("emvs.baselines.sgm", "estimate_frames"),
         needs="frames of an ordinary camera",
         confidence="contrast, grey levels",
     ),

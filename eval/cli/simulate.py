@@ -33,7 +33,7 @@ def simulate(
         out: Sequence folder to write.
         rig: Rig to use instead of the scene's own.
         seconds: Length of the sequence; as --sim.duration-s.
-        trajectory: Poses in TUM format to move the head by; as --sim.motion.replay.trajectory.
+        trajectory: Poses in TUM format to move the head by; as --sim.replay.trajectory.
         seed: Seed of the head motion and the sensor's noise.
         workers: Rendering processes.
         fresh: Discard the unfinished work of an interrupted run instead of taking it up.

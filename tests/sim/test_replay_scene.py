@@ -269,13 +269,13 @@ def test_the_command_line_replays(folder, tum):
     from eval.cli.main import main
 
     out = folder / "cli"
-    flags = ["--trajectory", str(tum), "--sim.motion.replay.start-s", "1", "--seconds", "0.02"]
+    flags = ["--trajectory", str(tum), "--sim.replay.start-s", "1", "--seconds", "0.02"]
     assert main(["simulate", "planes", "--out", str(out), *flags, "--quiet"]) == 0
     sequence = Sequence.open(out)
     step = se3.inverse(sequence.trajectory.at(0)) @ sequence.trajectory.at(20_000)
     recorded = recorded_poses(tum, 1.0, np.array([0, 0.02]))
     np.testing.assert_allclose(step, se3.inverse(recorded[0]) @ recorded[1], atol=5e-4)
-    bad = [*flags, "--sim.motion.replay.max-gap-s", "0.002", "--force"]
+    bad = [*flags, "--sim.replay.max-gap-s", "0.002", "--force"]
     assert main(["simulate", "planes", "--out", str(out), *bad, "--quiet"]) == 2
 
 
