@@ -52,7 +52,7 @@ def test_every_way_to_import_is_seen(tmp_path):
     graph = import_graph(checkout(tmp_path, files))
     assert graph["emvs.dsi.sweep"] == {"emvs.errors", "emvs.dsi"}
     assert graph["emvs.mapper"] == {
-        "emvs.errors", "emvs.config", "emvs.reference_view", "emvs.dsi", "emvs.dsi.sweep"
+        "emvs.errors", "emvs.config", "emvs.view", "emvs.dsi", "emvs.dsi.sweep"
     }  # fmt: skip
     assert subpackage_graph(graph)["emvs.dsi"] == {"emvs.errors"}
 

@@ -214,9 +214,7 @@ def test_each_stage_reaches_its_own_code_and_no_more():
     assert {"eval.scoring.score", "eval.scoring.metrics", "eval.scoring.curves"} <= scoring
     assert not any(name.startswith(("emvs.mapper", "eval.scoring.score")) for name in simulate)
     assert not any(name.startswith(("sim", "scenes", "eval.scoring.score")) for name in mapping)
-    assert not any(
-        name.startswith(("scenes", "emvs.mapper", "eval.report.run_page")) for name in scoring
-    )
+    assert not any(name.startswith(("scenes", "emvs.mapper", "eval.report")) for name in scoring)
     assert not {"sim.simulate", "sim.sensor.esim", "sim.motion.curves"} & scoring
 
 
