@@ -10,6 +10,19 @@ from collections.abc import Mapping
 from typing import TypeVar
 
 Value = TypeVar("Value")
+# What `numpy.load` raises for files that are damaged or declare the impossible
+DAMAGED_NPY: tuple[type[Exception], ...] = (
+    OSError,
+    ValueError,
+    EOFError,
+    SyntaxError,
+    MemoryError,
+    NotImplementedError,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zipfile.LargeZipFile,
+    zlib.error,
+)
 
 
 class InputError(ValueError):
@@ -31,23 +44,6 @@ class ByName(dict[str, Value]):
         close = difflib.get_close_matches(str(name), self, n=1)
         known = f"did you mean {close[0]}?" if close else f"there are {', '.join(self)}"
         raise InputError(f"no {self.what} {name!r}: {known}")
-
-
-DAMAGED_NPY: tuple[type[Exception], ...] = (
-    OSError,
-    ValueError,
-    EOFError,
-    SyntaxError,
-    MemoryError,
-    NotImplementedError,
-    tokenize.TokenError,
-    zipfile.BadZipFile,
-    zipfile.LargeZipFile,
-    zlib.error,
-)
-
-
-"""What `numpy.load` raises for files that are damaged or declare the impossible."""
 
 
 def said(error: BaseException, most: int = 200) -> str:

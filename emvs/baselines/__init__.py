@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Protocol
 
-from emvs.dsi.method import OWN_UNIT, MethodName, file_name
+from emvs.dsi.method import OWN_UNIT, NamedMethod
 
 if TYPE_CHECKING:
     from emvs.config import MapperConfig
@@ -49,7 +49,7 @@ class DepthEstimator(Protocol):
 
 
 @dataclass(frozen=True)
-class BaselineEstimator:
+class BaselineEstimator(NamedMethod):
     """A `DepthEstimator` made of a function.
 
     Attributes:
@@ -65,16 +65,6 @@ class BaselineEstimator:
     estimate: Estimate
     needs: str = ""
     confidence: str = OWN_UNIT
-
-    @property
-    def family(self) -> str:
-        """The first part of its name."""
-        return MethodName.of(self.name).family
-
-    @property
-    def file_name(self) -> str:
-        """The name as files carry it."""
-        return file_name(self.name)
 
 
 def imported_when_called(module: str, function: str) -> Estimate:

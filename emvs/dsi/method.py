@@ -59,6 +59,26 @@ class MethodName(NamedTuple):
         return int(found[1]) if found else None
 
 
+class NamedMethod:
+    """What follows from the name of any method.
+
+    Attributes:
+        name: of the form Family/variant.
+    """
+
+    name: str
+
+    @property
+    def family(self) -> str:
+        """The first part of its name."""
+        return MethodName.of(self.name).family
+
+    @property
+    def file_name(self) -> str:
+        """The name as files carry it."""
+        return file_name(self.name)
+
+
 @dataclass(frozen=True)
 class Split:
     """How a window's events are divided into sub-intervals, each camera's on its own.
@@ -94,7 +114,7 @@ WHOLE = Split()
 
 
 @dataclass(frozen=True)
-class Method:
+class Method(NamedMethod):
     """One way from votes to one volume; methods of one split share one sweep.
 
     Attributes:
@@ -147,16 +167,6 @@ class Method:
     def compares_cameras(self) -> bool:
         """Whether it asks where each camera's own rays are in focus, and so whether they agree."""
         return self.focus and self.camera() is None
-
-    @property
-    def family(self) -> str:
-        """The first part of its name."""
-        return MethodName.of(self.name).family
-
-    @property
-    def file_name(self) -> str:
-        """The name as files carry it."""
-        return file_name(self.name)
 
     def groups(self, n_cameras: int) -> NDArray[np.int64]:
         """Which volumes are fused first: (groups, members) of `camera * intervals + interval`."""

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
-from emvs.depth.depth_map import confidence_mask, without_border
+from emvs.depth.depth_map import confidence_mask, masked_median, without_border
 from emvs.depth.focus import FocusConfig, FocusEstimate, at_least, judge, most_reliable, on_surface
-from emvs.depth.median import masked_median
 from emvs.dsi import focus_measures
 from emvs.dsi.fusion import FUSIONS
 from emvs.dsi.maxima import FocusPeak, Maximum

@@ -11,8 +11,7 @@ import pytest
 
 from emvs.config import MapperConfig
 from emvs.data.events import Events
-from emvs.depth.depth_map import confidence_mask, eight_bits
-from emvs.depth.median import masked_median
+from emvs.depth.depth_map import confidence_mask, eight_bits, masked_median
 from emvs.dsi.maxima import RunningMaxima
 from emvs.dsi.rays import event_rays
 from emvs.dsi.voting import VoteCounts, dsi
