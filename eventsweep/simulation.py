@@ -7,11 +7,11 @@ from pathlib import Path
 import scenes
 from emvs.data.sequence import Sequence
 from emvs.geometry.rig import Rig
-from sim import simulate as generate
 from sim.config import SimConfig
 from sim.rigs import rig as named_rig
 from sim.scene import Scene
 from sim.simulate import Progress
+from sim.simulate import simulate as simulate_to_disk
 
 
 def _silent(_done_us: int, _total_us: int, _events: int) -> None:
@@ -52,7 +52,5 @@ def simulate(
     scene = scenes.load(scene) if isinstance(scene, str) else scene
     rig = named_rig(rig or scene.rig) if rig is None or isinstance(rig, str) else rig
     config, out = SimConfig.or_default(config), Path(out)
-    generate.simulate(
-        scene, rig, config, seed, out, force=force, workers=workers, progress=progress
-    )
+    simulate_to_disk(scene, rig, config, seed, out, force=force, workers=workers, progress=progress)
     return Sequence.open(out)

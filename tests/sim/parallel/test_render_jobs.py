@@ -19,19 +19,18 @@ from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from noise_scene import CONFIG, Killed, contents, motion, scene_in, stop_at, textures
 from places import HELPERS
-from sim import simulate as preflight
 from sim.config import SimConfig
 from sim.parallel.checkpoint import checkpoint_path
 from sim.parallel.render_job import CHUNK_US, chunk_bounds_us
 from sim.parallel.workers import slot_count
 from sim.sensor.labels import Label
 from sim.sensor_presets import SensorConfig
-from sim.simulate import make_job, simulate
+from sim.simulate import check_disk, make_job, simulate
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("chunks")
+    return tmp_path_factory.mktemp("render_jobs")
 
 
 @pytest.fixture(scope="module")
@@ -268,7 +267,7 @@ def test_too_little_disk_or_memory_is_refused_with_numbers(folder, scene, monkey
     # As many truth times as a sequence of 10 days has.
     long = replace(job, truth_us=range(10**8))
     with pytest.raises(InputError, match=r"takes about [\d.]+ GB, but [\d.]+ GB are free"):
-        preflight.check_disk(long, folder / "not" / "there")
-    monkeypatch.setattr(preflight, "available_memory", lambda: 10**8)
+        check_disk(long, folder / "not" / "there")
+    monkeypatch.setattr("sim.simulate.available_memory", lambda: 10**8)
     with pytest.raises(InputError, match=r"takes about [\d.]+ GB of memory, but 0.1 GB"):
         simulate(scene, made.tiny_rig(), CONFIG, 0, folder / "big")

@@ -48,7 +48,7 @@ def whole(folder, scene):
 
 
 def test_a_stored_picture_is_the_light_of_the_frames_that_made_the_events(scene, whole):
-    """Bit by bit; and what `photograph` takes, whose frames lie elsewhere, to a grey level."""
+    """Bit by bit; and what `capture` takes, whose frames lie elsewhere, to a grey level."""
     sequence, job = Sequence.open(whole), make_job(scene, made.tiny_rig(), CONFIG, 0)
     assert sequence.photo_times_us(1).tolist() == [10_000, 20_000, 30_000, 40_000]
     with job.renderer() as renderer:
@@ -114,7 +114,7 @@ def test_exposures_are_whole_apart_and_centred_on_the_interval(rate_hz, exposure
 
 @given(st.lists(st.integers(1, 4_000), min_size=1, max_size=40), st.integers(1, 10_000))
 def test_streamed_pictures_are_those_of_the_whole_light(steps_us, cut):
-    """Whatever the frames' times are, and wherever the photographer is taken out and put back."""
+    """Whatever the frames' times are, and wherever the camera is taken out and put back."""
     frames = FramesConfig(rate_hz=400, exposure_us=2_500)  # one ends where the next begins
     times_us = [0, *np.cumsum(steps_us).tolist()]
     rng = np.random.default_rng(cut)
