@@ -136,6 +136,7 @@ main() {
     [ "${1:-}" != --keep ] || { keep=1; shift; }
     [ $# -gt 0 ] || set -- demo test
     root=$(mktemp -d "${FRESH_MACHINE_DIR:-/var/tmp}/fresh-machine.XXXXXX")
+    chmod 755 "$root" # apt reads as a user of its own
     trap clean_up EXIT
     trap 'exit 130' INT TERM
     bootstrap
