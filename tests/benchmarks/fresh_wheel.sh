@@ -11,10 +11,15 @@ aside=/root/aside
 
 say() { printf 'wheel: %s\n' "$*" >&2; }
 
+install() {
+    { apt-get update -qq &&
+        DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$@"; } \
+        >"$home/apt.log" 2>&1 || { cat "$home/apt.log"; return 1; }
+}
+
 # Builds the wheel, and takes the first examples of the documentation out of it.
 prepare() {
-    apt-get update -qq
-    DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends python3-venv >/dev/null
+    install python3-venv
     python3 -m venv /root/build
     /root/build/bin/pip install --quiet mypy
     /root/build/bin/pip wheel --quiet --no-deps --wheel-dir "$home" .
@@ -40,8 +45,7 @@ with_libraries() {
         [ -n "$packages" ] || { cat "$home/errors"; return 1; }
         say "$1 said, in $(wc -l <"$home/errors") line(s): $(tail -n 1 "$home/errors")"
         # shellcheck disable=SC2086 # a list of packages
-        DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
-            ${packages#apt-get install } >/dev/null
+        install ${packages#apt-get install }
     done
     say "works: $*"
 }
