@@ -23,7 +23,7 @@ from emvs import baselines
 from emvs.baselines import BaselineEstimator, DepthEstimator
 from emvs.dsi import fusion_kernels
 from emvs.dsi.method import CODES, MEANS, Method, MethodName, Split, single_camera, single_cameras
-from emvs.errors import InputError
+from emvs.errors import InputError, check_type, check_whole
 
 # What a name stands for: one way to a volume, or what makes its depth map without any
 AnyMethod = Method | DepthEstimator
@@ -126,7 +126,12 @@ def named(name: str) -> AnyMethod | None:
 
 
 def overview(n_cameras: int = 2) -> dict[str, str]:
-    """Every method's name or grammar, and one line on it, for people to choose from."""
+    """Every method's name or grammar, and one line on it, for people to choose from.
+
+    Raises:
+        InputError: a number of cameras that is not whole.
+    """
+    check_whole("n_cameras", n_cameras)
     load()
     known = {method.name: method.summary for method in known_methods(n_cameras)}
     families = {
@@ -146,6 +151,8 @@ def register(method: AnyMethod) -> None:
     Raises:
         InputError: a name that is taken, reserved, or no name of the form Family/variant.
     """
+    made = "what Method.from_function or BaselineEstimator made"
+    check_type("method", method, (Method, DepthEstimator), made)
     family = MethodName.of(method.name).family
     if not _NAME.fullmatch(method.name) or family in {"Alg1", "EMVS", *FAMILIES}:
         raise InputError(

@@ -89,7 +89,6 @@ _PLACES = {
     "SimConfig": "sim.config:SimConfig",
     "Trajectory": "emvs.geometry.trajectory:Trajectory",
     "WindowResult": "emvs.window_result:WindowResult",
-    "__version__": "eventsweep.version:VERSION",
     "load_scene": "scenes:load",
     "map_window": "eventsweep.mapping:map_window",
     "map_windows": "eventsweep.mapping:map_windows",
@@ -111,6 +110,10 @@ if not TYPE_CHECKING:  # with it, a type checker would take any name for granted
             AttributeError: there is no such name.
             ImportError: a folder of the user's hides a package of ours.
         """
+        if name == "__version__":
+            from importlib.metadata import version
+
+            return version(__name__)
         if name not in _PLACES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         from importlib import import_module

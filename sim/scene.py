@@ -67,6 +67,13 @@ class Scene:
     animate: Animation | None = None
     frames_rate_hz: float = 0.0
 
+    def __repr__(self) -> str:
+        near_m, far_m = self.depth_range_m
+        return (
+            f"Scene({self.name!r}, {self.duration_s:g} s, {near_m:g} to {far_m:g} m, rig "
+            f"{self.rig}: {self.summary})"
+        )
+
     def configured(self, config: SimConfig) -> SimConfig:
         """Returns `config` with the scene's own defaults for what its user did not set."""
         own: dict[str, object] = {}

@@ -27,7 +27,6 @@ TABLES = ("scenes", "eval.cli")
 
 # Small modules with one importer that are an idea of their own, and which.
 SMALL = {
-    "emvs.depth.median": "the median filter, called beside its compiled loop",
     "eval.suite.stages.map": "a stage of a suite: its version is the hash of its own code",
     "eventsweep.simulation": "a stage for users of the library, as its neighbours are",
 }

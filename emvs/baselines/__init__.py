@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from emvs.dsi.method import OWN_UNIT, NamedMethod
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     Estimate = Callable[[Recording, Window, ReferenceView, MapperConfig], DepthMap]
 
 
+@runtime_checkable
 class DepthEstimator(Protocol):
     """What makes a depth map of a window by itself, without rays and planes.
 

@@ -17,7 +17,7 @@ from emvs.data.image_stores import FRAMES_FILE, FrameReader, Photo, TruthReader
 from emvs.data.poses import read_tum
 from emvs.data.recording import summary
 from emvs.data.tables import IMU_FILE, Geom, ImuSamples, read_geoms, read_imu
-from emvs.errors import InputError
+from emvs.errors import InputError, check_path
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 
@@ -35,6 +35,7 @@ class Sequence:
     """
 
     def __init__(self, path: str | Path) -> None:
+        check_path("path", path)
         self.path = Path(path)
         self.manifest = manifest.read(self.path)
         self.rig = _read_rig(self.path / "rig.json")

@@ -248,7 +248,7 @@ def load_open3d() -> Any:
         import open3d
     except (ImportError, OSError) as error:
         raise InputError(
-            f"open3d cannot be loaded ({error}): install its system libraries "
-            "(Debian: libgl1 libegl1 libx11-6 libusb-1.0-0 libgomp1)"
+            f"open3d cannot be loaded ({error}): install its system libraries, on Debian: "
+            "apt-get install libegl1 libgl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0 libgomp1"
         ) from error
     return open3d

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.dsi import fusion_kernels
+from emvs.errors import check_type
 
 Volume = NDArray[np.float32]
 # A fusion of one's own: votes (C, intervals, N, H, W) to (N, H, W)
@@ -155,8 +156,16 @@ class Method(NamedMethod):
                 planes at a time, so it must not look across planes.
             summary: what it does, in a few words.
             split: the sub-intervals that it wants votes of.
+
+        Raises:
+            InputError: a name that is no text, or a function that cannot be called.
         """
+        check_type("name", name, str, "a name of the form Family/variant")
+        check_type("function", function, Callable, "a function of votes")  # type: ignore[arg-type]
         return cls(name, fusion_kernels.MAX, summary, split, function=function, confidence=OWN_UNIT)
+
+    def __repr__(self) -> str:
+        return f"Method({self.name!r}: {self.summary})"
 
     def camera(self) -> int | None:
         """The one camera whose votes it takes; None where it fuses all of them."""
