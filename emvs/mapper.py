@@ -24,7 +24,7 @@ from emvs.dsi.voting import VoteCounts
 from emvs.errors import InputError
 from emvs.methods import methods_by_name, with_volume
 from emvs.reference_view import ReferenceView, reference_view
-from emvs.utils.runtime import Progress, Stopwatch, silent
+from emvs.utils.runtime import Progress, Stopwatch, check_openmp, silent
 from emvs.window_result import CameraCounts, WindowResult
 from emvs.windows import Window, choose_window
 
@@ -152,6 +152,7 @@ def _with_empty(
 
 def check_request(config: MapperConfig, view: ReferenceView, dsi_dir: Path | None) -> None:
     """Refuses before any work what would fail after it."""
+    check_openmp()
     rows = view.camera.height_px
     if config.slice_row is not None and config.slice_row >= rows:
         raise InputError(f"slice_row is {config.slice_row}: the image has rows 0..{rows - 1}")

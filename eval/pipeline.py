@@ -15,6 +15,7 @@ from emvs.errors import InputError
 from emvs.maps.folder import RecordingInfo, StoredMap, StoredWindow
 from emvs.maps.sliding import map_windows
 from emvs.utils.files import atomic_dir
+from emvs.utils.runtime import check_openmp
 from eval.config import EvalConfig, Settings
 from eval.progress import MapBars, Progress, Silent
 from eval.scoring import run_folder
@@ -183,8 +184,9 @@ def check_case(scene: str, rig: str | None, config: MapperConfig) -> None:
     """Refuses, before a scene is simulated, what could not be mapped after.
 
     Raises:
-        InputError: an unknown scene, rig or method, or a GPU that is not there.
+        InputError: an unknown scene, rig or method, a GPU that is not there, or no OpenMP.
     """
+    check_openmp()
     chosen = named_rig(rig or scenes.load(scene).rig)
     methods.methods_by_name(config.methods, len(chosen), mcemvs=config.is_mcemvs)
     check_device(config.device)
