@@ -17,8 +17,7 @@ from eval.cli.exit_codes import with_flags
 from eval.progress import Bars, Progress, Silent
 from eval.report import ranking
 from eval.report import ranking as findings
-from eval.scoring.results import Results, Row, to_json
-from eval.scoring.score import POOLED
+from eval.scoring.results import POOLED, Results, Row, to_json
 
 if TYPE_CHECKING:
     from emvs.maps.merge import FusedInfo

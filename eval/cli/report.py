@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -10,6 +11,7 @@ from cyclopts import Parameter
 
 from emvs.errors import InputError
 from eval.cli.app import COMMON, Common, app
+from eval.progress import Progress
 
 _Switch = Parameter(negative=())
 
@@ -30,6 +32,19 @@ class ReportFlags:
 
 
 _PAGE_ONLY = ReportFlags()
+
+
+def report_stage(progress: Progress) -> Callable[[Path], None]:
+    """What writes the report of a folder, shown as a stage of its own."""
+
+    def write(folder: Path) -> None:
+        # Its figures need matplotlib: 0.3 s before the first event, were it imported at the top.
+        from eval.report.run_page import write_report
+
+        with progress.stage("report", 1):
+            write_report(folder)
+
+    return write
 
 
 @app.command

@@ -53,6 +53,7 @@ def run(
         method: Method to map with, repeatable; as --map.methods.
         device: Where the mapper's sweep runs; as --map.device.
     """
+    from eval.cli.report import report_stage
     from eval.pipeline import run_cases
 
     wanted = config.load(
@@ -70,6 +71,7 @@ def run(
         seed,
         force=common.force,
         workers=workers,
+        finish=report_stage(console.progress),
         progress=console.progress,
     )
     console.results(results, wanted.score.ranking_metric)

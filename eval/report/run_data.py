@@ -26,9 +26,9 @@ from eval.scoring.results import JSON_NAME, Results, Row, read_results
 from eval.scoring.run_folder import (
     CONFIG_FILE,
     Scored,
+    existing_recording,
     find_maps,
     has_truth,
-    recording_of,
     truth_of,
 )
 
@@ -69,14 +69,8 @@ def _configuration_text(run_dir: Path, results: Results) -> str:
     return json.dumps(results.configuration, indent=2, ensure_ascii=False)
 
 
-def _recording(stored: StoredMap) -> Recording | None:
-    """The recording, or None where it is no longer there: its maps can still be shown."""
-    path = stored.path / stored.info.recording.path
-    return recording_of(stored) if path.exists() else None
-
-
 def _case(name: str, stored: StoredMap, config: EvalConfig) -> CaseView:
-    recording = _recording(stored)
+    recording = existing_recording(stored)
     windows = tuple(_window(w, stored, recording, config) for w in _shown(stored.windows))
     known = recording is not None and recording.name in scenes.names()
     return CaseView(

@@ -43,8 +43,7 @@ from eval.report.ranking import (
 )
 from eval.report.run_data import CaseView, MethodView, ReportData, WindowView, load_run
 from eval.scoring.curves import THRESHOLDS_CM, ThresholdCurve
-from eval.scoring.results import Row
-from eval.scoring.score import POOLED
+from eval.scoring.results import POOLED, Row
 
 _CAPTION = ("points", "completeness", "mean_error", "median_error", "bad_published")
 HTML_NAME = "report.html"

@@ -18,8 +18,7 @@ from eval.figures.plots import STYLE, causes_figure, curves_figure, outlier_caus
 from eval.report.ranking import RankingTable, column, mean_over_cases, table
 from eval.report.run_data import CaseView, ReportData, load_run
 from eval.report.run_page import curves_of, with_given
-from eval.scoring.results import is_undefined
-from eval.scoring.score import POOLED
+from eval.scoring.results import POOLED, is_undefined
 
 FORMATS = ("csv", "tex", "md")
 _TEX = {

@@ -16,7 +16,7 @@ import numpy as np
 
 from emvs.errors import InputError
 from eval.scoring.curves import COVERAGES_PERCENT
-from eval.scoring.external_sort import MOST, Floats, Ordered
+from eval.scoring.external_sort import MOST_AT_ONCE, Floats, SortedRuns
 from eval.scoring.method_scores import (
     ALL,
     ALL_METRICS,
@@ -50,8 +50,8 @@ class Pool:
         self.baseline_focal_px_m = _NAN
         self._sums = dict.fromkeys(metrics, 0.0)
         self._log_ratio: list[tuple[int, float]] = []
-        self._errors = Ordered(folder / f"{name}-errors")
-        cells, sure = Ordered(folder / f"{name}-cells"), Ordered(folder / f"{name}-sure")
+        self._errors = SortedRuns(folder / f"{name}-errors")
+        cells, sure = SortedRuns(folder / f"{name}-cells"), SortedRuns(folder / f"{name}-sure")
         self._cells = cells if "median_cells" in metrics else None
         self._sure = sure if "aurc" in metrics else None
         self._windows = 0
@@ -77,7 +77,7 @@ class Pool:
             self._log_ratio.append((pairs.count, float(np.mean(pairs.log_ratio))))
         self._keep(pairs)
 
-    def values(self, most: int = MOST) -> dict[str, float]:
+    def values(self, most: int = MOST_AT_ONCE) -> dict[str, float]:
         """Every metric of all windows' pixels together; NaN where it is undefined."""
         found = {name: self._value(metric) for name, metric in self._metrics.items()}
         found["median_error"] = self._errors.median(most)
@@ -140,7 +140,7 @@ class Pool:
         if self._sure is None or not self.points:
             return found
         area = least = before = error_sum = best_sum = 0.0
-        best = _Best(self._errors, most)
+        best = _SmallestErrors(self._errors, most)
         for keys, error_m in self._sure.chunks(most):
             last = np.append(keys[1:] != keys[:-1], True)
             points = before + np.flatnonzero(last) + 1
@@ -158,10 +158,10 @@ class Pool:
         return found
 
 
-class _Best:
+class _SmallestErrors:
     """Errors in order, in pieces of any length."""
 
-    def __init__(self, errors: Ordered, most: int) -> None:
+    def __init__(self, errors: SortedRuns, most: int) -> None:
         self._chunks, self._rest = errors.chunks(most), np.empty(0)
 
     def take(self, count: int) -> Floats:
@@ -180,7 +180,7 @@ def _running(before: float, numbers: Floats) -> Floats:
     return found
 
 
-def _added(store: Ordered | None, numbers: Floats | None) -> Ordered | None:
+def _added(store: SortedRuns | None, numbers: Floats | None) -> SortedRuns | None:
     if store is None or numbers is None:
         return None
     store.add(numbers)
@@ -199,7 +199,7 @@ def _weight(metric: Metric, pairs: Pairs) -> int:
 class CasePool:
     """Pools every method's windows; a context, which holds a temporary folder."""
 
-    def __init__(self, most: int = MOST) -> None:
+    def __init__(self, most: int = MOST_AT_ONCE) -> None:
         """Prepares to hold at most so many numbers of a kind at once."""
         self._folder = tempfile.TemporaryDirectory(prefix="eventsweep-scores-")
         self._most = most

@@ -15,13 +15,8 @@ from emvs.depth.depth_map import DepthMap
 from emvs.maps.folder import StoredWindow
 from emvs.windows import Window
 from eval.config import EvalConfig
-from eval.scoring.bootstrap import intervals
-from eval.scoring.method_scores import (
-    Score,
-    score_method,
-    score_pairs,
-)
-from eval.scoring.outlier_causes import Evidence, count_events
+from eval.scoring.method_scores import Score, score_method, score_pairs
+from eval.scoring.outlier_causes import OutlierClassifier, count_events
 from eval.scoring.pairing import (
     DepthImage,
     Estimate,
@@ -34,13 +29,12 @@ from eval.scoring.pairing import (
 )
 from eval.scoring.pooling import CasePool
 from eval.scoring.regions import region_masks
-from eval.scoring.results import Row
+from eval.scoring.results import MEAN, POOLED, Row
 from eval.scoring.run_folder import Scored, truth_of
+from eval.scoring.significance import intervals
 
-POOLED = "all"
-MEAN = "mean"
 Windows = Mapping[str, Mapping[str, MethodPairs]] | Iterable[tuple[str, Mapping[str, MethodPairs]]]
-NOTHING_GIVEN: Mapping[str, Estimate] = MappingProxyType({})
+NO_PREDICTIONS: Mapping[str, Estimate] = MappingProxyType({})
 
 
 def score_depth(
@@ -146,7 +140,7 @@ def score_windows(
     sequence: Scored,
     windows: Iterable[StoredWindow],
     config: EvalConfig,
-    given: Iterable[Mapping[str, Estimate]] | None = None,
+    predictions: Iterable[Mapping[str, Estimate]] | None = None,
 ) -> list[Row]:
     """Scores windows of one case: each, all of them pooled, and their mean.
 
@@ -157,24 +151,24 @@ def score_windows(
         sequence: the recording, with ground truth.
         windows: its maps.
         config: masks and limits.
-        given: for each window, by name, depth maps of others; None for none.
+        predictions: for each window, by name, depth maps of other methods; None for none.
 
     Raises:
         InputError: what `window_pairs` and `case_rows` refuse.
     """
-    others = repeat(NOTHING_GIVEN) if given is None else given
-    found = (
-        (window.info.name, window_pairs(sequence, window, config, theirs))
-        for window, theirs in zip(windows, others, strict=False)
+    of_windows = repeat(NO_PREDICTIONS) if predictions is None else predictions
+    pairs = (
+        (window.info.name, window_pairs(sequence, window, config, predicted))
+        for window, predicted in zip(windows, of_windows, strict=False)
     )
-    return case_rows(case, found)
+    return case_rows(case, pairs)
 
 
 def window_pairs(
     sequence: Scored,
     window: StoredWindow,
     config: EvalConfig,
-    predictions: Mapping[str, Estimate] = NOTHING_GIVEN,
+    predictions: Mapping[str, Estimate] = NO_PREDICTIONS,
 ) -> dict[str, MethodPairs]:
     """Pairs all maps of a window with the truth, and says why bad pixels are bad.
 
@@ -200,7 +194,7 @@ def pairs_of_maps(
     window: Window,
     maps: Mapping[str, DepthMap],
     config: EvalConfig,
-    predictions: Mapping[str, Estimate] = NOTHING_GIVEN,
+    predictions: Mapping[str, Estimate] = NO_PREDICTIONS,
 ) -> dict[str, MethodPairs]:
     """The same of depth maps in memory; `window` is the stretch of time that they were made of."""
     t_us = window.t_ref_us
@@ -215,24 +209,26 @@ def pairs_of_maps(
     pairs = pair_methods(estimates, truth)
     if not isinstance(sequence, EventSequence):
         return pairs
-    evidence = _evidence(sequence, window, next(iter(maps.values())), truth, config)
+    classifier = _outlier_classifier(sequence, window, next(iter(maps.values())), truth, config)
     return {
         method: replace(
             compared,
-            causes=evidence.causes(estimates[method].depth_m, bad_pixels(estimates[method], truth)),
+            causes=classifier.count(
+                estimates[method].depth_m, bad_pixels(estimates[method], truth)
+            ),
         )
         for method, compared in pairs.items()
     }
 
 
-def _evidence(
+def _outlier_classifier(
     sequence: EventSequence, window: Window, depth_map: DepthMap, truth: Truth, config: EvalConfig
-) -> Evidence:
+) -> OutlierClassifier:
     counts = (
         count_events(sequence, camera, window.t0_us, window.t1_us)
         for camera in range(len(sequence.rig))
     )
-    return Evidence(
+    return OutlierClassifier(
         sequence=sequence,
         t_us=window.t_ref_us,
         counts=tuple(counts),

@@ -24,6 +24,7 @@ from eval.jobs.job import Done, Failed, Job, Outcome
 from eval.jobs.scheduler import Open, run_jobs
 from eval.pipeline import check_case
 from eval.progress import Progress
+from eval.scoring.results import POOLED
 from eval.studies.curves import (
     BREAKS_AT,
     METRICS,
@@ -37,8 +38,6 @@ from eval.studies.definitions import MARGIN_S, SECONDS, Change, Study
 from eval.suite.results import sample_from
 from eval.suite.stages.simulate import parameters as sequence_parameters
 from eval.suite.stages.simulate import scene_digest
-
-_POOLED = "all"
 
 
 @dataclass(frozen=True)
@@ -137,7 +136,7 @@ def _values(
         if not isinstance(outcome, Done) or outcome.text is None:
             continue
         for row in sample_from(outcome.text).rows:
-            if row.window == _POOLED and row.metric in METRICS and row.method != "events":
+            if row.window == POOLED and row.metric in METRICS and row.method != "events":
                 yield StudyValue(case, seed, amount, row.method, row.metric, row.value, row.unit)
 
 

@@ -43,8 +43,9 @@ PLACES = {
     "Trajectory": ("emvs.geometry.trajectory", "emvs.geometry.trajectory"),
     "Events": ("emvs.data.events",),
     "Scene": ("sim.scene",),
-    "run_cases": ("eval.pipeline", "eval.pipeline"),
-    "Settings": ("eval.config", "eval.config"),
+    "run_cases": ("eval.pipeline",),
+    "write_report": ("eval.report.run_page",),
+    "Settings": ("eval.config",),
 }
 METHODS = ("Alg1/H", "EMVS/cam0")
 SIZE_PX = (64, 48)
@@ -208,13 +209,17 @@ def follow_config(root: Path) -> Follower:
 
 def follow_scene(root: Path) -> Follower:
     """A scene through everything that `run` does with it."""
-    run_cases = find("run_cases")
+    run_cases, write_report = find("run_cases"), find("write_report")
     settings = find("Settings").model_validate(
         {"sim": {"duration_s": SCENE_S}, "map": {"methods": METHODS, "planes": 10}}
     )
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "run"
-        return _followed(root, find("Scene"), lambda: run_cases([SCENE], out, settings, None, 0))
+        return _followed(
+            root,
+            find("Scene"),
+            lambda: run_cases([SCENE], out, settings, None, 0, finish=write_report),
+        )
 
 
 def _followed(root: Path, kind: type, journey: Callable[[], Any]) -> Follower:

@@ -9,8 +9,14 @@ from hypothesis import strategies as st
 
 import naive_scoring
 from emvs.errors import InputError
-from eval.scoring.bootstrap import interval, intervals, weights
-from eval.scoring.significance import holm, paired_p, rank_methods
+from eval.scoring.significance import (
+    holm,
+    interval,
+    intervals,
+    paired_p,
+    rank_methods,
+    resampling_weights,
+)
 
 numbers = st.floats(-10, 10)
 whole = st.integers(-50, 50)
@@ -20,7 +26,7 @@ group_lists = st.lists(st.lists(numbers, min_size=1, max_size=5), min_size=1, ma
 @given(group_lists)
 def test_bootstrap_is_the_mean_of_what_was_drawn(groups):
     sizes = [len(group) for group in groups]
-    drawn = weights(sizes, 20, seed=3)
+    drawn = resampling_weights(sizes, 20, seed=3)
     np.testing.assert_allclose(drawn.sum(axis=1), 1)
     expected = naive_scoring.bootstrap_means(groups, 20, 3)
     np.testing.assert_allclose(drawn @ np.concatenate(groups), expected, atol=1e-12)
