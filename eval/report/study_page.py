@@ -157,7 +157,7 @@ def _section(study: StoredStudy, figure: str, position: int) -> Section:
         tables=tuple(_grid(study, metric) for metric in metrics),
         text=f"{study.axis[:1].upper()}{study.axis[1:]}, in {study.unit}. Means over "
         f"{', '.join(study.cases)} and {seeds}: up to {len(study.cases) * len(study.seeds)} "
-        "samples a number; ± is half of the 95 % band.",
+        "samples a number; ± is half of the 95 % band, which one seed does not have.",
         figure=figure,
         failures=tuple(study.failures.items()),
     )
@@ -178,6 +178,6 @@ def _line(curve: StudyCurve) -> tuple[GridCell, ...]:
     cells = [GridCell(curve.method, colour=line_style(curve.method).css)]
     for mean, low, high in zip(curve.mean, curve.low, curve.high, strict=True):
         half = (high - low) / 2
-        band = "" if math.isnan(half) else f" ± {shown(half, curve.unit)}"
+        band = "" if math.isnan(mean) else f" ± {shown(half, curve.unit)}"
         cells.append(GridCell(shown(mean, curve.unit) + band, mean))
     return tuple(cells)

@@ -31,7 +31,6 @@ from eval.scoring.pooling import CasePool
 from eval.scoring.regions import region_masks
 from eval.scoring.results import MEAN, POOLED, Row
 from eval.scoring.run_folder import Scored, truth_of
-from eval.scoring.significance import intervals
 
 Windows = Mapping[str, Mapping[str, MethodPairs]] | Iterable[tuple[str, Mapping[str, MethodPairs]]]
 NO_PREDICTIONS: Mapping[str, Estimate] = MappingProxyType({})
@@ -65,14 +64,13 @@ def score_depth(
     return score_pairs(pair(depth_m, mask, truth))
 
 
-def case_rows(case: str, windows: Windows, *, seed: int = 0) -> list[Row]:
+def case_rows(case: str, windows: Windows) -> list[Row]:
     """The rows of one case: each window, then window `all`, then window `mean`.
 
     Args:
         case: name of the case.
         windows: names of windows and each method's pairs there; one after another, if they come
             from a generator, so that memory holds one window's pixels.
-        seed: of the bootstrap.
 
     Raises:
         InputError: windows of several rigs, or no room on the disk for what is pooled.
@@ -85,7 +83,7 @@ def case_rows(case: str, windows: Windows, *, seed: int = 0) -> list[Row]:
             single.append(list(_rows(case, name, scores)))
         pooled = list(_rows(case, POOLED, pool.scores()))
     rows = [row for found in single for row in found]
-    return [*rows, *pooled, *mean_rows(single, seed=seed)]
+    return [*rows, *pooled, *mean_rows(single)]
 
 
 def _rows(case: str, window: str, methods: Mapping[str, Iterable[Score]]) -> Iterator[Row]:
@@ -97,15 +95,15 @@ def _rows(case: str, window: str, methods: Mapping[str, Iterable[Score]]) -> Ite
             )  # fmt: skip
 
 
-def mean_rows(windows: Sequence[Sequence[Row]], *, seed: int = 0) -> list[Row]:
-    """Averages windows of one case, every window weighing the same, with 95 % intervals.
+def mean_rows(windows: Sequence[Sequence[Row]]) -> list[Row]:
+    """Averages windows of one case, every window weighing the same.
 
     A number that a window lacks or leaves undefined is undefined here: an average over fewer
-    windows would not be comparable between methods.
+    windows would not be comparable between methods. The windows of a case are of one seed, which
+    has no interval: how much they differ does not say how much another seed would.
 
     Args:
         windows: the rows of each window.
-        seed: of the bootstrap over windows.
     """
     tables = [{(row.method, row.metric): row for row in rows} for rows in windows]
     keys = list(dict.fromkeys(key for table in tables for key in table))
@@ -114,25 +112,17 @@ def mean_rows(windows: Sequence[Sequence[Row]], *, seed: int = 0) -> list[Row]:
     if not values.size:
         return []
     means = values.mean(axis=0)
-    lows, highs = intervals(values, [len(values)], seed=seed)
     first = [next(table[key] for table in tables if key in table) for key in keys]
     points = [_total(rows) for rows in zip(*found, strict=True)]
-    numbers = zip(first, means, lows, highs, points, strict=True)
     return [
-        replace(
-            row, window=MEAN, value=float(mean), points=total, low=_known(low), high=_known(high)
-        )
-        for row, mean, low, high, total in numbers
+        replace(row, window=MEAN, value=float(mean), points=total)
+        for row, mean, total in zip(first, means, points, strict=True)
     ]
 
 
 def _total(rows: Sequence[Row | None]) -> int | None:
     counts = [row.points for row in rows if row is not None and row.points is not None]
     return sum(counts) if len(counts) == len(rows) else None
-
-
-def _known(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
 
 
 def score_windows(

@@ -95,7 +95,8 @@ def _table(case: str, series: Iterable[Series], seeds: Sequence[int]) -> Table:
         if one.metric in _SHOWN:
             cells.setdefault(one.method, {})[one.metric] = _mean_and_spread(one)
             units[one.metric] = one.unit
-    title = f"{case}: mean over {len(seeds)} seeds ± standard deviation"
+    many = f"mean over {len(seeds)} seeds ± standard deviation"
+    title = f"{case}: {many if len(seeds) > 1 else 'one seed'}"
     table = Table(title=title, title_justify="left")
     table.add_column("method", no_wrap=True)
     metrics = [metric for metric in _SHOWN if metric in units]
