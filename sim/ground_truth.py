@@ -19,8 +19,8 @@ from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from sim.ground_truth_kernels import fill_event_depth
+from sim.motion import Motion
 from sim.motion.animation import moving_geoms
-from sim.motion.curves import Motion
 
 BOUNDARY_JUMP = 0.02
 """A depth discontinuity: inverse depth misses a plane's continuation by this share of itself."""

@@ -17,8 +17,9 @@ from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.trajectory import Trajectory
 from sim.config import ReplayConfig, SimConfig
+from sim.motion import Motion
 from sim.motion.animation import Animation
-from sim.motion.curves import CurveMotion, Motion, moved
+from sim.motion.curves import CurveMotion, moved
 from sim.motion.replay import Replay
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """Motions: the rig's pose as a smooth function of time.
 
-What a motion is (`Motion`); heads that sway (`HeadSway`); cubic splines through key poses
+Heads that sway (`HeadSway`); cubic splines through key poses
 (`spline`); and quintic splines with exact derivatives (`CurveMotion`), which generated and recorded
 motions are.
 """
@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emvs.errors import InputError
+from sim.motion import Motion
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline, CubicSpline
@@ -26,14 +27,6 @@ Vector3 = tuple[float, float, float]
 Array = NDArray[np.float64]
 # Of the splines of `CurveMotion`: four continuous derivatives.
 _DEGREE = 5
-
-
-class Motion(Protocol):
-    """A smooth curve of the body's pose; the body's axes are camera 0's: right, down, forward."""
-
-    def T_world_body(self, t_s: float) -> NDArray[np.float64]:
-        """Pose (4, 4) at time `t_s`, seconds from the start of the sequence; world z is up."""
-        ...
 
 
 @runtime_checkable

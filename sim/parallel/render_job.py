@@ -19,7 +19,7 @@ from emvs.geometry import se3
 from emvs.geometry.rig import Rig
 from sim import ground_truth
 from sim.config import SimConfig
-from sim.motion.curves import Motion
+from sim.motion import Motion
 from sim.rendering.adaptive_sampling import RigFrame, adaptive_frames
 from sim.rendering.moving_bodies import MovingBodies
 from sim.rendering.renderer import StereoRenderer

@@ -20,7 +20,7 @@ from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from sim.config import SimConfig
-from sim.motion.curves import Motion
+from sim.motion import Motion
 from sim.rendering.lens import bearing_steps
 from sim.rendering.moving_bodies import BodyPixels, MovingBodies
 from sim.rendering.pixel_kernels import squared_displacement, squared_displacement_lens

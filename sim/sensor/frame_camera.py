@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from emvs.data.image_stores import Photo
 from emvs.errors import InputError
 from sim.config import FramesConfig, ShutterConfig, SimConfig
-from sim.motion.curves import Motion
+from sim.motion import Motion
 from sim.rendering.adaptive_sampling import FrameSource, adaptive_frames
 from sim.rendering.moving_bodies import MovingBodies
 

@@ -13,7 +13,8 @@ from emvs.data.tables import ImuSamples
 from emvs.errors import InputError
 from emvs.geometry import se3
 from sim.config import ImuConfig
-from sim.motion.curves import Motion, curve_of
+from sim.motion import Motion
+from sim.motion.curves import curve_of
 
 Array = NDArray[np.float64]
 GRAVITY_M_S2 = (0.0, 0.0, -9.80665)

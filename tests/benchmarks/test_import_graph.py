@@ -42,12 +42,12 @@ def checkout(folder, files):
 
 def test_every_way_to_import_is_seen(tmp_path):
     files = {
-        "__init__.py": "", "errors.py": "", "config.py": "", "reference_view.py": "",
+        "__init__.py": "", "errors.py": "", "config.py": "", "view.py": "",
         "dsi/__init__.py": "NAME = 1",
         "dsi/sweep.py": "from .. import errors\nfrom . import NAME\nfrom numpy import array",
         "mapper.py": "import emvs.errors\nfrom typing import TYPE_CHECKING\n"
         "if TYPE_CHECKING:\n    from emvs.config import X\n"
-        "def f():\n    from emvs import reference_view\n    from emvs.dsi import NAME, sweep",
+        "def f():\n    from emvs import view\n    from emvs.dsi import NAME, sweep",
     }  # fmt: skip
     graph = import_graph(checkout(tmp_path, files))
     assert graph["emvs.dsi.sweep"] == {"emvs.errors", "emvs.dsi"}
