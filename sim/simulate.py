@@ -203,7 +203,7 @@ def _write_truth(checkpoint: CheckpointWriter, frame: RenderedFrame) -> None:
 
 
 def _assemble(
-    job: RenderJob, folder: CheckpointFolder, described: Description, out: Path, *, force: bool
+    job: RenderJob, folder: CheckpointFolder, described: SequenceFacts, out: Path, *, force: bool
 ) -> None:
     """Streams all checkpoints into the sequence."""
     counts = folder.finished[-1].counts if job.labelled else None
@@ -228,7 +228,7 @@ def _tell(job: RenderJob, folder: CheckpointFolder, notice: Notice) -> None:
     )
 
 
-class Description(NamedTuple):
+class SequenceFacts(NamedTuple):
     """What is known of a sequence before its first frame.
 
     Attributes:
@@ -240,7 +240,7 @@ class Description(NamedTuple):
     key: str
 
 
-def describe(job: RenderJob, renderer: StereoRenderer) -> Description:
+def describe(job: RenderJob, renderer: StereoRenderer) -> SequenceFacts:
     """Samples what rides on the motion and describes the rest."""
     duration_s = job.duration_us * 1e-6
     trajectory = sampled(job.motion(), duration_s, job.config.pose_rate_hz)
@@ -257,7 +257,7 @@ def describe(job: RenderJob, renderer: StereoRenderer) -> Description:
         arguments["geoms"] = geom_table(renderer.model)
     if job.config.imu.rate_hz:
         arguments["imu"] = imu_samples(job.motion(), duration_s, job.config.imu, job.seed)
-    return Description(arguments, _key(job, renderer, trajectory))
+    return SequenceFacts(arguments, _key(job, renderer, trajectory))
 
 
 def _key(job: RenderJob, renderer: StereoRenderer, trajectory: Trajectory) -> str:

@@ -27,7 +27,7 @@ TIMES = "timestamps.txt"
 _STEM = re.compile(r"\d+(\.\d+)?")
 
 
-class Description(BaseModel):
+class PredictionFacts(BaseModel):
     """What the numbers in a prediction's files mean: `prediction.toml`, all of it optional."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -48,26 +48,26 @@ class Description(BaseModel):
     )
 
 
-def read_description(path: Path) -> Description:
+def read_description(path: Path) -> PredictionFacts:
     """Reads `prediction.toml`; all defaults where there is none.
 
     Raises:
         InputError: no TOML, an unknown key, or an impossible value.
     """
     if not path.exists():
-        return Description()
+        return PredictionFacts()
     try:
-        return Description.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        return PredictionFacts.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: no TOML ({error}): correct it") from error
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
-        known = ", ".join(Description.model_fields)
+        known = ", ".join(PredictionFacts.model_fields)
         raise InputError(f"{path}: {where}: {first['msg']}; it may hold {known}") from error
 
 
-def timed_files(folder: Path, description: Description) -> dict[int, Path]:
+def timed_files(folder: Path, description: PredictionFacts) -> dict[int, Path]:
     """Finds the depth maps of a folder by their times, µs.
 
     Raises:
@@ -150,7 +150,7 @@ class Prediction:
 
     name: str
     files: Mapping[int, Path]
-    description: Description
+    description: PredictionFacts
 
     @classmethod
     def open(cls, folder: Path, case: str) -> Prediction:
