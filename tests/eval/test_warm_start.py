@@ -1,9 +1,11 @@
 """A second run starts at once: nothing heavy is imported too early, nothing compiled again."""
 
+import os
 import subprocess
 import sys
 
 from cost_stream import MovingEdges
+from places import ROOT
 
 HEAVY = ("open3d", "matplotlib", "pandas", "mujoco", "dash", "OpenGL", "hypothesis")
 
@@ -25,7 +27,7 @@ COMPILED = """
 from numba.core import event
 from emvs.config import MapperConfig
 from emvs.mapper import map_window
-from tests/benchmarks/cost_stream.py import MovingEdges
+from cost_stream import MovingEdges
 
 with event.install_recorder("numba:compile") as recorder:
     config = MapperConfig(planes=9, methods=("all", "Alg2/AtHc@2"))
@@ -37,7 +39,10 @@ print(*starts)
 
 def run(code, *arguments):
     command = [sys.executable, "-c", code, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    places = [str(ROOT), str(ROOT / "tests" / "benchmarks")]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(places)}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    return done.stdout.split()
 
 
 def test_nothing_heavy_is_imported_before_the_first_event(tmp_path):

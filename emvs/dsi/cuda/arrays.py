@@ -21,7 +21,7 @@ import numpy as np
 from numba import cuda, njit, prange
 from numpy.typing import DTypeLike, NDArray
 
-import emvs.utils.runtime  # noqa: F401  (names the threading layer before the kernel compiles)
+import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 from emvs.data.events import Events
 from emvs.dsi.cuda import device
 from emvs.dsi.method import total
