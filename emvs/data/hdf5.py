@@ -16,7 +16,8 @@ import h5py
 import hdf5plugin
 import numpy as np
 
-from emvs.errors import InputError
+from emvs.errors import InputError, quoted
+from emvs.utils.inputs import check_file
 
 # LZ4 writes ten times as fast as zstd for 1.3 bytes more per event.
 COMPRESSION = {
@@ -31,6 +32,7 @@ COMPRESSION = {
 ECF = 0x8ECF
 """The filter of Prophesee's codec."""
 _MOST_CHUNK = 1 << 28
+_MOST_LINKS = 10_000
 # What the plug-ins themselves store for each data set, and read without counting.
 _LEAST_PARAMETERS = {32001: 4, 32008: 3, 32026: 4}
 
@@ -40,9 +42,11 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
     """Opens a file for reading.
 
     Raises:
-        InputError: a missing or truncated file, or a data set that is missing or damaged.
+        InputError: a missing or truncated file, a data set that is missing or damaged, or one whose
+            values lie in another file.
     """
     try:
+        check_file(path)
         file = h5py.File(path, "r")
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
@@ -50,9 +54,44 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
         raise InputError(f"{path}: not a whole HDF5 file ({error}); make it again") from error
     with file:
         try:
+            _check_own(path, file)
             yield file
         except (KeyError, OSError, RuntimeError, IndexError, TypeError, AttributeError) as error:
             raise InputError(f"{path}: damaged or of another layout ({error})") from error
+
+
+def _check_own(path: Path, file: h5py.File) -> None:
+    """Refuses links into other files and data sets whose values lie there.
+
+    HDF5 would open any file that these name, as the user who reads. What a name of the file's own
+    leads to is not asked for: it is met under another name.
+    """
+    links = 0
+
+    def leads_away(name: bytes, info: Any) -> str | None:
+        nonlocal links
+        links += 1
+        if links > _MOST_LINKS:
+            return f"more than {_MOST_LINKS} links"
+        where = quoted(name.decode(errors="replace"))
+        if info.type == h5py.h5l.TYPE_EXTERNAL:
+            return f"{where} is a link into another file"
+        if info.type == h5py.h5l.TYPE_HARD and (how := _lies_elsewhere(file, name)):
+            return f"the values of {where} lie in another file ({how})"
+        return None
+
+    fault = file.id.links.visit(leads_away, info=True)
+    if fault is not None:
+        raise InputError(f"{path}: {fault}; write a file that holds its own values")
+
+
+def _lies_elsewhere(file: h5py.File, name: bytes) -> str | None:
+    if h5py.h5o.get_info(file.id, name).type != h5py.h5o.TYPE_DATASET:
+        return None
+    plist = h5py.h5d.open(file.id, name).get_create_plist()
+    if plist.get_layout() == h5py.h5d.VIRTUAL:
+        return "a virtual data set"
+    return "external storage" if plist.get_external_count() else None
 
 
 class Sink:
