@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from emvs.config import DeviceName
 from eval import config
@@ -17,9 +20,10 @@ def map(  # noqa: A001 - the verb's name
     out: Path,
     method: Methods = (),
     device: DeviceName | None = None,
+    allow_skipped: Annotated[bool, Parameter(negative=())] = False,
     common: Common = COMMON,
     map: MapFlags = MAP,  # noqa: A002 - the name is the flag's prefix
-) -> None:
+) -> int:
     """Map a recording: depth, confidence and point cloud per method.
 
     With --map.window-s or --map.window-events it maps sliding windows over the whole recording; the
@@ -30,7 +34,9 @@ def map(  # noqa: A001 - the verb's name
         out: Folder to write: map.json, report.html, and a folder per window and method.
         method: Method to map with, repeatable; as --map.methods.
         device: Where the sweep runs; as --map.device.
+        allow_skipped: End with 0 although some of the sliding windows could not be mapped.
     """
+    from eval.cli.exit_codes import incomplete
     from eval.pipeline import map_recording
 
     flags = with_values(map, methods=method or None, device=device)
@@ -41,3 +47,4 @@ def map(  # noqa: A001 - the verb's name
     )
     console.mapped(stored)
     console.wrote(out / "report.html")
+    return incomplete([stored.info], allowed=allow_skipped)
