@@ -66,26 +66,28 @@ def _check_own(path: Path, file: h5py.File) -> None:
     HDF5 would open any file that these name, as the user who reads. What a name of the file's own
     leads to is not asked for: it is met under another name.
     """
-    links = 0
+    links: list[tuple[bytes, int]] = []
 
-    def leads_away(name: bytes, info: Any) -> str | None:
-        nonlocal links
-        links += 1
-        if links > _MOST_LINKS:
-            return f"more than {_MOST_LINKS} links"
-        where = quoted(name.decode(errors="replace"))
-        if info.type == h5py.h5l.TYPE_EXTERNAL:
-            return f"{where} is a link into another file"
-        if info.type == h5py.h5l.TYPE_HARD and (how := _lies_elsewhere(file, name)):
-            return f"the values of {where} lie in another file ({how})"
+    def noted(name: bytes, info: Any) -> bool | None:
+        links.append((name, info.type))  # looked at later: no error may pass through HDF5
+        return True if len(links) > _MOST_LINKS else None
+
+    if file.id.links.visit(noted, info=True):
+        raise InputError(f"{path}: more than {_MOST_LINKS} links; write a file with fewer")
+    for name, kind in links:
+        how = _lies_elsewhere(file, name, kind)
+        if how is not None:
+            raise InputError(
+                f"{path}: {quoted(name.decode(errors='replace'))} lies in another file ({how}); "
+                "write a file that holds its own values"
+            )
+
+
+def _lies_elsewhere(file: h5py.File, name: bytes, kind: int) -> str | None:
+    if kind == h5py.h5l.TYPE_EXTERNAL:
+        return "an external link"
+    if kind != h5py.h5l.TYPE_HARD:
         return None
-
-    fault = file.id.links.visit(leads_away, info=True)
-    if fault is not None:
-        raise InputError(f"{path}: {fault}; write a file that holds its own values")
-
-
-def _lies_elsewhere(file: h5py.File, name: bytes) -> str | None:
     if h5py.h5o.get_info(file.id, name).type != h5py.h5o.TYPE_DATASET:
         return None
     plist = h5py.h5d.open(file.id, name).get_create_plist()
@@ -179,6 +181,25 @@ class Hdf5Writer:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+    def create(self, name: str, *arguments: Any, **settings: Any) -> None:
+        """A new data set, as `h5py.Group.create_dataset` makes it."""
+        self.file.create_dataset(name, *arguments, **settings).id.close()
+
+    @contextmanager
+    def opened(self, name: str) -> Iterator[h5py.Dataset]:
+        """Opens a data set and closes it at the end.
+
+        What waits in a data set's cache finds its place in the file when the data set is closed.
+        Python would do that when nobody holds it any more: not at once where a profiler, a
+        debugger or a scheduler's watch looks at frames, and then the same values lie in another
+        order.
+        """
+        data = self.file[name]
+        try:
+            yield data
+        finally:
+            data.id.close()
 
     def check(self) -> None:
         """Raises what the disk said to the last writes."""

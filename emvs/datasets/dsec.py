@@ -259,7 +259,7 @@ def write_calibration(folder: Path, rig: Rig) -> None:
         rays = camera.bearing_table()
         points = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1) @ turned.T
         with Hdf5Writer(folder / "events" / side / "rectify_map.h5") as hdf5:
-            hdf5.file["rectify_map"] = common.project(points).astype(np.float32)
+            hdf5.create("rectify_map", data=common.project(points).astype(np.float32))
 
 
 def write_truth(folder: Path, recording: Recording, shift_us: int) -> None:

@@ -73,8 +73,8 @@ class Camera:
         # compared one by one: NumPy takes no integer beyond 64 bits, as JSON may hold
         if not all(abs(n) <= _LARGEST for n in numbers) or self.fx_px <= 0 or self.fy_px <= 0:
             raise InputError(
-                f"camera intrinsics {quoted(*numbers)}: must be within {_LARGEST:g}, focal lengths "
-                "above 0"
+                f"camera intrinsics {quoted(*numbers)}: must be finite, at most {_LARGEST:g}, "
+                "focal lengths above 0"
             )
 
     @property

@@ -173,7 +173,7 @@ def test_deep_nesting_in_a_map_and_a_study(tmp_path):
 @pytest.mark.parametrize("text", ["1" * 5_000_000, "1:" * 100_000 + "1", "1" * 200_000])
 def test_a_calibration_of_digits_is_refused_soon(tmp_path, text):
     (tmp_path / "chain.yaml").write_text(f"cam0: {text}\n")
-    refused(parsed, tmp_path / "chain.yaml", match="bytes|characters")
+    refused(parsed, tmp_path / "chain.yaml", match="bytes|digits")
 
 
 @pytest.mark.parametrize("value", [10**30, 1e30, 10**400, float("inf"), float("nan")])
@@ -182,7 +182,7 @@ def test_impossible_intrinsics_are_one_line(key, value):
     values = {"width_px": 4, "height_px": 3, "fx_px": 5.0, "fy_px": 5.0, "cx_px": 2, "cy_px": 1}
     given = (0, 0, 0, value) if key == "distortion" else value
     values |= {"model": "radtan", "distortion": (0, 0, 0, 0), key: given}
-    refused(Camera.from_json, values, match="must be within")
+    refused(Camera.from_json, values, match="must be finite")
 
 
 @pytest.mark.parametrize("size", [(10**30, 3), (4, 10**400)])
