@@ -97,8 +97,6 @@ class Geom(BaseModel):
 
 
 GeomTable = Mapping[int, Geom]
-
-
 _TABLE = TypeAdapter(dict[int, Geom])
 
 

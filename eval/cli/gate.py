@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from emvs.errors import InputError
-from eval.cli import job_flags as suite_app
-from eval.cli.app import COMMON, Common, app
-from eval.cli.job_flags import JOB_FLAGS, JobFlags
+from eval.cli.app import COMMON, NO_NEGATIVE, Common, app
+from eval.cli.job_flags import JOB_FLAGS, JobFlags, run_with_flags, seed_numbers
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
 
 GREEN, RED = 0, 1
 _SUMMARY = "GITHUB_STEP_SUMMARY"
-_Switch = Parameter(negative=())
 
 
 @Parameter(name="*")
@@ -54,10 +52,10 @@ class GateFlags:
     markdown: Path | None = None
     "File for the summary; it also goes to $GITHUB_STEP_SUMMARY where that is set."
 
-    strict: Annotated[bool, _Switch] = False
+    strict: Annotated[bool, NO_NEGATIVE] = False
     "Let numbers that cannot be compared fail as well."
 
-    update: Annotated[bool, _Switch] = False
+    update: Annotated[bool, NO_NEGATIVE] = False
     "Write the result as the new baseline."
 
     reason: str = ""
@@ -79,7 +77,7 @@ class GateFlags:
 
     def seed_numbers(self) -> tuple[int, ...] | None:
         """The seeds; None for the suite's own."""
-        return suite_app.seed_numbers(self.seeds, "--seeds")
+        return seed_numbers(self.seeds, "--seeds")
 
 
 @app.command
@@ -118,10 +116,10 @@ def _measured(flags: GateFlags, job_flags: JobFlags, common: Common) -> Measured
     if flags.result is not None:
         return read_measured(flags.result)
     suite, subset = load(flags.suite)
-    folder = output.prepared(flags.out, force=common.force) if flags.out else None
+    folder = output.prepare_folder(flags.out, force=common.force) if flags.out else None
     # A baseline needs more seeds than a run: they are what the tolerances are made of.
     seeds = flags.seed_numbers() or (suite.spread_seeds if flags.update else None)
-    result = suite_app.run(suite, subset, job_flags, common.console().progress, seeds=seeds)
+    result = run_with_flags(suite, subset, job_flags, common.console().progress, seeds=seeds)
     if folder is not None:
         output.write(folder, result)
     return of_suite(result)

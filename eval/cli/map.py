@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
-
 from emvs.config import DeviceName
 from eval import config
-from eval.cli.app import COMMON, MAP, Common, MapFlags, Methods, app, with_values
+from eval.cli.app import COMMON, MAP, NO_NEGATIVE, Common, MapFlags, Methods, app, with_values
 
 
 @app.command
@@ -20,7 +18,7 @@ def map(  # noqa: A001 - the verb's name
     out: Path,
     method: Methods = (),
     device: DeviceName | None = None,
-    allow_skipped: Annotated[bool, Parameter(negative=())] = False,
+    allow_skipped: Annotated[bool, NO_NEGATIVE] = False,
     common: Common = COMMON,
     map: MapFlags = MAP,  # noqa: A002 - the name is the flag's prefix
 ) -> int:
@@ -37,13 +35,15 @@ def map(  # noqa: A001 - the verb's name
         allow_skipped: End with 0 although some of the sliding windows could not be mapped.
     """
     from eval.cli.exit_codes import incomplete
+    from eval.cli.report import report_stage
     from eval.pipeline import map_recording
 
     flags = with_values(map, methods=method or None, device=device)
     wanted = config.load(common.config, map=flags)
     console = common.console()
+    finish = report_stage(console.progress)
     stored = map_recording(
-        recording, out, wanted, force=common.force, report=True, progress=console.progress
+        recording, out, wanted, force=common.force, finish=finish, progress=console.progress
     )
     console.mapped(stored)
     console.wrote(out / "report.html")

@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
-
 from emvs.config import DeviceName
 from eval import config
 from eval.cli.app import (
     COMMON,
     MAP,
+    NO_NEGATIVE,
     SCORE,
     SIM,
     Common,
@@ -26,7 +25,7 @@ from eval.cli.app import (
 
 @app.command
 def run(
-    case: Annotated[tuple[str, ...], Parameter(negative=())],
+    case: Annotated[tuple[str, ...], NO_NEGATIVE],
     /,
     *,
     out: Path,
@@ -36,7 +35,7 @@ def run(
     workers: int = 1,
     method: Methods = (),
     device: DeviceName | None = None,
-    allow_skipped: Annotated[bool, Parameter(negative=())] = False,
+    allow_skipped: Annotated[bool, NO_NEGATIVE] = False,
     common: Common = COMMON,
     sim: SimFlags = SIM,
     map: MapFlags = MAP,  # noqa: A002 - the name is the flag's prefix
@@ -57,6 +56,7 @@ def run(
     """
     from emvs.maps.folder import read_info
     from eval.cli.exit_codes import incomplete
+    from eval.cli.report import report_stage
     from eval.pipeline import run_cases
     from eval.scoring.run_folder import MAP_FOLDER
 
@@ -75,6 +75,7 @@ def run(
         seed,
         force=common.force,
         workers=workers,
+        finish=report_stage(console.progress),
         progress=console.progress,
     )
     console.results(results, wanted.score.ranking_metric)

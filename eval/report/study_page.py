@@ -13,6 +13,7 @@ from emvs.utils.files import atomic_path
 from emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
 from eval.figures.colormaps import line_style
 from eval.report.html import (
+    REPORT_NAME,
     Grid,
     GridCell,
     Head,
@@ -25,8 +26,6 @@ from eval.report.html import (
 from eval.report.ranking import column, definition, shown
 from eval.scoring.results import Value, read_json
 from eval.studies.curves import BREAKS_AT
-
-HTML_NAME = "report.html"
 
 
 class StudyCurve(BaseModel):
@@ -99,9 +98,9 @@ def write_study_report(folder: Path) -> Path:
         raise InputError(f"{folder}: no study; `eventsweep study NAME --out {folder}` writes one")
     studies = [read_study(path) for path in paths]
     figures = [_figure(path.with_suffix(".svg")) for path in paths]
-    with atomic_path(folder / HTML_NAME) as path:
+    with atomic_path(folder / REPORT_NAME) as path:
         path.write_text(page_text(study_page(studies, figures)), encoding="utf-8")
-    return folder / HTML_NAME
+    return folder / REPORT_NAME
 
 
 def study_page(studies: list[StoredStudy], figures: list[str]) -> Page:
@@ -158,7 +157,7 @@ def _section(study: StoredStudy, figure: str, position: int) -> Section:
         tables=tuple(_grid(study, metric) for metric in metrics),
         text=f"{study.axis[:1].upper()}{study.axis[1:]}, in {study.unit}. Means over "
         f"{', '.join(study.cases)} and {seeds}: up to {len(study.cases) * len(study.seeds)} "
-        "samples a number; ± is half of the 95 % band.",
+        "samples a number; ± is half of the 95 % band, which one seed does not have.",
         figure=figure,
         failures=tuple(study.failures.items()),
     )
@@ -179,6 +178,6 @@ def _line(curve: StudyCurve) -> tuple[GridCell, ...]:
     cells = [GridCell(curve.method, colour=line_style(curve.method).css)]
     for mean, low, high in zip(curve.mean, curve.low, curve.high, strict=True):
         half = (high - low) / 2
-        band = "" if math.isnan(half) else f" ± {shown(half, curve.unit)}"
+        band = "" if math.isnan(mean) else f" ± {shown(half, curve.unit)}"
         cells.append(GridCell(shown(mean, curve.unit) + band, mean))
     return tuple(cells)

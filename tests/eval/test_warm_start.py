@@ -1,11 +1,10 @@
 """A second run starts at once: nothing heavy is imported too early, nothing compiled again."""
 
-import os
 import subprocess
 import sys
 
 from cost_stream import MovingEdges
-from places import ROOT
+from places import with_tools
 
 HEAVY = ("open3d", "matplotlib", "pandas", "mujoco", "dash", "OpenGL", "hypothesis")
 
@@ -39,9 +38,7 @@ print(*starts)
 
 def run(code, *arguments):
     command = [sys.executable, "-c", code, *map(str, arguments)]
-    places = [str(ROOT), str(ROOT / "tests" / "benchmarks")]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(places)}
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=with_tools())
     return done.stdout.split()
 
 
