@@ -77,6 +77,9 @@ def _camera(camera: Camera, config: MapperConfig) -> Camera:
     )
 
 
+_NEAREST_M, _FARTHEST_M = 1e-4, 1e6  # beyond them single precision tells no planes apart
+
+
 def depth_range_m(recording: Recording, config: MapperConfig) -> tuple[float, float]:
     """Returns nearest and farthest depth: as configured, else as recorded, else 0.2 and 5 m.
 
@@ -89,6 +92,11 @@ def depth_range_m(recording: Recording, config: MapperConfig) -> tuple[float, fl
     if not 0 < near_m < far_m:
         raise InputError(
             f"depth range {near_m:g}..{far_m:g} m: needs 0 < min_depth_m < max_depth_m; set both"
+        )
+    if near_m < _NEAREST_M or far_m > _FARTHEST_M:
+        raise InputError(
+            f"depth range {near_m:g}..{far_m:g} m: must lie within {_NEAREST_M:g} and "
+            f"{_FARTHEST_M:g} m; set min_depth_m and max_depth_m"
         )
     return near_m, far_m
 

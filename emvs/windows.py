@@ -14,7 +14,7 @@ from emvs.errors import InputError
 from emvs.geometry.trajectory import Trajectory
 from emvs.utils.runtime import Progress, silent
 
-MOST_WINDOWS = 1_000_000
+MOST_WINDOWS = 100_000
 Times = NDArray[np.int64]
 _USUAL_STEPS, _ALWAYS_ALLOWED_US = 10, 50_000
 _COUNTING_STEP_US = 1_000_000
@@ -236,7 +236,9 @@ def plan_windows(
     cut = _by_time if config.window_s is not None else _by_count
     begins_us, ends_us = cut(recording, config, stretch, progress)
     if len(begins_us) > MOST_WINDOWS:
-        raise InputError(f"{len(begins_us)} windows, at most {MOST_WINDOWS}: raise the stride")
+        raise InputError(
+            f"{len(begins_us)} windows, at most {MOST_WINDOWS}: raise the stride or the window"
+        )
     last_pose_us = recording.trajectory.span_us[1]
     return WindowPlan(begins_us, ends_us, stretch, last_pose_us, config.reference == "end")
 
@@ -255,7 +257,7 @@ def _by_time(
         )
     if room_us // stride_us >= MOST_WINDOWS:
         count = room_us // stride_us + 1
-        raise InputError(f"{count} windows, at most {MOST_WINDOWS}: raise stride_s")
+        raise InputError(f"{count} windows, at most {MOST_WINDOWS}: raise stride_s or window_s")
     begins_us = stretch.t0_us + stride_us * np.arange(room_us // stride_us + 1, dtype=np.int64)
     return begins_us, begins_us + length_us
 

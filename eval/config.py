@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -11,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from emvs.config import MapperConfig
 from emvs.errors import InputError
 from emvs.parameters import ParameterGroup, explain
+from emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
 from sim.config import SimConfig
 
 RankingMetric = Literal[
@@ -108,10 +108,10 @@ def _read(file: Path | None) -> dict[str, Any]:
     if file is None:
         return {}
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
+        return parse_toml(read_text(file, SETTINGS_BYTES))
     except OSError as error:
         raise InputError(f"{file}: cannot be read ({error.strerror}); needs a TOML file") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:
         raise InputError(f"{file}: not TOML: {error}") from error
 
 

@@ -6,6 +6,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+
 
 @numba.njit(cache=True, nogil=True)
 def fill_event_depth(

@@ -20,7 +20,8 @@ from structure import is_tool, small_with_one_importer
 
 MOST_MODULES = 15  # in one folder, beside its `__init__`
 MOST_FLOORS = 10  # of subpackages of `emvs`, one upon the other
-LONGEST_CHAIN = 12  # of modules in `emvs`
+# Of modules in `emvs`; at its foot kernels need `utils.runtime`, and that `utils.kernel_cache`.
+LONGEST_CHAIN = 13
 
 # Folders that are tables: a file for every scene and its parts, a file for every verb.
 TABLES = ("scenes", "eval.cli")

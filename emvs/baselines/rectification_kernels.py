@@ -7,6 +7,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+
 
 @njit(cache=True)
 def splat(points_rv, values, K, depth_m, value):

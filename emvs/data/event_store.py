@@ -86,14 +86,14 @@ class EventStoreWriter(ClosingWriter):
         try:
             self._write(self._waiting_count)
             self._write_index()
-            self._file.create_dataset("t_offset", data=np.int64(self._offset_us))
+            self._hdf5.create("t_offset", data=np.int64(self._offset_us))
         finally:
             self._hdf5.close()
 
     def _create(self, name: str, kind: DTypeLike, like: DTypeLike) -> None:
         """A growing column, compressed as those of type `like`."""
         kept = COMPRESSION[np.dtype(like)]
-        self._file.create_dataset(name, (0,), kind, maxshape=(None,), chunks=(_CHUNK,), **kept)
+        self._hdf5.create(name, (0,), kind, maxshape=(None,), chunks=(_CHUNK,), **kept)
 
     def _checked_extra(self, extra: Mapping[str, Column], count: int) -> dict[str, Column]:
         if self._extra is None:
@@ -125,9 +125,9 @@ class EventStoreWriter(ClosingWriter):
         for start in range(0, count, _CHUNK):
             stop = min(start + _CHUNK, count)
             for name in names:
-                dataset = self._file[f"events/{name}"]
-                dataset.resize((self._written + stop - start,))
-                dataset[self._written :] = joined[name][start:stop]
+                with self._hdf5.opened(f"events/{name}") as dataset:
+                    dataset.resize((self._written + stop - start,))
+                    dataset[self._written :] = joined[name][start:stop]
             self._extend_index(joined["t"][start:stop].astype(np.int64, copy=False))
             self._written += stop - start
             self._hdf5.check()
@@ -147,9 +147,9 @@ class EventStoreWriter(ClosingWriter):
     def _write_index(self) -> None:
         """Writes the part of the index that waits."""
         part = np.concatenate([np.zeros(0, np.int64), *self._ms_to_idx])
-        index = self._file["ms_to_idx"]
-        index.resize((len(index) + len(part),))
-        index[len(index) - len(part) :] = part
+        with self._hdf5.opened("ms_to_idx") as index:
+            index.resize((len(index) + len(part),))
+            index[len(index) - len(part) :] = part
         self._ms_to_idx = []
 
 

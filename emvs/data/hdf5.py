@@ -16,7 +16,8 @@ import h5py
 import hdf5plugin
 import numpy as np
 
-from emvs.errors import InputError
+from emvs.errors import InputError, quoted
+from emvs.utils.inputs import check_file
 
 # LZ4 writes ten times as fast as zstd for 1.3 bytes more per event.
 COMPRESSION = {
@@ -30,6 +31,7 @@ COMPRESSION = {
 }
 ECF = 0x8ECF  # the filter of Prophesee's codec
 _MOST_CHUNK = 1 << 28
+_MOST_LINKS = 10_000
 # What the plug-ins themselves store for each data set, and read without counting.
 _LEAST_PARAMETERS = {32001: 4, 32008: 3, 32026: 4}
 
@@ -39,9 +41,11 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
     """Opens a file for reading.
 
     Raises:
-        InputError: a missing or truncated file, or a data set that is missing or damaged.
+        InputError: a missing or truncated file, a data set that is missing or damaged, or one whose
+            values lie in another file.
     """
     try:
+        check_file(path)
         file = h5py.File(path, "r")
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
@@ -49,9 +53,46 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
         raise InputError(f"{path}: not a whole HDF5 file ({error}); make it again") from error
     with file:
         try:
+            _check_own(path, file)
             yield file
         except (KeyError, OSError, RuntimeError, IndexError, TypeError, AttributeError) as error:
             raise InputError(f"{path}: damaged or of another layout ({error})") from error
+
+
+def _check_own(path: Path, file: h5py.File) -> None:
+    """Refuses links into other files and data sets whose values lie there.
+
+    HDF5 would open any file that these name, as the user who reads. What a name of the file's own
+    leads to is not asked for: it is met under another name.
+    """
+    links: list[tuple[bytes, int]] = []
+
+    def noted(name: bytes, info: Any) -> bool | None:
+        links.append((name, info.type))  # looked at later: no error may pass through HDF5
+        return True if len(links) > _MOST_LINKS else None
+
+    if file.id.links.visit(noted, info=True):
+        raise InputError(f"{path}: more than {_MOST_LINKS} links; write a file with fewer")
+    for name, kind in links:
+        how = _lies_elsewhere(file, name, kind)
+        if how is not None:
+            raise InputError(
+                f"{path}: {quoted(name.decode(errors='replace'))} lies in another file ({how}); "
+                "write a file that holds its own values"
+            )
+
+
+def _lies_elsewhere(file: h5py.File, name: bytes, kind: int) -> str | None:
+    if kind == h5py.h5l.TYPE_EXTERNAL:
+        return "an external link"
+    if kind != h5py.h5l.TYPE_HARD:
+        return None
+    if h5py.h5o.get_info(file.id, name).type != h5py.h5o.TYPE_DATASET:
+        return None
+    plist = h5py.h5d.open(file.id, name).get_create_plist()
+    if plist.get_layout() == h5py.h5d.VIRTUAL:
+        return "a virtual data set"
+    return "external storage" if plist.get_external_count() else None
 
 
 class Sink:
@@ -147,6 +188,25 @@ class Hdf5Writer(ClosingWriter):
     def __init__(self, path: Path) -> None:
         self._sink = Sink(path)
         self.file = h5py.File(self._sink, "w")
+
+    def create(self, name: str, *arguments: Any, **settings: Any) -> None:
+        """A new data set, as `h5py.Group.create_dataset` makes it."""
+        self.file.create_dataset(name, *arguments, **settings).id.close()
+
+    @contextmanager
+    def opened(self, name: str) -> Iterator[h5py.Dataset]:
+        """Opens a data set and closes it at the end.
+
+        What waits in a data set's cache finds its place in the file when the data set is closed.
+        Python would do that when nobody holds it any more: not at once where a profiler, a
+        debugger or a scheduler's watch looks at frames, and then the same values lie in another
+        order.
+        """
+        data = self.file[name]
+        try:
+            yield data
+        finally:
+            data.id.close()
 
     def check(self) -> None:
         """Raises what the disk said to the last writes."""

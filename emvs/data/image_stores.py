@@ -40,8 +40,8 @@ class TruthWriter(ClosingWriter):
     def __init__(self, path: Path, width_px: int, height_px: int) -> None:
         self._optional: tuple[str, ...] | None = None
         self._hdf5 = Hdf5Writer(path)
-        self._file = self._hdf5.file
-        self._file.create_dataset("t_us", (0,), np.int64, maxshape=(None,), chunks=(1024,))
+        self._count = 0
+        self._hdf5.create("t_us", (0,), np.int64, maxshape=(None,), chunks=(1024,))
         for name in _ALWAYS:
             self._create(name, (height_px, width_px))
 
@@ -64,12 +64,12 @@ class TruthWriter(ClosingWriter):
             InputError: an unknown data set, or not those of the times before.
         """
         more = self._checked(optional or {})
-        index = self._file["t_us"].shape[0]
         values: dict[str, Any] = {"t_us": t_us, "depth_m": depth_m, "intensity": intensity, **more}
         for name, value in values.items():
-            dataset = self._file[name]
-            dataset.resize(index + 1, axis=0)
-            dataset[index] = value
+            with self._hdf5.opened(name) as dataset:
+                dataset.resize(self._count + 1, axis=0)
+                dataset[self._count] = value
+        self._count += 1
         self._hdf5.check()
 
     def close(self) -> None:
@@ -78,7 +78,7 @@ class TruthWriter(ClosingWriter):
 
     def _create(self, name: str, shape: tuple[int, ...]) -> None:
         kind = {**_ALWAYS, **OPTIONAL}[name]
-        self._file.create_dataset(
+        self._hdf5.create(
             name, (0, *shape), kind, maxshape=(None, *shape), chunks=(1, *shape),
             **COMPRESSION.get(kind, _SHUFFLED),
         )  # fmt: skip
@@ -192,12 +192,12 @@ class FrameWriter(ClosingWriter):
     def __init__(self, path: Path, width_px: int, height_px: int) -> None:
         self._shape, self._last_us = (height_px, width_px), -(2**62)
         self._hdf5 = Hdf5Writer(path)
-        file = self._hdf5.file
+        self._count = 0
         for name in ("start_us", "end_us"):
-            file.create_dataset(name, (0,), np.int64, maxshape=(None,), chunks=(1024,))
-        file.create_dataset("gain", (0,), np.float64, maxshape=(None,), chunks=(1024,))
+            self._hdf5.create(name, (0,), np.int64, maxshape=(None,), chunks=(1024,))
+        self._hdf5.create("gain", (0,), np.float64, maxshape=(None,), chunks=(1024,))
         shape, uint8 = self._shape, np.dtype(np.uint8)
-        file.create_dataset(
+        self._hdf5.create(
             "image", (0, *shape), uint8, maxshape=(None, *shape), chunks=(1, *shape),
             **COMPRESSION[uint8],
         )  # fmt: skip
@@ -216,11 +216,11 @@ class FrameWriter(ClosingWriter):
                 f"{self._last_us} µs: pictures come one after the other"
             )
         self._last_us = photo.end_us
-        file = self._hdf5.file
-        index = file["gain"].shape[0]
         for name, value in photo._asdict().items():
-            file[name].resize(index + 1, axis=0)
-            file[name][index] = value
+            with self._hdf5.opened(name) as dataset:
+                dataset.resize(self._count + 1, axis=0)
+                dataset[self._count] = value
+        self._count += 1
         self._hdf5.check()
 
     def close(self) -> None:

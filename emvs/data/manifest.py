@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from emvs.errors import InputError
+from emvs.errors import InputError, quoted
+from emvs.utils.inputs import TABLE_BYTES, check_file, read_text
 
 SCHEMA_VERSION = 1
 FILE_NAME = "manifest.json"
@@ -68,12 +69,12 @@ def read(folder: Path) -> Manifest:
     """
     path = folder / FILE_NAME
     try:
-        manifest = Manifest.model_validate_json(path.read_bytes())
+        manifest = Manifest.model_validate_json(read_text(path, TABLE_BYTES))
     except FileNotFoundError as error:
         raise InputError(
             f"{folder}: no {FILE_NAME}; needs a sequence made by `eventsweep simulate`"
         ) from error
-    except (OSError, ValidationError) as error:
+    except (OSError, UnicodeDecodeError, ValidationError) as error:
         raise InputError(f"{path}: damaged manifest; make the sequence again") from error
     if manifest.schema_version != SCHEMA_VERSION:
         raise InputError(
@@ -81,6 +82,7 @@ def read(folder: Path) -> Manifest:
             "make the sequence again"
         )
     for name, entry in manifest.files.items():
+        _check_inside(folder, name)
         _check_size(folder / name, entry)
     return manifest
 
@@ -98,8 +100,22 @@ def check_hashes(folder: Path, manifest: Manifest) -> None:
             )
 
 
+def _check_inside(folder: Path, name: str) -> None:
+    """Refuses names, and symbolic links, that lead out of the folder."""
+    parts = PurePosixPath(name).parts
+    inside = bool(parts) and parts[0] != "/" and ".." not in parts and "\0" not in name
+    if inside and not (folder / name).resolve().is_relative_to(folder.resolve()):
+        inside = False
+    if not inside:
+        raise InputError(
+            f"{folder / FILE_NAME}: {quoted(name)} is no file of this folder; make the sequence "
+            "again, or put the file itself there instead of a link"
+        )
+
+
 def _check_size(path: Path, entry: FileEntry) -> None:
     try:
+        check_file(path)
         size = path.stat().st_size
     except OSError as error:
         raise InputError(f"{path}: missing; make the sequence again") from error

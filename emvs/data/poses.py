@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from emvs.errors import InputError, said
 from emvs.geometry.trajectory import Trajectory
 from emvs.utils.files import atomic_path
+from emvs.utils.inputs import TABLE_BYTES, read_text
 
 PER_UNIT_US = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
-_MOST_BYTES = 1 << 28
 _LARGEST_US = 2.0**62
 
 
@@ -76,9 +76,8 @@ def read_kitti(path: Path, t_us: NDArray[np.int64]) -> Trajectory:
 
 def _rows(path: Path, columns: int, needs: str) -> NDArray[np.float64]:
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise InputError(f"{path}: more than {_MOST_BYTES} bytes; needs a text of poses")
-        lines = path.read_text(encoding="ascii").replace(",", " ").splitlines()
+        text = read_text(path, TABLE_BYTES, "ascii")
+        lines = text.replace(",", " ").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not ASCII text"
         raise InputError(f"{path}: cannot be read ({reason}); needs a text of poses") from error
@@ -135,7 +134,7 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
 
 def _read_rows(path: Path) -> NDArray[np.float64]:
     try:
-        text = path.read_text(encoding="ascii")
+        text = read_text(path, TABLE_BYTES, "ascii")
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file; needs poses in TUM format") from error
     except (OSError, UnicodeDecodeError) as error:

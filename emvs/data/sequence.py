@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
@@ -20,6 +19,7 @@ from emvs.data.tables import IMU_FILE, Geom, ImuSamples, read_geoms, read_imu
 from emvs.errors import InputError, check_path
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
+from emvs.utils.inputs import SETTINGS_BYTES, TABLE_BYTES, parse_json, read_text
 
 Reader = TypeVar("Reader")
 
@@ -183,7 +183,7 @@ class Sequence:
         """
         path = self.path / "sensor.json"
         try:
-            return dict(json.loads(path.read_text(encoding="utf-8"))[camera])
+            return dict(parse_json(read_text(path, TABLE_BYTES))[camera])
         except (OSError, ValueError, IndexError, TypeError) as error:
             raise InputError(
                 f"{path}: cannot be read ({error}); simulate with a sensor that is not ideal"
@@ -242,8 +242,8 @@ class Sequence:
 
 def _read_rig(path: Path) -> Rig:
     try:
-        return Rig.from_json(json.loads(path.read_text(encoding="utf-8")))
+        return Rig.from_json(parse_json(read_text(path, SETTINGS_BYTES)))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as a rig's calibration ({error})") from error

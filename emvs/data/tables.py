@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.utils.files import atomic_path
+from emvs.utils.inputs import TABLE_BYTES, check_file, read_text
 
 Array = NDArray[np.float64]
 IMU_FILE = "imu.csv"
@@ -60,6 +61,7 @@ def read_imu(path: Path) -> ImuSamples:
             or no place on the body in the first line.
     """
     try:
+        check_file(path, TABLE_BYTES)
         with Path(path).open(encoding="ascii") as file:
             T_body_imu = _place(file.readline())
         table = np.loadtxt(path, delimiter=",", ndmin=2)
@@ -112,8 +114,8 @@ def read_geoms(folder: Path) -> dict[int, Geom]:
     """
     path = folder / GEOMS_FILE
     try:
-        return _TABLE.validate_json(path.read_bytes())
+        return _TABLE.validate_json(read_text(path, TABLE_BYTES))
     except FileNotFoundError as error:
         raise InputError(f"{path}: not stored; simulate with `segmentation` in `truth`") from error
-    except (OSError, ValidationError) as error:
+    except (OSError, UnicodeDecodeError, ValidationError) as error:
         raise InputError(f"{path}: damaged; make the sequence again") from error

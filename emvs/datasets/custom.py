@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -17,6 +16,7 @@ from emvs.formats.calibration import matrix, parsed, pose_of, read_imu_cam, read
 from emvs.geometry import se3
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
+from emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
 
 FILE_NAME = "recording.toml"
 
@@ -92,15 +92,13 @@ def read_descriptor(path: Path) -> Descriptor:
         InputError: an unreadable file, or a missing, unknown or impossible key.
     """
     try:
-        return Descriptor(**tomllib.loads(path.read_text(encoding="utf-8")))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as TOML ({error}); correct it") from error
-    except RecursionError as error:
-        raise InputError(f"{path}: nested too deeply; correct it") from error
+        return Descriptor(**parse_toml(read_text(path, SETTINGS_BYTES)))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         raise InputError(f"{path}: {key}: {first['msg']}; see docs/datasets.md") from error
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as TOML ({error}); correct it") from error
 
 
 def open_described(path: Path, layout: str = FILE_NAME) -> PosedRecording:

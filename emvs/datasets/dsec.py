@@ -31,6 +31,7 @@ from emvs.formats.hdf5 import opened_hdf5
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
+from emvs.utils.inputs import TABLE_BYTES, read_text
 
 LEFT = "events/left/events.h5"
 _CAMERAS = ("calibration/cam_to_cam.yaml", "cam_to_cam.yaml")
@@ -124,7 +125,7 @@ class DsecDisparity:
     def t_us(self) -> NDArray[np.int64]:
         """(T,) times, µs."""
         try:
-            text = self._stamps.read_text(encoding="ascii")
+            text = read_text(self._stamps, TABLE_BYTES, "ascii")
             t_us = np.array([int(word) for word in text.split()], np.int64)
         except (OSError, ValueError, OverflowError) as error:
             raise InputError(f"{self._stamps}: needs one whole time in µs per line") from error
@@ -258,7 +259,7 @@ def write_calibration(folder: Path, rig: Rig) -> None:
         rays = camera.bearing_table()
         points = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1) @ turned.T
         with Hdf5Writer(folder / "events" / side / "rectify_map.h5") as hdf5:
-            hdf5.file["rectify_map"] = common.project(points).astype(np.float32)
+            hdf5.create("rectify_map", data=common.project(points).astype(np.float32))
 
 
 def write_truth(folder: Path, recording: Recording, shift_us: int) -> None:

@@ -24,6 +24,7 @@ from emvs.formats.text import TextLayout, TextReader
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
+from emvs.utils.inputs import SETTINGS_BYTES, TABLE_BYTES, read_text
 
 FILES = ("events.txt", "calib.txt", "groundtruth.txt")
 # Every sequence of the data set comes from a DAVIS240C; frames, where there are any, say it again.
@@ -78,7 +79,7 @@ class EventCameraDataset:
         if not path.exists():
             return []
         try:
-            words = [line.split() for line in path.read_text(encoding="ascii").splitlines()]
+            words = [line.split() for line in read_text(path, TABLE_BYTES, "ascii").splitlines()]
             frames = [(round(float(t_s) * 1e6), name) for t_s, name in filter(None, words)]
         except (OSError, ValueError, OverflowError) as error:
             raise InputError(f"{path}: needs lines `t_s file` ({said(error)})") from error
@@ -138,7 +139,7 @@ def _sensor_size(folder: Path) -> tuple[int, int]:
 
 def _read_calibration(path: Path, size_px: tuple[int, int]) -> Camera:
     try:
-        values = [float(word) for word in path.read_text(encoding="ascii").split()]
+        values = [float(word) for word in read_text(path, SETTINGS_BYTES, "ascii").split()]
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as a calibration ({said(error)})") from error
     if len(values) != 9:

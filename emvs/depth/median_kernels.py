@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from numba import njit, prange
 
-import emvs.utils.runtime  # noqa: F401  (names the threading layer before the kernels compile)
+import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
 
 @njit(cache=True)

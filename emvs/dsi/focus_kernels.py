@@ -6,7 +6,7 @@
 import numpy as np
 from numba import njit, prange
 
-import emvs.utils.runtime  # noqa: F401  (names the threading layer before the kernels compile)
+import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 from emvs.dsi.fusion_kernels import fold_row
 
 _ZERO = np.float32(0)

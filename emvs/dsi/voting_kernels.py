@@ -11,7 +11,7 @@ from numba import njit, prange
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-import emvs.utils.runtime  # noqa: F401  (names the threading layer before the kernels compile)
+import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
 # A thousand rays (16 kB) stay in L1 while every plane of the pass reads them again.
 CHUNK = 1024

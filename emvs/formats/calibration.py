@@ -6,6 +6,7 @@ The body is the first camera that is taken, so `T_body_cam` of that one is the i
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,15 +19,16 @@ from emvs.errors import InputError, said
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera, Model
 from emvs.geometry.rig import Rig
+from emvs.utils.inputs import SETTINGS_BYTES, read_text
 
 _TERMS = {"kb4": ("k1", "k2", "k3", "k4"), "pinhole": (), "radtan4": ("k1", "k2", "p1", "p2")}
 _BASALT: dict[str, tuple[Model, str]] = {"kb4": ("kb4", "kb4"), "pinhole": ("pinhole", "pinhole")}
 _KALIBR: dict[str, Model] = {"equidistant": "kb4", "radtan": "radtan", "none": "pinhole"}
 _LARGEST_PX = 20_000
-_MOST_BYTES = 1 << 22
 _MOST_VALUES = 100_000
 _MOST_DEPTH = 32
 _MOST_LETTERS = 500
+_LONG_NUMBER = re.compile(rf"[0-9_:.]{{{_MOST_LETTERS + 1}}}")
 _LARGEST = 1e100
 
 
@@ -177,15 +179,15 @@ def parsed(path: Path) -> dict[str, Any]:
         InputError: a file that cannot be read, or holds something else.
     """
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise InputError(f"{path}: more than {_MOST_BYTES} bytes: needs a calibration")
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path, SETTINGS_BYTES)
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not a text file"
         raise InputError(f"{path}: cannot read the calibration ({reason}): correct the path") from (
             error
         )
     try:
+        if _LONG_NUMBER.search(text):  # YAML takes time by the square of a number's digits
+            raise ValueError(f"a number of more than {_MOST_LETTERS} digits")
         values = json.loads(text) if path.suffix == ".json" else yaml.safe_load(text)
         _check_plain(values)
     except (ValueError, RecursionError, yaml.YAMLError) as error:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from emvs.errors import InputError, said
 from emvs.utils.files import atomic_path
+from emvs.utils.inputs import TABLE_BYTES, check_file
 
 if TYPE_CHECKING:
     from PIL.PngImagePlugin import PngImageFile
@@ -145,6 +146,7 @@ def _checked(path: Path) -> PngImageFile:
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise InputError(f"{path}: more than {_MOST_BYTES} bytes; needs a PNG image")
+        check_file(path, TABLE_BYTES)
         data = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); needs a PNG image") from error

@@ -367,14 +367,14 @@ class MvsecWriter(GatheringWriter):
 
 def _create(hdf5: Hdf5Writer, name: str, kind: Any, shape: tuple[int, ...]) -> None:
     kept = COMPRESSION.get(np.dtype(kind)) or hdf5plugin.Blosc(cname="lz4", clevel=5)
-    hdf5.file.create_dataset(
+    hdf5.create(
         name, shape, kind, maxshape=(None, *shape[1:]), chunks=(_CHUNK_ROWS, *shape[1:]), **kept
     )
 
 
 def _extend(hdf5: Hdf5Writer, name: str, rows: Any) -> None:
-    data = hdf5.file[name]
-    count = data.shape[0]
-    data.resize(count + len(rows), axis=0)
-    data[count:] = rows
+    with hdf5.opened(name) as data:
+        count = data.shape[0]
+        data.resize(count + len(rows), axis=0)
+        data[count:] = rows
     hdf5.check()

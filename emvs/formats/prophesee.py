@@ -29,6 +29,7 @@ from emvs.formats.prophesee_kernels import (
     encoder_state,
     initial_state,
 )
+from emvs.utils.inputs import check_file
 
 _BLOCK_BYTES = 1 << 20
 _ROOM = 1 << 19
@@ -129,6 +130,7 @@ def opened(path: Path) -> BinaryIO:
         InputError: it cannot be opened.
     """
     try:
+        check_file(path)
         return path.open("rb")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from error

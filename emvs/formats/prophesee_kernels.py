@@ -18,6 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+
 Column = NDArray[np.uint16]
 Result = tuple[int, int, bool]
 MOST_PER_WORD = 32

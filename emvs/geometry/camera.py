@@ -14,11 +14,13 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from emvs.errors import InputError, check_type, check_whole, shown
+from emvs.errors import InputError, check_type, check_whole, quoted, shown
 
 Model = Literal["pinhole", "radtan", "kb4"]
 # A distorted position that cannot be reproduced to this many pixels has no ray.
 _ROUND_TRIP_PX = 1e-6
+_MOST_PX = 1 << 16  # as many columns as events can name
+_LARGEST = 1e9  # px, or without unit: beyond any lens
 _Lens = Callable[[NDArray[np.float64], tuple[float, ...]], NDArray[np.float64]]
 TERMS = {"pinhole": (0,), "radtan": (4, 5), "kb4": (4,)}
 _ITERATIONS = 100
@@ -66,9 +68,16 @@ class Camera:
             raise InputError(
                 f"camera of {self.width_px}x{self.height_px} px: both must be at least 1"
             )
+        if max(self.width_px, self.height_px) > _MOST_PX:
+            size = quoted(f"{self.width_px}x{self.height_px}")
+            raise InputError(f"camera of {size} px: both must be at most {_MOST_PX}")
         numbers = (self.fx_px, self.fy_px, self.cx_px, self.cy_px, *self.distortion)
-        if not np.all(np.isfinite(numbers)) or self.fx_px <= 0 or self.fy_px <= 0:
-            raise InputError(f"camera intrinsics {numbers}: must be finite, focal lengths above 0")
+        # compared one by one: NumPy takes no integer beyond 64 bits, as JSON may hold
+        if not all(abs(n) <= _LARGEST for n in numbers) or self.fx_px <= 0 or self.fy_px <= 0:
+            raise InputError(
+                f"camera intrinsics {quoted(*numbers)}: must be finite, at most {_LARGEST:g}, "
+                "focal lengths above 0"
+            )
 
     def _check_types(self) -> None:
         for name in ("width_px", "height_px"):

@@ -22,6 +22,7 @@ from emvs.dsi.method import file_name
 from emvs.dsi.slices import Slices
 from emvs.errors import DAMAGED_NPY, InputError
 from emvs.geometry.camera import Camera
+from emvs.utils.inputs import TABLE_BYTES, check_file, parse_json, read_text
 from emvs.utils.runtime import versions
 from emvs.window_result import WindowResult
 
@@ -289,16 +290,16 @@ def read_info(directory: Path) -> MapInfo:
     """
     index = directory / "map.json"
     try:
-        text = index.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_text(index, TABLE_BYTES)
+    except (OSError, ValueError) as error:
         raise InputError(f"{directory} is no map, map.json cannot be read ({error})") from error
     return _parse(index, text)
 
 
 def _parse(index: Path, text: str) -> MapInfo:
     try:
-        found = json.loads(text).get("schema_version")
-    except (json.JSONDecodeError, AttributeError) as error:
+        found = parse_json(text).get("schema_version")
+    except (ValueError, AttributeError) as error:
         raise InputError(f"{index}: not the JSON of a map ({error}): {CURE}") from error
     if found != SCHEMA_VERSION:
         raise InputError(f"{index}: schema version {found}, needs {SCHEMA_VERSION}: {CURE}")
@@ -384,6 +385,7 @@ def read_npz(path: Path, keys: Sequence[str]) -> Arrays:
         InputError: a missing or damaged file, or one without these arrays.
     """
     try:
+        check_file(path)
         with np.load(path, allow_pickle=False) as file:
             return {key: file[key] for key in keys}
     except FileNotFoundError as error:
@@ -411,6 +413,6 @@ def check_array(
 
 def _camera(path: Path, text: str) -> Camera:
     try:
-        return Camera.from_json(json.loads(text))
-    except (json.JSONDecodeError, TypeError, AttributeError, InputError) as error:
+        return Camera.from_json(parse_json(text))
+    except (ValueError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: camera cannot be read ({error}): {CURE}") from error

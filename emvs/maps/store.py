@@ -17,12 +17,11 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from pydantic import ValidationError
-
 from emvs.data.recording import Recording
 from emvs.errors import InputError
 from emvs.maps.folder import MapInfo, WindowInfo, read_info
 from emvs.utils.files import atomic_dir, atomic_path
+from emvs.utils.inputs import TABLE_BYTES, read_text
 
 _INDEX, _ENTRY = "map.json", "window.json"
 _ENTRIES = '  "windows": []'
@@ -163,8 +162,8 @@ def read_entry(path: Path) -> WindowInfo:
         InputError: a damaged file.
     """
     try:
-        return WindowInfo.model_validate_json((path / _ENTRY).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, ValidationError) as error:
+        return WindowInfo.model_validate_json(read_text(path / _ENTRY, TABLE_BYTES))
+    except (OSError, ValueError) as error:
         line = str(error).splitlines()[0]
         raise InputError(f"{path / _ENTRY}: {line}; remove {path} and map again") from error
 

@@ -11,6 +11,7 @@ from importlib import metadata
 import numba
 
 from emvs.errors import InputError
+from emvs.utils.kernel_cache import use_kernel_cache
 
 # progress(stage, done, total)
 Progress = Callable[[str, int, int], None]
@@ -51,6 +52,7 @@ class Stopwatch:
 # OpenMP is safe when several Python threads call kernels; numba's own queue ends the process.
 if "NUMBA_THREADING_LAYER" not in os.environ:
     numba.config.THREADING_LAYER = "omp"  # type: ignore[attr-defined]
+use_kernel_cache()
 
 
 @cache

@@ -6,18 +6,32 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
+from typing import TYPE_CHECKING
 
 from emvs.errors import InputError
 
-OK, BAD_INPUT, INTERRUPTED = 0, 2, 130
+if TYPE_CHECKING:
+    from emvs.maps.folder import MapInfo
 
-# Modules whose functions HDF5 calls from C: an interrupt that is raised there passes through
-# libraries that do not expect it, which lose it or crash.
-_CALLED_FROM_C = frozenset({"emvs.data.hdf5"})
+OK, INCOMPLETE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+# Where an interrupt must not be raised, for it would pass through libraries that do not expect it,
+# which lose it, crash, or make another error of it: functions that HDF5 calls from C, and imports.
+_NOT_NOW = frozenset(
+    {
+        "emvs.data.hdf5",
+        "_frozen_importlib",
+        "_frozen_importlib_external",
+        "importlib._bootstrap",
+        "importlib._bootstrap_external",
+    }
+)
+# What calls it may itself be running inside an import, which ends only when the command does.
+_OUTERMOST = "eval.cli.main"
 _SOON_S = 0.05
 
 # The libraries name their parameters; these are their flags.
@@ -68,6 +82,26 @@ def exit_code() -> Iterator[ExitCode]:
         sys.unraisablehook = sys.__unraisablehook__
 
 
+def incomplete(maps: Iterable[MapInfo], *, allowed: bool) -> int:
+    """The exit code of sliding windows, some of which could not be mapped; says so in one line.
+
+    Args:
+        maps: what the maps say of themselves.
+        allowed: whether windows may be missing.
+    """
+    maps = list(maps)
+    skipped = [window for info in maps for window in info.skipped]
+    if allowed or not skipped:
+        return OK
+    total = len(skipped) + sum(len(info.windows) for info in maps)
+    first = f"{skipped[0].name}: {skipped[0].reason}"
+    words = (
+        f"{len(skipped)} of {total} windows could not be mapped ({first}); the others are there; "
+        "where that is no fault, add --allow-skipped"
+    )
+    return _tell(with_flags(words), INCOMPLETE)
+
+
 def with_flags(words: str) -> str:
     """What a library says of its parameters, as the command line's flags."""
     for parameter, flag in _FLAGS.items():
@@ -84,15 +118,15 @@ def _send_again(lost: sys.UnraisableHookArgs) -> None:
 
 
 def _interrupt(_number: int, frame: FrameType | None) -> None:
-    if _is_called_from_c(frame):
+    if _must_wait(frame):
         _interrupt_soon()
     else:
         raise KeyboardInterrupt
 
 
-def _is_called_from_c(frame: FrameType | None) -> bool:
-    while frame is not None:
-        if frame.f_globals.get("__name__") in _CALLED_FROM_C:
+def _must_wait(frame: FrameType | None) -> bool:
+    while frame is not None and (name := frame.f_globals.get("__name__")) != _OUTERMOST:
+        if name in _NOT_NOW:
             return True
         frame = frame.f_back
     return False

@@ -25,7 +25,8 @@ for _verb in VERBS:  # importing its module registers a verb
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command and ends the process with its code.
 
-    0 on success, 1 where a suite or gate failed, 2 on bad input, 130 when interrupted.
+    0 on success, 1 where a suite, a gate or some windows failed, 2 on bad input, 130 when
+    interrupted.
     """
     with exit_code() as code:
         try:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 from emvs.config import DeviceName
 from eval import config
-from eval.cli.app import COMMON, MAP, Common, MapFlags, Methods, app, with_values
+from eval.cli.app import COMMON, MAP, NO_NEGATIVE, Common, MapFlags, Methods, app, with_values
 
 
 @app.command
@@ -17,9 +18,10 @@ def map(  # noqa: A001 - the verb's name
     out: Path,
     method: Methods = (),
     device: DeviceName | None = None,
+    allow_skipped: Annotated[bool, NO_NEGATIVE] = False,
     common: Common = COMMON,
     map: MapFlags = MAP,  # noqa: A002 - the name is the flag's prefix
-) -> None:
+) -> int:
     """Map a recording: depth, confidence and point cloud per method.
 
     With --map.window-s or --map.window-events it maps sliding windows over the whole recording; the
@@ -30,7 +32,9 @@ def map(  # noqa: A001 - the verb's name
         out: Folder to write: map.json, report.html, and a folder per window and method.
         method: Method to map with, repeatable; as --map.methods.
         device: Where the sweep runs; as --map.device.
+        allow_skipped: End with 0 although some of the sliding windows could not be mapped.
     """
+    from eval.cli.exit_codes import incomplete
     from eval.cli.report import report_stage
     from eval.pipeline import map_recording
 
@@ -43,3 +47,4 @@ def map(  # noqa: A001 - the verb's name
     )
     console.mapped(stored)
     console.wrote(out / "report.html")
+    return incomplete([stored.info], allowed=allow_skipped)

@@ -35,11 +35,12 @@ def run(
     workers: int = 1,
     method: Methods = (),
     device: DeviceName | None = None,
+    allow_skipped: Annotated[bool, NO_NEGATIVE] = False,
     common: Common = COMMON,
     sim: SimFlags = SIM,
     map: MapFlags = MAP,  # noqa: A002 - the name is the flag's prefix
     score: ScoreFlags = SCORE,
-) -> None:
+) -> int:
     """Simulate, map and score cases, and write one report.
 
     Args:
@@ -51,9 +52,13 @@ def run(
         workers: Rendering processes.
         method: Method to map with, repeatable; as --map.methods.
         device: Where the mapper's sweep runs; as --map.device.
+        allow_skipped: End with 0 although some of the sliding windows could not be mapped.
     """
+    from emvs.maps.folder import read_info
+    from eval.cli.exit_codes import incomplete
     from eval.cli.report import report_stage
     from eval.pipeline import run_cases
+    from eval.scoring.run_folder import MAP_FOLDER
 
     wanted = config.load(
         common.config,
@@ -75,3 +80,5 @@ def run(
     )
     console.results(results, wanted.score.ranking_metric)
     console.wrote(out / "report.html")
+    maps = [read_info(out / one / MAP_FOLDER) for one in case]
+    return incomplete(maps, allowed=allow_skipped)

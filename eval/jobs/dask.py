@@ -6,7 +6,7 @@ import ipaddress
 import queue
 import socket
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 _CONNECT_S = 10
+_LEAVE_S = 5
 _START = "start one with `dask scheduler --host 127.0.0.1`, or leave --scheduler out"
 
 
@@ -117,7 +118,8 @@ def dask_workers(cluster: Cluster, cache: Path) -> Iterator[DaskWorkers]:
     try:
         yield DaskWorkers(client, cache)
     finally:
-        client.close()
+        with suppress(Exception):  # a scheduler that is gone cannot be taken leave of
+            client.close(timeout=_LEAVE_S)
 
 
 class DaskWorkers:
@@ -138,11 +140,16 @@ class DaskWorkers:
         """Threads of all workers that are there now."""
         try:
             return sum(self._client.nthreads().values())
-        except (OSError, RuntimeError):
+        except (OSError, RuntimeError, AttributeError):  # the last: the scheduler is gone
             return 0
 
     def submit(self, job: Job) -> None:
-        """Hands over a job; a worker that dies of it is replaced as the scheduler is told to."""
+        """Hands over a job; a worker that dies of it is replaced as the scheduler is told to.
+
+        Raises:
+            InputError: the scheduler is gone.
+        """
+        self._check_connected()
         future = self._client.submit(
             _do_same_code, job, self._cache, code_of(job), key=f"eventsweep-{job.name}", pure=False
         )
@@ -150,14 +157,28 @@ class DaskWorkers:
         future.add_done_callback(lambda over, name=job.name: self._over.put((name, over)))
 
     def wait(self, timeout_s: float) -> list[Outcome]:
-        """The outcomes since the last call; waits for one, but no longer than that."""
+        """The outcomes since the last call; waits for one, but no longer than that.
+
+        Raises:
+            InputError: the scheduler is gone.
+        """
         try:
             over = [self._over.get(timeout=timeout_s)]
         except queue.Empty:
+            self._check_connected()
             return []
+        self._check_connected()
         while not self._over.empty():
             over.append(self._over.get())
         return [self._outcome(name, future) for name, future in over]
+
+    def _check_connected(self) -> None:
+        """A scheduler that ends takes all its futures along; they would look like failed jobs."""
+        if self._client.status != "running":
+            raise InputError(
+                "the scheduler is gone: start it again and repeat the command; what was done is in "
+                "the cache"
+            )
 
     def _outcome(self, name: str, future: Future[Any]) -> Outcome:
         self._futures.pop(name, None)

@@ -11,6 +11,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
+from emvs.utils.processes import end_with_parent
 from eval.jobs.cache import Cache
 from eval.jobs.job import Done, Failed, Job, Outcome, do, find
 
@@ -152,6 +153,7 @@ class _Worker:
 
 def _work(pipe: Connection, cache: str, threads: dict[str, str]) -> None:
     """A worker's whole life: jobs come through the pipe, outcomes go back, until it is closed."""
+    end_with_parent()
     os.environ.update(threads)  # before numba and Mesa are loaded
     with suppress(EOFError, OSError, KeyboardInterrupt):
         while True:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 import math
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from pydantic import BaseModel, ConfigDict
 
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path
+from emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
 from eval.figures.colormaps import line_style
 from eval.report.html import (
     REPORT_NAME,
@@ -65,7 +65,7 @@ def find_studies(folder: Path) -> list[Path]:
 
 def _is_study(path: Path) -> bool:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = parse_json(read_text(path, TABLE_BYTES))
     except (OSError, ValueError):
         return False
     return isinstance(content, dict) and {"study", "breaks_at"} <= content.keys()

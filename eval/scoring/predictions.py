@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from emvs.errors import InputError
 from emvs.maps.folder import StoredWindow
+from emvs.utils.inputs import SETTINGS_BYTES, TABLE_BYTES, check_file, parse_toml, read_text
 from eval.config import EvalConfig
 from eval.scoring.depth_files import SUFFIXES, is_integral, read_confidence, read_numbers
 from eval.scoring.pairing import Estimate
@@ -57,14 +57,14 @@ def read_description(path: Path) -> PredictionFacts:
     if not path.exists():
         return PredictionFacts()
     try:
-        return PredictionFacts.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: no TOML ({error}): correct it") from error
+        return PredictionFacts.model_validate(parse_toml(read_text(path, SETTINGS_BYTES)))
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         known = ", ".join(PredictionFacts.model_fields)
         raise InputError(f"{path}: {where}: {first['msg']}; it may hold {known}") from error
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: no TOML ({error}): correct it") from error
 
 
 def timed_files(folder: Path, description: PredictionFacts) -> dict[int, Path]:
@@ -96,6 +96,7 @@ def timed_files(folder: Path, description: PredictionFacts) -> dict[int, Path]:
 
 
 def _listed(path: Path, files: Sequence[Path]) -> list[str]:
+    check_file(path, TABLE_BYTES)
     times = path.read_text(encoding="utf-8", errors="replace").split()
     bad = [time for time in times if not _STEM.fullmatch(time)]
     if bad or len(times) != len(files):

@@ -17,6 +17,7 @@ from pydantic import BeforeValidator, ConfigDict, PlainSerializer, TypeAdapter, 
 
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path
+from emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
 from emvs.utils.runtime import versions
 
 if TYPE_CHECKING:
@@ -273,7 +274,7 @@ def read_json(
     """
     name = name or str(file)
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
+        content = parse_json(read_text(file, TABLE_BYTES))
     except OSError as error:
         raise InputError(f"{name}: cannot be read ({error.strerror}); {cure}") from error
     except ValueError as error:

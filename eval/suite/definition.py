@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from emvs.errors import InputError
 from emvs.parameters import explain
+from emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
 from eval.config import Settings
 
 FOLDER = Path(__file__).parent / "definitions"
@@ -189,13 +189,13 @@ def read(path: Path) -> Suite:
         InputError: a file that cannot be read, or is no suite.
     """
     try:
-        return Suite.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        return Suite.model_validate(parse_toml(read_text(path, SETTINGS_BYTES)))
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); needs a TOML file") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not TOML: {error}") from error
     except ValidationError as error:
         raise InputError(explain(error, Settings, f"{path}: ")) from error
+    except ValueError as error:
+        raise InputError(f"{path}: not TOML: {error}") from error
 
 
 def _refuse_unknown(where: str, names: tuple[str, ...], known: Mapping[str, Any]) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-import emvs.utils.runtime  # noqa: F401  (names the threading layer before the kernel compiles)
+import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 from emvs.config import MapperConfig
 from emvs.datasets import open_recording
 from emvs.errors import InputError

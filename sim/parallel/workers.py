@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
+from emvs.utils.processes import end_with_parent
 from sim.graphics import worker_devices
 from sim.graphics.choice import DEVICE
 from sim.parallel.checkpoint import Stopped
@@ -191,6 +192,7 @@ def _work(
     gpu: int | None,
 ) -> None:  # fmt: skip
     """A worker's whole life."""
+    end_with_parent()
     # Ctrl-C reaches every process of the terminal; the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Software rendering takes all cores by itself; several processes share them.

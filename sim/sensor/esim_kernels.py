@@ -12,6 +12,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+
 PIXEL = np.dtype(
     [
         ("last_emitted_us", np.int64),

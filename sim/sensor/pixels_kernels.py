@@ -12,6 +12,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 from sim.sensor.esim_kernels import (
     NEAR,
     crossing_offset_us,

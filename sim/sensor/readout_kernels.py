@@ -8,6 +8,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+
 WAITING, SERVED, DROPPED = 0, 1, 2
 
 

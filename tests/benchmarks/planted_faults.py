@@ -75,10 +75,7 @@ FAULTS = (
 
 
 def broken_copy(folder: Path, *faults: Fault) -> Path:
-    """Copies the packages and breaks one line for each fault; times of files are kept.
-
-    Compiled kernels come along, and are found again where their file was not broken.
-    """
+    """Copies the packages and breaks one line for each fault; the copy compiles its own kernels."""
     for package in PACKAGES:
         shutil.copytree(ROOT / package, folder / package)
     for fault in faults:

@@ -127,16 +127,13 @@ def test_names_sort_like_windows():
     [
         ({"window_s": 2.0}, "choose a shorter one"),
         ({"stride_s": 1e-9}, "at least 1 µs"),
-        ({"window_s": 1e-6, "stride_s": 1e-6, "duration_s": None}, None),
+        ({"window_s": 1e-6, "stride_s": 1e-6, "duration_s": None}, "at most 100000"),
         ({"start_s": 9.0}, "choose an earlier start_s"),
         ({"start_s": 0.1, "duration_s": 5.0}, "choose duration_s of at most"),
         ({"window_s": None, "stride_s": None}, "no sliding windows"),
     ],
 )
 def test_impossible_windows_are_refused_in_one_line(values, words):
-    if words is None:
-        assert len(plan_windows(WORLD, with_(**values))) < 1_000_000
-        return
     with pytest.raises(InputError, match=words) as error:
         plan_windows(WORLD, with_(**values))
     assert "\n" not in str(error.value)

@@ -57,14 +57,19 @@ def test_other_settings_are_one_line_and_exit_code_2(mapped, sequence, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_bad_windows_are_told_at_the_end_and_the_exit_code_stays_0(sequence, tmp_path, capsys):
+def test_bad_windows_are_told_at_the_end_and_are_no_success(sequence, tmp_path, capsys):
     counts = [
         min(camera["voting"] for camera in window.counts.values())
         for window in read_map(sequence.parent / "map").info.windows
     ]
     least = str(sorted(counts)[2])
-    assert map_into(tmp_path / "map", sequence, "--map.min-events", least) == 0
-    told = capsys.readouterr().out
+    assert map_into(tmp_path / "map", sequence, "--map.min-events", least) == 1
+    told, errors = capsys.readouterr()
+    line = errors.splitlines()[-1]  # below the bars
+    assert line.startswith("eventsweep: 2 of 4 windows could not be mapped (w0")
+    assert "--allow-skipped" in line
+    again = ("--map.min-events", least, "--allow-skipped", "--quiet")
+    assert map_into(tmp_path / "map", sequence, *again) == 0
     assert "2 of 4 windows could not be mapped" in told
     assert f"at least {least}" in " ".join(told.split())
     assert map_into(tmp_path / "none", sequence, "--map.min-events", "99999999", "--quiet") == 2

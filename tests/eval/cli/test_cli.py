@@ -1,6 +1,7 @@
 """The command line: what it refuses, what it prints, and what it never leaves behind."""
 
 import json
+import os
 import resource
 import signal
 import subprocess
@@ -21,6 +22,7 @@ from emvs.geometry.trajectory import Trajectory
 from eval import pipeline
 from eval.cli.exit_codes import with_flags
 from eval.cli.main import main
+from places import ROOT
 
 COMMAND = [sys.executable, "-m", "eventsweep"]
 CAMERA = Camera(40, 30, 30, 30, 19.5, 14.5)
@@ -283,6 +285,58 @@ sys.exit(code.value)
     )
     assert done.returncode == 130
     assert done.stderr.count("\n") == 1
+
+
+def test_an_interrupt_during_an_import_is_not_lost(tmp_path):
+    """Libraries make an ImportError of it, or half an import."""
+    (tmp_path / "foreign.py").write_text("""
+import signal, time
+try:
+    signal.raise_signal(signal.SIGINT)
+    time.sleep(0.3)
+except KeyboardInterrupt as error:
+    raise ImportError("initialisation failed") from error
+""")
+    script = """
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from eval.cli.exit_codes import exit_code
+
+with exit_code() as code:
+    try:
+        import foreign
+    except ImportError:
+        sys.exit(0)
+    for _ in range(600):
+        time.sleep(0.1)
+sys.exit(code.value)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=60,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])},
+    )  # fmt: skip
+    assert done.returncode == 130
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_command_inside_an_import_can_be_interrupted(tmp_path):
+    (tmp_path / "script.py").write_text("""
+import signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)
+import eval.cli.main as command
+
+def forever(*_, **__):
+    signal.raise_signal(signal.SIGINT)
+    time.sleep(60)
+
+command.app = forever
+sys.exit(command.main(["list"]))
+""")
+    done = subprocess.run(
+        [sys.executable, "-c", "import script"], capture_output=True, check=False, timeout=30,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])},
+    )  # fmt: skip
+    assert done.returncode == 130
 
 
 def test_an_interrupt_while_hdf5_writes_waits_until_it_has_written(tmp_path):

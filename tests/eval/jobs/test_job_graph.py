@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
@@ -407,6 +408,7 @@ def start(tmp_path):
         started.append(
             subprocess.Popen([*command, *options, *arguments], env=env, stderr=subprocess.DEVNULL)
         )
+        return started[-1]
 
     yield process
     for one in started:
@@ -437,6 +439,63 @@ def test_the_same_graph_runs_on_a_cluster_whose_worker_joins_late(cluster, make,
     assert over["c"].text == "a+b+c"
     assert over["bad"].reason == "ZeroDivisionError: as asked"
     assert {name: runs(log, name) for name in "abc"} == dict.fromkeys("abc", 1)
+
+
+def test_a_killed_scheduler_is_one_line_and_what_was_done_stays(start, make, log, tmp_path):
+    scheduler = start("scheduler", "--port", "0")
+    place = Cluster(address(tmp_path))
+    start("worker", "--nthreads", "1", "--no-nanny")
+
+    def kill():
+        wait_for(lambda: runs(log, "b") == 1)
+        scheduler.kill()
+
+    threading.Thread(target=kill).start()
+    last = make("b", "sleep", needs=(make("a"),), seconds=60)
+    with pytest.raises(InputError, match="the scheduler is gone") as caught:
+        run_jobs([last], lambda: dask_workers(place, tmp_path / "cache"), Silent())
+    assert "\n" not in str(caught.value)
+    assert do(make("a"), str(tmp_path / "cache")).found
+
+
+PARENT = """
+import multiprocessing, sys, time
+from emvs.utils.processes import end_with_parent
+
+def work(pipe):
+    end_with_parent()
+    pipe.send("ready")
+    time.sleep(60)
+
+if __name__ == "__main__":
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=work, args=(theirs,))
+    process.start()
+    ours.recv()
+    print(process.pid, flush=True)
+    time.sleep(60)
+"""
+
+
+def test_a_worker_ends_with_a_killed_parent(tmp_path):
+    (tmp_path / "parent.py").write_text(PARENT)
+    parent = subprocess.Popen(
+        [sys.executable, tmp_path / "parent.py"], stdout=subprocess.PIPE, text=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    worker = int(parent.stdout.readline())
+    parent.kill()
+    parent.wait()
+    wait_for(lambda: not is_running(worker), seconds=2)
+
+
+def is_running(process):
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state != "Z"
 
 
 @pytest.mark.slow

@@ -1,0 +1,77 @@
+"""Small files that others wrote, read without trust: regular files only, of bounded size and depth.
+
+A pipe would hang whoever opens it, a device never ends, and a text can be nested more deeply than
+Python's stack.
+"""
+
+from __future__ import annotations
+
+import json
+import stat
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from emvs.errors import InputError
+
+SETTINGS_BYTES = 1 << 18
+"""More than any calibration, rig or table of settings."""
+TABLE_BYTES = 1 << 28
+"""More than any list of poses, results or files."""
+
+
+def check_file(path: Path, most_bytes: int | None = None) -> None:
+    """Refuses what cannot be read to its end; looks, and opens nothing.
+
+    Args:
+        path: where it should be; symbolic links are followed.
+        most_bytes: what the file may hold; None where it is read piece by piece.
+
+    Raises:
+        InputError: a pipe, a device, a socket or a folder, a name with a NUL, or too large.
+        OSError: nothing there, or it cannot be looked at.
+    """
+    try:
+        seen = Path(path).stat()
+    except ValueError as error:
+        raise InputError(f"{str(path)!r}: is no name of a file ({error}); correct it") from error
+    if not stat.S_ISREG(seen.st_mode):
+        kind = "a folder" if stat.S_ISDIR(seen.st_mode) else "a pipe, device or socket"
+        raise InputError(f"{path}: is {kind}; needs a regular file")
+    if most_bytes is not None and seen.st_size > most_bytes:
+        raise InputError(f"{path}: {seen.st_size} bytes, at most {most_bytes} are read")
+
+
+def read_text(path: Path, most_bytes: int, encoding: str = "utf-8") -> str:
+    """The whole text of a file.
+
+    Raises:
+        InputError: as `check_file`.
+        OSError, UnicodeDecodeError: it cannot be read, or is no text.
+    """
+    check_file(path, most_bytes)
+    return Path(path).read_text(encoding=encoding)
+
+
+def parse_json(text: str) -> Any:
+    """The content of a JSON text.
+
+    Raises:
+        ValueError: no JSON, or nested too deeply.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError as error:
+        raise ValueError("nested too deeply") from error
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """The content of a TOML text.
+
+    Raises:
+        ValueError: no TOML, nested too deeply, or a number of thousands of digits.
+    """
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError("nested too deeply") from error

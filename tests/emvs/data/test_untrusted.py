@@ -1,0 +1,211 @@
+"""Recordings that someone else made: nothing hangs, nothing is read that is not theirs."""
+
+import json
+import os
+import shutil
+import socket
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from cost_stream import MovingEdges
+from emvs.config import MapperConfig
+from emvs.data.hdf5 import open_hdf5
+from emvs.data.poses import read_poses, read_tum
+from emvs.data.sequence import Sequence
+from emvs.datasets.custom import read_descriptor
+from emvs.errors import InputError
+from emvs.formats import open_events
+from emvs.formats.calibration import parsed
+from emvs.geometry.camera import Camera
+from emvs.maps.folder import read_info
+from emvs.reference_view import depth_range_m
+from emvs.windows import MOST_WINDOWS, plan_windows
+from eval import config as settings
+from eval.gate.baseline import read_baseline
+from eval.report.study_page import find_studies
+from eval.scoring.predictions import read_description
+from eval.suite import definition
+
+DEEP = "[" * 100_000
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("made") / "edges"
+    MovingEdges((64, 48), 3000).write(folder)
+    return folder
+
+
+@pytest.fixture
+def sequence(made, tmp_path):
+    return shutil.copytree(made, tmp_path / "edges")
+
+
+def refused(call, *arguments, match):
+    """Refuses in one line, and soon."""
+    began = time.monotonic()
+    with pytest.raises(InputError, match=match) as caught:
+        call(*arguments)
+    assert time.monotonic() - began < 10
+    assert len(str(caught.value).splitlines()) == 1
+    assert len(str(caught.value)) < 1000
+
+
+def external_storage(file, path):
+    file.create_dataset("events/x", (16,), np.uint16, external=[(path, 0, 32)])
+
+
+def external_link(file, path):
+    file["events"] = h5py.ExternalLink(path, "/")
+
+
+def virtual(file, path):
+    layout = h5py.VirtualLayout((16,), np.uint16)
+    layout[:] = h5py.VirtualSource(path, "x", (16,))
+    file.create_virtual_dataset("events/x", layout)
+
+
+@pytest.mark.parametrize("lead", [external_storage, external_link, virtual])
+@pytest.mark.parametrize("call", [open_events, lambda path: open_hdf5(path).__enter__()])
+def test_hdf5_that_leads_into_another_file_is_refused(tmp_path, lead, call):
+    (tmp_path / "secret").write_bytes(bytes(32))
+    with h5py.File(tmp_path / "events.h5", "w") as file:
+        lead(file, str(tmp_path / "secret"))
+    refused(call, tmp_path / "events.h5", match="another file")
+
+
+def pipe(path):
+    os.mkfifo(path)
+
+
+def device(path):
+    path.symlink_to("/dev/zero")
+
+
+def plug(path):
+    before = Path.cwd()
+    os.chdir(path.parent)  # a socket's name is short
+    with socket.socket(socket.AF_UNIX) as one:
+        one.bind(path.name)
+    os.chdir(before)
+
+
+READERS = {
+    "poses": read_tum,
+    "posed": read_poses,
+    "calibration": parsed,
+    "recording.toml": read_descriptor,
+    "events": open_events,
+    "hdf5": lambda path: open_hdf5(path).__enter__(),
+    "baseline": read_baseline,
+    "suite": definition.read,
+    "settings": lambda path: settings.load(path),
+    "prediction.toml": read_description,
+}
+
+
+@pytest.mark.parametrize("plant", [pipe, device, plug])
+@pytest.mark.parametrize("name", READERS)
+def test_only_regular_files_are_opened(tmp_path, name, plant):
+    plant(tmp_path / name)
+    refused(READERS[name], tmp_path / name, match="pipe|device")
+
+
+@pytest.mark.parametrize("plant", [pipe, device, plug])
+@pytest.mark.parametrize("name", ["manifest.json", "rig.json", "poses.txt", "cam0/events.h5"])
+def test_only_regular_files_are_opened_in_a_sequence(sequence, name, plant):
+    (sequence / name).unlink()
+    plant(sequence / name)
+    refused(Sequence, sequence, match="pipe, device or socket|no file of this folder")
+
+
+@pytest.mark.parametrize("name", ["/etc/hostname", "../secret", "cam0/../../secret", "a\0b", ""])
+def test_a_manifest_names_only_what_is_inside(sequence, name):
+    (sequence.parent / "secret").write_text("x")
+    index = sequence / "manifest.json"
+    content = json.loads(index.read_text())
+    content["files"][name] = {"sha256": "0" * 64, "bytes": 1}
+    index.write_text(json.dumps(content))
+    refused(Sequence, sequence, match="no file of this folder")
+
+
+def test_a_link_that_leaves_a_sequence_is_refused_and_one_that_stays_is_followed(sequence):
+    poses = sequence / "poses.txt"
+    poses.rename(sequence / "kept.txt")
+    poses.symlink_to("kept.txt")
+    assert len(Sequence(sequence).trajectory.t_us)
+    (sequence / "kept.txt").rename(sequence.parent / "kept.txt")
+    poses.unlink()
+    poses.symlink_to(sequence.parent / "kept.txt")
+    refused(Sequence, sequence, match="no file of this folder.*instead of a link")
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "rig.json"])
+def test_deep_nesting_in_a_sequence_is_one_line(sequence, name):
+    text = DEEP.ljust((sequence / name).stat().st_size)
+    index = json.loads((sequence / "manifest.json").read_text())
+    (sequence / name).write_text(text)
+    if name in index["files"]:
+        index["files"][name]["bytes"] = len(text)
+        (sequence / "manifest.json").write_text(json.dumps(index))
+    refused(Sequence, sequence, match="damaged|nested")
+
+
+@pytest.mark.parametrize(
+    "name", ["baseline", "suite", "settings", "prediction.toml", "calibration"]
+)
+@pytest.mark.parametrize("text", [DEEP, "a = " + DEEP, '{"a":' * 30_000, "a = " + "1" * 9000])
+def test_deep_nesting_and_long_numbers_are_one_line(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    refused(READERS[name], tmp_path / name, match=".")
+
+
+def test_deep_nesting_in_a_map_and_a_study(tmp_path):
+    (tmp_path / "map.json").write_text(DEEP)
+    refused(read_info, tmp_path, match="nested too deeply")
+    assert find_studies(tmp_path) == []
+
+
+@pytest.mark.parametrize("text", ["1" * 5_000_000, "1:" * 100_000 + "1", "1" * 200_000])
+def test_a_calibration_of_digits_is_refused_soon(tmp_path, text):
+    (tmp_path / "chain.yaml").write_text(f"cam0: {text}\n")
+    refused(parsed, tmp_path / "chain.yaml", match="bytes|digits")
+
+
+@pytest.mark.parametrize("value", [10**30, 1e30, 10**400, float("inf"), float("nan")])
+@pytest.mark.parametrize("key", ["fx_px", "cx_px", "distortion"])
+def test_impossible_intrinsics_are_one_line(key, value):
+    values = {"width_px": 4, "height_px": 3, "fx_px": 5.0, "fy_px": 5.0, "cx_px": 2, "cy_px": 1}
+    given = (0, 0, 0, value) if key == "distortion" else value
+    values |= {"model": "radtan", "distortion": (0, 0, 0, 0), key: given}
+    refused(Camera.from_json, values, match="must be finite")
+
+
+@pytest.mark.parametrize("size", [(10**30, 3), (4, 10**400)])
+def test_impossible_sensors_are_one_line(size):
+    refused(Camera, *size, 5, 5, 2, 1, match="at most 65536")
+
+
+@pytest.mark.parametrize("call", [read_tum, read_poses, parsed, open_events])
+def test_a_nul_in_a_name_is_one_line(tmp_path, call):
+    refused(call, tmp_path / "a\0b", match="a..?x?0*b")
+
+
+@pytest.mark.parametrize(("near", "far"), [(1e-300, 1e300), (1e-320, 5), (0.1, 1e12)])
+def test_a_depth_range_beyond_reason_is_one_line(near, far):
+    config = MapperConfig(min_depth_m=near, max_depth_m=far)
+    refused(depth_range_m, MovingEdges((64, 48), 3000), config, match="must lie within")
+
+
+def test_too_many_windows_are_counted_and_refused():
+    config = MapperConfig(window_s=1e-6)
+    refused(
+        plan_windows,
+        MovingEdges((64, 48), 3000),
+        config,
+        match=rf"\d+ windows, at most {MOST_WINDOWS}",
+    )

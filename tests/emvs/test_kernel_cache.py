@@ -1,0 +1,274 @@
+"""Compiled code belongs to the version of all the code that it was made from."""
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+
+import pytest
+
+from emvs.utils import kernel_cache
+from places import ROOT
+
+PACKAGES = ("emvs", "sim", "eval")
+
+FOLD = """
+import numpy as np
+from emvs.dsi.focus_kernels import fold_variance
+value = np.arange(12, dtype=np.float32).reshape(3, 4) ** 2
+best, left, right, previous = np.zeros((4, 3, 4), np.float32)
+weight = np.ones(2, np.float32) / 3
+rows, columns = np.array([1, 0, 1, 2, 1]), np.array([1, 0, 1, 2, 3, 2])
+scratch = np.zeros((1, 2, 6), np.float32), np.zeros((1, 2, 4), np.float32)
+maxima = best, np.zeros((3, 4), np.int32), left, right, previous
+fold_variance(value, 0, weight, rows, columns, *scratch, *maxima)
+print(best.tolist())
+"""
+PIXELS = """
+import numpy as np
+from sim.sensor.pixels import Pixels
+from sim.sensor.random_streams import Randomness
+from sim.sensor_presets import SensorParameters
+pixels = Pixels((1, 2), (0.2, 0.2), 1e-3, SensorParameters(), Randomness(0, 0))
+pixels.start(np.array([[0.2, 0.6]], np.float32))
+for k, frame in enumerate(([0.7, 0.2], [0.25, 0.7])):
+    batch = pixels.step(np.array([frame], np.float32), 1000 * k, 1000 * k + 1000)
+    print(batch.pixel.tolist(), batch.t_us.tolist(), batch.p.tolist())
+"""
+STAGE = f"""
+import contextlib, io
+import emvs.dsi.focus_kernels
+def code(parameters):
+    return (), ()
+def run(parameters, inputs, out):
+    with contextlib.redirect_stdout(io.StringIO()) as text:
+        exec({FOLD!r}, {{}})
+    (out / "result.json").write_text(text.getvalue())
+"""
+JOB = """
+from eval.jobs.job import Job, do
+done = do(Job("fold", "fold_stage", {}), "jobs")
+print(done.found, done.code, done.text)
+"""
+# The caller that shows an edit in a file, and the edit where adding 1 to what is returned is none.
+CALLERS = {"emvs/dsi/fusion_kernels.py": FOLD, "sim/sensor/esim_kernels.py": PIXELS}
+EDITS = {"fold_row": ("if value > top", "if value < top")}
+
+
+def tree(file):
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
+def compiled(file):
+    """Functions of a file that are compiled."""
+    found = [node for node in ast.walk(tree(file)) if isinstance(node, ast.FunctionDef)]
+    return [f for f in found if any(is_compiler(d) for d in f.decorator_list)]
+
+
+def is_compiler(node):
+    return any(word in ast.unparse(node) for word in ("jit", "intrinsic"))
+
+
+def taken(file):
+    """What a file imports from the project by name: name -> file."""
+    nodes = [node for node in tree(file).body if isinstance(node, ast.ImportFrom) and node.module]
+    ours = [node for node in nodes if node.module.split(".")[0] in PACKAGES]
+    return {
+        alias.asname or alias.name: source(f"{node.module}.{alias.name}")
+        for node in ours
+        for alias in node.names
+    }
+
+
+def source(name):
+    """The file of a module, or of the module that has this name."""
+    for dotted in (name, name.rpartition(".")[0]):
+        file = ROOT / f"{dotted.replace('.', '/')}.py"
+        if file.is_file():
+            return file
+    return ROOT / name.replace(".", "/") / "__init__.py"
+
+
+def borrowed():
+    """(function, its file) of compiled functions that a kernel of the CPU in another file calls."""
+    found = set()
+    for file in kernel_cache.kernel_files():
+        if "cuda" not in file.parts:
+            for name, origin in taken(file).items():
+                if name in [f.name for f in compiled(origin)]:
+                    found.add((name, origin.relative_to(ROOT).as_posix()))
+    return sorted(found)
+
+
+def python(code, folder, cache):
+    known = {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(cache)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=folder, timeout=300,
+        env=os.environ | known, check=True,
+    )  # fmt: skip
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory):
+    """A copy of the packages and a cache, and what callers said of the code as it is."""
+    folder = tmp_path_factory.mktemp("copy")
+    for package in PACKAGES:
+        shutil.copytree(
+            ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__")
+        )
+    before = {file: python(code, folder, folder / "cache") for file, code in CALLERS.items()}
+    return folder, before
+
+
+def edited(text, name):
+    """The file's text after an edit of one function that keeps every line where it was."""
+    if name in EDITS:
+        return text.replace(*EDITS[name])
+    function = next(f for f in ast.parse(text).body if getattr(f, "name", None) == name)
+    line = next(n.lineno for n in ast.walk(function) if isinstance(n, ast.Return)) - 1
+    lines = text.splitlines(keepends=True)
+    lines[line] = lines[line].replace("return ", "return 1 + ")
+    return "".join(lines)
+
+
+def test_every_borrowed_function_is_known():
+    assert borrowed()
+    assert {file for _, file in borrowed()} <= set(CALLERS)
+
+
+@pytest.mark.parametrize(("name", "file"), borrowed())
+def test_an_edit_in_another_file_is_seen(copy, name, file):
+    folder, before = copy
+    path = folder / file
+    text = path.read_text(encoding="utf-8")
+    path.write_text(edited(text, name), encoding="utf-8")
+    try:
+        assert path.read_text(encoding="utf-8") != text
+        assert python(CALLERS[file], folder, folder / "cache") != before[file]
+    finally:
+        path.write_text(text, encoding="utf-8")
+    assert python(CALLERS[file], folder, folder / "cache") == before[file]
+
+
+def test_no_job_is_kept_that_older_kernels_made(copy):
+    folder, before = copy
+    (folder / "fold_stage.py").write_text(STAGE, encoding="utf-8")
+    path = folder / "emvs/dsi/fusion_kernels.py"
+    text = path.read_text(encoding="utf-8")
+    found, code, result = python(JOB, folder, folder / "cache").split(maxsplit=2)
+    assert (found, result.strip()) == ("False", before["emvs/dsi/fusion_kernels.py"].strip())
+    path.write_text(edited(text, "fold_row"), encoding="utf-8")
+    try:
+        found, other_code, other_result = python(JOB, folder, folder / "cache").split(maxsplit=2)
+        assert found == "False"
+        assert other_code != code
+        assert other_result != result
+        fresh = python(FOLD, folder, folder / "fresh")
+        assert other_result.strip() == fresh.strip()
+    finally:
+        path.write_text(text, encoding="utf-8")
+
+
+def test_every_file_with_compiled_functions_counts():
+    files = set(kernel_cache.kernel_files())
+    sources = [file for package in PACKAGES for file in (ROOT / package).rglob("*.py")]
+    assert {file for file in sources if compiled(file)} <= files
+
+
+def test_compiled_functions_take_names_only_from_files_that_count():
+    files = set(kernel_cache.kernel_files())
+    for file in files:
+        outside = {name for name, origin in taken(file).items() if origin not in files}
+        for function in compiled(file):
+            body = [node for part in function.body for node in ast.walk(part)]
+            names = {node.id for node in body if isinstance(node, ast.Name)}
+            assert not names & outside, f"{file}, {function.name}"
+
+
+def test_every_file_with_compiled_functions_names_the_cache_first():
+    for file in kernel_cache.kernel_files():
+        if compiled(file) and "cuda" not in file.parts:
+            names = [a.name for n in tree(file).body if isinstance(n, ast.Import) for a in n.names]
+            assert "emvs.utils.runtime" in names, file
+
+
+@pytest.fixture
+def config(monkeypatch):
+    """Numba's settings, without a chosen folder, restored afterwards."""
+    settings = kernel_cache.numba.config
+    monkeypatch.setattr(settings, "CACHE_DIR", "")
+    return settings
+
+
+def test_the_cache_lies_in_the_users_cache_folder(config, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder = kernel_cache.use_kernel_cache()
+    assert folder.parent == tmp_path / "eventsweep-kernels"
+    assert str(folder) == config.CACHE_DIR
+
+
+def test_a_chosen_folder_is_kept(config, tmp_path, monkeypatch):
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "mine"))
+    folder = kernel_cache.use_kernel_cache()
+    assert folder == tmp_path / "mine" / f"eventsweep-{kernel_cache.kernel_version()}"
+
+
+def test_a_home_that_cannot_be_written_to_is_no_fault(config, tmp_path, monkeypatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file" / "cache"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    assert kernel_cache.use_kernel_cache().parent.parent == tmp_path
+
+
+@pytest.mark.parametrize("plant", [lambda p: p.mkdir(), lambda p: p.symlink_to("/")])
+def test_code_is_not_run_from_a_folder_that_others_can_fill(config, tmp_path, monkeypatch, plant):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file" / "cache"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    planted = tmp_path / f"eventsweep-kernels-{os.getuid()}"
+    plant(planted)
+    if not planted.is_symlink():
+        planted.chmod(0o777)
+    with pytest.raises(kernel_cache.InputError, match="set NUMBA_CACHE_DIR"):
+        kernel_cache.use_kernel_cache()
+
+
+def made(home, digit, days, mark=True):
+    folder = home / f"eventsweep-{digit * 16}"
+    (folder / "dsi_0").mkdir(parents=True)
+    if mark:
+        (folder / "last-used").touch()
+        then = time.time() - days * 86_400
+        os.utime(folder / "last-used", (then, then))
+    return folder
+
+
+def test_old_versions_go_and_nothing_else(config, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    home = tmp_path / "eventsweep-kernels"
+    old, unmarked = made(home, "a", 40), made(home, "b", 40, mark=False)
+    recent = [made(home, digit, 2 + k) for k, digit in enumerate("123456789")]
+    busy = [made(home, digit, 0.1) for digit in "cd"]
+    (home / "mine").mkdir()
+    (home / f"eventsweep-{'e' * 16}").symlink_to(tmp_path)
+    home.chmod(0o700)
+    present = kernel_cache.use_kernel_cache()
+    kept = {present, unmarked, *recent[:5], *busy, home / "mine", home / f"eventsweep-{'e' * 16}"}
+    assert set(home.iterdir()) == kept
+    assert not old.exists()
+
+
+def test_it_costs_little(config, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    kernel_cache.use_kernel_cache()
+    spent = []
+    for _ in range(5):
+        config.CACHE_DIR = ""
+        began = time.perf_counter()
+        kernel_cache.use_kernel_cache()
+        spent.append(time.perf_counter() - began)
+    assert min(spent) < 0.02  # 2 ms on a quiet core
