@@ -397,7 +397,8 @@ def read_info(directory: Path) -> MapInfo:
     try:
         text = index.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{directory} is no map, map.json cannot be read ({error})") from error
+        why = error.strerror if isinstance(error, OSError) else error
+        raise InputError(f"{directory} is no map, map.json cannot be read ({why})") from error
     return _parse(index, text)
 
 

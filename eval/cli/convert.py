@@ -52,6 +52,7 @@ def convert(
         height_px=height_px,
         baseline_m=baseline_m,
         force=common.force,
+        inputs=common.inputs(),
     )
     said = run(source, out, options, console.progress)
     console.progress.say(said)

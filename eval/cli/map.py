@@ -35,6 +35,7 @@ def map(  # noqa: A001 - the verb's name
 
     flags = with_values(map, methods=method or None, device=device)
     wanted = config.load(common.config, map=flags)
+    common.check(out, recording)
     console = common.console()
     stored = map_recording(
         recording, out, wanted, force=common.force, report=True, progress=console.progress

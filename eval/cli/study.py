@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from emvs.utils.outputs import output_folder
 from eval.cli import job_flags as suite_app
 from eval.cli.app import COMMON, Common, Methods, app
 from eval.cli.job_flags import JOB_FLAGS, JobFlags
@@ -47,10 +48,12 @@ def study(
     seed_numbers = suite_app.seed_numbers(seeds, "--seeds") or SEEDS
     samples = (method or METHODS, case or CASES, seed_numbers)
     screen, failed = common.console(), 0
-    for one in chosen:
-        result = run_study(one, *samples, job_flags.open, screen.progress, seconds)
-        written = write_study(out, result)
-        failed += len(result.failures)
-        run.show(result, as_json=common.json, quiet=common.quiet)
-        screen.wrote(written[0])
+    names_of_files = [name for one in chosen for name in run.file_names(one)]
+    with output_folder(out, names_of_files, force=True):
+        for one in chosen:
+            result = run_study(one, *samples, job_flags.open, screen.progress, seconds)
+            written = write_study(out, result)
+            failed += len(result.failures)
+            run.show(result, as_json=common.json, quiet=common.quiet)
+            screen.wrote(written[0])
     return _FAILED if failed else 0

@@ -11,6 +11,7 @@ import numpy as np
 from markupsafe import Markup
 
 from emvs.utils.files import atomic_path
+from emvs.utils.outputs import check_files
 from eval.figures.colormaps import Scale, depth_scale, error_scale, events_scale, line_style
 from eval.figures.images import (
     IndexedImage,
@@ -256,6 +257,7 @@ def write_report(run_dir: Path) -> Path:
         InputError: the folder holds neither, or a file of it is damaged.
     """
     run_dir = Path(run_dir)
+    check_files(run_dir, (HTML_NAME, OVERVIEW_NAME), force=True)
     data = load_run(run_dir)
     page = render(data)
     with atomic_path(run_dir / HTML_NAME) as path:
