@@ -383,6 +383,7 @@ def test_an_error_about_a_file_names_it_and_not_where_it_is_made(tmp_path):
 
 # Anything at all
 
+MEMORY = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
 ENTRY = st.sampled_from(["thesis.tex", "w000/Alg1-H/depth.npz", "map.json", "tables/a.csv", "w/"])
 SPOT = st.sampled_from(["out", "out/in", "parent", "other", "out/w000", "link", "parent/out"])
 
@@ -403,8 +404,7 @@ def plant(root, kinds, foreign, link):
     return {path: what for path, what in contents(root).items() if path not in ours}
 
 
-@settings(max_examples=2000, deadline=None)
-@given(
+ANYTHING = given(
     kinds=st.dictionaries(SPOT, st.sampled_from(sorted(WRITERS)), max_size=3),
     foreign=st.lists(st.tuples(SPOT, ENTRY), max_size=4),
     link=st.none() | SPOT,
@@ -413,12 +413,25 @@ def plant(root, kinds, foreign, link):
     verb=st.sampled_from([*sorted(WRITERS), "file"]),
     working=st.sampled_from(["", "", "out", "parent"]),
 )
-def test_whatever_lies_where_nothing_of_others_is_lost(
-    kinds, foreign, link, out, given_inputs, verb, working
-):
+
+
+@settings(max_examples=400, deadline=None)
+@ANYTHING
+def test_whatever_lies_where_nothing_of_others_is_lost(**drawn):
+    check_nothing_is_lost(**drawn)
+
+
+@pytest.mark.slow
+@settings(max_examples=10_000, deadline=None)
+@ANYTHING
+def test_in_thousands_of_cases_nothing_of_others_is_lost(**drawn):
+    check_nothing_is_lost(**drawn)
+
+
+def check_nothing_is_lost(kinds, foreign, link, out, given_inputs, verb, working):
     kinds.pop("link", None)
     foreign = [(place, name) for place, name in foreign if place != "link"]
-    root = Path(tempfile.mkdtemp())
+    root = Path(tempfile.mkdtemp(dir=MEMORY))
     home, fsync = Path.cwd(), os.fsync
     os.fsync = lambda _file: None  # a real disk takes most of the time
     try:
