@@ -3,7 +3,7 @@ BIN := .venv/bin
 SEED ?= 0
 
 .PHONY: demo test slow lint gate bench setup clean
-.PHONY: pictures pictures-scenes pictures-simulator pictures-methods tables measurements studies
+.PHONY: pictures pictures-code pictures-scenes pictures-simulator pictures-methods tables measurements studies
 .DEFAULT_GOAL := demo
 
 demo: setup
@@ -31,7 +31,10 @@ bench: setup
 
 # The pictures in the documentation, all but those of the measurements below. A line that draws under
 # fixed names has them behind it. SLIDER=FOLDER: slider_depth of the Event Camera Dataset.
-pictures: pictures-scenes pictures-simulator pictures-methods
+pictures: pictures-code pictures-scenes pictures-simulator pictures-methods
+
+pictures-code: setup
+	$(BIN)/python docs/figures/draw_layers.py # docs/images/architecture.png
 
 pictures-scenes: setup
 	for case in desk boxes planes; do \

@@ -3,13 +3,30 @@
 from __future__ import annotations
 
 import difflib
+import os
+import textwrap
 import tokenize
 import zipfile
 import zlib
 from collections.abc import Mapping
+from numbers import Real
 from typing import TypeVar
 
 Value = TypeVar("Value")
+# What `numpy.load` raises for files that are damaged or declare the impossible
+DAMAGED_NPY: tuple[type[Exception], ...] = (
+    OSError,
+    ValueError,
+    EOFError,
+    SyntaxError,
+    MemoryError,
+    NotImplementedError,
+    tokenize.TokenError,
+    zipfile.BadZipFile,
+    zipfile.LargeZipFile,
+    zlib.error,
+)
+_SHOWN_WHOLE = 12
 
 
 class InputError(ValueError):
@@ -27,27 +44,77 @@ class ByName(dict[str, Value]):
         super().__init__(values)
         self.what = what
 
+    def __repr__(self) -> str:
+        if len(self) <= _SHOWN_WHOLE:
+            return super().__repr__()
+        return textwrap.fill(f"{len(self)} {self.what}s: {', '.join(self)}", 100)
+
     def __missing__(self, name: str) -> Value:
         close = difflib.get_close_matches(str(name), self, n=1)
         known = f"did you mean {close[0]}?" if close else f"there are {', '.join(self)}"
         raise InputError(f"no {self.what} {name!r}: {known}")
 
 
-DAMAGED_NPY: tuple[type[Exception], ...] = (
-    OSError,
-    ValueError,
-    EOFError,
-    SyntaxError,
-    MemoryError,
-    NotImplementedError,
-    tokenize.TokenError,
-    zipfile.BadZipFile,
-    zipfile.LargeZipFile,
-    zlib.error,
-)
+def shown(value: object, most: int = 80) -> str:
+    """A value as an error may show it: in one line of bounded length."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= most else f"{text[:most]}..."
 
 
-"""What `numpy.load` raises for files that are damaged or declare the impossible."""
+def check_type(
+    name: str, value: object, kinds: type | tuple[type, ...], needs: str | None = None
+) -> None:
+    """Refuses a value of another type.
+
+    Args:
+        name: of the parameter.
+        value: what came.
+        kinds: one of these is needed.
+        needs: the same in words; by default the types' names.
+
+    Raises:
+        InputError: it is none of them.
+    """
+    if not isinstance(value, kinds):
+        every = kinds if isinstance(kinds, tuple) else (kinds,)
+        needs = needs or " or ".join(kind.__name__ for kind in every)
+        raise InputError(f"{name} is {shown(value)}: needs {needs}")
+
+
+def check_path(name: str, value: object) -> None:
+    """Refuses what is no path.
+
+    Raises:
+        InputError: it is neither a string nor a `Path`.
+    """
+    check_type(name, value, (str, os.PathLike), "a path")
+
+
+def check_whole(name: str, value: object) -> None:
+    """Refuses what is no whole number.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if not isinstance(value, Real) or value % 1 != 0:
+        raise InputError(f"{name} is {shown(value)}: needs a whole number")
+
+
+def check_array(name: str, value: object, needs: str, kinds: str = "biuf") -> None:
+    """Refuses what is no array of numbers, without loading the library of arrays.
+
+    Args:
+        name: of the parameter.
+        value: what came.
+        needs: what is needed, in words.
+        kinds: which kinds of numbers, as NumPy's `dtype.kind` has them.
+
+    Raises:
+        InputError: a list, a single number, or an array of something else.
+    """
+    kind = getattr(getattr(value, "dtype", None), "kind", "none")
+    if kind not in kinds or getattr(value, "shape", ()) == ():
+        raise InputError(f"{name} is {shown(value)}: needs {needs}")
 
 
 def said(error: BaseException, most: int = 200) -> str:

@@ -24,7 +24,6 @@ from emvs.windows import time_steps
 
 Mask = NDArray[np.bool_]
 Counts = NDArray[np.int64]
-
 _WINDOW_PX, _RANK, _SIGMAS = 5, 4, 5.0
 
 
@@ -109,10 +108,10 @@ class WithoutPixels(DerivedRecording):
 
 
 def _counts(recording: Recording, camera: int, t0_us: int, t1_us: int) -> Counts:
-    its = recording.rig.cameras[camera]
-    counts = np.zeros(its.width_px * its.height_px, np.int64)
+    sensor = recording.rig.cameras[camera]
+    counts = np.zeros(sensor.width_px * sensor.height_px, np.int64)
     for begin_us, end_us in time_steps(t0_us, t1_us):
         events = recording.events(camera, begin_us, end_us)
-        cell = events.y.astype(np.int64) * its.width_px + events.x
+        cell = events.y.astype(np.int64) * sensor.width_px + events.x
         counts += np.bincount(cell, minlength=counts.size)
-    return counts.reshape(its.height_px, its.width_px)
+    return counts.reshape(sensor.height_px, sensor.width_px)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from emvs.errors import InputError
-
-_LONGEST_VALUE = 80
+from emvs.errors import InputError, shown
 
 
 class ParameterGroup(BaseModel):
@@ -37,6 +36,13 @@ class ParameterGroup(BaseModel):
                 f"{type(self).__name__} cannot be changed: make another one with {name}={value!r}"
             )
 
+    def __repr_args__(self) -> Iterator[tuple[str, Any]]:
+        """What `repr` shows: only what is not as it is by default."""
+        for name, field in type(self).model_fields.items():
+            value = getattr(self, name)
+            if value != field.get_default(call_default_factory=True):
+                yield name, value
+
     @classmethod
     def model_validate(cls, obj: Any, **options: Any) -> Self:
         """Takes plain values, such as a table of a file.
@@ -59,7 +65,7 @@ class ParameterGroup(BaseModel):
         if given is None:
             return cls()
         if not isinstance(given, cls):
-            raise InputError(f"configuration {_short(given)}: needs {cls.__name__}(...)")
+            raise InputError(f"configuration {shown(given)}: needs {cls.__name__}(...)")
         return given
 
 
@@ -72,7 +78,7 @@ def explain(error: ValidationError, model: type[BaseModel], where: str = "") -> 
         where: what to begin with, such as a file's name and a colon.
     """
     fault = error.errors(include_url=False, include_context=False)[0]
-    place, value = fault["loc"], _short(fault["input"])
+    place, value = fault["loc"], shown(fault["input"])
     key = ".".join(str(part) for part in place) or model.__name__
     if fault["type"] == "extra_forbidden":
         return f"{where}unknown key {key}{_suggestion(model, place)}"
@@ -81,11 +87,6 @@ def explain(error: ValidationError, model: type[BaseModel], where: str = "") -> 
         return f"{where}{message}"
     more = f" ({error.error_count() - 1} more faults)" if error.error_count() > 1 else ""
     return f"{where}{key} is {value}: {message[0].lower()}{message[1:]}{more}"
-
-
-def _short(value: object) -> str:
-    text = " ".join(repr(value).split())
-    return text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}..."
 
 
 def _suggestion(model: type[BaseModel], place: tuple[int | str, ...]) -> str:

@@ -20,42 +20,6 @@ _USUAL_STEPS, _ALWAYS_ALLOWED_US = 10, 50_000
 _COUNTING_STEP_US = 1_000_000
 
 
-def longest_gap_us(trajectory: Trajectory, config: MapperConfig) -> int:
-    """How long two poses may lie apart: as configured, else 10 median steps and at least 50 ms."""
-    if config.max_pose_gap_s is not None:
-        return round(config.max_pose_gap_s * 1e6)
-    if len(trajectory) < 2:
-        return _ALWAYS_ALLOWED_US
-    return max(_ALWAYS_ALLOWED_US, round(_USUAL_STEPS * float(np.median(np.diff(trajectory.t_us)))))
-
-
-def check_poses(trajectory: Trajectory, t0_us: int, t1_us: int, config: MapperConfig) -> None:
-    """Refuses a window in which poses are missing.
-
-    Args:
-        trajectory: poses that cover the window.
-        t0_us: begin, included.
-        t1_us: end, excluded.
-        config: `max_pose_gap_s`.
-
-    Raises:
-        InputError: two neighbouring poses too far apart; says where and how far.
-    """
-    first = max(int(np.searchsorted(trajectory.t_us, t0_us, side="right")) - 1, 0)
-    last = int(np.searchsorted(trajectory.t_us, t1_us - 1, side="left")) + 1
-    times = trajectory.t_us[first:last]
-    if len(times) < 2:
-        return
-    steps = np.diff(times)
-    k, limit_us = int(steps.argmax()), longest_gap_us(trajectory, config)
-    if steps[k] > limit_us:
-        raise InputError(
-            f"no pose for {steps[k] / 1e6:.6g} s ({times[k]}..{times[k + 1]} µs) in the window: "
-            f"at most {limit_us / 1e6:g} s are interpolated; choose another window, or set "
-            "max_pose_gap_s"
-        )
-
-
 @dataclass(frozen=True)
 class Window:
     """A stretch of time, and the instant of its reference view.
@@ -73,18 +37,12 @@ class Window:
     left_out: tuple[int, ...]
 
 
-@dataclass(frozen=True)
-class _Span:
-    first_us: int
-    last_us: int
-
-
 def choose_window(recording: Recording, config: MapperConfig) -> Window:
     """Finds the window that the configuration asks for.
 
     Without `start_s` and `duration_s` the window is everything that the poses cover; events before
     the first or after the last pose are left out and counted. With sliding windows this is the
-    stretch that they slide over, and `emvs.windows` cuts it.
+    stretch that they slide over, and `plan_windows` cuts it.
 
     Args:
         recording: events and poses.
@@ -110,14 +68,10 @@ def choose_window(recording: Recording, config: MapperConfig) -> Window:
     return Window(t0_us, t1_us, _reference_us(config, events, poses, t0_us, t1_us), left_out)
 
 
-def time_steps(t0_us: int, t1_us: int) -> Iterator[tuple[int, int]]:
-    """Cuts a stretch into seconds, for passes over what may be longer than memory."""
-    for t_us in range(t0_us, t1_us, _COUNTING_STEP_US):
-        yield t_us, min(t_us + _COUNTING_STEP_US, t1_us)
-
-
-def _to_us(seconds: float) -> int:
-    return round(seconds * 1e6)
+@dataclass(frozen=True)
+class _Span:
+    first_us: int
+    last_us: int
 
 
 def _event_span(recording: Recording) -> _Span:
@@ -179,6 +133,52 @@ def _left_out(recording: Recording, events: _Span, t0_us: int, t1_us: int) -> tu
 def _count(recording: Recording, camera: int, t0_us: int, t1_us: int) -> int:
     steps = time_steps(t0_us, t1_us)
     return sum(len(recording.events(camera, begin_us, end_us)) for begin_us, end_us in steps)
+
+
+def _to_us(seconds: float) -> int:
+    return round(seconds * 1e6)
+
+
+def time_steps(t0_us: int, t1_us: int) -> Iterator[tuple[int, int]]:
+    """Cuts a stretch into seconds, for passes over what may be longer than memory."""
+    for t_us in range(t0_us, t1_us, _COUNTING_STEP_US):
+        yield t_us, min(t_us + _COUNTING_STEP_US, t1_us)
+
+
+def check_poses(trajectory: Trajectory, t0_us: int, t1_us: int, config: MapperConfig) -> None:
+    """Refuses a window in which poses are missing.
+
+    Args:
+        trajectory: poses that cover the window.
+        t0_us: begin, included.
+        t1_us: end, excluded.
+        config: `max_pose_gap_s`.
+
+    Raises:
+        InputError: two neighbouring poses too far apart; says where and how far.
+    """
+    first = max(int(np.searchsorted(trajectory.t_us, t0_us, side="right")) - 1, 0)
+    last = int(np.searchsorted(trajectory.t_us, t1_us - 1, side="left")) + 1
+    times = trajectory.t_us[first:last]
+    if len(times) < 2:
+        return
+    steps = np.diff(times)
+    k, limit_us = int(steps.argmax()), longest_gap_us(trajectory, config)
+    if steps[k] > limit_us:
+        raise InputError(
+            f"no pose for {steps[k] / 1e6:.6g} s ({times[k]}..{times[k + 1]} µs) in the window: "
+            f"at most {limit_us / 1e6:g} s are interpolated; choose another window, or set "
+            "max_pose_gap_s"
+        )
+
+
+def longest_gap_us(trajectory: Trajectory, config: MapperConfig) -> int:
+    """How long two poses may lie apart: as configured, else 10 median steps and at least 50 ms."""
+    if config.max_pose_gap_s is not None:
+        return round(config.max_pose_gap_s * 1e6)
+    if len(trajectory) < 2:
+        return _ALWAYS_ALLOWED_US
+    return max(_ALWAYS_ALLOWED_US, round(_USUAL_STEPS * float(np.median(np.diff(trajectory.t_us)))))
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,7 +56,7 @@ def targets() -> list[str]:
     return [*kinds(), *POSES, *rigs, *depths, *disparity, *CLOUDS]
 
 
-def convert(source: Path, out: Path, options: Options, progress: Progress) -> str:
+def convert_file(source: Path, out: Path, options: Options, progress: Progress) -> str:
     """Converts one thing.
 
     Returns:

@@ -144,26 +144,26 @@ def _truth_times(recording: Recording) -> int:
 
 def warnings(description: dict[str, Any]) -> list[str]:
     """What a reader should know before mapping, one sentence each."""
-    said = []
+    notes = []
     for stream in description["streams"]:
         name = stream["name"]
         if not stream["events"]:
-            said.append(f"{name}: no events")
+            notes.append(f"{name}: no events")
         if stream["out_of_order"]:
-            said.append(
+            notes.append(
                 f"{name}: {stream['out_of_order']:,} events come after later ones: sort by time"
             )
         if stream["outside_sensor"]:
-            said.append(
+            notes.append(
                 f"{name}: {stream['outside_sensor']:,} events lie off the sensor: check its size"
             )
     recording = description["recording"]
     if recording and not recording["poses_cover_events"]:
         least = min(recording["poses_share_of_events_span"])
-        said.append(f"poses cover {least:.1%} of the events' time; the rest cannot be mapped")
+        notes.append(f"poses cover {least:.1%} of the events' time; the rest cannot be mapped")
     if recording and recording["pose_gaps"]:
-        said.append(f"{recording['pose_gaps']} gaps between poses are over 5 times the usual step")
-    return said
+        notes.append(f"{recording['pose_gaps']} gaps between poses are over 5 times the usual step")
+    return notes
 
 
 def draw(path: Path, title: str, names: list[str], counts: list[StreamCount]) -> None:

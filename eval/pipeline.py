@@ -1,8 +1,8 @@
-"""The stages, one function each, and `run_cases` for all of them: simulate, map, score, report."""
+"""The stages, one function each, and `run_cases` for all of them: simulate, map, score."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import scenes
@@ -10,16 +10,17 @@ from emvs import methods
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence as EventSequence
 from emvs.datasets import open_recording
-from emvs.dsi import device
+from emvs.dsi.device import check_device
 from emvs.errors import InputError
-from emvs.maps.folder import StoredMap, StoredWindow
+from emvs.maps.folder import RecordingInfo, StoredMap, StoredWindow
 from emvs.maps.sliding import map_windows
 from emvs.utils.outputs import atomic_dir, check_files, output_folder
+from emvs.utils.runtime import check_openmp
 from eval.config import EvalConfig, Settings
 from eval.progress import MapBars, Progress, Silent
 from eval.scoring import run_folder
 from eval.scoring.metric_versions import metric_versions
-from eval.scoring.predictions import estimates, opened, view_of
+from eval.scoring.predictions import estimates_of, open_predictions, target_view
 from eval.scoring.results import Results, Row, write_results
 from eval.scoring.score import score_windows
 from sim.rigs import rig as named_rig
@@ -27,6 +28,10 @@ from sim.simulate import simulate
 
 _SILENT = Silent()
 _RESULTS = ("results.json", "results.csv")
+
+
+def _add_nothing(folder: Path) -> None:
+    """What `finish` is by default."""
 
 
 def run_cases(
@@ -38,9 +43,10 @@ def run_cases(
     *,
     force: bool = False,
     workers: int = 1,
+    finish: Callable[[Path], None] = _add_nothing,
     progress: Progress = _SILENT,
 ) -> Results:
-    """Simulates, maps and scores every case and writes one report; `out` appears when all is done.
+    """Simulates, maps and scores every case; `out` appears when all is done.
 
     Args:
         cases: names of scenes.
@@ -50,6 +56,8 @@ def run_cases(
         seed: seed of the head motion.
         force: whether a run that is in the place of `out` is replaced.
         workers: rendering processes.
+        finish: adds to the folder that holds all results, before it takes its place, such as a
+            report.
         progress: shows how far the run is.
 
     Raises:
@@ -65,7 +73,7 @@ def run_cases(
                 sequence, folder / case / run_folder.MAP_FOLDER, settings, progress=progress
             )
         results = score_folder(folder, settings.score)
-        write_report_stage(folder, progress)
+        finish(folder)
     return results
 
 
@@ -159,11 +167,12 @@ def _score(
     config: EvalConfig,
     predictions: Sequence[Path],
 ) -> list[Row]:
-    # What others' maps are checked against is read only where there are any.
-    views = [view_of(sequence, window, config) for window in windows] if predictions else []
-    others = opened(predictions, case, views)
-    given = (estimates(others, view) for view in views) if others else None
-    return score_windows(case, sequence, windows, config, given)
+    if not predictions:  # nor is anything read that they would be checked against
+        return score_windows(case, sequence, windows, config)
+    views = [target_view(sequence, window, config) for window in windows]
+    opened = open_predictions(predictions, case, views)
+    estimates = (estimates_of(opened, view) for view in views)
+    return score_windows(case, sequence, windows, config, estimates)
 
 
 def _check_run(cases: Sequence[str], settings: Settings, rig: str | None) -> None:
@@ -178,11 +187,12 @@ def check_case(scene: str, rig: str | None, config: MapperConfig) -> None:
     """Refuses, before a scene is simulated, what could not be mapped after.
 
     Raises:
-        InputError: an unknown scene, rig or method, or a GPU that is not there.
+        InputError: an unknown scene, rig or method, a GPU that is not there, or no OpenMP.
     """
+    check_openmp()
     chosen = named_rig(rig or scenes.load(scene).rig)
-    methods.methods(config.methods, len(chosen), mcemvs=config.is_mcemvs)
-    device.check(config.device)
+    methods.methods_by_name(config.methods, len(chosen), mcemvs=config.is_mcemvs)
+    check_device(config.device)
 
 
 def map_recording(
@@ -191,34 +201,25 @@ def map_recording(
     settings: Settings,
     *,
     force: bool = False,
-    report: bool = False,
+    finish: Callable[[Path], None] = _add_nothing,
     progress: Progress = _SILENT,
 ) -> StoredMap:
-    """Maps one window of a recording and writes the map folder, with its own report on request.
+    """Maps one window of a recording and writes the map folder.
 
     With `window_s` or `window_events` it maps sliding windows: `out` grows window by window, and
-    the same call takes up an unfinished one (`emvs.maps.sliding`).
+    the same call takes up an unfinished one (`emvs.maps.sliding`). `finish` is that of
+    `map_windows`, called when the bars of the mapping have ended, so that it may show its own.
 
     Raises:
         InputError: what `open_recording` or `map_windows` refuses.
     """
     recording = open_recording(path)
-    about = run_folder.describe(recording, path, out)
+    about = RecordingInfo.of(recording, path, out)
     with MapBars(progress, f"map {recording.name}") as bars:
 
-        def finish(folder: Path) -> None:
+        def end(folder: Path) -> None:
             bars.close()
-            if report:
-                write_report_stage(folder, progress)
+            finish(folder)
 
-        info = map_windows(recording, out, settings.map, about, bars, force=force, finish=finish)
+        info = map_windows(recording, out, settings.map, about, bars, force=force, finish=end)
     return StoredMap(out, info)
-
-
-def write_report_stage(folder: Path, progress: Progress) -> None:
-    """Writes the report, shown as a stage of its own."""
-    # Its figures need matplotlib: 0.3 s before the first event, were it imported at the top.
-    from eval.report.run_page import write_report
-
-    with progress.stage("report", 1):
-        write_report(folder)

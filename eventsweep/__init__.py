@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from emvs.geometry.camera import Camera
     from emvs.geometry.rig import Rig
     from emvs.geometry.trajectory import Trajectory
-    from emvs.mapper import WindowResult
     from emvs.methods import overview as methods
     from emvs.methods import register as register_method
+    from emvs.window_result import WindowResult
     from eval.config import EvalConfig
     from eval.scoring.method_scores import ALL_METRICS as METRICS
     from eval.scoring.results import Results
@@ -88,8 +88,7 @@ _PLACES = {
     "Sequence": "emvs.data.sequence:Sequence",
     "SimConfig": "sim.config:SimConfig",
     "Trajectory": "emvs.geometry.trajectory:Trajectory",
-    "WindowResult": "emvs.mapper:WindowResult",
-    "__version__": "eventsweep.version:VERSION",
+    "WindowResult": "emvs.window_result:WindowResult",
     "load_scene": "scenes:load",
     "map_window": "eventsweep.mapping:map_window",
     "map_windows": "eventsweep.mapping:map_windows",
@@ -111,6 +110,10 @@ if not TYPE_CHECKING:  # with it, a type checker would take any name for granted
             AttributeError: there is no such name.
             ImportError: a folder of the user's hides a package of ours.
         """
+        if name == "__version__":
+            from importlib.metadata import version
+
+            return version(__name__)
         if name not in _PLACES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         from importlib import import_module

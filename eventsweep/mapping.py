@@ -8,13 +8,16 @@ from emvs import mapper
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.datasets import open_recording
-from emvs.errors import InputError
-from emvs.mapper import WindowResult
+from emvs.errors import InputError, check_path, shown
 from emvs.maps import sliding
 from emvs.maps.folder import RecordingInfo, StoredMap, read_map
 from emvs.preflight import check_window_fits
 from emvs.utils.runtime import Progress, silent
+from emvs.window_result import WindowResult
 from emvs.windows import choose_window
+
+# Of `Recording`, all that a mapper needs.
+_MEMBERS = ("name", "rig", "trajectory", "depth_range_m", "event_span_us", "events")
 
 
 def map_window(
@@ -54,20 +57,22 @@ def map_window(
 def map_windows(
     recording: Recording | str | Path,
     out: str | Path,
-    config: MapperConfig,
+    config: MapperConfig | None = None,
     *,
     force: bool = False,
     clouds: bool = True,
     progress: Progress = silent,
 ) -> StoredMap:
-    """Maps a whole recording in sliding windows, into a folder that grows window by window.
+    """Maps a recording into a folder: in sliding windows, or, without `window_s`, in one window.
 
-    A call that was interrupted goes on where it was when it is made again.
+    A folder of sliding windows grows window by window; a call that was interrupted goes on where it
+    was when it is made again. The folder of one window appears whole or not at all.
 
     Args:
         recording: what `open_recording` gave, a recording of your own, or the path of one.
-        out: the map folder: new, or of the same call.
-        config: `window_s` or `window_events`, and everything else.
+        out: the map folder: new, or, with sliding windows, of the same call.
+        config: `window_s` or `window_events` for sliding windows, and everything else; by default
+            one window of all events that the poses cover, by all methods.
         force: whether to remove first what `out` holds.
         clouds: whether to write each window's point cloud.
         progress: called with the name of the stage, how much is done and how much there is.
@@ -76,9 +81,10 @@ def map_windows(
         The map: `windows`, each with `depth_map(method)`; arrays are read when asked for.
 
     Raises:
-        InputError: settings that suit no window, an output of another call, or no window that could
-            be mapped.
+        InputError: settings that suit no window, an output that exists or is of another call, or no
+            window that could be mapped.
     """
+    check_path("out", out)
     recording, config, out = opened(recording), MapperConfig.or_default(config), Path(out)
     path = getattr(recording, "path", recording.name)
     about = RecordingInfo.of(recording, Path(path), out)
@@ -87,5 +93,17 @@ def map_windows(
 
 
 def opened(recording: Recording | str | Path) -> Recording:
-    """A recording, or the one at a path."""
-    return open_recording(recording) if isinstance(recording, str | Path) else recording
+    """A recording, or the one at a path.
+
+    Raises:
+        InputError: nothing known at the path, or neither a path nor a recording.
+    """
+    if isinstance(recording, str | Path):
+        return open_recording(recording)
+    lacks = [name for name in _MEMBERS if not hasattr(recording, name)]
+    if lacks:
+        raise InputError(
+            f"recording is {shown(recording)}: needs a path, what open_recording gave, or a class "
+            f"of your own with {', '.join(lacks)}"
+        )
+    return recording

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
-from emvs.errors import InputError
-from emvs.mapper import WindowResult
+from emvs.errors import InputError, check_type
 from emvs.maps.folder import StoredMap
+from emvs.window_result import WindowResult
 from eval import pipeline
 from eval.config import EvalConfig
 from eval.scoring import run_folder
@@ -44,6 +44,7 @@ def score(
         return _score_window(mapped, opened(recording), config)
     if recording is not None:
         raise InputError("a map's folder with a recording: a folder knows its own, leave it out")
+    check_type("mapped", mapped, (StoredMap, str, Path), "a window, a map or a folder's path")
     folder = mapped.path if isinstance(mapped, StoredMap) else Path(mapped)
     return pipeline.score_folder(folder, config)
 

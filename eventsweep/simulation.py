@@ -6,12 +6,13 @@ from pathlib import Path
 
 import scenes
 from emvs.data.sequence import Sequence
+from emvs.errors import check_path, check_type, check_whole
 from emvs.geometry.rig import Rig
-from sim import simulate as generate
 from sim.config import SimConfig
 from sim.rigs import rig as named_rig
 from sim.scene import Scene
 from sim.simulate import Progress
+from sim.simulate import simulate as simulate_to_disk
 
 
 def _silent(_done_us: int, _total_us: int, _events: int) -> None:
@@ -49,10 +50,13 @@ def simulate(
         InputError: an unknown scene or rig, an existing `out`, motion too fast, no graphics
             library, or too little disk or memory.
     """
+    check_path("out", out)
+    check_whole("seed", seed)
+    check_whole("workers", workers)
     scene = scenes.load(scene) if isinstance(scene, str) else scene
+    check_type("scene", scene, Scene, "a scene's name or what load_scene gave")
     rig = named_rig(rig or scene.rig) if rig is None or isinstance(rig, str) else rig
+    check_type("rig", rig, Rig, "a rig's name, a calibration's path or a Rig")
     config, out = SimConfig.or_default(config), Path(out)
-    generate.simulate(
-        scene, rig, config, seed, out, force=force, workers=workers, progress=progress
-    )
+    simulate_to_disk(scene, rig, config, seed, out, force=force, workers=workers, progress=progress)
     return Sequence.open(out)

@@ -1,7 +1,8 @@
 """The scenes: one module each, found by themselves.
 
-A module of this package that does not begin with an underscore is a scene and defines `SCENE`.
-A scene is called what its module is called, with dashes for underscores; both spellings are taken.
+A module of this package that does not begin with an underscore is a scene and defines `SCENE`; what
+scenes share lies in the packages `scenes.parts` and `scenes.textures`. A scene is called what its
+module is called, with dashes for underscores; both spellings are taken.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import importlib
 import pkgutil
 from typing import TYPE_CHECKING
 
-from emvs.errors import InputError
+from emvs.errors import InputError, shown
 
 if TYPE_CHECKING:
     from sim.scene import Scene
@@ -29,8 +30,8 @@ def load(name: str) -> Scene:
     Raises:
         InputError: there is no such scene.
     """
-    if name.replace("_", "-") not in names():
-        raise InputError(f"unknown scene {name!r}: choose one of {', '.join(names())}")
+    if not isinstance(name, str) or name.replace("_", "-") not in names():
+        raise InputError(f"unknown scene {shown(name)}: choose one of {', '.join(names())}")
     module = importlib.import_module(f"{__name__}.{name.replace('-', '_')}")
     scene: Scene = module.SCENE
     return scene

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from scenes.parts.park import edit, textures
-from sim.motion import head_motion
-from sim.motion.curves import Motion, look_at
+from sim.motion import Motion, head_motion
+from sim.motion.curves import look_at
 from sim.scene import Scene
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from numpy.random import Generator, default_rng
 
-from sim.motion import head_motion
-from sim.motion.curves import Motion, look_at
+from sim.motion import Motion, head_motion
+from sim.motion.curves import look_at
 from sim.scene import Scene
 
 if TYPE_CHECKING:

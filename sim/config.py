@@ -16,6 +16,8 @@ Density = Annotated[float, Field(ge=0)]
 Vector3 = tuple[float, float, float]
 LightRenderer = Literal["auto", "classic", "float"]
 Positive = Annotated[float, Field(gt=0)]
+# Far above what counts as a tie (sim.sensor.esim_kernels), mismatched pixels included.
+Threshold = Annotated[float, Field(ge=1e-6)]
 
 
 class ShutterConfig(ParameterGroup):
@@ -179,10 +181,10 @@ class SimConfig(ParameterGroup):
 
     model_config = ConfigDict(allow_inf_nan=False)
 
-    contrast_threshold_pos: Annotated[float, Field(gt=0)] = 0.2
+    contrast_threshold_pos: Threshold = 0.2
     """C+: rise of log intensity per positive event, natural logarithm."""
 
-    contrast_threshold_neg: Annotated[float, Field(gt=0)] = 0.2
+    contrast_threshold_neg: Threshold = 0.2
     """C-: fall of log intensity per negative event, natural logarithm."""
 
     refractory_period_us: Annotated[int, Field(ge=0)] = 0

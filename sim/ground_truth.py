@@ -12,16 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from emvs.data.events import Events
 from emvs.data.tables import Geom
+from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
-from sim.motion.curves import Motion
-from sim.rendering.moving_bodies import moving_geoms
+from sim.ground_truth_kernels import fill_event_depth
+from sim.motion import Motion
+from sim.motion.animation import moving_geoms
 
 BOUNDARY_JUMP = 0.02
 """A depth discontinuity: inverse depth misses a plane's continuation by this share of itself."""
 _TWIST_STEP_S = 1e-4
+# Within half a pixel of motion, inverse depth of one surface changes by less than this share.
+_SAME_SURFACE = 0.02
 
 
 def flow_px(
@@ -167,6 +172,50 @@ def twist(
     if t_s + h > duration_s:
         return (4 * offset(-h) - offset(-2 * h)) / (-2 * h)
     return (offset(h) - offset(-h)) / (2 * h)
+
+
+def event_depth_m(
+    before_m: NDArray[np.float32],
+    after_m: NDArray[np.float32],
+    span_us: tuple[int, int],
+    events: Events,
+) -> NDArray[np.float32]:
+    """Z-depth at the pixel and time of each event between two frames.
+
+    Where a surface stays, its inverse depth is interpolated linearly; where an edge passed, the
+    nearer of the two depths is taken.
+
+    Args:
+        before_m: (H, W) nearest depth of each pixel's samples in the frame before, m; inf for none.
+        after_m: (H, W) the same in the frame behind.
+        span_us: times of the two frames, µs.
+        events: N events on the same sensor, none after the frame behind; one that a coarse clock
+            puts before the frame before counts as at that frame.
+
+    Returns:
+        (N,) float32, m; inf where nothing is seen.
+
+    Raises:
+        InputError: depths of two sizes, times that do not rise, or an event off the sensor.
+    """
+    if before_m.shape != after_m.shape or span_us[0] >= span_us[1]:
+        raise InputError(
+            f"depth of shapes {before_m.shape} and {after_m.shape} at {span_us[0]} and "
+            f"{span_us[1]} µs: need one shape (H, W), and rising times"
+        )
+    depth_m = np.empty(len(events), np.float32)
+    if not len(events):
+        return depth_m
+    x, y = int(events.x.max()), int(events.y.max())
+    if y >= before_m.shape[0] or x >= before_m.shape[1]:
+        raise InputError(
+            f"events up to column {x} and row {y}, but depth (H, W) = {before_m.shape}: "
+            "give both of the same camera"
+        )
+    fill_event_depth(
+        before_m, after_m, *span_us, events.x, events.y, events.t_us, _SAME_SURFACE, depth_m
+    )
+    return depth_m
 
 
 def geom_table(model: Any) -> dict[int, Geom]:

@@ -1,4 +1,4 @@
-"""The compiled loop of depth boundaries."""
+"""The compiled loop of event depth; `sim.ground_truth.event_depth_m` checks what it is given."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 
 @numba.njit(cache=True, nogil=True)
-def depth_at_events(
+def fill_event_depth(
     before_m: NDArray[np.float32],
     after_m: NDArray[np.float32],
     before_us: int,

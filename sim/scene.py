@@ -1,4 +1,4 @@
-"""What a scene is: geometry in MJCF, textures, and head motion made up or recorded."""
+"""What a scene is: geometry in MJCF, textures, and the head's motion, generated or recorded."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,27 +17,17 @@ from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.trajectory import Trajectory
 from sim.config import ReplayConfig, SimConfig
-from sim.motion.curves import CurveMotion, Motion, moved
+from sim.motion import Motion
+from sim.motion.animation import Animation
+from sim.motion.curves import CurveMotion, moved
 from sim.motion.replay import Replay
 
 if TYPE_CHECKING:
     import mujoco
 
 Array = NDArray[np.float64]
+# Of a unit vector along the view: less than this in the horizontal plane has no heading.
 _STEEP = 0.1
-
-
-class Animation(Protocol):
-    """Moves a scene's bodies; a pure function of time, whatever was asked for before."""
-
-    @property
-    def max_interval_us(self) -> int:
-        """Frames must never be further apart, µs, lest a body cross the view between two."""
-        ...
-
-    def __call__(self, model: mujoco.MjModel, data: mujoco.MjData, t_s: float) -> None:
-        """Sets joint positions (and mocap poses) in `data` for `t_s`, s from the start."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -77,6 +67,13 @@ class Scene:
     log_eps: float | None = None
     animate: Animation | None = None
     frames_rate_hz: float = 0.0
+
+    def __repr__(self) -> str:
+        near_m, far_m = self.depth_range_m
+        return (
+            f"Scene({self.name!r}, {self.duration_s:g} s, {near_m:g} to {far_m:g} m, rig "
+            f"{self.rig}: {self.summary})"
+        )
 
     def configured(self, config: SimConfig) -> SimConfig:
         """Returns `config` with the scene's own defaults for what its user did not set."""

@@ -130,21 +130,23 @@ class Preset:
     thresholds: dict[str, float | int]
 
 
+_DAVIS240 = SensorParameters(
+    threshold_sigma=0.03,
+    bandwidth_hz=300.0,
+    leak_rate_hz=0.1,
+    shot_rate_dark_hz=0.4,
+    shot_rate_bright_hz=0.1,
+    hot_pixel_fraction=1e-4,
+    hot_pixel_rate_hz=50.0,
+    latency_us=12.0,
+    latency_jitter=0.3,
+    readout_events_per_s=12e6,
+)
+
 PRESETS: dict[PresetName, Preset] = {
     "ideal": Preset(SensorParameters(), {}),
     "davis240": Preset(
-        SensorParameters(
-            threshold_sigma=0.03,
-            bandwidth_hz=300.0,
-            leak_rate_hz=0.1,
-            shot_rate_dark_hz=0.4,
-            shot_rate_bright_hz=0.1,
-            hot_pixel_fraction=1e-4,
-            hot_pixel_rate_hz=50.0,
-            latency_us=12.0,
-            latency_jitter=0.3,
-            readout_events_per_s=12e6,
-        ),
+        _DAVIS240,
         {
             "contrast_threshold_pos": 0.18,
             "contrast_threshold_neg": 0.18,
@@ -152,18 +154,7 @@ PRESETS: dict[PresetName, Preset] = {
         },
     ),
     "davis346": Preset(
-        SensorParameters(
-            threshold_sigma=0.03,
-            bandwidth_hz=300.0,
-            leak_rate_hz=0.1,
-            shot_rate_dark_hz=0.4,
-            shot_rate_bright_hz=0.1,
-            hot_pixel_fraction=1e-4,
-            hot_pixel_rate_hz=50.0,
-            latency_us=20.0,
-            latency_jitter=0.3,
-            readout_events_per_s=12e6,
-        ),
+        replace(_DAVIS240, latency_us=20.0),
         {
             "contrast_threshold_pos": 0.143,
             "contrast_threshold_neg": 0.225,

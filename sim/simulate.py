@@ -1,7 +1,7 @@
 """Scene, rig and configuration in; a sequence on disk out; refused early where it cannot end well.
 
-Pictures are rendered chunk by chunk, here or in worker processes; the event simulators take them
-strictly in order; what is done lies in parts on disk, from which the sequence is put together.
+Frames are rendered chunk by chunk, here or in worker processes; the sensors take them strictly in
+order; checkpoints on disk hold what is done, and the sequence is put together from them.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from emvs.data.image_stores import Photo
 from emvs.data.writer import SequenceWriter
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
@@ -30,24 +31,26 @@ from sim.config import SimConfig
 from sim.graphics import import_mujoco, note
 from sim.ground_truth import geom_table
 from sim.motion.curves import sampled
-from sim.parallel.checkpoint import Notice, PartWriter, Stopped, WorkFolder
+from sim.parallel.checkpoint import CheckpointFolder, CheckpointWriter, Notice, Stopped
 from sim.parallel.render_job import RenderedFrame, RenderJob, chunk_bounds_us
 from sim.parallel.sensors import Cameras, Packet
-from sim.parallel.workers import shots_from_workers, shots_in_process, slot_bytes, slot_count
+from sim.parallel.workers import frames_from_workers, frames_in_process, slot_bytes, slot_count
 from sim.rendering.adaptive_sampling import truth_times_us
 from sim.rendering.renderer import StereoRenderer
 from sim.scene import Scene, replayed
-from sim.sensor.frame_camera import FrameCamera, spans_us
+from sim.sensor.frame_camera import FrameCamera, exposure_spans_us
 from sim.sensor.imu import imu_samples
 
 Progress = Callable[[int, int, int], None]
 """Called after every frame with time done, time in total (µs) and events written so far."""
-# What a kill may cost; finishing a part at 1280x720 takes about 0.2 s.
+# What a kill may cost; finishing a checkpoint at 1280x720 takes about 0.2 s.
 _COMMIT_S = 10.0
+# When animated bodies are looked at to tell one animation from another: evenly, and early.
 _ANIMATION_SAMPLES, _ANIMATION_TIMES_S = 32, (0.001, 0.01, 0.1)
 # Lossless compression of rendered images gains at least this.
 _COMPRESSED = 0.4
 _IMAGE_BYTES = {"depth_m": 4, "intensity": 1, "flow": 8, "segmentation": 4, "boundary": 1}
+# Memory of a sensor's pixel, of a render sample, and of a process that draws.
 _PIXEL_BYTES, _SAMPLE_BYTES, _PROCESS_BYTES = 120, 24, 300e6
 
 
@@ -89,7 +92,7 @@ def simulate(
         workers: rendering processes; 1 renders in this one. With more, the scene's functions must
             be importable, and a script that calls this needs the usual `__main__` guard.
         resume: whether unfinished work is taken up; otherwise it is discarded.
-        commit_s: least time between two parts, s: what a kill may cost.
+        commit_s: least time between two checkpoints, s: what a kill may cost.
         progress: called after every frame.
         notice: told in one line when unfinished work is taken up or found damaged, and when
             there is a GPU that does not draw.
@@ -115,21 +118,23 @@ def simulate(
         check_outside(job, renderer.model)
         if note():
             notice(note())
-        facts = facts_of(job, renderer)
-        work = stack.enter_context(WorkFolder(out, facts.key, rig, resume=resume, notice=notice))
-        if work.next_chunk:
-            _tell(job, work, notice)
+        described = describe(job, renderer)
+        folder = stack.enter_context(
+            CheckpointFolder(out, described.key, rig, resume=resume, notice=notice)
+        )
+        if folder.next_chunk:
+            _tell(job, folder, notice)
         if workers == 1:
-            shots = shots_in_process(job, renderer, work.next_chunk)
+            frames = frames_in_process(job, renderer, folder.next_chunk)
         else:
             drawing.close()
-            shots = shots_from_workers(job, work.next_chunk, workers)
-        _run(job, shots, work, commit_s, progress)
+            frames = frames_from_workers(job, folder.next_chunk, workers)
+        _run(job, frames, folder, commit_s, progress)
         try:
-            _assemble(job, work, facts, out, force=force)
+            _assemble(job, folder, described, out, force=force)
         except InputError as error:
             # Somebody came in between: the work itself is good.
-            raise Stopped(f"{error} (the simulation is kept in {work.path})") from error
+            raise Stopped(f"{error} (the simulation is kept in {folder.path})") from error
     return out
 
 
@@ -144,7 +149,7 @@ def make_job(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> RenderJob:
     duration_us = round(duration_s * 1e6)
     if duration_us < 2:
         raise InputError(f"duration_s={duration_s}: a sequence lasts at least 2 µs")
-    spans_us(config.frames, duration_us)
+    exposure_spans_us(config.frames, duration_us)
     more_us = [round(t_s * 1e6) for t_s in config.truth_times_s]
     truth_us = truth_times_us(duration_us, round(config.truth_interval_s * 1e6), more_us)
     return RenderJob(scene, rig, config, seed, tuple(truth_us), tuple(chunk_bounds_us(truth_us)))
@@ -152,86 +157,97 @@ def make_job(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> RenderJob:
 
 def _run(
     job: RenderJob,
-    shots: Iterator[RenderedFrame],
-    work: WorkFolder,
+    frames: Iterator[RenderedFrame],
+    folder: CheckpointFolder,
     commit_s: float,
     progress: Progress,
 ) -> None:
-    """Turns all remaining shots into parts."""
-    done = sum(part.events for part in work.parts)
-    state = work.parts[-1].state() if work.parts else None
+    """Turns all remaining frames into checkpoints."""
+    done = sum(checkpoint.events for checkpoint in folder.finished)
+    state = folder.finished[-1].state() if folder.finished else None
     committed_s = time.monotonic()
     with ThreadPoolExecutor(len(job.rig)) as pool:
         cameras = Cameras(job, pool, state)
         frame_camera = FrameCamera(job.config.frames, job.duration_us, state)
-        for shot in shots:
-            done += _write_events(work.writer, cameras.collect())
-            cameras.take(shot)
-            for photos in frame_camera.take(shot.t_us, shot.intensity):
-                for k, photo in enumerate(photos):
-                    work.writer.append_photo(k, photo)
-            _write_truth(work.writer, shot)
-            if shot.t_us == job.bounds_us[shot.chunk + 1]:
-                done += _write_events(work.writer, cameras.collect())
-                last = shot.chunk + 1 == job.chunks
+        for frame in frames:
+            done += _write_events(folder.writer, cameras.collect())
+            cameras.take(frame)
+            _write_photos(folder.writer, frame_camera.take(frame.t_us, frame.intensity))
+            _write_truth(folder.writer, frame)
+            if frame.t_us == job.bounds_us[frame.chunk + 1]:
+                done += _write_events(folder.writer, cameras.collect())
+                last = frame.chunk + 1 == job.chunks
                 if last or time.monotonic() - committed_s >= commit_s:
                     counts = cameras.finish() if last else ()
                     state = cameras.state() | frame_camera.state()
-                    work.commit(state, shot.chunk + 1, counts)
+                    folder.commit(state, frame.chunk + 1, counts)
                     committed_s = time.monotonic()
-            progress(shot.t_us, job.duration_us, done)
+            progress(frame.t_us, job.duration_us, done)
 
 
-def _write_events(part: PartWriter, packets: list[Packet]) -> int:
-    for writer, packet in zip(part.event_writers, packets, strict=False):
+def _write_events(checkpoint: CheckpointWriter, packets: list[Packet]) -> int:
+    for writer, packet in zip(checkpoint.event_writers, packets, strict=False):
         writer.append(packet.events, packet.extra)
     count = sum(len(packet.events) for packet in packets)
-    part.events += count
+    checkpoint.events += count
     return count
 
 
-def _write_truth(part: PartWriter, shot: RenderedFrame) -> None:
-    for writer, images in zip(part.truth_writers, shot.truth, strict=False):
+def _write_photos(checkpoint: CheckpointWriter, completed: list[tuple[Photo, ...]]) -> None:
+    for photos in completed:
+        for k, photo in enumerate(photos):
+            checkpoint.append_photo(k, photo)
+
+
+def _write_truth(checkpoint: CheckpointWriter, frame: RenderedFrame) -> None:
+    for writer, images in zip(checkpoint.truth_writers, frame.truth, strict=False):
         optional = dict(images)
         depth_m, intensity = optional.pop("depth_m"), optional.pop("intensity")
-        writer.append(shot.t_us, depth_m, intensity, optional)
+        writer.append(frame.t_us, depth_m, intensity, optional)
 
 
-def _assemble(job: RenderJob, work: WorkFolder, facts: Facts, out: Path, *, force: bool) -> None:
-    """Streams all parts into the sequence."""
-    counts = work.parts[-1].counts if job.labelled else None
+def _assemble(
+    job: RenderJob, folder: CheckpointFolder, described: Description, out: Path, *, force: bool
+) -> None:
+    """Streams all checkpoints into the sequence."""
+    counts = folder.finished[-1].counts if job.labelled else None
     read = [path for path in (job.config.replay.trajectory,) if path is not None]
     with SequenceWriter(
-        out, **facts.arguments, sensor_counts=counts, force=force, inputs=read
+        out, **described.arguments, sensor_counts=counts, force=force, inputs=read
     ) as writer:
-        for part in work.parts:
+        for checkpoint in folder.finished:
             for k in range(len(job.rig)):
-                events, truth = part.readers(k, job.rig)
+                events, truth = checkpoint.readers(k, job.rig)
                 for block, extra in events.blocks():
                     writer.append_events(k, block, **extra)
-                for photo in part.photos(k):
+                for photo in checkpoint.photos(k):
                     writer.append_photo(k, photo)
                 for t_us, images in truth.times():
                     depth_m, intensity = images.pop("depth_m"), images.pop("intensity")
                     writer.append_truth(k, t_us, depth_m, intensity, images)
 
 
-def _tell(job: RenderJob, work: WorkFolder, notice: Notice) -> None:
-    done_s = job.bounds_us[work.next_chunk] * 1e-6
+def _tell(job: RenderJob, folder: CheckpointFolder, notice: Notice) -> None:
+    done_s = job.bounds_us[folder.next_chunk] * 1e-6
     notice(
-        f"resuming {work.path}: {done_s:.3f} s of {job.duration_us * 1e-6:.3f} s are done "
+        f"resuming {folder.path}: {done_s:.3f} s of {job.duration_us * 1e-6:.3f} s are done "
         "(resume=False discards them)"
     )
 
 
-class Facts(NamedTuple):
-    """What the manifest says of a sequence, and the key of its unfinished work."""
+class Description(NamedTuple):
+    """What is known of a sequence before its first frame.
+
+    Attributes:
+        arguments: of `SequenceWriter`: name, rig, trajectory, IMU and what the manifest says.
+        key: a hash over all that decides the sequence; checkpoints of another key are refused.
+    """
 
     arguments: dict[str, Any]
     key: str
 
 
-def facts_of(job: RenderJob, renderer: StereoRenderer) -> Facts:
+def describe(job: RenderJob, renderer: StereoRenderer) -> Description:
     """Samples what rides on the motion and describes the rest."""
     duration_s = job.duration_us * 1e-6
     trajectory = sampled(job.motion(), duration_s, job.config.pose_rate_hz)
@@ -248,7 +264,7 @@ def facts_of(job: RenderJob, renderer: StereoRenderer) -> Facts:
         arguments["geoms"] = geom_table(renderer.model)
     if job.config.imu.rate_hz:
         arguments["imu"] = imu_samples(job.motion(), duration_s, job.config.imu, job.seed)
-    return Facts(arguments, _key(job, renderer, trajectory))
+    return Description(arguments, _key(job, renderer, trajectory))
 
 
 def _key(job: RenderJob, renderer: StereoRenderer, trajectory: Trajectory) -> str:
@@ -296,8 +312,8 @@ def check_disk(job: RenderJob, out: Path) -> None:
         _IMAGE_BYTES.get(name, 0) for name in ("depth_m", "intensity", *job.config.truth)
     )
     pixels = sum(c.width_px * c.height_px for c in job.rig.cameras)
-    photos = len(spans_us(job.config.frames, job.duration_us))
-    # It lies there twice while the sequence is put together from its parts.
+    photos = len(exposure_spans_us(job.config.frames, job.duration_us))
+    # It lies there twice while the sequence is put together from its checkpoints.
     needed = 2 * _COMPRESSED * pixels * (per_pixel * len(job.truth_us) + photos)
     folder = out.absolute()
     while not folder.exists():

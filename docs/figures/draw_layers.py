@@ -3,10 +3,11 @@
 Run: python docs/figures/draw_layers.py [ROOT] [--out PICTURE]
 
 Everything comes from the imports in the code. A box is a subpackage, with the number of its
-modules, `__init__` included; a module directly in `emvs`, `sim` or `eval` is a box by itself,
-unless there are too many of them; the scenes share a box. A box stands one row above the highest
-one that it imports, so that every arrow points down; an arrow that follows from others is left
-out. Boxes that import each other in a circle, which the architecture forbids, are drawn as one.
+modules, `__init__` included; a module directly in `emvs`, `sim` or `eval` is a box by itself, its
+kernels with it, unless there are too many of them; the scenes share a box. A box stands one row
+above the highest one that it imports, so that every arrow points down; an arrow that follows from
+others is left out. Boxes that import each other in a circle, which the architecture forbids, are
+drawn as one.
 """
 
 from __future__ import annotations
@@ -49,9 +50,10 @@ COLOURS = {
     "eventsweep": "#7a5195",
 }
 LANES = {"emvs": -0.5, "sim": 0.35, "scenes": 0.45, "eval": 0.75, "eventsweep": 0.75}
+KERNELS = "_kernels"
 MANY = 16  # more modules than this directly in a package share a box
 WIDTH_IN, DPI = 12.0, 100
-LETTER_IN, LINE_IN, ROW_GAP_IN, BOX_GAP_IN, BEND_IN = 0.083, 0.17, 0.34, 0.16, 0.14
+LETTER_IN, LINE_IN, ROW_GAP_IN, BOX_GAP_IN, BEND_GAP_IN = 0.083, 0.17, 0.34, 0.13, 0.11
 ROUNDS = 300
 
 Point = tuple[str, str, int] | str  # a box, or where the arrow between two boxes passes a row
@@ -68,7 +70,7 @@ def boxes(names: Iterable[str]) -> dict[str, str]:
         crowded = _is_single(name, folders) and single[package] > MANY
         whole = package in ("scenes", "eventsweep") or crowded
         if whole or "." in name:
-            found[name] = package if whole else subpackage(name)
+            found[name] = package if whole else subpackage(name.removesuffix(KERNELS))
     return found
 
 
@@ -88,7 +90,8 @@ def layers(graph: Graph) -> tuple[Graph, dict[str, int]]:
     merged: Graph = {name: set() for name in label.values()}
     for box, targets in joined.items():
         merged[label[box]] |= {label[one] for one in targets} - {label[box]}
-    return reduced(merged), Counter(label[box] for box in home.values())
+    counted = [box for name, box in home.items() if name != box + KERNELS]
+    return reduced(merged), Counter(label[box] for box in counted)
 
 
 def reduced(graph: Graph) -> Graph:
@@ -158,8 +161,9 @@ def _spread(
     line: Sequence[Point], wanted: Mapping[Point, float], widths: Mapping[str, float]
 ) -> list[float]:
     """Places as near to the wanted ones as the widths allow, in order and within the picture."""
-    half = [widths[one] / 2 if isinstance(one, str) else BEND_IN / 2 for one in line]
-    apart = np.cumsum([0.0, *(a + b + BOX_GAP_IN for a, b in pairwise(half))])[: len(line)]
+    half = [widths[one] / 2 if isinstance(one, str) else 0.0 for one in line]
+    gaps = [a + b + (BOX_GAP_IN if a or b else BEND_GAP_IN) for a, b in pairwise(half)]
+    apart = np.cumsum([0.0, *gaps])[: len(line)]
     blocks: list[list[float]] = []  # means and sizes: pool what would overlap
     for point, offset in zip(line, apart, strict=True):
         blocks.append([wanted[point] - offset, 1.0])

@@ -14,7 +14,7 @@ import scenes
 from sim.config import ShutterConfig, SimConfig
 from sim.rendering.renderer import StereoRenderer
 from sim.rigs import RIGS
-from sim.sensor.frame_camera import develop, exposed_for, photograph
+from sim.sensor.frame_camera import capture, develop, gain_for
 
 IMAGES = Path(__file__).parents[1] / "images"
 RIG_NAMES = ("mvsec", "dsec", "tumvie-kb4")
@@ -58,11 +58,11 @@ def light():
     motion = scene.motion(0.5, 0)
     rig = RIGS["davis346"]
     with StereoRenderer(scene.spec(), rig, 2, scene.depth_range_m, floats=True) as renderer:
-        taken = photograph(renderer, motion, 0, 200_000, SimConfig(), SHUTTER)
+        taken = capture(renderer, motion, 0, 200_000, SimConfig(), SHUTTER)
         sharp = renderer.frame(0, motion.T_world_body(0.21)).intensity
     shown = [(np.log10(np.maximum(sharp, 1e-6)), "magma", "log10 of light, one instant")]
     for percentile in (40, 95):
-        gain = exposed_for(taken.light, percentile)
+        gain = gain_for(taken.light, percentile)
         photo = develop(taken.light, ShutterConfig(exposure_us=SHUTTER.exposure_us, gain=gain))
         title = f"20 ms, gain {gain:.2g}: {photo.saturated:.0%} white, {photo.black:.0%} black"
         shown.append(((photo.image / 255) ** (1 / 2.2), "gray", title))

@@ -1,8 +1,8 @@
 """The methods that ray density fusion is compared with, by name: none of them fuses volumes.
 
 Each is a `DepthEstimator`: recording, window and reference view in, one depth map out. All of them
-match two cameras, so `rectify` brings a stereo pair to common rows; most of them look at
-`time_surface` images. `catalogue` names them.
+match two cameras, so `rectification` brings a stereo pair to common rows; most of them look at
+images of `time_surface`. `BASELINES` lists them; each is imported only when it is called.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from emvs.dsi.method import OWN_UNIT, MethodName, file_name
+from emvs.dsi.method import OWN_UNIT, NamedMethod
 
 if TYPE_CHECKING:
     from emvs.config import MapperConfig
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     Estimate = Callable[[Recording, Window, ReferenceView, MapperConfig], DepthMap]
 
 
+@runtime_checkable
 class DepthEstimator(Protocol):
     """What makes a depth map of a window by itself, without rays and planes.
 
@@ -49,7 +50,7 @@ class DepthEstimator(Protocol):
 
 
 @dataclass(frozen=True)
-class BaselineEstimator:
+class BaselineEstimator(NamedMethod):
     """A `DepthEstimator` made of a function.
 
     Attributes:
@@ -66,18 +67,8 @@ class BaselineEstimator:
     needs: str = ""
     confidence: str = OWN_UNIT
 
-    @property
-    def family(self) -> str:
-        """The first part of its name."""
-        return MethodName.of(self.name).family
 
-    @property
-    def file_name(self) -> str:
-        """The name as files carry it."""
-        return file_name(self.name)
-
-
-def found_in(module: str, function: str = "estimate") -> Estimate:
+def imported_when_called(module: str, function: str) -> Estimate:
     """A function that is imported only when it is called: listing methods stays cheap.
 
     Args:
@@ -88,8 +79,8 @@ def found_in(module: str, function: str = "estimate") -> Estimate:
     def estimate(
         recording: Recording, window: Window, view: ReferenceView, config: MapperConfig
     ) -> DepthMap:
-        found: Estimate = getattr(import_module(module), function)
-        return found(recording, window, view, config)
+        imported: Estimate = getattr(import_module(module), function)
+        return imported(recording, window, view, config)
 
     return estimate
 
@@ -99,42 +90,41 @@ BASELINES: tuple[BaselineEstimator, ...] = (
     BaselineEstimator(
         "SGM/ts",
         "semi-global matching of the two time surfaces at the reference time",
-        found_in("emvs.baselines.sgm"),
+        imported_when_called("emvs.baselines.sgm", "estimate_time_surfaces"),
         confidence="time surface, 0..1",
     ),
     BaselineEstimator(
         "SGM/window",
         "SGM/ts at 20 Hz, averaged over the window by the poses",
-        found_in("emvs.baselines.sgm", "estimate_window"),
+        imported_when_called("emvs.baselines.sgm", "estimate_window"),
         confidence="sum of time surfaces",
     ),
     BaselineEstimator(
         "ESVO/own-rate",
         "ESVO's mapping: events refined on time surfaces, the newest maps fused",
-        found_in("emvs.baselines.esvo"),
+        imported_when_called("emvs.baselines.esvo", "estimate"),
         confidence="1 / σ of inverse depth, m",
     ),
     BaselineEstimator(
         "ESVO/window",
         "ESVO's mapping, every map of the window fused",
-        found_in("emvs.baselines.esvo", "estimate_window"),
+        imported_when_called("emvs.baselines.esvo", "estimate_window"),
         confidence="1 / σ of inverse depth, m",
     ),
     BaselineEstimator(
         "GTS/events",
         "pairs of events that coincide in row, time and motion",
-        found_in("emvs.baselines.gts"),
+        imported_when_called("emvs.baselines.gts", "estimate"),
         confidence="1 / (1 + energy), 0..1",
     ),
     BaselineEstimator(
         "Frames/sgm",
         "semi-global matching of an ordinary stereo camera's pictures",
-        found_in("emvs.baselines.sgm"),
+        imported_when_called("emvs.baselines.sgm", "estimate_frames"),
         needs="frames of an ordinary camera",
         confidence="contrast, grey levels",
     ),
 )
-
 
 # Words of `--method` for several methods; `all` is `emvs.methods.known_methods`.
 GROUPS: dict[str, tuple[str, ...]] = {
@@ -142,10 +132,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "everything": ("all", "Late/union", *(one.name for one in BASELINES if not one.needs)),
 }
 
-
 _BY_NAME = {one.name: one for one in BASELINES}
-
-
 FAMILIES = tuple(dict.fromkeys(one.family for one in BASELINES))
 
 
@@ -155,5 +142,5 @@ def baseline(name: str) -> BaselineEstimator | None:
 
 
 def names() -> tuple[str, ...]:
-    """What `baselines` stands for: every rival that needs nothing but the events of two cameras."""
+    """What `baselines` stands for: every baseline that needs only the events of two cameras."""
     return GROUPS["baselines"]

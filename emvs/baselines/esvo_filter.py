@@ -2,10 +2,8 @@
 
 Zhou, Gallego, Shen, TRO 2021, section IV: the product of two Student t densities, approximated by
 one again. The bulk of an estimate lies within twice its standard deviation, which is
-`s sqrt(nu / (nu - 2))`.
-
-Zhou, Gallego, Shen, TRO 2021, section IV: a mean over compatible neighbours, weighted by their
-variances, that leaves depth edges alone. Their configuration for MVSEC leaves the mean out.
+`s sqrt(nu / (nu - 2))`. The regularised map is a mean over compatible neighbours, weighted by their
+variances, that leaves depth edges alone; the authors' configuration for MVSEC leaves it out.
 """
 
 from __future__ import annotations

@@ -3,10 +3,8 @@
 Ieng et al., *Neuromorphic Event-Based Generalized Time-Based Stereovision*, Frontiers in
 Neuroscience 2018: the energy of a pair sums the distance from the epipolar line, the difference in
 time and the difference in motion; the fourth term, grey levels, needs a sensor that measures them.
-
-After Ieng et al., *Neuromorphic Event-Based Generalized Time-Based Stereovision*, Frontiers in
-Neuroscience 2018: the class of methods that ray density fusion argues against, since it must decide
-on each pair of events by itself.
+It is the class of methods that ray density fusion argues against, since it must decide on each pair
+of events by itself.
 
 A plane through the last event times around an event has a slope in µs per pixel, whose inverse is
 the normal flow (Benosman et al., *Event-based visual flow*, TNNLS 2014).
@@ -33,6 +31,45 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
+def estimate(
+    recording: Recording, window: Window, view: ReferenceView, config: MapperConfig,
+    parameters: GtsParameters | None = None,
+) -> DepthMap:  # fmt: skip
+    """Depth from pairs of events of the whole window (`GTS/events`).
+
+    Each pixel of the view takes its nearest point. Confidence is `1 / (1 + energy)`, 0..1.
+
+    Raises:
+        InputError: a rig or depth range that cannot be matched, or no pair in the window.
+    """
+    parameters = parameters or config.gts
+    stereo = Rectified.of(recording.rig)
+    range_px = disparity_range_px(stereo, view)
+    left, right = (_stream(side, stereo, recording, window, parameters) for side in (0, 1))
+    i, j, energy = pairs(left, right, range_px, parameters.coincidence)
+    disparity_px = left.uv_px[i, 0] - right.uv_px[j, 0]
+    good = disparity_px > 0
+    if not good.any():
+        raise InputError(
+            f"GTS/events: no pair among {len(left.t_us)} and {len(right.t_us)} events from "
+            f"{window.t0_us} to {window.t1_us} µs: choose a longer duration_s, or bring both "
+            "cameras to one clock"
+        )
+    i, disparity_px, energy = i[good], disparity_px[good], energy[good]
+    points_body = stereo.points_body(left.uv_px[i], disparity_px)
+    T_world_body = recording.trajectory.at(left.t_us[i])
+    points_world = _each(T_world_body, points_body)
+    seen = see(points_world, 1 / (1 + energy), view)
+    return depth_map("GTS/events", seen.depth_m, seen.value, view, config)
+
+
+def _each(T_a_b: NDArray[np.float64], points_b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Moves each point by its own motion."""
+    turned = np.einsum("nij,nj->ni", T_a_b[:, :3, :3], points_b)
+    moved: NDArray[np.float64] = turned + T_a_b[:, :3, 3]
+    return moved
+
+
 @dataclass(frozen=True, eq=False)
 class Stream:
     """Events of one camera in its rectified view.
@@ -48,6 +85,46 @@ class Stream:
     t_us: Indices
     p: NDArray[np.uint8]
     slope: Floats
+
+
+def _stream(
+    side: int, stereo: Rectified, recording: Recording, window: Window, parameters: GtsParameters
+) -> Stream:
+    """Events of one camera with their rectified places and their motion."""
+    events = recording.events(stereo.cameras[side], window.t0_us, window.t1_us)
+    uv_px = stereo.events_px(side, events).astype(np.float64)
+    size_px = stereo.camera.width_px, stereo.camera.height_px
+    pixels = np.rint(np.nan_to_num(uv_px, nan=-1.0)).astype(np.int64)
+    inside = np.isfinite(uv_px).all(axis=1) & (pixels >= 0).all(axis=1) & (pixels < size_px).all(1)
+    pixels[~inside] = -1
+    since_us = events.t_us - min(window.t0_us, 0)
+    slope = time_slopes(
+        pixels, since_us, events.p, size_px, parameters.radius_px, round(parameters.memory_s * 1e6)
+    )
+    return Stream(uv_px, events.t_us, events.p, slope)
+
+
+def time_slopes(
+    pixels: NDArray[np.int64], t_us: NDArray[np.int64], p: NDArray[np.uint8],
+    size_px: tuple[int, int], radius_px: int, memory_us: int,
+) -> Floats:  # fmt: skip
+    """Slope of the last event times around each event, of its own polarity.
+
+    Args:
+        pixels: (N, 2) int64 columns and rows; negative columns for events that are left out.
+        t_us: (N,) sorted times, 0 or more, µs.
+        p: (N,) polarities, 0 or 1.
+        size_px: (width, height) that holds all pixels.
+        radius_px: half a side of the neighbourhood.
+        memory_us: how old a neighbour may be, µs.
+
+    Returns:
+        (N, 2) slopes by column and by row, µs/px; NaN where too few neighbours fired.
+    """
+    last = np.full((2, size_px[1], size_px[0]), NEVER, np.int64)
+    out = np.empty((len(t_us), 2))
+    fit(pixels, t_us, p, radius_px, memory_us, last, out)
+    return out
 
 
 def pairs(
@@ -93,82 +170,3 @@ def _by_row(uv_px: Floats) -> tuple[Indices, Indices]:
     order = np.argsort(row, kind="stable")
     rows = int(row.max(initial=0)) + 1
     return order, np.searchsorted(row[order], np.arange(rows + 1))
-
-
-def estimate(
-    recording: Recording, window: Window, view: ReferenceView, config: MapperConfig,
-    parameters: GtsParameters | None = None,
-) -> DepthMap:  # fmt: skip
-    """Depth from pairs of events of the whole window (`GTS/events`).
-
-    Each pixel of the view takes its nearest point. Confidence is `1 / (1 + energy)`, 0..1.
-
-    Raises:
-        InputError: a rig or depth range that cannot be matched, or no pair in the window.
-    """
-    parameters = parameters or config.gts
-    stereo = Rectified.of(recording.rig)
-    range_px = disparity_range_px(stereo, view)
-    left, right = (_stream(side, stereo, recording, window, parameters) for side in (0, 1))
-    i, j, energy = pairs(left, right, range_px, parameters.coincidence)
-    disparity_px = left.uv_px[i, 0] - right.uv_px[j, 0]
-    good = disparity_px > 0
-    if not good.any():
-        raise InputError(
-            f"GTS/events: no pair among {len(left.t_us)} and {len(right.t_us)} events from "
-            f"{window.t0_us} to {window.t1_us} µs: choose a longer duration_s, or bring both "
-            "cameras to one clock"
-        )
-    i, disparity_px, energy = i[good], disparity_px[good], energy[good]
-    points_body = stereo.points_body(left.uv_px[i], disparity_px)
-    T_world_body = recording.trajectory.at(left.t_us[i])
-    points_world = _each(T_world_body, points_body)
-    seen = see(points_world, 1 / (1 + energy), view)
-    return depth_map("GTS/events", seen.depth_m, seen.value, view, config)
-
-
-def _each(T_a_b: NDArray[np.float64], points_b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Moves each point by its own motion."""
-    turned = np.einsum("nij,nj->ni", T_a_b[:, :3, :3], points_b)
-    moved: NDArray[np.float64] = turned + T_a_b[:, :3, 3]
-    return moved
-
-
-def _stream(
-    side: int, stereo: Rectified, recording: Recording, window: Window, parameters: GtsParameters
-) -> Stream:
-    """Events of one camera with their rectified places and their motion."""
-    events = recording.events(stereo.cameras[side], window.t0_us, window.t1_us)
-    uv_px = stereo.events_px(side, events).astype(np.float64)
-    size_px = stereo.camera.width_px, stereo.camera.height_px
-    pixels = np.rint(np.nan_to_num(uv_px, nan=-1.0)).astype(np.int64)
-    inside = np.isfinite(uv_px).all(axis=1) & (pixels >= 0).all(axis=1) & (pixels < size_px).all(1)
-    pixels[~inside] = -1
-    since_us = events.t_us - min(window.t0_us, 0)
-    slope = time_slopes(
-        pixels, since_us, events.p, size_px, parameters.radius_px, round(parameters.memory_s * 1e6)
-    )
-    return Stream(uv_px, events.t_us, events.p, slope)
-
-
-def time_slopes(
-    pixels: NDArray[np.int64], t_us: NDArray[np.int64], p: NDArray[np.uint8],
-    size_px: tuple[int, int], radius_px: int, memory_us: int,
-) -> Floats:  # fmt: skip
-    """Slope of the last event times around each event, of its own polarity.
-
-    Args:
-        pixels: (N, 2) int64 columns and rows; negative columns for events that are left out.
-        t_us: (N,) sorted times, 0 or more, µs.
-        p: (N,) polarities, 0 or 1.
-        size_px: (width, height) that holds all pixels.
-        radius_px: half a side of the neighbourhood.
-        memory_us: how old a neighbour may be, µs.
-
-    Returns:
-        (N, 2) slopes by column and by row, µs/px; NaN where too few neighbours fired.
-    """
-    last = np.full((2, size_px[1], size_px[0]), NEVER, np.int64)
-    out = np.empty((len(t_us), 2))
-    fit(pixels, t_us, p, radius_px, memory_us, last, out)
-    return out

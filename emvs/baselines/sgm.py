@@ -1,12 +1,12 @@
 """Semi-global matching, of time surfaces and of an ordinary stereo camera's frames.
 
-The rival of the published comparisons (Zhou, Gallego, Shen, *Event-based Stereo Visual Odometry*,
-TRO 2021, section VI): the rectified time surfaces of both cameras are matched like images, and only
-pixels that fired lately report the depth that they are given.
+Of time surfaces it is the baseline of the published comparisons (Zhou, Gallego, Shen, *Event-based
+Stereo Visual Odometry*, TRO 2021, section VI): the rectified time surfaces of both cameras are
+matched like images, and only pixels that fired lately report the depth that they are given.
 
-What the events are measured against: the same optics, motion and light, but an exposure and a
-converter of 8 bits, so that motion blurs and lamps saturate (`frames` of the simulator). Every
-pixel that passes the matcher's checks reports depth, also where no edge moved.
+Frames are what the events are measured against: the same optics, motion and light, but an exposure
+and a converter of 8 bits, so that motion blurs and lamps saturate (`frames` of the simulator).
+Every pixel that passes the matcher's checks reports depth, also where no edge moved.
 
 H. Hirschmüller, *Stereo Processing by Semiglobal Matching and Mutual Information*, TPAMI 2008, in
 the block-wise form of OpenCV's StereoSGBM. Block, penalties and uniqueness are those with which the
@@ -68,7 +68,8 @@ def estimate_window(
     inverse depths that reach it. Confidence is the sum of their time surfaces' values.
 
     Raises:
-        InputError: as `estimate`, or a window shorter than the interval between estimates.
+        InputError: as `estimate_time_surfaces`, or a window shorter than the interval between
+            estimates.
     """
     parameters = parameters or config.sgm
     matched = _Matcher(recording, window, view, parameters)
@@ -81,24 +82,6 @@ def estimate_window(
     mean_m = np.divide(count, inverse, out=np.zeros(shape), where=count > 0)
     mean = mean_m.astype(np.float32)
     return depth_map("SGM/window", mean, value.astype(np.float32), view, config)
-
-
-def instants_us(window: Window, rate_hz: float) -> list[int]:
-    """Times at which a method that works at a rate looks at a window: after each interval, µs.
-
-    Raises:
-        InputError: a window that is shorter than one interval.
-    """
-    step_us = 1e6 / rate_hz
-    count = int((window.t1_us - window.t0_us) / step_us)
-    if count < 1:
-        raise InputError(
-            f"window of {(window.t1_us - window.t0_us) / 1e6:.6f} s: a method at {rate_hz:g} Hz "
-            f"needs at least {step_us / 1e6:g} s; choose a longer duration_s"
-        )
-    # The window's end is excluded: no pose need reach it.
-    last_us = window.t1_us - 1
-    return [min(window.t0_us + round(k * step_us), last_us) for k in range(1, count + 1)]
 
 
 class _Matcher:
@@ -156,15 +139,22 @@ def _bytes(surface: Image) -> NDArray[np.uint8]:
     return np.rint(surface * 255).astype(np.uint8)
 
 
-@runtime_checkable
-class HasPhotos(Protocol):
-    """A recording with an ordinary camera in the place of each event camera."""
+def instants_us(window: Window, rate_hz: float) -> list[int]:
+    """Times at which a method that works at a rate looks at a window: after each interval, µs.
 
-    def photo_times_us(self, camera: int) -> NDArray[np.int64]:
-        """(T,) middles of the exposures, µs."""
-
-    def photo(self, camera: int, t_us: int) -> Photo:
-        """The picture whose exposure's middle is nearest to a time."""
+    Raises:
+        InputError: a window that is shorter than one interval.
+    """
+    step_us = 1e6 / rate_hz
+    count = int((window.t1_us - window.t0_us) / step_us)
+    if count < 1:
+        raise InputError(
+            f"window of {(window.t1_us - window.t0_us) / 1e6:.6f} s: a method at {rate_hz:g} Hz "
+            f"needs at least {step_us / 1e6:g} s; choose a longer duration_s"
+        )
+    # The window's end is excluded: no pose need reach it.
+    last_us = window.t1_us - 1
+    return [min(window.t0_us + round(k * step_us), last_us) for k in range(1, count + 1)]
 
 
 def estimate_frames(
@@ -193,6 +183,17 @@ def estimate_frames(
         stereo, photos[0].t_us, recording, view,
     )  # fmt: skip
     return depth_map("Frames/sgm", seen.depth_m, seen.value, view, config)
+
+
+@runtime_checkable
+class HasPhotos(Protocol):
+    """A recording with an ordinary camera in the place of each event camera."""
+
+    def photo_times_us(self, camera: int) -> NDArray[np.int64]:
+        """(T,) middles of the exposures, µs."""
+
+    def photo(self, camera: int, t_us: int) -> Photo:
+        """The picture whose exposure's middle is nearest to a time."""
 
 
 def photos_at(recording: Recording, window: Window, cameras: tuple[int, int]) -> list[Photo]:
@@ -238,24 +239,6 @@ def _contrast(image: NDArray[np.uint8], block_px: int) -> NDArray[np.float32]:
     return deviation
 
 
-def disparity_range_px(stereo: Rectified, view: ReferenceView) -> tuple[int, int]:
-    """Smallest and largest disparity of the view's planes, whole px.
-
-    Raises:
-        InputError: a range that a pixel of disparity cannot resolve.
-    """
-    scale = stereo.camera.fx_px * stereo.baseline_m
-    ends = np.array([0, len(view.rho) - 1], np.float32)
-    far, near = np.sort(scale * inverse_depth_at(view.rho, ends).astype(np.float64))
-    if near - far < _WORTH_MATCHING_PX:
-        raise InputError(
-            f"depths {scale / near:.3g}..{scale / far:.3g} m span {near - far:.2f} px of disparity "
-            f"on a baseline of {stereo.baseline_m:g} m: stereo matching needs at least "
-            f"{_WORTH_MATCHING_PX:g} px; choose a nearer min_depth_m or a method that fuses volumes"
-        )
-    return int(np.floor(far)), int(np.ceil(near))
-
-
 def match(
     left: NDArray[np.uint8], right: NDArray[np.uint8], range_px: tuple[int, int],
     settings: SemiGlobal,
@@ -293,3 +276,21 @@ def match(
     partner_px = np.arange(left.shape[1]) - disparity_px
     found &= partner_px >= settings.block_px // 2
     return np.where(found, disparity_px, np.float32(np.nan))
+
+
+def disparity_range_px(stereo: Rectified, view: ReferenceView) -> tuple[int, int]:
+    """Smallest and largest disparity of the view's planes, whole px.
+
+    Raises:
+        InputError: a range that a pixel of disparity cannot resolve.
+    """
+    scale = stereo.camera.fx_px * stereo.baseline_m
+    ends = np.array([0, len(view.rho) - 1], np.float32)
+    far, near = np.sort(scale * inverse_depth_at(view.rho, ends).astype(np.float64))
+    if near - far < _WORTH_MATCHING_PX:
+        raise InputError(
+            f"depths {scale / near:.3g}..{scale / far:.3g} m span {near - far:.2f} px of disparity "
+            f"on a baseline of {stereo.baseline_m:g} m: stereo matching needs at least "
+            f"{_WORTH_MATCHING_PX:g} px; choose a nearer min_depth_m or a method that fuses volumes"
+        )
+    return int(np.floor(far)), int(np.ceil(near))

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import h5py
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from emvs.data.events import Events
-from emvs.data.hdf5 import COMPRESSION, Hdf5Writer, check_dataset, open_hdf5
+from emvs.data.hdf5 import COMPRESSION, ClosingWriter, Hdf5Writer, check_dataset, open_hdf5
 from emvs.errors import InputError
 
 _CHUNK = 1 << 17
@@ -28,7 +27,7 @@ EXTRA_COLUMNS = {"label": np.uint8, "depth_m": np.float32}
 Column = NDArray[Any]
 
 
-class EventStoreWriter:
+class EventStoreWriter(ClosingWriter):
     """Appends event packets to a file; memory holds one chunk and a packet, whatever the length.
 
     The bytes depend on the events alone, not on how they were cut into packets.
@@ -90,17 +89,6 @@ class EventStoreWriter:
             self._file.create_dataset("t_offset", data=np.int64(self._offset_us))
         finally:
             self._hdf5.close()
-
-    def __enter__(self) -> EventStoreWriter:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _create(self, name: str, kind: DTypeLike, like: DTypeLike) -> None:
         """A growing column, compressed as those of type `like`."""

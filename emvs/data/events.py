@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
+from emvs.errors import InputError, check_array
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,12 +20,19 @@ class Events:
         y: (N,) uint16 rows, px.
         t_us: (N,) int64 time stamps, µs, non-decreasing.
         p: (N,) uint8 polarity, 1 for brighter, 0 for darker.
+
+    Raises:
+        InputError: a column that is no array of numbers; `checked` looks at the values.
     """
 
     x: NDArray[np.uint16]
     y: NDArray[np.uint16]
     t_us: NDArray[np.int64]
     p: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        for name in ("x", "y", "t_us", "p"):
+            check_array(f"events' column {name}", getattr(self, name), "an array (N,) of numbers")
 
     @classmethod
     def empty(cls) -> Events:
@@ -51,6 +58,8 @@ class Events:
     def __repr__(self) -> str:
         if not len(self):
             return "Events(none)"
+        if len(self) == 1:
+            return f"Events(1 event at {self.t_us[0]} µs)"
         return f"Events({len(self)} events, {self.t_us[0]} to {self.t_us[-1]} µs)"
 
     def slice(self, start: int, stop: int) -> Events:

@@ -28,8 +28,7 @@ COMPRESSION = {
         (np.float32, hdf5plugin.Blosc.SHUFFLE),
     )
 }
-ECF = 0x8ECF
-"""The filter of Prophesee's codec."""
+ECF = 0x8ECF  # the filter of Prophesee's codec
 _MOST_CHUNK = 1 << 28
 # What the plug-ins themselves store for each data set, and read without counting.
 _LEAST_PARAMETERS = {32001: 4, 32008: 3, 32026: 4}
@@ -119,16 +118,12 @@ class Sink:
         self._file.close()
 
 
-class Hdf5Writer:
-    """A new HDF5 file: use it as a context or close it, and call `check` after each write.
+class ClosingWriter:
+    """A writer to be used as a context, which closes it."""
 
-    Attributes:
-        file: the open file.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._sink = Sink(path)
-        self.file = h5py.File(self._sink, "w")
+    def close(self) -> None:
+        """Ends the file."""
+        raise NotImplementedError
 
     def __enter__(self) -> Self:
         return self
@@ -140,6 +135,18 @@ class Hdf5Writer:
         trace: TracebackType | None,
     ) -> None:
         self.close()
+
+
+class Hdf5Writer(ClosingWriter):
+    """A new HDF5 file: use it as a context or close it, and call `check` after each write.
+
+    Attributes:
+        file: the open file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._sink = Sink(path)
+        self.file = h5py.File(self._sink, "w")
 
     def check(self) -> None:
         """Raises what the disk said to the last writes."""

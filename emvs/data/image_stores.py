@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Any, NamedTuple
 
 import hdf5plugin
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.hdf5 import COMPRESSION, Hdf5Writer, check_dataset, open_hdf5
+from emvs.data.hdf5 import COMPRESSION, ClosingWriter, Hdf5Writer, check_dataset, open_hdf5
 from emvs.errors import InputError
 
 Image = NDArray[Any]
@@ -35,7 +34,7 @@ _SHUFFLED = hdf5plugin.Blosc(cname="lz4", clevel=5, shuffle=hdf5plugin.Blosc.SHU
 FRAMES_FILE = "frames.h5"
 
 
-class TruthWriter:
+class TruthWriter(ClosingWriter):
     """Appends ground truth to a file, one time after the other."""
 
     def __init__(self, path: Path, width_px: int, height_px: int) -> None:
@@ -76,17 +75,6 @@ class TruthWriter:
     def close(self) -> None:
         """Closes the file."""
         self._hdf5.close()
-
-    def __enter__(self) -> TruthWriter:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _create(self, name: str, shape: tuple[int, ...]) -> None:
         kind = {**_ALWAYS, **OPTIONAL}[name]
@@ -198,7 +186,7 @@ class Photo(NamedTuple):
         return float((self.image == 0).mean())
 
 
-class FrameWriter:
+class FrameWriter(ClosingWriter):
     """Appends pictures to a file, in order of time."""
 
     def __init__(self, path: Path, width_px: int, height_px: int) -> None:
@@ -238,12 +226,6 @@ class FrameWriter:
     def close(self) -> None:
         """Closes the file."""
         self._hdf5.close()
-
-    def __enter__(self) -> FrameWriter:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 class FrameReader:

@@ -13,13 +13,11 @@ from numpy.typing import NDArray
 from emvs.data import manifest
 from emvs.data.event_store import EventStoreReader
 from emvs.data.events import Events
-from emvs.data.image_stores import FRAMES_FILE as FRAMES_NAME
-from emvs.data.image_stores import FrameReader, Photo, TruthReader
+from emvs.data.image_stores import FRAMES_FILE, FrameReader, Photo, TruthReader
 from emvs.data.poses import read_tum
 from emvs.data.recording import summary
-from emvs.data.tables import IMU_FILE as IMU_NAME
-from emvs.data.tables import Geom, ImuSamples, read_geoms, read_imu
-from emvs.errors import InputError
+from emvs.data.tables import IMU_FILE, Geom, ImuSamples, read_geoms, read_imu
+from emvs.errors import InputError, check_path
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 
@@ -37,6 +35,7 @@ class Sequence:
     """
 
     def __init__(self, path: str | Path) -> None:
+        check_path("path", path)
         self.path = Path(path)
         self.manifest = manifest.read(self.path)
         self.rig = _read_rig(self.path / "rig.json")
@@ -107,7 +106,7 @@ class Sequence:
     @property
     def has_imu(self) -> bool:
         """Whether inertial samples are stored."""
-        return IMU_NAME in self.manifest.files
+        return IMU_FILE in self.manifest.files
 
     def imu(self) -> ImuSamples:
         """The inertial samples, read when asked for.
@@ -117,7 +116,7 @@ class Sequence:
         """
         if not self.has_imu:
             raise InputError(f"{self.path}: has no IMU samples; simulate with imu.rate_hz above 0")
-        return read_imu(self.path / IMU_NAME)
+        return read_imu(self.path / IMU_FILE)
 
     def truth_times_us(self, camera: int) -> NDArray[np.int64]:
         """Times at which ground truth is stored, µs."""
@@ -233,7 +232,7 @@ class Sequence:
 
     @cached_property
     def _frames(self) -> list[FrameReader | None]:
-        names = [f"cam{k}/{FRAMES_NAME}" for k in range(len(self.rig))]
+        names = [f"cam{k}/{FRAMES_FILE}" for k in range(len(self.rig))]
         return [FrameReader(self.path / n) if n in self.manifest.files else None for n in names]
 
     @cached_property

@@ -95,8 +95,6 @@ class Geom(BaseModel):
 
 
 GeomTable = Mapping[int, Geom]
-
-
 _TABLE = TypeAdapter(dict[int, Geom])
 
 

@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 from emvs.data import manifest
 from emvs.data.event_store import EventStoreWriter
 from emvs.data.events import Events
-from emvs.data.image_stores import FRAMES_FILE as FRAMES_NAME
-from emvs.data.image_stores import FrameWriter, Photo, TruthWriter
+from emvs.data.image_stores import FRAMES_FILE, FrameWriter, Photo, TruthWriter
 from emvs.data.poses import write_tum
-from emvs.data.tables import IMU_FILE as IMU_NAME
-from emvs.data.tables import GeomTable, ImuSamples, write_geoms, write_imu
+from emvs.data.tables import IMU_FILE, GeomTable, ImuSamples, write_geoms, write_imu
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 from emvs.utils.outputs import atomic_dir, check_output
@@ -150,7 +148,7 @@ class SequenceWriter:
         """Adds a picture of the ordinary camera in one camera's place, in order of time."""
         if camera not in self._frames:
             seen = self._rig.cameras[camera]
-            path = self._folder / f"cam{camera}" / FRAMES_NAME
+            path = self._folder / f"cam{camera}" / FRAMES_FILE
             writer = FrameWriter(path, seen.width_px, seen.height_px)
             self._frames[camera] = self._file_stack.enter_context(writer)
         self._frames[camera].append(photo)
@@ -165,7 +163,7 @@ class SequenceWriter:
             counts_text = json.dumps(list(self._sensor_counts), indent=1) + "\n"
             (self._folder / "sensor.json").write_text(counts_text, encoding="utf-8")
         if self._imu is not None:
-            write_imu(self._folder / IMU_NAME, self._imu)
+            write_imu(self._folder / IMU_FILE, self._imu)
         self._frames: dict[int, FrameWriter] = {}
         self._events: list[EventStoreWriter] = []
         self._truth: list[TruthWriter] = []

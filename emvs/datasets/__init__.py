@@ -8,7 +8,7 @@ from emvs.data.manifest import FILE_NAME
 from emvs.data.recording import Recording
 from emvs.data.sequence import Sequence
 from emvs.datasets.ecd import FILES, EventCameraDataset
-from emvs.errors import InputError
+from emvs.errors import InputError, check_path
 
 DESCRIPTOR = "recording.toml"
 
@@ -19,6 +19,7 @@ def open_recording(path: str | Path) -> Recording:
     Raises:
         InputError: nothing there, nothing known, or a file that is missing, damaged or impossible.
     """
+    check_path("path", path)
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such folder; needs a recording")

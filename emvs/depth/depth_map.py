@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
-from emvs.depth.median import masked_median
+from emvs.depth import median_kernels
 from emvs.dsi.maxima import Maximum
 from emvs.geometry.camera import Camera
 from emvs.reference_view import ReferenceView, inverse_depth_at
@@ -131,6 +131,23 @@ def eight_bits(confidence: Floats, max_confidence: float) -> NDArray[np.uint8]:
         return np.zeros(confidence.shape, np.uint8)
     grey: NDArray[np.uint8] = np.rint(confidence * np.float32(255 / top)).astype(np.uint8)
     return grey
+
+
+def masked_median(values: Floats, mask: Mask, kernel_px: int) -> Floats:
+    """Replaces masked pixels by the lower median of the masked pixels around them.
+
+    Args:
+        values: (H, W) float32.
+        mask: (H, W) bool.
+        kernel_px: width of the square window, odd; it is cut off at the image's edge.
+
+    Returns:
+        (H, W) float32; pixels outside the mask keep their values.
+    """
+    out = values.copy()
+    patch = np.empty((len(values), kernel_px * kernel_px + 1), np.float32)
+    median_kernels.masked_median(values, mask, kernel_px // 2, patch, out)
+    return out
 
 
 def without_border(mask: Mask, border_px: int) -> Mask:

@@ -13,8 +13,7 @@ from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.depth.depth_map import DepthMap, eight_bits, without_border
 from emvs.dsi import focus_kernels, focus_measures
-from emvs.dsi.backend import InFocus
-from emvs.dsi.maxima import Maximum
+from emvs.dsi.maxima import InFocus, Maximum
 from emvs.errors import InputError
 from emvs.reference_view import ReferenceView, inverse_depth_at
 from emvs.windows import Window
@@ -29,110 +28,6 @@ _POSITIVE = (
     "surface_sigma_px", "surface_px",
 )  # fmt: skip
 _PATH_SAMPLES = 65
-
-
-def judge(
-    confidence: Floats,
-    loudest: Floats,
-    position: Floats,
-    witnesses: Sequence[Floats],
-    disparity_px: NDArray[np.floating],
-    config: FocusConfig,
-) -> Found:
-    """Says how reliable each pixel's depth is.
-
-    Args:
-        confidence: (H, W) float32 maximum of the fused volume, votes.
-        loudest: (H, W) float32 plane index of that maximum.
-        position: (H, W) float32 plane index where the fused volume is most in focus.
-        witnesses: the same of each camera's own volume, whose agreement is asked for.
-        disparity_px: (N,) disparity of each plane, px, above 0.
-        config: scales.
-    """
-    planes = np.arange(len(disparity_px))
-
-    def disparity(at: Floats) -> Floats:
-        return np.asarray(np.interp(at, planes, disparity_px), np.float32)
-
-    own_px = disparity(position)
-    candidate = _candidates(confidence, config)
-    support = np.zeros_like(position)
-    focus_kernels.support(
-        own_px, candidate, config.support_radius_px, np.float32(config.support_px), support
-    )
-    apart_px = np.zeros_like(position)
-    for witness in witnesses:
-        np.maximum(apart_px, abs(disparity(witness) - own_px), out=apart_px)
-    allowed_px = config.agreement_px * np.sqrt(own_px / np.float32(config.agreement_at_px))
-    return Found(
-        position,
-        confidence,
-        candidate,
-        agreement=np.exp(-apart_px / allowed_px),
-        support=support,
-        inside=_inside(confidence, own_px, candidate, config),
-        ray=np.exp(-abs(disparity(loudest) - own_px) / np.float32(config.ray_px)),
-        strength=_strength(confidence, candidate),
-    )
-
-
-def on_surface(found: Found, disparity_px: NDArray[np.floating], config: FocusConfig) -> Found:
-    """Moves each candidate to the plane that fits the disparities of its own surface around it.
-
-    A plane in space is linear in disparity over the image, so a slanted surface stays what it is.
-
-    Args:
-        found: the extraction.
-        disparity_px: (N,) disparity of each plane, px, rising or falling.
-        config: scale of the fit, and who takes part.
-    """
-    planes = np.arange(len(disparity_px), dtype=np.float64)
-    own_px = np.interp(found.position, planes, disparity_px).astype(np.float32)
-    reach_px = round(_SURFACE_REACH * config.surface_sigma_px)
-    weight = focus_measures.half_window(config.surface_sigma_px)[: reach_px + 1]
-    fitted_px = own_px.copy()
-    focus_kernels.fit_surface(
-        own_px, found.candidate, weight, np.float32(config.surface_px), _RIDGE_PX2, fitted_px
-    )
-    rising = np.argsort(disparity_px)
-    moved = np.interp(fitted_px, disparity_px[rising], planes[rising]).astype(np.float32)
-    return replace(found, position=np.where(found.candidate, moved, found.position))
-
-
-def _strength(confidence: Floats, candidate: Mask) -> Floats:
-    """Votes as a share of themselves and those of the median candidate."""
-    usual = np.float32(np.median(confidence[candidate])) if candidate.any() else np.float32(1)
-    return np.asarray(confidence / (confidence + usual), np.float32)
-
-
-def _candidates(confidence: Floats, config: FocusConfig) -> Mask:
-    kept = cv2.adaptiveThreshold(
-        eight_bits(confidence, 0.0),
-        1,
-        cv2.ADAPTIVE_THRESH_GAUSSIAN_C,
-        cv2.THRESH_BINARY,
-        config.threshold_kernel_px,
-        -config.threshold_c,
-    )
-    return (kept > 0) & (confidence > 0)
-
-
-def _inside(confidence: Floats, own_px: Floats, candidate: Mask, config: FocusConfig) -> Floats:
-    """Near 0 where the votes rise steeply towards the pixel's own surface: it lies beyond an edge.
-
-    The ridge of votes along a silhouette is a few pixels wide, and its outer half shows what is
-    behind. Where the own surface lies is seen from the candidates around.
-    """
-    towards = np.zeros((2, *confidence.shape), np.float32)
-    focus_kernels.own_surface(
-        own_px, candidate, config.inside_radius_px, np.float32(config.support_px), towards
-    )
-    smooth = focus_measures.blurred(confidence, _SLOPE_SIGMA_PX)
-    slope_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
-    slope_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
-    rise = (towards[0] * slope_x + towards[1] * slope_y) / np.maximum(confidence, np.float32(1e-6))
-    steepness = np.clip(rise / np.float32(config.inside_rise), -50, 50)
-    return np.asarray(1 / (1 + np.exp(steepness)), np.float32)
 
 
 @dataclass(frozen=True)
@@ -191,90 +86,9 @@ class FocusConfig:
             )
 
 
-def extract_in_focus(
-    method: str,
-    votes: Maximum,
-    found: InFocus,
-    view: ReferenceView,
-    config: MapperConfig,
-    baseline_m: float,
-) -> DepthMap:
-    """Turns one method's focus into its depth map: no median, and reliability chooses the pixels.
-
-    Args:
-        method: name for the result.
-        votes: first maximum of the fused volume; its values are the confidence.
-        found: where the fused rays and each camera's are most in focus.
-        view: the reference view.
-        config: interpolation, reliability, border.
-        baseline_m: what disparities refer to (`parallax_baseline_m`), m.
-    """
-    judged = _judged(votes, found, baseline_m * view.camera.fx_px * view.rho, config)
-    return DepthMap(
-        method=method,
-        depth_m=np.reciprocal(inverse_depth_at(view.rho, judged.position)),
-        confidence=votes.value,
-        mask=at_least(judged, config.focus_reliability, config.border_px),
-        argmax=found.maximum.plane,
-        rho=view.rho,
-        t_us=view.t_us,
-        T_world_rv=view.T_world_rv,
-        camera=view.camera,
-    )
-
-
-def _judged(
-    votes: Maximum, found: InFocus, disparity_px: NDArray[np.floating], config: MapperConfig
-) -> Found:
-    """Depth and reliability; between planes only where the configuration refines at all."""
-    maxima, scales = (found.maximum, *found.witnesses), _scales(config)
-    disparity_px = disparity_px.astype(np.float64)
-    if not config.refines:
-        loudest, own, *witnesses = (m.plane.astype(np.float32) for m in (votes, *maxima))
-        return judge(votes.value, loudest, own, witnesses, disparity_px, scales)
-    own, *witnesses = (m.position(bell=True) for m in maxima)
-    judged = judge(votes.value, votes.position(), own, witnesses, disparity_px, scales)
-    return on_surface(judged, disparity_px, scales)
-
-
-def _scales(config: MapperConfig) -> FocusConfig:
-    """The parameters of the extraction, as far as the mapper's configuration sets them."""
-    return FocusConfig(
-        measure=config.focus_measure,
-        sigma_px=config.focus_sigma_px,
-        threshold_kernel_px=config.focus_threshold_kernel_px,
-        threshold_c=config.focus_threshold_c,
-    )
-
-
-def parallax_baseline_m(recording: Recording, window: Window) -> float:
-    """The distance that disparities refer to, m: between cameras 0 and 1, or along the path.
-
-    One camera has no baseline but its own path: the farthest that it gets, in the window, from
-    where it is at the reference time.
-
-    Raises:
-        InputError: one camera that stays where it is.
-    """
-    if len(recording.rig) > 1:
-        return recording.rig.baseline_m(0, 1)
-    first_us, last_us = recording.trajectory.span_us
-    t_us = np.linspace(max(window.t0_us, first_us), min(window.t1_us, last_us), _PATH_SAMPLES)
-    T_world_cam = recording.trajectory.at(t_us.astype(np.int64)) @ recording.rig.T_body_cam[0]
-    T_world_rv = recording.trajectory.at(window.t_ref_us) @ recording.rig.T_body_cam[0]
-    offsets_m = T_world_cam[:, :3, 3] - T_world_rv[:3, 3]
-    farthest_m = float(np.linalg.norm(offsets_m, axis=1).max())
-    if farthest_m == 0:
-        raise InputError(
-            "Focus methods: one camera that does not move sees no parallax; choose a window in "
-            "which it moves, or EMVS/cam0"
-        )
-    return farthest_m
-
-
 @dataclass(frozen=True, eq=False)
-class Found:
-    """What the extraction found.
+class FocusEstimate:
+    """Depth by focus, and what speaks for it, pixel by pixel.
 
     Attributes:
         position: (H, W) float32 plane index, fractional.
@@ -304,24 +118,214 @@ class Found:
         return np.where(self.candidate, product, np.float32(0))
 
 
-def most_reliable(found: Found, points: int, border_px: int) -> Mask:
+def extract_in_focus(
+    method: str,
+    votes: Maximum,
+    focus: InFocus,
+    view: ReferenceView,
+    config: MapperConfig,
+    baseline_m: float,
+) -> DepthMap:
+    """Turns one method's focus into its depth map: no median, and reliability chooses the pixels.
+
+    Args:
+        method: name for the result.
+        votes: first maximum of the fused volume; its values are the confidence.
+        focus: where the fused rays and each camera's are most in focus.
+        view: the reference view.
+        config: interpolation, reliability, border.
+        baseline_m: what disparities refer to (`parallax_baseline_m`), m.
+    """
+    estimate = _estimate(votes, focus, baseline_m * view.camera.fx_px * view.rho, config)
+    return DepthMap(
+        method=method,
+        depth_m=np.reciprocal(inverse_depth_at(view.rho, estimate.position)),
+        confidence=votes.value,
+        mask=at_least(estimate, config.focus_reliability, config.border_px),
+        argmax=focus.maximum.plane,
+        rho=view.rho,
+        t_us=view.t_us,
+        T_world_rv=view.T_world_rv,
+        camera=view.camera,
+    )
+
+
+def _estimate(
+    votes: Maximum, focus: InFocus, disparity_px: NDArray[np.floating], config: MapperConfig
+) -> FocusEstimate:
+    """Depth and reliability; between planes only where the configuration refines at all."""
+    maxima, scales = (focus.maximum, *focus.camera_maxima), _scales(config)
+    disparity_px = disparity_px.astype(np.float64)
+    if not config.refines:
+        vote_peak, own, *cameras = (m.plane.astype(np.float32) for m in (votes, *maxima))
+        return judge(votes.value, vote_peak, own, cameras, disparity_px, scales)
+    own, *cameras = (m.position(gaussian=True) for m in maxima)
+    estimate = judge(votes.value, votes.position(), own, cameras, disparity_px, scales)
+    return on_surface(estimate, disparity_px, scales)
+
+
+def _scales(config: MapperConfig) -> FocusConfig:
+    """The parameters of the extraction, as far as the mapper's configuration sets them."""
+    return FocusConfig(
+        measure=config.focus_measure,
+        sigma_px=config.focus_sigma_px,
+        threshold_kernel_px=config.focus_threshold_kernel_px,
+        threshold_c=config.focus_threshold_c,
+    )
+
+
+def judge(
+    confidence: Floats,
+    vote_peak: Floats,
+    position: Floats,
+    camera_positions: Sequence[Floats],
+    disparity_px: NDArray[np.floating],
+    config: FocusConfig,
+) -> FocusEstimate:
+    """Says how reliable each pixel's depth is.
+
+    Args:
+        confidence: (H, W) float32 maximum of the fused volume, votes.
+        vote_peak: (H, W) float32 plane index of that maximum.
+        position: (H, W) float32 plane index where the fused volume is most in focus.
+        camera_positions: the same of each camera's own volume, whose agreement is asked for.
+        disparity_px: (N,) disparity of each plane, px, above 0.
+        config: scales.
+    """
+    planes = np.arange(len(disparity_px))
+
+    def disparity(at: Floats) -> Floats:
+        return np.asarray(np.interp(at, planes, disparity_px), np.float32)
+
+    own_px = disparity(position)
+    candidate = _candidates(confidence, config)
+    support = np.zeros_like(position)
+    focus_kernels.support(
+        own_px, candidate, config.support_radius_px, np.float32(config.support_px), support
+    )
+    apart_px = np.zeros_like(position)
+    for other in camera_positions:
+        np.maximum(apart_px, abs(disparity(other) - own_px), out=apart_px)
+    allowed_px = config.agreement_px * np.sqrt(own_px / np.float32(config.agreement_at_px))
+    return FocusEstimate(
+        position,
+        confidence,
+        candidate,
+        agreement=np.exp(-apart_px / allowed_px),
+        support=support,
+        inside=_inside(confidence, own_px, candidate, config),
+        ray=np.exp(-abs(disparity(vote_peak) - own_px) / np.float32(config.ray_px)),
+        strength=_strength(confidence, candidate),
+    )
+
+
+def _candidates(confidence: Floats, config: FocusConfig) -> Mask:
+    kept = cv2.adaptiveThreshold(
+        eight_bits(confidence, 0.0),
+        1,
+        cv2.ADAPTIVE_THRESH_GAUSSIAN_C,
+        cv2.THRESH_BINARY,
+        config.threshold_kernel_px,
+        -config.threshold_c,
+    )
+    return (kept > 0) & (confidence > 0)
+
+
+def _inside(confidence: Floats, own_px: Floats, candidate: Mask, config: FocusConfig) -> Floats:
+    """Near 0 where the votes rise steeply towards the pixel's own surface: it lies beyond an edge.
+
+    The ridge of votes along a silhouette is a few pixels wide, and its outer half shows what is
+    behind. Where the own surface lies is seen from the candidates around.
+    """
+    towards = np.zeros((2, *confidence.shape), np.float32)
+    focus_kernels.own_surface(
+        own_px, candidate, config.inside_radius_px, np.float32(config.support_px), towards
+    )
+    smooth = focus_measures.blurred(confidence, _SLOPE_SIGMA_PX)
+    slope_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
+    slope_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
+    rise = (towards[0] * slope_x + towards[1] * slope_y) / np.maximum(confidence, np.float32(1e-6))
+    steepness = np.clip(rise / np.float32(config.inside_rise), -50, 50)
+    return np.asarray(1 / (1 + np.exp(steepness)), np.float32)
+
+
+def _strength(confidence: Floats, candidate: Mask) -> Floats:
+    """Votes as a share of themselves and those of the median candidate."""
+    usual = np.float32(np.median(confidence[candidate])) if candidate.any() else np.float32(1)
+    return np.asarray(confidence / (confidence + usual), np.float32)
+
+
+def on_surface(
+    estimate: FocusEstimate, disparity_px: NDArray[np.floating], config: FocusConfig
+) -> FocusEstimate:
+    """Moves each candidate to the plane that fits the disparities of its own surface around it.
+
+    A plane in space is linear in disparity over the image, so a slanted surface stays what it is.
+
+    Args:
+        estimate: depth and reliability of every pixel.
+        disparity_px: (N,) disparity of each plane, px, rising or falling.
+        config: scale of the fit, and who takes part.
+    """
+    planes = np.arange(len(disparity_px), dtype=np.float64)
+    own_px = np.interp(estimate.position, planes, disparity_px).astype(np.float32)
+    reach_px = round(_SURFACE_REACH * config.surface_sigma_px)
+    weight = focus_measures.half_window(config.surface_sigma_px)[: reach_px + 1]
+    fitted_px = own_px.copy()
+    focus_kernels.fit_surface(
+        own_px, estimate.candidate, weight, np.float32(config.surface_px), _RIDGE_PX2, fitted_px
+    )
+    rising = np.argsort(disparity_px)
+    moved = np.interp(fitted_px, disparity_px[rising], planes[rising]).astype(np.float32)
+    return replace(estimate, position=np.where(estimate.candidate, moved, estimate.position))
+
+
+def most_reliable(estimate: FocusEstimate, points: int, border_px: int) -> Mask:
     """The (H, W) mask of the `points` most reliable candidates, or of all if there are fewer.
 
     Equal reliability is decided by confidence, then by the order of pixels.
 
     Args:
-        found: the extraction.
+        estimate: depth and reliability of every pixel.
         points: number of pixels to keep.
         border_px: rim of the image that reports no depth, px.
     """
-    allowed = np.flatnonzero(without_border(found.candidate, border_px))
-    reliability, confidence = found.reliability.ravel()[allowed], found.confidence.ravel()[allowed]
+    allowed = np.flatnonzero(without_border(estimate.candidate, border_px))
+    reliability, confidence = (
+        estimate.reliability.ravel()[allowed],
+        estimate.confidence.ravel()[allowed],
+    )
     kept = allowed[np.lexsort((allowed, -confidence, -reliability))[: max(points, 0)]]
-    mask = np.zeros(found.candidate.shape, np.bool_)
+    mask = np.zeros(estimate.candidate.shape, np.bool_)
     mask.flat[kept] = True
     return mask
 
 
-def at_least(found: Found, reliability: float, border_px: int) -> Mask:
+def at_least(estimate: FocusEstimate, reliability: float, border_px: int) -> Mask:
     """The (H, W) mask of candidates with at least this reliability."""
-    return without_border(found.candidate & (found.reliability >= reliability), border_px)
+    return without_border(estimate.candidate & (estimate.reliability >= reliability), border_px)
+
+
+def parallax_baseline_m(recording: Recording, window: Window) -> float:
+    """The distance that disparities refer to, m: between cameras 0 and 1, or along the path.
+
+    One camera has no baseline but its own path: the farthest that it gets, in the window, from
+    where it is at the reference time.
+
+    Raises:
+        InputError: one camera that stays where it is.
+    """
+    if len(recording.rig) > 1:
+        return recording.rig.baseline_m(0, 1)
+    first_us, last_us = recording.trajectory.span_us
+    t_us = np.linspace(max(window.t0_us, first_us), min(window.t1_us, last_us), _PATH_SAMPLES)
+    T_world_cam = recording.trajectory.at(t_us.astype(np.int64)) @ recording.rig.T_body_cam[0]
+    T_world_rv = recording.trajectory.at(window.t_ref_us) @ recording.rig.T_body_cam[0]
+    offsets_m = T_world_cam[:, :3, 3] - T_world_rv[:3, 3]
+    farthest_m = float(np.linalg.norm(offsets_m, axis=1).max())
+    if farthest_m == 0:
+        raise InputError(
+            "Focus methods: one camera that does not move sees no parallax; choose a window in "
+            "which it moves, or EMVS/cam0"
+        )
+    return farthest_m

@@ -1,8 +1,4 @@
-"""Depth maps to point clouds: back-projection, outlier filter, PLY, one cloud of many windows.
-
-Memory grows with the voxels that hold points, not with the points: windows are added one by one,
-and of each voxel only sums are kept.
-"""
+"""Depth maps to point clouds: back-projection, outlier filter, PLY, one cloud of many windows."""
 
 from __future__ import annotations
 
@@ -58,6 +54,31 @@ def back_project_map(depth_map: DepthMap, colour_by: ColourBy = "depth") -> Poin
     return PointCloud(points_world, _colours(depth_map, rows, columns, colour_by))
 
 
+def _colours(
+    depth_map: DepthMap, rows: NDArray[np.intp], columns: NDArray[np.intp], colour_by: ColourBy
+) -> NDArray[np.uint8]:
+    if colour_by == "depth":
+        values = np.reciprocal(depth_map.depth_m[rows, columns])
+        low, high = float(depth_map.rho.min()), float(depth_map.rho.max())
+    else:
+        values = depth_map.confidence[rows, columns]
+        low, high = 0.0, float(depth_map.confidence.max())
+    return _palette(values, low, high)
+
+
+def depth_colours(depth_m: NDArray[np.float32], near_m: float, far_m: float) -> NDArray[np.uint8]:
+    """(..., 3) red, green, blue of depths: red near, blue far, even in inverse depth."""
+    return _palette(np.reciprocal(depth_m), 1 / far_m, 1 / near_m)
+
+
+def _palette(values: NDArray[np.floating], low: float, high: float) -> NDArray[np.uint8]:
+    grey = np.rint(255 * np.clip((values - low) / (high - low), 0, 1)).astype(np.uint8)
+    palette = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_TURBO)
+    red_green_blue = palette[:, 0, ::-1].astype(np.uint8)
+    colours: NDArray[np.uint8] = red_green_blue[grey]
+    return colours
+
+
 def without_outliers(cloud: PointCloud, radius_m: float, neighbours: int) -> PointCloud:
     """Drops points that have fewer than `neighbours` other points within `radius_m`.
 
@@ -66,7 +87,7 @@ def without_outliers(cloud: PointCloud, radius_m: float, neighbours: int) -> Poi
     """
     if neighbours == 0 or len(cloud) == 0:
         return cloud
-    o3d = open3d()
+    o3d = load_open3d()
     points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points_world))
     # open3d counts the point itself, and wants more than nb_points
     _, kept = points.remove_radius_outlier(nb_points=neighbours, radius=radius_m)
@@ -105,62 +126,12 @@ def write_ply(path: Path, cloud: PointCloud, windows: NDArray[np.int32] | None =
         file.write(vertices.tobytes())
 
 
-def _colours(
-    depth_map: DepthMap, rows: NDArray[np.intp], columns: NDArray[np.intp], colour_by: ColourBy
-) -> NDArray[np.uint8]:
-    if colour_by == "depth":
-        values = np.reciprocal(depth_map.depth_m[rows, columns])
-        low, high = float(depth_map.rho.min()), float(depth_map.rho.max())
-    else:
-        values = depth_map.confidence[rows, columns]
-        low, high = 0.0, float(depth_map.confidence.max())
-    return _palette(values, low, high)
-
-
-def depth_colours(depth_m: NDArray[np.float32], near_m: float, far_m: float) -> NDArray[np.uint8]:
-    """(..., 3) red, green, blue of depths: red near, blue far, even in inverse depth."""
-    return _palette(np.reciprocal(depth_m), 1 / far_m, 1 / near_m)
-
-
-def _palette(values: NDArray[np.floating], low: float, high: float) -> NDArray[np.uint8]:
-    grey = np.rint(255 * np.clip((values - low) / (high - low), 0, 1)).astype(np.uint8)
-    palette = cv2.applyColorMap(np.arange(256, dtype=np.uint8)[:, None], cv2.COLORMAP_TURBO)
-    red_green_blue = palette[:, 0, ::-1].astype(np.uint8)
-    colours: NDArray[np.uint8] = red_green_blue[grey]
-    return colours
-
-
-@dataclass(frozen=True, eq=False)
-class _Sums:
-    """Sums over the points of each voxel.
-
-    Attributes:
-        keys: (V,) int64, increasing; see `VoxelCloud`.
-        sums: (V, 6) float64: position in the voxel, m, then red, green, blue.
-        points: (V,) int64.
-        windows: (V,) int32 windows that have a point there.
-    """
-
-    keys: NDArray[np.int64]
-    sums: NDArray[np.float64]
-    points: NDArray[np.int64]
-    windows: NDArray[np.int32]
-
-    @classmethod
-    def joined(cls, parts: list[_Sums]) -> _Sums:
-        """Adds up what belongs to the same voxel."""
-        keys = np.concatenate([part.keys for part in parts])
-        order = np.argsort(keys, kind="stable")
-        unique, starts = np.unique(keys[order], return_index=True)
-        if not len(unique):
-            return parts[0]
-        columns = ("sums", "points", "windows")
-        values = (np.concatenate([getattr(part, name) for part in parts]) for name in columns)
-        return cls(unique, *(np.add.reduceat(column[order], starts, axis=0) for column in values))
-
-
 class VoxelCloud:
-    """Averages points within voxels, over any number of windows."""
+    """Averages points within voxels, over any number of windows, which are added one by one.
+
+    Memory grows with the voxels that hold points, not with the points: of each voxel only sums are
+    kept.
+    """
 
     def __init__(self, voxel_m: float) -> None:
         """Starts empty.
@@ -210,11 +181,11 @@ class VoxelCloud:
         """
         self._merge()
         chosen = self._merged.windows >= min_windows
-        found = self._merged
-        means = found.sums[chosen] / found.points[chosen, None]
-        corner = self._cells(found.keys[chosen]) * self._voxel_m
+        merged = self._merged
+        means = merged.sums[chosen] / merged.points[chosen, None]
+        corner = self._cells(merged.keys[chosen]) * self._voxel_m
         colours = np.rint(means[:, 3:]).astype(np.uint8)
-        return PointCloud(corner + means[:, :3], colours), found.windows[chosen]
+        return PointCloud(corner + means[:, :3], colours), merged.windows[chosen]
 
     def _merge(self) -> None:
         if self._waiting:
@@ -238,17 +209,46 @@ class VoxelCloud:
         return np.stack([column - half for column in columns], axis=1).astype(np.float64)
 
 
-def open3d() -> Any:
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """Sums over the points of each voxel.
+
+    Attributes:
+        keys: (V,) int64, increasing; see `VoxelCloud`.
+        sums: (V, 6) float64: position in the voxel, m, then red, green, blue.
+        points: (V,) int64.
+        windows: (V,) int32 windows that have a point there.
+    """
+
+    keys: NDArray[np.int64]
+    sums: NDArray[np.float64]
+    points: NDArray[np.int64]
+    windows: NDArray[np.int32]
+
+    @classmethod
+    def joined(cls, parts: list[_Sums]) -> _Sums:
+        """Adds up what belongs to the same voxel."""
+        keys = np.concatenate([part.keys for part in parts])
+        order = np.argsort(keys, kind="stable")
+        unique, starts = np.unique(keys[order], return_index=True)
+        if not len(unique):
+            return parts[0]
+        columns = ("sums", "points", "windows")
+        values = (np.concatenate([getattr(part, name) for part in parts]) for name in columns)
+        return cls(unique, *(np.add.reduceat(column[order], starts, axis=0) for column in values))
+
+
+def load_open3d() -> Any:
     """The library.
 
     Raises:
         InputError: it cannot be loaded.
     """
     try:
-        import open3d as library
+        import open3d
     except (ImportError, OSError) as error:
         raise InputError(
-            f"open3d cannot be loaded ({error}): install its system libraries "
-            "(Debian: libgl1 libegl1 libx11-6 libusb-1.0-0 libgomp1)"
+            f"open3d cannot be loaded ({error}): install its system libraries, on Debian: "
+            "apt-get install libegl1 libgl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0 libgomp1"
         ) from error
-    return library
+    return open3d

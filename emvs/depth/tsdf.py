@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.depth.point_cloud import open3d
+from emvs.depth.point_cloud import load_open3d
 from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
@@ -37,7 +37,7 @@ class SurfaceFusion:
         Raises:
             InputError: open3d cannot be loaded.
         """
-        self._o3d = open3d()
+        self._o3d = load_open3d()
         self._truncation_voxels = truncation_voxels
         core = self._o3d.core
         names, shapes = zip(*_CHANNELS, strict=True)
@@ -107,5 +107,5 @@ def write_mesh(path: Path, mesh: Any) -> None:
     if len(mesh.triangles) == 0:
         raise InputError("no surface found: lower mesh_part, raise voxel_m, or leave mesh out")
     with atomic_path(path) as partial:
-        if not open3d().io.write_triangle_mesh(str(partial), mesh, write_ascii=False):
+        if not load_open3d().io.write_triangle_mesh(str(partial), mesh, write_ascii=False):
             raise OSError(f"{path}: the mesh could not be written")

@@ -11,16 +11,139 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
 from emvs.data.events import Events
 from emvs.data.recording import Recording
-from emvs.dsi.method import Split, concatenated, cuts, part, total, with_left_out
+from emvs.dsi.method import Split
 from emvs.dsi.rays import RayCounts, Rays, event_rays, grouped_by_rows
 from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.reference_view import ReferenceView
-from emvs.utils.runtime import Progress
+from emvs.utils.runtime import Progress, silent
 from emvs.windows import Window
+
+
+@dataclass(frozen=True, eq=False)
+class Projected:
+    """Every camera's rays, cut as each split asks for.
+
+    Attributes:
+        rays: split -> rays of each volume, in the order polarity, camera, sub-interval.
+        counts: per camera, what became of its events under the first split.
+        event_image: (2, H, W) uint32 events of camera 0 per pixel: darker, brighter.
+    """
+
+    rays: Mapping[Split, list[AnyRays]]
+    counts: list[RayCounts]
+    event_image: NDArray[np.uint32]
+
+
+def back_project(
+    recording: Recording,
+    window: Window,
+    view: ReferenceView,
+    splits: Sequence[Split],
+    projector: Projector,
+    progress: Progress = silent,
+    *,
+    polarities: int = 1,
+    packets: bool = False,
+    min_events: int = 1,
+) -> Projected:
+    """Casts the rays of every camera in the window into the reference view (paper, Alg. 1, line 3).
+
+    Args:
+        recording: events, poses and calibration.
+        window: which events.
+        view: the reference view.
+        splits: into which sub-intervals the rays are cut.
+        projector: what casts rays, on the CPU or a GPU.
+        progress: told the stage `rays`, cameras done and all.
+        polarities: 2 where each polarity gets rays of its own.
+        packets: the compatibility setting, see `emvs.dsi.rays.event_rays`.
+        min_events: events that can vote which every camera needs.
+
+    Raises:
+        InputError: a camera without an event that can vote.
+    """
+    cast, counts = [], []
+    for k, camera in enumerate(recording.rig.cameras):
+        events = projector.received(recording.events(k, window.t0_us, window.t1_us))
+        caster = projector.caster(recording, view, k, packets=packets)
+        pieces = _of_camera(caster, events, window, splits, polarities)
+        count = RayCounts.total([rays.counts for parts in pieces[splits[0]] for rays in parts])
+        _check_any(recording.rig.camera_names[k], count, window, min_events)
+        if k == 0:
+            event_image = projector.event_image(events, camera.width_px, camera.height_px)
+        counts.append(count.with_left_out(window.left_out[k]))
+        cast.append(pieces)
+        progress("rays", k + 1, len(recording.rig))
+    ordered = {
+        split: [rays for p in range(polarities) for pieces in cast for rays in pieces[split][p]]
+        for split in splits
+    }
+    return Projected(ordered, counts, event_image)
+
+
+# per split: per polarity: the rays of each sub-interval
+_Pieces = dict[Split, list[list["AnyRays"]]]
+
+
+def _of_camera(
+    caster: Caster, events: Events, window: Window, splits: Sequence[Split], polarities: int
+) -> _Pieces:
+    edges = {split: split.edges(events.t_us, window.t0_us, window.t1_us) for split in splits}
+    pieces: _Pieces = {split: [] for split in splits}
+    cut = _cut_packets if caster.packets else _cut_shared
+    for polarity in range(polarities):
+        chosen, cuts = _of_polarity(events, edges, polarity) if polarities == 2 else (events, edges)
+        for split, parts in cut(caster, chosen, cuts).items():
+            pieces[split].append(parts)
+    return pieces
+
+
+def _of_polarity(
+    events: Events, edges: Mapping[Split, NDArray[np.int64]], polarity: int
+) -> tuple[Events, dict[Split, NDArray[np.int64]]]:
+    chosen = events.p == polarity
+    before = np.r_[0, np.cumsum(chosen)]
+    columns = (events.x, events.y, events.t_us, events.p)
+    part_of = Events(*(column[chosen] for column in columns))
+    return part_of, {split: before[edge] for split, edge in edges.items()}
+
+
+def _cut_packets(
+    caster: Caster, events: Events, edges: Mapping[Split, NDArray[np.int64]]
+) -> dict[Split, list[AnyRays]]:
+    """Every sub-interval has packets and a dropped tail of its own, as in the authors' program."""
+    return {
+        split: [caster(events.slice(int(i), int(j))) for i, j in pairwise(edge)]
+        for split, edge in edges.items()
+    }
+
+
+def _cut_shared(
+    caster: Caster, events: Events, edges: Mapping[Split, NDArray[np.int64]]
+) -> dict[Split, list[AnyRays]]:
+    """Casts every event once; the sub-intervals of all splits share the same rays."""
+    every = np.unique(np.concatenate([*edges.values(), [0, len(events)]]))
+    pieces = [caster(events.slice(int(i), int(j))) for i, j in pairwise(every)] or [caster(events)]
+    joined = caster.joined(pieces)
+    cut: dict[Split, list[AnyRays]] = {}
+    for split, edge in edges.items():
+        at = np.searchsorted(every, edge) if split.intervals > 1 else (0, len(pieces))
+        cut[split] = [joined.between(int(i), int(j)) for i, j in pairwise(at)]
+    return cut
+
+
+def _check_any(name: str, counts: RayCounts, window: Window, min_events: int) -> None:
+    if counts.rays < min_events:
+        can = str(counts.rays) if counts.rays else "none"
+        raise InputError(
+            f"camera {name} has {counts.events} events in the window of "
+            f"{(window.t1_us - window.t0_us) / 1e6:.6f} s, and {can} that can vote: needs at least "
+            f"{min_events} (1025 or more in the mcemvs setting); choose another window or "
+            "check poses and calibration"
+        )
 
 
 class AnyRays(Protocol):
@@ -130,7 +253,7 @@ class CpuJoined:
     """Pieces of one camera's rays, copied into one; every stretch of pieces is a view."""
 
     def __init__(self, pieces: Sequence[Rays]) -> None:
-        self._whole, self._counts = concatenated(pieces), [piece.counts for piece in pieces]
+        self._whole, self._counts = Rays.joined(pieces), [piece.counts for piece in pieces]
         self._starts = np.r_[0, np.cumsum([count.rays for count in self._counts])]
 
     def between(self, first: int, last: int) -> Rays:
@@ -138,7 +261,7 @@ class CpuJoined:
         if (first, last) == (0, len(self._counts)):
             return self._whole
         start, stop = int(self._starts[first]), int(self._starts[last])
-        return part(self._whole, start, stop, total(self._counts[first:last]))
+        return self._whole.part(start, stop, RayCounts.total(self._counts[first:last]))
 
 
 class _Tabulated(Camera):
@@ -154,113 +277,3 @@ class _Tabulated(Camera):
 
 def _tabulated(camera: Camera) -> Camera:
     return _Tabulated(**{field.name: getattr(camera, field.name) for field in fields(camera)})
-
-
-@dataclass(frozen=True, eq=False)
-class Projected:
-    """Every camera's rays, cut as each split asks for.
-
-    Attributes:
-        rays: split -> rays of each volume, in the order polarity, camera, sub-interval.
-        counts: per camera, what became of its events under the first split.
-        event_image: (2, H, W) uint32 events of camera 0 per pixel: darker, brighter.
-    """
-
-    rays: Mapping[Split, list[AnyRays]]
-    counts: list[RayCounts]
-    event_image: NDArray[np.uint32]
-
-
-def back_project(
-    recording: Recording,
-    config: MapperConfig,
-    window: Window,
-    view: ReferenceView,
-    progress: Progress,
-    splits: Sequence[Split],
-    projector: Projector,
-) -> Projected:
-    """Casts the rays of every camera in the window into the reference view (paper, Alg. 1, line 3).
-
-    Raises:
-        InputError: a camera without an event that can vote.
-    """
-    cast, counts = [], []
-    for k, camera in enumerate(recording.rig.cameras):
-        events = projector.received(recording.events(k, window.t0_us, window.t1_us))
-        caster = projector.caster(recording, view, k, packets=config.is_mcemvs)
-        pieces = _of_camera(caster, events, config, window, splits)
-        its_counts = total([rays.counts for parts in pieces[splits[0]] for rays in parts])
-        _check_any(recording.rig.camera_names[k], its_counts, window, config)
-        if k == 0:
-            event_image = projector.event_image(events, camera.width_px, camera.height_px)
-        counts.append(with_left_out(its_counts, window.left_out[k]))
-        cast.append(pieces)
-        progress("rays", k + 1, len(recording.rig))
-    polarities = range(config.polarities)
-    ordered = {s: [rays for p in polarities for one in cast for rays in one[s][p]] for s in splits}
-    return Projected(ordered, counts, event_image)
-
-
-# per split: per polarity: the rays of each sub-interval
-_Pieces = dict[Split, list[list[AnyRays]]]
-
-
-def _of_camera(
-    caster: Caster, events: Events, config: MapperConfig, window: Window, splits: Sequence[Split]
-) -> _Pieces:
-    edges = {split: cuts(events.t_us, split, window.t0_us, window.t1_us) for split in splits}
-    pieces: _Pieces = {split: [] for split in splits}
-    for polarity in range(config.polarities):
-        chosen, its_edges = events, edges
-        if config.polarities == 2:
-            chosen, its_edges = _of_polarity(events, edges, polarity)
-        cut = _cut_packets if caster.packets else _cut_shared
-        for split, parts in cut(caster, chosen, its_edges).items():
-            pieces[split].append(parts)
-    return pieces
-
-
-def _of_polarity(
-    events: Events, edges: Mapping[Split, NDArray[np.int64]], polarity: int
-) -> tuple[Events, dict[Split, NDArray[np.int64]]]:
-    chosen = events.p == polarity
-    before = np.r_[0, np.cumsum(chosen)]
-    columns = (events.x, events.y, events.t_us, events.p)
-    part_of = Events(*(column[chosen] for column in columns))
-    return part_of, {split: before[edge] for split, edge in edges.items()}
-
-
-def _cut_packets(
-    caster: Caster, events: Events, edges: Mapping[Split, NDArray[np.int64]]
-) -> dict[Split, list[AnyRays]]:
-    """Every sub-interval has packets and a dropped tail of its own, as in the authors' program."""
-    return {
-        split: [caster(events.slice(int(i), int(j))) for i, j in pairwise(edge)]
-        for split, edge in edges.items()
-    }
-
-
-def _cut_shared(
-    caster: Caster, events: Events, edges: Mapping[Split, NDArray[np.int64]]
-) -> dict[Split, list[AnyRays]]:
-    """Casts every event once; the sub-intervals of all splits share the same rays."""
-    every = np.unique(np.concatenate([*edges.values(), [0, len(events)]]))
-    pieces = [caster(events.slice(int(i), int(j))) for i, j in pairwise(every)] or [caster(events)]
-    joined = caster.joined(pieces)
-    cut: dict[Split, list[AnyRays]] = {}
-    for split, edge in edges.items():
-        at = np.searchsorted(every, edge) if split.intervals > 1 else (0, len(pieces))
-        cut[split] = [joined.between(int(i), int(j)) for i, j in pairwise(at)]
-    return cut
-
-
-def _check_any(name: str, counts: RayCounts, window: Window, config: MapperConfig) -> None:
-    if counts.rays < config.min_events:
-        can = str(counts.rays) if counts.rays else "none"
-        raise InputError(
-            f"camera {name} has {counts.events} events in the window of "
-            f"{(window.t1_us - window.t0_us) / 1e6:.6f} s, and {can} that can vote: needs at least "
-            f"{config.min_events} (1025 or more in the mcemvs setting); choose another window or "
-            "check poses and calibration"
-        )

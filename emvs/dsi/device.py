@@ -31,7 +31,7 @@ class Device:
 CPU = Device("cpu", "cpu")
 
 
-def choose(wanted: DeviceName) -> Device:
+def choose_device(wanted: DeviceName) -> Device:
     """The device of a name; `auto` takes a GPU where one can be used, and logs what it took.
 
     Raises:
@@ -40,53 +40,53 @@ def choose(wanted: DeviceName) -> Device:
     if wanted == "cpu":
         return CPU
     # A GPU's libraries take seconds to load, and not everybody has them.
-    from emvs.dsi.cuda import device as library
+    from emvs.dsi.cuda import device as cuda_device
 
-    reason = library.missing()
+    reason = cuda_device.missing()
     if wanted == "auto" and reason is not None:
         _log.warning("device auto took the CPU: %s", reason)
         return CPU
-    device = Device("cuda", library.gpu().name)
+    device = Device("cuda", cuda_device.gpu().name)
     if wanted == "auto":
         _log.warning("device auto took the GPU %s", device.name)
     return device
 
 
 class Named(Protocol):
-    """A `Method`, or what has no volume."""
+    """A `Method`, or a method without a volume."""
 
     @property
     def name(self) -> str:
         """What it is asked for by."""
 
 
-def for_methods(wanted: DeviceName, methods: Sequence[Named]) -> Device:
+def device_for_methods(wanted: DeviceName, methods: Sequence[Named]) -> Device:
     """The device of a run: that of a name, but the CPU where no method has a volume.
 
-    Rivals have no sweep and always run on the CPU; beside a GPU a line says so.
+    Baselines have no sweep and always run on the CPU; beside a GPU a line says so.
 
     Raises:
-        InputError: as `choose`.
+        InputError: as `choose_device`.
     """
-    device = choose(wanted)
-    rivals = [method.name for method in methods if not isinstance(method, Method)]
-    if device.kind == "cpu" or not rivals:
+    device = choose_device(wanted)
+    baselines = [method.name for method in methods if not isinstance(method, Method)]
+    if device.kind == "cpu" or not baselines:
         return device
-    _log.warning("device %s: rivals run on the CPU: %s", wanted, ", ".join(rivals))
-    return CPU if len(rivals) == len(methods) else device
+    _log.warning("device %s: baselines run on the CPU: %s", wanted, ", ".join(baselines))
+    return CPU if len(baselines) == len(methods) else device
 
 
-def check(wanted: DeviceName) -> None:
+def check_device(wanted: DeviceName) -> None:
     """Refuses a GPU that is not there.
 
     Raises:
         InputError: why, and how to cure it.
     """
     if wanted == "cuda":
-        choose(wanted)
+        choose_device(wanted)
 
 
-def projector(device: Device) -> Projector:
+def projector_on(device: Device) -> Projector:
     """What turns events into rays on a device."""
     if device.kind == "cpu":
         return CpuProjector()
@@ -95,7 +95,7 @@ def projector(device: Device) -> Projector:
     return CudaProjector()
 
 
-def backend(device: Device, task: Task, rays: Sequence[AnyRays]) -> Backend:
+def backend_on(device: Device, task: Task, rays: Sequence[AnyRays]) -> Backend:
     """What computes one group's sweep on a device.
 
     Args:
@@ -106,9 +106,10 @@ def backend(device: Device, task: Task, rays: Sequence[AnyRays]) -> Backend:
     Raises:
         InputError: a GPU with too little memory for a single plane.
     """
-    its_rays: Any = rays
+    # They come from this device's own projector.
+    device_rays: Any = rays
     if device.kind == "cpu":
-        return CpuBackend(task, its_rays)
+        return CpuBackend(task, device_rays)
     from emvs.dsi.cuda.backend import CudaBackend
 
-    return CudaBackend(task, its_rays)
+    return CudaBackend(task, device_rays)

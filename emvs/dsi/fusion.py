@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from emvs.dsi import fusion_kernels
-from emvs.dsi.method import CODES, Fusion, Method, Tables, Volume
+from emvs.dsi.method import CODES, Fusion, FusionTables, Method, Volume
 from emvs.errors import InputError
 
 
@@ -34,7 +34,7 @@ def fuse_by(method: Method, volumes: Volume, polarities: int = 1) -> Volume:
         return _by_function(method, method.function, volumes, polarities)
     count, planes, height, width = volumes.shape
     votes = np.ascontiguousarray(volumes, np.float32).reshape(count, planes, height * width)
-    tables = Tables.of((method,), count, polarities)
+    tables = FusionTables.of((method,), count, polarities)
     out = np.empty((planes, height, width), np.float32)
     level, spare, _ = tables.scratch(height, width)
     fusion_kernels.fuse(*tables.arrays, votes, level, spare, out)  # type: ignore[call-arg]

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from emvs.dsi import focus_kernels, focus_measures, fusion_kernels
 from emvs.dsi.fusion import fuse_by
-from emvs.dsi.method import Method, Tables
+from emvs.dsi.method import FusionTables, Method
 
 Floats = NDArray[np.float32]
 _INT16 = 32767  # so many planes can be counted by 16 bits
-# Cells that the fold takes in one go: starting a row costs 0.3 µs, as much as 500 cells; longer
+# Cells that the update takes in one go: starting a row costs 0.3 µs, as much as 500 cells; longer
 # rows than these gain nothing and leave less to share among threads.
 _ROW_CELLS = 4096
-AS_IT_IS = Method("", fusion_kernels.CAMERA, "the one volume there is")
-"""What folds a volume that is fused, or measured, already."""
 _STRIPS = 64  # enough for any number of threads to share them evenly
+# The method of a volume that is fused, or measured, already
+AS_IT_IS = Method("", fusion_kernels.CAMERA, "the one volume there is")
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,18 +41,18 @@ class Maximum:
     right: Floats
     planes: int
 
-    def position(self, *, bell: bool = False) -> Floats:
+    def position(self, *, gaussian: bool = False) -> Floats:
         """The maximum's place between planes: vertex of the parabola through three values.
 
         Args:
-            bell: of the Gaussian through them instead, where all three are positive.
+            gaussian: of the Gaussian through them instead, where all three are positive.
 
         Returns:
             (H, W) float32 plane index, within half a plane of `plane`; whole at the first and the
             last plane, which have one neighbour only.
         """
         inner = (self.plane > 0) & (self.plane < self.planes - 1)
-        left, value, right = self._logarithms() if bell else (self.left, self.value, self.right)
+        left, value, right = self._logarithms() if gaussian else (self.left, self.value, self.right)
         # Two roundings of one number: 0 only where left = value = right
         bend = (value - left) + (value - right)
         inner &= bend > 0
@@ -68,22 +68,44 @@ class Maximum:
         return left, value, right
 
 
-def beginnings(planes: int, lowest: float = -1) -> tuple[tuple[type[np.generic], float], ...]:
-    """Types and first values of what a fold remembers per pixel, on any device.
+@dataclass(frozen=True, eq=False)
+class InFocus:
+    """Where one method's rays are most in focus.
 
-    Args:
-        planes: how many will pass; needed only where there are more than 32767.
-        lowest: what every value exceeds.
-
-    Returns:
-        Of best, index, left, right, previous, as `emvs.dsi.fusion_kernels.fold` updates them.
+    Attributes:
+        maximum: of the focus measure of its fused volume.
+        camera_maxima: the same of each camera's own volume, where their agreement is asked for.
     """
-    index = np.int16 if planes <= _INT16 else np.int32
-    return (np.float32, lowest), (index, -2), (np.float32, 0), (np.float32, 0), (np.float32, 0)
+
+    maximum: Maximum
+    camera_maxima: tuple[Maximum, ...]
+
+
+@dataclass(frozen=True)
+class Measures:
+    """What the depth of methods maximises along a ray.
+
+    Attributes:
+        extraction: `votes`, or a focus measure by its name: of methods by votes.
+        focus_measure: the same of methods by focus.
+        sigma_px: scale of the focus measures, px.
+    """
+
+    extraction: str
+    focus_measure: str
+    sigma_px: float
+
+    def of(self, method: Method) -> str:
+        """What one method's depth maximises."""
+        return self.focus_measure if method.focus else self.extraction
+
+    def needed_by(self, methods: Sequence[Method]) -> list[Method]:
+        """Those of the methods that need a focus measure."""
+        return [method for method in methods if self.of(method) != "votes"]
 
 
 class RunningMaxima:
-    """State of the fold: what each method needs to remember of the planes that have passed.
+    """First maximum over planes of every method: what it must remember of those that have passed.
 
     Args:
         methods: the methods; they must share one split.
@@ -118,21 +140,21 @@ class RunningMaxima:
             np.full(shape, value, dtype) for dtype, value in beginnings(planes, lowest)
         )
 
-    def fold(self, votes: Floats, planes: int) -> None:
+    def update(self, votes: Floats, planes: int) -> None:
         """Takes in the next `planes` planes of (V, P, cells) votes, in order."""
         split = len(self._compiled)
         if self._compiled:
-            tables = Tables.of(self._compiled, len(votes), self._polarities)
-            self._fold(tables, votes, planes, slice(0, split))
+            tables = FusionTables.of(self._compiled, len(votes), self._polarities)
+            self._update(tables, votes, planes, slice(0, split))
         if self._own:
             height, width = self.arrays[0].shape[1:]
             images = votes[:, :planes, : height * width].reshape(-1, planes, height, width)
         for k, method in enumerate(self._own, split):
             fused = fuse_by(method, images, self._polarities).reshape(1, planes, -1)
-            self._fold(Tables.of((AS_IT_IS,), 1), fused, planes, slice(k, k + 1))
+            self._update(FusionTables.of((AS_IT_IS,), 1), fused, planes, slice(k, k + 1))
         self.planes += planes
 
-    def _fold(self, tables: Tables, votes: Floats, planes: int, rows: slice) -> None:
+    def _update(self, tables: FusionTables, votes: Floats, planes: int, rows: slice) -> None:
         long = [_in_long_rows(one[rows]) for one in self.arrays]
         fusion_kernels.fold(  # type: ignore[call-arg]
             *tables.arrays, votes, self.planes, planes, *tables.scratch(*long[0].shape[1:]), *long
@@ -144,12 +166,85 @@ class RunningMaxima:
         return Maximum(best, index, left, right, self.planes)
 
 
+def beginnings(planes: int, lowest: float = -1) -> tuple[tuple[type[np.generic], float], ...]:
+    """Types and first values of what running maxima remember per pixel, on any device.
+
+    Args:
+        planes: how many will pass; needed only where there are more than 32767.
+        lowest: what every value exceeds.
+
+    Returns:
+        Of best, index, left, right, previous, as `emvs.dsi.fusion_kernels.fold` updates them.
+    """
+    index = np.int16 if planes <= _INT16 else np.int32
+    return (np.float32, lowest), (index, -2), (np.float32, 0), (np.float32, 0), (np.float32, 0)
+
+
 def _in_long_rows(images: NDArray[Any]) -> NDArray[Any]:
     """(M, H, W) images as (M, H / k, k W), the same memory: every pixel is folded by itself."""
     count, height, width = images.shape
     fits = (k for k in range(1, height + 1) if height % k == 0 and k * width <= _ROW_CELLS)
     k = max(fits, default=1)
     return images.reshape(count, height // k, k * width)
+
+
+class FocusMaxima:
+    """Maxima of the focus measure of every method that needs one, and of each camera's votes.
+
+    Args:
+        methods: the methods of one sweep; those without a focus measure are left alone.
+        cameras: number of cameras.
+        width_px: columns.
+        height_px: rows.
+        measures: what depth maximises.
+        planes: how many will pass; needed only where there are more than 32767.
+        polarities: 2 where each polarity has volumes of its own.
+    """
+
+    def __init__(
+        self, methods: Sequence[Method], cameras: int, width_px: int, height_px: int,
+        measures: Measures, *, planes: int = 0, polarities: int = 1,
+    ) -> None:  # fmt: skip
+        self._polarities, self._cameras = polarities, cameras
+        measured = measures.needed_by(methods)
+        compares = any(method.compares_cameras for method in measured)
+
+        def peak(measure: str) -> FocusPeak:
+            return FocusPeak(width_px, height_px, measure, measures.sigma_px, planes)
+
+        self._peaks = {method: peak(measures.of(method)) for method in measured}
+        self._camera_peaks = [
+            peak(measures.focus_measure) for _ in range(cameras if compares else 0)
+        ]
+
+    def update(self, images: Floats) -> None:
+        """Takes in the next planes of (V, P, H, W) votes, in order."""
+        for method, peak in self._peaks.items():
+            for plane in self._fused(method, images):
+                peak.update(plane)
+        for camera, peak in enumerate(self._camera_peaks):
+            for plane in self._of_camera(images, camera):
+                peak.update(plane)
+
+    def result(self) -> dict[str, InFocus]:
+        """Where each method's rays are most in focus, over all planes so far, by its name."""
+        cameras = tuple(peak.maximum() for peak in self._camera_peaks)
+        return {
+            method.name: InFocus(peak.maximum(), cameras if method.compares_cameras else ())
+            for method, peak in self._peaks.items()
+        }
+
+    def _fused(self, method: Method, images: Floats) -> Floats:
+        camera = method.camera()
+        if camera is not None:
+            return self._of_camera(images, camera)
+        return fuse_by(method, images, self._polarities)
+
+    def _of_camera(self, images: Floats, camera: int) -> Floats:
+        """(P, H, W) votes of one camera: of all polarities and sub-intervals together."""
+        parts = images.reshape(self._polarities, self._cameras, -1, *images.shape[1:])[:, camera]
+        whole = parts.reshape(-1, *images.shape[1:])
+        return np.asarray(whole[0] if len(whole) == 1 else whole.sum(axis=0), np.float32)
 
 
 class FocusPeak:
@@ -172,10 +267,10 @@ class FocusPeak:
             (AS_IT_IS,), width_px, height_px, planes=planes, lowest=-np.inf
         )
 
-    def take(self, plane: Floats) -> None:
+    def update(self, plane: Floats) -> None:
         """Takes in the next (H, W) plane."""
         if self._window is None:
-            self._maxima.fold(self._measure(plane, self._sigma_px).reshape(1, 1, -1), 1)
+            self._maxima.update(self._measure(plane, self._sigma_px).reshape(1, 1, -1), 1)
             return
         state = (one[0] for one in self._maxima.arrays)
         focus_kernels.fold_variance(plane, self._maxima.planes, *self._window.arrays, *state)
@@ -187,7 +282,7 @@ class FocusPeak:
 
 
 class _Window:
-    """What the compiled variance needs beside the votes: weights, mirrored indices, room."""
+    """What the compiled variance needs beside the votes: weights, mirrored indices, scratch."""
 
     def __init__(self, height_px: int, width_px: int, sigma_px: float) -> None:
         weight = focus_measures.half_window(sigma_px)

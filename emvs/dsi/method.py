@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emvs.dsi import fusion_kernels
-from emvs.dsi.rays import RayCounts, Rays
+from emvs.errors import check_type
 
 Volume = NDArray[np.float32]
 # A fusion of one's own: votes (C, intervals, N, H, W) to (N, H, W)
@@ -34,7 +34,6 @@ MEANS = {
     "max": "maximum",
 }
 VOTES, OWN_UNIT = "votes", "own unit"  # what the values of a confidence are
-_COUNTS = ("events", "without_pose", "without_ray", "backwards", "dropped")
 
 
 class MethodName(NamedTuple):
@@ -61,6 +60,26 @@ class MethodName(NamedTuple):
         return int(found[1]) if found else None
 
 
+class NamedMethod:
+    """What follows from the name of any method.
+
+    Attributes:
+        name: of the form Family/variant.
+    """
+
+    name: str
+
+    @property
+    def family(self) -> str:
+        """The first part of its name."""
+        return MethodName.of(self.name).family
+
+    @property
+    def file_name(self) -> str:
+        """The name as files carry it."""
+        return file_name(self.name)
+
+
 @dataclass(frozen=True)
 class Split:
     """How a window's events are divided into sub-intervals, each camera's on its own.
@@ -73,12 +92,30 @@ class Split:
     intervals: int = 1
     by: Literal["count", "time"] = "count"
 
+    def edges(self, t_us: NDArray[np.int64], t0_us: int, t1_us: int) -> NDArray[np.int64]:
+        """Returns the (intervals + 1,) events where a camera's sub-intervals begin and end.
+
+        Args:
+            t_us: (N,) int64, the camera's events in the window, sorted.
+            t0_us: begin of the window, included.
+            t1_us: end of the window, excluded.
+        """
+        edge = np.arange(self.intervals + 1, dtype=np.int64)
+        if self.by == "count":
+            edge *= len(t_us)
+            edge //= self.intervals
+            return edge
+        inner_us = t0_us + edge[1:-1] * (t1_us - t0_us) // self.intervals
+        edge[1:-1] = np.searchsorted(t_us, inner_us, side="left")
+        edge[-1] = len(t_us)
+        return edge
+
 
 WHOLE = Split()
 
 
 @dataclass(frozen=True)
-class Method:
+class Method(NamedMethod):
     """One way from votes to one volume; methods of one split share one sweep.
 
     Attributes:
@@ -119,8 +156,16 @@ class Method:
                 planes at a time, so it must not look across planes.
             summary: what it does, in a few words.
             split: the sub-intervals that it wants votes of.
+
+        Raises:
+            InputError: a name that is no text, or a function that cannot be called.
         """
+        check_type("name", name, str, "a name of the form Family/variant")
+        check_type("function", function, Callable, "a function of votes")  # type: ignore[arg-type]
         return cls(name, fusion_kernels.MAX, summary, split, function=function, confidence=OWN_UNIT)
+
+    def __repr__(self) -> str:
+        return f"Method({self.name!r}: {self.summary})"
 
     def camera(self) -> int | None:
         """The one camera whose votes it takes; None where it fuses all of them."""
@@ -128,14 +173,9 @@ class Method:
         return self.code - fusion_kernels.CAMERA if alone else None
 
     @property
-    def family(self) -> str:
-        """The first part of its name."""
-        return MethodName.of(self.name).family
-
-    @property
-    def file_name(self) -> str:
-        """The name as files carry it."""
-        return file_name(self.name)
+    def compares_cameras(self) -> bool:
+        """Whether it asks where each camera's own rays are in focus, and so whether they agree."""
+        return self.focus and self.camera() is None
 
     def groups(self, n_cameras: int) -> NDArray[np.int64]:
         """Which volumes are fused first: (groups, members) of `camera * intervals + interval`."""
@@ -162,8 +202,8 @@ def single_camera(camera: int) -> Method:
 
 
 @dataclass(frozen=True, eq=False)
-class Tables:
-    """Methods of one split as the compiled loops read them (`fuse_kernels.fold`)."""
+class FusionTables:
+    """Methods of one split as the compiled loops read them (`emvs.dsi.fusion_kernels.fold`)."""
 
     codes: NDArray[np.int64]
     sizes: NDArray[np.int64]
@@ -171,7 +211,7 @@ class Tables:
     every: NDArray[np.int64]
 
     @classmethod
-    def of(cls, methods: Sequence[Method], volumes: int, polarities: int = 1) -> Tables:
+    def of(cls, methods: Sequence[Method], volumes: int, polarities: int = 1) -> FusionTables:
         """Lists the groups of methods, whose split must be the same.
 
         Args:
@@ -200,49 +240,3 @@ class Tables:
         level = np.empty((strips, len(self.every), 1, width_px), np.float32)
         spare, fused = np.empty((2, strips, width_px), np.float32)
         return level, spare, fused
-
-
-def cuts(t_us: NDArray[np.int64], split: Split, t0_us: int, t1_us: int) -> NDArray[np.int64]:
-    """Returns the (intervals + 1,) events where a camera's sub-intervals begin and end.
-
-    Args:
-        t_us: (N,) int64, the camera's events in the window, sorted.
-        split: how many, of equal count or of equal time.
-        t0_us: begin of the window, included.
-        t1_us: end of the window, excluded.
-    """
-    edge = np.arange(split.intervals + 1, dtype=np.int64)
-    if split.by == "count":
-        edge *= len(t_us)
-        edge //= split.intervals
-        return edge
-    inner_us = t0_us + edge[1:-1] * (t1_us - t0_us) // split.intervals
-    edge[1:-1] = np.searchsorted(t_us, inner_us, side="left")
-    edge[-1] = len(t_us)
-    return edge
-
-
-def concatenated(parts: Sequence[Rays]) -> Rays:
-    """Joins rays in the order given."""
-    if len(parts) == 1:
-        return parts[0]
-    columns = [np.concatenate(pieces) for pieces in zip(*(p.columns for p in parts), strict=True)]
-    return Rays.of(columns, total([part.counts for part in parts]))
-
-
-def part(rays: Rays, first: int, last: int, counts: RayCounts) -> Rays:
-    """Returns rays `first` to `last` (exclusive) as views, with counts of their own."""
-    return Rays.of([column[first:last] for column in rays.columns], counts)
-
-
-def total(counts: Sequence[RayCounts]) -> RayCounts:
-    """Adds up what became of events."""
-    sums = {name: sum(getattr(count, name) for count in counts) for name in _COUNTS}
-    return RayCounts(**sums)
-
-
-def with_left_out(counts: RayCounts, left_out: int) -> RayCounts:
-    """Counts events that no pose covers and that were never read."""
-    return replace(
-        counts, events=counts.events + left_out, without_pose=counts.without_pose + left_out
-    )

@@ -1,15 +1,15 @@
 """Events and poses to rays: the ray of event k meets inverse depth rho at u = a + rho b.
 
 Events come in the order of time, from all over the image, and every vote of a large plane waits for
-memory. Grouped by bands of rows, a thread's votes stay within a few kilobytes of its plane. The
-votes are the same; only the order of their sum changes, and that is the same for any number of
-threads.
+memory. So rays are grouped by bands of image rows: a thread's votes then stay within a few
+kilobytes of its plane. The votes are the same; only the order of their sum changes, and that is the
+same for any number of threads.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from emvs.data.events import Events
 from emvs.dsi import rays_kernels
-from emvs.dsi.rays_kernels import BLOCK, count_bands, move_to_bands
+from emvs.dsi.rays_kernels import RAY_BLOCK, count_bands, move_to_bands
 from emvs.dsi.voting_kernels import CHUNK
 from emvs.errors import InputError
 from emvs.geometry import se3
@@ -55,6 +55,18 @@ class RayCounts:
         """Events that have a ray to vote with."""
         return self.events - self.without_pose - self.without_ray - self.backwards - self.dropped
 
+    @classmethod
+    def total(cls, counts: Sequence[RayCounts]) -> RayCounts:
+        """Adds up what became of events."""
+        names = (field.name for field in fields(cls))
+        return cls(**{name: sum(getattr(count, name) for count in counts) for name in names})
+
+    def with_left_out(self, left_out: int) -> RayCounts:
+        """Counts also events that no pose covers and that were never read."""
+        return replace(
+            self, events=self.events + left_out, without_pose=self.without_pose + left_out
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Rays:
@@ -89,6 +101,19 @@ class Rays:
     def columns(self) -> tuple[Floats, Floats, Floats, Floats, Floats]:
         """The five columns, one value per ray."""
         return self.a_u, self.b_u, self.a_v, self.b_v, self.c_z
+
+    @classmethod
+    def joined(cls, parts: Sequence[Rays]) -> Rays:
+        """The rays of several parts, in the order given."""
+        if len(parts) == 1:
+            return parts[0]
+        columns = zip(*(part.columns for part in parts), strict=True)
+        counts = RayCounts.total([part.counts for part in parts])
+        return cls.of([np.concatenate(pieces) for pieces in columns], counts)
+
+    def part(self, first: int, last: int, counts: RayCounts) -> Rays:
+        """Rays `first` to `last` (exclusive) as views, with counts of their own."""
+        return Rays.of([column[first:last] for column in self.columns], counts)
 
     def __len__(self) -> int:
         return len(self.a_u)
@@ -127,26 +152,26 @@ def event_rays(
     events.checked(camera.width_px, camera.height_px)
     chosen, pose_us = voters(events, packets=packets)
     columns = tuple(np.empty(len(chosen), np.float32) for _ in range(5))
-    fate = np.empty(len(chosen), np.uint8)
+    outcome = np.empty(len(chosen), np.uint8)
     rays_kernels.rays(  # type: ignore[call-arg]
         chosen.x, chosen.y, pose_us, camera.bearing_table(), *knots(trajectory, T_world_rv),
-        T_body_cam, rv_camera.K, *columns, fate,
+        T_body_cam, rv_camera.K, *columns, outcome,
     )  # fmt: skip
-    return _voting(columns, fate, len(events))
+    return _voting(columns, outcome, len(events))
 
 
-def _voting(columns: tuple[Floats, ...], fate: NDArray[np.uint8], events: int) -> Rays:
+def _voting(columns: tuple[Floats, ...], outcome: NDArray[np.uint8], events: int) -> Rays:
     """Keeps the rays that vote, and counts the others."""
-    tally = np.bincount(fate, minlength=4)
+    tally = np.bincount(outcome, minlength=4)
     counts = RayCounts(
         events=events,
         without_pose=int(tally[rays_kernels.NO_POSE]),
         without_ray=int(tally[rays_kernels.NO_RAY]),
         backwards=int(tally[rays_kernels.BACKWARDS]),
-        dropped=events - len(fate),
+        dropped=events - len(outcome),
     )
-    if counts.rays < len(fate):
-        votes = fate == rays_kernels.VOTES
+    if counts.rays < len(outcome):
+        votes = outcome == rays_kernels.VOTES
         columns = tuple(column[votes] for column in columns)
     return Rays.of(columns, counts)
 
@@ -200,7 +225,7 @@ def grouped_by_rows(rays: Rays, rho: float, height_px: int, band_rows: int = BAN
         The same rays in another order; those above, below or nowhere come first or last.
     """
     bands = -(-height_px // band_rows)
-    blocks = -(-len(rays) // BLOCK)
+    blocks = -(-len(rays) // RAY_BLOCK)
     place = np.zeros((blocks, bands), np.int64)
     args = rays.a_v, rays.b_v, np.float32(rho), band_rows, bands
     count_bands(*args, place)

@@ -1,18 +1,16 @@
-"""The compiled loop that turns events and poses into rays."""
-
-# mypy: disable-error-code="call-arg, no-any-return, no-untyped-call, no-untyped-def"
-
-from __future__ import annotations
+"""The compiled loops of the rays: from events and poses to rays, and rays grouped by image rows."""
 
 # Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
+# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, call-arg"
+
 import numpy as np
 from numba import njit, prange
 
 import emvs.utils.runtime  # noqa: F401  (names the threading layer before the kernels compile)
 
 VOTES, NO_POSE, NO_RAY, BACKWARDS = range(4)
-BLOCK = 4096
-BLOCK = 1 << 17
+EVENT_BLOCK = 4096  # events that a thread casts in one go
+RAY_BLOCK = 1 << 17  # rays that a thread moves to their bands in one go
 
 
 @njit(cache=True)
@@ -61,7 +59,7 @@ def _look_up(x, y, bearing):
 @njit(parallel=True, cache=True)
 def rays(
     x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T_body_cam, K,
-    a_u, b_u, a_v, b_v, c_z, fate,
+    a_u, b_u, a_v, b_v, c_z, outcome,
 ):  # fmt: skip
     """Rays of events in the reference view (rv), each with a pose of its own.
 
@@ -76,14 +74,14 @@ def rays(
         angle: (S,) float64, that turn's angle.
         T_body_cam: (4, 4) float64.
         K: (3, 3) float64, the reference view's intrinsics.
-        a_u, b_u, a_v, b_v, c_z: (N,) float32, filled where `fate` is VOTES.
-        fate: (N,) uint8, filled: VOTES, NO_POSE, NO_RAY or BACKWARDS.
+        a_u, b_u, a_v, b_v, c_z: (N,) float32, filled where `outcome` is VOTES.
+        outcome: (N,) uint8, filled: VOTES, NO_POSE, NO_RAY or BACKWARDS.
     """
     R, offset_m = T_body_cam[:3, :3], T_body_cam[:3, 3]
     fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
     last_segment = len(angle) - 1
-    for block in prange((len(x) + BLOCK - 1) // BLOCK):
-        lo, hi = block * BLOCK, min((block + 1) * BLOCK, len(x))
+    for block in prange((len(x) + EVENT_BLOCK - 1) // EVENT_BLOCK):
+        lo, hi = block * EVENT_BLOCK, min((block + 1) * EVENT_BLOCK, len(x))
         seen = _look_up(x[lo:hi], y[lo:hi], bearing)
         s = np.searchsorted(knots_us, pose_us[lo], side="right") - 1
         s = min(max(s, 0), last_segment)
@@ -93,11 +91,11 @@ def rays(
         for k in range(lo, hi):
             t = pose_us[k]
             if t < knots_us[0] or t > knots_us[-1]:
-                fate[k] = NO_POSE
+                outcome[k] = NO_POSE
                 continue
             bx, by = seen[k - lo, 0], seen[k - lo, 1]
             if np.isnan(bx) or np.isnan(by):
-                fate[k] = NO_RAY
+                outcome[k] = NO_RAY
                 continue
             if t != posed_us:
                 posed_us = t
@@ -110,7 +108,7 @@ def rays(
             ez = R[2, 0] * bx + R[2, 1] * by + R[2, 2]
             dz = r[6] * ex + r[7] * ey + r[8] * ez
             if dz <= 0:
-                fate[k] = BACKWARDS
+                outcome[k] = BACKWARDS
                 continue
             dx = (r[0] * ex + r[1] * ey + r[2] * ez) / dz
             dy = (r[3] * ex + r[4] * ey + r[5] * ez) / dz
@@ -119,7 +117,7 @@ def rays(
             a_v[k] = fy * dy + cy
             b_v[k] = fy * (place[1] - dy * place[2])
             c_z[k] = place[2]
-            fate[k] = VOTES
+            outcome[k] = VOTES
 
 
 @njit(cache=True)
@@ -139,7 +137,7 @@ def count_bands(a_v, b_v, rho, rows, bands, counts):
         counts: (blocks, bands) int64 zeros, filled.
     """
     for block in prange(counts.shape[0]):
-        for k in range(block * BLOCK, min((block + 1) * BLOCK, len(a_v))):
+        for k in range(block * RAY_BLOCK, min((block + 1) * RAY_BLOCK, len(a_v))):
             counts[block, _band(a_v[k] + rho * b_v[k], rows, bands)] += 1
 
 
@@ -153,7 +151,7 @@ def move_to_bands(a_v, b_v, rho, rows, bands, place, columns, ordered):
         columns, ordered: five (N,) float32 each, read and filled.
     """
     for block in prange(place.shape[0]):
-        for k in range(block * BLOCK, min((block + 1) * BLOCK, len(a_v))):
+        for k in range(block * RAY_BLOCK, min((block + 1) * RAY_BLOCK, len(a_v))):
             band = _band(a_v[k] + rho * b_v[k], rows, bands)
             to = place[block, band]
             place[block, band] = to + 1

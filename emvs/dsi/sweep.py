@@ -9,17 +9,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
-from emvs.dsi import device as devices
-from emvs.dsi.backend import Backend, InFocus, Task
+from emvs.dsi.backend import Backend, SweepSettings, Task
 from emvs.dsi.backprojection import Projected
-from emvs.dsi.device import CPU, Device
-from emvs.dsi.maxima import Maximum
+from emvs.dsi.device import CPU, Device, backend_on
+from emvs.dsi.maxima import InFocus, Maximum
 from emvs.dsi.method import Method, Split, single_cameras
 from emvs.dsi.slices import Slices, volume_writer
 from emvs.dsi.voting import VoteCounts
 from emvs.reference_view import ReferenceView
-from emvs.utils.runtime import Progress
+from emvs.utils.runtime import Progress, silent
 
 
 @dataclass(frozen=True)
@@ -28,17 +26,17 @@ class Group:
 
     Attributes:
         split: the sub-intervals.
-        asked: the methods that were asked for.
-        swept: the methods whose maxima are needed: late fusion needs those of the single cameras.
+        requested: the methods that were asked for.
+        methods: the methods whose maxima are needed: late fusion needs those of the single cameras.
     """
 
     split: Split
-    asked: tuple[Method, ...]
-    swept: tuple[Method, ...]
+    requested: tuple[Method, ...]
+    methods: tuple[Method, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Swept:
+class SweepResult:
     """What the sweep leaves.
 
     Attributes:
@@ -54,17 +52,17 @@ class Swept:
     votes: list[VoteCounts]
 
 
-def grouped(methods: Sequence[Method], n_cameras: int) -> list[Group]:
+def group_by_split(methods: Sequence[Method], n_cameras: int) -> list[Group]:
     """Groups methods by their split, the whole window first where it is among them."""
     splits = sorted({m.split for m in methods}, key=lambda split: (split.intervals, split.by))
     groups = []
     for split in splits:
-        asked = tuple(method for method in methods if method.split == split)
-        swept = tuple(method for method in asked if not method.late)
-        if len(swept) < len(asked):
-            names = {method.name for method in swept}
-            swept += tuple(m for m in single_cameras(n_cameras) if m.name not in names)
-        groups.append(Group(split, asked, swept))
+        requested = tuple(method for method in methods if method.split == split)
+        needed = tuple(method for method in requested if not method.late)
+        if len(needed) < len(requested):
+            names = {method.name for method in needed}
+            needed += tuple(m for m in single_cameras(n_cameras) if m.name not in names)
+        groups.append(Group(split, requested, needed))
     return groups
 
 
@@ -72,56 +70,68 @@ def sweep(
     projected: Projected,
     view: ReferenceView,
     groups: Sequence[Group],
-    config: MapperConfig,
-    dsi_dir: Path | None,
-    progress: Progress,
+    settings: SweepSettings,
+    progress: Progress = silent,
     device: Device = CPU,
-) -> Swept:
-    """Sweeps the planes once per group, casting, fusing and folding a few planes at a time.
+    *,
+    slice_row: int | None = None,
+    dsi_dir: Path | None = None,
+) -> SweepResult:
+    """Sweeps the planes once per group: casts votes in a few planes, fuses them, keeps the maxima.
 
     Memory, of the device, holds the planes of one batch of every volume: camera, sub-interval and
     polarity.
 
+    Args:
+        projected: every camera's rays.
+        view: the reference view.
+        groups: the methods, by split.
+        settings: how votes are cast, and what is made of them.
+        progress: told the stage `sweep`, planes done and all.
+        device: what computes; the rays must lie there.
+        slice_row: the image row to keep of every volume, px; by default the middle one.
+        dsi_dir: where to write every fused volume; None for nowhere.
+
     Raises:
         InputError: a GPU with too little memory for one plane.
     """
-    row_px = view.camera.height_px // 2 if config.slice_row is None else config.slice_row
+    cameras, planes = len(projected.counts), len(view.rho)
+    row_px = view.camera.height_px // 2 if slice_row is None else slice_row
     maxima: dict[str, Maximum] = {}
     focus: dict[str, InFocus] = {}
     slices: dict[str, NDArray[np.float32]] = {}
     votes: list[VoteCounts] = []
     for k, group in enumerate(groups):
-        cameras = len(projected.counts)
-        task = _task(group, cameras, view, row_px, config)
-        backend = devices.backend(device, task, projected.rays[group.split])
-        for last in _planes(backend, task, dsi_dir if config.save_dsi else None):
-            progress("sweep", k * config.planes + last, len(groups) * config.planes)
-        found = backend.outcome()
-        maxima |= found.maxima
-        focus |= found.focus
-        slices |= found.rows
-        votes = votes or _per_camera(found.votes, cameras, group.split)
-    in_order = {method.name: slices[method.name] for group in groups for method in group.asked}
-    return Swept(maxima, focus, Slices(row_px, view.rho, in_order), votes)
+        task = _task(group, cameras, view, row_px, settings)
+        backend = backend_on(device, task, projected.rays[group.split])
+        for done in _planes(backend, task, dsi_dir):
+            progress("sweep", k * planes + done, len(groups) * planes)
+        outcome = backend.outcome()
+        maxima |= outcome.maxima
+        focus |= outcome.focus
+        slices |= outcome.rows
+        votes = votes or _per_camera(outcome.votes, cameras, group.split)
+    in_order = {method.name: slices[method.name] for group in groups for method in group.requested}
+    return SweepResult(maxima, focus, Slices(row_px, view.rho, in_order), votes)
 
 
 def _task(
-    group: Group, cameras: int, view: ReferenceView, row_px: int, config: MapperConfig
+    group: Group, cameras: int, view: ReferenceView, row_px: int, settings: SweepSettings
 ) -> Task:
     size = view.camera.width_px, view.camera.height_px
-    return Task(group.swept, group.asked, cameras, *size, view.rho, row_px, config)
+    return Task(group.methods, group.requested, cameras, *size, view.rho, row_px, settings)
 
 
 def _planes(backend: Backend, task: Task, dsi_dir: Path | None) -> Iterator[int]:
     """One group's sweep; yields how many planes are done, batch by batch."""
     planes, step = len(task.rho), backend.planes_in_flight
     shape = planes, task.height_px, task.width_px
-    with_volume = tuple(method for method in task.asked if not method.late)
-    with volume_writer(dsi_dir, with_volume, shape, task.config.polarities) as volumes:
+    with_volume = tuple(method for method in task.requested if not method.late)
+    with volume_writer(dsi_dir, with_volume, shape, task.settings.polarities) as volumes:
         for first in range(0, planes, step):
             last = min(first + step, planes)
             backend.cast(first, last)
-            backend.fold()
+            backend.fuse()
             if dsi_dir is not None:
                 volumes.take(backend.images())
             yield last

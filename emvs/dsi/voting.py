@@ -15,7 +15,7 @@ from emvs.dsi.rays import Rays
 # Planes that share one pass over the rays, and so are read and written in turns: with one, the
 # sweep waits for the stream of rays.
 PASS_PLANES = 4
-# Planes that are folded at once, so that the state of the fold is read and written once for all.
+# Planes that are taken in at once, so that the maxima are read and written once for all of them.
 _FOLD_PLANES = 8
 # Scratch planes hold 512 MB at most: 17 planes of 8 volumes of 1 Mpx (Alg. 2, 4 sub-intervals).
 _SCRATCH_PX = 128 << 20
@@ -135,4 +135,4 @@ def dsi(
 
 def cast_all(scratch: Scratch, rays: Sequence[Rays], rho: NDArray[np.float32]) -> list[VoteCounts]:
     """Casts the votes of every camera in planes `rho`; one count per camera."""
-    return [scratch.cast(camera, its_rays, rho) for camera, its_rays in enumerate(rays)]
+    return [scratch.cast(camera, camera_rays, rho) for camera, camera_rays in enumerate(rays)]

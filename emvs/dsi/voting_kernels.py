@@ -1,7 +1,5 @@
 """The compiled loop of the voting, and the machine operations that numba has no words for."""
 
-# mypy: disable-error-code="call-arg, no-any-return, no-untyped-call, no-untyped-def"
-
 # Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
 # mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, call-arg"
 

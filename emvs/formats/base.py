@@ -11,10 +11,15 @@ from typing import Protocol, Self
 from emvs.data.events import Events
 from emvs.errors import InputError
 
+# Packets of events per stream name, each stream in the order in which it is to be written
 Streams = Mapping[str, Iterable[Events]]
-"""Packets of events per stream name, each stream in the order in which it is to be written."""
+# Called with the number of events written so far
 Progress = Callable[[int], None]
-"""Called with the number of events written so far."""
+# Limits of formats that set none: 16-bit pixels, times of 62 bits, streams
+ANY_PX = (1 << 16) - 1
+ANY_US = (1 << 62) - 1
+DOUBLE_US = 1 << 51  # up to here seconds in a double still round to the right microsecond
+MANY = 1 << 16
 
 
 class EventReader(Protocol):
@@ -26,7 +31,7 @@ class EventReader(Protocol):
 
     @property
     def format(self) -> str:
-        """The format's name, as `FORMATS` lists it."""
+        """The format's name, as `emvs.formats.FORMATS` lists it."""
 
     @property
     def width_px(self) -> int | None:
@@ -76,21 +81,6 @@ class Limits:
     streams: int
     why: str
     max_span_us: int = 1 << 62
-
-
-ANY_PX = (1 << 16) - 1
-
-
-DOUBLE_US = 1 << 51
-
-
-"""Up to here seconds in a double still round to the right microsecond."""
-
-
-ANY_US = (1 << 62) - 1
-
-
-MANY = 1 << 16
 
 
 class Checker:

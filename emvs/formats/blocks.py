@@ -17,7 +17,20 @@ from numpy.typing import NDArray
 from emvs.data.events import Events
 from emvs.errors import InputError, quoted, said
 
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
 Numbers = NDArray[Any]
+MOST_BYTES = 1 << 28  # what one compressed packet or chunk may unpack to
+_STEP = 1 << 24  # bytes that are unpacked at a time
+_DECOMPRESSORS = {
+    "bz2": bz2.BZ2Decompressor,
+    "lz4": lz4.frame.LZ4FrameDecompressor,
+    "zstd": zstd.ZstdDecompressor,
+}
+_FAULTS = (OSError, RuntimeError, ValueError, EOFError, MemoryError, zstd.ZstdError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,31 +145,6 @@ def checked_times(events: Events, where: str) -> Events:
             "or its epoch is not its start, shift its times"
         )
     return events
-
-
-if sys.version_info >= (3, 14):
-    from compression import zstd
-else:
-    from backports import zstd
-
-
-MOST_BYTES = 1 << 28
-
-
-"""What one compressed packet or chunk may unpack to."""
-
-
-_DECOMPRESSORS = {
-    "bz2": bz2.BZ2Decompressor,
-    "lz4": lz4.frame.LZ4FrameDecompressor,
-    "zstd": zstd.ZstdDecompressor,
-}
-
-
-_STEP = 1 << 24
-
-
-_FAULTS = (OSError, RuntimeError, ValueError, EOFError, MemoryError, zstd.ZstdError)
 
 
 def unpacked(data: bytes | memoryview, compression: str, where: str) -> bytes:

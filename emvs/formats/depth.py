@@ -20,8 +20,7 @@ from emvs.utils.files import atomic_path
 if TYPE_CHECKING:
     from PIL.PngImagePlugin import PngImageFile
 
-PNG_UNIT_M = 0.001
-"""A 16-bit depth PNG counts millimetres; 0 means unknown."""
+PNG_UNIT_M = 0.001  # a 16-bit depth PNG counts millimetres; 0 means unknown
 _MOST_PIXELS = 1 << 28
 _MOST_READ_PIXELS = 1 << 26
 _MOST_BYTES = 1 << 28
@@ -47,8 +46,8 @@ def read_depth(path: Path) -> NDArray[np.float32]:
     except InputError:
         raise
     except Exception as error:  # numpy ends in many kinds of exception on damaged files
-        said = " ".join(str(error).split())[:120]
-        raise InputError(f"{path}: no depth map ({said}); needs depth.npz or a npy") from error
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(f"{path}: no depth map ({reason}); needs depth.npz or a npy") from error
     return np.asarray(np.where(depth_m > 0, depth_m, np.nan), np.float32)
 
 
@@ -102,15 +101,13 @@ def _encoded(path: Path, suffix: str, image: NDArray[np.uint16] | NDArray[np.flo
         partial.write_bytes(data.tobytes())
 
 
+# Every depth format by name; disparity needs a baseline and stands apart.
 WRITERS: dict[str, Callable[[Path, NDArray[np.float32]], None]] = {
     "depth-png": write_depth_png,
     "depth-npy": write_depth_npy,
     "depth-tiff": write_depth_tiff,
     "depth-exr": write_depth_exr,
 }
-
-
-"""Every depth format by name; disparity needs a baseline and stands apart."""
 
 
 def read_png(path: Path) -> NDArray[np.uint8 | np.uint16]:

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from emvs.errors import InputError
+from emvs.errors import InputError, check_type, check_whole, shown
 
 Model = Literal["pinhole", "radtan", "kb4"]
 # A distorted position that cannot be reproduced to this many pixels has no ray.
@@ -55,6 +56,7 @@ class Camera:
             raise InputError(
                 f"camera model {self.model!r}: needs one of {', '.join(get_args(Model))}"
             )
+        self._check_types()
         if len(self.distortion) not in TERMS[self.model]:
             raise InputError(
                 f"camera model {self.model} with {len(self.distortion)} distortion terms: "
@@ -67,6 +69,15 @@ class Camera:
         numbers = (self.fx_px, self.fy_px, self.cx_px, self.cy_px, *self.distortion)
         if not np.all(np.isfinite(numbers)) or self.fx_px <= 0 or self.fy_px <= 0:
             raise InputError(f"camera intrinsics {numbers}: must be finite, focal lengths above 0")
+
+    def _check_types(self) -> None:
+        for name in ("width_px", "height_px"):
+            check_whole(f"camera's {name}", getattr(self, name))
+        for name in ("fx_px", "fy_px", "cx_px", "cy_px"):
+            check_type(f"camera's {name}", getattr(self, name), Real, "a number")
+        check_type("camera's distortion", self.distortion, (tuple, list), "a tuple of numbers")
+        for term in self.distortion:
+            check_type("a term of the camera's distortion", term, Real, "a number")
 
     @property
     def K(self) -> NDArray[np.float64]:
@@ -81,8 +92,11 @@ class Camera:
 
         Returns:
             (..., 2) pixel coordinates; NaN where z <= 0.
+
+        Raises:
+            InputError: no such points.
         """
-        points = np.asarray(points_cam, np.float64)
+        points = _vectors("points_cam", points_cam, 3)
         z = points[..., 2:3]
         with np.errstate(divide="ignore", invalid="ignore"):
             bearing = np.where(z > 0, points[..., :2] / z, np.nan)
@@ -96,8 +110,11 @@ class Camera:
 
         Returns:
             (..., 2) bearings x/z and y/z; NaN where no ray in front of the camera lands there.
+
+        Raises:
+            InputError: no such positions.
         """
-        uv = np.asarray(uv_px, np.float64)
+        uv = _vectors("uv_px", uv_px, 2)
         sensor = (uv - (self.cx_px, self.cy_px)) / (self.fx_px, self.fy_px)
         with np.errstate(all="ignore"):
             bearing = UNDISTORT[self.model](sensor, self.distortion)
@@ -136,6 +153,16 @@ class Camera:
 
     def _to_pixels(self, sensor: NDArray[np.float64]) -> NDArray[np.float64]:
         return sensor * (self.fx_px, self.fy_px) + (self.cx_px, self.cy_px)
+
+
+def _vectors(name: str, given: ArrayLike, length: int) -> NDArray[np.float64]:
+    try:
+        vectors = np.asarray(given, np.float64)
+    except (TypeError, ValueError):
+        vectors = np.empty(0)
+    if vectors.shape[-1:] != (length,):
+        raise InputError(f"{name} is {shown(given)}: needs numbers of shape (..., {length})")
+    return vectors
 
 
 def _distort_radtan(bearing: NDArray[np.float64], terms: tuple[float, ...]) -> NDArray[np.float64]:

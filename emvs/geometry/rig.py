@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
+from emvs.errors import InputError, check_array, check_type, shown
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 
@@ -33,6 +33,7 @@ class Rig:
     camera_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        self._check_types()
         if not self.camera_names:
             names = tuple(f"cam{k}" for k in range(len(self.cameras)))
             object.__setattr__(self, "camera_names", names)
@@ -44,6 +45,15 @@ class Rig:
         for name, T_body_cam in zip(self.camera_names, self.T_body_cam, strict=True):
             if T_body_cam.shape != (4, 4) or not se3.is_rigid(T_body_cam):
                 raise InputError(f"rig {self.name}: T_body_cam of {name} is not a rigid motion")
+
+    def _check_types(self) -> None:
+        for name in ("cameras", "camera_names"):
+            check_type(f"rig's {name}", getattr(self, name), (tuple, list), "a tuple")
+        check_type("rig's T_body_cam", self.T_body_cam, (tuple, list, np.ndarray), "a tuple")
+        for camera in self.cameras:
+            check_type("rig's camera", camera, Camera)
+        for T_body_cam in self.T_body_cam:
+            check_array("rig's T_body_cam", T_body_cam, "one (4, 4) array per camera")
 
     def __len__(self) -> int:
         return len(self.cameras)
@@ -63,8 +73,10 @@ class Rig:
         Raises:
             InputError: says which there are.
         """
-        if not 0 <= camera < len(self):
-            raise InputError(f"rig {self.name}: no camera {camera}, it has 0 to {len(self) - 1}")
+        if camera not in range(len(self)):
+            raise InputError(
+                f"rig {self.name}: no camera {shown(camera)}, it has 0 to {len(self) - 1}"
+            )
 
     def baseline_m(self, i: int = 0, j: int = 1) -> float:
         """Distance between the centres of cameras i and j.

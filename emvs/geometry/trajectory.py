@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from emvs.errors import InputError
+from emvs.errors import InputError, check_array, shown
 from emvs.geometry import se3
 
 _UNIT_TOLERANCE = 1e-3
@@ -32,8 +32,13 @@ class Trajectory:
     quats_xyzw: NDArray[np.float64]
 
     def __post_init__(self) -> None:
+        check_array("trajectory's t_us", self.t_us, "an array (N,) of whole µs", "iu")
+        for name, columns in (("positions_m", 3), ("quats_xyzw", 4)):
+            needed = f"an array (N, {columns}) of numbers"
+            check_array(f"trajectory's {name}", getattr(self, name), needed, "iuf")
         n = len(self.t_us)
-        if n < 1 or self.positions_m.shape != (n, 3) or self.quats_xyzw.shape != (n, 4):
+        shapes = self.t_us.shape, self.positions_m.shape, self.quats_xyzw.shape
+        if n < 1 or shapes != ((n,), (n, 3), (n, 4)):
             raise InputError(
                 f"trajectory of {n} times, positions {self.positions_m.shape}, quaternions "
                 f"{self.quats_xyzw.shape}: needs (N,), (N, 3) and (N, 4) with N >= 1"
@@ -43,7 +48,14 @@ class Trajectory:
 
     @classmethod
     def from_matrices(cls, t_us: ArrayLike, T_world_body: NDArray[np.float64]) -> Trajectory:
-        """Builds a trajectory from (N,) times in µs and (N, 4, 4) poses."""
+        """Builds a trajectory from (N,) times in µs and (N, 4, 4) poses.
+
+        Raises:
+            InputError: other shapes, or what the class itself refuses.
+        """
+        check_array("T_world_body", T_world_body, "an array (N, 4, 4)", "iuf")
+        if T_world_body.shape[1:] != (4, 4):
+            raise InputError(f"T_world_body of shape {T_world_body.shape}: needs (N, 4, 4)")
         positions_m, quats_xyzw = se3.to_quat_xyzw(T_world_body)
         return cls(np.asarray(t_us, np.int64), positions_m, quats_xyzw)
 
@@ -73,6 +85,8 @@ class Trajectory:
             InputError: a time outside the span; says by how much.
         """
         times = np.asarray(t_us)
+        if times.dtype.kind not in "iuf":
+            raise InputError(f"time {shown(t_us)}: needs µs")
         self._check_covers(times)
         left = np.clip(
             np.searchsorted(self.t_us, times, side="right") - 1, 0, max(len(self) - 2, 0)

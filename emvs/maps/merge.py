@@ -84,12 +84,13 @@ def fuse_windows(
         surface = SurfaceFusion(config.voxel_m, config.mesh_truncation)
     for k, window in enumerate(stored.windows):
         progress(k, len(stored.windows))
-        found = window.depth_map(method)
-        cloud = without_outliers(back_project_map(found), mapped.radius_m, mapped.radius_neighbours)
+        depth_map = window.depth_map(method)
+        cloud = back_project_map(depth_map)
+        cloud = without_outliers(cloud, mapped.radius_m, mapped.radius_neighbours)
         window_points += len(cloud)
         voxels.add(cloud)
         if surface is not None:
-            _add(surface, found)
+            _add(surface, depth_map)
     progress(len(stored.windows), len(stored.windows))
     cloud, windows = voxels.cloud(config.min_windows)
     _check_any(stored, len(cloud), window_points, config)
@@ -110,13 +111,13 @@ def fuse_windows(
     return folder, info
 
 
-def _add(surface: SurfaceFusion, found: DepthMap) -> None:
-    dense = inpaint(found)
-    near_m, far_m = float(1 / found.rho.max()), float(1 / found.rho.min())
+def _add(surface: SurfaceFusion, depth_map: DepthMap) -> None:
+    dense = inpaint(depth_map)
+    near_m, far_m = float(1 / depth_map.rho.max()), float(1 / depth_map.rho.min())
     # Pixels without depth may hold anything; their colour is never used.
     colours = depth_colours(dense.depth_m.clip(near_m, far_m), near_m, far_m)
     mask = dense.measured | dense.filled
-    surface.add(dense.depth_m, mask, colours, found.camera, found.T_world_rv)
+    surface.add(dense.depth_m, mask, colours, depth_map.camera, depth_map.T_world_rv)
 
 
 def _check_any(stored: StoredMap, points: int, window_points: int, config: FuseConfig) -> None:

@@ -1,4 +1,4 @@
-"""Maps a recording window by window: constant memory, results as they come, resumable.
+"""From a recording to a map folder: one window, or sliding windows.
 
 Every window goes the same way: it is checked, mapped and written (`map_into`). A single one appears
 with its folder, whole or not at all; sliding windows take constant memory, appear one by one, and a
@@ -15,12 +15,10 @@ from types import TracebackType
 
 import numpy as np
 
-from emvs import methods
 from emvs.config import MapperConfig
 from emvs.data.events import Events
 from emvs.data.recording import DerivedRecording, Recording
-from emvs.dsi import device as devices
-from emvs.dsi.device import Device
+from emvs.dsi.device import Device, check_device, device_for_methods, projector_on
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
 from emvs.hot_pixels import HotPixels, WithoutPixels, find_hot_pixels
@@ -37,14 +35,15 @@ from emvs.maps.folder import (
     write_window,
 )
 from emvs.maps.store import MapStore, identity, open_store, read_entry, write_entry
+from emvs.methods import methods_by_name
 from emvs.preflight import check_view_fits, check_window_fits
 from emvs.reference_view import reference_view
 from emvs.utils.outputs import atomic_dir, check_output, cure, inputs_of, real
 from emvs.utils.runtime import Progress, silent, versions
 from emvs.windows import Window, WindowPlan, check_poses, choose_window, plan_windows
 
+# The hot pixels of every camera; None where the filter is off
 Hot = tuple[HotPixels, ...] | None
-"""The hot pixels of every camera; None where the filter is off."""
 _SINGLE = "w000"
 _Stretch = tuple[int, int]
 
@@ -171,12 +170,50 @@ def map_into(
     return write_window(folder, result, config, names, clouds=clouds, name=name)
 
 
+def check_settings(recording: Recording, config: MapperConfig, out: Path) -> None:
+    """Refuses, before any event is read, settings that suit no window of a recording.
+
+    Raises:
+        InputError: an unknown method, a GPU that is not there, an impossible depth range or row, or
+            planes that memory or disk cannot hold.
+    """
+    requested = methods_by_name(config.methods, len(recording.rig), mcemvs=config.is_mcemvs)
+    check_device(config.device)
+    view = reference_view(recording, config, recording.trajectory.span_us[0])
+    check_request(config, view, out)
+    check_view_fits(view, len(requested), config, out)
+
+
+def find_hot(
+    recording: Recording, config: MapperConfig, t0_us: int, t1_us: int, progress: Progress = silent
+) -> Hot:
+    """The hot pixels of every camera, or None where the filter is off."""
+    if config.hot_pixels == 0:
+        return None
+    return find_hot_pixels(recording, t0_us, t1_us, config.hot_pixels, progress)
+
+
+def without(recording: Recording, hot: Hot) -> Recording:
+    """The recording without its hot pixels; itself where the filter is off."""
+    return recording if hot is None else WithoutPixels(recording, [found.mask for found in hot])
+
+
+def described(rig: Rig, hot: Hot) -> dict[str, HotPixelInfo]:
+    """What `map.json` says of hot pixels; nothing where the filter is off."""
+    return {
+        name: HotPixelInfo(
+            pixels=tuple((int(x), int(y)) for y, x in np.argwhere(found.mask)), events=found.events
+        )
+        for name, found in zip(rig.camera_names, hot or (), strict=hot is not None)
+    }
+
+
 def _map_sliding(
     recording: Recording, out: Path, config: MapperConfig, about: RecordingInfo,
     progress: Progress, *, force: bool, clouds: bool, finish: Callable[[Path], None],
 ) -> None:  # fmt: skip
-    asked = methods.methods(config.methods, len(recording.rig), mcemvs=config.is_mcemvs)
-    device = devices.for_methods(config.device, asked)
+    requested = methods_by_name(config.methods, len(recording.rig), mcemvs=config.is_mcemvs)
+    device = device_for_methods(config.device, requested)
     head = MapInfo(
         schema_version=SCHEMA_VERSION,
         recording=about,
@@ -195,9 +232,9 @@ def _map_sliding(
         head = head.model_copy(
             update={"hot_pixels": described(recording.rig, hot), "without_pose": dict(lost)}
         )
-        received, on_gpu = devices.projector(device).received, device.kind == "cuda"
-        with ReadAhead(without(recording, hot), received, ahead=on_gpu) as ahead:
-            run = _Run(ahead, config, plan, store, clouds, progress, device)
+        received, on_gpu = projector_on(device).received, device.kind == "cuda"
+        with Prefetcher(without(recording, hot), received, ahead=on_gpu) as prefetcher:
+            run = _Run(prefetcher, config, plan, store, clouds, progress, device)
             skipped = run.all_windows(head)
         if len(skipped) == len(plan):
             raise InputError(
@@ -211,10 +248,10 @@ class _Run:
     """One run of sliding windows: what stays the same from window to window."""
 
     def __init__(
-        self, ahead: ReadAhead, config: MapperConfig, plan: WindowPlan, store: MapStore,
+        self, prefetcher: Prefetcher, config: MapperConfig, plan: WindowPlan, store: MapStore,
         clouds: bool, progress: Progress, device: Device,
     ) -> None:  # fmt: skip
-        self._ahead, self._config, self._plan, self._device = ahead, config, plan, device
+        self._prefetcher, self._config, self._plan, self._device = prefetcher, config, plan, device
         self._store, self._clouds, self._progress = store, clouds, progress
 
     def all_windows(self, head: MapInfo) -> list[SkippedWindow]:
@@ -250,13 +287,13 @@ class _Run:
         return (SkippedWindow(name=name, t0_us=window.t0_us, t1_us=window.t1_us, reason=reason),)
 
     def _map(self, k: int) -> None:
-        ahead, config, window = self._ahead, self._config, self._plan.window(k)
-        check_poses(ahead.trajectory, window.t0_us, window.t1_us, config)
-        check_window_fits(ahead.recording, window)
+        prefetcher, config, window = self._prefetcher, self._config, self._plan.window(k)
+        check_poses(prefetcher.trajectory, window.t0_us, window.t1_us, config)
+        check_window_fits(prefetcher.recording, window)
         name = self._plan.name(k)
         with self._store.window(name) as folder, self._read_ahead(k):
             info = map_into(
-                folder, ahead, config, window, self._progress,
+                folder, prefetcher, config, window, self._progress,
                 device=self._device, clouds=self._clouds, name=name,
             )  # fmt: skip
             write_entry(folder, info)
@@ -264,15 +301,15 @@ class _Run:
     @contextmanager
     def _read_ahead(self, k: int) -> Iterator[None]:
         """Reads the next window that is not there yet while window `k` is mapped."""
-        self._ahead.start(self._plan.window(k))
+        self._prefetcher.start(self._plan.window(k))
         later = range(k + 1, len(self._plan))
         following = next((i for i in later if not self._store.has(self._plan.name(i))), None)
         if following is not None:
-            self._ahead.start(self._plan.window(following))
+            self._prefetcher.start(self._plan.window(following))
         try:
             yield
         finally:
-            self._ahead.drop(self._plan.window(k))
+            self._prefetcher.drop(self._plan.window(k))
 
     def _index(
         self, head: MapInfo, skipped: list[SkippedWindow], tried: int, *, complete: bool
@@ -289,44 +326,6 @@ class _Run:
                 yield name
 
 
-def check_settings(recording: Recording, config: MapperConfig, out: Path) -> None:
-    """Refuses, before any event is read, settings that suit no window of a recording.
-
-    Raises:
-        InputError: an unknown method, a GPU that is not there, an impossible depth range or row, or
-            planes that memory or disk cannot hold.
-    """
-    asked = methods.methods(config.methods, len(recording.rig), mcemvs=config.is_mcemvs)
-    devices.check(config.device)
-    view = reference_view(recording, config, recording.trajectory.span_us[0])
-    check_request(config, view, out)
-    check_view_fits(view, len(asked), config, out)
-
-
-def find_hot(
-    recording: Recording, config: MapperConfig, t0_us: int, t1_us: int, progress: Progress = silent
-) -> Hot:
-    """The hot pixels of every camera, or None where the filter is off."""
-    if config.hot_pixels == 0:
-        return None
-    return find_hot_pixels(recording, t0_us, t1_us, config.hot_pixels, progress)
-
-
-def without(recording: Recording, hot: Hot) -> Recording:
-    """The recording without its hot pixels; itself where the filter is off."""
-    return recording if hot is None else WithoutPixels(recording, [its.mask for its in hot])
-
-
-def described(rig: Rig, hot: Hot) -> dict[str, HotPixelInfo]:
-    """What `map.json` says of hot pixels; nothing where the filter is off."""
-    return {
-        name: HotPixelInfo(
-            pixels=tuple((int(x), int(y)) for y, x in np.argwhere(its.mask)), events=its.events
-        )
-        for name, its in zip(rig.camera_names, hot or (), strict=hot is not None)
-    }
-
-
 def _check_entry(path: Path, window: Window, device: Device) -> None:
     found = read_entry(path)
     if (found.t0_us, found.t1_us) != (window.t0_us, window.t1_us):
@@ -338,7 +337,7 @@ def _check_entry(path: Path, window: Window, device: Device) -> None:
         )
 
 
-class ReadAhead(DerivedRecording):
+class Prefetcher(DerivedRecording):
     """Reads windows ahead, in a thread of its own; to be used as a context."""
 
     def __init__(
@@ -356,7 +355,7 @@ class ReadAhead(DerivedRecording):
         self._thread = ThreadPoolExecutor(1)
         self._coming: dict[_Stretch, Future[list[Events]]] = {}
 
-    def __enter__(self) -> ReadAhead:
+    def __enter__(self) -> Prefetcher:
         return self
 
     def __exit__(

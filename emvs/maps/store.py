@@ -172,15 +172,11 @@ def _check_same(path: Path, found: MapInfo, wanted: MapInfo) -> bool:
 
 
 def _differences(found: MapInfo, wanted: MapInfo) -> Iterator[str]:
-    recordings = (
-        (found.recording, found.recording_sha256),
-        (wanted.recording, wanted.recording_sha256),
-    )
-    (first, first_sha), (second, second_sha) = recordings
-    if first.name != second.name:
-        yield f"the recording {first.name}, not {second.name}"
-    if (first.manifest_sha256, first_sha) != (second.manifest_sha256, second_sha):
-        yield f"another recording of the name {first.name}"
+    name, wanted_name = found.recording.name, wanted.recording.name
+    if name != wanted_name:
+        yield f"the recording {name}, not {wanted_name}"
+    if _hashes(found) != _hashes(wanted):
+        yield f"another recording of the name {name}"
     before, now = found.config.model_dump(), wanted.config.model_dump()
     for name, value in now.items():
         # Results do not depend on the number of threads.

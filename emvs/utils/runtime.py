@@ -1,12 +1,16 @@
 """What a run is made of: progress and stop watch, numba's threads, versions of the libraries."""
 
+import importlib
 import os
 import platform
 import time
 from collections.abc import Callable
+from functools import cache
 from importlib import metadata
 
 import numba
+
+from emvs.errors import InputError
 
 # progress(stage, done, total)
 Progress = Callable[[str, int, int], None]
@@ -47,6 +51,23 @@ class Stopwatch:
 # OpenMP is safe when several Python threads call kernels; numba's own queue ends the process.
 if "NUMBA_THREADING_LAYER" not in os.environ:
     numba.config.THREADING_LAYER = "omp"  # type: ignore[attr-defined]
+
+
+@cache
+def check_openmp() -> None:
+    """Finds out before any work whether the kernels can have their threads.
+
+    Raises:
+        InputError: the system lacks OpenMP's library.
+    """
+    try:
+        importlib.import_module("numba.np.ufunc.omppool")
+    except ImportError as error:
+        if numba.config.THREADING_LAYER == "omp":  # type: ignore[attr-defined]
+            raise InputError(
+                f"numba cannot load OpenMP ({error}): install it, on Debian: "
+                "apt-get install libgomp1"
+            ) from error
 
 
 def use_threads(count: int) -> int:

@@ -22,7 +22,9 @@ _SIM, _MAP, _SCORE = (Group(f"{title} parameters") for title in ("Simulator", "M
 SimFlags = Annotated[SimConfig, Parameter(group=_SIM)]
 MapFlags = Annotated[MapperConfig, Parameter(group=_MAP)]
 ScoreFlags = Annotated[EvalConfig, Parameter(group=_SCORE)]
-Methods = Annotated[tuple[str, ...], Parameter(negative=())]
+NO_NEGATIVE = Parameter(negative=())
+"""Of a flag that has no `--no-` or `--empty-` beside it."""
+Methods = Annotated[tuple[str, ...], NO_NEGATIVE]
 
 app = App(
     name="eventsweep",

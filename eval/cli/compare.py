@@ -5,14 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
-
-from eval.cli.app import COMMON, Common, app
+from eval.cli.app import COMMON, NO_NEGATIVE, Common, app
 
 
 @app.command
 def compare(
-    results: Annotated[tuple[Path, ...], Parameter(negative=())],
+    results: Annotated[tuple[Path, ...], NO_NEGATIVE],
     /,
     *,
     out: Path,

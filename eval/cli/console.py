@@ -16,9 +16,7 @@ from emvs.maps.folder import StoredMap, StoredWindow
 from eval.cli.exit_codes import with_flags
 from eval.progress import Bars, Progress, Silent
 from eval.report import ranking
-from eval.report import ranking as findings
-from eval.scoring.results import Results, Row, to_json
-from eval.scoring.score import POOLED
+from eval.scoring.results import POOLED, Results, Row, to_json
 
 if TYPE_CHECKING:
     from emvs.maps.merge import FusedInfo
@@ -42,7 +40,7 @@ class Console:
         for case in dict.fromkeys(row.case for row in results.rows) if self._show else ():
             rows = [row for row in results.rows if row.case == case and row.window == POOLED]
             self._out.print(_ranking(case, rows, ranking_metric))
-            for sentence in findings.findings(rows, ranking_metric):
+            for sentence in ranking.findings(rows, ranking_metric):
                 self._out.print(sentence, style="dim")
             counts = results.configuration.get(case, {}).get("windows")
             if counts is not None:
@@ -54,9 +52,9 @@ class Console:
 
     def mapped(self, stored: StoredMap) -> None:
         """Event statistics, how many points each method found, and what was left out."""
-        self._dump({"map": str(stored.path), **facts(stored)})
+        self._dump({"map": str(stored.path), **map_facts(stored)})
         if self._show:
-            for part in tables(stored):
+            for part in map_tables(stored):
                 self._out.print(part)
 
     def fused(self, path: Path, info: FusedInfo) -> None:
@@ -124,7 +122,7 @@ def _ranking(case: str, rows: Sequence[Row], metric: str) -> Table:
     return table
 
 
-def facts(stored: StoredMap) -> dict[str, Any]:
+def map_facts(stored: StoredMap) -> dict[str, Any]:
     """Every window with its counts and points, and what was left out."""
     info = stored.info
     return {
@@ -145,7 +143,7 @@ def facts(stored: StoredMap) -> dict[str, Any]:
     }
 
 
-def tables(stored: StoredMap) -> Iterator[Table | str]:
+def map_tables(stored: StoredMap) -> Iterator[Table | str]:
     """One window in full; of several, sums and ranges, and which were skipped and why."""
     info, windows = stored.info, stored.windows
     points = [_points_of(window) for window in windows]

@@ -39,8 +39,7 @@ def convert(
         height_px: Sensor height, likewise.
         baseline_m: Distance between the cameras, for disparity-png.
     """
-    from eval.convert import Options
-    from eval.convert import convert as run
+    from eval.convert import Options, convert_file
 
     console = common.console()
     options = Options(
@@ -54,6 +53,5 @@ def convert(
         force=common.force,
         inputs=common.inputs(),
     )
-    said = run(source, out, options, console.progress)
-    console.progress.say(said)
+    console.progress.say(convert_file(source, out, options, console.progress))
     console.wrote(out)

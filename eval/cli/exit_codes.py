@@ -26,7 +26,7 @@ _FLAGS = {
     "set resume=False": "add --fresh",
     "resume=False": "--fresh",
     "frames.rate_hz": "--sim.frames.rate-hz",
-    "imu.rate_hz": "--sim.sensor.imu.rate-hz",
+    "imu.rate_hz": "--sim.imu.rate-hz",
     "inpaint=True": "--map.inpaint",
 }
 

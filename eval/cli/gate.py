@@ -13,9 +13,8 @@ from cyclopts import Parameter
 from emvs.errors import InputError
 from emvs.utils.outputs import check_output, output_file
 from emvs.utils.ownership import is_our_file
-from eval.cli import job_flags as suite_app
-from eval.cli.app import COMMON, Common, app
-from eval.cli.job_flags import JOB_FLAGS, JobFlags
+from eval.cli.app import COMMON, NO_NEGATIVE, Common, app
+from eval.cli.job_flags import JOB_FLAGS, JobFlags, run_with_flags, seed_numbers
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
 
 GREEN, RED = 0, 1
 _SUMMARY = "GITHUB_STEP_SUMMARY"
-_Switch = Parameter(negative=())
 
 
 @Parameter(name="*")
@@ -57,10 +55,10 @@ class GateFlags:
     markdown: Path | None = None
     "File for the summary; it also goes to $GITHUB_STEP_SUMMARY where that is set."
 
-    strict: Annotated[bool, _Switch] = False
+    strict: Annotated[bool, NO_NEGATIVE] = False
     "Let numbers that cannot be compared fail as well."
 
-    update: Annotated[bool, _Switch] = False
+    update: Annotated[bool, NO_NEGATIVE] = False
     "Write the result as the new baseline."
 
     reason: str = ""
@@ -104,7 +102,7 @@ class GateFlags:
 
     def seed_numbers(self) -> tuple[int, ...] | None:
         """The seeds; None for the suite's own."""
-        return suite_app.seed_numbers(self.seeds, "--seeds")
+        return seed_numbers(self.seeds, "--seeds")
 
 
 @app.command
@@ -148,11 +146,11 @@ def _measured(flags: GateFlags, job_flags: JobFlags, common: Common) -> Measured
     seeds = flags.seed_numbers() or (suite.spread_seeds if flags.update else None)
 
     def run() -> SuiteResult:
-        return suite_app.run(suite, subset, job_flags, common.console().progress, seeds=seeds)
+        return run_with_flags(suite, subset, job_flags, common.console().progress, seeds=seeds)
 
     if flags.out is None:
         return of_suite(run())
-    with output.prepared(flags.out, force=common.force, inputs=flags.read()) as folder:
+    with output.prepare_folder(flags.out, force=common.force, inputs=flags.read()) as folder:
         result = run()
         output.write(folder, result, force=common.force)
     return of_suite(result)

@@ -1,4 +1,4 @@
-"""Flags that `suite`, `gate` and `study` share: where jobs run, and which seeds they take."""
+"""What `suite`, `gate` and `study` share: flags that say where jobs run, seeds, and the run."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def seed_numbers(text: str | None, flag: str) -> tuple[int, ...] | None:
     return tuple(seeds)
 
 
-def run(
+def run_with_flags(
     suite: Suite,
     subset: str,
     flags: JobFlags,

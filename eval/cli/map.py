@@ -31,14 +31,16 @@ def map(  # noqa: A001 - the verb's name
         method: Method to map with, repeatable; as --map.methods.
         device: Where the sweep runs; as --map.device.
     """
+    from eval.cli.report import report_stage
     from eval.pipeline import map_recording
 
     flags = with_values(map, methods=method or None, device=device)
     wanted = config.load(common.config, map=flags)
     common.check(out, recording)
     console = common.console()
+    finish = report_stage(console.progress)
     stored = map_recording(
-        recording, out, wanted, force=common.force, report=True, progress=console.progress
+        recording, out, wanted, force=common.force, finish=finish, progress=console.progress
     )
     console.mapped(stored)
     console.wrote(out / "report.html")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -9,9 +10,8 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from emvs.errors import InputError
-from eval.cli.app import COMMON, Common, app
-
-_Switch = Parameter(negative=())
+from eval.cli.app import COMMON, NO_NEGATIVE, Common, app
+from eval.progress import Progress
 
 
 @Parameter(name="*")
@@ -19,17 +19,30 @@ _Switch = Parameter(negative=())
 class ReportFlags:
     """What to write beside the page of a run."""
 
-    tables: Annotated[bool, _Switch] = False
+    tables: Annotated[bool, NO_NEGATIVE] = False
     "Also write the rankings of a run to tables/, as CSV, LaTeX and Markdown."
 
     figures: Literal["svg", "pdf"] | None = None
     "Also write curves, causes and slices of a run to figures/, as SVG or PDF."
 
-    rrd: Annotated[bool, _Switch] = False
+    rrd: Annotated[bool, NO_NEGATIVE] = False
     "Also write recording.rrd for the Rerun viewer; needs eventsweep[rerun]."
 
 
 _PAGE_ONLY = ReportFlags()
+
+
+def report_stage(progress: Progress) -> Callable[[Path], None]:
+    """What writes the report of a folder, shown as a stage of its own."""
+
+    def write(folder: Path) -> None:
+        # Its figures need matplotlib: 0.3 s before the first event, were it imported at the top.
+        from eval.report.run_page import write_report
+
+        with progress.stage("report", 1):
+            write_report(folder)
+
+    return write
 
 
 @app.command
@@ -58,7 +71,7 @@ def _of_studies(folder: Path, flags: ReportFlags) -> list[Path]:
 
 def _of_run(folder: Path, flags: ReportFlags) -> list[Path]:
     from emvs.utils.outputs import check_files
-    from eval.report import tables as report_files
+    from eval.report import tables
     from eval.report.rerun import write_rerun
     from eval.report.run_page import write_report
 
@@ -66,11 +79,11 @@ def _of_run(folder: Path, flags: ReportFlags) -> list[Path]:
     check_files(folder, [name for name, wanted in asked.items() if wanted], force=True)
     written = [write_report(folder)]
     if flags.tables:
-        report_files.write_report_tables(folder)
-        written.append(folder / report_files.TABLES_FOLDER)
+        tables.write_report_tables(folder)
+        written.append(folder / tables.TABLES_FOLDER)
     if flags.figures:
-        report_files.write_report_figures(folder, flags.figures)
-        written.append(folder / report_files.FIGURES_FOLDER)
+        tables.write_report_figures(folder, flags.figures)
+        written.append(folder / tables.FIGURES_FOLDER)
     if flags.rrd:
         written.append(write_rerun(folder))
     return written

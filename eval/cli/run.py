@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
-
 from emvs.config import DeviceName
 from eval import config
 from eval.cli.app import (
     COMMON,
     MAP,
+    NO_NEGATIVE,
     SCORE,
     SIM,
     Common,
@@ -26,7 +25,7 @@ from eval.cli.app import (
 
 @app.command
 def run(
-    case: Annotated[tuple[str, ...], Parameter(negative=())],
+    case: Annotated[tuple[str, ...], NO_NEGATIVE],
     /,
     *,
     out: Path,
@@ -53,6 +52,7 @@ def run(
         method: Method to map with, repeatable; as --map.methods.
         device: Where the mapper's sweep runs; as --map.device.
     """
+    from eval.cli.report import report_stage
     from eval.pipeline import run_cases
 
     wanted = config.load(
@@ -71,6 +71,7 @@ def run(
         seed,
         force=common.force,
         workers=workers,
+        finish=report_stage(console.progress),
         progress=console.progress,
     )
     console.results(results, wanted.score.ranking_metric)

@@ -5,10 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
-
 from eval import config
-from eval.cli.app import COMMON, SCORE, Common, ScoreFlags, app
+from eval.cli.app import COMMON, NO_NEGATIVE, SCORE, Common, ScoreFlags, app
 
 
 @app.command
@@ -16,7 +14,7 @@ def score(
     folder: Path,
     /,
     *,
-    prediction: Annotated[tuple[Path, ...], Parameter(negative=())] = (),
+    prediction: Annotated[tuple[Path, ...], NO_NEGATIVE] = (),
     common: Common = COMMON,
     score: ScoreFlags = SCORE,
 ) -> None:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
-
 from eval import config
-from eval.cli.app import COMMON, SIM, Common, SimFlags, app, with_values
+from eval.cli.app import COMMON, NO_NEGATIVE, SIM, Common, SimFlags, app, with_values
 
 
 @app.command
@@ -22,7 +20,7 @@ def simulate(
     trajectory: Path | None = None,
     seed: int = 0,
     workers: int = 1,
-    fresh: Annotated[bool, Parameter(negative=())] = False,
+    fresh: Annotated[bool, NO_NEGATIVE] = False,
     common: Common = COMMON,
     sim: SimFlags = SIM,
 ) -> None:
@@ -33,7 +31,7 @@ def simulate(
         out: Sequence folder to write.
         rig: Rig to use instead of the scene's own.
         seconds: Length of the sequence; as --sim.duration-s.
-        trajectory: Poses in TUM format to move the head by; as --sim.motion.replay.trajectory.
+        trajectory: Poses in TUM format to move the head by; as --sim.replay.trajectory.
         seed: Seed of the head motion and the sensor's noise.
         workers: Rendering processes.
         fresh: Discard the unfinished work of an interrupted run instead of taking it up.

@@ -5,12 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
-
 from emvs.utils.outputs import output_folder
-from eval.cli import job_flags as suite_app
-from eval.cli.app import COMMON, Common, Methods, app
-from eval.cli.job_flags import JOB_FLAGS, JobFlags
+from eval.cli.app import COMMON, NO_NEGATIVE, Common, Methods, app
+from eval.cli.job_flags import JOB_FLAGS, JobFlags, seed_numbers
 from eval.studies.definitions import CASES, METHODS, SECONDS, SEEDS
 
 _FAILED = 1
@@ -18,11 +15,11 @@ _FAILED = 1
 
 @app.command
 def study(
-    name: Annotated[tuple[str, ...], Parameter(negative=())],
+    name: Annotated[tuple[str, ...], NO_NEGATIVE],
     /,
     *,
     out: Path,
-    case: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    case: Annotated[tuple[str, ...], NO_NEGATIVE] = (),
     seeds: str | None = None,
     seconds: float = SECONDS,
     method: Methods = (),
@@ -39,21 +36,19 @@ def study(
         seconds: Length of every sequence; the window leaves 0.05 s at either end.
         method: Method to compare, repeatable, instead of a choice of five.
     """
-    from eval.studies import run
     from eval.studies.definitions import STUDIES, study_named
-    from eval.studies.run import run_study, write_study
+    from eval.studies.run import file_names, run_study, show_study, write_study
 
     names = tuple(STUDIES) if name == ("all",) else name
-    chosen = [study_named(one) for one in names]
-    seed_numbers = suite_app.seed_numbers(seeds, "--seeds") or SEEDS
-    samples = (method or METHODS, case or CASES, seed_numbers)
-    screen, failed = common.console(), 0
-    names_of_files = [name for one in chosen for name in run.file_names(one)]
-    with output_folder(out, names_of_files, force=True):
-        for one in chosen:
-            result = run_study(one, *samples, job_flags.open, screen.progress, seconds)
+    studies = [study_named(one) for one in names]
+    samples = (method or METHODS, case or CASES, seed_numbers(seeds, "--seeds") or SEEDS)
+    console, failed = common.console(), 0
+    files = [name for one in studies for name in file_names(one)]
+    with output_folder(out, files, force=True):
+        for one in studies:
+            result = run_study(one, *samples, job_flags.open, console.progress, seconds)
             written = write_study(out, result)
             failed += len(result.failures)
-            run.show(result, as_json=common.json, quiet=common.quiet)
-            screen.wrote(written[0])
+            show_study(result, as_json=common.json, quiet=common.quiet)
+            console.wrote(written[0])
     return _FAILED if failed else 0

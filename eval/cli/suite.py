@@ -5,11 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import Parameter
-
-from eval.cli import job_flags as suite_app
-from eval.cli.app import COMMON, Common, app
-from eval.cli.job_flags import JOB_FLAGS, JobFlags
+from eval.cli.app import COMMON, NO_NEGATIVE, Common, app
+from eval.cli.job_flags import JOB_FLAGS, JobFlags, run_with_flags, seed_numbers
 
 _FAILED = 1
 
@@ -21,7 +18,7 @@ def suite(
     *,
     out: Path,
     seeds: str | None = None,
-    case: Annotated[tuple[str, ...], Parameter(negative=())] = (),
+    case: Annotated[tuple[str, ...], NO_NEGATIVE] = (),
     speed: bool = True,
     job_flags: JobFlags = JOB_FLAGS,
     common: Common = COMMON,
@@ -39,10 +36,10 @@ def suite(
     from eval.suite.definition import load
 
     chosen, subset = load(name)
-    chosen_seeds = suite_app.seed_numbers(seeds, "--seeds")
+    chosen_seeds = seed_numbers(seeds, "--seeds")
     console = common.console()
-    with output.prepared(out, force=common.force, inputs=(Path(name),)) as folder:
-        result = suite_app.run(
+    with output.prepare_folder(out, force=common.force, inputs=(Path(name),)) as folder:
+        result = run_with_flags(
             chosen, subset, job_flags, console.progress, seeds=chosen_seeds, cases=case, speed=speed
         )
         output.write(folder, result, force=common.force)
@@ -63,10 +60,10 @@ def cache(
     """
     from emvs.errors import InputError
     from eval.jobs.cache import Cache, default_cache
-    from eval.suite.output import say
+    from eval.suite.output import show_cache
 
     store = Cache(cache or default_cache())
     if prune is not None and prune < 0:
         raise InputError(f"--prune {prune:g}: gigabytes to keep, 0 or more")
     freed = 0 if prune is None else store.prune(round(prune * 1e9))
-    say(store.folder, store.size_bytes(), freed, as_json=common.json, quiet=common.quiet)
+    show_cache(store.folder, store.size_bytes(), freed, as_json=common.json, quiet=common.quiet)

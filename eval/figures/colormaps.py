@@ -165,16 +165,10 @@ _DASHES: dict[str, Dash] = {
     "RMS": (0, (6, 1, 1, 1, 1, 1)),
     "max": (0, (1, 1)),
 }
-
-
 _CAMERA_DASHES: tuple[Dash, ...] = ((0, (10, 2)), (0, (2, 2)), (0, (1, 2)))
-
-
 _LOOSE: tuple[Dash, ...] = (
     (0, (8, 2, 2, 2)), (0, (8, 2)), (0, (2, 1)), (0, (5, 1, 1, 1)), (0, (9, 1, 3, 1)),
 )  # fmt: skip
-
-
 # Okabe and Ito's colours, of about equal weight on white and on black.
 _FUSION_COLOURS = {
     "min": "#cc79a7",
@@ -184,8 +178,6 @@ _FUSION_COLOURS = {
     "RMS": "#0072b2",
     "max": "#56b4e9",
 }
-
-
 _FAMILIES = {  # colour and marker
     "Alg1": ("", ""),
     "EMVS": ("#8c8c8c", "|"),
@@ -197,14 +189,8 @@ _FAMILIES = {  # colour and marker
     "GTS": ("#cc6677", "X"),
     "Frames": ("#6699cc", "P"),
 }
-
-
 _OTHERS = ("#c2185b", "#5c6bc0", "#6a994e", "#8d6e63", "#00838f")
-
-
 _OTHER_MARKERS = ("*", "p", "<", ">")
-
-
 _KNOWN: dict[str, Dash] = {
     "Late/union": "solid",
     "SGM/ts": "solid",

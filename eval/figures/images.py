@@ -22,6 +22,46 @@ _CONFIDENCE_STEP, _COARSE_STEP = np.uint8(5), np.uint8(15)
 _LARGE_PX = 500_000
 
 
+@dataclass(frozen=True, slots=True)
+class IndexedImage:
+    """An image whose pixels point into a table of colours.
+
+    Attributes:
+        index: (H, W) uint8 row of the palette.
+        palette: (K, 4) uint8 red, green, blue, opacity; K <= 256.
+    """
+
+    index: NDArray[np.uint8]
+    palette: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        if self.index.size and int(self.index.max()) >= len(self.palette):
+            raise InputError(
+                f"colour index {self.index.max()} in a palette of {len(self.palette)}: extend it"
+            )
+
+    def rgba(self) -> NDArray[np.uint8]:
+        """(H, W, 4) colours."""
+        return self.palette[self.index]
+
+    def enlarged(self, factor: int) -> IndexedImage:
+        """Every pixel becomes a square of `factor` by `factor` pixels."""
+        index = np.repeat(np.repeat(self.index, factor, axis=0), factor, axis=1)
+        return IndexedImage(index, self.palette)
+
+    def png(self) -> bytes:
+        """Encodes the image as an 8-bit palette PNG; the same image gives the same bytes."""
+        image = Image.fromarray(self.index).convert("P")
+        image.putpalette(self.palette.tobytes(), rawmode="RGBA")
+        stream = io.BytesIO()
+        image.save(stream, format="PNG")
+        return stream.getvalue()
+
+    def data_uri(self) -> str:
+        """The PNG as an address that a page can hold inline."""
+        return "data:image/png;base64," + base64.b64encode(self.png()).decode("ascii")
+
+
 def frame_image(intensity: NDArray[np.uint8]) -> IndexedImage:
     """Draws (H, W) intensity, 0..255, from its darkest (black) to its brightest (white)."""
     black, white = (float(value) for value in np.percentile(intensity, (0.2, 99.8)))
@@ -124,43 +164,3 @@ def _dilated(index: NDArray[np.uint8], point_px: int) -> NDArray[np.uint8]:
     # Rank the blank lowest: 0 is blank, 1..255 the levels.
     wide = np.asarray(cv2.dilate(index + np.uint8(1), kernel), np.uint8) - np.uint8(1)
     return np.where(index == BLANK, wide, index).astype(np.uint8)
-
-
-@dataclass(frozen=True, slots=True)
-class IndexedImage:
-    """An image whose pixels point into a table of colours.
-
-    Attributes:
-        index: (H, W) uint8 row of the palette.
-        palette: (K, 4) uint8 red, green, blue, opacity; K <= 256.
-    """
-
-    index: NDArray[np.uint8]
-    palette: NDArray[np.uint8]
-
-    def __post_init__(self) -> None:
-        if self.index.size and int(self.index.max()) >= len(self.palette):
-            raise InputError(
-                f"colour index {self.index.max()} in a palette of {len(self.palette)}: extend it"
-            )
-
-    def rgba(self) -> NDArray[np.uint8]:
-        """(H, W, 4) colours."""
-        return self.palette[self.index]
-
-    def enlarged(self, factor: int) -> IndexedImage:
-        """Every pixel becomes a square of `factor` by `factor` pixels."""
-        index = np.repeat(np.repeat(self.index, factor, axis=0), factor, axis=1)
-        return IndexedImage(index, self.palette)
-
-    def png(self) -> bytes:
-        """Encodes the image as an 8-bit palette PNG; the same image gives the same bytes."""
-        image = Image.fromarray(self.index).convert("P")
-        image.putpalette(self.palette.tobytes(), rawmode="RGBA")
-        stream = io.BytesIO()
-        image.save(stream, format="PNG")
-        return stream.getvalue()
-
-    def data_uri(self) -> str:
-        """The PNG as an address that a page can hold inline."""
-        return "data:image/png;base64," + base64.b64encode(self.png()).decode("ascii")

@@ -117,25 +117,28 @@ class DsiSlice:
     truth_m: NDArray[np.floating] | None = None
 
 
-def slice_svg(piece: DsiSlice) -> str:
+def slice_svg(dsi_slice: DsiSlice) -> str:
     """Seen from above, the camera below: ray density, extracted depth and true depth of one row."""
     with mpl.rc_context(STYLE):
-        return svg_of(slice_figure(piece))
+        return svg_of(slice_figure(dsi_slice))
 
 
-def slice_figure(piece: DsiSlice) -> Figure:
+def slice_figure(dsi_slice: DsiSlice) -> Figure:
     """The same as a figure; made within a context of `STYLE`."""
     figure = Figure(figsize=(10.5, 3.6), layout="constrained")
     axes = figure.subplots()
-    _draw_votes(axes, piece)
-    columns = np.flatnonzero(piece.mask)
-    if piece.truth_m is not None:
+    _draw_votes(axes, dsi_slice)
+    columns = np.flatnonzero(dsi_slice.mask)
+    if dsi_slice.truth_m is not None:
         axes.plot(
-            *_surfaces(piece.truth_m, piece.rho), lw=1.6, color=TRUTH_COLOUR, label="true depth"
+            *_surfaces(dsi_slice.truth_m, dsi_slice.rho),
+            lw=1.6,
+            color=TRUTH_COLOUR,
+            label="true depth",
         )
     axes.plot(
         columns,
-        1 / piece.depth_m[columns],
+        1 / dsi_slice.depth_m[columns],
         "o",
         ms=3.6,
         mfc="none",
@@ -143,7 +146,7 @@ def slice_figure(piece: DsiSlice) -> Figure:
         color=ESTIMATE_COLOUR,
         label="extracted depth",
     )
-    axes.set_ylim(float(piece.rho.max()), float(piece.rho.min()))
+    axes.set_ylim(float(dsi_slice.rho.max()), float(dsi_slice.rho.min()))
     figure.legend(loc="outside upper right", ncols=2, markerscale=1.8)
     return figure
 
@@ -165,10 +168,10 @@ def _surfaces(
     return np.insert(x_px, 2 * jumps, np.nan), np.insert(rho, 2 * jumps, np.nan)
 
 
-def _draw_votes(axes: Axes, piece: DsiSlice) -> None:
-    votes = piece.votes[np.argsort(piece.rho)]
-    low, high = float(piece.rho.min()), float(piece.rho.max())
-    half = (high - low) / (len(piece.rho) - 1) / 2
+def _draw_votes(axes: Axes, dsi_slice: DsiSlice) -> None:
+    votes = dsi_slice.votes[np.argsort(dsi_slice.rho)]
+    low, high = float(dsi_slice.rho.min()), float(dsi_slice.rho.max())
+    half = (high - low) / (len(dsi_slice.rho) - 1) / 2
     top = float(np.percentile(votes, 99.7)) or 1.0
     axes.imshow(
         votes,
@@ -185,7 +188,7 @@ def _draw_votes(axes: Axes, piece: DsiSlice) -> None:
     ticks = spaced(marks, gap=0.09)
     axes.set_yticks([low + share * (high - low) for share, _ in ticks], [name for _, name in ticks])
     axes.set_ylabel("depth [m], even in 1/depth")
-    axes.set_xlabel(f"x [px], image row {piece.row_px}")
+    axes.set_xlabel(f"x [px], image row {dsi_slice.row_px}")
 
 
 def svg_of(figure: Figure) -> str:

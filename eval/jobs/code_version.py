@@ -42,6 +42,16 @@ def source_digest(modules: Iterable[str], files: Iterable[Path] = ()) -> str:
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
 
+def definition_digest(modules: Iterable[str], files: Iterable[Path] = ()) -> str:
+    """Hashes what modules define, and files: not their names, nor from where they import.
+
+    It stays the same when code is moved, so that what is the same can still be compared.
+    """
+    lines = sorted(_definition_hash(name) for name in modules)
+    lines += [hashlib.sha256(path.read_bytes()).hexdigest() for path in files]
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
+
+
 def closure(roots: Iterable[str]) -> set[str]:
     """The roots and every module of this project that they reach by imports."""
     found: set[str] = set()
@@ -108,6 +118,20 @@ def _source_hash(name: str) -> str:
     tree = _tree(name)
     words = "\0".join(_words(tree)) if tree else "absent"
     return hashlib.sha256(words.encode()).hexdigest()
+
+
+@cache
+def _definition_hash(name: str) -> str:
+    words = "\0".join(_words(_WithoutImports().visit(_tree(name) or ast.Module([], []))))
+    return hashlib.sha256(words.encode()).hexdigest()
+
+
+class _WithoutImports(ast.NodeTransformer):
+    def visit_Import(self, _node: ast.Import) -> None:
+        return None
+
+    def visit_ImportFrom(self, _node: ast.ImportFrom) -> None:
+        return None
 
 
 def _words(node: object) -> Iterator[str]:

@@ -13,19 +13,16 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from emvs.dsi.method import OWN_UNIT, VOTES
-from emvs.methods import named
-from eval.figures.colormaps import Scale, confidence_scale, depth_scale, events_scale
+from eval.figures.colormaps import Scale, depth_scale, events_scale
 from eval.figures.images import depth_image, events_image, frame_image, point_size_px
 from eval.report.ranking import HARMONIC
-from eval.report.run_data import CaseView, MethodView, WindowView
+from eval.report.run_data import CaseData, MethodData, WindowData
 
 _PANEL_INCHES, _DPI = 4.2, 90
 Drawing = Callable[[Axes], None]
-_BUSY_PERCENT = 99.7
 
 
-def overview_png(case: CaseView) -> bytes:
+def overview_png(case: CaseData) -> bytes:
     """Draws the first window of a case with Alg. 1's depth; what is not known is left out.
 
     Args:
@@ -51,7 +48,7 @@ def overview_png(case: CaseView) -> bytes:
     return stream.getvalue()
 
 
-def _drawings(window: WindowView, method: MethodView) -> dict[str, Drawing]:
+def _drawings(window: WindowData, method: MethodData) -> dict[str, Drawing]:
     scale = depth_scale(window.depth_range_m)
     point_px = point_size_px(method.depth_m.shape[1])
     drawings: dict[str, Drawing] = {}
@@ -81,29 +78,3 @@ def _depth_bar(figure: Figure, scale: Scale) -> None:
     )
     positions, labels = zip(*scale.ticks, strict=True)
     bar.set_ticks(positions, labels=labels)
-
-
-def unit(method: str) -> str:
-    """What a method says that its confidence is, or `own unit`."""
-    known = named(method)
-    return known.confidence if known is not None else OWN_UNIT
-
-
-def scales(window: WindowView) -> dict[str, Scale]:
-    """Scale by method: one for all that count votes, one each for the others."""
-    finite = {m.name: m.confidence[np.isfinite(m.confidence)] for m in window.methods}
-    by_votes = [values for name, values in finite.items() if unit(name) == VOTES]
-    shared = _scale(max((_busy(values) for values in by_votes), default=1.0))
-    # Others report few pixels; all the rest of their picture is 0.
-    return {
-        name: shared if unit(name) == VOTES else _scale(_busy(values[values > 0]))
-        for name, values in finite.items()
-    }
-
-
-def _busy(values: NDArray[np.floating]) -> float:
-    return float(np.percentile(values, _BUSY_PERCENT)) if values.size else 0.0
-
-
-def _scale(busy: float) -> Scale:
-    return confidence_scale(float(f"{busy:.2g}"))

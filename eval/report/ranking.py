@@ -16,6 +16,7 @@ from eval.scoring.results import Row
 
 FUSED_PREFIX = "Alg1/"
 SINGLE_PREFIX = "EMVS/"
+HARMONIC = "Alg1/H"
 RANKING_COLUMNS = (
     "points",
     "completeness",
@@ -30,6 +31,7 @@ RANKING_COLUMNS = (
     "delta_1",
     "f1_5cm",
 )
+DIRECTIONS = {"lower": "lower is better", "higher": "higher is better", "none": "no better end"}
 _SINGLE = re.compile(r"/cam\d+\b")
 # Read in centimetres, stored in metres.
 _SHOWN = {"m": ("cm", 100.0)}
@@ -38,7 +40,6 @@ _CONTEXT = {
     BAD_POINTS: ("outlier points", "number of pixels with |e - g| / g > 0.10"),
     "baseline_focal": ("baseline x focal length", "b f"),
 }
-HARMONIC = "Alg1/H"
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +82,38 @@ class RankingTable:
     lines: tuple[RankingLine, ...]
 
 
-DIRECTIONS = {"lower": "lower is better", "higher": "higher is better", "none": "no better end"}
+def column(name: str) -> Column:
+    """The heading of a metric, with the unit in which tables show it."""
+    if name in _CONTEXT:
+        title, formula = _CONTEXT[name]
+        return Column(name, title, "px·m" if name == "baseline_focal" else "px", "none", formula)
+    if name.startswith(CAUSE_PREFIX):
+        cause = name.removeprefix(CAUSE_PREFIX)
+        title = f"outliers: {cause.replace('_', ' ')}"
+        return Column(name, title, "%", "none", f"share of the outliers: {CAUSES[cause]}")
+    region = _region(name)
+    metric = ALL_METRICS[name.removeprefix(f"{region}_")]
+    unit, _ = _SHOWN.get(metric.unit, (metric.unit, 1.0))
+    unit = unit.replace("x100", "×100")
+    if not region:
+        return Column(name, metric.title, unit, metric.better, metric.formula)
+    formula = f"{metric.formula}, over {REGIONS[region]}"
+    return Column(name, f"{metric.title}, {region}", unit, metric.better, formula)
+
+
+def _region(name: str) -> str:
+    """The region that a metric's name begins with; empty for all pixels."""
+    if name in ALL_METRICS:
+        return ""
+    return next(region for region in REGIONS if name.startswith(f"{region}_"))
+
+
+def heading(name: str) -> str:
+    """A metric's title; of one that is none of ours, its name."""
+    try:
+        return column(name).title
+    except (KeyError, StopIteration):
+        return name
 
 
 def definition(name: str) -> str:
@@ -123,38 +155,20 @@ def table(rows: Sequence[Row], metric: str, names: Sequence[str] = RANKING_COLUM
     return RankingTable(tuple(column(name) for name in present), tuple(lines))
 
 
-def column(name: str) -> Column:
-    """The heading of a metric, with the unit in which tables show it."""
-    if name in _CONTEXT:
-        title, formula = _CONTEXT[name]
-        return Column(name, title, "px·m" if name == "baseline_focal" else "px", "none", formula)
-    if name.startswith(CAUSE_PREFIX):
-        cause = name.removeprefix(CAUSE_PREFIX)
-        title = f"outliers: {cause.replace('_', ' ')}"
-        return Column(name, title, "%", "none", f"share of the outliers: {CAUSES[cause]}")
-    region = _region(name)
-    metric = ALL_METRICS[name.removeprefix(f"{region}_")]
-    unit, _ = _SHOWN.get(metric.unit, (metric.unit, 1.0))
-    unit = unit.replace("x100", "×100")
-    if not region:
-        return Column(name, metric.title, unit, metric.better, metric.formula)
-    formula = f"{metric.formula}, over {REGIONS[region]}"
-    return Column(name, f"{metric.title}, {region}", unit, metric.better, formula)
+def _cell(row: Row | None, best: float) -> RankingCell:
+    if row is None:
+        return RankingCell("–", math.nan, False)
+    return RankingCell(shown(row.value, row.unit), row.value, row.value == best)
 
 
-def heading(name: str) -> str:
-    """A metric's title; of one that is none of ours, its name."""
-    try:
-        return column(name).title
-    except (KeyError, StopIteration):
-        return name
+def best_value(rows: Iterable[Row]) -> float:
+    """The best of comparable rows; NaN where there is none or no direction."""
+    found = [row for row in rows if not math.isnan(row.value) and row.better != "none"]
+    return min(found, key=_badness).value if found else math.nan
 
 
-def _region(name: str) -> str:
-    """The region that a metric's name begins with; empty for all pixels."""
-    if name in ALL_METRICS:
-        return ""
-    return next(region for region in REGIONS if name.startswith(f"{region}_"))
+def _badness(row: Row) -> tuple[bool, float]:
+    return math.isnan(row.value), -row.value if row.better == "higher" else row.value
 
 
 def mean_over_cases(rows: Sequence[Row], label: str) -> list[Row]:
@@ -172,12 +186,6 @@ def mean_over_cases(rows: Sequence[Row], label: str) -> list[Row]:
 def _mean(rows: Sequence[Row], cases: int, label: str) -> Row:
     value = sum(row.value for row in rows) / cases if len(rows) == cases else math.nan
     return replace(rows[0], case=label, value=value)
-
-
-def best_value(rows: Iterable[Row]) -> float:
-    """The best of comparable rows; NaN where there is none or no direction."""
-    found = [row for row in rows if not math.isnan(row.value) and row.better != "none"]
-    return min(found, key=_badness).value if found else math.nan
 
 
 def shown(value: float, unit: str) -> str:
@@ -199,30 +207,6 @@ def with_unit(row: Row) -> str:
     """A value and its unit as text prints them."""
     unit, _ = _SHOWN.get(row.unit, (row.unit, 1.0))
     return f"{shown(row.value, row.unit)} {unit}"
-
-
-def _cell(row: Row | None, best: float) -> RankingCell:
-    if row is None:
-        return RankingCell("–", math.nan, False)
-    return RankingCell(shown(row.value, row.unit), row.value, row.value == best)
-
-
-def _badness(row: Row) -> tuple[bool, float]:
-    return math.isnan(row.value), -row.value if row.better == "higher" else row.value
-
-
-def fusion_order(rows: Sequence[Row], metric: str) -> str:
-    """The fusion functions from best to worst, for example `H < G < A`; empty below two."""
-    ranked = [pair for pair in order(rows, metric, FUSED_PREFIX) if not math.isnan(pair[1])]
-    if len(ranked) < 2:
-        return ""
-    text = ""
-    for position, (method, value) in enumerate(ranked):
-        same = position > 0 and value == ranked[position - 1][1]
-        text += ("" if not position else " = " if same else " < ") + method.removeprefix(
-            FUSED_PREFIX
-        )
-    return text
 
 
 def findings(rows: Sequence[Row], metric: str) -> list[str]:
@@ -248,6 +232,20 @@ def findings(rows: Sequence[Row], metric: str) -> list[str]:
     if causes_text := _causes(rows, HARMONIC):
         sentences.append(causes_text)
     return sentences
+
+
+def fusion_order(rows: Sequence[Row], metric: str) -> str:
+    """The fusion functions from best to worst, for example `H < G < A`; empty below two."""
+    ranked = [pair for pair in order(rows, metric, FUSED_PREFIX) if not math.isnan(pair[1])]
+    if len(ranked) < 2:
+        return ""
+    text = ""
+    for position, (method, value) in enumerate(ranked):
+        same = position > 0 and value == ranked[position - 1][1]
+        text += ("" if not position else " = " if same else " < ") + method.removeprefix(
+            FUSED_PREFIX
+        )
+    return text
 
 
 def _causes(rows: Sequence[Row], method: str) -> str:

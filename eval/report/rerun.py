@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.recording import Recording
 from emvs.depth.depth_map import DepthMap
 from emvs.depth.point_cloud import back_project_map, without_outliers
 from emvs.dsi.method import file_name
@@ -23,7 +22,13 @@ from emvs.maps.folder import StoredMap, StoredWindow
 from emvs.utils.files import atomic_path
 from eval.config import EvalConfig
 from eval.scoring.regions import on_view
-from eval.scoring.run_folder import Scored, find_maps, has_truth, recording_of, truth_of
+from eval.scoring.run_folder import (
+    Scored,
+    existing_recording,
+    find_maps,
+    has_truth,
+    truth_of,
+)
 
 FILE_NAME = "recording.rrd"
 TIMELINE = "recording_time"
@@ -111,7 +116,7 @@ def _log_view(log: _Log, stored: StoredMap, depth_map: DepthMap) -> None:
             camera_xyz=log.viewer.ViewCoordinates.RDF,
         ),
     )  # fmt: skip
-    recording = _recording(stored)
+    recording = existing_recording(stored)
     # Frames and ground truth are camera 0's: they say nothing of a view of its own.
     if recording is None or not stored.info.config.is_camera_0_view:
         return
@@ -130,9 +135,3 @@ def _log_cloud(log: _Log, stored: StoredMap, depth_map: DepthMap) -> None:
     radius = log.viewer.Radius.ui_points(_POINT_PX / 2)
     points = log.viewer.Points3D(cloud.points_world, colors=cloud.colours, radii=radius)
     log(f"cloud/{file_name(depth_map.method)}", points)
-
-
-def _recording(stored: StoredMap) -> Recording | None:
-    """The recording, or None where it is no longer there."""
-    path = stored.path / stored.info.recording.path
-    return recording_of(stored) if path.exists() else None

@@ -26,9 +26,9 @@ from eval.scoring.results import JSON_NAME, Results, Row, read_results
 from eval.scoring.run_folder import (
     CONFIG_FILE,
     Scored,
+    existing_recording,
     find_maps,
     has_truth,
-    recording_of,
     truth_of,
 )
 
@@ -38,7 +38,100 @@ FloatImage = NDArray[np.floating]
 CountImage = NDArray[np.integer]
 
 
-def load_run(run_dir: Path) -> ReportData:
+@dataclass(frozen=True, slots=True)
+class RunData:
+    """Everything in a report.
+
+    Attributes:
+        cases: the cases.
+        results: the scores and where they came from; without rows where nothing was scored.
+        ranking_metric: the metric that orders the methods.
+        configuration: the run's configuration, as text.
+    """
+
+    cases: tuple[CaseData, ...]
+    results: Results
+    ranking_metric: str = "mean_error"
+    configuration: str = ""
+
+    def rows_of(self, case: str, window: str) -> tuple[Row, ...]:
+        """The rows of one case and window."""
+        rows = self.results.rows
+        return tuple(row for row in rows if row.case == case and row.window == window)
+
+
+@dataclass(frozen=True, slots=True)
+class CaseData:
+    """One case: a sequence or recording, mapped.
+
+    Attributes:
+        name: as in the result rows.
+        summary: what it shows, in a sentence.
+        windows: those that the report shows.
+        window_count: how many there are.
+        facts: (name, value) pairs: rig, duration, renderer, and the like.
+    """
+
+    name: str
+    summary: str
+    windows: tuple[WindowData, ...]
+    window_count: int
+    facts: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class WindowData:
+    """One window: what the cameras saw, and every method's map.
+
+    Attributes:
+        name: as in the result rows, for example `w000`.
+        t_us: time of the reference view, µs.
+        methods: the maps.
+        depth_range_m: nearest and farthest plane, m.
+        frame: (H, W) linear intensity, 0..255; None where there is none.
+        photo: what an ordinary camera in the same place took; None where there is none.
+        camera: the reference view's; None where the page needs no point cloud.
+        brighter: (H, W) events of positive polarity per pixel; None where not counted.
+        darker: (H, W) events of negative polarity per pixel; None where not counted.
+        truth: ground truth; None for a recording without.
+        events_caption: which stretch of time the counts cover.
+        counts: per stage or camera, event statistics: numbers of events by outcome.
+    """
+
+    name: str
+    t_us: int
+    methods: tuple[MethodData, ...]
+    depth_range_m: tuple[float, float]
+    frame: NDArray[np.uint8] | None = None
+    brighter: CountImage | None = None
+    darker: CountImage | None = None
+    truth: Truth | None = None
+    events_caption: str = "per pixel, whole window"
+    counts: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+    photo: Photo | None = None
+    camera: Camera | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MethodData:
+    """One method's map of one window.
+
+    Attributes:
+        name: as the paper names it, for example `Alg1/H`.
+        depth_m: (H, W) z-depth, m.
+        mask: (H, W) where there is one.
+        confidence: (H, W) fused ray density at the maximum.
+        dsi_slice: one row of the DSI; None where it was not kept.
+    """
+
+    name: str
+    depth_m: FloatImage
+    mask: NDArray[np.bool_]
+    confidence: FloatImage
+    dsi_slice: DsiSlice | None = None
+
+
+def load_run(run_dir: Path) -> RunData:
     """Reads what a report shows of a run (`RUN/<case>/map`) or of a single map folder.
 
     Raises:
@@ -47,7 +140,7 @@ def load_run(run_dir: Path) -> ReportData:
     maps = find_maps(run_dir)
     results = _results(run_dir, maps)
     config = EvalConfig.model_validate(results.configuration.get("score", {}))
-    return ReportData(
+    return RunData(
         cases=tuple(_case(name, stored, config) for name, stored in maps.items()),
         results=results,
         ranking_metric=config.ranking_metric,
@@ -69,17 +162,11 @@ def _configuration_text(run_dir: Path, results: Results) -> str:
     return json.dumps(results.configuration, indent=2, ensure_ascii=False)
 
 
-def _recording(stored: StoredMap) -> Recording | None:
-    """The recording, or None where it is no longer there: its maps can still be shown."""
-    path = stored.path / stored.info.recording.path
-    return recording_of(stored) if path.exists() else None
-
-
-def _case(name: str, stored: StoredMap, config: EvalConfig) -> CaseView:
-    recording = _recording(stored)
+def _case(name: str, stored: StoredMap, config: EvalConfig) -> CaseData:
+    recording = existing_recording(stored)
     windows = tuple(_window(w, stored, recording, config) for w in _shown(stored.windows))
     known = recording is not None and recording.name in scenes.names()
-    return CaseView(
+    return CaseData(
         name=name,
         summary=scenes.load(recording.name).summary if recording and known else "",
         windows=windows,
@@ -98,7 +185,7 @@ def _shown(windows: tuple[StoredWindow, ...]) -> tuple[StoredWindow, ...]:
 
 def _window(
     window: StoredWindow, stored: StoredMap, recording: Recording | None, config: EvalConfig
-) -> WindowView:
+) -> WindowData:
     maps = [window.depth_map(method) for method in window.info.methods]
     t_us, truth = window.info.t_ref_us, None
     # Ground truth is camera 0's: it says nothing about a map from a view of its own.
@@ -107,7 +194,7 @@ def _window(
         truth = truth_of(recording, t_us, config)
     (darker, brighter), events_caption = _events(window, recording)
     rho = maps[0].rho
-    return WindowView(
+    return WindowData(
         name=window.info.name,
         t_us=t_us,
         methods=tuple(_method(depth_map, window.slices, truth) for depth_map in maps),
@@ -143,11 +230,11 @@ def _events(window: StoredWindow, recording: Recording | None) -> tuple[NDArray[
     return few, f"camera 0, {2 * half_us / 1000:.1f} ms"
 
 
-def _method(depth_map: DepthMap, slices: Slices, truth: Truth | None) -> MethodView:
+def _method(depth_map: DepthMap, slices: Slices, truth: Truth | None) -> MethodData:
     row_px = slices.row_px
     if not len(slices.values[depth_map.method]):  # a method without a volume
-        return MethodView(depth_map.method, depth_map.depth_m, depth_map.mask, depth_map.confidence)
-    piece = DsiSlice(
+        return MethodData(depth_map.method, depth_map.depth_m, depth_map.mask, depth_map.confidence)
+    dsi_slice = DsiSlice(
         row_px,
         slices.rho,
         slices.values[depth_map.method],
@@ -155,9 +242,9 @@ def _method(depth_map: DepthMap, slices: Slices, truth: Truth | None) -> MethodV
         depth_map.mask[row_px],
     )
     if truth is not None:
-        piece = replace(piece, truth_m=_truth_row(truth, row_px))
-    return MethodView(
-        depth_map.method, depth_map.depth_m, depth_map.mask, depth_map.confidence, piece
+        dsi_slice = replace(dsi_slice, truth_m=_truth_row(truth, row_px))
+    return MethodData(
+        depth_map.method, depth_map.depth_m, depth_map.mask, depth_map.confidence, dsi_slice
     )
 
 
@@ -192,96 +279,3 @@ def _facts(stored: StoredMap, recording: Recording | None) -> list[tuple[str, st
     reference_s = (window.info.t_ref_us - window.info.t0_us) / 1e6
     when = f"{span_s:.3f} s, reference view {reference_s:.3f} s after its begin"
     return [*facts, ("window", when), ("planes", str(config.planes))]
-
-
-@dataclass(frozen=True, slots=True)
-class MethodView:
-    """One method's map of one window.
-
-    Attributes:
-        name: as the paper names it, for example `Alg1/H`.
-        depth_m: (H, W) z-depth, m.
-        mask: (H, W) where there is one.
-        confidence: (H, W) fused ray density at the maximum.
-        piece: one row of the DSI; None where it was not kept.
-    """
-
-    name: str
-    depth_m: FloatImage
-    mask: NDArray[np.bool_]
-    confidence: FloatImage
-    piece: DsiSlice | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class WindowView:
-    """One window: what the cameras saw, and every method's map.
-
-    Attributes:
-        name: as in the result rows, for example `w000`.
-        t_us: time of the reference view, µs.
-        methods: the maps.
-        depth_range_m: nearest and farthest plane, m.
-        frame: (H, W) linear intensity, 0..255; None where there is none.
-        photo: what an ordinary camera in the same place took; None where there is none.
-        camera: the reference view's; None where the page needs no point cloud.
-        brighter: (H, W) events of positive polarity per pixel; None where not counted.
-        darker: (H, W) events of negative polarity per pixel; None where not counted.
-        truth: ground truth; None for a recording without.
-        events_caption: which stretch of time the counts cover.
-        counts: per stage or camera, event statistics: numbers of events by outcome.
-    """
-
-    name: str
-    t_us: int
-    methods: tuple[MethodView, ...]
-    depth_range_m: tuple[float, float]
-    frame: NDArray[np.uint8] | None = None
-    brighter: CountImage | None = None
-    darker: CountImage | None = None
-    truth: Truth | None = None
-    events_caption: str = "per pixel, whole window"
-    counts: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
-    photo: Photo | None = None
-    camera: Camera | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class CaseView:
-    """One case: a sequence or recording, mapped.
-
-    Attributes:
-        name: as in the result rows.
-        summary: what it shows, in a sentence.
-        windows: those that the report shows.
-        window_count: how many there are.
-        facts: (name, value) pairs: rig, duration, renderer, and the like.
-    """
-
-    name: str
-    summary: str
-    windows: tuple[WindowView, ...]
-    window_count: int
-    facts: tuple[tuple[str, str], ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class ReportData:
-    """Everything in a report.
-
-    Attributes:
-        cases: the cases.
-        results: the scores and where they came from; without rows where nothing was scored.
-        ranking_metric: the metric that orders the methods.
-        configuration: the run's configuration, as text.
-    """
-
-    cases: tuple[CaseView, ...]
-    results: Results
-    ranking_metric: str = "mean_error"
-    configuration: str = ""
-
-    def rows_of(self, case: str, window: str) -> tuple[Row, ...]:
-        """The rows of one case and window."""
-        rows = self.results.rows
-        return tuple(row for row in rows if row.case == case and row.window == window)

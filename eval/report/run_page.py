@@ -9,10 +9,20 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 
+from emvs.dsi.method import OWN_UNIT, VOTES
+from emvs.methods import named
 from emvs.utils.files import atomic_path
 from emvs.utils.outputs import check_files
-from eval.figures.colormaps import Scale, depth_scale, error_scale, events_scale, line_style
+from eval.figures.colormaps import (
+    Scale,
+    confidence_scale,
+    depth_scale,
+    error_scale,
+    events_scale,
+    line_style,
+)
 from eval.figures.images import (
     IndexedImage,
     behind_image,
@@ -28,8 +38,7 @@ from eval.figures.images import (
     point_size_px,
 )
 from eval.figures.plots import causes_svg, curves_svg, outlier_causes, slice_svg
-from eval.report import overview
-from eval.report.html import environment, inline, plural, window_data
+from eval.report.html import REPORT_NAME, environment, inline, plural
 from eval.report.overview import overview_png
 from eval.report.ranking import (
     FUSED_PREFIX,
@@ -42,18 +51,19 @@ from eval.report.ranking import (
     thousands,
     with_unit,
 )
-from eval.report.run_data import CaseView, MethodView, ReportData, WindowView, load_run
+from eval.report.run_data import CaseData, MethodData, RunData, WindowData, load_run
+from eval.report.viewer import window_json
 from eval.scoring.curves import THRESHOLDS_CM, ThresholdCurve
-from eval.scoring.results import Row
-from eval.scoring.score import POOLED
+from eval.scoring.results import POOLED, Row
 
 _CAPTION = ("points", "completeness", "mean_error", "median_error", "bad_published")
-HTML_NAME = "report.html"
 OVERVIEW_NAME = "overview.png"
+_BUSY_PERCENT = 99.7
+"""Of the pixels this share lies within a scale of confidence."""
 
 
-def case_panel(
-    data: ReportData, case: CaseView, position: int, *, with_table: bool
+def case_context(
+    data: RunData, case: CaseData, position: int, *, with_table: bool
 ) -> dict[str, Any]:
     """What the template shows of one case."""
     rows, metric = data.rows_of(case.name, POOLED), data.ranking_metric
@@ -70,46 +80,48 @@ def case_panel(
         "methods": methods,
         "chosen": _chosen(rows, metric, methods),
         "windows": [
-            window_panel(w, methods, data.rows_of(case.name, w.name)) for w in case.windows
+            window_context(w, methods, data.rows_of(case.name, w.name)) for w in case.windows
         ],
         "window_count": case.window_count,
-        "curves_svg": _curves(rows, with_given(methods, rows), identity),
-        "causes_svg": _causes(rows, with_given(methods, rows)),
+        "curves_svg": _curves(rows, with_predictions(methods, rows), identity),
+        "causes_svg": _causes(rows, with_predictions(methods, rows)),
         "every": table(rows, metric, every) if rows else None,
     }
 
 
-def window_panel(window: WindowView, methods: Sequence[str], rows: Sequence[Row]) -> dict[str, Any]:
+def window_context(
+    window: WindowData, methods: Sequence[str], rows: Sequence[Row]
+) -> dict[str, Any]:
     """What the template shows of one window."""
-    scales, sure = _scales(window), overview.scales(window)
+    scales, sure = _scales(window), _confidence_scales(window)
     names = dict.fromkeys(name for counts in window.counts.values() for name in counts)
     return {
         "name": window.name,
         "t_s": f"{window.t_us / 1e6:.3f}",
         "frame": None if window.frame is None else _uri(frame_image(window.frame)),
         "behind": None if window.frame is None else _uri(behind_image(window.frame)),
-        **_photo_panel(window),
+        **_photo_context(window),
         "events": _events_uri(window, scales["events_scale"]),
         "events_caption": window.events_caption,
         "truth": _truth_uri(window, scales["depth_scale"]),
         "methods": [
-            _method_panel(m, methods.index(m.name), window, scales, sure[m.name], rows)
+            _method_context(m, methods.index(m.name), window, scales, sure[m.name], rows)
             for m in window.methods
         ],
         "confidence_title": _confidence_title(window),
-        "has_slices": any(m.piece is not None for m in window.methods),
+        "has_slices": any(m.dsi_slice is not None for m in window.methods),
         "counts": window.counts,
         "count_names": list(names),
-        "data": window_data(window, methods, scales["error_scale"], scales["depth_scale"]),
+        "data": window_json(window, methods, scales["error_scale"], scales["depth_scale"]),
         "has_cloud": window.camera is not None,
         **scales,
     }
 
 
-def _method_panel(
-    method: MethodView,
+def _method_context(
+    method: MethodData,
     position: int,
-    window: WindowView,
+    window: WindowData,
     scales: dict[str, Scale],
     sure: Scale,
     rows: Sequence[Row],
@@ -125,19 +137,45 @@ def _method_panel(
         "depth": _uri(depth),
         "confidence": _uri(confidence_image(method.confidence, sure)),
         "confidence_scale": sure,
-        "confidence_unit": overview.unit(method.name),
+        "confidence_unit": confidence_unit(method.name),
         "error": _error_uri(method, window, scales["error_scale"], point_px),
-        "slice_svg": Markup(slice_svg(method.piece)) if method.piece else "",
+        "slice_svg": Markup(slice_svg(method.dsi_slice)) if method.dsi_slice else "",
     }
 
 
-def _confidence_title(window: WindowView) -> str:
+def _confidence_title(window: WindowData) -> str:
     """With its unit where all methods share it."""
-    units = {overview.unit(method.name) for method in window.methods}
+    units = {confidence_unit(method.name) for method in window.methods}
     return f"Confidence [{units.pop()}]" if len(units) == 1 else "Confidence"
 
 
-def _scales(window: WindowView) -> dict[str, Scale]:
+def confidence_unit(method: str) -> str:
+    """What a method says that its confidence is, or `own unit`."""
+    known = named(method)
+    return known.confidence if known is not None else OWN_UNIT
+
+
+def _confidence_scales(window: WindowData) -> dict[str, Scale]:
+    """Scale of confidence by method: one for all that count votes, one each for the others."""
+    finite = {m.name: m.confidence[np.isfinite(m.confidence)] for m in window.methods}
+    by_votes = [name for name in finite if confidence_unit(name) == VOTES]
+    shared = _confidence_scale(max((_busy(finite[name]) for name in by_votes), default=1.0))
+    # Others report few pixels; all the rest of their picture is 0.
+    return {
+        name: shared if name in by_votes else _confidence_scale(_busy(values[values > 0]))
+        for name, values in finite.items()
+    }
+
+
+def _busy(values: NDArray[np.floating]) -> float:
+    return float(np.percentile(values, _BUSY_PERCENT)) if values.size else 0.0
+
+
+def _confidence_scale(busy: float) -> Scale:
+    return confidence_scale(float(f"{busy:.2g}"))
+
+
+def _scales(window: WindowData) -> dict[str, Scale]:
     return {
         "depth_scale": depth_scale(window.depth_range_m),
         "error_scale": error_scale(_error_cap(window)),
@@ -145,7 +183,7 @@ def _scales(window: WindowView) -> dict[str, Scale]:
     }
 
 
-def _error_cap(window: WindowView) -> float:
+def _error_cap(window: WindowData) -> float:
     if window.truth is None:
         return 1.0
     truth, errors = window.truth, []
@@ -156,14 +194,14 @@ def _error_cap(window: WindowView) -> float:
     return float(np.median([error_cap_cm(found) for found in errors])) if errors else 1.0
 
 
-def _events_cap(window: WindowView) -> int:
+def _events_cap(window: WindowData) -> int:
     if window.brighter is None or window.darker is None:
         return 1
     either = np.maximum(window.brighter, window.darker)
     return max(1, round(float(np.percentile(either[either > 0], 90)))) if either.any() else 1
 
 
-def _photo_panel(window: WindowView) -> dict[str, Any]:
+def _photo_context(window: WindowData) -> dict[str, Any]:
     """An ordinary camera's picture as its display shows it, and what of it says nothing."""
     photo = window.photo
     if photo is None:
@@ -181,19 +219,19 @@ def _share(value: float) -> str:
     return "none" if value == 0 else f"{100 * value:.1f} %" if value >= 5e-4 else "< 0.1 %"
 
 
-def _events_uri(window: WindowView, scale: Scale) -> str | None:
+def _events_uri(window: WindowData, scale: Scale) -> str | None:
     if window.brighter is None or window.darker is None:
         return None
     return _uri(events_image(window.brighter, window.darker, scale))
 
 
-def _truth_uri(window: WindowView, scale: Scale) -> str | None:
+def _truth_uri(window: WindowData, scale: Scale) -> str | None:
     if window.truth is None:
         return None
     return _uri(depth_image(window.truth.depth_m, window.truth.scored, scale))
 
 
-def _error_uri(method: MethodView, window: WindowView, scale: Scale, point_px: int) -> str | None:
+def _error_uri(method: MethodData, window: WindowData, scale: Scale, point_px: int) -> str | None:
     if window.truth is None:
         return None
     truth = window.truth
@@ -216,7 +254,7 @@ def _chosen(rows: Sequence[Row], metric: str, methods: Sequence[str]) -> int:
     return next((methods.index(name) for name in wished if name in methods), 0)
 
 
-def with_given(mapped: Sequence[str], rows: Sequence[Row]) -> list[str]:
+def with_predictions(mapped: Sequence[str], rows: Sequence[Row]) -> list[str]:
     """The methods of a map, and behind them those that were scored beside it."""
     return list(dict.fromkeys([*mapped, *(row.method for row in rows if row.metric == "points")]))
 
@@ -257,27 +295,27 @@ def write_report(run_dir: Path) -> Path:
         InputError: the folder holds neither, or a file of it is damaged.
     """
     run_dir = Path(run_dir)
-    check_files(run_dir, (HTML_NAME, OVERVIEW_NAME), force=True)
+    check_files(run_dir, (REPORT_NAME, OVERVIEW_NAME), force=True)
     data = load_run(run_dir)
     page = render(data)
-    with atomic_path(run_dir / HTML_NAME) as path:
+    with atomic_path(run_dir / REPORT_NAME) as path:
         path.write_text(page, encoding="utf-8")
     with atomic_path(run_dir / OVERVIEW_NAME) as path:
         path.write_bytes(overview_png(data.cases[0]))
-    return run_dir / HTML_NAME
+    return run_dir / REPORT_NAME
 
 
-def render(data: ReportData) -> str:
+def render(data: RunData) -> str:
     """The page as text; the same data give the same bytes."""
     template = environment().get_template("report.html.j2")
-    return template.render(_context(data))
+    return template.render(_page_context(data))
 
 
-def _context(data: ReportData) -> dict[str, Any]:
+def _page_context(data: RunData) -> dict[str, Any]:
     pooled = [row for row in data.results.rows if row.window == POOLED]
     several = len(data.cases) > 1
     overall = mean_over_cases(pooled, "mean") if several else pooled
-    cases = [case_panel(data, case, k, with_table=several) for k, case in enumerate(data.cases)]
+    cases = [case_context(data, case, k, with_table=several) for k, case in enumerate(data.cases)]
     return {
         "title": ", ".join(case.name for case in data.cases),
         "subtitle": _subtitle(data),
@@ -299,14 +337,14 @@ def _context(data: ReportData) -> dict[str, Any]:
     }
 
 
-def _subtitle(data: ReportData) -> str:
+def _subtitle(data: RunData) -> str:
     windows = sum(case.window_count for case in data.cases)
     methods = {method.name for case in data.cases for w in case.windows for method in w.methods}
     parts = [plural(len(data.cases), "case"), plural(windows, "window")]
     return ", ".join([*parts, plural(len(methods), "method")]) + "."
 
 
-def _provenance(data: ReportData) -> list[tuple[str, str]]:
+def _provenance(data: RunData) -> list[tuple[str, str]]:
     results = data.results
     versions = (f"{name} {version}" for name, version in results.versions.items())
     facts = [("versions", ", ".join(versions)), ("platform", results.platform)]

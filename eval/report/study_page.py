@@ -14,6 +14,7 @@ from emvs.utils.files import atomic_path
 from emvs.utils.outputs import check_files
 from eval.figures.colormaps import line_style
 from eval.report.html import (
+    REPORT_NAME,
     Grid,
     GridCell,
     Head,
@@ -26,8 +27,6 @@ from eval.report.html import (
 from eval.report.ranking import column, definition, shown
 from eval.scoring.results import Value, read_json
 from eval.studies.curves import BREAKS_AT
-
-HTML_NAME = "report.html"
 
 
 class StudyCurve(BaseModel):
@@ -98,12 +97,12 @@ def write_study_report(folder: Path) -> Path:
     paths = find_studies(folder)
     if not paths:
         raise InputError(f"{folder}: no study; `eventsweep study NAME --out {folder}` writes one")
-    check_files(folder, (HTML_NAME,), force=True)
+    check_files(folder, (REPORT_NAME,), force=True)
     studies = [read_study(path) for path in paths]
     figures = [_figure(path.with_suffix(".svg")) for path in paths]
-    with atomic_path(folder / HTML_NAME) as path:
+    with atomic_path(folder / REPORT_NAME) as path:
         path.write_text(page_text(study_page(studies, figures)), encoding="utf-8")
-    return folder / HTML_NAME
+    return folder / REPORT_NAME
 
 
 def study_page(studies: list[StoredStudy], figures: list[str]) -> Page:
@@ -160,7 +159,7 @@ def _section(study: StoredStudy, figure: str, position: int) -> Section:
         tables=tuple(_grid(study, metric) for metric in metrics),
         text=f"{study.axis[:1].upper()}{study.axis[1:]}, in {study.unit}. Means over "
         f"{', '.join(study.cases)} and {seeds}: up to {len(study.cases) * len(study.seeds)} "
-        "samples a number; ± is half of the 95 % band.",
+        "samples a number; ± is half of the 95 % band, which one seed does not have.",
         figure=figure,
         failures=tuple(study.failures.items()),
     )
@@ -181,6 +180,6 @@ def _line(curve: StudyCurve) -> tuple[GridCell, ...]:
     cells = [GridCell(curve.method, colour=line_style(curve.method).css)]
     for mean, low, high in zip(curve.mean, curve.low, curve.high, strict=True):
         half = (high - low) / 2
-        band = "" if math.isnan(half) else f" ± {shown(half, curve.unit)}"
+        band = "" if math.isnan(mean) else f" ± {shown(half, curve.unit)}"
         cells.append(GridCell(shown(mean, curve.unit) + band, mean))
     return tuple(cells)

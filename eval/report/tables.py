@@ -17,10 +17,9 @@ from emvs.utils.files import atomic_path
 from emvs.utils.ownership import mark
 from eval.figures.plots import STYLE, causes_figure, curves_figure, outlier_causes, slice_figure
 from eval.report.ranking import RankingTable, column, mean_over_cases, table
-from eval.report.run_data import CaseView, ReportData, load_run
-from eval.report.run_page import curves_of, with_given
-from eval.scoring.results import is_undefined
-from eval.scoring.score import POOLED
+from eval.report.run_data import CaseData, RunData, load_run
+from eval.report.run_page import curves_of, with_predictions
+from eval.scoring.results import POOLED, is_undefined
 
 FORMATS = ("csv", "tex", "md")
 _TEX = {
@@ -159,7 +158,7 @@ def write_report_tables(run_dir: Path) -> list[Path]:
     return write_tables(run_dir / TABLES_FOLDER, report_tables(load_run(run_dir)))
 
 
-def report_tables(data: ReportData) -> dict[str, TextTable]:
+def report_tables(data: RunData) -> dict[str, TextTable]:
     """The page's rankings, by name; none where nothing was scored."""
     metric = data.ranking_metric
     by = f"ordered by {column(metric).title}"
@@ -193,17 +192,17 @@ def write_report_figures(run_dir: Path, suffix: FigureFormat) -> list[Path]:
     return paths
 
 
-def _figures(data: ReportData, case: CaseView) -> Iterator[tuple[str, Figure]]:
+def _figures(data: RunData, case: CaseData) -> Iterator[tuple[str, Figure]]:
     rows = data.rows_of(case.name, POOLED)
-    methods = with_given([m.name for window in case.windows for m in window.methods], rows)
+    methods = with_predictions([m.name for window in case.windows for m in window.methods], rows)
     if curves := curves_of(rows, methods):
         yield "curves", curves_figure(curves, case.name)
     if causes := outlier_causes(rows, methods):
         yield "causes", causes_figure(causes)
     for window in case.windows:
         for method in window.methods:
-            if method.piece is not None:
-                yield f"{window.name}-slice-{method.name}", slice_figure(method.piece)
+            if method.dsi_slice is not None:
+                yield f"{window.name}-slice-{method.name}", slice_figure(method.dsi_slice)
 
 
 def _save(figure: Figure, path: Path, suffix: FigureFormat) -> None:

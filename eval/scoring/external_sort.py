@@ -17,11 +17,11 @@ from emvs.errors import InputError
 Floats = NDArray[np.float64]
 Edges = NDArray[np.int64]
 
-MOST = 1_000_000
+MOST_AT_ONCE = 1_000_000
 """How many numbers are held at once, unless more than that are equal."""
 
 
-class Ordered:
+class SortedRuns:
     """Keys with a value each, in runs; equal keys stay in the order in which they were added.
 
     Attributes:
@@ -54,7 +54,7 @@ class Ordered:
             _append(self._values, values[order])
         self._edges.append(self.count + len(keys))
 
-    def chunks(self, most: int = MOST) -> Iterator[tuple[Floats, Floats]]:
+    def chunks(self, most: int = MOST_AT_ONCE) -> Iterator[tuple[Floats, Floats]]:
         """Reads keys and values in rising order of the keys; equal keys come together.
 
         Args:
@@ -77,7 +77,7 @@ class Ordered:
             )
             yield found[order], ordered[order]
 
-    def median(self, most: int = MOST) -> float:
+    def median(self, most: int = MOST_AT_ONCE) -> float:
         """The median of the keys, as `numpy.median` has it; NaN of none."""
         wanted, found = sorted({(self.count - 1) // 2, self.count // 2}), []
         before = 0

@@ -11,7 +11,8 @@ from eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
 from eval.scoring.outlier_causes import CAUSES
 from eval.scoring.pairing import Estimate, MethodPairs, Truth, pair_methods
 from eval.scoring.regions import DRAWN
-from eval.scoring.score import POOLED, case_rows
+from eval.scoring.results import POOLED
+from eval.scoring.score import case_rows
 
 CAUSE_MODULES = ("eval.scoring.outlier_causes", "eval.scoring.regions")
 """What decides why a pixel is bad: too much to be pinned down by a few fixed maps."""

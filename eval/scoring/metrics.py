@@ -94,6 +94,10 @@ class Metric:
     needs_pairs: bool = True
     pooling: Pooling = "pairs"
 
+    def __repr__(self) -> str:
+        unit = f" [{self.unit}]" if self.unit else ""
+        return f"Metric({self.name!r}{unit}, better: {self.better}; {self.formula})"
+
     def __call__(self, pairs: Pairs) -> float:
         """The metric's value; NaN where it is undefined."""
         undefined = self.needs_pairs and not pairs.count

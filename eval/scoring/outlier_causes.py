@@ -1,4 +1,4 @@
-"""Why pixels are bad: the evidence of ground truth and events, and one cause for each pixel."""
+"""Why pixels are bad: one cause for each, by what ground truth and events say of it."""
 
 from __future__ import annotations
 
@@ -16,21 +16,6 @@ from emvs.geometry.camera import Camera
 from eval.scoring.regions import log_gradient, on_view
 from sim.sensor.labels import Label
 
-MIN_EVENTS = 3
-"""Fewer events of the true point in one of the cameras are too few."""
-HIDDEN = 0.05
-"""A point that lies this share deeper than the surface seen there is hidden."""
-OTHER_PLACE_PX = 2.0
-"""A match this far from the true point's image is another one."""
-SIMILAR_COSINE = float(np.cos(np.pi / 4))
-"""Edges are similar if their gradients differ by less than 45°, and less than a factor of 2."""
-SIMILAR_FACTOR = 2.0
-Floats = NDArray[np.float64]
-Pixels = NDArray[np.int64]
-Flags = NDArray[np.bool_]
-SLICES = 32
-"""Pieces of a window in each of which the camera is taken to stand still."""
-Counts = NDArray[np.uint16]
 CAUSES: dict[str, str] = {
     "out_of_range": "the true depth lies outside the planes that were swept",
     "moving": "the pixel shows something that moves by itself",
@@ -41,92 +26,27 @@ CAUSES: dict[str, str] = {
     "ambiguous": "every camera has as many events for the wrong point as for the true one, or more",
     "other": "none of these: the events favour the true depth",
 }
-"""Causes in the order in which they are asked, each with its test."""
-
-
-def pixel_of(camera: Camera, points_cam: Floats) -> tuple[Pixels, Pixels, Flags]:
-    """Finds the sensor's pixel of each point: (N,) row, column, and whether there is one.
-
-    Where there is none, row and column are 0, so that they can index an image.
-    """
-    uv_px = np.nan_to_num(np.rint(camera.project(points_cam)), nan=-1.0)
-    column, row = np.clip(uv_px, -1, 1e9).astype(np.int64).T
-    inside = (column >= 0) & (row >= 0) & (column < camera.width_px) & (row < camera.height_px)
-    return np.where(inside, row, 0), np.where(inside, column, 0), inside
-
-
-@dataclass(frozen=True, eq=False)
-class EventCounts:
-    """Events of one camera during a window, by pixel and piece of time.
-
-    Attributes:
-        camera: the sensor.
-        T_cam_world: (S, 4, 4) at the middle of each piece.
-        events: (S, H, W) events within one row and column of each pixel.
-        noise: the same for events whose label is not signal; None where no labels are stored.
-    """
-
-    camera: Camera
-    T_cam_world: Floats
-    events: Counts
-    noise: Counts | None
-
-    def near(self, points_world: Floats) -> tuple[Floats, Floats]:
-        """Counts events within one pixel of where each point is seen as the camera moves.
-
-        Args:
-            points_world: (N, 3), m.
-
-        Returns:
-            (N,) events, and (N,) noise among them.
-        """
-        totals = np.zeros((2, len(points_world)))
-        for piece, T_cam_world in enumerate(self.T_cam_world):
-            row, column, inside = pixel_of(self.camera, se3.transform(T_cam_world, points_world))
-            totals[0] += inside * self.events[piece, row, column]
-            if self.noise is not None:
-                totals[1] += inside * self.noise[piece, row, column]
-        return totals[0], totals[1]
-
-
-def count_events(
-    sequence: EventSequence, camera: int, t0_us: int, t1_us: int, slices: int = SLICES
-) -> EventCounts:
-    """Counts a camera's events in the window from `t0_us` to before `t1_us`."""
-    model = sequence.rig.cameras[camera]
-    edges_us = np.linspace(t0_us, t1_us, slices + 1).astype(np.int64)
-    first_us, last_us = sequence.trajectory.span_us
-    middles_us = np.clip((edges_us[1:] + edges_us[:-1]) // 2, first_us, last_us)
-    T_world_cam = sequence.trajectory.at(middles_us) @ sequence.rig.T_body_cam[camera]
-    pieces = list(zip(edges_us[:-1].tolist(), edges_us[1:].tolist(), strict=True))
-    found = [sequence.events(camera, *piece) for piece in pieces]
-    events = np.stack([_image(part.x, part.y, model) for part in found])
-    noise = None
-    if has_labels(sequence):
-        noisy = [sequence.labels(camera, *piece) != Label.SIGNAL for piece in pieces]
-        parts = zip(found, noisy, strict=True)
-        noise = np.stack([_image(part.x[bad], part.y[bad], model) for part, bad in parts])
-    return EventCounts(model, se3.inverse(T_world_cam), events, noise)
-
-
-def has_labels(sequence: EventSequence) -> bool:
-    """Whether each event's cause is stored: not where the sensor was ideal."""
-    return "sensor.json" in sequence.manifest.files
-
-
-def _image(x: NDArray[np.uint16], y: NDArray[np.uint16], camera: Camera) -> Counts:
-    """(H, W) events within one row and column of each pixel."""
-    shape = camera.height_px, camera.width_px
-    flat = y.astype(np.int64) * camera.width_px + x
-    image = np.bincount(flat, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float32)
-    # Border: what lies outside the sensor made no events.
-    total = cv2.boxFilter(image, -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
-    return np.minimum(np.rint(total), np.iinfo(np.uint16).max).astype(np.uint16)
+"""Causes in the order in which they are tested, each with its test."""
+MIN_EVENTS = 3
+"""Fewer events of the true point in one of the cameras are too few."""
+HIDDEN = 0.05
+"""A point that lies this share deeper than the surface seen there is hidden."""
+OTHER_PLACE_PX = 2.0
+"""A match this far from the true point's image is another one."""
+SIMILAR_COSINE = float(np.cos(np.pi / 4))
+"""Edges are similar if their gradients differ by less than 45°, and less than a factor of 2."""
+SIMILAR_FACTOR = 2.0
+SLICES = 32
+"""Pieces of a window in each of which the camera is taken to stand still."""
+Floats = NDArray[np.float64]
+Pixels = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+Counts = NDArray[np.uint16]
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """One window of a sequence, as the tests need it.
+class OutlierClassifier:
+    """Finds the causes of bad pixels in one window of a sequence.
 
     Attributes:
         sequence: with ground truth of all cameras at `t_us`.
@@ -146,8 +66,8 @@ class Evidence:
     masks: Mapping[str, Flags] = field(default_factory=dict)
     contrast: float = 0.1
 
-    def causes(self, estimate_m: NDArray[np.floating], bad: Flags) -> dict[str, int]:
-        """Counts the causes of one method's bad pixels.
+    def count(self, estimate_m: NDArray[np.floating], bad: Flags) -> dict[str, int]:
+        """Counts one method's bad pixels by cause.
 
         Args:
             estimate_m: (H, W) estimated z-depth, m.
@@ -276,3 +196,83 @@ def pooled_causes(parts: Sequence[Mapping[str, int] | None]) -> dict[str, int] |
     if not known or len(known) < len(parts):
         return None
     return {cause: sum(part[cause] for part in known) for cause in CAUSES}
+
+
+@dataclass(frozen=True, eq=False)
+class EventCounts:
+    """Events of one camera during a window, by pixel and piece of time.
+
+    Attributes:
+        camera: the sensor.
+        T_cam_world: (S, 4, 4) at the middle of each piece.
+        events: (S, H, W) events within one row and column of each pixel.
+        noise: the same for events whose label is not signal; None where no labels are stored.
+    """
+
+    camera: Camera
+    T_cam_world: Floats
+    events: Counts
+    noise: Counts | None
+
+    def near(self, points_world: Floats) -> tuple[Floats, Floats]:
+        """Counts events within one pixel of where each point is seen as the camera moves.
+
+        Args:
+            points_world: (N, 3), m.
+
+        Returns:
+            (N,) events, and (N,) noise among them.
+        """
+        totals = np.zeros((2, len(points_world)))
+        for piece, T_cam_world in enumerate(self.T_cam_world):
+            row, column, inside = pixel_of(self.camera, se3.transform(T_cam_world, points_world))
+            totals[0] += inside * self.events[piece, row, column]
+            if self.noise is not None:
+                totals[1] += inside * self.noise[piece, row, column]
+        return totals[0], totals[1]
+
+
+def count_events(
+    sequence: EventSequence, camera: int, t0_us: int, t1_us: int, slices: int = SLICES
+) -> EventCounts:
+    """Counts a camera's events in the window from `t0_us` to before `t1_us`."""
+    model = sequence.rig.cameras[camera]
+    edges_us = np.linspace(t0_us, t1_us, slices + 1).astype(np.int64)
+    first_us, last_us = sequence.trajectory.span_us
+    middles_us = np.clip((edges_us[1:] + edges_us[:-1]) // 2, first_us, last_us)
+    T_world_cam = sequence.trajectory.at(middles_us) @ sequence.rig.T_body_cam[camera]
+    pieces = list(zip(edges_us[:-1].tolist(), edges_us[1:].tolist(), strict=True))
+    found = [sequence.events(camera, *piece) for piece in pieces]
+    events = np.stack([_image(part.x, part.y, model) for part in found])
+    noise = None
+    if has_labels(sequence):
+        noisy = [sequence.labels(camera, *piece) != Label.SIGNAL for piece in pieces]
+        parts = zip(found, noisy, strict=True)
+        noise = np.stack([_image(part.x[bad], part.y[bad], model) for part, bad in parts])
+    return EventCounts(model, se3.inverse(T_world_cam), events, noise)
+
+
+def has_labels(sequence: EventSequence) -> bool:
+    """Whether each event's cause is stored: not where the sensor was ideal."""
+    return "sensor.json" in sequence.manifest.files
+
+
+def _image(x: NDArray[np.uint16], y: NDArray[np.uint16], camera: Camera) -> Counts:
+    """(H, W) events within one row and column of each pixel."""
+    shape = camera.height_px, camera.width_px
+    flat = y.astype(np.int64) * camera.width_px + x
+    image = np.bincount(flat, minlength=shape[0] * shape[1]).reshape(shape).astype(np.float32)
+    # Border: what lies outside the sensor made no events.
+    total = cv2.boxFilter(image, -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    return np.minimum(np.rint(total), np.iinfo(np.uint16).max).astype(np.uint16)
+
+
+def pixel_of(camera: Camera, points_cam: Floats) -> tuple[Pixels, Pixels, Flags]:
+    """Finds the sensor's pixel of each point: (N,) row, column, and whether there is one.
+
+    Where there is none, row and column are 0, so that they can index an image.
+    """
+    uv_px = np.nan_to_num(np.rint(camera.project(points_cam)), nan=-1.0)
+    column, row = np.clip(uv_px, -1, 1e9).astype(np.int64).T
+    inside = (column >= 0) & (row >= 0) & (column < camera.width_px) & (row < camera.height_px)
+    return np.where(inside, row, 0), np.where(inside, column, 0), inside

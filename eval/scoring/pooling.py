@@ -16,7 +16,7 @@ import numpy as np
 
 from emvs.errors import InputError
 from eval.scoring.curves import COVERAGES_PERCENT
-from eval.scoring.external_sort import MOST, Floats, Ordered
+from eval.scoring.external_sort import MOST_AT_ONCE, Floats, SortedRuns
 from eval.scoring.method_scores import (
     ALL,
     ALL_METRICS,
@@ -50,10 +50,12 @@ class Pool:
         self.baseline_focal_px_m = _NAN
         self._sums = dict.fromkeys(metrics, 0.0)
         self._log_ratio: list[tuple[int, float]] = []
-        self._errors = Ordered(folder / f"{name}-errors")
-        cells, sure = Ordered(folder / f"{name}-cells"), Ordered(folder / f"{name}-sure")
+        self._errors = SortedRuns(folder / f"{name}-errors")
+        cells, confidence = (
+            SortedRuns(folder / f"{name}-{key}") for key in ("cells", "confidence")
+        )
         self._cells = cells if "median_cells" in metrics else None
-        self._sure = sure if "aurc" in metrics else None
+        self._by_confidence = confidence if "aurc" in metrics else None
         self._windows = 0
 
     def add(self, pairs: Pairs, values: Mapping[str, float]) -> None:
@@ -77,7 +79,7 @@ class Pool:
             self._log_ratio.append((pairs.count, float(np.mean(pairs.log_ratio))))
         self._keep(pairs)
 
-    def values(self, most: int = MOST) -> dict[str, float]:
+    def values(self, most: int = MOST_AT_ONCE) -> dict[str, float]:
         """Every metric of all windows' pixels together; NaN where it is undefined."""
         found = {name: self._value(metric) for name, metric in self._metrics.items()}
         found["median_error"] = self._errors.median(most)
@@ -103,9 +105,9 @@ class Pool:
         # Half a column is not comparable: one window without it, and there is none.
         self._cells = _added(self._cells, pairs.cells)
         if pairs.confidence is None:
-            self._sure = None
-        elif self._sure is not None:
-            self._sure.add(-pairs.confidence, error_m)
+            self._by_confidence = None
+        elif self._by_confidence is not None:
+            self._by_confidence.add(-pairs.confidence, error_m)
 
     def _value(self, metric: Metric) -> float:
         total, name = self._sums[metric.name], metric.name
@@ -137,15 +139,15 @@ class Pool:
         """The curves of all windows' pixels; every chunk goes on where the last one ended."""
         names = {percent: f"mean_error_top_{percent}pct" for percent in COVERAGES_PERCENT}
         found = dict.fromkeys(("aurc", "ause", *names.values()), _NAN)
-        if self._sure is None or not self.points:
+        if self._by_confidence is None or not self.points:
             return found
         area = least = before = error_sum = best_sum = 0.0
-        best = _Best(self._errors, most)
-        for keys, error_m in self._sure.chunks(most):
+        best = _SmallestErrors(self._errors, most)
+        for keys, error_m in self._by_confidence.chunks(most):
             last = np.append(keys[1:] != keys[:-1], True)
             points = before + np.flatnonzero(last) + 1
-            errors = _running(error_sum, error_m)
-            bests = _running(best_sum, best.take(len(keys)))
+            errors = _cumulative(error_sum, error_m)
+            bests = _cumulative(best_sum, best.take(len(keys)))
             steps, mean_m = np.diff(points, prepend=before), errors[last] / points
             area += float(np.sum(steps * mean_m))
             least += float(np.sum(steps * (mean_m - bests[last] / points)))
@@ -158,10 +160,10 @@ class Pool:
         return found
 
 
-class _Best:
+class _SmallestErrors:
     """Errors in order, in pieces of any length."""
 
-    def __init__(self, errors: Ordered, most: int) -> None:
+    def __init__(self, errors: SortedRuns, most: int) -> None:
         self._chunks, self._rest = errors.chunks(most), np.empty(0)
 
     def take(self, count: int) -> Floats:
@@ -174,13 +176,13 @@ class _Best:
         return whole[:count]
 
 
-def _running(before: float, numbers: Floats) -> Floats:
+def _cumulative(before: float, numbers: Floats) -> Floats:
     """Cumulative sums that go on from `before`."""
     found: Floats = np.cumsum(np.concatenate([[before], numbers]))[1:]
     return found
 
 
-def _added(store: Ordered | None, numbers: Floats | None) -> Ordered | None:
+def _added(store: SortedRuns | None, numbers: Floats | None) -> SortedRuns | None:
     if store is None or numbers is None:
         return None
     store.add(numbers)
@@ -199,7 +201,7 @@ def _weight(metric: Metric, pairs: Pairs) -> int:
 class CasePool:
     """Pools every method's windows; a context, which holds a temporary folder."""
 
-    def __init__(self, most: int = MOST) -> None:
+    def __init__(self, most: int = MOST_AT_ONCE) -> None:
         """Prepares to hold at most so many numbers of a kind at once."""
         self._folder = tempfile.TemporaryDirectory(prefix="eventsweep-scores-")
         self._most = most

@@ -27,49 +27,6 @@ TIMES = "timestamps.txt"
 _STEM = re.compile(r"\d+(\.\d+)?")
 
 
-def view_of(sequence: Scored, window: StoredWindow, config: EvalConfig) -> View:
-    """The reference view of a window: camera 0 without lens distortion.
-
-    Raises:
-        InputError: no ground truth is stored at its time.
-    """
-    camera, rig = sequence.rig.cameras[0], sequence.rig
-    truth = truth_of(sequence, window.info.t_ref_us, config)
-    known_m = truth.depth_m[truth.scored]
-    return View(
-        t_us=window.info.t_ref_us,
-        width_px=camera.width_px,
-        height_px=camera.height_px,
-        focal_px=camera.fx_px,
-        baseline_m=rig.baseline_m() if len(rig) > 1 else None,
-        true_depth_m=float(np.median(known_m)) if known_m.size else None,
-    )
-
-
-def opened(folders: Sequence[Path], case: str, views: Sequence[View]) -> list[Prediction]:
-    """Opens predictions and checks that none lacks a view and that their names differ.
-
-    Raises:
-        InputError: what `Prediction.open` and `Prediction.check` refuse, or two of one name.
-    """
-    found = [Prediction.open(folder, case) for folder in folders]
-    for prediction in found:
-        prediction.check(views)
-    names = [prediction.name for prediction in found]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"two predictions are called {twice}: set name in their prediction.toml")
-    return found
-
-
-def estimates(predictions: Sequence[Prediction], view: View) -> dict[str, Estimate]:
-    """What each prediction says of a view, by name."""
-    return {
-        one.name: Estimate(*one.depth_m(view), confidence=one.confidence(view))
-        for one in predictions
-    }
-
-
 class Description(BaseModel):
     """What the numbers in a prediction's files mean: `prediction.toml`, all of it optional."""
 
@@ -161,8 +118,8 @@ def _stamp(path: Path) -> str:
 
 
 @dataclass(frozen=True)
-class View:
-    """A reference view that wants a depth map.
+class TargetView:
+    """A reference view that a prediction must have a depth map for.
 
     Attributes:
         t_us: its time.
@@ -211,7 +168,7 @@ class Prediction:
         name = re.sub(r"[^\w.+@~-]", "_", description.name or folder.resolve().name)
         return cls(f"Given/{name}", files, description)
 
-    def check(self, views: Sequence[View]) -> None:
+    def check(self, views: Sequence[TargetView]) -> None:
         """Refuses a prediction that is not complete, as a submission checker does.
 
         Raises:
@@ -228,12 +185,12 @@ class Prediction:
             f"or tolerance_us in {DESCRIPTION}"
         )
 
-    def unused(self, views: Iterable[View]) -> list[str]:
+    def unused(self, views: Iterable[TargetView]) -> list[str]:
         """Names of files that belong to no view."""
         used = {self._file(view.t_us) for view in views}
         return sorted(path.name for path in self.files.values() if path not in used)
 
-    def depth_m(self, view: View) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    def depth_m(self, view: TargetView) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Reads the depth map of a view: (H, W) z-depth in metres, and where there is one.
 
         Raises:
@@ -252,7 +209,7 @@ class Prediction:
         self._check_unit(path, depth_m[mask], view)
         return np.where(mask, depth_m, np.float32(0)), mask
 
-    def confidence(self, view: View) -> NDArray[np.float64] | None:
+    def confidence(self, view: TargetView) -> NDArray[np.float64] | None:
         """Reads how sure the method is: (H, W), larger is surer; None where it does not say.
 
         Raises:
@@ -262,7 +219,7 @@ class Prediction:
         path = self.files[self._nearest_us(view.t_us)]
         return read_confidence(path, view.height_px, view.width_px)
 
-    def _check_unit(self, path: Path, depth_m: NDArray[np.float32], view: View) -> None:
+    def _check_unit(self, path: Path, depth_m: NDArray[np.float32], view: TargetView) -> None:
         if self.description.scale is not None or view.true_depth_m is None or not depth_m.size:
             return
         median_m = float(np.median(depth_m))
@@ -289,7 +246,7 @@ class Prediction:
             )
         return self.description.scale or 1.0
 
-    def _baseline_focal(self, path: Path, view: View) -> float:
+    def _baseline_focal(self, path: Path, view: TargetView) -> float:
         baseline_m = self.description.baseline_m or view.baseline_m
         if baseline_m is None:
             raise InputError(
@@ -304,3 +261,48 @@ def _check_disparity(path: Path) -> None:
             f"{path}: holds depth_m, but quantity in {DESCRIPTION} is disparity: correct it, or "
             "save disparities as .npy"
         )
+
+
+def target_view(sequence: Scored, window: StoredWindow, config: EvalConfig) -> TargetView:
+    """The reference view of a window: camera 0 without lens distortion.
+
+    Raises:
+        InputError: no ground truth is stored at its time.
+    """
+    camera, rig = sequence.rig.cameras[0], sequence.rig
+    truth = truth_of(sequence, window.info.t_ref_us, config)
+    known_m = truth.depth_m[truth.scored]
+    return TargetView(
+        t_us=window.info.t_ref_us,
+        width_px=camera.width_px,
+        height_px=camera.height_px,
+        focal_px=camera.fx_px,
+        baseline_m=rig.baseline_m() if len(rig) > 1 else None,
+        true_depth_m=float(np.median(known_m)) if known_m.size else None,
+    )
+
+
+def open_predictions(
+    folders: Sequence[Path], case: str, views: Sequence[TargetView]
+) -> list[Prediction]:
+    """Opens the predictions for a case; none may lack a view, and their names must differ.
+
+    Raises:
+        InputError: what `Prediction.open` and `Prediction.check` refuse, or two of one name.
+    """
+    predictions = [Prediction.open(folder, case) for folder in folders]
+    for prediction in predictions:
+        prediction.check(views)
+    names = [prediction.name for prediction in predictions]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(f"two predictions are called {twice}: set name in their prediction.toml")
+    return predictions
+
+
+def estimates_of(predictions: Sequence[Prediction], view: TargetView) -> dict[str, Estimate]:
+    """Reads the depth map that each prediction has for a view, by name."""
+    return {
+        one.name: Estimate(*one.depth_m(view), confidence=one.confidence(view))
+        for one in predictions
+    }

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 SCHEMA_VERSION = 1
 JSON_NAME = "results.json"
 CSV_NAME = "results.csv"
+POOLED, MEAN = "all", "mean"
+"""What rows call the pixels of all windows together, and the average over windows."""
 
 Read = TypeVar("Read")
 UNITS = ("m", "%", "px", "px·m", "cells", "x100", "x", "events")

@@ -14,12 +14,14 @@ from emvs.datasets import open_recording
 from emvs.datasets.ground_truth import truth_at
 from emvs.datasets.posed import PosedRecording
 from emvs.errors import InputError
-from emvs.maps.folder import RecordingInfo, StoredMap, StoredWindow, read_map
+from emvs.maps.folder import StoredMap, StoredWindow, read_map
 from eval.config import EvalConfig
 from eval.scoring.pairing import Truth
 
 MAP_FOLDER, SEQUENCE_FOLDER, CONFIG_FILE = "map", "sequence", "config.toml"
 _INDEX = "map.json"
+Scored = Sequence | PosedRecording
+"""Recordings that may have ground truth: `emvs.datasets.ground_truth.TruthRecording`."""
 
 
 def find_maps(folder: Path) -> dict[str, StoredMap]:
@@ -43,11 +45,6 @@ def _with_windows(stored: StoredMap) -> StoredMap:
     return stored
 
 
-def describe(recording: Recording, path: Path, map_folder: Path) -> RecordingInfo:
-    """What a map folder remembers of its recording; a path beside it is kept relative."""
-    return RecordingInfo.of(recording, path, map_folder)
-
-
 def recording_of(stored: StoredMap) -> Recording:
     """Opens the recording that a map was made from.
 
@@ -65,8 +62,10 @@ def recording_of(stored: StoredMap) -> Recording:
     return recording
 
 
-Scored = Sequence | PosedRecording
-"""Recordings that may have ground truth: `emvs.datasets.ground_truth.TruthRecording`."""
+def existing_recording(stored: StoredMap) -> Recording | None:
+    """The recording of a map, or None where it is no longer there: the map is worth showing."""
+    path = stored.path / stored.info.recording.path
+    return recording_of(stored) if path.exists() else None
 
 
 def sequence_of(stored: StoredMap) -> Scored:

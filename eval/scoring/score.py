@@ -15,13 +15,8 @@ from emvs.depth.depth_map import DepthMap
 from emvs.maps.folder import StoredWindow
 from emvs.windows import Window
 from eval.config import EvalConfig
-from eval.scoring.bootstrap import intervals
-from eval.scoring.method_scores import (
-    Score,
-    score_method,
-    score_pairs,
-)
-from eval.scoring.outlier_causes import Evidence, count_events
+from eval.scoring.method_scores import Score, score_method, score_pairs
+from eval.scoring.outlier_causes import OutlierClassifier, count_events
 from eval.scoring.pairing import (
     DepthImage,
     Estimate,
@@ -34,13 +29,11 @@ from eval.scoring.pairing import (
 )
 from eval.scoring.pooling import CasePool
 from eval.scoring.regions import region_masks
-from eval.scoring.results import Row
+from eval.scoring.results import MEAN, POOLED, Row
 from eval.scoring.run_folder import Scored, truth_of
 
-POOLED = "all"
-MEAN = "mean"
 Windows = Mapping[str, Mapping[str, MethodPairs]] | Iterable[tuple[str, Mapping[str, MethodPairs]]]
-NOTHING_GIVEN: Mapping[str, Estimate] = MappingProxyType({})
+NO_PREDICTIONS: Mapping[str, Estimate] = MappingProxyType({})
 
 
 def score_depth(
@@ -71,14 +64,13 @@ def score_depth(
     return score_pairs(pair(depth_m, mask, truth))
 
 
-def case_rows(case: str, windows: Windows, *, seed: int = 0) -> list[Row]:
+def case_rows(case: str, windows: Windows) -> list[Row]:
     """The rows of one case: each window, then window `all`, then window `mean`.
 
     Args:
         case: name of the case.
         windows: names of windows and each method's pairs there; one after another, if they come
             from a generator, so that memory holds one window's pixels.
-        seed: of the bootstrap.
 
     Raises:
         InputError: windows of several rigs, or no room on the disk for what is pooled.
@@ -91,7 +83,7 @@ def case_rows(case: str, windows: Windows, *, seed: int = 0) -> list[Row]:
             single.append(list(_rows(case, name, scores)))
         pooled = list(_rows(case, POOLED, pool.scores()))
     rows = [row for found in single for row in found]
-    return [*rows, *pooled, *mean_rows(single, seed=seed)]
+    return [*rows, *pooled, *mean_rows(single)]
 
 
 def _rows(case: str, window: str, methods: Mapping[str, Iterable[Score]]) -> Iterator[Row]:
@@ -103,15 +95,15 @@ def _rows(case: str, window: str, methods: Mapping[str, Iterable[Score]]) -> Ite
             )  # fmt: skip
 
 
-def mean_rows(windows: Sequence[Sequence[Row]], *, seed: int = 0) -> list[Row]:
-    """Averages windows of one case, every window weighing the same, with 95 % intervals.
+def mean_rows(windows: Sequence[Sequence[Row]]) -> list[Row]:
+    """Averages windows of one case, every window weighing the same.
 
     A number that a window lacks or leaves undefined is undefined here: an average over fewer
-    windows would not be comparable between methods.
+    windows would not be comparable between methods. The windows of a case are of one seed, which
+    has no interval: how much they differ does not say how much another seed would.
 
     Args:
         windows: the rows of each window.
-        seed: of the bootstrap over windows.
     """
     tables = [{(row.method, row.metric): row for row in rows} for rows in windows]
     keys = list(dict.fromkeys(key for table in tables for key in table))
@@ -120,15 +112,11 @@ def mean_rows(windows: Sequence[Sequence[Row]], *, seed: int = 0) -> list[Row]:
     if not values.size:
         return []
     means = values.mean(axis=0)
-    lows, highs = intervals(values, [len(values)], seed=seed)
     first = [next(table[key] for table in tables if key in table) for key in keys]
     points = [_total(rows) for rows in zip(*found, strict=True)]
-    numbers = zip(first, means, lows, highs, points, strict=True)
     return [
-        replace(
-            row, window=MEAN, value=float(mean), points=total, low=_known(low), high=_known(high)
-        )
-        for row, mean, low, high, total in numbers
+        replace(row, window=MEAN, value=float(mean), points=total)
+        for row, mean, total in zip(first, means, points, strict=True)
     ]
 
 
@@ -137,16 +125,12 @@ def _total(rows: Sequence[Row | None]) -> int | None:
     return sum(counts) if len(counts) == len(rows) else None
 
 
-def _known(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
 def score_windows(
     case: str,
     sequence: Scored,
     windows: Iterable[StoredWindow],
     config: EvalConfig,
-    given: Iterable[Mapping[str, Estimate]] | None = None,
+    predictions: Iterable[Mapping[str, Estimate]] | None = None,
 ) -> list[Row]:
     """Scores windows of one case: each, all of them pooled, and their mean.
 
@@ -157,24 +141,24 @@ def score_windows(
         sequence: the recording, with ground truth.
         windows: its maps.
         config: masks and limits.
-        given: for each window, by name, depth maps of others; None for none.
+        predictions: for each window, by name, depth maps of other methods; None for none.
 
     Raises:
         InputError: what `window_pairs` and `case_rows` refuse.
     """
-    others = repeat(NOTHING_GIVEN) if given is None else given
-    found = (
-        (window.info.name, window_pairs(sequence, window, config, theirs))
-        for window, theirs in zip(windows, others, strict=False)
+    of_windows = repeat(NO_PREDICTIONS) if predictions is None else predictions
+    pairs = (
+        (window.info.name, window_pairs(sequence, window, config, predicted))
+        for window, predicted in zip(windows, of_windows, strict=False)
     )
-    return case_rows(case, found)
+    return case_rows(case, pairs)
 
 
 def window_pairs(
     sequence: Scored,
     window: StoredWindow,
     config: EvalConfig,
-    predictions: Mapping[str, Estimate] = NOTHING_GIVEN,
+    predictions: Mapping[str, Estimate] = NO_PREDICTIONS,
 ) -> dict[str, MethodPairs]:
     """Pairs all maps of a window with the truth, and says why bad pixels are bad.
 
@@ -200,7 +184,7 @@ def pairs_of_maps(
     window: Window,
     maps: Mapping[str, DepthMap],
     config: EvalConfig,
-    predictions: Mapping[str, Estimate] = NOTHING_GIVEN,
+    predictions: Mapping[str, Estimate] = NO_PREDICTIONS,
 ) -> dict[str, MethodPairs]:
     """The same of depth maps in memory; `window` is the stretch of time that they were made of."""
     t_us = window.t_ref_us
@@ -215,24 +199,26 @@ def pairs_of_maps(
     pairs = pair_methods(estimates, truth)
     if not isinstance(sequence, EventSequence):
         return pairs
-    evidence = _evidence(sequence, window, next(iter(maps.values())), truth, config)
+    classifier = _outlier_classifier(sequence, window, next(iter(maps.values())), truth, config)
     return {
         method: replace(
             compared,
-            causes=evidence.causes(estimates[method].depth_m, bad_pixels(estimates[method], truth)),
+            causes=classifier.count(
+                estimates[method].depth_m, bad_pixels(estimates[method], truth)
+            ),
         )
         for method, compared in pairs.items()
     }
 
 
-def _evidence(
+def _outlier_classifier(
     sequence: EventSequence, window: Window, depth_map: DepthMap, truth: Truth, config: EvalConfig
-) -> Evidence:
+) -> OutlierClassifier:
     counts = (
         count_events(sequence, camera, window.t0_us, window.t1_us)
         for camera in range(len(sequence.rig))
     )
-    return Evidence(
+    return OutlierClassifier(
         sequence=sequence,
         t_us=window.t_ref_us,
         counts=tuple(counts),

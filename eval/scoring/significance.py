@@ -1,7 +1,17 @@
-"""Is one method better than another? Paired tests, corrected for their number, and ranks.
+"""How sure scores are: intervals of means, and whether one method is better than another.
 
-A unit is what was drawn independently: a sequence, that is one case with one seed. Windows of one
-sequence are averaged first (window `mean` of the results), or their number would feign certainty.
+Intervals come from a hierarchical bootstrap. Windows of one sequence share its scene and motion, so
+they are not independent draws. Resampling draws seeds first and then windows within each seed drawn
+(Davison & Hinkley, Bootstrap Methods and their Application, 1997, section 3.8). The statistic is
+the mean in which every seed weighs the same, and within a seed every window. Of a handful of seeds
+the resampled means spread too little, by the square root of n / (n - 1) and by what Student's t
+makes of an estimated spread; of many windows they spread too much, as windows vary twice: in the
+seeds' means and in the drawing. So they give the interval's shape, and the seeds' means its width.
+One seed says nothing about others: it has no interval.
+
+Methods are compared by paired tests, corrected for their number, and ranked. A unit is what was
+drawn independently: a sequence, that is one case with one seed. Windows of one sequence are
+averaged first (window `mean` of the results), or their number would feign certainty.
 """
 
 from __future__ import annotations
@@ -13,18 +23,145 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy.special import ndtri, stdtrit
 
 from emvs.errors import InputError
 from eval.scoring.metrics import Better
-from eval.scoring.results import Results, Row
-from eval.scoring.score import MEAN
+from eval.scoring.results import MEAN, Results, Row
 
+RESAMPLES = 2000
+LEAST_RESAMPLES = 20
+LEVEL = 0.95
 ALPHA = 0.05
 PERMUTATIONS = 9999
 Test = Literal["permutation", "wilcoxon"]
 Floats = NDArray[np.float64]
 Unit = tuple[str, int | None]
+
+
+def interval(
+    groups: Sequence[NDArray[np.floating]],
+    *,
+    level: float = LEVEL,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+) -> tuple[float, float]:
+    """Returns the interval of the mean, which holds the true one as often as `level` says.
+
+    Args:
+        groups: per seed, the values of its windows.
+        level: in how many of many such samples the true mean lies inside.
+        resamples: how many, 20 or more.
+        seed: of the drawing; the same gives the same interval.
+
+    Returns:
+        Lower and upper end; NaN where fewer than two seeds are given or a value is undefined.
+
+    Raises:
+        InputError: no values in a group, or a level or count that is none.
+    """
+    values = np.concatenate([np.asarray(group, np.float64) for group in groups] or [np.empty(0)])
+    sizes = [len(group) for group in groups]
+    low, high = intervals(values[:, None], sizes, level=level, resamples=resamples, seed=seed)
+    return float(low[0]), float(high[0])
+
+
+def intervals(
+    values: Floats,
+    sizes: Sequence[int],
+    *,
+    level: float = LEVEL,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
+) -> tuple[Floats, Floats]:
+    """Returns the intervals of many means at once, all from the same draws.
+
+    Args:
+        values: (N, M) values of N windows, seed by seed, for M numbers.
+        sizes: windows of each seed, adding up to N.
+        level: in how many of many such samples the true mean lies inside.
+        resamples: how many, 20 or more.
+        seed: of the drawing.
+
+    Returns:
+        (M,) lower and upper ends; NaN as `interval` has it.
+
+    Raises:
+        InputError: sizes that do not add up to N, an empty group, or an impossible level or count.
+    """
+    if sum(sizes) != len(values) or min(sizes, default=1) < 1:
+        raise InputError(
+            f"groups of {list(sizes)} for {len(values)} values: each needs one or more"
+        )
+    if not 0 < level < 1 or resamples < LEAST_RESAMPLES:
+        raise InputError(
+            f"level {level:g} with {resamples} resamples: needs 0 < level < 1 and "
+            f"{LEAST_RESAMPLES} or more"
+        )
+    if len(sizes) < 2:
+        nothing = np.full(values.shape[1], np.nan)
+        return nothing, nothing.copy()
+    # A product of whole rows; not BLAS, whose rounding may depend on the number of threads.
+    means = np.einsum(
+        "bn,nm->bm", resampling_weights(sizes, resamples, seed), values, optimize=False
+    )
+    starts = np.cumsum([0, *sizes[:-1]])
+    of_seeds = np.add.reduceat(values, starts, axis=0) / np.asarray(sizes)[:, None]
+    return _as_wide_as_seeds_differ(means, of_seeds, level)
+
+
+def _as_wide_as_seeds_differ(
+    resampled: Floats, of_seeds: Floats, level: float
+) -> tuple[Floats, Floats]:
+    """Percentiles of the resampled means (B, M), stretched to the spread of seeds' means (G, M)."""
+    n, tail = len(of_seeds), (1 - level) / 2
+    mean, error = of_seeds.mean(axis=0), of_seeds.std(axis=0, ddof=1) / np.sqrt(n)
+    wanted = error * stdtrit(n - 1, 1 - tail) / ndtri(1 - tail)
+    found = resampled.std(axis=0)
+    # Equal values have no spread to stretch.
+    stretch = np.divide(wanted, found, out=np.zeros_like(found), where=found > 0)
+    low, high = mean + stretch * (np.quantile(resampled, [tail, 1 - tail], axis=0) - mean)
+    return low, high
+
+
+def stratified_interval(
+    strata: Sequence[NDArray[np.floating]], *, level: float = LEVEL
+) -> tuple[float, float]:
+    """Returns the interval of the mean over fixed strata of the mean over each one's seeds.
+
+    Student's t with Welch's and Satterthwaite's degrees of freedom (Biometrics Bulletin 2, 1946).
+
+    Args:
+        strata: per stratum, such as a case, one value per seed.
+        level: in how many of many such samples the true mean lies inside.
+
+    Returns:
+        Lower and upper end; NaN where a stratum has fewer than two seeds or an undefined value.
+    """
+    if min(map(len, strata), default=0) < 2:
+        return float("nan"), float("nan")
+    mean = float(np.mean([np.mean(values) for values in strata]))
+    parts = np.array([np.var(values, ddof=1) / len(values) for values in strata]) / len(strata) ** 2
+    if not parts.any():
+        return mean, mean
+    freedom = parts.sum() ** 2 / sum(
+        part**2 / (len(values) - 1) for part, values in zip(parts, strata, strict=True)
+    )
+    half = float(stdtrit(freedom, (1 + level) / 2) * np.sqrt(parts.sum()))
+    return mean - half, mean + half
+
+
+def resampling_weights(sizes: Sequence[int], resamples: int, seed: int) -> Floats:
+    """Draws what each window weighs in each resampled mean: (B, N), rows add up to 1."""
+    rng = np.random.default_rng(seed)
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    drawn = np.zeros((resamples, int(starts[-1])))
+    for row in drawn:
+        for group in rng.integers(len(sizes), size=len(sizes)):
+            size = sizes[group]
+            windows = rng.integers(size, size=size)
+            np.add.at(row, starts[group] + windows, 1 / (len(sizes) * size))
+    return drawn
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +240,8 @@ def paired_p(first: ArrayLike, second: ArrayLike, *, test: Test = "permutation")
         return float("nan")
     if np.array_equal(a, b):
         return 1.0
+    from scipy import stats  # 0.5 s that intervals need not wait for
+
     if test == "wilcoxon":
         return float(stats.wilcoxon(a, b).pvalue)
     found = stats.permutation_test(

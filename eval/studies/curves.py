@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from emvs.utils.files import atomic_path
 from eval.figures.colormaps import line_style
+from eval.scoring.significance import stratified_interval
 from eval.studies.definitions import Study
 
 METRICS = ("mean_error", "bad_published", "points")
 BREAKS_AT = 2.0
 """A method breaks where its error is this many times its unperturbed one."""
-_DRAWS = 2000
-_COVERAGE = (2.5, 97.5)
+_ROOM = 1.25  # above the highest mean; bands of few seeds reach far beyond
 _TITLES = {"mean_error": "mean error", "bad_published": "bad pixels", "points": "points"}
 
 
@@ -48,7 +48,7 @@ class RobustnessCurve:
         unit: of the values.
         amounts: (A,) in the study's order.
         mean: (A,) mean over cases of the mean over seeds; NaN where a sample has no value.
-        low: (A,) lower end of the 95 % band.
+        low: (A,) lower end of the 95 % band over seeds, cases held fixed; NaN for one seed.
         high: (A,) upper end.
         samples: (A,) samples with a value.
     """
@@ -113,22 +113,11 @@ def _curve(
         for amount in amounts
     ]
     mean = np.array([np.mean([group.mean() for group in one]) for one in groups])
-    bands = np.array([_band(one) for one in groups])
+    bands = np.array([stratified_interval(one) for one in groups])
     samples = np.array([sum(np.isfinite(group).sum() for group in one) for one in groups])
     return RobustnessCurve(
         method, metric, unit, tuple(amounts), mean, bands[:, 0], bands[:, 1], samples
     )
-
-
-def _band(groups: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """95 % percentile bootstrap over the seeds of every case, the cases held fixed."""
-    rng = np.random.default_rng(0)
-    draws = [rng.choice(group, (_DRAWS, len(group))).mean(axis=1) for group in groups]
-    means = np.mean(draws, axis=0)
-    if not np.all(np.isfinite(means)):
-        return np.full(2, np.nan)
-    band: NDArray[np.float64] = np.percentile(means, _COVERAGE)
-    return band
 
 
 def sample_words(cases: Sequence[str], seeds: Sequence[int]) -> str:
@@ -172,11 +161,12 @@ def _draw_panel(axes: Axes, study: Study, curves: Sequence[RobustnessCurve]) -> 
         if broken is not None:
             axes.plot([broken], [BREAKS_AT * curve.mean[0]], "x", color=style.colour, ms=8, mew=2)
     _label(axes, study, curves[0])
+    highest = max((float(m) for curve in curves for m in curve.mean if np.isfinite(m)), default=0)
+    axes.set_ylim(0, _ROOM * highest or None)
 
 
 def _label(axes: Axes, study: Study, curve: RobustnessCurve) -> None:
     axes.set_title(f"{_TITLES[curve.metric]} [{curve.unit}]", loc="left", fontsize=10)
-    axes.set_ylim(bottom=0)
     axes.grid(linewidth=0.4, alpha=0.35)
     axes.spines[["top", "right"]].set_visible(False)
     if study.logarithmic:

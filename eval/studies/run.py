@@ -25,6 +25,7 @@ from eval.jobs.job import Done, Failed, Job, Outcome
 from eval.jobs.scheduler import Open, run_jobs
 from eval.pipeline import check_case
 from eval.progress import Progress
+from eval.scoring.results import POOLED
 from eval.studies.curves import (
     BREAKS_AT,
     METRICS,
@@ -36,10 +37,7 @@ from eval.studies.curves import (
 )
 from eval.studies.definitions import MARGIN_S, SECONDS, Change, Study
 from eval.suite.results import sample_from
-from eval.suite.stages.simulate import parameters as sequence_parameters
-from eval.suite.stages.simulate import scene_digest
-
-_POOLED = "all"
+from eval.suite.stages.simulate import scene_digest, sequence_parameters
 
 
 @dataclass(frozen=True)
@@ -141,7 +139,7 @@ def _values(
         if not isinstance(outcome, Done) or outcome.text is None:
             continue
         for row in sample_from(outcome.text).rows:
-            if row.window == _POOLED and row.metric in METRICS and row.method != "events":
+            if row.window == POOLED and row.metric in METRICS and row.method != "events":
                 yield StudyValue(case, seed, amount, row.method, row.metric, row.value, row.unit)
 
 
@@ -175,7 +173,7 @@ def _numbers(values: Any) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in values]
 
 
-def show(result: StudyResult, *, as_json: bool, quiet: bool) -> None:
+def show_study(result: StudyResult, *, as_json: bool, quiet: bool) -> None:
     """Prints each method's mean error over the amounts, and where it breaks."""
     if as_json:
         sys.stdout.write(json.dumps({result.study.name: result.breaking()}) + "\n")

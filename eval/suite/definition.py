@@ -19,7 +19,7 @@ from emvs.errors import InputError
 from emvs.parameters import explain
 from eval.config import Settings
 
-FOLDER = Path(__file__).parents[1] / "suites"
+FOLDER = Path(__file__).parent / "definitions"
 NEWEST = "suite-v1"
 ALL = "all"
 

@@ -23,7 +23,7 @@ _SHOWN = ("points", "median_error", "mean_error", "abs_rel", "bad_published", "c
 
 
 @contextmanager
-def prepared(out: Path, *, force: bool, inputs: Iterable[Path] = ()) -> Iterator[Path]:
+def prepare_folder(out: Path, *, force: bool, inputs: Iterable[Path] = ()) -> Iterator[Path]:
     """Claims a folder for results before the work begins; `write` makes it.
 
     Args:
@@ -82,15 +82,10 @@ def show(result: SuiteResult, cache: Path, *, as_json: bool, quiet: bool) -> Non
     made = sum(not job.found for job in result.jobs if not job.failure)
     out.print(
         f"{result.suite} {result.subset}: {len(result.jobs)} jobs, {made} done now, "
-        f"{len(result.failures)} failed; the cache {cache} holds {megabytes(cache)}",
+        f"{len(result.failures)} failed; the cache {cache} holds {_megabytes(cache)}",
         markup=False,
         soft_wrap=True,
     )
-
-
-def megabytes(cache: Path) -> str:
-    """Size of a cache, for people."""
-    return f"{Cache(cache).size_bytes() / 1e6:.0f} MB"
 
 
 def _table(case: str, series: Iterable[Series], seeds: Sequence[int]) -> Table:
@@ -100,7 +95,8 @@ def _table(case: str, series: Iterable[Series], seeds: Sequence[int]) -> Table:
         if one.metric in _SHOWN:
             cells.setdefault(one.method, {})[one.metric] = _mean_and_spread(one)
             units[one.metric] = one.unit
-    title = f"{case}: mean over {len(seeds)} seeds ± standard deviation"
+    many = f"mean over {len(seeds)} seeds ± standard deviation"
+    title = f"{case}: {many if len(seeds) > 1 else 'one seed'}"
     table = Table(title=title, title_justify="left")
     table.add_column("method", no_wrap=True)
     metrics = [metric for metric in _SHOWN if metric in units]
@@ -122,7 +118,11 @@ def _mean_and_spread(one: Series) -> str:
     return f"{text} ± {spread:.0f}" if one.metric == "points" else f"{text} ± {spread:.3f}"
 
 
-def say(cache: Path, size: int, freed: int, *, as_json: bool, quiet: bool) -> None:
+def _megabytes(cache: Path) -> str:
+    return f"{Cache(cache).size_bytes() / 1e6:.0f} MB"
+
+
+def show_cache(cache: Path, size: int, freed: int, *, as_json: bool, quiet: bool) -> None:
     """Prints what a cache holds, and what pruning freed, in bytes."""
     if quiet:
         return

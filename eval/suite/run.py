@@ -1,8 +1,9 @@
 """Runs a suite, or a subset of one, as a graph of jobs, and measures the mapper's speed.
 
-Seconds say as much about the machine, and who else uses it, as about the mapper. The loop does what
-a mapper does, arithmetic and scattered additions into an image that fits no first-level cache; both
-are counted in CPU time of one thread, one right after the other, and the ratio is kept.
+Seconds say as much about the machine, and who else uses it, as about the mapper. So a fixed loop is
+timed beside it, which does what a mapper does: arithmetic and scattered additions into an image
+that fits no first-level cache. Both are counted in CPU time of one thread, one right after the
+other, and the ratio is kept.
 """
 
 from __future__ import annotations
@@ -27,86 +28,10 @@ from eval.progress import Progress
 from eval.suite.definition import Suite
 from eval.suite.results import JobNote, Sample, SuiteResult, sample_from
 from eval.suite.speed_kernels import calibration
-from eval.suite.stages.simulate import parameters as sequence_parameters
-from eval.suite.stages.simulate import scene_digest
+from eval.suite.stages.simulate import scene_digest, sequence_parameters
 
 REPEATS = 3
 _VOTES, _CELLS = 60_000_000, 1 << 17
-
-
-def map_ratios(sequence: Path, config: MapperConfig, repeats: int = REPEATS) -> tuple[float, ...]:
-    """Maps a window again and again; CPU time of each over that of the calibration loop.
-
-    Args:
-        sequence: a recording.
-        config: the window and how it is mapped; always with one thread.
-        repeats: measurements, after one that is not counted.
-
-    Returns:
-        (repeats,) ratios without unit; lower is faster.
-    """
-    recording = open_recording(sequence)
-    single = config.model_copy(update={"threads": 1})
-    image = np.zeros(_CELLS, np.float32)
-
-    def mapping() -> None:
-        map_window(recording, single)
-
-    def loop() -> None:
-        calibration(image, _VOTES)
-
-    ratios = [_cpu_s(mapping) / _cpu_s(loop) for _ in range(repeats + 1)]
-    return tuple(ratios[1:])  # the first one compiled and read the disk
-
-
-def _cpu_s(work: Callable[[], None]) -> float:
-    started_s = time.process_time()
-    work()
-    return time.process_time() - started_s
-
-
-def suite_jobs(suite: Suite, cases: Sequence[str], seeds: Sequence[int]) -> list[Job]:
-    """One scoring job per case and seed, with all that it needs.
-
-    Raises:
-        InputError: an unknown scene, rig or method, a GPU that is not there.
-    """
-    for case in cases:
-        _check(suite, case)
-    digests = {case: scene_digest(suite.cases[case].scene) for case in cases}
-    return [_score_job(suite, case, seed, digests[case]) for seed in seeds for case in cases]
-
-
-def _check(suite: Suite, case: str) -> None:
-    """Refuses before the first job what would fail in the last."""
-    spec = suite.cases[case]
-    for mapper in spec.mappers:
-        check_case(spec.scene, spec.rig, MapperConfig.model_validate(suite.mappers[mapper]))
-
-
-def _score_job(suite: Suite, case: str, seed: int, digest: str) -> Job:
-    spec, place = suite.cases[case], f"{case}/seed{seed}"
-    sim = suite.sim_of(spec)
-    facts = sequence_parameters(spec.scene, spec.rig, seed, sim)
-    sequence = Job(f"simulate/{place}", "eval.suite.stages.simulate", facts)
-    maps, mappers = [], []
-    for mapper in spec.mappers:
-        for number, window in enumerate(spec.windows):
-            times = {"start_s": window.start_s, "duration_s": window.duration_s}
-            name = f"w{number:03d}"
-            asked = {"window": name, "map": {**suite.mappers[mapper], **times}}
-            maps.append(
-                Job(f"map/{place}/{mapper}/{name}", "eval.suite.stages.map", asked, (sequence,))
-            )
-            mappers.append(mapper)
-    wanted = {
-        "case": case,
-        "seed": seed,
-        "mappers": mappers,
-        "score": suite.score,
-        "scene_digest": digest,
-    }
-    return Job(f"score/{place}", "eval.suite.stages.score", wanted, (sequence, *maps))
 
 
 def run_suite(
@@ -148,11 +73,11 @@ def run_suite(
     )
 
 
-def _chosen(known: Sequence[str], asked: Sequence[str] | None) -> tuple[str, ...]:
-    for case in asked or ():
+def _chosen(known: Sequence[str], wanted: Sequence[str] | None) -> tuple[str, ...]:
+    for case in wanted or ():
         if case not in known:
             raise InputError(f"no case {case!r} here: choose from {', '.join(known)}")
-    return tuple(case for case in known if not asked or case in asked)
+    return tuple(case for case in known if not wanted or case in wanted)
 
 
 def _samples(jobs: Sequence[Job], outcomes: Mapping[str, Outcome]) -> list[Sample]:
@@ -173,6 +98,50 @@ def _note(outcome: Outcome) -> JobNote:
     )
 
 
+def suite_jobs(suite: Suite, cases: Sequence[str], seeds: Sequence[int]) -> list[Job]:
+    """One scoring job per case and seed, with all that it needs.
+
+    Raises:
+        InputError: an unknown scene, rig or method, a GPU that is not there.
+    """
+    for case in cases:
+        _check(suite, case)
+    digests = {case: scene_digest(suite.cases[case].scene) for case in cases}
+    return [_score_job(suite, case, seed, digests[case]) for seed in seeds for case in cases]
+
+
+def _check(suite: Suite, case: str) -> None:
+    """Refuses before the first job what would fail in the last."""
+    spec = suite.cases[case]
+    for mapper in spec.mappers:
+        check_case(spec.scene, spec.rig, MapperConfig.model_validate(suite.mappers[mapper]))
+
+
+def _score_job(suite: Suite, case: str, seed: int, digest: str) -> Job:
+    spec, place = suite.cases[case], f"{case}/seed{seed}"
+    sim = suite.sim_of(spec)
+    facts = sequence_parameters(spec.scene, spec.rig, seed, sim)
+    sequence = Job(f"simulate/{place}", "eval.suite.stages.simulate", facts)
+    maps, mappers = [], []
+    for mapper in spec.mappers:
+        for number, window in enumerate(spec.windows):
+            times = {"start_s": window.start_s, "duration_s": window.duration_s}
+            name = f"w{number:03d}"
+            mapping = {"window": name, "map": {**suite.mappers[mapper], **times}}
+            maps.append(
+                Job(f"map/{place}/{mapper}/{name}", "eval.suite.stages.map", mapping, (sequence,))
+            )
+            mappers.append(mapper)
+    wanted = {
+        "case": case,
+        "seed": seed,
+        "mappers": mappers,
+        "score": suite.score,
+        "scene_digest": digest,
+    }
+    return Job(f"score/{place}", "eval.suite.stages.score", wanted, (sequence, *maps))
+
+
 def with_speed(result: SuiteResult, suite: Suite, cache: Path) -> SuiteResult:
     """The result, with the ratio of the suite's speed case; unchanged if that was not run."""
     seeds = [sample.seed for sample in result.samples if sample.case == suite.speed_case]
@@ -183,3 +152,34 @@ def with_speed(result: SuiteResult, suite: Suite, cache: Path) -> SuiteResult:
     path = entry(sequence, Cache(cache)).path / SEQUENCE
     config = MapperConfig.model_validate(mapping.parameters["map"])
     return replace(result, speed={suite.speed_case: map_ratios(path, config)})
+
+
+def map_ratios(sequence: Path, config: MapperConfig, repeats: int = REPEATS) -> tuple[float, ...]:
+    """Maps a window again and again; CPU time of each over that of the calibration loop.
+
+    Args:
+        sequence: a recording.
+        config: the window and how it is mapped; always with one thread.
+        repeats: measurements, after one that is not counted.
+
+    Returns:
+        (repeats,) ratios without unit; lower is faster.
+    """
+    recording = open_recording(sequence)
+    single = config.model_copy(update={"threads": 1})
+    image = np.zeros(_CELLS, np.float32)
+
+    def mapping() -> None:
+        map_window(recording, single)
+
+    def loop() -> None:
+        calibration(image, _VOTES)
+
+    ratios = [_cpu_s(mapping) / _cpu_s(loop) for _ in range(repeats + 1)]
+    return tuple(ratios[1:])  # the first one compiled and read the disk
+
+
+def _cpu_s(work: Callable[[], None]) -> float:
+    started_s = time.process_time()
+    work()
+    return time.process_time() - started_s

@@ -14,11 +14,10 @@ from pydantic import BaseModel, ConfigDict
 
 from emvs.errors import InputError
 from eval.scoring.metrics import Better
-from eval.scoring.results import Results, Row, Value, read_results
+from eval.scoring.results import POOLED, Results, Row, Value, read_results
 from eval.suite.results import FILE_NAME, Sample, SuiteResult, read_suite
 
 SPEED_METHOD, SPEED_METRIC = "mapper", "cpu_time_ratio"
-POOLED = "all"
 
 
 class Key(NamedTuple):

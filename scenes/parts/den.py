@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import Generator, default_rng
 
-from sim.motion.curves import Motion
+from sim.motion import Motion
 from sim.scene import Scene
 
 if TYPE_CHECKING:

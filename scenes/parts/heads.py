@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.motion.curves import Motion
+from sim.motion import Motion
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import default_rng
 
-from sim.motion.curves import HeadSway, Motion, Vector3, Wave, look_at
+from sim.motion import Motion
+from sim.motion.curves import HeadSway, Vector3, Wave, look_at
 from sim.scene import Scene
 
 if TYPE_CHECKING:

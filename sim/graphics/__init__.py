@@ -26,19 +26,6 @@ def backend() -> str:
     return _choice().backend
 
 
-def _choice() -> Choice:
-    asked = os.environ.get("MUJOCO_GL", "").lower().strip()
-    if asked and asked not in _LIBRARIES:
-        raise InputError(
-            f"MUJOCO_GL={asked!r} cannot render off screen: unset it, or use egl or osmesa"
-        )
-    installed = tuple(filter(_installed, [asked] if asked else _LIBRARIES))
-    if not installed:
-        wanted = f"MUJOCO_GL={asked}" if asked else "EGL or OSMesa"
-        raise InputError(f"no graphics library found for {wanted}: {_CURE}")
-    return Choice(asked) if asked else choose(installed)
-
-
 def import_mujoco() -> Any:
     """Imports MuJoCo.
 
@@ -102,6 +89,19 @@ def worker_devices() -> tuple[int, ...]:
     if backend() != "egl" or not has_gpu():
         return ()
     return equal_devices(_probed_driver())
+
+
+def _choice() -> Choice:
+    asked = os.environ.get("MUJOCO_GL", "").lower().strip()
+    if asked and asked not in _LIBRARIES:
+        raise InputError(
+            f"MUJOCO_GL={asked!r} cannot render off screen: unset it, or use egl or osmesa"
+        )
+    installed = tuple(filter(_installed, [asked] if asked else _LIBRARIES))
+    if not installed:
+        wanted = f"MUJOCO_GL={asked}" if asked else "EGL or OSMesa"
+        raise InputError(f"no graphics library found for {wanted}: {_CURE}")
+    return Choice(asked) if asked else choose(installed)
 
 
 def _probed_driver() -> Driver:

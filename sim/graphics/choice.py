@@ -23,6 +23,8 @@ from emvs.errors import InputError
 
 # Why drawing is done in software although there is a GPU; told by `sim.simulate`.
 NOTE = "EVENTSWEEP_GRAPHICS_NOTE"
+# Which of several GPUs draws.
+DEVICE = "MUJOCO_EGL_DEVICE_ID"
 _PROBE = Path(__file__).with_name("probe.py")
 # The first start of a driver that serves several GPUs takes seconds.
 _LIMIT_S = 60.0
@@ -33,7 +35,6 @@ _VENDOR_FILES = (
     "run/opengl-driver/share/glvnd/egl_vendor.d/*.json",
 )
 _VENDOR, _VENDOR_FOLDERS = "__EGL_VENDOR_LIBRARY_FILENAMES", "__EGL_VENDOR_LIBRARY_DIRS"
-DEVICE = "MUJOCO_EGL_DEVICE_ID"
 _STEERING = (_VENDOR, _VENDOR_FOLDERS, DEVICE)
 _SOFTWARE = re.compile(r"llvmpipe|softpipe|swrast|swr\b|software|swiftshader|basic render", re.I)
 
@@ -120,30 +121,6 @@ def choose(installed: tuple[str, ...], root: Path = Path("/")) -> Choice:
     )
 
 
-@cache
-def _probed(backend: str, environment: tuple[tuple[str, str], ...]) -> Driver | str:
-    # PyOpenGL's variable is MuJoCo's doing once it is loaded, and holds for this process only.
-    ours = {"MUJOCO_GL"} | ({"PYOPENGL_PLATFORM"} if "OpenGL" in sys.modules else set())
-    outside = {name: value for name, value in os.environ.items() if name not in ours}
-    command = [sys.executable, "-P", str(_PROBE), backend]
-    process = subprocess.Popen(
-        command, env=outside | dict(environment), text=True, errors="replace",
-        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
-    try:
-        said, complained = process.communicate(timeout=_LIMIT_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        # Inside a hanging driver not even that ends it: it is left behind.
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(1)
-        return f"no answer within {_LIMIT_S:g} s"
-    if process.returncode == 0:
-        with suppress(ValueError, TypeError, IndexError):
-            return Driver(**json.loads(said.splitlines()[-1]))
-    return _reason(process.returncode, complained)
-
-
 def probe(backend: str, environment: Mapping[str, str] | None = None) -> Driver | str:
     """Starts a graphics library in a process of its own, once for each environment.
 
@@ -167,6 +144,30 @@ def equal_devices(driver: Driver) -> tuple[int, ...]:
         return ()
     numbers = range(driver.devices)
     return tuple(n for n in numbers if probe("egl", {DEVICE: str(n)}) == driver)
+
+
+@cache
+def _probed(backend: str, environment: tuple[tuple[str, str], ...]) -> Driver | str:
+    # PyOpenGL's variable is MuJoCo's doing once it is loaded, and holds for this process only.
+    ours = {"MUJOCO_GL"} | ({"PYOPENGL_PLATFORM"} if "OpenGL" in sys.modules else set())
+    outside = {name: value for name, value in os.environ.items() if name not in ours}
+    command = [sys.executable, "-P", str(_PROBE), backend]
+    process = subprocess.Popen(
+        command, env=outside | dict(environment), text=True, errors="replace",
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    try:
+        said, complained = process.communicate(timeout=_LIMIT_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        # Inside a hanging driver not even that ends it: it is left behind.
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(1)
+        return f"no answer within {_LIMIT_S:g} s"
+    if process.returncode == 0:
+        with suppress(ValueError, TypeError, IndexError):
+            return Driver(**json.loads(said.splitlines()[-1]))
+    return _reason(process.returncode, complained)
 
 
 def _environments(root: Path) -> list[dict[str, str]]:

@@ -1,4 +1,9 @@
-"""Smooth curves of the rig's pose over time: quintic splines of position and quaternion."""
+"""Motions: the rig's pose as a smooth function of time.
+
+Heads that sway (`HeadSway`); cubic splines through key poses
+(`spline`); and quintic splines with exact derivatives (`CurveMotion`), which generated and recorded
+motions are.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from emvs.errors import InputError
+from sim.motion import Motion
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline, CubicSpline
@@ -19,15 +25,8 @@ if TYPE_CHECKING:
 
 Vector3 = tuple[float, float, float]
 Array = NDArray[np.float64]
+# Of the splines of `CurveMotion`: four continuous derivatives.
 _DEGREE = 5
-
-
-class Motion(Protocol):
-    """A smooth curve of the body's pose; the body's axes are camera 0's: right, down, forward."""
-
-    def T_world_body(self, t_s: float) -> NDArray[np.float64]:
-        """Pose (4, 4) at time `t_s`, seconds from the start of the sequence; world z is up."""
-        ...
 
 
 @runtime_checkable
@@ -64,6 +63,22 @@ def look_at(
     pose = np.eye(4)
     pose[:3] = np.column_stack([right, np.cross(forward, right), forward, eye])
     return pose
+
+
+def sampled(motion: Motion, duration_s: float, rate_hz: float) -> Trajectory:
+    """Samples `motion` over [0, `duration_s`] at `rate_hz`, both ends included, to a trajectory.
+
+    Times are rounded to the microsecond before the curve is asked, so stored poses are exact.
+    """
+    from emvs.geometry.trajectory import Trajectory
+
+    duration_us = round(duration_s * 1e6)
+    count = max(2, int(np.ceil(duration_us * 1e-6 * rate_hz - 1e-9)) + 1)
+    t_us = np.unique(np.rint(np.linspace(0, duration_us, count)).astype(np.int64))
+    if isinstance(motion, ManyPoses):
+        return Trajectory.from_matrices(t_us, motion.poses(t_us * 1e-6))
+    poses = np.stack([motion.T_world_body(t * 1e-6) for t in t_us.tolist()])
+    return Trajectory.from_matrices(t_us, poses)
 
 
 @dataclass(frozen=True)
@@ -179,26 +194,6 @@ def spline(times_s: ArrayLike, T_world_body: ArrayLike) -> SplineMotion:
     return SplineMotion(CubicSpline(times, poses[:, :3, 3]), RotationSpline(times, rotations))
 
 
-def sampled(motion: Motion, duration_s: float, rate_hz: float) -> Trajectory:
-    """Samples `motion` over [0, `duration_s`] at `rate_hz`, both ends included, to a trajectory.
-
-    Times are rounded to the microsecond before the curve is asked, so stored poses are exact.
-    """
-    from emvs.geometry.trajectory import Trajectory
-
-    duration_us = round(duration_s * 1e6)
-    count = max(2, int(np.ceil(duration_us * 1e-6 * rate_hz - 1e-9)) + 1)
-    t_us = np.unique(np.rint(np.linspace(0, duration_us, count)).astype(np.int64))
-    if isinstance(motion, ManyPoses):
-        return Trajectory.from_matrices(t_us, motion.poses(t_us * 1e-6))
-    poses = np.stack([motion.T_world_body(t * 1e-6) for t in t_us.tolist()])
-    return Trajectory.from_matrices(t_us, poses)
-
-
-def _scaled(vector: Vector3, factor: float) -> Vector3:
-    return vector[0] * factor, vector[1] * factor, vector[2] * factor
-
-
 @dataclass(frozen=True, eq=False)
 class Kinematics:
     """Velocities and accelerations of the body, (N, 3) each.
@@ -258,7 +253,7 @@ class CurveMotion:
         With a quaternion q of any length, `omega = 2 vec(q* dq) / |q|^2` in body axes.
         """
         times = self._times(times_s)
-        value, first, second = (spline(times) for spline in self.spline)
+        value, first, second = (derivative(times) for derivative in self.spline)
         q, dq, ddq = value[:, 3:], first[:, 3:], second[:, 3:]
         square = np.sum(q * q, axis=1, keepdims=True)
         omega = 2 * _vector_of_conjugate_product(q, dq) / square
@@ -300,8 +295,7 @@ def curve(times_s: ArrayLike, positions_m: ArrayLike, quats_xyzw: ArrayLike) -> 
             f"{len(times)} poses{'' if np.isfinite(channels).all() else ', some not finite'}: "
             f"a smooth curve needs at least {_DEGREE + 1} finite ones"
         )
-    spline = make_interp_spline(times, channels, _DEGREE)
-    return CurveMotion((spline, spline.derivative(1), spline.derivative(2)), float(times[-1]))
+    return _with_derivatives(make_interp_spline(times, channels, _DEGREE), float(times[-1]))
 
 
 def curve_of(motion: Motion, duration_s: float, rate_hz: float = 250.0) -> CurveMotion:
@@ -331,8 +325,17 @@ def moved(motion: CurveMotion, T_left: Array, T_right: Array) -> CurveMotion:
     matrix[3:, 3:] = _left_product(left) @ _right_product(right)
     shift = np.concatenate([T_left[:3, 3], np.zeros(4)])
     knots, coefficients, degree = motion.spline[0].tck
-    spline = BSpline(knots, coefficients @ matrix.T + shift, degree)
-    return CurveMotion((spline, spline.derivative(1), spline.derivative(2)), motion.duration_s)
+    return _with_derivatives(
+        BSpline(knots, coefficients @ matrix.T + shift, degree), motion.duration_s
+    )
+
+
+def _with_derivatives(channels: BSpline, duration_s: float) -> CurveMotion:
+    return CurveMotion((channels, channels.derivative(1), channels.derivative(2)), duration_s)
+
+
+def _scaled(vector: Vector3, factor: float) -> Vector3:
+    return vector[0] * factor, vector[1] * factor, vector[2] * factor
 
 
 def _vector_of_conjugate_product(q: Array, r: Array) -> Array:

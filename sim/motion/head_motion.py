@@ -20,7 +20,9 @@ from sim.motion.curves import CurveMotion, curve, look_at, moved
 from sim.motion.head_styles import KNOT_HZ, STYLES, HeadStyle
 
 Array = NDArray[np.float64]
+# Knots beyond the end of a motion.
 _MARGIN = 6
+# Sines per channel of noise.
 _TONES = 12
 
 
@@ -56,29 +58,13 @@ def generate(name: str, duration_s: float, seed: int, **parameters: Any) -> Curv
 
 
 seated: Callable[..., CurveMotion] = partial(generate, "seated")
-
-
 translate_1d: Callable[..., CurveMotion] = partial(generate, "translate_1d")
-
-
 translate_3d: Callable[..., CurveMotion] = partial(generate, "translate_3d")
-
-
 six_dof: Callable[..., CurveMotion] = partial(generate, "six_dof")
-
-
 shake: Callable[..., CurveMotion] = partial(generate, "shake")
-
-
 walk: Callable[..., CurveMotion] = partial(generate, "walk")
-
-
 run: Callable[..., CurveMotion] = partial(generate, "run")
-
-
 skate: Callable[..., CurveMotion] = partial(generate, "skate")
-
-
 bike: Callable[..., CurveMotion] = partial(generate, "bike")
 
 

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _ORDER = 3
+# Beyond this ratio of pose rate to cut-off the system of equations is ill-conditioned.
 _MAX_OVERSAMPLING = 250.0
+# Periods of the cut-off after which the smoothing has forgotten a pose, see `Replay._near`.
 _MEMORY_PERIODS = 10.0
 
 
@@ -130,36 +132,12 @@ class Replay:
         shift_m = np.linalg.norm(np.diff(recorded.positions_m[near], axis=0), axis=1)
         cosine = np.abs(np.sum(quats[1:] * quats[:-1], axis=1))
         turn_rad = 2 * np.arccos(np.minimum(cosine, 1))
-        _refuse(
-            step_s,
-            self.max_gap_s,
-            t_s,
-            near.start,
-            "a gap of {:.3f} s",
-            "max_gap_s",
-            "fill or cut it",
-        )
-        cure = "remove the jump"
-        speed = shift_m / step_s
-        _refuse(
-            speed,
-            self.max_speed_m_s,
-            t_s,
-            near.start,
-            "a jump at {:.3g} m/s",
-            "max_speed_m_s",
-            cure,
-        )
-        rate = turn_rad / step_s
-        _refuse(
-            rate,
-            self.max_rate_rad_s,
-            t_s,
-            near.start,
-            "a turn at {:.3g} rad/s",
-            "max_rate_rad_s",
-            cure,
-        )
+        for value, name, what, cure in (
+            (step_s, "max_gap_s", "a gap of {:.3f} s", "fill or cut it"),
+            (shift_m / step_s, "max_speed_m_s", "a jump at {:.3g} m/s", "remove the jump"),
+            (turn_rad / step_s, "max_rate_rad_s", "a turn at {:.3g} rad/s", "remove the jump"),
+        ):
+            _refuse(value, getattr(self, name), t_s, near.start, what, name, cure)
 
 
 def smoothed(values: Array, rate_hz: float, cutoff_hz: float) -> Array:

@@ -1,7 +1,8 @@
-"""Unfinished simulations on disk: finished pieces, whole or not there, taken up again.
+"""Checkpoints of unfinished simulations: whole or not there, and taken up by the next run.
 
-A *part* holds events and ground truth of some whole chunks, and the sensors' state behind them. It
-is written under another name, flushed and renamed; hashes say whether it still is what was written.
+A checkpoint holds the events and ground truth of some chunks, and the sensors' state behind them.
+It is written under another name, flushed and renamed; hashes say whether it still is what was
+written.
 """
 
 from __future__ import annotations
@@ -32,27 +33,29 @@ from emvs.utils.ownership import named
 
 Notice = Callable[[str], None]
 """Called with one line for people to read."""
-_KEY, _LOCK = "job.json", "lock"
+State = dict[str, NDArray[Any]]
+"""Everything that later events depend on."""
 _FORMAT = 2
+# Files of the folder, and of each checkpoint in it.
+_KEY, _LOCK = "job.json", "lock"
+_INDEX, _STATE = "part.json", "state.npz"
 _OURS = re.compile(
     r"job\.json|lock|\.job\.json\.\w{8}\.partial\.json"
     r"|\d{6}(\.partial)?(/(part\.json|state\.npz|cam\d+\.(events|truth|frames)\.h5))?"
 )
-# A damaged part costs what follows from it, and with it the work back to the last state.
+# A damaged checkpoint costs the work back to the last state before it.
 _STATES_KEPT = 3
-State = dict[str, NDArray[Any]]
-_INDEX, _STATE = "part.json", "state.npz"
 
 
 class Stopped(InputError):
     """Something outside the input stopped the work; run again to go on."""
 
 
-class WorkFolder:
-    """A context that holds the work folder of one target, and only one process at a time.
+class CheckpointFolder:
+    """A context that holds the checkpoints of one target, for one process at a time.
 
-    Left with an error, it stays for the next run if a part is finished, and goes if there is none
-    or if the input was wrong, because then what is done is of no use. The target is never touched.
+    Left with an error, they stay for the next run if one is finished; they go if none is, or if the
+    input was wrong, because then what is done is of no use. The target is never touched.
 
     Args:
         out: the target.
@@ -67,13 +70,13 @@ class WorkFolder:
     """
 
     def __init__(self, out: Path, key: str, rig: Rig, *, resume: bool, notice: Notice) -> None:
-        self.path = work_path(out)
-        self.parts: list[Part] = []
+        self.path = checkpoint_path(out)
+        self.finished: list[Checkpoint] = []
         self._out, self._key, self._rig = out, key, rig
         self._resume, self._notice = resume, notice
-        self._open: PartWriter | None = None
+        self._open: CheckpointWriter | None = None
 
-    def __enter__(self) -> WorkFolder:
+    def __enter__(self) -> CheckpointFolder:
         _refuse_foreign(self.path)
         with ExitStack() as stack:
             stack.enter_context(made_parent(self.path / _LOCK, make=False))
@@ -99,7 +102,7 @@ class WorkFolder:
             self._open.close()
             shutil.rmtree(self._open.path, ignore_errors=True)
         wrong = isinstance(error, InputError) and not isinstance(error, Stopped)
-        if error is None or wrong or not self.parts:
+        if error is None or wrong or not self.finished:
             shutil.rmtree(self.path, ignore_errors=True)
         # Of an error it makes the folders go that were made for this, and are empty.
         self._closing.__exit__(kind, error, trace)
@@ -107,22 +110,22 @@ class WorkFolder:
     @property
     def next_chunk(self) -> int:
         """The first chunk that is not done."""
-        return self.parts[-1].end_chunk if self.parts else 0
+        return self.finished[-1].end_chunk if self.finished else 0
 
     @property
-    def writer(self) -> PartWriter:
-        """The part that is being written."""
+    def writer(self) -> CheckpointWriter:
+        """The checkpoint that is being written."""
         if self._open is None:
-            name = f"{len(self.parts):06d}.partial"
-            self._open = PartWriter(self.path / name, self.next_chunk, self._rig)
+            name = f"{len(self.finished):06d}.partial"
+            self._open = CheckpointWriter(self.path / name, self.next_chunk, self._rig)
         return self._open
 
     def commit(self, state: State, end_chunk: int, counts: Sequence[dict[str, int]] = ()) -> None:
-        """Finishes the part that is being written, with the sensors' state behind it."""
-        self.parts.append(self.writer.finish(state, end_chunk, counts))
+        """Finishes the checkpoint that is being written, with the sensors' state behind it."""
+        self.finished.append(self.writer.finish(state, end_chunk, counts))
         self._open = None
-        for part in self.parts[-_STATES_KEPT - 1 : -_STATES_KEPT]:
-            part.drop_state()
+        for checkpoint in self.finished[-_STATES_KEPT - 1 : -_STATES_KEPT]:
+            checkpoint.drop_state()
 
     def _take_lock(self) -> None:
         try:
@@ -142,7 +145,7 @@ class WorkFolder:
                     f"{self.path} holds unfinished work of other parameters, scene or versions: "
                     "finish it with those, or set resume=False to discard it"
                 )
-            self._find_parts()
+            self._find_checkpoints()
             return
         for entry in self.path.iterdir():
             if entry.is_dir():
@@ -151,29 +154,31 @@ class WorkFolder:
             partial.write_text(json.dumps(wanted), encoding="utf-8")
 
     def _remove_leftovers(self) -> None:
-        """What a killed process left of a part, or of putting the sequence together."""
+        """What a killed process left of a checkpoint, or of putting the sequence together."""
         for folder in self.path.glob("*.partial"):
             shutil.rmtree(folder, ignore_errors=True)
         remove_abandoned(self._out)
 
-    def _find_parts(self) -> None:
-        """The longest run of whole parts from the start that ends with a state."""
-        found: list[Part] = []
+    def _find_checkpoints(self) -> None:
+        """The longest run of whole checkpoints from the start that ends with a state."""
+        found: list[Checkpoint] = []
         paths = sorted(path for path in self.path.iterdir() if path.is_dir())
         for path in paths:
-            part = whole_part(path)
-            if part is None or part.first_chunk != (found[-1].end_chunk if found else 0):
+            checkpoint = read_checkpoint(path)
+            if checkpoint is None or checkpoint.first_chunk != (
+                found[-1].end_chunk if found else 0
+            ):
                 self._notice(f"{path} is damaged: what follows from it is made again")
                 break
-            found.append(part)
+            found.append(checkpoint)
         while found and not found[-1].has_state:
             found.pop()
         for path in paths[len(found) :]:
             shutil.rmtree(path)
-        self.parts = found
+        self.finished = found
 
 
-def work_path(out: Path) -> Path:
+def checkpoint_path(out: Path) -> Path:
     """Where the unfinished work of a target lies."""
     place = real(out)
     return place.parent / f".{place.name}.work"
@@ -203,15 +208,15 @@ def _opened(path: Path) -> IO[str]:
 
 
 @dataclass(frozen=True)
-class Part:
-    """A finished part: chunks `first_chunk` up to and without `end_chunk`.
+class Checkpoint:
+    """Chunks `first_chunk` up to and without `end_chunk`.
 
     Attributes:
         path: its folder.
         first_chunk: the first chunk in it.
         end_chunk: the first chunk behind it.
         events: of all cameras.
-        counts: in the last part, what became of all events, per camera.
+        counts: in the last checkpoint, what became of all events, per camera.
     """
 
     path: Path
@@ -227,13 +232,13 @@ class Part:
         return events, TruthReader(self.path / _truth_file(camera))
 
     def photos(self, camera: int) -> Iterator[Photo]:
-        """One camera's pictures that were completed in this part."""
+        """One camera's pictures that were completed in this checkpoint."""
         path = self.path / _frames_file(camera)
         return FrameReader(path).photos() if path.exists() else iter(())
 
     @property
     def has_state(self) -> bool:
-        """Whether the simulation can go on behind this part."""
+        """Whether the simulation can go on behind this checkpoint."""
         return (self.path / _STATE).exists()
 
     def drop_state(self) -> None:
@@ -241,13 +246,13 @@ class Part:
         (self.path / _STATE).unlink(missing_ok=True)
 
     def state(self) -> State:
-        """The sensors' state behind the part."""
+        """The sensors' state behind the checkpoint."""
         with np.load(self.path / _STATE) as stored:
             return {name: stored[name] for name in stored.files}
 
 
-class PartWriter:
-    """Writes one part, in a folder that does not count before it is renamed."""
+class CheckpointWriter:
+    """Writes one checkpoint, in a folder that does not count before it is renamed."""
 
     def __init__(self, path: Path, first_chunk: int, rig: Rig) -> None:
         self.path, self.first_chunk, self.events = path, first_chunk, 0
@@ -276,8 +281,10 @@ class PartWriter:
         """Closes its files."""
         self._files.close()
 
-    def finish(self, state: State, end_chunk: int, counts: Sequence[dict[str, int]] = ()) -> Part:
-        """Adds state and hashes, flushes everything to the disk, and makes the part count."""
+    def finish(
+        self, state: State, end_chunk: int, counts: Sequence[dict[str, int]] = ()
+    ) -> Checkpoint:
+        """Adds state and hashes, flushes everything to the disk, and makes the checkpoint count."""
         self.close()
         np.savez(self.path / _STATE, **state)  # type: ignore[arg-type,unused-ignore]
         index = {
@@ -293,11 +300,11 @@ class PartWriter:
         whole = self.path.with_suffix("")
         self.path.rename(whole)
         _sync(whole.parent)
-        return Part(whole, self.first_chunk, end_chunk, self.events, tuple(counts))
+        return Checkpoint(whole, self.first_chunk, end_chunk, self.events, tuple(counts))
 
 
-def whole_part(path: Path) -> Part | None:
-    """The part in a folder, or None where anything is missing or changed."""
+def read_checkpoint(path: Path) -> Checkpoint | None:
+    """The checkpoint in a folder, or None where anything is missing or changed."""
     try:
         index = json.loads((path / _INDEX).read_text(encoding="utf-8"))
         for name, digest in index["files"].items():
@@ -305,7 +312,7 @@ def whole_part(path: Path) -> Part | None:
             if not (name == _STATE and not file.exists()) and _sha256(file) != digest:
                 return None
         first, end, events = (int(index[name]) for name in ("first_chunk", "end_chunk", "events"))
-        return Part(path, first, end, events, tuple(index["counts"]))
+        return Checkpoint(path, first, end, events, tuple(index["counts"]))
     except (OSError, KeyError, TypeError, ValueError, AttributeError):
         return None
 

@@ -1,4 +1,4 @@
-"""The unit of work that processes share: what the cameras see in one stretch of time.
+"""A render job: chunks of time, which any process may render in any order.
 
 A chunk's render times start afresh at its beginning, so a chunk is the same whoever renders it, and
 whatever was rendered before.
@@ -19,8 +19,8 @@ from emvs.geometry import se3
 from emvs.geometry.rig import Rig
 from sim import ground_truth
 from sim.config import SimConfig
-from sim.motion.curves import Motion
-from sim.rendering.adaptive_sampling import Exposure, exposures
+from sim.motion import Motion
+from sim.rendering.adaptive_sampling import RigFrame, adaptive_frames
 from sim.rendering.moving_bodies import MovingBodies
 from sim.rendering.renderer import StereoRenderer
 from sim.scene import Scene
@@ -32,7 +32,7 @@ TruthImages = dict[str, NDArray[Any]]
 
 
 class RenderedFrame(NamedTuple):
-    """What the event simulation needs of one exposure.
+    """What the event simulation needs of what all cameras see at one time.
 
     Attributes:
         chunk: index of the chunk that it belongs to.
@@ -128,50 +128,50 @@ class ChunkRenderer:
         self.job = job
         self._renderer, self._motion = renderer, job.motion()
         self._config = _capped(job)
-        self._last: Exposure | None = None
+        self._last: RigFrame | None = None
         animate = job.scene.animate
         self._bodies = MovingBodies(renderer, animate) if animate is not None else None
 
-    def shots(self, chunk: int) -> Iterator[RenderedFrame]:
+    def frames(self, chunk: int) -> Iterator[RenderedFrame]:
         """What the cameras see after the chunk's beginning up to its end; chunk 0 from time 0."""
         job = self.job
         stops_us = list(job.bounds_us[chunk : chunk + 2])
         known = self._last if self._last and self._last.t_us == stops_us[0] else None
-        for exposure in exposures(
+        for rig_frame in adaptive_frames(
             self._renderer, self._motion, stops_us, self._config, known, self._bodies
         ):
-            self._last = exposure
-            if chunk == 0 or exposure.t_us > stops_us[0]:
-                yield self._shot(chunk, exposure)
+            self._last = rig_frame
+            if chunk == 0 or rig_frame.t_us > stops_us[0]:
+                yield self._rendered(chunk, rig_frame)
 
-    def _shot(self, chunk: int, exposure: Exposure) -> RenderedFrame:
-        frames = exposure.frames
+    def _rendered(self, chunk: int, rig_frame: RigFrame) -> RenderedFrame:
+        frames = rig_frame.frames
         return RenderedFrame(
             chunk,
-            exposure.t_us,
+            rig_frame.t_us,
             tuple(frame.intensity for frame in frames),
             tuple(frame.nearest_depth_m for frame in frames) if self.job.event_depth else (),
-            self._truth(exposure) if exposure.t_us in self.job.truth_us else (),
+            self._truth(rig_frame) if rig_frame.t_us in self.job.truth_us else (),
         )
 
-    def _truth(self, exposure: Exposure) -> tuple[TruthImages, ...]:
-        self._renderer.at(exposure.t_us * 1e-6)
-        return tuple(self._truth_of(k, exposure) for k in range(len(self.job.rig)))
+    def _truth(self, rig_frame: RigFrame) -> tuple[TruthImages, ...]:
+        self._renderer.at(rig_frame.t_us * 1e-6)
+        return tuple(self._truth_of(k, rig_frame) for k in range(len(self.job.rig)))
 
-    def _truth_of(self, k: int, exposure: Exposure) -> TruthImages:
-        wanted, pose = self.job.config.truth, exposure.T_world_body
+    def _truth_of(self, k: int, rig_frame: RigFrame) -> TruthImages:
+        wanted, pose = self.job.config.truth, rig_frame.T_world_body
         camera, T_body_cam = self.job.rig.cameras[k], self.job.rig.T_body_cam[k]
         depth_m = self._renderer.depth(k, pose)
-        grey = np.rint(255 * np.clip(exposure.frames[k].intensity, 0, 1)).astype(np.uint8)
+        grey = np.rint(255 * np.clip(rig_frame.frames[k].intensity, 0, 1)).astype(np.uint8)
         images: TruthImages = {"depth_m": depth_m, "intensity": grey}
         if "flow" in wanted:
-            images["flow_px"] = self._flow(k, exposure, depth_m)
+            images["flow_px"] = self._flow(k, rig_frame, depth_m)
         if "segmentation" in wanted:
             images["segmentation"] = self._renderer.segmentation(k, pose)
         if "boundary" in wanted:
             images["boundary"] = ground_truth.boundary(depth_m).astype(np.uint8)
         if "twist" in wanted:
-            t_s, end_s = exposure.t_us * 1e-6, self.job.duration_us * 1e-6
+            t_s, end_s = rig_frame.t_us * 1e-6, self.job.duration_us * 1e-6
             images["twist"] = ground_truth.twist(self._motion, T_body_cam, t_s, end_s)
         if camera.model != "pinhole":
             view = camera.undistorted()
@@ -179,21 +179,21 @@ class ChunkRenderer:
         return images
 
     def _flow(
-        self, k: int, exposure: Exposure, depth_m: NDArray[np.float32]
+        self, k: int, rig_frame: RigFrame, depth_m: NDArray[np.float32]
     ) -> NDArray[np.float32]:
-        later_us = next((t for t in self.job.truth_us if t > exposure.t_us), None)
+        later_us = next((t for t in self.job.truth_us if t > rig_frame.t_us), None)
         if later_us is None:
             return np.full((*depth_m.shape, 2), np.nan, np.float32)
         T_world_cam, T_world_later = (
             pose @ self.job.rig.T_body_cam[k]
-            for pose in (exposure.T_world_body, self._motion.T_world_body(later_us * 1e-6))
+            for pose in (rig_frame.T_world_body, self._motion.T_world_body(later_us * 1e-6))
         )
         camera, bearing = self.job.rig.cameras[k], self._bearings[k]
         T_later_world = se3.inverse(T_world_later)
         flow_px = ground_truth.flow_px(camera, bearing, depth_m, T_later_world @ T_world_cam)
         if self._bodies is not None:
-            geoms = self._renderer.segmentation(k, exposure.T_world_body)
-            moved = self._bodies.moved(exposure.t_us, later_us)
+            geoms = self._renderer.segmentation(k, rig_frame.T_world_body)
+            moved = self._bodies.moved(rig_frame.t_us, later_us)
             for geom in np.unique(geoms[self._bodies.moves[geoms]]):
                 shown = geoms == geom
                 T_later_now = T_later_world @ moved[geom] @ T_world_cam

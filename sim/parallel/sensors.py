@@ -9,17 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
-from sim.ground_truth_kernels import depth_at_events
+from sim.ground_truth import event_depth_m
 from sim.parallel.checkpoint import State
 from sim.parallel.render_job import RenderedFrame, RenderJob
 from sim.sensor.sensor import Sensor, part_of
 
-# Within half a pixel of motion, inverse depth of one surface changes by less than this share.
-_SAME_SURFACE = 0.02
-
 
 class Packet(NamedTuple):
-    """One camera's events between two shots.
+    """One camera's events between two frames.
 
     Attributes:
         events: the events.
@@ -36,7 +33,7 @@ class Cameras:
     Args:
         job: rig and parameters.
         pool: threads.
-        state: where to go on; None starts with the first shot.
+        state: where to go on; None starts with the first frame.
     """
 
     def __init__(self, job: RenderJob, pool: Executor, state: State | None) -> None:
@@ -51,17 +48,17 @@ class Cameras:
         if state is not None:
             self._restore(state)
 
-    def take(self, shot: RenderedFrame) -> None:
+    def take(self, frame: RenderedFrame) -> None:
         """Hands over the next pictures; `collect` what came of the ones before first."""
         if self._t_us is None:
-            for sensor, intensity in zip(self._sensors, shot.intensity, strict=True):
-                sensor.start(intensity, shot.t_us)
+            for sensor, intensity in zip(self._sensors, frame.intensity, strict=True):
+                sensor.start(intensity, frame.t_us)
         else:
             before = self._t_us, self._depth_m
             self._pending = [
-                self._pool.submit(self._step, k, shot, *before) for k in range(len(self._sensors))
+                self._pool.submit(self._step, k, frame, *before) for k in range(len(self._sensors))
             ]
-        self._t_us, self._depth_m = shot.t_us, shot.depth_m
+        self._t_us, self._depth_m = frame.t_us, frame.depth_m
 
     def collect(self) -> list[Packet]:
         """One packet per camera, of the pictures handed over last; none if there were none."""
@@ -90,17 +87,17 @@ class Cameras:
             self._depth_m = tuple(part_of(state, "depth_m").values())
 
     def _step(
-        self, k: int, shot: RenderedFrame, before_us: int, before_m: tuple[NDArray[np.float32], ...]
+        self,
+        k: int,
+        frame: RenderedFrame,
+        before_us: int,
+        before_m: tuple[NDArray[np.float32], ...],
     ) -> Packet:
-        labelled = self._sensors[k].step(shot.intensity[k], shot.t_us)
+        labelled = self._sensors[k].step(frame.intensity[k], frame.t_us)
         events, extra = labelled.events, dict[str, NDArray[np.generic]]()
         if self._job.labelled:
             extra["label"] = labelled.label
         if self._job.event_depth:
-            depth_m = np.empty(len(events), np.float32)
-            depth_at_events(
-                before_m[k], shot.depth_m[k], before_us, shot.t_us,
-                events.x, events.y, events.t_us, _SAME_SURFACE, depth_m,
-            )  # fmt: skip
-            extra["depth_m"] = depth_m
+            span_us = before_us, frame.t_us
+            extra["depth_m"] = event_depth_m(before_m[k], frame.depth_m[k], span_us, events)
         return Packet(events, extra)

@@ -35,7 +35,7 @@ Images = tuple[NDArray[np.float32], ...]
 
 
 class _Sent(NamedTuple):
-    """A shot on its way: its pictures lie in a slot."""
+    """A frame on its way: its pictures lie in a slot."""
 
     chunk: int
     t_us: int
@@ -44,7 +44,7 @@ class _Sent(NamedTuple):
 
 
 class _Slots:
-    """Shared memory as slots, each with room for the pictures of one shot."""
+    """Shared memory as slots, each with room for the pictures of one frame."""
 
     def __init__(self, job: RenderJob, descriptor: int, count: int) -> None:
         self._memory = mmap.mmap(descriptor, count * slot_bytes(job))
@@ -81,7 +81,7 @@ def _kinds(job: RenderJob) -> int:
 
 
 def slot_bytes(job: RenderJob) -> int:
-    """Memory that the pictures of one shot take."""
+    """Memory that the pictures of one frame take."""
     return 4 * _kinds(job) * sum(c.width_px * c.height_px for c in job.rig.cameras)
 
 
@@ -90,17 +90,17 @@ def slot_count(job: RenderJob) -> int:
     return int(np.clip(_BYTES_PER_WORKER // slot_bytes(job), _MIN_SLOTS, _MAX_SLOTS))
 
 
-def shots_in_process(
+def frames_in_process(
     job: RenderJob, renderer: StereoRenderer, first_chunk: int
 ) -> Iterator[RenderedFrame]:
     """Renders the chunks from `first_chunk` on, one after the other, in this process."""
     chunks = ChunkRenderer(job, renderer)
     for chunk in range(first_chunk, job.chunks):
-        yield from chunks.shots(chunk)
+        yield from chunks.frames(chunk)
 
 
-def shots_from_workers(job: RenderJob, first_chunk: int, workers: int) -> Iterator[RenderedFrame]:
-    """Renders the chunks from `first_chunk` on in `workers` processes; the same shots.
+def frames_from_workers(job: RenderJob, first_chunk: int, workers: int) -> Iterator[RenderedFrame]:
+    """Renders the chunks from `first_chunk` on in `workers` processes; the same frames.
 
     Raises:
         InputError: what a worker refuses, or a scene that cannot be sent to another process.
@@ -120,7 +120,7 @@ def shots_from_workers(job: RenderJob, first_chunk: int, workers: int) -> Iterat
             for k in range(workers)
         ]
         for chunk in range(first_chunk, job.chunks):
-            yield from team[(chunk - first_chunk) % workers].shots(chunk)
+            yield from team[(chunk - first_chunk) % workers].frames(chunk)
 
 
 class _RenderWorker:
@@ -158,8 +158,8 @@ class _RenderWorker:
         self._process.terminate()
         self._process.join()
 
-    def shots(self, chunk: int) -> Iterator[RenderedFrame]:
-        """The shots of the worker's next chunk."""
+    def frames(self, chunk: int) -> Iterator[RenderedFrame]:
+        """The frames of the worker's next chunk."""
         while True:
             sent = self._receive()
             views = self._slots.images(sent.slot)
@@ -205,19 +205,19 @@ def _work(
             with job.renderer() as renderer:
                 rendered = ChunkRenderer(job, renderer)
                 for chunk in chunks:
-                    for shot in rendered.shots(chunk):
-                        _send(shot, pipe, slots, free)
+                    for frame in rendered.frames(chunk):
+                        _send(frame, pipe, slots, free)
         except (InputError, MemoryError) as error:
             pipe.send(error)
 
 
-def _send(shot: RenderedFrame, pipe: Connection, slots: _Slots, free: list[int]) -> None:
+def _send(frame: RenderedFrame, pipe: Connection, slots: _Slots, free: list[int]) -> None:
     while not free or pipe.poll():
         free.append(pipe.recv())
     slot = free.pop()
-    for view, image in zip(slots.images(slot), shot.intensity + shot.depth_m, strict=True):
+    for view, image in zip(slots.images(slot), frame.intensity + frame.depth_m, strict=True):
         view[:] = image
-    pipe.send(_Sent(shot.chunk, shot.t_us, slot, shot.truth))
+    pipe.send(_Sent(frame.chunk, frame.t_us, slot, frame.truth))
 
 
 def _check_sendable(job: RenderJob) -> None:

@@ -20,7 +20,7 @@ from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from sim.config import SimConfig
-from sim.motion.curves import Motion
+from sim.motion import Motion
 from sim.rendering.lens import bearing_steps
 from sim.rendering.moving_bodies import BodyPixels, MovingBodies
 from sim.rendering.pixel_kernels import squared_displacement, squared_displacement_lens
@@ -44,8 +44,8 @@ class FrameSource(Protocol):
         ...
 
 
-class Exposure(NamedTuple):
-    """The pictures of all cameras at one time.
+class RigFrame(NamedTuple):
+    """What all cameras of a rig see at one time.
 
     Attributes:
         t_us: time, µs.
@@ -76,25 +76,25 @@ def truth_times_us(duration_us: int, interval_us: int, more_us: Sequence[int] = 
     return sorted(times)
 
 
-def exposures(
+def adaptive_frames(
     source: FrameSource,
     motion: Motion,
     stops_us: list[int],
     config: SimConfig,
-    first: Exposure | None = None,
+    first: RigFrame | None = None,
     bodies: MovingBodies | None = None,
-) -> Iterator[Exposure]:
-    """Yields exposures from the first of `stops_us` to the last, as rarely as motion allows.
+) -> Iterator[RigFrame]:
+    """Yields frames from the first of `stops_us` to the last, as rarely as the motion allows.
 
-    Between two exposures no pixel of any camera moves further than
+    Between two frames no pixel of any camera moves further than
     `config.max_displacement_px`, measured forwards and backwards.
 
     Args:
         source: the renderer.
         motion: the head's curve, s.
-        stops_us: rising times that must be exposed, µs; at least two.
+        stops_us: rising times at which there must be a frame, µs; at least two.
         config: limits on displacement and interval.
-        first: the exposure at the first stop, if it is there already.
+        first: the frame at the first stop, if it is there already.
         bodies: of the scene that `source` draws, where some move by themselves.
 
     Raises:
@@ -102,7 +102,7 @@ def exposures(
     """
     stops = np.asarray(stops_us)
     view = _View(source, motion, bodies)
-    now = first or view.expose(int(stops[0]))
+    now = first or view.rig_frame(int(stops[0]))
     yield now
     step_us = config.min_frame_interval_us * 8
     while now.t_us < stops[-1]:
@@ -121,14 +121,14 @@ class _View(NamedTuple):
     motion: Motion
     bodies: MovingBodies | None
 
-    def expose(self, t_us: int) -> Exposure:
+    def rig_frame(self, t_us: int) -> RigFrame:
         T_world_body = self.motion.T_world_body(t_us * 1e-6)
         self.source.at(t_us * 1e-6)
         frames = tuple(self.source.frame(k, T_world_body) for k in range(len(self.source.rig)))
         seen = self.bodies.seen(T_world_body) if self.bodies else ()
-        return Exposure(t_us, T_world_body, frames, seen)
+        return RigFrame(t_us, T_world_body, frames, seen)
 
-    def moved_px(self, seen: Exposure, then_us: int) -> float:
+    def moved_px(self, seen: RigFrame, then_us: int) -> float:
         """The furthest that a pixel of `seen` goes until `then_us`, or came since then, px."""
         T_world_then = self.motion.T_world_body(then_us * 1e-6)
         depths_m = [frame.nearest_depth_m for frame in seen.frames]
@@ -143,9 +143,9 @@ class _View(NamedTuple):
 
 
 def _advance(
-    view: _View, now: Exposure, guess_us: int, longest_us: int, config: SimConfig
-) -> Exposure:
-    """The next exposure, at most `longest_us` later."""
+    view: _View, now: RigFrame, guess_us: int, longest_us: int, config: SimConfig
+) -> RigFrame:
+    """The next frame, at most `longest_us` later."""
     limit_px = config.max_displacement_px
     shortest_us = min(config.min_frame_interval_us, longest_us)
 
@@ -154,7 +154,7 @@ def _advance(
 
     step_us, moved_px = longest_step(forward_px, limit_px, guess_us, shortest_us, longest_us)
     while moved_px <= limit_px:
-        ahead = view.expose(now.t_us + step_us)
+        ahead = view.rig_frame(now.t_us + step_us)
         moved_px = view.moved_px(ahead, now.t_us)
         if moved_px <= limit_px:
             return ahead
@@ -249,10 +249,18 @@ def largest_displacement_px(
 
     Returns:
         px; inf if a visible point is not in front of its camera any more.
+
+    Raises:
+        InputError: depth of another size than its camera's.
     """
     T_b_a = se3.inverse(T_world_body_b) @ T_world_body_a
     largest = 0.0
     for camera, depth_m, T_body_cam in zip(rig.cameras, depths_m, rig.T_body_cam, strict=True):
+        if depth_m.shape != (camera.height_px, camera.width_px):
+            raise InputError(
+                f"depth of shape {depth_m.shape} for a camera of {camera.width_px} x "
+                f"{camera.height_px} px: give (H, W) of the same camera"
+            )
         rows = np.empty(camera.height_px)
         _fill_rows(camera, depth_m, se3.inverse(T_body_cam) @ T_b_a @ T_body_cam, rows)
         largest = max(largest, float(rows.max()))

@@ -11,20 +11,14 @@ from numpy.typing import NDArray
 
 from emvs.geometry import se3
 from sim.graphics import import_mujoco
+from sim.motion.animation import Animation, moving_geoms
 
 if TYPE_CHECKING:
     from sim.rendering.renderer import StereoRenderer
-    from sim.scene import Animation
 
 Pose = NDArray[np.float64]
+# Poses are asked for again within few steps, by every camera and both ways.
 _RECENT = 64
-
-
-def moving_geoms(model: Any) -> NDArray[np.bool_]:
-    """(G,) which geoms of a compiled model hang on a joint or on a mocap body."""
-    driven = model.body_mocapid[model.body_rootid] >= 0
-    moving: NDArray[np.bool_] = ((model.body_weldid != 0) | driven)[model.geom_bodyid]
-    return moving
 
 
 class BodyPixels(NamedTuple):

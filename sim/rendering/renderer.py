@@ -14,14 +14,12 @@ from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from sim.graphics import current_driver, import_mujoco, open_context
+from sim.motion.animation import Animation
 from sim.rendering import lens, pixel_kernels
-from sim.rendering import lens as views
 from sim.rendering.float_target import FloatTarget
 
 if TYPE_CHECKING:
     import mujoco
-
-    from sim.scene import Animation
 
 Pose = NDArray[np.float64]
 Colours = NDArray[np.uint8] | NDArray[np.float32]
@@ -82,8 +80,8 @@ class StereoRenderer:
         self.supersample = supersample
         self._animate = animate
         self._near_m, self._far_m = 0.5 * depth_range_m[0], 4.0 * depth_range_m[1]
-        self._lenses = tuple(views.lens_of(rig, k, self._lens_samples) for k in range(len(rig)))
-        width_px, height_px = views.buffer_size(rig, self._lenses, supersample)
+        self._lenses = tuple(lens.lens_of(rig, k, self._lens_samples) for k in range(len(rig)))
+        width_px, height_px = lens.buffer_size(rig, self._lenses, supersample)
         self._buffer_px = width_px, height_px
         self.model = _compiled(spec, width_px, height_px)
         self._open(width_px, height_px, floats)
@@ -233,7 +231,7 @@ class StereoRenderer:
     def _view_depth(self, view: Camera, camera: int, T_world_body: Pose) -> NDArray[np.float32]:
         """Window depth at the view's pixel centres, top row first, in tiles where it is large."""
         window_depth = np.empty((view.height_px, view.width_px), np.float32)
-        for tile, rows, columns in views.tiles(view, *self._buffer_px):
+        for tile, rows, columns in lens.tiles(view, *self._buffer_px):
             _, part = self._draw(tile, camera, T_world_body)
             window_depth[rows, columns] = part[::-1]
         return window_depth
@@ -260,7 +258,7 @@ class StereoRenderer:
 
     def _place(self, camera: Camera, T_world_cam: Pose) -> None:
         """Sets pose and frustum of both eyes; the one place where z forward becomes -z."""
-        left, right, top, bottom = self._near_m * views.edges(camera)
+        left, right, top, bottom = self._near_m * lens.edges(camera)
         for eye in self._scene.camera:
             eye.pos, eye.forward, eye.up = (
                 T_world_cam[:3, 3],

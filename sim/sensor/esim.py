@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
-from emvs.errors import InputError
+from emvs.errors import InputError, check_array, check_whole
 from sim.config import SimConfig
 from sim.sensor import esim_kernels as kernels
 
@@ -34,6 +34,8 @@ class EventSimulator:
     """
 
     def __init__(self, width_px: int, height_px: int, config: SimConfig | None = None) -> None:
+        check_whole("width_px", width_px)
+        check_whole("height_px", height_px)
         if width_px < 1 or height_px < 1:
             raise InputError(f"a sensor of {width_px} x {height_px} px: both must be at least 1")
         self._shape = (height_px, width_px)
@@ -44,10 +46,16 @@ class EventSimulator:
 
     def __repr__(self) -> str:
         rows, columns = self._shape
-        return f"EventSimulator({columns} x {rows} px, last frame at {self._t_us} µs)"
+        last = "no frame yet" if self._t_us is None else f"last frame at {self._t_us} µs"
+        return f"EventSimulator({columns} x {rows} px, {last})"
 
     def start(self, intensity: NDArray[np.float32], t_us: int) -> None:
-        """Takes the first frame (H, W), linear, full scale 1: it sets every pixel's reference."""
+        """Takes the first frame (H, W), linear, full scale 1: it sets every pixel's reference.
+
+        Raises:
+            InputError: a time that is not whole, or what `step` refuses of an intensity.
+        """
+        check_whole("t_us", t_us)
         self._log = self._log_of(intensity)
         self._reference = self._log.astype(np.float64)
         self._memory = np.zeros(self._log.size, kernels.PIXEL)
@@ -126,6 +134,7 @@ def time_before(before_us: int | None, t_us: int) -> int:
     """
     if before_us is None:
         raise InputError("step() before start(): give the first frame to start()")
+    check_whole("t_us", t_us)
     if t_us <= before_us:
         raise InputError(
             f"frame at {t_us} µs after one at {before_us} µs: times must rise by at least 1 µs"
@@ -141,6 +150,7 @@ def log_intensity(
     Raises:
         InputError: another shape, or values that are negative or not finite.
     """
+    check_array("intensity", intensity, f"an array {shape} of numbers")
     if intensity.shape != shape:
         raise InputError(f"frame of shape {intensity.shape}: this sensor needs {shape}")
     low, high = float(intensity.min()), float(intensity.max())

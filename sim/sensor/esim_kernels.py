@@ -24,19 +24,29 @@ PIXEL = np.dtype(
 """A pixel's memory: last emitted event, first log intensity, rises and falls since."""
 
 
+TIE = 1e-9
+"""A level counts as reached from this close, ln intensity: less than float32 can tell apart."""
+NEAR = 2 * TIE
+"""Nobody further from a level than this can reach it, however sums are rounded."""
+
+
 @numba.njit(cache=True, nogil=True, inline="always")
 def level_of(first: float, up: int, down: int, c_pos: float, c_neg: float) -> float:
-    """Reference after `up` rises and `down` falls from the first value."""
-    return first + up * c_pos - down * c_neg
+    """Reference after `up` rises and `down` falls from the first value.
+
+    The net change is summed first: where rises and falls cancel, the level is the first value
+    itself, and not one that rounding puts beside it.
+    """
+    return first + (up * c_pos - down * c_neg)
 
 
 @numba.njit(cache=True, nogil=True)
 def number_of_rises(
     log: float, first: float, up: int, down: int, c_pos: float, c_neg: float
 ) -> int:
-    """Thresholds that `log` lies above the reference."""
+    """Levels above the reference that `log` reaches."""
     count = 0
-    while log - level_of(first, up + count, down, c_pos, c_neg) >= c_pos:
+    while log >= level_of(first, up + count + 1, down, c_pos, c_neg) - TIE:
         count += 1
     return count
 
@@ -45,11 +55,20 @@ def number_of_rises(
 def number_of_falls(
     log: float, first: float, up: int, down: int, c_pos: float, c_neg: float
 ) -> int:
-    """Thresholds that `log` lies below the reference."""
+    """Levels below the reference that `log` reaches."""
     count = 0
-    while level_of(first, up, down + count, c_pos, c_neg) - log >= c_neg:
+    while log <= level_of(first, up, down + count + 1, c_pos, c_neg) + TIE:
         count += 1
     return count
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def crossing_offset_us(level: float, before: float, slope: float, step_us: int) -> int:
+    """Time of a crossing after the frame before, 1 to `step_us`, halves to the even microsecond.
+
+    The product comes before the division, so that an exact half stays one.
+    """
+    return min(max(int(np.rint((level - before) * step_us / slope)), 1), step_us)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -62,7 +81,7 @@ def find(
     fired: NDArray[np.int32],
     crossings: NDArray[np.int32],
 ) -> int:
-    """Finds the pixels whose log intensity is a threshold or more away from their reference.
+    """Finds the pixels whose log intensity reaches the next level above or below.
 
     Args:
         log_now: (P,) log intensity, pixels in raster order.
@@ -79,16 +98,17 @@ def find(
     n = 0
     for k in range(len(log_now)):
         change = log_now[k] - reference[k]
-        if change < c_pos and -change < c_neg:
+        if change < c_pos - NEAR and -change < c_neg - NEAR:
             continue
         log, first = np.float64(log_now[k]), np.float64(memory[k].first_log)
         up, down = memory[k].up, memory[k].down
-        fired[n] = k
-        if change >= c_pos:
-            crossings[n] = number_of_rises(log, first, up, down, c_pos, c_neg)
+        if change > 0:
+            count = number_of_rises(log, first, up, down, c_pos, c_neg)
         else:
-            crossings[n] = -number_of_falls(log, first, up, down, c_pos, c_neg)
-        n += 1
+            count = -number_of_falls(log, first, up, down, c_pos, c_neg)
+        if count != 0:
+            fired[n], crossings[n] = k, count
+            n += 1
     return n
 
 
@@ -145,8 +165,7 @@ def emit(
             else:
                 down += 1
             level = level_of(first, up, down, c_pos, c_neg)
-            nearest = int(np.rint((level - before) / slope * step_us))
-            offset = min(max(nearest, 1), step_us)
+            offset = crossing_offset_us(level, before, slope, step_us)
             silent = before_us + offset - last_us < refractory_us
             if not silent:
                 last_us = before_us + offset

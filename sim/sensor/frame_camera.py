@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from emvs.data.image_stores import Photo
 from emvs.errors import InputError
 from sim.config import FramesConfig, ShutterConfig, SimConfig
-from sim.motion.curves import Motion
-from sim.rendering.adaptive_sampling import FrameSource, exposures
+from sim.motion import Motion
+from sim.rendering.adaptive_sampling import FrameSource, adaptive_frames
 from sim.rendering.moving_bodies import MovingBodies
 
 Light = NDArray[np.float32]
@@ -29,7 +29,7 @@ TimedLight = tuple[int, Light]
 State = dict[str, NDArray[Any]]
 
 
-class Photograph(NamedTuple):
+class CameraImage(NamedTuple):
     """One picture of a frame camera.
 
     Attributes:
@@ -45,7 +45,7 @@ class Photograph(NamedTuple):
     black: float
 
 
-class Exposing:
+class Exposure:
     """A shutter that is open from `start_us` to `end_us`: sums up the light, linear between frames.
 
     Raises:
@@ -81,7 +81,7 @@ def mean_light(frames: Iterable[TimedLight], start_us: int, end_us: int) -> Ligh
     Raises:
         InputError: the frames do not reach from the start to the end, or do not rise.
     """
-    exposing, before = Exposing(start_us, end_us), None
+    exposing, before = Exposure(start_us, end_us), None
     reached_us = start_us
     for frame in frames:
         if before is not None and frame[0] <= before[0]:
@@ -107,15 +107,15 @@ def _integral(a: TimedLight, b: TimedLight, start_us: int, end_us: int) -> NDArr
     return (last_us - first_us) * middle
 
 
-def develop(light: Light, shutter: ShutterConfig) -> Photograph:
+def develop(light: Light, shutter: ShutterConfig) -> CameraImage:
     """Applies gain, saturation and quantisation to mean light (H, W)."""
     steps = (1 << shutter.bits) - 1
     level = np.rint(np.clip(shutter.gain * light.astype(np.float64), 0, 1) * steps)
     image = np.rint(level * (255 / steps)).astype(np.uint8)
-    return Photograph(image, light, float((level == steps).mean()), float((level == 0).mean()))
+    return CameraImage(image, light, float((level == steps).mean()), float((level == 0).mean()))
 
 
-def exposed_for(light: Light, percentile: float = 50.0, level: float = 0.45) -> float:
+def gain_for(light: Light, percentile: float = 50.0, level: float = 0.45) -> float:
     """Returns the gain that puts a percentile of the light at `level` of full scale.
 
     Raises:
@@ -127,7 +127,7 @@ def exposed_for(light: Light, percentile: float = 50.0, level: float = 0.45) -> 
     return level / found
 
 
-def photograph(
+def capture(
     source: FrameSource,
     motion: Motion,
     camera: int,
@@ -135,7 +135,7 @@ def photograph(
     config: SimConfig,
     shutter: ShutterConfig,
     bodies: MovingBodies | None = None,
-) -> Photograph:
+) -> CameraImage:
     """Takes a picture with one of the rig's cameras while the rig moves.
 
     Args:
@@ -151,12 +151,12 @@ def photograph(
         InputError: motion too fast for the configuration.
     """
     end_us = start_us + shutter.exposure_us
-    taken = exposures(source, motion, [start_us, end_us], config, bodies=bodies)
+    taken = adaptive_frames(source, motion, [start_us, end_us], config, bodies=bodies)
     frames = ((e.t_us, e.frames[camera].intensity) for e in taken)
     return develop(mean_light(frames, start_us, end_us), shutter)
 
 
-def shutter_for(light: Light, frames: FramesConfig) -> ShutterConfig:
+def auto_shutter(light: Light, frames: FramesConfig) -> ShutterConfig:
     """The shutter that takes a picture of some mean light (H, W): with its gain, if automatic."""
     gain = frames.gain
     if gain is None:
@@ -166,7 +166,7 @@ def shutter_for(light: Light, frames: FramesConfig) -> ShutterConfig:
     return ShutterConfig(exposure_us=frames.exposure_us, gain=gain, bits=frames.bits)
 
 
-def spans_us(frames: FramesConfig, duration_us: int) -> list[tuple[int, int]]:
+def exposure_spans_us(frames: FramesConfig, duration_us: int) -> list[tuple[int, int]]:
     """When the shutters open and close, µs: centred on multiples of the frame interval.
 
     Only whole exposures count, so there is no picture at 0.
@@ -193,15 +193,15 @@ class FrameCamera:
     Args:
         frames: rate, exposure, gain and bits.
         duration_us: length of the sequence, µs.
-        state: where another photographer of the same arguments stopped.
+        state: where another camera of the same arguments stopped.
     """
 
     def __init__(
         self, frames: FramesConfig, duration_us: int, state: Mapping[str, NDArray[Any]] | None
     ) -> None:
-        self._frames, self._spans_us = frames, spans_us(frames, duration_us)
+        self._frames, self._spans_us = frames, exposure_spans_us(frames, duration_us)
         self._next = 0
-        self._open: list[Exposing] = []
+        self._open: list[Exposure] = []
         self._before: list[TimedLight] = []
         if state is not None and self._spans_us:
             self._restore(state)
@@ -245,14 +245,14 @@ class FrameCamera:
             for k, exposing in enumerate(self._exposing(cameras)):
                 exposing.total = state[f"photos/{k}/total"]
 
-    def _exposing(self, cameras: int) -> list[Exposing]:
+    def _exposing(self, cameras: int) -> list[Exposure]:
         if not self._open:
             span_us = self._spans_us[self._next]
-            self._open = [Exposing(*span_us) for _ in range(cameras)]
+            self._open = [Exposure(*span_us) for _ in range(cameras)]
         return self._open
 
-    def _developed(self, exposing: Exposing) -> Photo:
+    def _developed(self, exposing: Exposure) -> Photo:
         light = exposing.light()
-        shutter = shutter_for(light, self._frames)
+        shutter = auto_shutter(light, self._frames)
         image = develop(light, shutter).image
         return Photo(exposing.start_us, exposing.end_us, shutter.gain, image)

@@ -13,12 +13,14 @@ from emvs.data.tables import ImuSamples
 from emvs.errors import InputError
 from emvs.geometry import se3
 from sim.config import ImuConfig
-from sim.motion.curves import Motion, curve_of
+from sim.motion import Motion
+from sim.motion.curves import curve_of
 
 Array = NDArray[np.float64]
+GRAVITY_M_S2 = (0.0, 0.0, -9.80665)
+"""Standard gravity in a world whose z is up."""
 # Sets the noise apart from what else is drawn from a sequence's seed.
 _STREAM = 0x1A05
-GRAVITY_M_S2 = (0.0, 0.0, -9.80665)
 
 
 def imu_samples(

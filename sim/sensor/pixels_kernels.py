@@ -12,9 +12,18 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.sensor.esim_kernels import level_of, number_of_falls, number_of_rises
+from sim.sensor.esim_kernels import (
+    NEAR,
+    crossing_offset_us,
+    level_of,
+    number_of_falls,
+    number_of_rises,
+)
+from sim.sensor.labels import Label
 
-_LEAK = 1
+# Compiled code takes plain numbers only.
+_SIGNAL, _LEAK = int(Label.SIGNAL), int(Label.LEAK)
+# Least difference of numbers of 53 bits in [0, 1).
 _UNIT = 2.0**-53
 
 
@@ -113,15 +122,16 @@ def find(
     for k in range(len(light)):
         seen = light[k] + c_pos[k] * leaked[k]
         change = seen - reference[k]
-        if change < c_pos[k] and -change < c_neg[k]:
+        if change < c_pos[k] - NEAR and -change < c_neg[k] - NEAR:
             continue
         first, up, down = memory[k].first_log, memory[k].up, memory[k].down
-        fired[n] = k
-        if change >= c_pos[k]:
-            crossings[n] = number_of_rises(seen, first, up, down, c_pos[k], c_neg[k])
+        if change > 0:
+            count = number_of_rises(seen, first, up, down, c_pos[k], c_neg[k])
         else:
-            crossings[n] = -number_of_falls(seen, first, up, down, c_pos[k], c_neg[k])
-        n += 1
+            count = -number_of_falls(seen, first, up, down, c_pos[k], c_neg[k])
+        if count != 0:
+            fired[n], crossings[n] = k, count
+            n += 1
     return n
 
 
@@ -183,9 +193,9 @@ def emit(
             leaked = leaked_before[k] + share * (leaked_now[k] - leaked_before[k])
             lit = level - c_pos[k] * leaked
             pixel[event], p[event] = k, crossings[n] > 0
-            offset_us[event] = min(max(int(np.rint(share * step_us)), 1), step_us)
+            offset_us[event] = crossing_offset_us(level, before, slope, step_us)
             leaky = c_pos[k] * (leaked - leaked_last[k]) > lit - lit_last
-            label[event] = _LEAK if crossings[n] > 0 and leaky else 0
+            label[event] = _LEAK if crossings[n] > 0 and leaky else _SIGNAL
             leaked_last[k], lit_last = leaked, lit
             event += 1
         memory[k].up, memory[k].down = up, down

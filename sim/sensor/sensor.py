@@ -58,11 +58,11 @@ class Sensor:
         randomness = Randomness(seed, camera_index)
         number = width_px * height_px
         ideal = parameters.ideal_pixels and parameters.ideal_readout and not always_full
-        self._chain: _Full | EventSimulator
+        self._chain: _FullChain | EventSimulator
         if ideal:
             self._chain = EventSimulator(width_px, height_px, config)
         else:
-            self._chain = _Full(self._shape, config, randomness, number)
+            self._chain = _FullChain(self._shape, config, randomness, number)
         self._t_us: int | None = None
         self._counts = np.zeros(len(count_names()), np.int64)
 
@@ -119,7 +119,7 @@ class Sensor:
     def _advance(
         self, intensity: NDArray[np.float32], t_us: int
     ) -> tuple[LabelledEvents, NDArray[np.int64]]:
-        if isinstance(self._chain, _Full):
+        if isinstance(self._chain, _FullChain):
             return self._chain.step(intensity, t_us)
         before = self._chain.suppressed
         events = self._chain.step(intensity, t_us)
@@ -127,7 +127,7 @@ class Sensor:
         return LabelledEvents(events, np.zeros(len(events), np.uint8)), dropped
 
 
-class _Full:
+class _FullChain:
     """The whole chain; parts that are ideal are passed by."""
 
     def __init__(

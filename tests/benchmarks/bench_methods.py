@@ -13,11 +13,11 @@ import pytest
 
 from emvs.config import MapperConfig
 from emvs.dsi.backprojection import Projected
-from emvs.dsi.method import cuts, part
 from emvs.dsi.rays import event_rays
-from emvs.dsi.sweep import grouped, sweep
+from emvs.dsi.sweep import group_by_split, sweep
 from emvs.geometry.camera import Camera
-from emvs.methods import methods
+from emvs.mapper import sweep_settings
+from emvs.methods import methods_by_name
 from emvs.reference_view import ReferenceView, inverse_depth_planes
 from point_world import edge_stream, sideways
 
@@ -41,8 +41,8 @@ def projected(camera, all_groups):
         whole = event_rays(events, camera, T_body_cam, MOTION, pose, camera)
         counts.append(whole.counts)
         for split, parts in rays.items():
-            edges = cuts(events.t_us, split, 0, 500_001)
-            parts.extend(part(whole, int(i), int(j), whole.counts) for i, j in pairwise(edges))
+            edges = split.edges(events.t_us, 0, 500_001)
+            parts.extend(whole.part(int(i), int(j), whole.counts) for i, j in pairwise(edges))
     return Projected(rays, counts, np.empty((2, 0, 0), np.uint32))
 
 
@@ -52,14 +52,14 @@ def test_methods(benchmark, sensor, capsys):
     camera = Camera(width, height, f, f, (width - 1) / 2, (height - 1) / 2)
     view = ReferenceView(250_000, MOTION.at(250_000), camera, inverse_depth_planes(0.45, 4, PLANES))
     config = MapperConfig(planes=PLANES, threads=1)
-    all_groups = [grouped(methods(names, 2), 2) for names in NAMES]
+    all_groups = [group_by_split(methods_by_name(names, 2), 2) for names in NAMES]
     rays = projected(camera, all_groups)
     seconds = [[] for _ in NAMES]
 
     def one_round():
         for taken, groups in zip(seconds, all_groups, strict=True):
             begin = time.process_time()
-            sweep(rays, view, groups, config, None, lambda *_: None)
+            sweep(rays, view, groups, sweep_settings(config))
             taken.append(time.process_time() - begin)
 
     benchmark.pedantic(one_round, rounds=ROUNDS, warmup_rounds=1)

@@ -17,7 +17,7 @@ from emvs.dsi.maxima import RunningMaxima
 from emvs.dsi.rays import BAND_ROWS, event_rays, grouped_by_rows
 from emvs.dsi.voting import Scratch, batches
 from emvs.geometry.camera import Camera
-from emvs.methods import methods
+from emvs.methods import methods_by_name
 from emvs.reference_view import inverse_depth_planes
 from emvs.utils.runtime import use_threads
 from point_world import edge_stream, sideways
@@ -109,11 +109,11 @@ def test_grouping_of_rays(benchmark, camera, capsys):
 
 @pytest.mark.parametrize("planes", [2, 8])
 def test_fold(benchmark, camera, planes, capsys):
-    chosen = methods(PAPER, 2)
+    chosen = methods_by_name(PAPER, 2)
     pixels = camera.width_px * camera.height_px
     votes = np.random.default_rng(0).exponential(5, (2, planes, pixels)).astype(np.float32)
     maxima = RunningMaxima(chosen, camera.width_px, camera.height_px)
-    benchmark.pedantic(lambda: maxima.fold(votes, planes), rounds=9, warmup_rounds=1)
+    benchmark.pedantic(lambda: maxima.update(votes, planes), rounds=9, warmup_rounds=1)
     units = planes * pixels * len(chosen)
     what = f"fold {camera.width_px}x{camera.height_px}, 8 methods, {planes} planes at once"
     report(capsys, benchmark, f"{what}, per voxel and method", units)

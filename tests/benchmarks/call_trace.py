@@ -29,6 +29,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from inspect import signature
 from itertools import groupby
 from pathlib import Path
 from types import CellType, FrameType, FunctionType, SimpleNamespace
@@ -38,13 +39,14 @@ from typing import Any
 PLACES = {
     "map_window": ("emvs.mapper",),
     "MapperConfig": ("emvs.config",),
-    "Camera": ("emvs.geometry.camera", "emvs.geometry.camera"),
-    "Rig": ("emvs.geometry.rig", "emvs.geometry.rig"),
-    "Trajectory": ("emvs.geometry.trajectory", "emvs.geometry.trajectory"),
+    "Camera": ("emvs.geometry.camera", "emvs.data.camera"),
+    "Rig": ("emvs.geometry.rig", "emvs.data.rig"),
+    "Trajectory": ("emvs.geometry.trajectory", "emvs.data.trajectory"),
     "Events": ("emvs.data.events",),
     "Scene": ("sim.scene",),
-    "run_cases": ("eval.pipeline", "eval.pipeline"),
-    "Settings": ("eval.config", "eval.config"),
+    "run_cases": ("eval.pipeline", "eval.runner"),
+    "write_report": ("eval.report.run_page", "eval.report"),
+    "Settings": ("eval.config", "eval.settings"),
 }
 METHODS = ("Alg1/H", "EMVS/cam0")
 SIZE_PX = (64, 48)
@@ -76,7 +78,8 @@ class Follower:
 
     def __init__(self, root: Path, kind: type) -> None:
         self.steps: dict[tuple[str, str], None] = {}
-        self._root, self._kind = str(root), kind
+        self._folders = tuple(f"{root}/{package}/" for package in PACKAGES)
+        self._kind = kind
         self._parts: dict[int, Any] = {}  # kept, lest another object get the same id
 
     @contextmanager
@@ -125,7 +128,7 @@ class Follower:
     def _is_ours(self, frame: FrameType) -> bool:
         """Whether this is a function of the product, and no module's body or comprehension."""
         code = frame.f_code
-        return code.co_filename.startswith(self._root) and not code.co_name.startswith("<")
+        return code.co_filename.startswith(self._folders) and not code.co_name.startswith("<")
 
     def _carries(self, value: Any) -> bool:
         if isinstance(value, (type, *PLAIN)):
@@ -209,12 +212,19 @@ def follow_config(root: Path) -> Follower:
 def follow_scene(root: Path) -> Follower:
     """A scene through everything that `run` does with it."""
     run_cases = find("run_cases")
+    keywords = {}  # earlier, `run_cases` wrote the report itself
+    if "finish" in signature(run_cases).parameters:
+        keywords["finish"] = find("write_report")
     settings = find("Settings").model_validate(
         {"sim": {"duration_s": SCENE_S}, "map": {"methods": METHODS, "planes": 10}}
     )
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "run"
-        return _followed(root, find("Scene"), lambda: run_cases([SCENE], out, settings, None, 0))
+        return _followed(
+            root,
+            find("Scene"),
+            lambda: run_cases([SCENE], out, settings, None, 0, **keywords),
+        )
 
 
 def _followed(root: Path, kind: type, journey: Callable[[], Any]) -> Follower:

@@ -22,7 +22,7 @@ from emvs.dsi.method import CODES
 from emvs.dsi.rays import Rays, event_rays, grouped_by_rows
 from emvs.dsi.voting import Scratch, batches
 from emvs.mapper import map_window
-from emvs.methods import methods, with_volume
+from emvs.methods import methods_by_name, with_volume
 from emvs.reference_view import inverse_depth_planes
 from emvs.utils.runtime import use_threads
 
@@ -154,14 +154,14 @@ def _fusion(effort: LimitsEffort) -> Figure:
     rho = inverse_depth_planes(*DEPTH_RANGE_M, effort.planes)
     load = (effort.planes, 1, width * height, 2)
     scratch = Scratch(2, next(batches(*load))[1], width, height)
-    best_s, method = np.inf, with_volume(methods(("Alg1/H",), 2))
+    best_s, method = np.inf, with_volume(methods_by_name(("Alg1/H",), 2))
     for _ in range(effort.touchy_rounds):
         maxima, spent_s = RunningMaxima(method, width, height), 0.0
         for first, last in batches(*load):
             for k in (0, 1):
                 scratch.cast(k, rays[k], rho[first:last])
             begin = time.process_time()
-            maxima.fold(scratch.votes, last - first)
+            maxima.update(scratch.votes, last - first)
             spent_s += time.process_time() - begin
         best_s = min(best_s, spent_s)
     what = f"fusion by H and argmax, {_LARGE}, {effort.planes} planes, one thread"

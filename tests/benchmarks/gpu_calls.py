@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
-from emvs.mapper import WindowResult, map_window
-from emvs.methods import methods, with_volume
+from emvs.mapper import map_window
+from emvs.methods import methods_by_name, with_volume
+from emvs.window_result import WindowResult
 
 VOLUMES = ("Alg1/H", "EMVS/cam0", "EMVS/cam1")
 DSI_LIMIT, ARGMAX_LIMIT = 1e-3, 0.999
@@ -107,7 +108,7 @@ def agreement(
     gpu: WindowResult, cpu: WindowResult, gpu_volumes: Path, cpu_volumes: Path
 ) -> Agreement:
     """Compares maxima in memory and the volumes that `save_volumes` wrote."""
-    files = [method.file_name for method in with_volume(methods(VOLUMES, 2))]
+    files = [method.file_name for method in with_volume(methods_by_name(VOLUMES, 2))]
     apart = [_apart(gpu_volumes / f"{name}.npy", cpu_volumes / f"{name}.npy") for name in files]
     volume, relative = np.max(apart, axis=0)  # NaN where one is
     shares = [

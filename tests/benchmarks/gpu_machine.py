@@ -33,7 +33,7 @@ def check_device(kind: str) -> None:
             "this version's mapper has no CUDA backend: take one that has it, or try "
             "the script with --device cpu"
         )
-    importlib.import_module("emvs.dsi.device").choose("cuda")
+    importlib.import_module("emvs.dsi.device").choose_device("cuda")
 
 
 def machine(kind: str) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from typing import Any
 from cost_stream import MovingEdges
 from emvs.config import MapperConfig
 from emvs.errors import InputError
-from emvs.mapper import WindowResult
+from emvs.window_result import WindowResult
 from gpu_calls import agreement, call, save_volumes
 from gpu_plan import LIMIT_MS, PRECISIONS, BenchmarkPlan
 from gpu_series import grow, stream

@@ -9,12 +9,12 @@ import numpy as np
 
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
-from emvs.dsi import device as devices
 from emvs.dsi.backend import Task
 from emvs.dsi.backprojection import back_project
+from emvs.dsi.device import backend_on, choose_device, projector_on
 from emvs.dsi.method import WHOLE, single_cameras
+from emvs.mapper import sweep_settings
 from emvs.reference_view import reference_view
-from emvs.utils.runtime import silent
 from emvs.windows import choose_window
 
 
@@ -24,16 +24,16 @@ def votes_s(recording: Recording, config: MapperConfig, rounds: int) -> float:
     The rays are there already, on the device that votes; its sums become float votes, as the
     fusion wants them.
     """
-    device = devices.choose(config.device)
+    device = choose_device(config.device)
     window = choose_window(recording, config)
     view = reference_view(recording, config, window.t_ref_us)
-    projector = devices.projector(device)
-    rays = back_project(recording, config, window, view, silent, [WHOLE], projector).rays[WHOLE]
+    projected = back_project(recording, window, view, [WHOLE], projector_on(device))
     chosen, camera = single_cameras(1), view.camera
     task = Task(
-        chosen, chosen, len(recording.rig), camera.width_px, camera.height_px, view.rho, 0, config
-    )
-    backend = devices.backend(device, task, rays)
+        chosen, chosen, len(recording.rig), camera.width_px, camera.height_px, view.rho, 0,
+        sweep_settings(config),
+    )  # fmt: skip
+    backend = backend_on(device, task, projected.rays[WHOLE])
     planes, step, seconds = len(view.rho), backend.planes_in_flight, []
     for _ in range(rounds + 1):
         _wait(device.kind)

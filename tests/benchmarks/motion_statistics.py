@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
-from sim.motion.curves import CurveMotion, Motion, curve_of
+from sim.motion import Motion
+from sim.motion.curves import CurveMotion, curve_of
 from sim.motion.head_motion import generate
 from sim.motion.head_styles import STYLES
 from sim.motion.replay import Replay

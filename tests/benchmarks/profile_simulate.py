@@ -29,7 +29,7 @@ STAGES = (
     (sensors.Cameras, "collect", "wait for events"),
     (event_store.EventStoreWriter, "append", "write events"),
     (image_stores.TruthWriter, "append", "write truth"),
-    (simulate.WorkFolder, "commit", "finish parts"),
+    (simulate.CheckpointFolder, "commit", "finish checkpoints"),
     (simulate, "_assemble", "put together"),
 )
 _lock = threading.Lock()
@@ -62,7 +62,7 @@ def main(scene: str, rig_name: str, seconds: str, workers: str) -> None:
             Path(folder) / "s", workers=int(workers), progress=lambda *call: calls.append(call),
         )  # fmt: skip
     total_s = time.perf_counter() - began_s
-    print(f"{total_s:.1f} s, {len(calls)} exposures, {calls[-1][2] / 1e6:.2f} M events")  # noqa: T201
+    print(f"{total_s:.1f} s, {len(calls)} frames, {calls[-1][2] / 1e6:.2f} M events")  # noqa: T201
     for stage in (stage for *_, stage in STAGES if stage in wall_s):
         share = 100 * wall_s[stage] / total_s
         print(f"{stage:18} {wall_s[stage]:7.2f} s {share:5.1f} %  CPU {cpu_s[stage]:6.2f} s")  # noqa: T201

@@ -6,8 +6,10 @@ Prints a Markdown table with a column for each checkout, such as before and afte
 checkout is read as text (`import_graph` says what counts as an import, a circle and a floor);
 nothing of it is run.
 
-- Lines are lines of text, empty ones and comments included. Tools are the Python files in
-  `tests/benchmarks` and in `docs`; those that lie in the product are counted with it.
+- Lines are lines of text, empty ones and comments included. The wheel holds every module of the
+  packages. Developer tools draw, measure and write tables for the documentation. Older checkouts
+  have some of them in the wheel, or loose among the tests: `TOOLS_IN_WHEEL` and `TOOL_FILES` name
+  them. The product is the wheel without them.
 - The mapper's modules are all that `emvs.mapper` imports, directly or not, itself included.
 - A subpackage is what `import_graph.subpackage` says: `emvs.dsi` with all below it; a module
   directly in a top-level package is a part by itself.
@@ -29,6 +31,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterator
+from fnmatch import fnmatchcase
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -51,7 +54,22 @@ from import_graph import (
 
 SMALL_LINES = 60
 FULLEST = 6
-TOOLS = ("tests/benchmarks", "docs")
+# Developer tools: modules of older checkouts that moved to `tests/benchmarks` and `docs/figures`,
+# and the files of any checkout that are tools by their place; tests of tools are none.
+TOOLS_IN_WHEEL = (
+    "emvs.io.events.__main__", "eval.bench_gpu", "eval.cost_*", "eval.gpu_*", "eval.marked",
+    "eval.readme_table", "eval.settings_table", "eval.studies.efficiency", "eval.studies.page",
+    "eval.studies.published", "eval.studies.reproduction", "eval.studies.suite_cost",
+    "eval.study_*", "scenes._figures", "scenes._sheet", "sim.motion_figures", "sim.replay_cost",
+    "sim.sensor_pictures", "sim.sensor_samples", "sim.statistics",
+)  # fmt: skip
+TOOL_FILES = {
+    "tests": (
+        "benchmarks/*.py", "bench_*.py", "memory_*.py", "profile_*.py", "fault_runs.py",
+        "planted_faults.py",
+    ),
+    "docs": ("**/*.py",),
+}  # fmt: skip
 SUFFIXES = (".toml", ".xml", ".j2", ".js", ".css")
 
 # what is added -> a regular expression that finds the example; `_` parts words
@@ -71,16 +89,17 @@ def measure(root: Path) -> dict[str, Any]:
     folders = by_folder(modules.values())
     fullest = Counter({folder: len(inside) for folder, inside in folders.items()})
     parts = subpackage_graph(graph)
+    tools = [module for name, module in modules.items() if is_tool(name)]
     return {
         "modules": len(modules),
         "lines": sum(module.lines for module in modules.values()),
+        "tools_in_wheel": _sizes(tools),
+        "product": _sizes([module for name, module in modules.items() if not is_tool(name)]),
         "median_module_lines": median(module.lines for module in modules.values()),
         "packages": {name: _sizes(_inside(modules, name)) for name in PACKAGES},
         "folders": {name: _sizes(inside) for name, inside in sorted(folders.items())},
         "fullest_folders": dict(fullest.most_common(FULLEST)),
-        "tool_lines": {
-            folder: _lines_below(root / folder) for folder in ("tests/benchmarks", "docs")
-        },
+        "tool_lines": {folder: tool_lines(root / folder) for folder in TOOL_FILES},
         "mapper_modules": len(reachable(graph, "emvs.mapper")) if "emvs.mapper" in graph else 0,
         "chains": chains(graph),
         "part_chains": chains(parts),
@@ -110,8 +129,16 @@ def _sizes(modules: list[Module]) -> dict[str, int]:
     return {"modules": len(modules), "lines": sum(module.lines for module in modules)}
 
 
-def _lines_below(folder: Path) -> int:
-    return sum(len(path.read_text("utf-8").splitlines()) for path in folder.rglob("*.py"))
+def is_tool(name: str) -> bool:
+    """Whether a module in the wheel is for developers only."""
+    return any(fnmatchcase(name, pattern) for pattern in TOOLS_IN_WHEEL)
+
+
+def tool_lines(folder: Path) -> int:
+    """Lines of the developer tools in `tests` or `docs`."""
+    found = {path for pattern in TOOL_FILES[folder.name] for path in folder.glob(pattern)}
+    tools = [path for path in found if not path.name.startswith("test_")]
+    return sum(len(path.read_text("utf-8").splitlines()) for path in tools)
 
 
 def small_with_one_importer(modules: dict[str, Module], graph: Graph) -> dict[str, str]:
@@ -176,16 +203,14 @@ def _bare_strings(tree: ast.Module) -> Iterator[ast.Constant]:
 def rows(found: dict[str, Any]) -> dict[str, str]:
     """The table's rows: what was measured -> the value as it is shown."""
     return {
-        "modules": str(found["modules"]),
-        "lines": f"{found['lines']:,}",
+        "modules, lines in the wheel": f"{found['modules']}, {found['lines']:,}",
+        "developer tools among them": _size(found["tools_in_wheel"]),
+        "product: the wheel without developer tools": _size(found["product"]),
         "median module, lines": f"{found['median_module_lines']:g}",
-        **{
-            f"`{name}`: modules, lines": f"{size['modules']}, {size['lines']:,}"
-            for name, size in found["packages"].items()
-        },
+        **{f"`{name}`: modules, lines": _size(size) for name, size in found["packages"].items()},
         "fullest folders": ", ".join(f"`{k}` {n}" for k, n in found["fullest_folders"].items()),
         **{
-            f"lines of tools in `{folder}`": f"{lines:,}"
+            f"lines of developer tools in `{folder}`": f"{lines:,}"
             for folder, lines in found["tool_lines"].items()
         },
         "modules that the mapper imports": str(found["mapper_modules"]),
@@ -208,6 +233,10 @@ def rows(found: dict[str, Any]) -> dict[str, str]:
             for what, files in found["additions"].items()
         },
     }
+
+
+def _size(size: dict[str, int]) -> str:
+    return f"{size['modules']}, {size['lines']:,}"
 
 
 def _circle_sizes(found: list[tuple[str, ...]]) -> str:

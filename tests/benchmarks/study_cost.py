@@ -18,9 +18,6 @@ from cost_limits import Figure, LimitsEffort, limits
 from eval.cli.exit_codes import exit_code
 from markdown_blocks import into_page
 
-# The authors' C++ (their main branch of June 2025, -O2), one thread of a 2-core AMD Zen 4 machine.
-AUTHORS_NS = {"346x260": 7.35, "640x480": 7.92, "1280x720": 8.69}
-
 
 def limit_table(figures: Sequence[Figure]) -> str:
     """Markdown: every figure beside its limit."""
@@ -30,20 +27,6 @@ def limit_table(figures: Sequence[Figure]) -> str:
         limit = "–" if one.limit is None else f"{sign} {one.limit:g} {one.unit}"
         held = {None: "–", True: "yes", False: "**no**"}[one.is_held]
         lines.append(f"| {one.what} | {_number(one.value)} {one.unit} | {limit} | {held} |")
-    return "\n".join(lines) + "\n"
-
-
-def authors_table(figures: Sequence[Figure]) -> str:
-    """Markdown: ns per event and plane of the authors' program over ours."""
-    ours = {one.what: one.value for one in figures}
-    lines = ["| ns per event and plane | authors' C++ | bilinear | ratio | nearest |",
-             "|---|--:|--:|--:|--:|"]  # fmt: skip
-    for sensor, theirs in AUTHORS_NS.items():
-        bilinear, nearest = (ours[f"{kind} vote, {sensor}"] for kind in ("bilinear", "nearest"))
-        lines.append(
-            f"| {sensor} | {theirs:.2f} | {bilinear:.2f} | {theirs / bilinear:.1f} × "
-            f"| {nearest:.2f} |"
-        )
     return "\n".join(lines) + "\n"
 
 
@@ -79,7 +62,6 @@ def main(arguments: list[str] | None = None) -> int:
             about = machine()
             figures = limits(LimitsEffort(rounds=chosen.rounds))
             texts["limits"] = f"{about}\n\n{limit_table(figures)}"
-            texts["authors"] = authors_table(figures)
         if chosen.only != "limits":
             grown = growth(Load(), SERIES, max(1, chosen.rounds // 2))
             texts["growth"] = growth_table(grown)

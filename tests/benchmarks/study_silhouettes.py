@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
-from emvs.depth.depth_map import confidence_mask, without_border
+from emvs.depth.depth_map import confidence_mask, masked_median, without_border
 from emvs.depth.focus import FocusConfig, most_reliable
-from emvs.depth.median import masked_median
 from emvs.reference_view import inverse_depth_at
 from eval.scoring.method_scores import ALL_METRICS
 from eval.scoring.pairing import pair

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
-from emvs.depth.depth_map import confidence_mask, without_border
-from emvs.depth.focus import FocusConfig, Found, at_least, judge, most_reliable, on_surface
-from emvs.depth.median import masked_median
+from emvs.depth.depth_map import confidence_mask, masked_median, without_border
+from emvs.depth.focus import FocusConfig, FocusEstimate, at_least, judge, most_reliable, on_surface
 from emvs.dsi import focus_measures
 from emvs.dsi.fusion import FUSIONS
 from emvs.dsi.maxima import FocusPeak, Maximum
@@ -83,11 +82,11 @@ class Volumes:
         """(N, H, W) local variance of the fused planes."""
         return np.stack([focus_measures.variance(p, FocusConfig().sigma_px) for p in self.fused])
 
-    def found(self, config: FocusConfig) -> Found:
+    def found(self, config: FocusConfig) -> FocusEstimate:
         """Extraction by focus."""
         return found_in_volumes(self.fused, self.votes, self.disparity_px, config)
 
-    def best(self, found: Found, reliability: Floats | None = None) -> VariantEstimate:
+    def best(self, found: FocusEstimate, reliability: Floats | None = None) -> VariantEstimate:
         """The most reliable pixels, as many as Alg1/H reports."""
         if reliability is not None:
             # `reliability` is a product of both: all of it goes into one
@@ -114,7 +113,7 @@ def maximum_of(volume: Floats) -> Maximum:
 
 def found_in_volumes(
     fused: Floats, votes: Floats, disparity_px: NDArray[np.floating], config: FocusConfig
-) -> Found:
+) -> FocusEstimate:
     """What the mapper's `Focus/...` finds, with any parameters, in volumes that are kept whole.
 
     Args:
@@ -124,8 +123,8 @@ def found_in_volumes(
         config: parameters.
     """
     vote_peak = maximum_of(fused)
-    own, *witnesses = (_sharpest(volume, config) for volume in (fused, *votes))
-    judged = judge(vote_peak.value, vote_peak.position(), own, witnesses, disparity_px, config)
+    own, *cameras = (_sharpest(volume, config) for volume in (fused, *votes))
+    judged = judge(vote_peak.value, vote_peak.position(), own, cameras, disparity_px, config)
     return on_surface(judged, disparity_px, config)
 
 
@@ -133,8 +132,8 @@ def _sharpest(volume: Floats, config: FocusConfig) -> Floats:
     """(H, W) place between planes where a whole (N, H, W) volume is most in focus."""
     peak = FocusPeak(volume.shape[2], volume.shape[1], config.measure, config.sigma_px)
     for plane in volume:
-        peak.take(plane)
-    return peak.maximum().position(bell=True)
+        peak.update(plane)
+    return peak.maximum().position(gaussian=True)
 
 
 def finalists(volumes: Volumes) -> dict[str, VariantEstimate]:
@@ -150,7 +149,7 @@ def _before(volumes: Volumes) -> VariantEstimate:
     return volumes.best(found, steady * found.support * found.inside)
 
 
-def _steady_agreement(found: Found, volumes: Volumes) -> Floats:
+def _steady_agreement(found: FocusEstimate, volumes: Volumes) -> Floats:
     """Agreement whose tolerance is the same at every disparity."""
     planes = np.arange(len(volumes.disparity_px))
     own_px = np.interp(found.position, planes, volumes.disparity_px)
@@ -212,7 +211,7 @@ def _same_pixels(volumes: Volumes) -> dict[str, VariantEstimate]:
     return out
 
 
-def _ranks(volumes: Volumes, ours: Found) -> dict[str, Floats]:
+def _ranks(volumes: Volumes, ours: FocusEstimate) -> dict[str, Floats]:
     """Reliabilities that pick the pixels, with the depth of the local variance."""
     peak = maximum_of(volumes.focused)
     rival, spread = _rival_ratio(volumes.focused, peak), _z_score(volumes.focused, peak)

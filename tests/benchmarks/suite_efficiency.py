@@ -49,7 +49,7 @@ def elapsed_s(name: str, workers: int) -> float:
     with tempfile.TemporaryDirectory() as folder:
         flags = job_flags.JobFlags(workers=workers, cache=Path(folder))
         started_s = time.monotonic()
-        result = job_flags.run(suite, subset, flags, Silent(), speed=False)
+        result = job_flags.run_with_flags(suite, subset, flags, Silent(), speed=False)
         took_s = time.monotonic() - started_s
     if result.failures:
         first = result.failures[0]

@@ -1,7 +1,6 @@
 """The GPU's benchmark, tried on the CPU in its place and on numba's simulator of a GPU."""
 
 import json
-import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -24,7 +23,7 @@ from emvs.mapper import map_window
 from gpu_calls import Agreement, agreement, same, save_volumes
 from gpu_plan import QUICK, BenchmarkPlan
 from gpu_votes import votes_s
-from places import ROOT
+from places import ROOT, TOOLS, with_tools
 
 TRIAL = ["--quick", "--device", "cpu"]
 MAPPED = ["--only", "whole", "--only", "agreement", "--only", "sliding", "--only", "growth"]
@@ -39,12 +38,12 @@ def report(tmp_path_factory):
 
 def program(*arguments, code=None, **environment):
     command = (
-        [sys.executable, "-m", "tests/benchmarks/bench_gpu.py"]
+        [sys.executable, str(TOOLS / "bench_gpu.py")]
         if code is None
         else [sys.executable, "-c", code]
     )
     return subprocess.run(
-        [*command, *arguments], env=os.environ | environment, cwd=ROOT, text=True,
+        [*command, *arguments], env=with_tools() | environment, cwd=ROOT, text=True,
         capture_output=True,
     )  # fmt: skip
 
@@ -221,7 +220,7 @@ sys.meta_path.insert(0, Absent())
 import importlib.util
 found = importlib.util.find_spec
 importlib.util.find_spec = lambda name, *rest: None if name in absent else found(name, *rest)
-from tests/benchmarks/bench_gpu.py import main
+from bench_gpu import main
 sys.exit(main(sys.argv[1:]))
 """
 
@@ -370,8 +369,8 @@ class TestFrames:
 ATOMICS = """
 import json
 import numpy as np
-from tests/benchmarks/gpu_atomics.py import add_at_random, atomic_rates, cuda
-from tests/benchmarks/gpu_plan.py import QUICK
+from gpu_atomics import add_at_random, atomic_rates, cuda
+from gpu_plan import QUICK
 def twin(cells, threads, repeats):
     out = np.zeros(cells, np.int64)
     for thread in range(threads):

@@ -7,14 +7,14 @@ import pytest
 
 import cost_methods
 from cost_methods import ASKED, MethodsEffort, costs, main, table
-from emvs.methods import methods
+from emvs.methods import methods_by_name
 
 TINY = MethodsEffort(events=2000, planes=4, rounds=1)
 
 
 @pytest.mark.parametrize("name", ASKED)
 def test_every_line_asks_for_methods_that_exist(name):
-    assert methods(ASKED[name], 2)
+    assert methods_by_name(ASKED[name], 2)
 
 
 def test_every_call_is_measured():

@@ -1,11 +1,5 @@
 """The graph of imports, on checkouts and graphs that one can see through."""
 
-import sys
-
-from places import ROOT
-
-sys.path.insert(0, str(ROOT / "tests" / "benchmarks"))
-
 from import_graph import (
     circles,
     components,
@@ -16,7 +10,7 @@ from import_graph import (
     read_modules,
     subpackage_graph,
 )
-from structure import classes_defined_twice, named_in, small_with_one_importer
+from structure import classes_defined_twice, is_tool, named_in, small_with_one_importer, tool_lines
 
 # a imports b is "a": {"b"}
 
@@ -58,7 +52,7 @@ def test_every_way_to_import_is_seen(tmp_path):
     graph = import_graph(checkout(tmp_path, files))
     assert graph["emvs.dsi.sweep"] == {"emvs.errors", "emvs.dsi"}
     assert graph["emvs.mapper"] == {
-        "emvs.errors", "emvs.config", "emvs.reference_view", "emvs.dsi", "emvs.dsi.sweep"
+        "emvs.errors", "emvs.config", "emvs.view", "emvs.dsi", "emvs.dsi.sweep"
     }  # fmt: skip
     assert subpackage_graph(graph)["emvs.dsi"] == {"emvs.errors"}
 
@@ -82,3 +76,14 @@ def test_small_modules_and_second_classes_are_found(tmp_path):
     modules = checkout(tmp_path, files)
     assert small_with_one_importer(modules, import_graph(modules)) == {"emvs.small": "emvs.one"}
     assert classes_defined_twice(modules) == {"Job": ["emvs.one", "emvs.small"]}
+
+
+def test_developer_tools_are_counted_wherever_they_lie(tmp_path):
+    assert is_tool("eval.gpu_votes")
+    assert is_tool("scenes._sheet")
+    assert not is_tool("eval.gate_table")
+    tests = tmp_path / "tests"
+    (tests / "benchmarks").mkdir(parents=True)
+    for name in ("bench_sweep", "test_sweep", "benchmarks/study_cost", "benchmarks/test_cost"):
+        (tests / f"{name}.py").write_text("x = 1\ny = 2\n", encoding="utf-8")
+    assert tool_lines(tests) == 4

@@ -19,7 +19,9 @@ from settings_table import TABLES, main, settings_block
 
 DOCS = ROOT / "docs"
 PACKAGES = ("emvs", "sim", "scenes", "eval", "eventsweep")
-COMMAND = re.compile(r"-m ((?:emvs|sim|scenes|eval)[\w.]*)|(docs/\w+\.py)")
+COMMAND = re.compile(
+    r"-m ((?:emvs|sim|scenes|eval)[\w.]*)|((?:docs/figures|tests/benchmarks)/\w+\.py)"
+)
 
 
 def text_of(*pages):

@@ -15,7 +15,7 @@ from emvs.dsi import focus_measures
 from emvs.errors import InputError
 from emvs.geometry.trajectory import Trajectory
 from emvs.mapper import map_window
-from emvs.methods import methods, overview
+from emvs.methods import methods_by_name, overview
 from emvs.reference_view import inverse_depth_at
 from point_world import Recorded, fronto_parallel, pinhole, stereo_rig
 from study_variants import found_in_volumes
@@ -137,13 +137,13 @@ def test_one_camera_at_rest_is_refused():
 )
 def test_names_that_cannot_be_get_one_line(name, cameras, words):
     with pytest.raises(InputError, match=words) as error:
-        methods((name,), cameras)
+        methods_by_name((name,), cameras)
     assert "\n" not in str(error.value)
 
 
 def test_the_harmonic_mean_of_mcemvs_is_for_two_cameras_by_focus_too():
     with pytest.raises(InputError, match="Focus/H in the mcemvs setting fuses 2 cameras"):
-        methods(("Focus/H",), 3, mcemvs=True)
+        methods_by_name(("Focus/H",), 3, mcemvs=True)
     assert any(name.startswith("Focus/<F>") for name in overview())
 
 

@@ -1,3 +1,4 @@
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 from emvs.mapper import map_window
 from emvs.reference_view import inverse_depth_planes
+from emvs.utils import runtime
 from point_world import fronto_parallel
 
 RANGE = {"min_depth_m": 0.5, "max_depth_m": 4.0}
@@ -277,3 +279,13 @@ def test_events_in_memory_are_not_changed():
     for stream, copy in zip(recording.streams, copies, strict=True):
         for name in ("x", "y", "t_us", "p"):
             np.testing.assert_array_equal(getattr(stream, name), getattr(copy, name))
+
+
+def test_without_openmp_it_says_what_to_install(monkeypatch):
+    recording = fronto_parallel(1.5)
+    monkeypatch.setitem(sys.modules, "numba.np.ufunc.omppool", None)
+    runtime.check_openmp.cache_clear()
+    with pytest.raises(InputError, match="apt-get install libgomp1") as caught:
+        map_window(recording, MapperConfig(planes=5))
+    assert "\n" not in str(caught.value)
+    runtime.check_openmp.cache_clear()

@@ -12,11 +12,11 @@ from emvs.depth.depth_map import union
 from emvs.dsi import voting
 from emvs.dsi.fusion import fuse_by
 from emvs.dsi.maxima import RunningMaxima
-from emvs.dsi.method import Method, Split, cuts
+from emvs.dsi.method import Method, Split
 from emvs.dsi.voting import batch_planes, batches
 from emvs.errors import InputError
 from emvs.mapper import map_window
-from emvs.methods import methods, overview, register, unregister
+from emvs.methods import methods_by_name, overview, register, unregister
 from emvs.reference_view import inverse_depth_at, inverse_depth_planes, is_linear, linear_planes
 from point_world import fronto_parallel
 
@@ -33,7 +33,7 @@ def compositions(n, suffix=""):
 
 
 def find(name, cameras=2, *, mcemvs=False):
-    return methods((name,), cameras, mcemvs=mcemvs)[0]
+    return methods_by_name((name,), cameras, mcemvs=mcemvs)[0]
 
 
 def votes(seed, cameras, intervals, planes=2, height=3, width=4):
@@ -78,7 +78,7 @@ def test_folding_equals_fusing_whole_volumes(seed, n, batch):
     maxima = RunningMaxima(chosen, 4, 3)
     for first in range(0, 5, batch):
         part = np.ascontiguousarray(volumes[:, first : first + batch]).reshape(len(volumes), -1, 12)
-        maxima.fold(part, part.shape[1])
+        maxima.update(part, part.shape[1])
     for k, method in enumerate(chosen):
         fused, got = fuse_by(method, volumes), maxima.of(k)
         for y, x in np.ndindex(3, 4):
@@ -96,7 +96,7 @@ def _sum(parts):
 )  # fmt: skip
 def test_cuts_equal_twin(seed, events, n, by):
     t_us = np.sort(np.random.default_rng(seed).integers(100, 150, events))
-    edges = cuts(t_us, Split(n, by), 100, 150)
+    edges = Split(n, by).edges(t_us, 100, 150)
     assert len(edges) == n + 1
     of_event = np.repeat(np.arange(n), np.diff(edges))
     np.testing.assert_array_equal(of_event, naive_methods.intervals(t_us, n, by, 100, 150))
@@ -297,7 +297,7 @@ def test_plane_indices_never_overflow(planes, bits):
     ramp = np.arange(planes, dtype=np.float32)
     ramp[-1] = 0
     maxima = RunningMaxima((find("EMVS/cam0"),), 2, 1, planes=planes)
-    maxima.fold(np.repeat(ramp[None, :, None], 2, axis=2), planes)
+    maxima.update(np.repeat(ramp[None, :, None], 2, axis=2), planes)
     found = maxima.of(0)
     assert found.plane.dtype == np.dtype(f"int{bits}")
     np.testing.assert_array_equal(found.plane, planes - 2)
@@ -364,11 +364,11 @@ def test_names_are_parsed():
     assert "minimum, then over time by the root mean square" in method.summary
     assert find("Alg2/HcAt@2").time_first
     assert find("Alg2/AtHc@2", mcemvs=True).code != find("Alg2/AtHc@2").code
-    assert [m.name for m in methods(("Late/union", "Alg1/H", "Late/union"), 2)] == [
+    assert [m.name for m in methods_by_name(("Late/union", "Alg1/H", "Late/union"), 2)] == [
         "Alg1/H", "Late/union",
     ]  # fmt: skip
     assert not any(
-        name.startswith(("Alg2", "Late")) for name in [m.name for m in methods(("all",), 2)]
+        name.startswith(("Alg2", "Late")) for name in [m.name for m in methods_by_name(("all",), 2)]
     )
 
 

@@ -24,7 +24,10 @@ def install(folder, module: str) -> None:
 
 
 def methods(folder, asked: str):
-    code = f"from emvs.methods import methods; print([m.name for m in methods(({asked!r},), 2)])"
+    code = (
+        "from emvs.methods import methods_by_name; "
+        f"print([m.name for m in methods_by_name(({asked!r},), 2)])"
+    )
     return subprocess.run(
         [sys.executable, "-c", code],
         env={"PYTHONPATH": str(folder), "PATH": "/usr/bin:/bin"},

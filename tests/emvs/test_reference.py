@@ -11,14 +11,13 @@ import pytest
 
 from emvs.config import MapperConfig
 from emvs.data.events import Events
-from emvs.depth.depth_map import confidence_mask, eight_bits
-from emvs.depth.median import masked_median
+from emvs.depth.depth_map import confidence_mask, eight_bits, masked_median
 from emvs.dsi.maxima import RunningMaxima
 from emvs.dsi.rays import event_rays
 from emvs.dsi.voting import VoteCounts, dsi
 from emvs.geometry.camera import Camera
 from emvs.geometry.trajectory import Trajectory
-from emvs.methods import methods
+from emvs.methods import methods_by_name
 from emvs.reference_view import mcemvs_planes
 
 CONFIG = MapperConfig(compatibility="mcemvs", planes=64, threshold_c=5)
@@ -46,10 +45,10 @@ def swept(shared_reference):
         *(dsi(side_rays(golden, side, camera), rho, 160, 120) for side in ("left", "right")),
         strict=True,
     )
-    chosen = methods(tuple(NAMES), 2, mcemvs=True)
+    chosen = methods_by_name(tuple(NAMES), 2, mcemvs=True)
     maxima = RunningMaxima(chosen, 160, 120)
     stacked = np.stack(volumes)
-    maxima.fold(stacked.reshape(2, 64, -1), 64)
+    maxima.update(stacked.reshape(2, 64, -1), 64)
     return Swept(golden, stacked, counts, {m.name: maxima.of(k) for k, m in enumerate(chosen)})
 
 

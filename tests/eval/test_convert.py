@@ -23,7 +23,7 @@ from emvs.formats.calibration import read_rig
 from emvs.geometry.se3 import from_quat_xyzw
 from emvs.geometry.trajectory import Trajectory
 from eval.cli.main import main
-from eval.convert import Options, convert, targets
+from eval.convert import Options, convert_file, targets
 from eval.inspect import inspect
 from event_files import ALL, READ_ONLY, WRITTEN, moving_edges, write_any
 from memory_convert import run_chain
@@ -108,7 +108,9 @@ def test_every_format_says_how_much_of_it_is_read(tmp_path, kind):
     count = 400_000
     write_any(tmp_path / "a", kind, (1280, 720), moving_edges(count, packet=1 << 15))
     for work in (
-        lambda progress: convert(tmp_path / "a", tmp_path / "b", Options("dsec", **WIDE), progress),
+        lambda progress: convert_file(
+            tmp_path / "a", tmp_path / "b", Options("dsec", **WIDE), progress
+        ),
         lambda progress: inspect(tmp_path / "a", progress),
     ):
         shares = Shares()
@@ -123,7 +125,7 @@ def test_recordings_say_it_of_all_cameras(tmp_path):
     ours = write_sequence(tmp_path / "ours", "kb4", steps=60)
     for kind in ("mvsec", "tumvie", "rosbag1", "npz"):
         shares = Shares()
-        convert(ours, tmp_path / kind, Options(kind), shares)
+        convert_file(ours, tmp_path / kind, Options(kind), shares)
         assert shares.seen == sorted(shares.seen)
         assert shares.seen[-1] > 0.9
 

@@ -4,6 +4,7 @@ import subprocess
 import sys
 
 from cost_stream import MovingEdges
+from places import with_tools
 
 HEAVY = ("open3d", "matplotlib", "pandas", "mujoco", "dash", "OpenGL", "hypothesis")
 
@@ -25,7 +26,7 @@ COMPILED = """
 from numba.core import event
 from emvs.config import MapperConfig
 from emvs.mapper import map_window
-from tests/benchmarks/cost_stream.py import MovingEdges
+from cost_stream import MovingEdges
 
 with event.install_recorder("numba:compile") as recorder:
     config = MapperConfig(planes=9, methods=("all", "Alg2/AtHc@2"))
@@ -37,7 +38,8 @@ print(*starts)
 
 def run(code, *arguments):
     command = [sys.executable, "-c", code, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=with_tools())
+    return done.stdout.split()
 
 
 def test_nothing_heavy_is_imported_before_the_first_event(tmp_path):

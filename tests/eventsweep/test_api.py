@@ -107,8 +107,8 @@ def test_a_type_checker_sees_what_a_program_gets():
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
     }
-    assert seen | {"__version__": es._PLACES["__version__"]} == es._PLACES
-    assert sorted(es._PLACES) == sorted(es.__all__)
+    assert seen == es._PLACES
+    assert sorted({*es._PLACES, "__version__"}) == sorted(es.__all__)
 
 
 def test_every_public_name_has_an_example():
@@ -155,6 +155,16 @@ def test_paths_may_be_strings_everywhere(folder, config, tmp_path):
     assert len(again.windows) == len(stored.windows) > 1
 
 
+def test_without_sliding_windows_one_window_is_mapped_into_a_folder(folder, config, tmp_path):
+    stored = es.map_windows(folder, tmp_path / "one", config)
+    alone = es.map_window(folder, config).depth_maps
+    (window,) = stored.windows
+    assert [name for name in alone if not window.depth_map(name).points] == []
+    for name, depth_map in alone.items():
+        np.testing.assert_array_equal(window.depth_map(name).depth_m, depth_map.depth_m)
+    assert {path.parent.name for path in window.path.rglob("cloud.ply")} == {"Alg1-H", "EMVS-cam0"}
+
+
 def test_a_scene_is_simulated_by_name_or_by_itself(tmp_path):
     short = es.SimConfig(duration_s=0.02)
     sequence = es.simulate("planes", str(tmp_path / "one"), short, rig="rpg")
@@ -187,6 +197,7 @@ def test_everything_says_what_it_is(recording, result):
     span = f"{events.t_us[0]} to {events.t_us[-1]} µs"
     assert repr(events) == f"Events({counts[0]} events, {span})"
     assert repr(events.slice(0, 0)) == "Events(none)"
+    assert repr(events.slice(0, 1)) == f"Events(1 event at {events.t_us[0]} µs)"
     depth_map = result.depth_maps["Alg1/H"]
     depth_m = depth_map.depth_m[depth_map.mask]
     assert repr(depth_map) == (
@@ -209,6 +220,28 @@ def test_an_event_simulator_says_where_it_is():
     pixels = es.EventSimulator(4, 3)
     pixels.start(np.ones((3, 4), np.float32), t_us=7)
     assert repr(pixels) == "EventSimulator(4 x 3 px, last frame at 7 µs)"
+    assert repr(es.EventSimulator(4, 3)) == "EventSimulator(4 x 3 px, no frame yet)"
+
+
+def test_parameters_show_what_is_not_as_it_is_by_default():
+    assert repr(es.MapperConfig()) == "MapperConfig()"
+    assert repr(es.MapperConfig(planes=5, median_px=5)) == "MapperConfig(planes=5)"
+    noisy = es.SimConfig(sensor={"preset": "gen4"}, log_eps=0.1)
+    assert repr(noisy) == (
+        "SimConfig(refractory_period_us=100, log_eps=0.1, sensor=SensorConfig(preset='gen4'))"
+    )
+    assert repr(es.EvalConfig(border_px=3)) == "EvalConfig(border_px=3)"
+
+
+def test_a_method_a_metric_and_a_scene_say_what_they_are():
+    assert repr(es.Method.from_function("Mine/least", min, "the least")) == (
+        "Method('Mine/least': the least)"
+    )
+    assert repr(es.METRICS["mean_error"]) == (
+        "Metric('mean_error' [m], better: lower; mean |e - g|)"
+    )
+    assert repr(es.METRICS).startswith(f"{len(es.METRICS)} metrics: points, completeness, ")
+    assert repr(es.load_scene("planes")).startswith("Scene('planes', 0.5 s, 0.7 to 4.5 m, rig ")
 
 
 def test_a_map_on_disk_says_what_it_is(folder, tmp_path):
@@ -270,6 +303,79 @@ def refused(call) -> str:
 )
 def test_bad_input_is_refused_in_one_line(call, words):
     assert words in refused(call)
+
+
+CAMERA = es.Camera(4, 3, 1, 1, 1, 1)
+STILL = es.Trajectory(np.array([0, 9]), np.zeros((2, 3)), np.tile([0.0, 0, 0, 1], (2, 1)))
+TIMES, POSITIONS, QUATS = STILL.t_us, STILL.positions_m, STILL.quats_xyzw
+
+
+def started() -> es.EventSimulator:
+    pixels = es.EventSimulator(4, 3)
+    pixels.start(np.ones((3, 4), np.float32), t_us=0)
+    return pixels
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: es.Camera("a", 3, 1, 1, 1, 1), "width_px is 'a': needs a whole number"),
+        (lambda: es.Camera(4.5, 3, 1, 1, 1, 1), "width_px is 4.5: needs a whole number"),
+        (lambda: es.Camera(4, 3, None, 1, 1, 1), "fx_px is None: needs a number"),
+        (lambda: es.Camera(4, 3, 1, 1, 1, 1, "radtan", 0.1), "distortion is 0.1: needs a tuple"),
+        (lambda: es.Camera(4, 3, 1, 1, 1, 1, "kb4", tuple("abcd")), "distortion is 'a'"),
+        (lambda: CAMERA.project("a"), "points_cam is 'a': needs numbers of shape (..., 3)"),
+        (lambda: CAMERA.project([1, 2]), "points_cam is [1, 2]: needs numbers of shape"),
+        (lambda: CAMERA.unproject([1, 2, 3]), "uv_px is [1, 2, 3]: needs numbers of shape"),
+        (lambda: es.Rig("a", CAMERA, (np.eye(4),)), "rig's cameras is Camera("),
+        (lambda: es.Rig("a", ("cam",), (np.eye(4),)), "rig's camera is 'cam': needs Camera"),
+        (lambda: es.Rig("a", (CAMERA,), (np.eye(4).tolist(),)), "rig's T_body_cam is [[1.0"),
+        (lambda: es.Rig("a", (CAMERA,), (np.eye(4),), "left"), "camera_names is 'left'"),
+        (lambda: es.Rig("a", (CAMERA,), (np.eye(4),)).baseline_m(0, "b"), "no camera 'b'"),
+        (lambda: es.Trajectory([0, 9], POSITIONS, QUATS), "t_us is [0, 9]: needs an array (N,)"),
+        (lambda: es.Trajectory(TIMES / 1e6, POSITIONS, QUATS), "needs an array (N,) of whole µs"),
+        (lambda: es.Trajectory(TIMES, "b", QUATS), "positions_m is 'b': needs an array (N, 3)"),
+        (lambda: es.Trajectory(TIMES, POSITIONS, np.array("c")), "quats_xyzw is array('c'"),
+        (lambda: es.Trajectory(TIMES, QUATS, POSITIONS), "positions (2, 4), quaternions (2, 3)"),
+        (lambda: es.Trajectory(TIMES[None], POSITIONS, QUATS), "needs (N,), (N, 3) and (N, 4)"),
+        (lambda: es.Trajectory.from_matrices(TIMES, np.eye(4)), "needs (N, 4, 4)"),
+        (lambda: STILL.at("noon"), "time 'noon': needs µs"),
+        (lambda: es.Events([1], [2], [3], [1]), "events' column x is [1]: needs an array"),
+        (lambda: es.register_method("x"), "method is 'x': needs what Method.from_function"),
+        (lambda: es.Method.from_function("A/b", 5, "c"), "function is 5: needs a function"),
+        (lambda: es.methods("x"), "n_cameras is 'x': needs a whole number"),
+        (lambda: es.open_recording(5), "path is 5: needs a path"),
+        (lambda: es.Sequence(None), "path is None: needs a path"),
+        (lambda: es.map_window(5), "recording is 5: needs a path, what open_recording gave"),
+        (lambda: es.map_windows(CAMERA, "o"), "with name, rig, trajectory, depth_range_m"),
+        (lambda: es.map_windows("r", 5), "out is 5: needs a path"),
+        (lambda: es.load_scene(5), "unknown scene 5"),
+        (lambda: es.simulate("nope", "o"), "unknown scene 'nope'"),
+        (lambda: es.simulate(5, "o"), "scene is 5: needs a scene's name"),
+        (lambda: es.simulate("desk", 5), "out is 5: needs a path"),
+        (lambda: es.simulate("desk", "o", seed="a"), "seed is 'a': needs a whole number"),
+        (lambda: es.simulate("desk", "o", rig=5), "rig is 5: needs a rig's name"),
+        (lambda: es.simulate("desk", "o", workers=1.5), "workers is 1.5: needs a whole number"),
+        (lambda: es.score(5), "mapped is 5: needs a window, a map or a folder's path"),
+        (lambda: es.EventSimulator("a", 3), "width_px is 'a': needs a whole number"),
+        (lambda: started().step([[1] * 4] * 3, 5), "intensity is [[1, 1, 1, 1]"),
+        (lambda: started().step(np.full((3, 4), "a"), 5), "needs an array (3, 4) of numbers"),
+        (lambda: started().step(np.ones((3, 4)), "b"), "t_us is 'b': needs a whole number"),
+        (lambda: started().start(np.ones((3, 4)), 0.5), "t_us is 0.5: needs a whole number"),
+    ],
+)
+def test_what_is_of_another_type_is_refused_in_one_line(call, words):
+    assert words in refused(call)
+
+
+def test_an_error_names_parameters_and_the_command_line_its_flags(folder, tmp_path, capsys):
+    out, asked = tmp_path / "map", es.MapperConfig(methods=("EMVS/cam0",), planes=4)
+    es.map_windows(folder, out, asked, clouds=False)
+    said = refused(lambda: es.map_windows(folder, out, asked, clouds=False))
+    assert "set force=True" in said
+    assert "--" not in said
+    assert main(["map", str(folder), "--out", str(out), "--quiet"]) == 2
+    assert "add --force" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("camera", [2, 7, -1])

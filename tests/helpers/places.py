@@ -1,7 +1,15 @@
 """Where things lie: the checkout, its tests, and the recordings beside it."""
 
+import os
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 HELPERS = ROOT / "tests" / "helpers"
+TOOLS = ROOT / "tests" / "benchmarks"
 SHARED = ROOT.parent / "shared"
+
+
+def with_tools() -> dict[str, str]:
+    """The environment of a program that imports the benchmarks' modules by name."""
+    search = [str(TOOLS), os.environ.get("PYTHONPATH", "")]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, search))}

@@ -8,7 +8,7 @@ import numpy as np
 
 from emvs.geometry.camera import Camera
 from eval.figures.plots import DsiSlice
-from eval.report.run_data import CaseView, MethodView, ReportData, WindowView
+from eval.report.run_data import CaseData, MethodData, RunData, WindowData
 from eval.scoring.pairing import Truth, pair_methods
 from eval.scoring.results import Results
 from eval.scoring.score import case_rows
@@ -23,7 +23,7 @@ METHODS = {
 }
 
 
-def window_view(name, seed, truth=True):
+def window_data(name, seed, truth=True):
     rng = np.random.default_rng(seed)
     truth_m = rng.uniform(0.6, 3.0, SHAPE)
     rho = np.linspace(2.0, 0.25, 12)
@@ -32,9 +32,9 @@ def window_view(name, seed, truth=True):
         depth_m = truth_m * (1 + error)
         mask = rng.random(SHAPE) < share
         row = truth_m[12] if truth else None
-        piece = DsiSlice(12, rho, rng.random((12, 32)), depth_m[12], mask[12], row)
-        methods.append(MethodView(method, depth_m, mask, rng.random(SHAPE) * 30, piece))
-    return WindowView(
+        dsi_slice = DsiSlice(12, rho, rng.random((12, 32)), depth_m[12], mask[12], row)
+        methods.append(MethodData(method, depth_m, mask, rng.random(SHAPE) * 30, dsi_slice))
+    return WindowData(
         name=name,
         t_us=250_000,
         methods=tuple(methods),
@@ -59,11 +59,11 @@ def rows_of(case, windows):
 def report_data(*names, windows=1, truth=True):
     cases, rows = [], []
     for position, name in enumerate(names):
-        views = tuple(window_view(f"w{k:03d}", 10 * position + k, truth) for k in range(windows))
-        cases.append(CaseView(name, "a test <scene>", views, windows + 2, (("rig", "two eyes"),)))
+        views = tuple(window_data(f"w{k:03d}", 10 * position + k, truth) for k in range(windows))
+        cases.append(CaseData(name, "a test <scene>", views, windows + 2, (("rig", "two eyes"),)))
         rows += rows_of(name, views) if truth else []
     results = Results(tuple(rows), {}, 7, dict.fromkeys(names, "ab" * 32))
-    return ReportData(tuple(cases), results, "mean_error", "planes = 12\n")
+    return RunData(tuple(cases), results, "mean_error", "planes = 12\n")
 
 
 class WellFormed(HTMLParser):

@@ -1,45 +1,56 @@
-"""The event model pixel by pixel and event by event, in plain Python."""
+"""The event model pixel by pixel and event by event, in exact arithmetic.
+
+Nothing here is rounded but the times of events: the inputs are binary fractions, and fractions add
+up exactly. So the reference is one number that moves, and no count of crossings.
+"""
 
 from __future__ import annotations
 
+from fractions import Fraction
+from itertools import pairwise
+from math import floor
+
 import numpy as np
+
+TIE = Fraction(1, 10**9)
+"""A level counts as reached from this close."""
 
 
 def simulate(frames, times_us, config):
     """Returns rows (t_us, y, x, p) of all events of `frames` (N, H, W), in the order emitted."""
-    c_pos, c_neg = config.contrast_threshold_pos, config.contrast_threshold_neg
-    logs = np.log(np.asarray(frames, np.float32) + np.float32(config.log_eps)).astype(float)
-    _, height, width = logs.shape
-    rows = []
-    for n in range(1, len(logs)):
-        interval = []
-        for y in range(height):
-            for x in range(width):
-                history = logs[: n + 1, y, x].tolist()
-                interval += pixel_events(history, times_us[: n + 1], c_pos, c_neg, config, (y, x))
-        interval.sort(key=lambda event: event[0])
-        rows += interval
+    logs = np.log(np.asarray(frames, np.float32) + np.float32(config.log_eps))
+    thresholds = config.contrast_threshold_pos, config.contrast_threshold_neg
+    intervals = [[] for _ in times_us]
+    for y, x in np.ndindex(logs.shape[1:]):
+        history = [Fraction(float(log)) for log in logs[:, y, x]]
+        found = crossings(history, times_us, *map(Fraction, thresholds))
+        for n, t_us, p in awake(found, config.refractory_period_us):
+            intervals[n].append((t_us, y, x, p))
+    return [row for rows in intervals for row in sorted(rows, key=lambda row: row[0])]
+
+
+def crossings(history, times_us, c_pos, c_neg):
+    """Rows (n, t_us, p): the crossings of one pixel on the way to frame n."""
+    rows, reference = [], history[0]
+    for n, (before, now) in enumerate(pairwise(history), start=1):
+        rises = max(0, floor((now - reference + TIE) / c_pos))
+        falls = max(0, floor((reference - now + TIE) / c_neg))
+        for _ in range(rises + falls):
+            reference += c_pos if rises else -c_neg
+            passed = (reference - before) / (now - before)
+            rows.append((n, moment(passed, times_us[n - 1], times_us[n]), int(rises > 0)))
     return rows
 
 
-def pixel_events(history, times_us, c_pos, c_neg, config, where):
-    """Events of one pixel in the last interval of its history, replayed from the first frame."""
-    first, up, down, last_us, events = history[0], 0, 0, None, []
-    for n in range(1, len(history)):
-        events = []
-        while True:
-            reference = first + up * c_pos - down * c_neg
-            if history[n] - reference >= c_pos:
-                up, p = up + 1, 1
-            elif reference - history[n] >= c_neg:
-                down, p = down + 1, 0
-            else:
-                break
-            level = first + up * c_pos - down * c_neg
-            share = (level - history[n - 1]) / (history[n] - history[n - 1])
-            step_us = times_us[n] - times_us[n - 1]
-            t_us = times_us[n - 1] + min(max(round(share * step_us), 1), step_us)
-            if last_us is None or t_us - last_us >= config.refractory_period_us:
-                events.append((t_us, *where, p))
-                last_us = t_us
-    return events
+def moment(passed, before_us, now_us):
+    """The whole microsecond at which that share of an interval has passed."""
+    return min(max(before_us + round(passed * (now_us - before_us)), before_us + 1), now_us)
+
+
+def awake(found, refractory_us):
+    """The crossings that are emitted: none within the time after an emitted one."""
+    silent_until_us = None
+    for row in found:
+        if silent_until_us is None or row[1] >= silent_until_us:
+            silent_until_us = row[1] + refractory_us
+            yield row

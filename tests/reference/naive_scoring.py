@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import itertools
 import math
+import statistics
 
 import numpy as np
+from scipy import stats
 
 
 def edges(intensity, contrast):
@@ -63,6 +65,32 @@ def bootstrap_means(groups, resamples, seed):
             inner.append(sum(drawn) / len(drawn))
         means.append(sum(inner) / len(inner))
     return means
+
+
+def interval(groups, resamples, seed, level):
+    """Order of the resampled means, drawn out until they spread as seeds ask for."""
+    own = [statistics.fmean(group) for group in groups]
+    resampled = bootstrap_means(groups, resamples, seed)
+    spread, mean = statistics.pstdev(resampled), statistics.fmean(own)
+    if spread == 0:
+        return mean, mean
+    tail, error = (1 - level) / 2, statistics.stdev(own) / math.sqrt(len(own))
+    error *= stats.t.isf(tail, len(own) - 1) / statistics.NormalDist().inv_cdf(1 - tail)
+    ends = np.quantile(resampled, [tail, 1 - tail])
+    return tuple(mean + error * (end - mean) / spread for end in ends)
+
+
+def welch_interval(groups, level):
+    """Mean of the groups' means, each group as uncertain as its own values say."""
+    k = len(groups)
+    variances = [statistics.variance(group) / len(group) / k**2 for group in groups]
+    mean = statistics.fmean(statistics.fmean(group) for group in groups)
+    total = sum(variances)
+    if total == 0:
+        return mean, mean
+    rest = sum((v / total) ** 2 / (len(g) - 1) for v, g in zip(variances, groups, strict=True))
+    half = stats.t.isf((1 - level) / 2, 1 / rest) * math.sqrt(total)
+    return mean - half, mean + half
 
 
 def sign_flip_p(a, b):

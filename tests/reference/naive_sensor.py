@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
+
+from naive_esim import TIE, moment
 
 
 def leaked(t_s, phase, slot_durations_s):
@@ -17,25 +20,26 @@ def leaked(t_s, phase, slot_durations_s):
 
 
 def comparator(light, leak, times_us, c_pos, c_neg):
-    """Rows (t_us, p, leaky) of one pixel, from its photoreceptor's output and leak per frame."""
-    rows, up, down, lit_last, leak_last = [], 0, 0, light[0], leak[0]
-    for n in range(1, len(light)):
-        before, now = light[n - 1] + c_pos * leak[n - 1], light[n] + c_pos * leak[n]
-        while True:
-            reference = light[0] + up * c_pos - down * c_neg
-            if now - reference >= c_pos:
-                up, p = up + 1, 1
-            elif reference - now >= c_neg:
-                down, p = down + 1, 0
-            else:
-                break
-            share = (light[0] + up * c_pos - down * c_neg - before) / (now - before)
-            step_us = times_us[n] - times_us[n - 1]
-            t_us = times_us[n - 1] + min(max(round(share * step_us), 1), step_us)
+    """Rows (t_us, p, leaky) of one pixel, from its photoreceptor's output and leak per frame.
+
+    In exact arithmetic but for the leak, which comes rounded.
+    """
+    light, leak = ([Fraction(value) for value in values] for values in (light, leak))
+    c_pos, c_neg = Fraction(c_pos), Fraction(c_neg)
+    seen = [bright + c_pos * dark for bright, dark in zip(light, leak, strict=True)]
+    rows, reference, lit_last, leak_last = [], light[0], light[0], leak[0]
+    for n in range(1, len(seen)):
+        before, now = seen[n - 1], seen[n]
+        rises = max(0, math.floor((now - reference + TIE) / c_pos))
+        falls = max(0, math.floor((reference - now + TIE) / c_neg))
+        for _ in range(rises + falls):
+            reference += c_pos if rises else -c_neg
+            share = (reference - before) / (now - before)
             leak_here = leak[n - 1] + share * (leak[n] - leak[n - 1])
             lit_here = light[n - 1] + share * (light[n] - light[n - 1])
-            drift = c_pos * (leak_here - leak_last)
-            rows.append((t_us, p, int(p == 1 and drift > lit_here - lit_last)))
+            is_leak = rises > 0 and c_pos * (leak_here - leak_last) > lit_here - lit_last
+            t_us = moment(share, times_us[n - 1], times_us[n])
+            rows.append((t_us, int(rises > 0), int(is_leak)))
             lit_last, leak_last = lit_here, leak_here
     return rows
 

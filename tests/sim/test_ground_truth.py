@@ -20,7 +20,7 @@ from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from eval.config import EvalConfig
 from eval.scoring.run_folder import truth_of
-from sim import ground_truth, ground_truth_kernels
+from sim import ground_truth
 from sim.config import SimConfig
 from sim.ground_truth import warped
 from sim.motion.curves import HeadSway, look_at
@@ -229,10 +229,24 @@ def test_event_depth_equals_its_twin(seed):
     t_us = np.sort(rng.integers(50, 901, 20)).astype(np.int64)
     x, y = rng.integers(0, 7, 20, np.uint16), rng.integers(0, 5, 20, np.uint16)
     events = Events(x, y, t_us, np.zeros(20, np.uint8))
-    depth_m = np.empty(20, np.float32)
-    ground_truth_kernels.depth_at_events(before_m, after_m, 100, 900, x, y, t_us, 0.02, depth_m)
+    depth_m = ground_truth.event_depth_m(before_m, after_m, (100, 900), events)
     expected = naive_truth.depth_at_events(before_m, after_m, 100, 900, events, 0.02)
     np.testing.assert_allclose(depth_m, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("shape", "span_us", "message"),
+    [
+        ((5, 6), (100, 900), "one shape"),
+        ((5, 7), (900, 900), "rising times"),
+        ((5, 7), (100, 900), "column 7 and row 2"),
+    ],
+)
+def test_event_depth_refuses_what_does_not_belong_together(shape, span_us, message):
+    events = Events(*(np.array([v], d) for v, d in ((7, "u2"), (2, "u2"), (500, "i8"), (1, "u1"))))
+    before_m, after_m = np.ones((5, 7), np.float32), np.ones(shape, np.float32)
+    with pytest.raises(InputError, match=message):
+        ground_truth.event_depth_m(before_m, after_m, span_us, events)
 
 
 def test_what_was_not_asked_for_is_refused_by_name(tmp_path):

@@ -23,7 +23,7 @@ from sim.config import ReplayConfig, SimConfig
 from sim.motion.curves import look_at, sampled
 from sim.motion.head_motion import six_dof
 from sim.scene import replayed
-from sim.simulate import facts_of, make_job, simulate
+from sim.simulate import describe, make_job, simulate
 
 
 @pytest.fixture(scope="module")
@@ -269,13 +269,13 @@ def test_the_command_line_replays(folder, tum):
     from eval.cli.main import main
 
     out = folder / "cli"
-    flags = ["--trajectory", str(tum), "--sim.motion.replay.start-s", "1", "--seconds", "0.02"]
+    flags = ["--trajectory", str(tum), "--sim.replay.start-s", "1", "--seconds", "0.02"]
     assert main(["simulate", "planes", "--out", str(out), *flags, "--quiet"]) == 0
     sequence = Sequence.open(out)
     step = se3.inverse(sequence.trajectory.at(0)) @ sequence.trajectory.at(20_000)
     recorded = recorded_poses(tum, 1.0, np.array([0, 0.02]))
     np.testing.assert_allclose(step, se3.inverse(recorded[0]) @ recorded[1], atol=5e-4)
-    bad = [*flags, "--sim.motion.replay.max-gap-s", "0.002", "--force"]
+    bad = [*flags, "--sim.replay.max-gap-s", "0.002", "--force"]
     assert main(["simulate", "planes", "--out", str(out), *bad, "--quiet"]) == 2
 
 
@@ -299,7 +299,7 @@ def test_the_key_of_unfinished_work_knows_how_bodies_move(folder, scene):
         moving = replace(scene, mjcf=mjcf, animate=animate)
         job = make_job(moving, made.tiny_rig(), SimConfig(duration_s=0.02), 0)
         with job.renderer() as renderer:
-            return facts_of(job, renderer).key
+            return describe(job, renderer).key
 
     assert key(Sliding(1.0)) == key(Sliding(1.0))
     assert len({key(Sliding(1.0)), key(Sliding(1.001)), key(Sliding(1.0, 4_000)), key(None)}) == 4

@@ -10,7 +10,6 @@ import pytest
 import mujoco_scenes as made
 from emvs.data.sequence import Sequence
 from emvs.errors import InputError
-from sim import simulate as generate
 from sim.config import SimConfig
 from sim.rigs import RIGS, rig
 from sim.simulate import simulate
@@ -20,7 +19,7 @@ CONFIG = SimConfig(truth_interval_s=0.01)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("generate")
+    return tmp_path_factory.mktemp("simulate")
 
 
 @pytest.fixture(scope="module")
@@ -163,7 +162,7 @@ def test_refuses_a_negative_seed_and_no_duration(folder, scene):
     with pytest.raises(InputError, match="seed -1"):
         simulate(scene, made.tiny_rig(), CONFIG, -1, folder / "bad")
     with pytest.raises(InputError, match="duration_s"):
-        generate.simulate(scene, made.tiny_rig(), SimConfig(duration_s=1e-7), 0, folder / "bad")
+        simulate(scene, made.tiny_rig(), SimConfig(duration_s=1e-7), 0, folder / "bad")
     with pytest.raises(ValueError, match="duration_s"):
         SimConfig(duration_s=0)
 

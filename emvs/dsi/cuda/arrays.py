@@ -3,9 +3,6 @@
 The GPU copies by itself, beside its computing, only from memory that cannot be paged out. All cores
 fill one such buffer while the other is on its way. Everything is queued in the calling thread's
 stream (`emvs.dsi.cuda.device.stream`).
-
-Alone in its module: numba's simulator puts a double of `cuda` into the module of a kernel while
-that runs, and the arrays are made by several threads.
 """
 
 # mypy: disable-error-code="attr-defined, misc, no-any-return, no-untyped-call, no-untyped-def"
@@ -18,18 +15,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import cuda, njit, prange
+from numba import cuda
 from numpy.typing import DTypeLike, NDArray
 
-import emvs.utils.runtime  # noqa: F401  (names the threading layer before the kernel compiles)
 from emvs.data.events import Events
 from emvs.dsi.cuda import device
-from emvs.dsi.method import total
+from emvs.dsi.cuda.arrays_kernels import copy_bytes, fill
 from emvs.dsi.rays import RayCounts, Rays
 from emvs.errors import InputError
 
 _BUFFER_BYTES = 16 << 20
-_PIECE = 1 << 18  # bytes that a thread copies at a time
 _of_thread = threading.local()
 
 
@@ -134,14 +129,6 @@ def _copy(source: NDArray[Any], target: NDArray[Any]) -> None:
     copy_bytes(source.view(np.uint8), target.view(np.uint8))
 
 
-@njit(parallel=True, cache=True)
-def copy_bytes(source, target):
-    """Copies (N,) uint8 by all threads."""
-    for piece in prange((len(source) + _PIECE - 1) // _PIECE):
-        first, last = piece * _PIECE, min((piece + 1) * _PIECE, len(source))
-        target[first:last] = source[first:last]
-
-
 @dataclass(frozen=True, slots=True)
 class DeviceEvents(Events):
     """Events of one camera, here and on the GPU.
@@ -191,16 +178,7 @@ class DeviceRays:
     def joined(cls, parts: Sequence[DeviceRays]) -> DeviceRays:
         """All rays of several parts; nothing is copied."""
         blocks = tuple(block for part in parts for block in part.blocks)
-        return cls(blocks, total([part.counts for part in parts]))
+        return cls(blocks, RayCounts.total([part.counts for part in parts]))
 
     def __len__(self) -> int:
         return self.counts.rays
-
-
-@cuda.jit(cache=True)
-def fill(array, value):
-    """Fills a (P, N) array on the GPU; the grid is (blocks, P)."""
-    p, c = cuda.blockIdx.y, cuda.grid(1)
-    while c < array.shape[1]:
-        array[p, c] = value
-        c += cuda.gridDim.x * cuda.blockDim.x

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.dsi.backend import FocusFold, Outcome, Task, needs_focus
+from emvs.dsi.backend import Outcome, Task
 from emvs.dsi.cuda import arrays, device, fusion_kernels
 from emvs.dsi.cuda.arrays import DeviceRays
 from emvs.dsi.cuda.device import Gpu
-from emvs.dsi.cuda.maxima import ROOM_IMAGES, STATE_BYTES, DeviceFocus, DeviceMaxima
-from emvs.dsi.cuda.voting import Ballot
-from emvs.dsi.maxima import RunningMaxima
+from emvs.dsi.cuda.maxima import SCRATCH_IMAGES, STATE_BYTES, DeviceFocusMaxima, DeviceMaxima
+from emvs.dsi.cuda.voting import VoteVolume
+from emvs.dsi.maxima import FocusMaxima, RunningMaxima
 from emvs.dsi.method import Method
 from emvs.dsi.rays import Rays
 from emvs.dsi.slices import SliceRecorder
@@ -43,20 +43,21 @@ class CudaBackend:
 
     def __init__(self, task: Task, rays: Sequence[Rays | DeviceRays]) -> None:
         self._rays = [r if isinstance(r, DeviceRays) else DeviceRays.of(r) for r in rays]
-        size, config, planes = (task.width_px, task.height_px), task.config, len(task.rho)
-        self._task, volumes = task, len(rays)
-        own = [method for method in task.swept if method.function is not None]
-        compiled = [method for method in task.swept if method.function is None]
+        size, planes, settings = (task.width_px, task.height_px), len(task.rho), task.settings
+        self._task, volumes, polarities = task, len(rays), settings.polarities
+        own = [method for method in task.methods if method.function is not None]
+        compiled = [method for method in task.methods if method.function is None]
         self.planes_in_flight = planes_in_flight(
-            task, volumes, len(needs_focus(compiled, config)), device.gpu()
+            task, volumes, len(settings.measures.needed_by(compiled)), device.gpu()
         )
-        self._ballot = Ballot(volumes, self.planes_in_flight, *size, sums=task.sums)
-        self._maxima = DeviceMaxima(compiled, volumes, *size, planes, config.polarities)
-        self._focus = DeviceFocus(
-            compiled, task.cameras, volumes, self.planes_in_flight, *size, config
-        )
+        self._volume = VoteVolume(volumes, self.planes_in_flight, *size, sums=settings.sums)
+        self._maxima = DeviceMaxima(compiled, volumes, *size, planes, polarities)
+        self._focus = DeviceFocusMaxima(
+            compiled, task.cameras, volumes, self.planes_in_flight, *size, settings.measures,
+            planes=planes, polarities=polarities,
+        )  # fmt: skip
         self._rows = arrays.empty((volumes, planes, size[0]), np.float32)
-        self._own = _Own(own, task) if own else None
+        self._own = _HostMaxima(own, task) if own else None
         self._rho = arrays.up(task.rho)
         self._votes = [VoteCounts()] * volumes
         self._first = self._last = 0
@@ -64,56 +65,55 @@ class CudaBackend:
     def cast(self, first: int, last: int) -> None:
         """Casts the votes of every volume in planes `first` to `last`, exclusive."""
         self._first, self._last = first, last
-        cast = self._ballot.cast(self._rays, self._rho[first:last], last - first)
-        self._votes = [a + b for a, b in zip(self._votes, cast, strict=True)]
+        votes = self._volume.cast(self._rays, self._rho[first:last], last - first)
+        self._votes = [a + b for a, b in zip(self._votes, votes, strict=True)]
 
-    def fold(self) -> None:
-        """Fuses these planes by every method and folds them into what is remembered."""
-        votes, planes = self._ballot.votes, self._last - self._first
-        self._maxima.fold(votes, planes)
-        self._focus.take(votes, planes)
+    def fuse(self) -> None:
+        """Fuses these planes by every method, and takes them into the running maxima."""
+        votes, planes = self._volume.votes, self._last - self._first
+        self._maxima.update(votes, planes)
+        self._focus.update(votes, planes)
         width = self._task.width_px
         fusion_kernels.keep_row[device.strided(width, len(self._rays))](
             votes, width, self._task.row_px, self._first, planes, self._rows
         )
         if self._own is not None:
-            self._own.take(self.images())
+            self._own.update(self.images())
 
     def images(self) -> Floats:
         """(V, P, H, W) votes of these planes, copied from the GPU."""
-        return self._ballot.on_host(self._last - self._first)
+        return self._volume.on_host(self._last - self._first)
 
     def outcome(self) -> Outcome:
         """What all planes so far leave, copied from the GPU."""
         task = self._task
         rows = arrays.down(self._rows)
-        recorder = SliceRecorder(
-            task.asked, len(task.rho), task.width_px, 0, task.config.polarities
+        slices = SliceRecorder(
+            task.requested, len(task.rho), task.width_px, 0, task.settings.polarities
         )
-        recorder.take(0, rows[:, :, np.newaxis])
-        maxima, focus = self._maxima.found(), self._focus.found()
+        slices.take(0, rows[:, :, np.newaxis])
+        maxima, focus = self._maxima.result(), self._focus.result()
         if self._own is not None:
             maxima |= {method.name: self._own.maxima.of(m) for m, method in self._own.numbered}
-            focus |= self._own.focus.found()
-        in_order = {method.name: maxima[method.name] for method in task.swept}
-        return Outcome(in_order, focus, recorder.values, self._votes)
+            focus |= self._own.focus.result()
+        in_order = {method.name: maxima[method.name] for method in task.methods}
+        return Outcome(in_order, focus, slices.values, self._votes)
 
 
-class _Own:
+class _HostMaxima:
     """What the CPU remembers of the methods that are functions of one's own."""
 
     def __init__(self, methods: Sequence[Method], task: Task) -> None:
-        size, config = (task.width_px, task.height_px), task.config
+        size, settings = (task.width_px, task.height_px), task.settings
+        passing = {"planes": len(task.rho), "polarities": settings.polarities}
         self.numbered = tuple(enumerate(methods))
-        self.maxima = RunningMaxima(
-            methods, *size, planes=len(task.rho), polarities=config.polarities
-        )
-        self.focus = FocusFold(methods, task.cameras, *size, config)
+        self.maxima = RunningMaxima(methods, *size, **passing)
+        self.focus = FocusMaxima(methods, task.cameras, *size, settings.measures, **passing)
 
-    def take(self, images: Floats) -> None:
+    def update(self, images: Floats) -> None:
         """Takes in the next planes of (V, P, H, W) votes, in order."""
-        self.maxima.fold(images.reshape(*images.shape[:2], -1), images.shape[1])
-        self.focus.take(images)
+        self.maxima.update(images.reshape(*images.shape[:2], -1), images.shape[1])
+        self.focus.update(images)
 
 
 def planes_in_flight(task: Task, volumes: int, focused: int, gpu: Gpu) -> int:
@@ -132,18 +132,18 @@ def planes_in_flight(task: Task, volumes: int, focused: int, gpu: Gpu) -> int:
         InputError: too little memory for a single plane.
     """
     cells = task.width_px * task.height_px
-    sums = _SUM_BYTES[task.sums] * cells
+    sums = _SUM_BYTES[task.settings.sums] * cells
     cached = max(1, int(_CACHE_SHARE * gpu.l2_bytes) // sums)
-    per_plane = sums + 4 * cells * (volumes + (ROOM_IMAGES if focused else 0))
-    states = len(task.swept) + (focused + task.cameras if focused else 0)
+    per_plane = sums + 4 * cells * (volumes + (SCRATCH_IMAGES if focused else 0))
+    states = len(task.methods) + (focused + task.cameras if focused else 0)
     always = states * STATE_BYTES * cells + 4 * volumes * len(task.rho) * task.width_px
     free = _MEMORY_SHARE * gpu.memory_bytes
     if always + per_plane > free:
         raise InputError(
             f"{gpu.name} has {gpu.memory_bytes / 1e9:.3g} GB of memory free, one plane of "
             f"{task.width_px} x {task.height_px} px needs {(always + per_plane) / 1e9:.3g} GB with "
-            f"{len(task.swept)} methods and {volumes} volumes: choose device cpu, or fewer methods "
-            "or sub-intervals"
+            f"{len(task.methods)} methods and {volumes} volumes: choose device cpu, or fewer "
+            "methods or sub-intervals"
         )
     fit = min(len(task.rho), cached, _MOST_PLANES)
     return fit if always + fit * per_plane <= free else int((free - always) // per_plane)

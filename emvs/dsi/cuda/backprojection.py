@@ -76,11 +76,11 @@ class CudaCaster:
         x, y, t_us = DeviceEvents.of(chosen).there
         when = arrays.up(pose_us) if self.packets else t_us
         out = arrays.empty((5, len(chosen)), np.float32)
-        fates = arrays.filled((rays_kernels.FATES, device.SLOTS), np.int64, 0)
+        slots = arrays.filled((rays_kernels.OUTCOMES, device.SLOTS), np.int64, 0)
         rays_kernels.rays[device.each(len(chosen))](
-            x, y, when, _bearings(self._camera), *self._poses, out, fates
+            x, y, when, _bearings(self._camera), *self._poses, out, slots
         )
-        tally = arrays.down(fates).sum(axis=1)
+        tally = arrays.down(slots).sum(axis=1)
         if tally[rays_kernels.WRONG]:
             events.checked(self._camera.width_px, self._camera.height_px)
         counts = RayCounts(

@@ -13,7 +13,7 @@ from emvs.dsi.cuda.device import SLOTS
 from emvs.dsi.rays_kernels import BACKWARDS, NO_POSE, NO_RAY, VOTES
 
 WRONG = 4  # outside the sensor, or before the event that came before it
-FATES = 5
+OUTCOMES = 5
 
 _NOWHERE, _ZERO = np.float32(np.nan), np.float32(0)
 
@@ -59,7 +59,7 @@ def _ray(bx, by, share, s, position_m, quat, axis, angle, T, K, out, k):
 
 
 @cuda.jit(device=True)
-def _fate(k, x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T, K, out):
+def _cast(k, x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T, K, out):
     t = pose_us[k]
     if x[k] >= bearing.shape[1] or y[k] >= bearing.shape[0] or (k > 0 and t < pose_us[k - 1]):
         return WRONG
@@ -74,21 +74,23 @@ def _fate(k, x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T,
 
 
 @cuda.jit(cache=True)
-def rays(x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T, K, out, fates):
+def rays(x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T, K, out, counts):
     """Rays of events in the reference view, each with a pose of its own; a thread per event.
 
     Arrays as in `emvs.dsi.rays_kernels.rays`, and
         out: (5, N) float32, filled: a_u, b_u, a_v, b_v, c_z; NaN for events that do not vote.
-        fates: (FATES, SLOTS) int64 zeros, added to: events by what became of them, except those
-            that vote.
+        counts: (OUTCOMES, SLOTS) int64 zeros, added to: events by what became of them, except
+            those that vote.
     """
     k = cuda.grid(1)
     if k < len(x):
-        fate = _fate(k, x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T, K, out)
-        if fate != VOTES:
+        outcome = _cast(
+            k, x, y, pose_us, bearing, knots_us, position_m, quat, axis, angle, T, K, out
+        )
+        if outcome != VOTES:
             out[0, k] = out[2, k] = _NOWHERE
             out[1, k] = out[3, k] = out[4, k] = _ZERO
-            cuda.atomic.add(fates, (fate, k & (SLOTS - 1)), np.int64(1))
+            cuda.atomic.add(counts, (outcome, k & (SLOTS - 1)), np.int64(1))
 
 
 @cuda.jit(cache=True)

@@ -26,8 +26,8 @@ _KERNELS = {
 }
 
 
-class Ballot:
-    """Planes on the GPU that votes are cast into, allocated once and used for every batch.
+class VoteVolume:
+    """Planes of every volume on the GPU that votes are cast into, allocated once for all batches.
 
     Args:
         volumes: how many volumes.
@@ -63,15 +63,15 @@ class Ballot:
         Raises:
             InputError: more votes in one voxel than any scale can hold.
         """
-        for volume, its_rays in enumerate(rays):
-            self._cast(volume, its_rays, rho, planes, MOST_BITS)
+        for volume, cast_rays in enumerate(rays):
+            self._cast(volume, cast_rays, rho, planes, MOST_BITS)
         # Nothing above waits for the GPU; this does, once per batch.
         counts = self._counted(self._counts, planes)
-        for volume, its_rays in enumerate(rays):
+        for volume, cast_rays in enumerate(rays):
             bits = MOST_BITS
             while self._exact and not _is_whole(counts[volume], bits):
                 bits = _fewer(bits)
-                self._cast(volume, its_rays, rho, planes, bits)
+                self._cast(volume, cast_rays, rho, planes, bits)
                 counts[volume] = self._counted(self._counts[volume : volume + 1], planes)[0]
         return [_votes(*pair, planes) for pair in zip(rays, counts, strict=True)]
 

@@ -9,7 +9,7 @@ from typing import Any
 from emvs.datasets import open_recording
 from eval.jobs.job import SEQUENCE
 from eval.studies.perturb import Perturbation, PerturbedRecording
-from eval.suite.stages.map import map_recording
+from eval.suite.stages.map import map_one_window
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
@@ -24,4 +24,4 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
     recording = PerturbedRecording(
         open_recording(inputs[0] / SEQUENCE), perturbation, parameters["seed"]
     )
-    map_recording(recording, parameters, out)
+    map_one_window(recording, parameters, out)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import scenes
 from emvs.geometry.rig import Rig
 from eval.suite.stages import simulate
-from sim.motion.curves import Motion
+from sim.motion import Motion
 from sim.rigs import rig as named_rig
 from sim.scene import Scene
 

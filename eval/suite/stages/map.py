@@ -22,10 +22,10 @@ def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
     """Maps with one thread: the results do not depend on how many, and other jobs have the rest."""
-    map_recording(open_recording(inputs[0] / SEQUENCE), parameters, out)
+    map_one_window(open_recording(inputs[0] / SEQUENCE), parameters, out)
 
 
-def map_recording(recording: Recording, parameters: Mapping[str, Any], out: Path) -> None:
+def map_one_window(recording: Recording, parameters: Mapping[str, Any], out: Path) -> None:
     """Maps one window as `map` says, under the name `window`; its entry lies beside its folder."""
     config = MapperConfig.model_validate({**parameters["map"], "threads": 1})
     folder = out / str(parameters["window"])

@@ -16,7 +16,7 @@ from emvs.maps.store import read_entry
 from eval.config import EvalConfig
 from eval.jobs.job import RESULT, SEQUENCE
 from eval.scoring.metric_versions import metric_versions
-from eval.scoring.results import Row
+from eval.scoring.results import POOLED, Row
 from eval.scoring.score import score_windows
 from eval.suite.results import DEFAULT_MAPPER, Sample, SampleFacts, mapper_method
 
@@ -72,11 +72,11 @@ def _event_rows(case: str, windows: Sequence[StoredWindow]) -> Iterator[Row]:
         "voting_share": (total["voting"], total["events"]),
         "votes_in_image_share": (total["votes_counted"], votes),
     }
-    yield Row(case, "all", EVENTS, "events", float(total["events"]), "events", "none")
-    yield Row(case, "all", EVENTS, "dropped_tail", float(total["dropped_tail"]), "events", "none")
+    yield Row(case, POOLED, EVENTS, "events", float(total["events"]), "events", "none")
+    yield Row(case, POOLED, EVENTS, "dropped_tail", float(total["dropped_tail"]), "events", "none")
     for name, (part, whole) in shares.items():
         share = 100 * float(part) / float(whole) if whole else math.nan
-        yield Row(case, "all", EVENTS, name, share, "%", "none")
+        yield Row(case, POOLED, EVENTS, name, share, "%", "none")
 
 
 def _named(row: Row, mapper: str) -> Row:

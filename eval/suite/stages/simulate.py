@@ -9,7 +9,7 @@ from typing import Any
 import scenes
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
-from eval.jobs.code_version import closure, source_digest, with_includes
+from eval.jobs.code_version import closure, definition_digest, with_includes
 from eval.jobs.job import SEQUENCE
 from sim.config import SimConfig
 from sim.graphics import drawn_by
@@ -18,7 +18,9 @@ from sim.scene import Scene
 from sim.simulate import simulate
 
 
-def parameters(scene: str, rig: str | None, seed: int, sim: Mapping[str, Any]) -> dict[str, Any]:
+def sequence_parameters(
+    scene: str, rig: str | None, seed: int, sim: Mapping[str, Any]
+) -> dict[str, Any]:
     """What decides a sequence beside code; `sim` holds the settings that are not the defaults."""
     return {
         "scene": scene,
@@ -36,9 +38,9 @@ def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
 
 
 def scene_digest(scene: str) -> str:
-    """A hash over what defines a scene: its modules, textures and MJCF, not the simulator."""
+    """A hash over what a scene's modules define, textures among it, and its MJCF; no simulator."""
     modules = {name for name in closure([_module(scene)]) if name.startswith("scenes.")}
-    return source_digest(modules, with_includes(scenes.load(scene).mjcf))
+    return definition_digest(modules, with_includes(scenes.load(scene).mjcf))
 
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:

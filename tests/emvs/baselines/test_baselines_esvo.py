@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import naive_esvo
 from emvs.baselines import esvo
-from emvs.baselines.esvo import Looked, match_blocks
+from emvs.baselines.esvo import EsvoMap, match_blocks
 from emvs.baselines.esvo_filter import Estimates, fuse_into, propagate, regularised
 from emvs.baselines.esvo_kernels import compatible, fuse_two
 from emvs.baselines.esvo_refinement import Lines, Refined, refine
@@ -253,7 +253,7 @@ def test_one_thread_and_two_give_the_same_bits(function):
 
 
 def test_own_rate_fuses_the_newest_whole_maps():
-    maps = [Looked(0, *(np.empty(0),) * 3, Refined(np.ones(n), *(np.empty(0),) * 2))
+    maps = [EsvoMap(0, *(np.empty(0),) * 3, Refined(np.ones(n), *(np.empty(0),) * 2))
             for n in (5, 3, 4, 2)]  # fmt: skip
     counts = {most: len(esvo._newest(maps, most)) for most in (1, 2, 5, 6, 9, 100)}
     assert counts == {1: 1, 2: 1, 5: 1, 6: 2, 9: 3, 100: 4}

@@ -1,4 +1,4 @@
-"""The rivals from the command line: flags reach them, and values that make no sense are refused."""
+"""The baselines from the command line: flags reach them, impossible values are refused."""
 
 import pytest
 
@@ -12,7 +12,7 @@ PLANES = ["--map.planes", "25", "--map.border-px", "0"]
 
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory):
-    folder, made = tmp_path_factory.mktemp("rivals") / "plane", fronto_parallel(1.3, points=2000)
+    folder, made = tmp_path_factory.mktemp("baselines") / "plane", fronto_parallel(1.3, points=2000)
     with SequenceWriter(
         folder, name="plane", rig=made.rig, trajectory=made.trajectory, config={},
         depth_range_m=(0.5, 4),
@@ -36,7 +36,7 @@ def points(sequence, folder, method, *flags):
         ("ESVO/own-rate", "--map.esvo.matching.least-zncc", "0.99", "0.5"),
     ],
 )
-def test_a_flag_reaches_its_rival(sequence, tmp_path, method, flag, few, many):
+def test_a_flag_reaches_its_baseline(sequence, tmp_path, method, flag, few, many):
     fewer = points(sequence, tmp_path / "few", method, flag, few)
     assert 0 < fewer < points(sequence, tmp_path / "many", method, flag, many)
 
@@ -62,7 +62,7 @@ def test_values_that_make_no_sense_are_refused_in_a_line(
     assert not folder.exists()
 
 
-def test_every_rival_and_every_fusion_in_one_map(sequence, tmp_path):
+def test_every_baseline_and_every_fusion_in_one_map(sequence, tmp_path):
     command = ["map", str(sequence), "--out", str(tmp_path / "map"), "--quiet"]
     assert main([*command, *PLANES, "--method", "everything"]) == 0
     found = read_map(tmp_path / "map").windows[0].info.methods

@@ -1,4 +1,4 @@
-"""The rivals through the mapper: registry, recordings in memory, bad input."""
+"""The baselines through the mapper: registry, recordings in memory, bad input."""
 
 from dataclasses import dataclass, replace
 
@@ -16,7 +16,7 @@ from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.mapper import map_window
 from emvs.maps.folder import read_depth, read_slices, write_window
-from emvs.methods import methods, overview, register, unregister
+from emvs.methods import methods_by_name, overview, register, unregister
 from emvs.windows import Window
 from point_world import Recorded, edge_stream, fronto_parallel, sideways, stereo_rig
 
@@ -48,54 +48,54 @@ def lines(error):
 # Names
 
 
-def test_all_stays_the_fusion_methods_and_rivals_are_the_others():
-    everything = [method.name for method in methods(("all", "baselines"), 2)]
+def test_all_stays_the_fusion_methods_and_baselines_are_the_others():
+    everything = [method.name for method in methods_by_name(("all", "baselines"), 2)]
     assert not {name.split("/")[0] for name in everything[:9]} & set(baselines.FAMILIES)
     assert tuple(everything[9:]) == baselines.names()
     assert set(ALWAYS) <= set(baselines.names())
     assert "Frames/sgm" not in baselines.names()
-    assert methods(("baselines", "SGM/ts"), 2) == methods(("baselines",), 2)
+    assert methods_by_name(("baselines", "SGM/ts"), 2) == methods_by_name(("baselines",), 2)
     shown = " ".join(overview())
     assert all(baseline.name in shown for baseline in baselines.BASELINES)
 
 
-def test_names_that_no_rival_has_are_refused():
-    with pytest.raises(InputError, match=r"unknown method 'SGM/x': the rivals are SGM/ts"):
-        methods(("SGM/x",), 2)
+def test_names_that_no_baseline_has_are_refused():
+    with pytest.raises(InputError, match=r"unknown method 'SGM/x': the baselines are SGM/ts"):
+        methods_by_name(("SGM/x",), 2)
     with pytest.raises(InputError, match="SGM/ts matches two cameras, this rig has 1"):
-        methods(("SGM/ts",), 1)
+        methods_by_name(("SGM/ts",), 1)
     with pytest.raises(InputError, match="does not know the mcemvs setting"):
-        methods(("SGM/ts",), 2, mcemvs=True)
+        methods_by_name(("SGM/ts",), 2, mcemvs=True)
 
 
-def test_a_rival_of_ones_own():
+def test_a_baseline_of_ones_own():
     def nothing_new(recording, window, view, config):
         return sgm.estimate_time_surfaces(recording, window, view, config)
 
-    register(BaselineEstimator("Own/rival", "nothing new", nothing_new))
+    register(BaselineEstimator("Own/stereo", "nothing new", nothing_new))
     try:
-        own = mapped(fronto_parallel(1.5), "Own/rival").depth_maps["Own/rival"]
-        assert own.method == "Own/rival"
-        assert overview()["Own/rival"] == "nothing new"
+        own = mapped(fronto_parallel(1.5), "Own/stereo").depth_maps["Own/stereo"]
+        assert own.method == "Own/stereo"
+        assert overview()["Own/stereo"] == "nothing new"
     finally:
-        unregister("Own/rival")
+        unregister("Own/stereo")
 
 
 # Through the mapper
 
 
-def test_rivals_beside_volumes_change_nothing_and_come_back_from_disk(tmp_path):
+def test_baselines_beside_volumes_change_nothing_and_come_back_from_disk(tmp_path):
     recording = fronto_parallel(1.5, points=3000)
     both = mapped(recording, "SGM/ts", "Alg1/H", "Late/union")
-    alone, rival = mapped(recording, "Alg1/H"), mapped(recording, "SGM/ts")
+    alone, baseline = mapped(recording, "Alg1/H"), mapped(recording, "SGM/ts")
     assert list(both.depth_maps) == ["Alg1/H", "SGM/ts", "Late/union"]
-    for result, name in ((alone, "Alg1/H"), (rival, "SGM/ts")):
+    for result, name in ((alone, "Alg1/H"), (baseline, "SGM/ts")):
         for field in ("depth_m", "confidence", "mask", "argmax"):
             np.testing.assert_array_equal(
                 getattr(result.depth_maps[name], field), getattr(both.depth_maps[name], field)
             )
-    assert rival.counts[0].events == alone.counts[0].events
-    assert rival.counts[0].votes.counted == 0
+    assert baseline.counts[0].events == alone.counts[0].events
+    assert baseline.counts[0].votes.counted == 0
     info = write_window(tmp_path / "w000", both, CONFIG, recording.rig.camera_names, clouds=False)
     assert info.methods == ("Alg1/H", "SGM/ts", "Late/union")
     slices = read_slices(tmp_path / "w000" / "slices.npz", info.methods, 96)

@@ -1,11 +1,11 @@
-"""The rivals on simulated scenes without noise: known depth within each one's stated accuracy."""
+"""The baselines on simulated scenes without noise: known depth within each one's accuracy."""
 
 import numpy as np
 import pytest
 
 import scenes
 from emvs.baselines import sgm
-from emvs.baselines.esvo import Looker
+from emvs.baselines.esvo import EsvoMapper
 from emvs.baselines.esvo_filter import propagate
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence
@@ -28,7 +28,7 @@ def sequences(tmp_path_factory):
 
     def sequence(name):
         if name not in made:
-            folder = tmp_path_factory.mktemp("rivals") / name
+            folder = tmp_path_factory.mktemp("baselines") / name
             scene = scenes.load(name)
             wanted = {"duration_s": SCENES[name], "frames": {"rate_hz": 20.0}}
             simulate(scene, named_rig(scene.rig), SimConfig.model_validate(wanted), 0, folder)
@@ -97,21 +97,21 @@ def test_refinement_lowers_the_error_of_its_start_at_every_time(sequences, scene
     sequence, config = sequences(scene), MapperConfig()
     window = choose_window(sequence, config)
     view = reference_view(sequence, config, window.t_ref_us)
-    looker = Looker(sequence, window.t0_us, view, config.esvo)
+    mapper = EsvoMapper(sequence, window.t0_us, view, config.esvo)
     for t_us in sgm.instants_us(window, config.esvo.rate_hz):
-        start_px, refined_px = errors_of_map_px(sequence, looker, t_us)
+        start_px, refined_px = errors_of_map_px(sequence, mapper, t_us)
         assert len(start_px) > 200
         assert np.median(refined_px) < 0.9 * np.median(start_px)
         assert refined_px.mean() < start_px.mean()
         assert (refined_px < start_px).mean() > 0.52
 
 
-def errors_of_map_px(sequence, looker, t_us):
+def errors_of_map_px(sequence, mapper, t_us):
     """Errors of starts and refined estimates, px, carried to the nearest time of known depth."""
-    looked = looker.at(t_us)
+    looked = mapper.at(t_us)
     truth_us, truth_m = truth_at(sequence, t_us)
     T_world_cam = sequence.trajectory.at(truth_us) @ sequence.rig.T_body_cam[0]
-    T_cam_then = se3.inverse(T_world_cam) @ looker.pose(looked.t_us)
+    T_cam_then = se3.inverse(T_world_cam) @ mapper.pose(looked.t_us)
     rays = np.einsum("nij,nj->ni", T_cam_then[:, :3, :3], looked.bearing)
     camera = sequence.rig.cameras[0].undistorted()
     errors = []

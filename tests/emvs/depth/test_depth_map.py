@@ -5,8 +5,7 @@ from hypothesis import strategies as st
 
 import naive_sweep
 from emvs.config import MapperConfig
-from emvs.depth.depth_map import confidence_mask, eight_bits, extract, without_border
-from emvs.depth.median import masked_median
+from emvs.depth.depth_map import confidence_mask, eight_bits, extract, masked_median, without_border
 from emvs.dsi.maxima import Maximum
 from emvs.errors import InputError
 from emvs.reference_view import ReferenceView, inverse_depth_planes

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import naive_extraction as naive
-from emvs.depth.focus import FocusConfig, Found, at_least, most_reliable, on_surface
+from emvs.depth.focus import FocusConfig, FocusEstimate, at_least, most_reliable, on_surface
 from emvs.dsi import focus_kernels, focus_measures
 from emvs.dsi.maxima import FocusPeak, Maximum
 from emvs.errors import InputError
@@ -73,7 +73,7 @@ def test_peak_equals_twin(seed, planes, levels):
     volume -= 3  # a difference of Gaussians is below 0, too
     peak = FocusPeak(5, 4, "votes", 1.0)
     for plane in volume:
-        peak.take(plane)
+        peak.update(plane)
     found = peak.maximum()
     for y, x in np.ndindex(volume.shape[1:]):
         value, plane, before, after = naive.peak(volume[:, y, x].tolist())
@@ -121,7 +121,7 @@ def surface(disparity_px, planes_px):
     """What was found where every pixel of this disparity is a candidate."""
     ones = np.ones_like(disparity_px)
     position = np.interp(-disparity_px, -planes_px, np.arange(len(planes_px))).astype(F)
-    return Found(position, ones, ones > 0, *(ones,) * 5)
+    return FocusEstimate(position, ones, ones > 0, *(ones,) * 5)
 
 
 def test_a_slanted_surface_stays_and_its_noise_goes():
@@ -146,10 +146,10 @@ def test_a_bell_is_found_where_it_is(at):
     """The vertex through a Gaussian's three values is exact; a parabola's is not."""
     left, value, right = (np.full((1, 1), np.exp(-((k - at) ** 2)), F) for k in (2, 3, 4))
     maximum = Maximum(value, np.full((1, 1), 3, np.int16), left, right, 9)
-    np.testing.assert_allclose(maximum.position(bell=True), at, atol=1e-5)
+    np.testing.assert_allclose(maximum.position(gaussian=True), at, atol=1e-5)
     assert at == 3 or abs(maximum.position()[0, 0] - at) > 1e-2
     dark = Maximum(value, maximum.plane, np.zeros_like(left), right, 9)
-    np.testing.assert_array_equal(dark.position(bell=True), dark.position())
+    np.testing.assert_array_equal(dark.position(gaussian=True), dark.position())
 
 
 @settings(max_examples=8, deadline=None)
@@ -162,7 +162,7 @@ def test_the_compiled_variance_equals_the_measure_and_its_twin(seed, height, wid
     planes = random_planes(seed, 4, height, width)
     compiled = FocusPeak(width, height, "variance", sigma_px)
     for plane in planes:
-        compiled.take(plane)
+        compiled.update(plane)
     slow = np.array([naive.variance(plane, sigma_px) for plane in planes])
     np.testing.assert_allclose(compiled.maximum().value, slow.max(0), atol=2e-4 * slow.max() + 1e-6)
     chosen = np.take_along_axis(slow, compiled.maximum().plane[None].astype(int), 0)[0]
@@ -173,7 +173,7 @@ def some_found(seed, levels=5):
     rng = np.random.default_rng(seed)
     confidence, *factors = rng.integers(0, levels, (6, 12, 15)).astype(F) / levels
     candidate = rng.random((12, 15)) < 0.5
-    return Found(confidence, confidence, candidate, *factors)
+    return FocusEstimate(confidence, confidence, candidate, *factors)
 
 
 @settings(max_examples=25, deadline=None)

@@ -4,15 +4,12 @@ import numpy as np
 import pytest
 
 import naive_methods
-from emvs import methods as alg2
-from emvs.config import MapperConfig
-from emvs.dsi.backend import FocusFold
 from emvs.dsi.cuda import arrays, device, fusion_kernels, maxima
 from emvs.dsi.cuda.maxima import DeviceMaxima
 from emvs.dsi.focus_measures import MEASURES
-from emvs.dsi.maxima import RunningMaxima
-from emvs.dsi.method import Method, Tables
-from emvs.methods import known_methods, methods
+from emvs.dsi.maxima import FocusMaxima, Measures, RunningMaxima
+from emvs.dsi.method import FusionTables, Method
+from emvs.methods import build_alg2, known_methods, methods_by_name
 
 if device.missing():
     pytest.skip(device.missing(), allow_module_level=True)
@@ -28,7 +25,7 @@ def random_votes(seed, volumes, planes=PLANES, zeros=0.3):
 
 
 def fused_there(method, votes, polarities=1):
-    tables = Tables.of((method,), len(votes), polarities)
+    tables = FusionTables.of((method,), len(votes), polarities)
     out = arrays.empty(votes.shape[1:], np.float32)
     fusion_kernels.fuse[device.strided(votes.shape[2])](
         *map(arrays.up, (tables.codes, tables.sizes, tables.which)), 0, arrays.up(votes),
@@ -55,7 +52,7 @@ def test_every_fusion_equals_the_slow_twin(cameras):
     "name", ["Alg2/AtHc@2", "Alg2/HtGc@3", "Alg2/RMScmint@2", "Alg2/maxtHc@4~"]
 )
 def test_fusions_of_fusions_equal_the_slow_twin(name):
-    method = alg2.build_alg2(name)
+    method = build_alg2(name)
     n = method.split.intervals
     votes = random_votes(1, 2 * n, 1, zeros=0.1)
     twin = [naive_methods.fuse(name, votes[:, 0, c].reshape(2, n).tolist()) for c in range(H * W)]
@@ -77,10 +74,10 @@ def test_maxima_and_their_neighbours_equal_those_of_the_cpu(batch):
     here = RunningMaxima(chosen, W, H, planes=PLANES)
     for first in range(0, PLANES, batch):
         part = np.ascontiguousarray(votes[:, first : first + batch])
-        there.fold(arrays.up(part), part.shape[1])
-        here.fold(part, part.shape[1])
+        there.update(arrays.up(part), part.shape[1])
+        here.update(part, part.shape[1])
     for m, method in enumerate(chosen):
-        mine, its = there.found()[method.name], here.of(m)
+        mine, its = there.result()[method.name], here.of(m)
         np.testing.assert_allclose(mine.value, its.value, rtol=1e-6)
         np.testing.assert_array_equal(mine.plane, its.plane, err_msg=method.name)
         np.testing.assert_allclose(mine.left, its.left, rtol=1e-6)
@@ -91,30 +88,32 @@ def test_maxima_and_their_neighbours_equal_those_of_the_cpu(batch):
 
 @pytest.mark.parametrize("measure", MEASURES)
 def test_focus_equals_that_of_the_cpu(measure):
-    config = MapperConfig(planes=PLANES, extraction=measure, focus_sigma_px=0.7)
-    chosen = methods(("Alg1/H", "EMVS/cam1"), 2)
-    compare_focus(chosen, config, random_votes(4, 2), 2)
+    measures = Measures(measure, "variance", sigma_px=0.7)
+    chosen = methods_by_name(("Alg1/H", "EMVS/cam1"), 2)
+    compare_focus(chosen, measures, random_votes(4, 2), 2)
 
 
-def test_witnesses_sum_polarities_and_sub_intervals():
-    config = MapperConfig(planes=PLANES, polarity="separate", focus_sigma_px=0.7)
-    chosen = [Method("Focus/x", 1, "", alg2.build_alg2("Alg2/AtHc@2").split, outer=3, focus=True)]
-    compare_focus(chosen, config, random_votes(5, 8), 2)
+def test_camera_maxima_sum_polarities_and_sub_intervals():
+    measures = Measures("votes", "variance", sigma_px=0.7)
+    chosen = [Method("Focus/x", 1, "", build_alg2("Alg2/AtHc@2").split, outer=3, focus=True)]
+    compare_focus(chosen, measures, random_votes(5, 8), 2, polarities=2)
 
 
-def compare_focus(chosen, config, votes, cameras):
-    here = FocusFold(chosen, cameras, W, H, config)
-    there = maxima.DeviceFocus(chosen, cameras, len(votes), 4, W, H, config)
+def compare_focus(chosen, measures, votes, cameras, polarities=1):
+    here = FocusMaxima(chosen, cameras, W, H, measures, planes=PLANES, polarities=polarities)
+    there = maxima.DeviceFocusMaxima(
+        chosen, cameras, len(votes), 4, W, H, measures, planes=PLANES, polarities=polarities
+    )
     for first in range(0, PLANES, 4):
         part = np.ascontiguousarray(votes[:, first : first + 4])
-        here.take(part.reshape(*part.shape[:2], H, W))
-        there.take(arrays.up(part), part.shape[1])
-    mine, its = there.found(), here.found()
+        here.update(part.reshape(*part.shape[:2], H, W))
+        there.update(arrays.up(part), part.shape[1])
+    mine, its = there.result(), here.result()
     assert list(mine) == list(its)
     for name, found in its.items():
-        assert len(mine[name].witnesses) == len(found.witnesses)
+        assert len(mine[name].camera_maxima) == len(found.camera_maxima)
         pairs = zip(
-            (mine[name].maximum, *mine[name].witnesses), (found.maximum, *found.witnesses),
+            (mine[name].maximum, *mine[name].camera_maxima), (found.maximum, *found.camera_maxima),
             strict=True,
         )  # fmt: skip
         for one, other in pairs:

@@ -8,19 +8,26 @@ import numpy as np
 import pytest
 
 import point_world
-from emvs import methods
 from emvs.config import MapperConfig
-from emvs.dsi import device
 from emvs.dsi.cuda import backend as cuda_backend
-from emvs.dsi.cuda import device as library
+from emvs.dsi.cuda import device
+from emvs.dsi.device import choose_device
 from emvs.dsi.method import Method
 from emvs.errors import InputError
 from emvs.mapper import map_window
 from emvs.maps.folder import RecordingInfo, read_map
 from emvs.maps.sliding import map_windows
+from emvs.methods import (
+    FAMILIES,
+    known_methods,
+    methods_by_name,
+    register,
+    unregister,
+    with_volume,
+)
 
-if library.missing():
-    pytest.skip(library.missing(), allow_module_level=True)
+if device.missing():
+    pytest.skip(device.missing(), allow_module_level=True)
 
 CAMERA = point_world.pinhole(8, 6, 7.0)
 TRAJECTORY = point_world.sideways()
@@ -59,9 +66,9 @@ def check_same(here, there):
 
 def every_method():
     """One of each kind that sweeps, from the registry's own examples."""
-    examples = [name for family in methods.FAMILIES.values() for name in family.examples]
-    names = [method.name for method in methods.known_methods(2)] + examples
-    return tuple(m.name for m in methods.with_volume(methods.methods(names, 2)))
+    examples = [name for family in FAMILIES.values() for name in family.examples]
+    names = [method.name for method in known_methods(2)] + examples
+    return tuple(m.name for m in with_volume(methods_by_name(names, 2)))
 
 
 def test_every_method_of_the_registry_gives_the_map_of_the_cpu():
@@ -69,7 +76,7 @@ def test_every_method_of_the_registry_gives_the_map_of_the_cpu():
     assert {"Alg1/H", "Focus/H", "Late/union", "Alg2/AtHc@4"} <= set(names)
     here, there = by_both(config(methods=names))
     check_same(here, there)
-    assert (here.device, there.device) == ("cpu", library.gpu().name)
+    assert (here.device, there.device) == ("cpu", device.gpu().name)
 
 
 @pytest.mark.parametrize(
@@ -92,24 +99,26 @@ def test_polarities_apart_in_sub_intervals_and_in_late_fusion():
     check_same(*by_both(config(methods=names, polarity="separate", planes=2)))
 
 
-def test_rivals_run_on_the_cpu_beside_the_sweep_and_a_line_says_so(tmp_path, caplog):
+def test_baselines_run_on_the_cpu_beside_the_sweep_and_a_line_says_so(tmp_path, caplog):
     about, windows = RecordingInfo(name="points", path="-"), {}
     for name in ("cpu", "cuda"):
         asked = config(methods=("Alg1/H", "SGM/ts"), planes=2, window_s=0.2, device=name)
         map_windows(recording(60), tmp_path / name, asked, about, clouds=False)
         windows[name] = read_map(tmp_path / name).windows
-    assert caplog.messages == ["device cuda: rivals run on the CPU: SGM/ts"]  # once, not per window
+    assert caplog.messages == [
+        "device cuda: baselines run on the CPU: SGM/ts"
+    ]  # once, not per window
     for here, there in zip(windows["cpu"], windows["cuda"], strict=True):
-        assert there.info.device == library.gpu().name
+        assert there.info.device == device.gpu().name
         one, other = here.depth_map("SGM/ts"), there.depth_map("SGM/ts")
         np.testing.assert_array_equal(other.depth_m, one.depth_m)
 
 
-def test_a_map_by_rivals_alone_is_the_cpus(caplog):
+def test_a_map_by_baselines_alone_is_the_cpus(caplog):
     here, there = by_both(config(methods=("SGM/ts", "SGM/window")))
     check_same(here, there)
     assert (here.device, there.device) == ("cpu", "cpu")
-    assert caplog.messages == ["device cuda: rivals run on the CPU: SGM/ts, SGM/window"]
+    assert caplog.messages == ["device cuda: baselines run on the CPU: SGM/ts, SGM/window"]
 
 
 def test_three_cameras_and_one():
@@ -128,11 +137,11 @@ def test_functions_of_ones_own_are_folded_by_the_cpu():
     def middle(votes):
         return np.median(votes.sum(axis=1), axis=0)
 
-    methods.register(Method.from_function("Mine/median", middle, "the middle"))
+    register(Method.from_function("Mine/median", middle, "the middle"))
     try:
         check_same(*by_both(config(methods=("Alg1/H", "Mine/median"), extraction="variance")))
     finally:
-        methods.unregister("Mine/median")
+        unregister("Mine/median")
 
 
 def test_whole_volumes_come_down_on_request(tmp_path):
@@ -146,8 +155,8 @@ def test_whole_volumes_come_down_on_request(tmp_path):
 
 def with_gpu(monkeypatch, **changes):
     """Pretends another GPU; notes how many planes are swept at a time."""
-    found = dataclasses.replace(library.gpu(), **changes)
-    monkeypatch.setattr(library, "gpu", lambda: found)
+    found = dataclasses.replace(device.gpu(), **changes)
+    monkeypatch.setattr(device, "gpu", lambda: found)
     planes = []
     init = cuda_backend.CudaBackend.__init__
 
@@ -187,8 +196,8 @@ def test_little_memory_means_fewer_planes_and_too_little_one_line(monkeypatch):
 
 
 def test_auto_takes_the_gpu_and_says_so(caplog):
-    assert device.choose("auto").kind == "cuda"
-    assert f"device auto took the GPU {library.gpu().name}" in caplog.text
+    assert choose_device("auto").kind == "cuda"
+    assert f"device auto took the GPU {device.gpu().name}" in caplog.text
 
 
 def test_sliding_windows_are_read_ahead_and_equal_those_of_the_cpu(tmp_path):
@@ -202,7 +211,7 @@ def test_sliding_windows_are_read_ahead_and_equal_those_of_the_cpu(tmp_path):
     assert len(here) == len(there) == 3
     for one, other in zip(here, there, strict=True):
         assert one.info.counts == other.info.counts
-        assert (one.info.device, other.info.device) == ("cpu", library.gpu().name)
+        assert (one.info.device, other.info.device) == ("cpu", device.gpu().name)
         np.testing.assert_allclose(
             other.depth_map("Alg1/H").depth_m, one.depth_map("Alg1/H").depth_m, rtol=1e-3
         )
@@ -213,7 +222,7 @@ def test_a_run_does_not_go_on_on_another_device(tmp_path, monkeypatch):
     asked = config(methods=("Alg1/H",), window_s=0.2, device="auto")
     map_windows(recording(60), tmp_path, asked, about, clouds=False)
     index = json.loads((tmp_path / "map.json").read_text())
-    assert {window["device"] for window in index["windows"]} == {library.gpu().name}
-    monkeypatch.setattr(library, "missing", lambda: "it is gone")
+    assert {window["device"] for window in index["windows"]} == {device.gpu().name}
+    monkeypatch.setattr(device, "missing", lambda: "it is gone")
     with pytest.raises(InputError, match="was mapped on numba's simulator, not cpu: choose"):
         map_windows(recording(60), tmp_path, asked, about, clouds=False)

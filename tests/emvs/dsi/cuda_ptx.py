@@ -11,7 +11,13 @@ from types import SimpleNamespace
 from numba import cuda, types
 from numba.cuda import dispatcher
 
-from emvs.dsi.cuda import arrays, focus_kernels, fusion_kernels, rays_kernels, voting_kernels
+from emvs.dsi.cuda import (
+    arrays_kernels,
+    focus_kernels,
+    fusion_kernels,
+    rays_kernels,
+    voting_kernels,
+)
 
 CC = (9, 0)  # of an H200
 
@@ -48,7 +54,7 @@ def signatures():
     yield "spread", focus_kernels, (IMAGES, IMAGES)
     yield "subtract", focus_kernels, (IMAGES, IMAGES)
     for item in (F4, I2, I4, I8):
-        yield "fill", arrays, (item[:, ::1], item)
+        yield "fill", arrays_kernels, (item[:, ::1], item)
 
 
 def translated():

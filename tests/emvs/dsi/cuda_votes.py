@@ -7,13 +7,10 @@ import pytest
 
 import naive_sweep
 import point_world
-from emvs.dsi import backprojection, rays
-from emvs.dsi import voting as sweep
+from emvs.dsi import backprojection, rays, voting
 from emvs.dsi.cuda import arrays, device
-from emvs.dsi.cuda import arrays as device_events
-from emvs.dsi.cuda import arrays as device_rays
-from emvs.dsi.cuda import backprojection as cuda_projector
-from emvs.dsi.cuda import voting as ballot
+from emvs.dsi.cuda import voting as cuda_voting
+from emvs.dsi.cuda.backprojection import CudaCaster, CudaProjector
 from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.reference_view import ReferenceView
@@ -42,8 +39,8 @@ def random_rays(seed, n=40, c_z=-0.5):
 
 def dsi(its_rays, rho, width_px, height_px, *, sums="fixed"):
     """Builds one camera's whole volume on the GPU, as `emvs.dsi.voting.dsi` does on the CPU."""
-    votes = ballot.Ballot(1, len(rho), width_px, height_px, sums=sums)
-    (counts,) = votes.cast([device_rays.DeviceRays.of(its_rays)], arrays.up(rho), len(rho))
+    votes = cuda_voting.VoteVolume(1, len(rho), width_px, height_px, sums=sums)
+    (counts,) = votes.cast([arrays.DeviceRays.of(its_rays)], arrays.up(rho), len(rho))
     return votes.on_host(len(rho))[0], counts
 
 
@@ -60,7 +57,7 @@ def test_votes_equal_the_slow_twin_and_the_cpu(sums, c_z):
     cast = naive_sweep.nearest if sums == "nearest" else naive_sweep.bilinear
     twin, counted, behind = naive_sweep.vote(*some.columns, RHO, W, H, cast)
     np.testing.assert_allclose(volume, twin, atol=1e-3)
-    cpu, cpu_counts = sweep.dsi(some, RHO, W, H, nearest=sums == "nearest")
+    cpu, cpu_counts = voting.dsi(some, RHO, W, H, nearest=sums == "nearest")
     np.testing.assert_allclose(volume, cpu, atol=1e-3)
     assert counts == cpu_counts
     assert (counts.counted, counts.behind) == (counted.sum(), behind.sum())
@@ -76,7 +73,7 @@ def test_edges_poles_and_rays_from_nowhere(sums):
     some = made(*columns[::3].T)
     rho = RHO[:1]
     volume, counts = dsi(some, rho, W, H, sums=sums)
-    cpu, cpu_counts = sweep.dsi(some, rho, W, H, nearest=sums == "nearest")
+    cpu, cpu_counts = voting.dsi(some, rho, W, H, nearest=sums == "nearest")
     np.testing.assert_allclose(volume, cpu, atol=1e-3)
     assert counts == cpu_counts
     assert counts.behind > 0
@@ -113,24 +110,24 @@ def test_fixed_votes_sum_to_whole_numbers_and_err_by_no_more_than_their_bound():
 @pytest.mark.filterwarnings("ignore:overflow encountered")
 @pytest.mark.parametrize(("u", "v"), [(3, 2), (2.999999, 2), (3.5, 2.5)])
 def test_a_lane_that_runs_over_is_found_and_cast_again(monkeypatch, u, v):
-    monkeypatch.setattr(ballot, "MOST_BITS", 28)  # 24 votes of 2^28 are more than 2^32
+    monkeypatch.setattr(cuda_voting, "MOST_BITS", 28)  # 24 votes of 2^28 are more than 2^32
     scales = []
-    cast = ballot.Ballot._cast
+    cast = cuda_voting.VoteVolume._cast
 
     def spied(self, volume, its_rays, rho, planes, bits):
         scales.append(bits)
         cast(self, volume, its_rays, rho, planes, bits)
 
-    monkeypatch.setattr(ballot.Ballot, "_cast", spied)
+    monkeypatch.setattr(cuda_voting.VoteVolume, "_cast", spied)
     volume, counts = dsi(at(u, v, 80), RHO[:1], W, H)
     assert scales == [28, 24]
     assert counts.counted == 80
-    np.testing.assert_allclose(volume, sweep.dsi(at(u, v, 80), RHO[:1], W, H)[0], atol=1e-3)
+    np.testing.assert_allclose(volume, voting.dsi(at(u, v, 80), RHO[:1], W, H)[0], atol=1e-3)
 
 
 def test_no_scale_holds_too_many_votes_and_says_so(monkeypatch):
-    monkeypatch.setattr(ballot, "MOST_BITS", 28)
-    monkeypatch.setattr(ballot, "_FEWEST_BITS", 28)
+    monkeypatch.setattr(cuda_voting, "MOST_BITS", 28)
+    monkeypatch.setattr(cuda_voting, "_FEWEST_BITS", 28)
     with pytest.raises(InputError, match=r"more than 16 votes in one voxel: choose .* float"):
         dsi(at(3, 2, 80), RHO[:1], W, H)
 
@@ -155,7 +152,7 @@ def turning_world(n=60, seed=0):
 def test_rays_equal_those_of_the_cpu(camera):
     recording, view = turning_world()
     events = recording.streams[camera]
-    there = cuda_projector.CudaCaster(recording, view, camera, packets=False)(events)
+    there = CudaCaster(recording, view, camera, packets=False)(events)
     here = backprojection.CpuCaster(recording, view, camera, packets=False)(events)
     assert there.counts == here.counts
     assert there.counts.without_pose > 0
@@ -171,14 +168,14 @@ def test_rays_equal_those_of_the_cpu(camera):
 def test_packets_of_the_compatibility_setting_equal_those_of_the_cpu():
     recording, view = turning_world(1030)
     events = recording.streams[0]
-    there = cuda_projector.CudaCaster(recording, view, 0, packets=True)(events)
+    there = CudaCaster(recording, view, 0, packets=True)(events)
     here = backprojection.CpuCaster(recording, view, 0, packets=True)(events)
     assert there.counts == here.counts
     cast = np.asarray(there.blocks[0].copy_to_host())
     np.testing.assert_allclose(
         np.sort(cast[4][~np.isnan(cast[0])]), np.sort(here.c_z), rtol=1e-5, atol=1e-6
     )
-    none = cuda_projector.CudaCaster(recording, view, 0, packets=True)(events.slice(0, 100))
+    none = CudaCaster(recording, view, 0, packets=True)(events.slice(0, 100))
     assert none.counts == rays.RayCounts(100, dropped=100)
 
 
@@ -193,7 +190,7 @@ def test_wrong_events_get_the_line_that_the_cpu_gives(wrong, words):
         t_us[7] = t_us[20]
     bad = point_world.Events(x, events.y, t_us, events.p)
     with pytest.raises(InputError, match=words) as there:
-        cuda_projector.CudaCaster(recording, view, 0, packets=False)(bad)
+        CudaCaster(recording, view, 0, packets=False)(bad)
     with pytest.raises(InputError, match=words) as here:
         backprojection.CpuCaster(recording, view, 0, packets=False)(bad)
     assert str(there.value) == str(here.value)
@@ -202,15 +199,15 @@ def test_wrong_events_get_the_line_that_the_cpu_gives(wrong, words):
 def test_events_per_pixel_equal_those_of_the_cpu():
     recording, _ = turning_world()
     events = recording.streams[0]
-    there = cuda_projector.CudaProjector().event_image(events, 6, 5)
+    there = CudaProjector().event_image(events, 6, 5)
     np.testing.assert_array_equal(there, backprojection.CpuProjector().event_image(events, 6, 5))
     assert there.dtype == np.uint32
 
 
 def test_uploaded_events_are_sliced_here_and_there():
     recording, _ = turning_world()
-    events = device_events.DeviceEvents.of(recording.streams[0])
-    assert device_events.DeviceEvents.of(events) is events
+    events = arrays.DeviceEvents.of(recording.streams[0])
+    assert arrays.DeviceEvents.of(events) is events
     part = events.slice(5, 9).between(0, 10**9)
     for column, there in zip((part.x, part.y, part.t_us), part.there, strict=True):
         np.testing.assert_array_equal(column, there.copy_to_host())

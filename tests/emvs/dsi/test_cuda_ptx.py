@@ -19,7 +19,7 @@ from places import ROOT
 
 TESTS = Path(__file__).parent
 CUDA = ROOT / "emvs" / "dsi" / "cuda"
-KERNELS = sorted([*CUDA.glob("*_kernels.py"), CUDA / "arrays.py"])
+KERNELS = sorted(CUDA.glob("*_kernels.py"))
 
 needs_compiler = pytest.mark.skipif(
     find_spec("numba_cuda") is None or find_spec("nvidia") is None,

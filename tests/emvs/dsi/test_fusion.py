@@ -11,7 +11,7 @@ from emvs.dsi.fusion import FUSIONS, fuse
 from emvs.dsi.maxima import RunningMaxima
 from emvs.dsi.method import Method
 from emvs.errors import InputError
-from emvs.methods import known_methods, methods
+from emvs.methods import known_methods, methods_by_name
 
 ORDER = ("min", "H", "G", "A", "RMS", "max")
 
@@ -95,7 +95,7 @@ def fold(volumes, chosen, batch):
         part = np.zeros((cameras, batch, height * width + 5), np.float32)
         count = min(batch, planes - first)
         part[:, :count, : height * width] = flat[:, first : first + count]
-        maxima.fold(part, count)
+        maxima.update(part, count)
     return maxima
 
 
@@ -116,24 +116,24 @@ def test_a_parabola_is_found_exactly():
 def test_method_names():
     two = ["Alg1/min", "Alg1/H", "Alg1/G", "Alg1/A", "Alg1/RMS", "Alg1/max", "EMVS/cam0",
            "EMVS/cam1"]  # fmt: skip
-    assert [method.name for method in methods(("all",), 2)] == [*two, "Focus/H"]
-    assert [method.name for method in methods(("all",), 2, mcemvs=True)] == two
-    assert [method.name for method in methods(("EMVS/cam1", "Alg1/H", "Alg1/H"), 2)] == [
+    assert [method.name for method in methods_by_name(("all",), 2)] == [*two, "Focus/H"]
+    assert [method.name for method in methods_by_name(("all",), 2, mcemvs=True)] == two
+    assert [method.name for method in methods_by_name(("EMVS/cam1", "Alg1/H", "Alg1/H"), 2)] == [
         "Alg1/H", "EMVS/cam1",
     ]  # fmt: skip
-    assert [method.name for method in methods(("all",), 1)] == ["EMVS/cam0"]
-    assert methods(("Alg1/H",), 2)[0].file_name == "Alg1-H"
-    assert "harmonic" in methods(("Alg1/H",), 2)[0].summary
+    assert [method.name for method in methods_by_name(("all",), 1)] == ["EMVS/cam0"]
+    assert methods_by_name(("Alg1/H",), 2)[0].file_name == "Alg1-H"
+    assert "harmonic" in methods_by_name(("Alg1/H",), 2)[0].summary
 
 
 @pytest.mark.parametrize(("name", "cameras"), [("Alg1/median", 2), ("EMVS/cam2", 2), ("Alg1/H", 1)])
 def test_unknown_methods_are_refused_with_the_known_ones(name, cameras):
     with pytest.raises(InputError, match=rf"{name}.*EMVS/cam0") as error:
-        methods((name,), cameras)
+        methods_by_name((name,), cameras)
     assert "\n" not in str(error.value)
 
 
 def test_reference_harmonic_mean_is_for_two_cameras():
     with pytest.raises(InputError, match="2 cameras, this rig has 3"):
-        methods(("all",), 3, mcemvs=True)
-    assert len(methods(("Alg1/min",), 3, mcemvs=True)) == 1
+        methods_by_name(("all",), 3, mcemvs=True)
+    assert len(methods_by_name(("Alg1/min",), 3, mcemvs=True)) == 1

@@ -120,7 +120,7 @@ def test_flag_beats_file_beats_default(tmp_path, capsys, sequence):
         ("or set resume=False to discard it", "or add --fresh to discard it"),
         ("(resume=False discards them)", "(--fresh discards them)"),
         ("simulate with frames.rate_hz above 0", "simulate with --sim.frames.rate-hz above 0"),
-        ("simulate with imu.rate_hz above 0", "simulate with --sim.sensor.imu.rate-hz above 0"),
+        ("simulate with imu.rate_hz above 0", "simulate with --sim.imu.rate-hz above 0"),
         ("map with inpaint=True to fill", "map with --map.inpaint to fill"),
         ("planes is 1: needs 2", "planes is 1: needs 2"),
     ],

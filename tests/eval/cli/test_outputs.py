@@ -16,7 +16,7 @@ from emvs.utils.ownership import strangers
 from eval.cli.main import main
 from eval.gate.report import markdown, write_junit
 from eval.scoring.results import Results, Row, write_results
-from sim.parallel.checkpoint import WorkFolder, work_path
+from sim.parallel.checkpoint import CheckpointFolder, checkpoint_path
 from small_pair import small_sequence
 
 
@@ -211,7 +211,7 @@ def test_a_work_folder_that_is_not_ours_is_refused_and_kept(tmp_path, made, kind
     mine.mkdir()
     (mine / "000000").mkdir()
     (mine / "precious").write_text("x")
-    place = work_path(out)
+    place = checkpoint_path(out)
     if kind == "link":
         place.symlink_to(mine)
     elif kind == "file":
@@ -223,7 +223,7 @@ def test_a_work_folder_that_is_not_ours_is_refused_and_kept(tmp_path, made, kind
     before = contents(tmp_path)
     rig = Sequence.open(made).rig
     with pytest.raises(InputError, match="unfinished work") as caught:
-        WorkFolder(out, "key", rig, resume=False, notice=print).__enter__()
+        CheckpointFolder(out, "key", rig, resume=False, notice=print).__enter__()
     assert "\n" not in str(caught.value)
     assert contents(tmp_path) == before
 

@@ -14,7 +14,7 @@ from emvs.baselines import BASELINES, BaselineEstimator, sgm
 from emvs.dsi.method import Method
 from emvs.methods import named, register, unregister
 from eval.figures.colormaps import INK, line_style
-from eval.report.overview import unit
+from eval.report.run_page import confidence_unit
 
 SWEPT = [f"Alg1/{name}" for name in ("min", "H", "G", "A", "RMS", "max")]
 TOGETHER = [
@@ -40,7 +40,7 @@ def test_without_colour_methods_still_differ(one, other):
     ],
 )  # fmt: skip
 def test_the_method_says_what_its_confidence_is(name, expected):
-    assert unit(name) == expected
+    assert confidence_unit(name) == expected
 
 
 def test_a_registered_method_says_it_too():
@@ -51,7 +51,10 @@ def test_a_registered_method_says_it_too():
         )
     )
     try:
-        assert (unit("Mine/last"), unit("Mine/stereo")) == ("own unit", "grey levels")
+        assert (confidence_unit("Mine/last"), confidence_unit("Mine/stereo")) == (
+            "own unit",
+            "grey levels",
+        )
         assert {named(name).family for name in ("Mine/last", "Mine/stereo")} == {"Mine"}
     finally:
         unregister("Mine/last")

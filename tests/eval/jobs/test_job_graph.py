@@ -16,7 +16,7 @@ from emvs.errors import InputError
 from eval.jobs import code_version as versions_of_code
 from eval.jobs import dask as schedule_dask
 from eval.jobs.cache import Cache, key_of
-from eval.jobs.code_version import closure, code_version, with_includes
+from eval.jobs.code_version import closure, code_version, definition_digest, with_includes
 from eval.jobs.dask import Cluster, dask_workers
 from eval.jobs.job import RESULT, Done, Failed, Job, do, order
 from eval.jobs.local import ATTEMPTS, local_workers
@@ -201,6 +201,17 @@ def test_what_code_does_changes_the_version(module, text):
     assert module("def f(x):\n    return x + 1\n") != module(text)
 
 
+def test_what_is_moved_defines_the_same(tmp_path, monkeypatch):
+    before = "from a import f\ndef g():\n    import b\n    return f(1)\n"
+    texts = {"here_once": before, "there_now": before.replace("a", "c.d", 1).replace("b", "e")}
+    texts["other"] = texts["there_now"].replace("f(1)", "f(2)")
+    for name, text in texts.items():
+        (tmp_path / f"{name}.py").write_text(text)
+    monkeypatch.syspath_prepend(tmp_path)
+    once, now, other = (definition_digest([name]) for name in texts)
+    assert once == now != other
+
+
 def test_each_stage_reaches_its_own_code_and_no_more():
     simulate = closure(["eval.suite.stages.simulate", "scenes.planes"])
     mapping, scoring = closure(["eval.suite.stages.map"]), closure(["eval.suite.stages.score"])
@@ -214,9 +225,7 @@ def test_each_stage_reaches_its_own_code_and_no_more():
     assert {"eval.scoring.score", "eval.scoring.metrics", "eval.scoring.curves"} <= scoring
     assert not any(name.startswith(("emvs.mapper", "eval.scoring.score")) for name in simulate)
     assert not any(name.startswith(("sim", "scenes", "eval.scoring.score")) for name in mapping)
-    assert not any(
-        name.startswith(("scenes", "emvs.mapper", "eval.report.run_page")) for name in scoring
-    )
+    assert not any(name.startswith(("scenes", "emvs.mapper", "eval.report")) for name in scoring)
     assert not {"sim.simulate", "sim.sensor.esim", "sim.motion.curves"} & scoring
 
 

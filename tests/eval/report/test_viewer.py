@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from eval.figures.colormaps import depth_scale, error_scale
-from eval.report.html import half, packed, window_data
-from report_data import METHODS, window_view
+from eval.report.viewer import half, packed, window_json
+from report_data import METHODS, window_data
 
 
 def _unpacked(text, dtype):
@@ -23,7 +23,7 @@ def _unpacked(text, dtype):
 
 def _data(window):
     scales = error_scale(20.0), depth_scale((0.5, 4.0))
-    return json.loads(window_data(window, list(METHODS), *scales))
+    return json.loads(window_json(window, list(METHODS), *scales))
 
 
 @given(hnp.arrays(np.uint8, st.integers(0, 300)))
@@ -41,7 +41,7 @@ def test_values_beyond_half_precision_are_its_largest():
 
 
 def test_masks_depths_and_confidence_come_back():
-    window = window_view("w000", 0)
+    window = window_data("w000", 0)
     data = _data(window)
     assert [one["position"] for one in data["methods"]] == list(range(len(METHODS)))
     for method, one in zip(window.methods, data["methods"], strict=True):
@@ -55,9 +55,9 @@ def test_masks_depths_and_confidence_come_back():
 
 
 def test_what_is_not_known_is_left_out():
-    data = _data(replace(window_view("w000", 0, truth=False), camera=None))
+    data = _data(replace(window_data("w000", 0, truth=False), camera=None))
     assert not {"truth", "frame", "camera"} & data.keys()
 
 
 def test_a_frame_of_another_size_has_no_values_at_these_pixels():
-    assert "frame" not in _data(replace(window_view("w000", 0), frame=np.zeros((5, 5), np.uint8)))
+    assert "frame" not in _data(replace(window_data("w000", 0), frame=np.zeros((5, 5), np.uint8)))

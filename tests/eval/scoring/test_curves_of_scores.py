@@ -185,16 +185,16 @@ def test_every_row_has_a_heading_that_says_its_region():
     assert len(REGION_NAMES) == len(set(REGION_NAMES))
 
 
-def test_mean_of_windows_weighs_windows_and_has_an_interval():
+def test_mean_of_windows_weighs_windows_and_has_no_interval():
+    """They are of one seed, and say nothing of how another would do."""
     windows = {f"w{k:03d}": regional_pairs(0.1 * k) for k in range(4)}
     rows = [row for row in case_rows("desk", windows) if row.method == "Alg1/H"]
     errors = [row for row in rows if row.metric == "median_error"]
     single = [row.value for row in errors if row.window.startswith("w")]
     (mean,) = [row for row in errors if row.window == "mean"]
     assert mean.value == pytest.approx(np.mean(single))
-    assert min(single) <= mean.low <= mean.value <= mean.high <= max(single)
     assert mean.points == 12
-    assert [row.low for row in errors if row.window != "mean"] == [None] * 5
+    assert [(row.low, row.high) for row in errors] == [(None, None)] * 6
     again = [row for row in case_rows("desk", windows) if row.method == "Alg1/H"]
     assert repr(again) == repr(rows)
 

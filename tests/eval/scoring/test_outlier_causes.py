@@ -15,17 +15,24 @@ from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 from eval.config import EvalConfig
-from eval.scoring import regions as masks
 from eval.scoring.outlier_causes import (
     CAUSES,
     EventCounts,
-    Evidence,
+    OutlierClassifier,
     count_causes,
     count_events,
     pixel_of,
     pooled_causes,
 )
 from eval.scoring.pairing import Truth, bad_pixels
+from eval.scoring.regions import (
+    away_from_border,
+    grown,
+    near_boundary,
+    on_view,
+    region_masks,
+    texture_edges,
+)
 
 WIDTH, HEIGHT, FOCAL, BASELINE, WALL_M = 64, 48, 100.0, 0.1, 2.0
 CAMERA = Camera(WIDTH, HEIGHT, FOCAL, FOCAL, 31.5, 23.5)
@@ -78,11 +85,13 @@ def full(value):
 def causes(disparity_px, event_counts, sequence=None, *, column=30, range_m=(0.5, 6.0), **regions):
     """Why one pixel with an estimate of that disparity is bad."""
     truth_m = np.full((HEIGHT, WIDTH), WALL_M, np.float32)
-    evidence = Evidence(sequence or world(), 500, event_counts, truth_m, range_m, regions)
+    classifier = OutlierClassifier(
+        sequence or world(), 500, event_counts, truth_m, range_m, regions
+    )
     bad = np.zeros((HEIGHT, WIDTH), bool)
     bad[24, column] = True
     estimate_m = np.full((HEIGHT, WIDTH), FOCAL * BASELINE / disparity_px)
-    found = evidence.causes(estimate_m, bad)
+    found = classifier.count(estimate_m, bad)
     assert sum(found.values()) == 1
     return next(cause for cause, count in found.items() if count)
 
@@ -133,10 +142,10 @@ def test_a_point_outside_the_other_camera_is_not_compared_there():
 
 
 def test_no_bad_pixels_have_no_causes():
-    evidence = Evidence(
+    classifier = OutlierClassifier(
         world(), 500, both_counts(full(1), full(1)), np.ones((HEIGHT, WIDTH)), (1, 2)
     )
-    found = evidence.causes(np.ones((HEIGHT, WIDTH)), np.zeros((HEIGHT, WIDTH), bool))
+    found = classifier.count(np.ones((HEIGHT, WIDTH)), np.zeros((HEIGHT, WIDTH), bool))
     assert found == dict.fromkeys(CAUSES, 0)
 
 
@@ -215,29 +224,29 @@ def test_pixels_of_points_behind_or_beside_the_sensor_are_none():
 
 @given(hnp.arrays(np.uint8, (6, 7)), st.floats(0.01, 2))
 def test_texture_edges_equal_their_slow_twin(intensity, contrast):
-    got = masks.texture_edges(intensity, contrast)
+    got = texture_edges(intensity, contrast)
     np.testing.assert_array_equal(got, naive_scoring.edges(intensity, contrast))
-    assert not (masks.texture_edges(intensity, 2 * contrast) & ~got).any()
+    assert not (texture_edges(intensity, 2 * contrast) & ~got).any()
 
 
 @given(hnp.arrays(bool, (6, 7)), st.integers(0, 8))
 def test_grown_masks_equal_their_slow_twin(mask, radius):
-    np.testing.assert_array_equal(masks.grown(mask, radius), naive_scoring.grown(mask, radius))
+    np.testing.assert_array_equal(grown(mask, radius), naive_scoring.grown(mask, radius))
 
 
 def test_boundaries_reach_as_far_as_they_are_told_to():
     depth_m = np.full((9, 12), 3.0)
     depth_m[:, 6:] = 1.0
     for radius in (1, 2, 3):
-        marked = masks.near_boundary(depth_m, radius)
+        marked = near_boundary(depth_m, radius)
         expected = (np.arange(12) >= 6 - radius) & (np.arange(12) < 6 + radius)
         np.testing.assert_array_equal(marked, np.tile(expected, (9, 1)))
 
 
 def test_a_border_may_be_left_out_and_may_leave_nothing():
-    inside = masks.away_from_border((4, 5), 1)
+    inside = away_from_border((4, 5), 1)
     assert inside.sum() == 6
-    assert not masks.away_from_border((4, 5), 9).any()
+    assert not away_from_border((4, 5), 9).any()
     truth = Truth(np.ones((4, 5)), np.ones((4, 5), bool), 100.0, 0.1, border_px=1)
     np.testing.assert_array_equal(truth.scored, inside)
 
@@ -246,12 +255,12 @@ def test_a_distorted_sensor_is_looked_up_where_the_view_s_rays_meet_it():
     camera = Camera(40, 30, 30.0, 30.0, 19.5, 14.5, "radtan", (-0.2, 0.02, 0.0, 0.0))
     rows, columns = np.mgrid[:30, :40]
     number = (rows * 40 + columns + 1).astype(np.int32)
-    found = masks.on_view(number, camera)
+    found = on_view(number, camera)
     for row, column in ((15, 20), (3, 5), (27, 36)):
         bearing = camera.undistorted().unproject([column, row])
         u, v = np.rint(camera.project([*bearing, 1.0])).astype(int)
         assert found[row, column] == number[v, u]
-    assert masks.on_view(number, camera.undistorted()) is number
+    assert on_view(number, camera.undistorted()) is number
 
 
 def test_regions_of_a_view_are_complements_and_need_what_they_need():
@@ -262,12 +271,12 @@ def test_regions_of_a_view_are_complements_and_need_what_they_need():
     moving[:4] = True
     sequence.truth_names = lambda camera: ("segmentation",)
     sequence.truth_dynamic = lambda camera, t_us: moving
-    found = masks.region_masks(sequence, 500, depth_m, EvalConfig())
+    found = region_masks(sequence, 500, depth_m, EvalConfig())
     np.testing.assert_array_equal(found["interior"], ~found["boundary"])
     np.testing.assert_array_equal(found["static"], ~moving)
     np.testing.assert_array_equal(found["moving"], moving)
     assert found["boundary"].sum() == 4 * HEIGHT
     sequence.truth_names = lambda camera: ()
-    assert set(masks.region_masks(sequence, 500, depth_m, EvalConfig())) == {
+    assert set(region_masks(sequence, 500, depth_m, EvalConfig())) == {
         "interior", "boundary", "edges",
     }  # fmt: skip

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emvs.errors import InputError
-from eval.scoring.external_sort import Ordered
+from eval.scoring.external_sort import SortedRuns
 from eval.scoring.method_scores import ALL_METRICS, score_method, score_pairs
 from eval.scoring.metrics import Pairs
 from eval.scoring.outlier_causes import CAUSES
@@ -116,7 +116,7 @@ keys = st.lists(st.integers(0, 5), max_size=30)
 
 @given(st.lists(keys, max_size=5), st.integers(1, 40))
 def test_order_is_that_of_a_stable_sort(tmp_path_factory, runs, most):
-    ordered = Ordered(tmp_path_factory.mktemp("order") / "keys")
+    ordered = SortedRuns(tmp_path_factory.mktemp("order") / "keys")
     number = 0
     for run in runs:
         ordered.add(np.array(run, float), np.arange(number, number + len(run), dtype=float))
@@ -157,7 +157,7 @@ def test_a_full_disk_is_one_clear_line(tmp_path, monkeypatch):
 
     monkeypatch.setattr("pathlib.Path.open", full)
     with pytest.raises(InputError, match=r"No space left on device.*TMPDIR"):
-        Ordered(tmp_path / "keys").add(np.ones(3))
+        SortedRuns(tmp_path / "keys").add(np.ones(3))
 
 
 def test_nothing_is_left_behind(tmp_path, monkeypatch):

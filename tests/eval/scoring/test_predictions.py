@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from emvs.errors import InputError
 from eval.scoring.depth_files import SUFFIXES, read_numbers
-from eval.scoring.predictions import Prediction, View
+from eval.scoring.predictions import Prediction, TargetView
 
-VIEW = View(t_us=250_000, width_px=7, height_px=5, focal_px=100.0, baseline_m=0.1)
+VIEW = TargetView(t_us=250_000, width_px=7, height_px=5, focal_px=100.0, baseline_m=0.1)
 SHAPE = (VIEW.height_px, VIEW.width_px)
 
 
@@ -64,7 +64,7 @@ def test_disparity_is_baseline_times_focal_length_over_depth(
     folder = tmp_path_factory.mktemp("given")
     np.save(folder / "250000.npy", baseline_m * focal_px / depths() / scale)
     (folder / "prediction.toml").write_text(f'quantity = "disparity"\nscale = {scale!r}\n')
-    view = View(250_000, *SHAPE[::-1], focal_px, baseline_m)
+    view = TargetView(250_000, *SHAPE[::-1], focal_px, baseline_m)
 
     depth_m, mask = Prediction.open(folder, "desk").depth_m(view)
 

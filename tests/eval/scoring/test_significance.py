@@ -6,11 +6,19 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
 import naive_scoring
 from emvs.errors import InputError
-from eval.scoring.bootstrap import interval, intervals, weights
-from eval.scoring.significance import holm, paired_p, rank_methods
+from eval.scoring.significance import (
+    holm,
+    interval,
+    intervals,
+    paired_p,
+    rank_methods,
+    resampling_weights,
+    stratified_interval,
+)
 
 numbers = st.floats(-10, 10)
 whole = st.integers(-50, 50)
@@ -20,19 +28,30 @@ group_lists = st.lists(st.lists(numbers, min_size=1, max_size=5), min_size=1, ma
 @given(group_lists)
 def test_bootstrap_is_the_mean_of_what_was_drawn(groups):
     sizes = [len(group) for group in groups]
-    drawn = weights(sizes, 20, seed=3)
+    drawn = resampling_weights(sizes, 20, seed=3)
     np.testing.assert_allclose(drawn.sum(axis=1), 1)
     expected = naive_scoring.bootstrap_means(groups, 20, 3)
     np.testing.assert_allclose(drawn @ np.concatenate(groups), expected, atol=1e-12)
 
 
-@given(group_lists.filter(lambda groups: sum(map(len, groups)) > 1), numbers)
-def test_interval_moves_with_the_values_and_holds_no_more_than_them(groups, shift):
+several_seeds = group_lists.filter(lambda groups: len(groups) > 1)
+
+
+@given(several_seeds)
+def test_interval_is_the_resampled_one_as_wide_as_seeds_differ(groups):
+    expected = naive_scoring.interval(groups, 50, 3, 0.9)
+    found = interval(groups, level=0.9, resamples=50, seed=3)
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+@given(several_seeds, numbers, st.floats(0.1, 10))
+def test_interval_holds_the_mean_and_moves_and_grows_with_the_values(groups, shift, factor):
     low, high = interval(groups, resamples=50)
-    values = np.concatenate(groups)
-    assert values.min() - 1e-9 <= low <= high <= values.max() + 1e-9
-    moved = interval([np.array(group) + shift for group in groups], resamples=50)
-    np.testing.assert_allclose(moved, (low + shift, high + shift), atol=1e-9)
+    mean = np.mean([np.mean(group) for group in groups])
+    assert low - 1e-9 <= mean <= high + 1e-9
+    changed = [factor * np.array(group) + shift for group in groups]
+    expected = factor * low + shift, factor * high + shift
+    np.testing.assert_allclose(interval(changed, resamples=50), expected, atol=1e-7)
 
 
 def test_interval_covers_the_truth_about_as_often_as_it_says():
@@ -45,7 +64,7 @@ def test_interval_covers_the_truth_about_as_often_as_it_says():
         both += low <= 0 <= high
         low, high = interval(list(np.concatenate(groups)[:, None].T), resamples=200)
         alone += low <= 0 <= high
-    assert 170 <= both <= 200
+    assert 182 <= both <= 198
     assert alone < 140
 
 
@@ -54,16 +73,35 @@ def test_same_seed_same_interval_and_one_value_has_none():
     assert interval(values) == interval(values)
     assert interval(values) != interval(values, seed=1)
     assert np.isnan(interval([[1.0]])).all()
-    assert np.isnan(interval([[1.0, np.nan]])).all()
-    low, high = intervals(np.array([[1.0, np.nan], [1.0, 2.0]]), [2])
+    assert np.isnan(interval([[1.0], [np.nan]])).all()
+    low, high = intervals(np.array([[1.0, np.nan], [1.0, 2.0]]), [1, 1])
     assert low[0] == high[0] == 1
     assert np.isnan(low[1])
+
+
+@pytest.mark.parametrize("windows", [1, 2, 40])
+def test_one_seed_has_no_interval_however_many_its_windows(windows):
+    assert np.isnan(interval([np.arange(float(windows))])).all()
+    assert np.isnan(stratified_interval([np.array([1.0, 2.0]), np.array([3.0])])).all()
+    assert np.isnan(stratified_interval([])).all()
+
+
+@given(st.lists(st.lists(numbers, min_size=2, max_size=5), min_size=1, max_size=4))
+def test_a_band_over_strata_follows_welch(groups):
+    expected = naive_scoring.welch_interval(groups, 0.95)
+    np.testing.assert_allclose(stratified_interval(groups), expected, rtol=1e-6, atol=1e-9)
+
+
+def test_one_stratum_is_students_t():
+    values = [3.0, 5.0, 4.0, 8.0]
+    expected = stats.t.interval(0.95, 3, np.mean(values), stats.sem(values))
+    np.testing.assert_allclose(stratified_interval([values]), expected)
 
 
 @pytest.mark.parametrize(
     ("sizes", "options", "message"),
     [([3], {}, "3"), ([2, 0], {}, "one or more"), ([2], {"level": 1.0}, "level"),
-     ([2], {"resamples": 0}, "resamples")],
+     ([2], {"resamples": 0}, "resamples"), ([1, 1], {"resamples": 19}, "20 or more")],
 )  # fmt: skip
 def test_impossible_bootstraps_are_refused(sizes, options, message):
     with pytest.raises(InputError, match=message) as caught:

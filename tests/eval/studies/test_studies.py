@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -11,7 +12,7 @@ import scenes
 from emvs.config import MapperConfig
 from emvs.errors import InputError
 from eval.cli.main import main
-from eval.studies.curves import StudyValue, curves
+from eval.studies.curves import StudyValue, curves, draw
 from eval.studies.definitions import MARGIN_S, SECONDS, STUDIES, study_named
 from eval.studies.perturb import Perturbation
 from eval.studies.run import study_jobs, window_of
@@ -38,8 +39,25 @@ def test_a_curve_is_the_mean_over_cases_of_the_mean_over_seeds():
     curve = curve_of({("a", 0): [1, 2], ("a", 1): [3, 4], ("b", 0): [10, 20]}, ["a", "b"])
     np.testing.assert_allclose(curve.mean, [(2 + 10) / 2, (3 + 20) / 2])
     assert curve.samples.tolist() == [3, 3]
-    # Seeds 1 and 3 of case a can come up as means 1..3, case b is always 10.
-    assert (curve.low[0], curve.high[0]) == (5.5, 6.5)
+    # Case b has one seed, which does not say how much seeds differ.
+    assert np.isnan([curve.low, curve.high]).all()
+
+
+def test_the_band_is_students_over_seeds_with_the_cases_held_fixed():
+    curve = curve_of({("a", 0): [1], ("a", 1): [3], ("b", 0): [10], ("b", 1): [10]}, ["a", "b"])
+    # Seeds of case a differ by 2: its mean is 2 ± 12.7 (t of one degree), of two cases half of it.
+    np.testing.assert_allclose((curve.low[0], curve.high[0]), (6 - 6.3531, 6 + 6.3531), atol=1e-4)
+
+
+def test_one_seed_has_no_band_and_is_drawn(tmp_path):
+    study = study_named("pose-noise")
+    table = {("a", 0): [1.0 + k for k in range(len(study.amounts))]}
+    found = curves(values_of(table), [float(k) for k in range(len(study.amounts))], ["Alg1/H"],
+                   ["a"])  # fmt: skip
+    assert np.isnan(found[0].low).all()
+    found = [replace(one, amounts=study.amounts) for one in found]
+    draw(study, found, tmp_path / "one.png", "a; 1 seed each")
+    assert (tmp_path / "one.png").stat().st_size > 1000
 
 
 def test_a_method_breaks_where_it_passes_twice_its_first_value():

@@ -203,7 +203,10 @@ def test_a_note_reaches_who_simulates(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("stage", [stage_simulate, study_stage_simulate])
 def test_a_worker_that_draws_otherwise_refuses_the_job(tmp_path, stage):
-    planned = {**stage_simulate.parameters("planes", None, 0, {}), "change": {"light": 0.5}}
+    planned = {
+        **stage_simulate.sequence_parameters("planes", None, 0, {}),
+        "change": {"light": 0.5},
+    }
     with pytest.raises(InputError, match="planned for pictures by softpipe") as caught:
         stage.run({**planned, "graphics": "softpipe, 1.0"}, [], tmp_path)
     assert "\n" not in str(caught.value)

@@ -19,19 +19,18 @@ from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from noise_scene import CONFIG, Killed, contents, motion, scene_in, stop_at, textures
 from places import HELPERS
-from sim import simulate as preflight
 from sim.config import SimConfig
-from sim.parallel.checkpoint import work_path
+from sim.parallel.checkpoint import checkpoint_path
 from sim.parallel.render_job import CHUNK_US, chunk_bounds_us
 from sim.parallel.workers import slot_count
 from sim.sensor.labels import Label
 from sim.sensor_presets import SensorConfig
-from sim.simulate import make_job, simulate
+from sim.simulate import check_disk, make_job, simulate
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("chunks")
+    return tmp_path_factory.mktemp("render_jobs")
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +59,7 @@ def test_two_workers_give_the_same_bytes_as_none(folder, scene, whole):
     assert contents(out) == contents(whole)
     assert [call[0] for call in calls] == sorted({call[0] for call in calls})
     assert calls[-1][0] == calls[-1][1] == 50_000
-    assert not work_path(out).exists()
+    assert not checkpoint_path(out).exists()
     assert multiprocessing.active_children() == []
 
 
@@ -68,7 +67,7 @@ def test_two_workers_give_the_same_bytes_as_none(folder, scene, whole):
 def test_a_stopped_run_goes_on_where_it_was(folder, scene, whole, t_us):
     out, lines = folder / f"stopped{t_us}", []
     stopped(scene, out, t_us)
-    assert work_path(out).exists()
+    assert checkpoint_path(out).exists()
     seen = []
     simulate(
         scene, made.tiny_rig(), CONFIG, 0, out, notice=lines.append,
@@ -80,7 +79,7 @@ def test_a_stopped_run_goes_on_where_it_was(folder, scene, whole, t_us):
     assert all(done_us > t_us - 10_000 for done_us, _ in seen)
     if seen:
         assert seen[-1][1] == sum(Sequence.open(whole).event_count(k) for k in range(2))
-    assert not work_path(out).exists()
+    assert not checkpoint_path(out).exists()
 
 
 def test_a_resume_with_more_workers_gives_the_same_bytes(folder, scene, whole):
@@ -131,7 +130,7 @@ def test_an_ideal_sensor_stores_no_labels(whole):
 def test_a_damaged_part_is_made_again(folder, scene, whole, name, index):
     out, lines = folder / f"damaged-{name}{index}", []
     stopped(scene, out, 35_000)
-    part = sorted(path for path in work_path(out).iterdir() if path.is_dir())[index]
+    part = sorted(path for path in checkpoint_path(out).iterdir() if path.is_dir())[index]
     file = part / name
     content = bytearray(file.read_bytes())
     content[len(content) // 2] ^= 1
@@ -145,14 +144,14 @@ def test_work_of_another_configuration_is_not_taken_up(folder, scene, whole):
     out = folder / "other"
     other = CONFIG.model_copy(update={"contrast_threshold_pos": 0.3})
     stopped(scene, out, 22_000, other)
-    kept = contents(work_path(out))
+    kept = contents(checkpoint_path(out))
     with pytest.raises(InputError, match="resume=False") as caught:
         simulate(scene, made.tiny_rig(), CONFIG, 0, out)
     assert "\n" not in str(caught.value)
     moved = replace(scene, motion=lambda duration_s, seed: motion(duration_s, seed + 1))
     with pytest.raises(InputError, match="resume=False"):
         simulate(moved, made.tiny_rig(), other, 0, out)
-    assert contents(work_path(out)) == kept
+    assert contents(checkpoint_path(out)) == kept
     simulate(scene, made.tiny_rig(), CONFIG, 0, out, resume=False)
     assert contents(out) == contents(whole)
 
@@ -167,7 +166,7 @@ def test_a_target_is_worked_on_once_at_a_time(folder, scene):
 
     with pytest.raises(Killed):
         simulate(scene, made.tiny_rig(), CONFIG, 0, out, progress=again)
-    assert not work_path(out).exists()
+    assert not checkpoint_path(out).exists()
 
 
 # Forks before any graphics or threads, so that each attempt starts within milliseconds.
@@ -216,7 +215,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, whole, w
     assert contents(tmp_path / "s") == contents(whole)
     # Killed between the end of the work and its removal, the work may stay: it is whole; and a
     # claim that nobody holds.
-    done_with = {work_path(tmp_path / "s").name, ".s.lock"}
+    done_with = {checkpoint_path(tmp_path / "s").name, ".s.lock"}
     left = {path.name for path in tmp_path.iterdir()} - done_with
     assert left == {"s", "noise.xml", "killed.py"}
 
@@ -233,7 +232,7 @@ def test_a_worker_that_dies_is_told_and_loses_nothing(folder, scene, whole, monk
 
     with pytest.raises(InputError, match="run again"):
         simulate(scene, made.tiny_rig(), CONFIG, 0, out, workers=2, commit_s=0, progress=kill)
-    assert work_path(out).exists()
+    assert checkpoint_path(out).exists()
     simulate(scene, made.tiny_rig(), CONFIG, 0, out)
     assert contents(out) == contents(whole)
 
@@ -248,7 +247,7 @@ def test_what_workers_refuse_is_one_line(folder, scene):
     assert "\n" not in str(caught.value)
     with pytest.raises(InputError, match="0 workers"):
         simulate(scene, made.tiny_rig(), CONFIG, 0, folder / "none", workers=0)
-    assert not any(work_path(folder / name).exists() for name in ("fast", "local", "none"))
+    assert not any(checkpoint_path(folder / name).exists() for name in ("fast", "local", "none"))
 
 
 def test_chunks_meet_at_all_truth_times_and_are_short():
@@ -270,7 +269,7 @@ def test_too_little_disk_or_memory_is_refused_with_numbers(folder, scene, monkey
     # As many truth times as a sequence of 10 days has.
     long = replace(job, truth_us=range(10**8))
     with pytest.raises(InputError, match=r"takes about [\d.]+ GB, but [\d.]+ GB are free"):
-        preflight.check_disk(long, folder / "not" / "there")
-    monkeypatch.setattr(preflight, "available_memory", lambda: 10**8)
+        check_disk(long, folder / "not" / "there")
+    monkeypatch.setattr("sim.simulate.available_memory", lambda: 10**8)
     with pytest.raises(InputError, match=r"takes about [\d.]+ GB of memory, but 0.1 GB"):
         simulate(scene, made.tiny_rig(), CONFIG, 0, folder / "big")

@@ -17,7 +17,7 @@ from emvs.geometry.rig import Rig
 from sim.config import SimConfig
 from sim.motion.curves import HeadSway, Wave, look_at
 from sim.rendering.adaptive_sampling import (
-    exposures,
+    adaptive_frames,
     largest_displacement_px,
     longest_step,
     truth_times_us,
@@ -60,7 +60,7 @@ def test_no_pixel_of_a_rendered_sequence_moves_too_far(tmp_path):
     scene, rig = made.noise_scene(tmp_path), made.small_rig()
     config = SimConfig(max_displacement_px=0.7)
     with StereoRenderer(scene.spec(), rig, 2, scene.depth_range_m) as renderer:
-        taken = list(exposures(renderer, scene.motion(0.05, 1), [0, 25_000, 50_000], config))
+        taken = list(adaptive_frames(renderer, scene.motion(0.05, 1), [0, 25_000, 50_000], config))
     moved_px = [moved_both_ways(rig, a, b) for a, b in pairwise(taken)]
     assert len(taken) > 10
     assert max(moved_px) <= 0.7 + 1e-6
@@ -73,7 +73,8 @@ def test_the_camera_that_moves_most_decides():
     rig, config = made.tiny_rig(), SimConfig(max_displacement_px=0.5)
     for depths_m in [(5.0, 0.5), (0.5, 5.0)]:
         times_us = [
-            e.t_us for e in exposures(Walls(rig, depths_m), sideways(1.0), [0, 90_000], config)
+            e.t_us
+            for e in adaptive_frames(Walls(rig, depths_m), sideways(1.0), [0, 90_000], config)
         ]
         allowed_us = 0.5 * 0.5 / 40 * 1e6
         assert 0.8 * allowed_us < np.median(np.diff(times_us)) <= allowed_us
@@ -83,7 +84,7 @@ def test_every_stop_is_exposed_and_intervals_are_bounded():
     stops_us = [0, 3_000, 3_001, 20_000, 50_001]
     config = SimConfig(max_frame_interval_us=4_000)
     source = Walls(made.tiny_rig(), (100.0, 100.0))
-    times_us = [e.t_us for e in exposures(source, sideways(0.01), stops_us, config)]
+    times_us = [e.t_us for e in adaptive_frames(source, sideways(0.01), stops_us, config)]
     assert set(stops_us) <= set(times_us)
     assert times_us[0] == 0
     assert times_us[-1] == 50_001
@@ -106,7 +107,9 @@ def test_surfaces_that_come_into_view_are_checked_backwards():
             return super().frame(camera, T_world_body)
 
     config = SimConfig(max_displacement_px=0.5)
-    taken = list(exposures(Appearing(made.tiny_rig(), ()), sideways(1.0), [0, 30_000], config))
+    taken = list(
+        adaptive_frames(Appearing(made.tiny_rig(), ()), sideways(1.0), [0, 30_000], config)
+    )
     for a, b in pairwise(taken):
         assert moved_both_ways(made.tiny_rig(), a, b) <= 0.5 + 1e-6
 
@@ -115,14 +118,14 @@ def test_too_fast_a_motion_is_refused():
     config = SimConfig(min_frame_interval_us=1_000)
     source = Walls(made.tiny_rig(), (0.5, 0.5))
     with pytest.raises(InputError, match=r"at t = 0 µs, allowed are 0.5") as caught:
-        list(exposures(source, sideways(20.0), [0, 50_000], config))
+        list(adaptive_frames(source, sideways(20.0), [0, 50_000], config))
     assert "\n" not in str(caught.value)
 
 
 def test_rotation_alone_counts_where_there_is_no_surface():
     turn = HeadSway(np.eye(4), (Wave(1.0, amplitude_deg=(0, 20, 0)),))
     source = Walls(made.tiny_rig(), (np.inf, np.inf))
-    taken = list(exposures(source, turn, [0, 100_000], SimConfig()))
+    taken = list(adaptive_frames(source, turn, [0, 100_000], SimConfig()))
     steps = [moved_both_ways(source.rig, a, b) for a, b in pairwise(taken)]
     assert 0.4 < max(steps) <= 0.5 + 1e-6
 
@@ -163,6 +166,12 @@ def test_displacement_equals_its_twin(seed):
     assert largest_displacement_px(rig, depths_m, pose_a, pose_b) == pytest.approx(
         expected, rel=1e-5
     )
+
+
+def test_depth_of_another_camera_is_refused():
+    depths_m = [np.ones((36, 48), np.float32), np.ones((48, 36), np.float32)]
+    with pytest.raises(InputError, match=r"\(48, 36\) for a camera of 48 x 36 px"):
+        largest_displacement_px(made.tiny_rig(), depths_m, np.eye(4), np.eye(4))
 
 
 def test_a_point_passed_by_the_camera_moves_infinitely_far():

@@ -14,7 +14,7 @@ from emvs.data.sequence import Sequence
 from emvs.geometry import se3
 from sim.config import SimConfig
 from sim.motion.curves import HeadSway, look_at
-from sim.rendering.adaptive_sampling import exposures
+from sim.rendering.adaptive_sampling import adaptive_frames
 from sim.rendering.moving_bodies import MovingBodies
 from sim.rendering.renderer import StereoRenderer
 from sim.simulate import simulate
@@ -144,8 +144,8 @@ def test_no_pixel_of_a_moving_body_goes_too_far_before_a_head_at_rest(tmp_path):
         scene.spec(), rig, 2, scene.depth_range_m, animate=scene.animate
     ) as renderer:
         bodies = MovingBodies(renderer, scene.animate)
-        blind = list(exposures(renderer, still, [0, 20_000], config))
-        taken = list(exposures(renderer, still, [0, 20_000], config, bodies=bodies))
+        blind = list(adaptive_frames(renderer, still, [0, 20_000], config))
+        taken = list(adaptive_frames(renderer, still, [0, 20_000], config, bodies=bodies))
     ways_px = [
         exact_way_px(rig, still, *pair) for a, b in pairwise(taken) for pair in ((a, b), (b, a))
     ]

@@ -14,8 +14,7 @@ from sim import graphics
 from sim.graphics import import_mujoco
 from sim.motion.curves import look_at
 from sim.rendering import pixel_kernels
-from sim.rendering import renderer as pixels
-from sim.rendering.renderer import StereoRenderer
+from sim.rendering.renderer import StereoRenderer, metric_depth
 
 RANGE_M = (0.5, 8.0)
 RIG = made.small_rig()
@@ -174,7 +173,7 @@ def test_metric_depth_inverts_the_projection():
     z_m = np.geomspace(0.3, 30, 50)
     near_m, far_m = 0.25, 40.0
     window = near_m * (far_m - z_m) / (z_m * (far_m - near_m))
-    found = pixels.metric_depth(np.append(window, 0).astype(np.float32), near_m, far_m)
+    found = metric_depth(np.append(window, 0).astype(np.float32), near_m, far_m)
     np.testing.assert_allclose(found[:-1], z_m, rtol=1e-5)
     assert np.isinf(found[-1])
 

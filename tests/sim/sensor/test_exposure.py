@@ -10,7 +10,7 @@ from emvs.errors import InputError
 from sim.config import ShutterConfig, SimConfig
 from sim.motion.curves import HeadSway, look_at
 from sim.rendering.renderer import StereoRenderer
-from sim.sensor.frame_camera import develop, exposed_for, mean_light, photograph
+from sim.sensor.frame_camera import capture, develop, gain_for, mean_light
 
 
 def frames(times_us):
@@ -48,10 +48,10 @@ def test_development_quantises_and_saturates():
 
 def test_the_gain_puts_a_percentile_where_asked():
     light = np.random.default_rng(1).lognormal(0, 2, (50, 50)).astype(np.float32)
-    gain = exposed_for(light, 80, 0.6)
+    gain = gain_for(light, 80, 0.6)
     assert np.percentile(gain * light, 80) == pytest.approx(0.6)
     with pytest.raises(InputError, match="needs some light"):
-        exposed_for(np.zeros((3, 3), np.float32))
+        gain_for(np.zeros((3, 3), np.float32))
 
 
 @pytest.mark.parametrize(
@@ -79,8 +79,8 @@ def test_a_moving_edge_is_smeared_over_the_distance_it_moves(tmp_path):
     config = SimConfig(max_displacement_px=0.25)
     shutter = ShutterConfig(exposure_us=300_000)
     with StereoRenderer(made.card_spec(card), rig, 4, (0.5, 8)) as renderer:
-        blurred = photograph(renderer, moving, 0, 0, config, shutter)
-        sharp = photograph(renderer, moving, 0, 0, config, ShutterConfig(exposure_us=1_000))
+        blurred = capture(renderer, moving, 0, 0, config, shutter)
+        sharp = capture(renderer, moving, 0, 0, config, ShutterConfig(exposure_us=1_000))
     moved_px = 0.3 / 2 * rig.cameras[0].fx_px
     row = [p.light[18].astype(float) for p in (blurred, sharp)]
     ramp_px = [1 / np.abs(np.diff(r)).max() for r in row]

@@ -16,14 +16,14 @@ from emvs.data.sequence import Sequence
 from emvs.errors import InputError
 from noise_scene import Killed, contents, scene_in, stop_at
 from sim.config import FramesConfig, ShutterConfig, SimConfig
-from sim.rendering.adaptive_sampling import exposures
+from sim.rendering.adaptive_sampling import adaptive_frames
 from sim.sensor.frame_camera import (
     FrameCamera,
+    auto_shutter,
+    capture,
     develop,
+    exposure_spans_us,
     mean_light,
-    photograph,
-    shutter_for,
-    spans_us,
 )
 from sim.simulate import make_job, simulate
 
@@ -48,24 +48,24 @@ def whole(folder, scene):
 
 
 def test_a_stored_picture_is_the_light_of_the_frames_that_made_the_events(scene, whole):
-    """Bit by bit; and what `photograph` takes, whose frames lie elsewhere, to a grey level."""
+    """Bit by bit; and what `capture` takes, whose frames lie elsewhere, to a grey level."""
     sequence, job = Sequence.open(whole), make_job(scene, made.tiny_rig(), CONFIG, 0)
     assert sequence.photo_times_us(1).tolist() == [10_000, 20_000, 30_000, 40_000]
     with job.renderer() as renderer:
         taken = []
         for k in range(job.chunks):
             stops_us = list(job.bounds_us[k : k + 2])
-            taken += list(exposures(renderer, job.motion(), stops_us, CONFIG))[k > 0 :]
+            taken += list(adaptive_frames(renderer, job.motion(), stops_us, CONFIG))[k > 0 :]
         for camera in range(2):
             frames = [(e.t_us, e.frames[camera].intensity) for e in taken]
             for t_us in (10_000, 30_000):
                 photo = sequence.photo(camera, t_us)
                 assert (photo.start_us, photo.end_us) == (t_us - 4_500, t_us + 4_500)
                 light = mean_light(frames, photo.start_us, photo.end_us)
-                shutter = shutter_for(light, FRAMES)
+                shutter = auto_shutter(light, FRAMES)
                 assert photo.gain == shutter.gain
                 assert np.array_equal(photo.image, develop(light, shutter).image)
-                called = photograph(renderer, job.motion(), camera, photo.start_us, CONFIG, shutter)
+                called = capture(renderer, job.motion(), camera, photo.start_us, CONFIG, shutter)
                 off = np.abs(photo.image.astype(int) - called.image)
                 assert np.mean(off) < 0.5
                 assert np.mean(off > 1) < 0.02
@@ -100,9 +100,9 @@ def test_exposures_are_whole_apart_and_centred_on_the_interval(rate_hz, exposure
     frames = FramesConfig(rate_hz=rate_hz, exposure_us=exposure_us)
     if exposure_us > 1e6 / rate_hz:
         with pytest.raises(InputError, match="expose for less"):
-            spans_us(frames, duration_us)
+            exposure_spans_us(frames, duration_us)
         return
-    spans = spans_us(frames, duration_us)
+    spans = exposure_spans_us(frames, duration_us)
     flat = [t for span in spans for t in span]
     assert all(end - start == exposure_us for start, end in spans)
     assert all(0 <= t <= duration_us for t in flat)
@@ -114,7 +114,7 @@ def test_exposures_are_whole_apart_and_centred_on_the_interval(rate_hz, exposure
 
 @given(st.lists(st.integers(1, 4_000), min_size=1, max_size=40), st.integers(1, 10_000))
 def test_streamed_pictures_are_those_of_the_whole_light(steps_us, cut):
-    """Whatever the frames' times are, and wherever the photographer is taken out and put back."""
+    """Whatever the frames' times are, and wherever the camera is taken out and put back."""
     frames = FramesConfig(rate_hz=400, exposure_us=2_500)  # one ends where the next begins
     times_us = [0, *np.cumsum(steps_us).tolist()]
     rng = np.random.default_rng(cut)
@@ -124,21 +124,21 @@ def test_streamed_pictures_are_those_of_the_whole_light(steps_us, cut):
         taken += camera.take(t_us, (light, 2 * light))
         if index == cut % len(lights):
             camera = FrameCamera(frames, times_us[-1], {**camera.state()})
-    spans = spans_us(frames, times_us[-1])
+    spans = exposure_spans_us(frames, times_us[-1])
     assert [(p.start_us, p.end_us) for p, _ in taken] == spans
     for photos in taken:
         for photo, factor in zip(photos, (1, 2), strict=True):
             scaled = [(t, factor * light) for t, light in lights]
             light = mean_light(scaled, photo.start_us, photo.end_us)
-            assert np.array_equal(photo.image, develop(light, shutter_for(light, frames)).image)
+            assert np.array_equal(photo.image, develop(light, auto_shutter(light, frames)).image)
 
 
 def test_automatic_gain_meets_the_level_and_leaves_the_dark_dark():
     light = np.random.default_rng(1).lognormal(0, 2, (50, 50)).astype(np.float32)
-    shutter = shutter_for(light, FramesConfig(auto_percentile=80, auto_level=0.6))
+    shutter = auto_shutter(light, FramesConfig(auto_percentile=80, auto_level=0.6))
     assert np.percentile(shutter.gain * light, 80) == pytest.approx(0.6)
-    assert shutter_for(0 * light, FramesConfig(auto_max_gain=50)).gain == pytest.approx(50)
-    assert shutter_for(light, FramesConfig(gain=3)).gain == 3
+    assert auto_shutter(0 * light, FramesConfig(auto_max_gain=50)).gain == pytest.approx(50)
+    assert auto_shutter(light, FramesConfig(gain=3)).gain == 3
 
 
 def test_too_long_an_exposure_is_refused_before_anything_is_made(folder, scene):

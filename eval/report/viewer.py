@@ -1,0 +1,79 @@
+"""What the script of a run's page reads: a window's maps as JSON, for its cursor and its clouds."""
+
+from __future__ import annotations
+
+import base64
+import json
+import zlib
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from eval.figures.colormaps import BLANK, Scale
+from eval.report.run_data import MethodData, WindowData
+
+MOST_POINTS = 30_000
+"""Points of one cloud that the page draws; more are thinned out evenly."""
+_LARGEST_HALF = 65_504.0
+
+
+def window_json(window: WindowData, methods: Sequence[str], error: Scale, depth: Scale) -> Markup:
+    """A window as JSON for the page's script; numbers and base64 only, so nothing to escape.
+
+    Depth in m, confidence in the method's own unit, each at the pixels of the method's mask in
+    reading order; true depth in m, 0 where it is unknown; intrinsics in px.
+
+    Args:
+        window: the window.
+        methods: of the case, in the order of its buttons.
+        error: colours of an error, cm.
+        depth: colours of a depth.
+    """
+    height_px, width_px = window.methods[0].depth_m.shape
+    camera = window.camera
+    data: dict[str, Any] = {
+        "w": width_px,
+        "h": height_px,
+        "range_m": window.depth_range_m,
+        "most": MOST_POINTS,
+        "cap_cm": error.high,
+        "depth_colours": _colours(depth),
+        "error_colours": _colours(error),
+        "methods": [_method(method, methods.index(method.name)) for method in window.methods],
+    }
+    if camera is not None:
+        data["camera"] = [camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]
+    if window.frame is not None and window.frame.shape == (height_px, width_px):
+        data["frame"] = packed(window.frame)
+    if window.truth is not None:
+        known = np.where(window.truth.scored, window.truth.depth_m, 0.0)
+        data["truth"] = packed(half(known))
+    return Markup(json.dumps(data, separators=(",", ":")))
+
+
+def _method(method: MethodData, position: int) -> dict[str, Any]:
+    return {
+        "position": position,
+        "mask": packed(np.packbits(method.mask.ravel(), bitorder="little")),
+        "depth": packed(half(method.depth_m[method.mask])),
+        "votes": packed(half(np.nan_to_num(method.confidence[method.mask]))),
+    }
+
+
+def _colours(scale: Scale) -> list[str]:
+    rows = np.linspace(0, BLANK - 1, 64).round().astype(int)
+    return ["#{:02x}{:02x}{:02x}".format(*scale.palette[row, :3]) for row in rows]
+
+
+def packed(values: NDArray[np.generic]) -> str:
+    """The bytes of an array, compressed, as text that is safe in a page."""
+    return base64.b64encode(zlib.compress(values.tobytes(), 9)).decode("ascii")
+
+
+def half(values: NDArray[np.floating]) -> NDArray[np.float16]:
+    """Half precision, little-endian: 0.05 % of the value, finer than any error that is shown."""
+    found: NDArray[np.float16] = np.clip(values, -_LARGEST_HALF, _LARGEST_HALF).astype("<f2")
+    return found
