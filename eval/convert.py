@@ -15,7 +15,7 @@ from emvs.errors import InputError
 from emvs.formats import FORMATS, calibration_writers, depth, write_events
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from emvs.utils.files import refuse_existing
+from emvs.utils.outputs import check_output, inputs_of, output_file
 from eval.progress import Progress
 
 POSES = ("tum", "kitti")
@@ -35,6 +35,7 @@ class Options:
         height_px: sensor height, likewise.
         baseline_m: distance between the cameras, for disparity.
         force: whether to replace an existing output.
+        inputs: other files that the output must not replace, such as a configuration.
     """
 
     to: str
@@ -45,6 +46,7 @@ class Options:
     height_px: int | None = None
     baseline_m: float | None = None
     force: bool = False
+    inputs: tuple[Path, ...] = ()
 
 
 def targets() -> list[str]:
@@ -63,25 +65,36 @@ def convert_file(source: Path, out: Path, options: Options, progress: Progress) 
     Raises:
         InputError: an unreadable input, an unknown format, or something the format cannot hold.
     """
-    refuse_existing(out, force=options.force)
-    if out.exists() and out.resolve() == source.resolve():
-        raise InputError(f"{out}: is the input itself; choose another output")
     to = options.to
     if to not in targets():
         raise InputError(f"--to {to}: unknown; choose from {', '.join(targets())}")
+    inputs = (*inputs_of(source), *options.inputs)
+    check_output(out, force=options.force, inputs=inputs, folder=out.is_dir())
+    if to in kinds():
+        return _events(source, out, options, inputs, progress)
+    with output_file(out, force=options.force, inputs=inputs) as place:
+        return _file(source, place, options)
+
+
+def _file(source: Path, out: Path, options: Options) -> str:
+    """Poses, a calibration, a depth map or a point cloud."""
+    to = options.to
     if to in POSES:
         return _poses(source, out, options)
     if to in calibration_writers.WRITERS:
         calibration_writers.WRITERS[to](out, _rig(source))
         return f"calibration as {to}"
-    if to in depth.WRITERS or to == "disparity-png":
-        return _depth(source, out, options)
     if to in CLOUDS:
         return _cloud(source, out, to)
-    return _events(open_readable(source), out, options, progress)
+    return _depth(source, out, options)
 
 
-def _events(readable: Readable, out: Path, options: Options, progress: Progress) -> str:
+def _events(
+    source: Path, out: Path, options: Options, inputs: tuple[Path, ...], progress: Progress
+) -> str:
+    readable = open_readable(source)
+    whole = readable.recording is not None and not options.stream
+    check_output(out, force=options.force, inputs=inputs, folder=whole)
     shift_us = options.shift_us if options.shift_us is not None else -_start_us(readable)
     counted, chosen = [0], _chosen(readable, options)
     with progress.stage(f"write {options.to}", 1.0) as update:
@@ -94,10 +107,11 @@ def _events(readable: Readable, out: Path, options: Options, progress: Progress)
         if readable.recording is not None and not options.stream:
             sources = tuple(source for _, source in chosen)
             job = RecordingExport(readable.recording, sources, shift_us, report_progress)
-            write_recording(job, out, options.to, force=options.force)
+            write_recording(job, out, options.to, force=options.force, inputs=inputs)
             what = f"recording of {len(sources)} cameras as {options.to}"
         else:
-            count = _event_file(readable, chosen, out, options, shift_us, report_progress)
+            with output_file(out, force=options.force, inputs=inputs) as place:
+                count = _event_file(readable, chosen, place, options, shift_us, report_progress)
             what = f"{count:,} events as {options.to}"
     moved = f", all times shifted by {shift_us} µs" if shift_us else ", times as they were"
     return what + moved

@@ -14,7 +14,7 @@ from emvs.dsi.device import check_device
 from emvs.errors import InputError
 from emvs.maps.folder import RecordingInfo, StoredMap, StoredWindow
 from emvs.maps.sliding import map_windows
-from emvs.utils.files import atomic_dir
+from emvs.utils.outputs import atomic_dir, check_files, output_folder
 from emvs.utils.runtime import check_openmp
 from eval.config import EvalConfig, Settings
 from eval.progress import MapBars, Progress, Silent
@@ -27,6 +27,7 @@ from sim.rigs import rig as named_rig
 from sim.simulate import simulate
 
 _SILENT = Silent()
+_RESULTS = ("results.json", "results.csv")
 
 
 def _add_nothing(folder: Path) -> None:
@@ -53,7 +54,7 @@ def run_cases(
         settings: every parameter.
         rig: name of the rig to use instead of each scene's own.
         seed: seed of the head motion.
-        force: whether an existing `out` is replaced.
+        force: whether a run that is in the place of `out` is replaced.
         workers: rendering processes.
         finish: adds to the folder that holds all results, before it takes its place, such as a
             report.
@@ -63,7 +64,7 @@ def run_cases(
         InputError: an unknown case, rig, method or impossible value, or an existing `out`.
     """
     _check_run(cases, settings, rig)
-    with atomic_dir(out, force=force) as folder:
+    with atomic_dir(out, force=force, inputs=(settings.sim.replay.trajectory,)) as folder:
         (folder / run_folder.CONFIG_FILE).write_text(settings.to_toml(), encoding="utf-8")
         for case in cases:
             sequence = folder / case / run_folder.SEQUENCE_FOLDER
@@ -132,6 +133,7 @@ def score_folder(folder: Path, config: EvalConfig, predictions: Sequence[Path] =
     sequences = {}
     configuration = {"score": config.model_dump(mode="json")}
     maps = run_folder.find_maps(folder)
+    check_files(folder, _RESULTS, force=True)
     for case, stored in maps.items():
         sequence = run_folder.sequence_of(stored)
         windows = run_folder.with_truth(stored, sequence, config)
@@ -153,7 +155,8 @@ def score_folder(folder: Path, config: EvalConfig, predictions: Sequence[Path] =
         {case: manifest.digest() for case, manifest in sequences.items()},
         metrics=metric_versions(),
     )
-    write_results(folder, results)
+    with output_folder(folder, _RESULTS, force=True):
+        write_results(folder, results)
     return results
 
 

@@ -25,13 +25,13 @@ from emvs.data.writer import SequenceWriter
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from emvs.utils.files import refuse_existing
+from emvs.utils.outputs import check_output
 from emvs.utils.runtime import versions
 from sim.config import SimConfig
 from sim.graphics import import_mujoco, note
 from sim.ground_truth import geom_table
 from sim.motion.curves import sampled
-from sim.parallel.checkpoint import CheckpointFolder, CheckpointWriter, Notice
+from sim.parallel.checkpoint import CheckpointFolder, CheckpointWriter, Notice, Stopped
 from sim.parallel.render_job import RenderedFrame, RenderJob, chunk_bounds_us
 from sim.parallel.sensors import Cameras, Packet
 from sim.parallel.workers import frames_from_workers, frames_in_process, slot_bytes, slot_count
@@ -88,7 +88,7 @@ def simulate(
         seed: non-negative; the scene's motion draws its phases from it.
         out: folder to write; appears only when complete. Unfinished work is kept beside it, in
             `.NAME.work`, and taken up by the next run with the same arguments.
-        force: replace `out` if it exists.
+        force: replace a sequence that is in the place of `out`.
         workers: rendering processes; 1 renders in this one. With more, the scene's functions must
             be importable, and a script that calls this needs the usual `__main__` guard.
         resume: whether unfinished work is taken up; otherwise it is discarded.
@@ -109,7 +109,7 @@ def simulate(
         raise InputError(f"seed {seed}: must be 0 or greater")
     if workers < 1:
         raise InputError(f"{workers} workers: must be 1 or greater")
-    refuse_existing(out, force=force)
+    check_output(out, force=force, inputs=(config.replay.trajectory,))
     job = make_job(scene, rig, config, seed)
     check_disk(job, out)
     check_memory(job, workers)
@@ -130,7 +130,11 @@ def simulate(
             drawing.close()
             frames = frames_from_workers(job, folder.next_chunk, workers)
         _run(job, frames, folder, commit_s, progress)
-        _assemble(job, folder, described, out, force=force)
+        try:
+            _assemble(job, folder, described, out, force=force)
+        except InputError as error:
+            # Somebody came in between: the work itself is good.
+            raise Stopped(f"{error} (the simulation is kept in {folder.path})") from error
     return out
 
 
@@ -207,7 +211,10 @@ def _assemble(
 ) -> None:
     """Streams all checkpoints into the sequence."""
     counts = folder.finished[-1].counts if job.labelled else None
-    with SequenceWriter(out, **described.arguments, sensor_counts=counts, force=force) as writer:
+    read = [path for path in (job.config.replay.trajectory,) if path is not None]
+    with SequenceWriter(
+        out, **described.arguments, sensor_counts=counts, force=force, inputs=read
+    ) as writer:
         for checkpoint in folder.finished:
             for k in range(len(job.rig)):
                 events, truth = checkpoint.readers(k, job.rig)

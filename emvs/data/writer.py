@@ -20,7 +20,7 @@ from emvs.data.poses import write_tum
 from emvs.data.tables import IMU_FILE, GeomTable, ImuSamples, write_geoms, write_imu
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from emvs.utils.files import atomic_dir, refuse_existing
+from emvs.utils.outputs import atomic_dir, check_output
 from emvs.utils.runtime import versions
 
 
@@ -40,10 +40,11 @@ class SequenceWriter:
         geoms: what the ids in a segmentation mean, if there is one.
         sensor_counts: per camera, what became of its events: sent by cause, dropped by reason.
         imu: inertial samples, if there is an IMU.
-        force: whether an existing folder is replaced.
+        force: whether an existing sequence is replaced.
+        inputs: files and folders that it is made from, which it never replaces.
 
     Raises:
-        InputError: the folder exists and `force` is not set, or cannot be written.
+        InputError: the folder may not be replaced (`emvs.utils.outputs`), or cannot be written.
     """
 
     def __init__(
@@ -62,9 +63,11 @@ class SequenceWriter:
         sensor_counts: Collection[dict[str, int]] | None = None,
         imu: ImuSamples | None = None,
         force: bool = False,
+        inputs: Collection[Path] = (),
     ) -> None:
-        refuse_existing(Path(path), force=force)
-        self._path, self._force = Path(path), force
+        check_output(Path(path), force=force, inputs=inputs)
+        self._path = Path(path)
+        self._output = atomic_dir(self._path, force=force, inputs=inputs)
         self._name, self._rig, self._trajectory = name, rig, trajectory
         self._geoms, self._sensor_counts, self._imu = geoms, sensor_counts, imu
         self._facts: dict[str, Any] = {
@@ -77,7 +80,7 @@ class SequenceWriter:
         self._folder_stack, self._file_stack = ExitStack(), ExitStack()
 
     def __enter__(self) -> SequenceWriter:
-        self._folder = self._folder_stack.enter_context(atomic_dir(self._path, force=self._force))
+        self._folder = self._folder_stack.enter_context(self._output)
         try:
             self._open_files()
         except BaseException as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,8 @@ from emvs.formats.base import Checker
 from emvs.formats.calibration_writers import basalt, kalibr_chain, pose_values, write_rig_json
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from emvs.utils.files import atomic_dir
+from emvs.utils.outputs import atomic_dir
+from emvs.utils.ownership import mark
 
 Told = Callable[[int], None]
 
@@ -72,14 +73,22 @@ class RecordingExport:
         write_events(path, kind, *size, {"events": self.packets(camera)}, self.told)
 
 
-def write_recording(job: RecordingExport, out: Path, kind: str, *, force: bool = False) -> None:
+def write_recording(
+    job: RecordingExport,
+    out: Path,
+    kind: str,
+    *,
+    force: bool = False,
+    inputs: Collection[Path] = (),
+) -> None:
     """Writes a folder that `open_recording` opens again.
 
     Args:
         job: what to write.
         out: the folder; it appears whole or not at all.
         kind: a key of `LAYOUTS`, or an event format with a file per camera.
-        force: whether to replace an existing folder.
+        force: whether to replace an existing folder that this wrote.
+        inputs: what it is made from, which it never replaces.
 
     Raises:
         InputError: a format that does not exist, or that cannot hold the recording.
@@ -90,13 +99,14 @@ def write_recording(job: RecordingExport, out: Path, kind: str, *, force: bool =
     if kind in ("dsec", "tumvie", "mvsec") and len(job.rig) != 2:
         raise InputError(f"{out}: {kind} has two cameras, {job.recording.name} {len(job.rig)}")
     if kind == "sequence":
-        _sequence(job, out, force=force)
+        _sequence(job, out, force=force, inputs=inputs)
         return
-    with atomic_dir(out, force=force) as folder:
+    with atomic_dir(out, force=force, inputs=inputs) as folder:
         if write is None:
             _described(job, folder, kind)
         else:
             write(job, folder)
+        mark(folder)
 
 
 def kinds() -> list[str]:
@@ -174,7 +184,9 @@ def _rosbag(job: RecordingExport, folder: Path) -> None:
             job.told(check.count)
 
 
-def _sequence(job: RecordingExport, folder: Path, *, force: bool = False) -> None:
+def _sequence(
+    job: RecordingExport, folder: Path, *, force: bool = False, inputs: Collection[Path] = ()
+) -> None:
     from emvs.data.writer import SequenceWriter
 
     moved = Rig(job.rig.name, job.rig.cameras, job.T_cam0_cam(), job.rig.camera_names)
@@ -187,6 +199,7 @@ def _sequence(job: RecordingExport, folder: Path, *, force: bool = False) -> Non
         config={"converted_from": job.recording.name},
         depth_range_m=job.recording.depth_range_m,
         force=force,
+        inputs=inputs,
     ) as writer:
         for camera in range(len(job.rig)):
             for events in job.packets(camera):

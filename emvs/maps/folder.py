@@ -292,7 +292,8 @@ def read_info(directory: Path) -> MapInfo:
     try:
         text = read_text(index, TABLE_BYTES)
     except (OSError, ValueError) as error:
-        raise InputError(f"{directory} is no map, map.json cannot be read ({error})") from error
+        why = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise InputError(f"{directory} is no map, map.json cannot be read ({why})") from error
     return _parse(index, text)
 
 

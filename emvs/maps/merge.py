@@ -22,7 +22,7 @@ from emvs.depth.tsdf import SurfaceFusion, write_mesh
 from emvs.dsi.method import file_name
 from emvs.errors import InputError
 from emvs.maps.folder import StoredMap
-from emvs.utils.files import atomic_dir
+from emvs.utils.outputs import atomic_dir
 
 FOLDER = "global"
 _PREFERRED = "Alg1/H"

@@ -38,7 +38,7 @@ from emvs.maps.store import MapStore, identity, open_store, read_entry, write_en
 from emvs.methods import methods_by_name
 from emvs.preflight import check_view_fits, check_window_fits
 from emvs.reference_view import reference_view
-from emvs.utils.files import atomic_dir, refuse_existing
+from emvs.utils.outputs import atomic_dir, check_output, cure, inputs_of, real
 from emvs.utils.runtime import Progress, silent, versions
 from emvs.windows import Window, WindowPlan, check_poses, choose_window, plan_windows
 
@@ -77,7 +77,7 @@ def map_windows(
         about: what `map.json` says of the recording.
         progress: told `count`, `hot pixels`, then, with sliding windows, `windows` done and all,
             with the stages of `map_window` and `write` in between.
-        force: whether what `out` holds is replaced.
+        force: whether a map that `out` holds is replaced, when the new one is done.
         clouds: whether to write each window's `cloud.ply`.
         finish: adds to the folder that holds all windows, such as a report; that of one window has
             not taken its place yet.
@@ -90,17 +90,24 @@ def map_windows(
             window that could be mapped; of sliding windows the reasons are in `map.json`.
     """
     if config.slides:
-        _map_sliding(recording, out, config, about, progress, force=force, clouds=clouds)
-        finish(out)
+        _map_sliding(
+            recording, out, config, about, progress, force=force, clouds=clouds, finish=finish
+        )
         return read_info(out)
-    refuse_existing(out, force=force)
+    inputs = _inputs(out, about)
+    check_output(out, force=force, inputs=inputs)
     window, hot = one_window(recording, config, out, progress)
-    with atomic_dir(out, force=force) as folder:
+    with atomic_dir(out, force=force, inputs=inputs) as folder:
         kept, place = without(recording, hot), folder / _SINGLE
         info = map_into(place, kept, config, window, progress, clouds=clouds)
         write_index(folder, about, config, [info], described(recording.rig, hot))
         finish(folder)
     return read_info(out)
+
+
+def _inputs(out: Path, about: RecordingInfo) -> tuple[Path, ...]:
+    """Where the recording lies, whose path `map.json` may give from its own folder."""
+    return inputs_of((real(out) / about.path).resolve())
 
 
 def one_window(
@@ -203,7 +210,7 @@ def described(rig: Rig, hot: Hot) -> dict[str, HotPixelInfo]:
 
 def _map_sliding(
     recording: Recording, out: Path, config: MapperConfig, about: RecordingInfo,
-    progress: Progress, *, force: bool, clouds: bool,
+    progress: Progress, *, force: bool, clouds: bool, finish: Callable[[Path], None],
 ) -> None:  # fmt: skip
     requested = methods_by_name(config.methods, len(recording.rig), mcemvs=config.is_mcemvs)
     device = device_for_methods(config.device, requested)
@@ -217,11 +224,11 @@ def _map_sliding(
         complete=False,
     )
     check_settings(recording, config, out)
-    with open_store(out, head, force=force) as store:
+    with open_store(out, head, force=force, inputs=_inputs(out, about)) as store:
         plan = plan_windows(recording, config, progress)
         hot = find_hot(recording, config, plan.stretch.t0_us, plan.stretch.t1_us, progress)
         lost = zip(recording.rig.camera_names, plan.stretch.left_out, strict=True)
-        store.begin(head, anew=force)
+        store.begin(head)
         head = head.model_copy(
             update={"hot_pixels": described(recording.rig, hot), "without_pose": dict(lost)}
         )
@@ -229,10 +236,12 @@ def _map_sliding(
         with Prefetcher(without(recording, hot), received, ahead=on_gpu) as prefetcher:
             run = _Run(prefetcher, config, plan, store, clouds, progress, device)
             skipped = run.all_windows(head)
-    if len(skipped) == len(plan):
-        raise InputError(
-            f"none of {len(plan)} windows could be mapped; {skipped[0].name}: {skipped[0].reason}"
-        )
+        if len(skipped) == len(plan):
+            raise InputError(
+                f"none of {len(plan)} windows could be mapped; {skipped[0].name}: "
+                f"{skipped[0].reason}"
+            )
+        finish(store.path)
 
 
 class _Run:
@@ -323,8 +332,8 @@ def _check_entry(path: Path, window: Window, device: Device) -> None:
         raise InputError(f"{path}: is another window; remove it, and map again")
     if found.device != device.name:
         raise InputError(
-            f"{path}: was mapped on {found.device}, not {device.name}: choose that device, another "
-            "output, or set force=True to replace it"
+            f"{path}: was mapped on {found.device}, not {device.name}: choose that device, or "
+            f"{cure(path.parent)}"
         )
 
 

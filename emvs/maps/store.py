@@ -7,21 +7,20 @@ therefore the only memory of a run.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
-import os
-import shutil
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from emvs.data.recording import Recording
 from emvs.errors import InputError
 from emvs.maps.folder import MapInfo, WindowInfo, read_info
-from emvs.utils.files import atomic_dir, atomic_path
+from emvs.utils.files import atomic_path, made_parent
 from emvs.utils.inputs import TABLE_BYTES, read_text
+from emvs.utils.outputs import atomic_dir, check_output, claimed, cure, real, replace_dir
+from emvs.utils.ownership import named, remove_ours, strangers
 
 _INDEX, _ENTRY = "map.json", "window.json"
 _ENTRIES = '  "windows": []'
@@ -32,19 +31,24 @@ class MapStore:
     """The folder of one run.
 
     Attributes:
-        path: the folder.
+        path: the folder; with `force`, beside the one that it takes the place of in the end.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, *, anew: bool = False) -> None:
+        self.path, self._anew = path, anew
         self._next_index_s = 0.0
 
-    def begin(self, head: MapInfo, *, anew: bool) -> None:
-        """Writes a first `map.json` where there is none, or, `anew`, instead of all there is."""
-        if anew:
-            _empty(self.path)
+    def begin(self, head: MapInfo) -> None:
+        """Writes a first `map.json` where there is none, or instead of another, empty run's."""
+        if self._anew:
+            remove_ours(self.path)
         if not (self.path / _INDEX).exists():
             self.write_index(head, ())
+
+    def drop_if_empty(self) -> None:
+        """Removes the folder where no window of it is finished."""
+        if self.path.is_dir() and not any(self.path.glob(f"*/{_ENTRY}")):
+            remove_ours(self.path)
 
     def has(self, name: str) -> bool:
         """Whether a window is finished."""
@@ -53,7 +57,7 @@ class MapStore:
     @contextmanager
     def window(self, name: str) -> Iterator[Path]:
         """Yields a folder to write a window into; it takes its place when it is whole."""
-        with atomic_dir(self.path / name, force=True) as folder:
+        with atomic_dir(self.path / name, claim=False) as folder:
             yield folder
 
     def write_index(self, head: MapInfo, names: Iterable[str]) -> None:
@@ -82,29 +86,61 @@ class MapStore:
 
 
 @contextmanager
-def open_store(path: Path, head: MapInfo, *, force: bool = False) -> Iterator[MapStore]:
-    """Opens the folder of a run, new or unfinished, for this process alone.
+def open_store(
+    path: Path, head: MapInfo, *, force: bool = False, inputs: Iterable[Path] = ()
+) -> Iterator[MapStore]:
+    """Opens the folder of a run, new or unfinished, for this process alone; it makes nothing yet.
 
     Args:
         path: the folder.
         head: what the run maps, with what settings; no windows.
-        force: whether the folder may hold another run, which `MapStore.begin` then removes.
+        force: whether the folder may hold another run. The new one then grows in `.NAME.next`
+            beside it, is taken up from there, and takes its place when the context ends well.
+        inputs: what is mapped, which is never replaced.
 
     Raises:
-        InputError: a folder of another run, no map, or one that another process writes.
+        InputError: a folder of another run, no map, one that may not be replaced, or one that
+            another process writes.
     """
-    path = Path(path)
-    if path.exists() and not path.is_dir():
+    path, inputs = Path(path), tuple(inputs)
+    place = real(path)
+    if place.exists() and not place.is_dir():
         raise InputError(f"{path}: is a file; choose another output")
-    if path.is_dir() and any(path.iterdir()) and not force:
-        _check_same(path, read_info(path), head)
-    _make(path)
-    lock = os.open(path, os.O_RDONLY)
+    with claimed(path):
+        if not place.is_dir() or not any(place.iterdir()):
+            with made_parent(place / _INDEX, make=False):
+                yield MapStore(place)
+        elif force:
+            check_output(path, force=True, inputs=inputs)
+            following = place.with_name(f".{place.name}.next")
+            store = MapStore(following, anew=_is_to_be_begun(following, head))
+            try:
+                yield store
+            except BaseException:
+                store.drop_if_empty()
+                raise
+            replace_dir(following, path, inputs=inputs)
+        else:
+            yield MapStore(place, anew=_check_same(path, read_info(place), head))
+
+
+def _is_to_be_begun(path: Path, head: MapInfo) -> bool:
+    """Whether what is left of a run that was to replace another is of other settings.
+
+    Raises:
+        InputError: it is a link, or holds what is not ours.
+    """
+    if path.is_symlink():
+        raise InputError(f"{path}: is a link where unfinished work is kept: remove it")
+    if not path.is_dir():
+        return False
+    found = strangers(path)
+    if found:
+        raise InputError(f"{path}: is for unfinished work, but holds {named(found)}: move it away")
     try:
-        _lock(path, lock)
-        yield MapStore(path)
-    finally:
-        os.close(lock)
+        return next(_differences(read_info(path), head), None) is not None
+    except InputError:
+        return True
 
 
 def identity(recording: Recording) -> str:
@@ -120,14 +156,18 @@ def identity(recording: Recording) -> str:
     return digest.hexdigest()
 
 
-def _check_same(path: Path, found: MapInfo, wanted: MapInfo) -> None:
-    """Refuses to go on with other settings; says which one differs first."""
+def _check_same(path: Path, found: MapInfo, wanted: MapInfo) -> bool:
+    """Refuses to go on with other settings; says which one differs first.
+
+    Returns:
+        Whether it is to be begun anew: of another run, in which no window was ever finished.
+    """
     difference = next(_differences(found, wanted), None)
-    if difference is not None:
-        raise InputError(
-            f"{path}: was begun with {difference}: choose another output, or set "
-            "force=True to replace it"
-        )
+    if difference is None:
+        return False
+    if not found.windows and not any(path.glob(f"*/{_ENTRY}")) and not strangers(path):
+        return True
+    raise InputError(f"{path}: was begun with {difference}: {cure(path)}")
 
 
 def _differences(found: MapInfo, wanted: MapInfo) -> Iterator[str]:
@@ -166,36 +206,6 @@ def read_entry(path: Path) -> WindowInfo:
     except (OSError, ValueError) as error:
         line = str(error).splitlines()[0]
         raise InputError(f"{path / _ENTRY}: {line}; remove {path} and map again") from error
-
-
-def _make(path: Path) -> None:
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make the folder {path}: {error.strerror}") from error
-    if not os.access(path, os.W_OK):
-        raise InputError(f"cannot write to {path}: no permission, choose another output")
-
-
-def _lock(path: Path, handle: int) -> None:
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        raise InputError(
-            f"{path}: another process maps into it; wait for it, or stop it"
-        ) from error
-    except OSError:
-        # A file system without locks: nothing tells, and nothing is lost by going on.
-        return
-
-
-def _empty(path: Path) -> None:
-    for child in path.iterdir():
-        if child.is_dir() and not child.is_symlink():
-            shutil.rmtree(child)
-        else:
-            with suppress(FileNotFoundError):
-                child.unlink()
 
 
 def _text(values: object) -> str:

@@ -14,6 +14,7 @@ from typing import Annotated, Any
 from cyclopts import App, Group, Parameter
 
 from emvs.config import MapperConfig
+from emvs.utils.outputs import check_output
 from eval.config import EvalConfig
 from sim.config import SimConfig
 
@@ -44,13 +45,22 @@ class Common:
     "TOML file with the tables [sim], [map] and [score]; flags go before it."
 
     force: Annotated[bool, Parameter(group="Common", negative=())] = False
-    "Replace an existing output."
+    "Replace an existing output, if all that is in it was written by eventsweep."
 
     quiet: Annotated[bool, Parameter(group="Common", negative=())] = False
     "Print no progress and no summary."
 
     json: Annotated[bool, Parameter(group="Common", negative=())] = False
     "Print the summary as JSON."
+
+    def inputs(self, *more: Path | None) -> tuple[Path, ...]:
+        """The files that a command reads: no output may replace one of them."""
+        return tuple(path for path in (self.config, *more) if path is not None)
+
+    def check(self, out: Path, *inputs: Path | None) -> None:
+        """Refuses, before anything is read, an output that --force would not replace."""
+        if self.force:
+            check_output(out, force=True, inputs=self.inputs(*inputs))
 
     def console(self) -> Any:
         """Where progress and summaries go."""

@@ -61,7 +61,7 @@ def exit_code() -> Iterator[ExitCode]:
     code = ExitCode()
     # A polite kill ends like Ctrl-C, so that temporary folders are removed.
     signal.signal(signal.SIGTERM, _interrupt)
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # else it is to be ignored
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, _interrupt)
     sys.unraisablehook = _send_again
     try:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from emvs.errors import InputError
+from emvs.utils.outputs import check_output, output_file
+from emvs.utils.ownership import is_our_file
 from eval.cli.app import COMMON, NO_NEGATIVE, Common, app
 from eval.cli.job_flags import JOB_FLAGS, JobFlags, run_with_flags, seed_numbers
 
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from eval.gate.baseline import Baseline
     from eval.gate.compare import Verdict
     from eval.gate.report import VerdictLine
+    from eval.suite.results import SuiteResult
     from eval.suite.series import Measured
 
 GREEN, RED = 0, 1
@@ -75,6 +78,28 @@ class GateFlags:
         if self.result is not None and (self.seeds or self.out):
             raise InputError("--result runs nothing: leave --seeds and --out out")
 
+    def read(self) -> tuple[Path, ...]:
+        """The files that are read, and must not be written as well."""
+        result = self.result
+        inside = () if result is None else (result / "suite.json", result / "results.json", result)
+        files = (self.baseline, Path(self.suite), *inside)
+        return tuple(path for path in files if path.is_file())
+
+    def check_files(self, *, force: bool) -> None:
+        """Refuses to replace anything that is not the gate's, or is read.
+
+        Raises:
+            InputError: says which file.
+        """
+        named = [path for path in (self.junit, self.markdown) if path is not None]
+        if len({path.resolve() for path in named}) < len(named):
+            raise InputError(f"--junit and --markdown are both {self.junit}: name two files")
+        for path in named:
+            ours = force or is_our_file(path)
+            check_output(path, force=ours, inputs=self.read(), folder=False)
+        if self.update and self.baseline.exists():
+            check_output(self.baseline, force=True, folder=False)
+
     def seed_numbers(self) -> tuple[int, ...] | None:
         """The seeds; None for the suite's own."""
         return seed_numbers(self.seeds, "--seeds")
@@ -87,6 +112,7 @@ def gate(*, flags: GateFlags, job_flags: JobFlags = JOB_FLAGS, common: Common = 
     from eval.gate.compare import Tolerances, compare, is_red
 
     flags.check()
+    flags.check_files(force=common.force)
     before = _before(flags)
     measured = _measured(flags, job_flags, common)
     if flags.update:
@@ -116,27 +142,34 @@ def _measured(flags: GateFlags, job_flags: JobFlags, common: Common) -> Measured
     if flags.result is not None:
         return read_measured(flags.result)
     suite, subset = load(flags.suite)
-    folder = output.prepare_folder(flags.out, force=common.force) if flags.out else None
     # A baseline needs more seeds than a run: they are what the tolerances are made of.
     seeds = flags.seed_numbers() or (suite.spread_seeds if flags.update else None)
-    result = run_with_flags(suite, subset, job_flags, common.console().progress, seeds=seeds)
-    if folder is not None:
-        output.write(folder, result)
+
+    def run() -> SuiteResult:
+        return run_with_flags(suite, subset, job_flags, common.console().progress, seeds=seeds)
+
+    if flags.out is None:
+        return of_suite(run())
+    with output.prepare_folder(flags.out, force=common.force, inputs=flags.read()) as folder:
+        result = run()
+        output.write(folder, result, force=common.force)
     return of_suite(result)
 
 
 def _report(
     verdicts: Sequence[Verdict], measured: Measured, flags: GateFlags, common: Common
 ) -> None:
-    from emvs.utils.files import atomic_path
     from eval.gate import report
     from eval.gate.report import write_junit
 
+    # Checked before; what came meanwhile is checked again.
+    flags.check_files(force=common.force)
     if flags.junit is not None:
-        write_junit(flags.junit, verdicts)
+        with output_file(flags.junit, force=True) as path:
+            write_junit(path, verdicts)
     text = report.markdown(verdicts, f"eventsweep gate, {measured.name}")
     if flags.markdown is not None:
-        with atomic_path(flags.markdown) as path:
+        with output_file(flags.markdown, force=True) as path:
             path.write_text(text, encoding="utf-8")
     if os.environ.get(_SUMMARY):
         with Path(os.environ[_SUMMARY]).open("a", encoding="utf-8") as stream:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from emvs.utils.outputs import check_output, output_file
 from eval.cli.app import COMMON, Common, app
 
 
@@ -23,10 +24,9 @@ def info(
     """
     from eval.inspect import facts, inspect
 
+    read = common.inputs(path)
     if picture is not None:
-        from emvs.utils.files import refuse_existing
-
-        refuse_existing(picture, force=common.force)
+        check_output(picture, force=common.force, inputs=read, folder=False)
     console = common.console()
     readable, counts = inspect(path, console.progress)
     description = facts(readable, counts)
@@ -38,5 +38,7 @@ def info(
         from eval.inspect import draw
 
         names = [name for name, _ in readable.streams]
-        draw(picture, f"{readable.path.resolve().name}: {readable.what}", names, counts)
+        title = f"{readable.path.resolve().name}: {readable.what}"
+        with output_file(picture, force=common.force, inputs=read) as place:
+            draw(place, title, names, counts)
         console.wrote(picture)

@@ -40,6 +40,7 @@ def map(  # noqa: A001 - the verb's name
 
     flags = with_values(map, methods=method or None, device=device)
     wanted = config.load(common.config, map=flags)
+    common.check(out, recording)
     console = common.console()
     finish = report_stage(console.progress)
     stored = map_recording(

@@ -70,10 +70,13 @@ def _of_studies(folder: Path, flags: ReportFlags) -> list[Path]:
 
 
 def _of_run(folder: Path, flags: ReportFlags) -> list[Path]:
+    from emvs.utils.outputs import check_files
     from eval.report import tables
     from eval.report.rerun import write_rerun
     from eval.report.run_page import write_report
 
+    asked = {"tables": flags.tables, "figures": flags.figures, "recording.rrd": flags.rrd}
+    check_files(folder, [name for name, wanted in asked.items() if wanted], force=True)
     written = [write_report(folder)]
     if flags.tables:
         tables.write_report_tables(folder)

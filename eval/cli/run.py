@@ -66,6 +66,7 @@ def run(
         map=with_values(map, methods=method or None, device=device),
         score=score,
     )
+    common.check(out)
     console = common.console()
     results = run_cases(
         case,

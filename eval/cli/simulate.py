@@ -40,6 +40,7 @@ def simulate(
 
     replay = with_values(sim.replay, trajectory=trajectory) if trajectory else None
     wanted = config.load(common.config, sim=with_values(sim, duration_s=seconds, replay=replay))
+    common.check(out, trajectory)
     console = common.console()
     simulate_scene(
         scene,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+from emvs.utils.outputs import output_folder
 from eval.cli.app import COMMON, NO_NEGATIVE, Common, Methods, app
 from eval.cli.job_flags import JOB_FLAGS, JobFlags, seed_numbers
 from eval.studies.definitions import CASES, METHODS, SECONDS, SEEDS
@@ -36,16 +37,18 @@ def study(
         method: Method to compare, repeatable, instead of a choice of five.
     """
     from eval.studies.definitions import STUDIES, study_named
-    from eval.studies.run import run_study, show_study, write_study
+    from eval.studies.run import file_names, run_study, show_study, write_study
 
     names = tuple(STUDIES) if name == ("all",) else name
     studies = [study_named(one) for one in names]
     samples = (method or METHODS, case or CASES, seed_numbers(seeds, "--seeds") or SEEDS)
     console, failed = common.console(), 0
-    for one in studies:
-        result = run_study(one, *samples, job_flags.open, console.progress, seconds)
-        written = write_study(out, result)
-        failed += len(result.failures)
-        show_study(result, as_json=common.json, quiet=common.quiet)
-        console.wrote(written[0])
+    files = [name for one in studies for name in file_names(one)]
+    with output_folder(out, files, force=True):
+        for one in studies:
+            result = run_study(one, *samples, job_flags.open, console.progress, seconds)
+            written = write_study(out, result)
+            failed += len(result.failures)
+            show_study(result, as_json=common.json, quiet=common.quiet)
+            console.wrote(written[0])
     return _FAILED if failed else 0

@@ -38,11 +38,11 @@ def suite(
     chosen, subset = load(name)
     chosen_seeds = seed_numbers(seeds, "--seeds")
     console = common.console()
-    folder = output.prepare_folder(out, force=common.force)
-    result = run_with_flags(
-        chosen, subset, job_flags, console.progress, seeds=chosen_seeds, cases=case, speed=speed
-    )
-    output.write(folder, result)
+    with output.prepare_folder(out, force=common.force, inputs=(Path(name),)) as folder:
+        result = run_with_flags(
+            chosen, subset, job_flags, console.progress, seeds=chosen_seeds, cases=case, speed=speed
+        )
+        output.write(folder, result, force=common.force)
     output.show(result, job_flags.cache_folder(), as_json=common.json, quiet=common.quiet)
     console.wrote(folder / "suite.json")
     return _FAILED if result.failures else 0

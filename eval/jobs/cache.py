@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from emvs.errors import InputError
-from emvs.utils.files import atomic_dir
+from emvs.utils.outputs import atomic_dir
 
 _FORMAT = 1
 _ENTRY, _DATA, _LOCKS = "entry.json", "data", "locks"

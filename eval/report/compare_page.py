@@ -10,6 +10,7 @@ from pathlib import Path
 
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path
+from emvs.utils.outputs import output_folder
 from eval.figures.colormaps import line_style
 from eval.gate.compare import Status, Tolerances, Verdict, compare
 from eval.report.html import (
@@ -66,13 +67,15 @@ def write_comparison(paths: Sequence[Path], out: Path) -> Path:
     """Writes `compare.html` and `tables/` into a folder and returns the page's path.
 
     Raises:
-        InputError: fewer than two results, or one is missing or damaged.
+        InputError: fewer than two results, one is missing or damaged, or a file of another's is in
+            the way.
     """
-    comparison = compare_runs(read_runs(paths))
-    text = page_text(comparison_page(comparison))
-    with atomic_path(out / HTML_NAME) as path:
-        path.write_text(text, encoding="utf-8")
-    write_tables(out / TABLES_FOLDER, comparison_tables(comparison))
+    with output_folder(out, (HTML_NAME, TABLES_FOLDER), force=True):
+        comparison = compare_runs(read_runs(paths))
+        text = page_text(comparison_page(comparison))
+        with atomic_path(out / HTML_NAME) as path:
+            path.write_text(text, encoding="utf-8")
+        write_tables(out / TABLES_FOLDER, comparison_tables(comparison))
     return out / HTML_NAME
 
 

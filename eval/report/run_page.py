@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from emvs.dsi.method import OWN_UNIT, VOTES
 from emvs.methods import named
 from emvs.utils.files import atomic_path
+from emvs.utils.outputs import check_files
 from eval.figures.colormaps import (
     Scale,
     confidence_scale,
@@ -294,6 +295,7 @@ def write_report(run_dir: Path) -> Path:
         InputError: the folder holds neither, or a file of it is damaged.
     """
     run_dir = Path(run_dir)
+    check_files(run_dir, (REPORT_NAME, OVERVIEW_NAME), force=True)
     data = load_run(run_dir)
     page = render(data)
     with atomic_path(run_dir / REPORT_NAME) as path:

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path
 from emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
+from emvs.utils.outputs import check_files
 from eval.figures.colormaps import line_style
 from eval.report.html import (
     REPORT_NAME,
@@ -96,6 +97,7 @@ def write_study_report(folder: Path) -> Path:
     paths = find_studies(folder)
     if not paths:
         raise InputError(f"{folder}: no study; `eventsweep study NAME --out {folder}` writes one")
+    check_files(folder, (REPORT_NAME,), force=True)
     studies = [read_study(path) for path in paths]
     figures = [_figure(path.with_suffix(".svg")) for path in paths]
     with atomic_path(folder / REPORT_NAME) as path:

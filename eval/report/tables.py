@@ -14,6 +14,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from emvs.utils.files import atomic_path
+from emvs.utils.ownership import mark
 from eval.figures.plots import STYLE, causes_figure, curves_figure, outlier_causes, slice_figure
 from eval.report.ranking import RankingTable, column, mean_over_cases, table
 from eval.report.run_data import CaseData, RunData, load_run
@@ -91,6 +92,7 @@ def write_tables(folder: Path, tables: dict[str, TextTable]) -> list[Path]:
             with atomic_path(path) as partial:
                 partial.write_text(writers[suffix](one), encoding="utf-8")
             paths.append(path)
+    mark(folder, [path.name for path in paths])
     return paths
 
 
@@ -186,6 +188,7 @@ def write_report_figures(run_dir: Path, suffix: FigureFormat) -> list[Path]:
                 path = run_dir / FIGURES_FOLDER / f"{file_name(f'{case.name}-{name}')}.{suffix}"
                 _save(figure, path, suffix)
                 paths.append(path)
+    mark(run_dir / FIGURES_FOLDER, [path.name for path in paths])
     return paths
 
 

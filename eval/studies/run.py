@@ -18,6 +18,7 @@ from rich.text import Text
 from emvs.config import MapperConfig
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path
+from emvs.utils.outputs import check_files
 from emvs.utils.runtime import versions
 from eval.config import EvalConfig
 from eval.jobs.job import Done, Failed, Job, Outcome
@@ -112,10 +113,8 @@ def run_study(
 
 def write_study(folder: Path, result: StudyResult) -> list[Path]:
     """Writes NAME.png, NAME.svg, NAME.csv (every number) and NAME.json (curves and provenance)."""
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = [
-        folder / f"{result.study.name}{suffix}" for suffix in (".png", ".svg", ".csv", ".json")
-    ]
+    paths = [folder / name for name in file_names(result.study)]
+    check_files(folder, file_names(result.study), force=True)
     for path in paths[:2]:
         draw(result.study, result.curves, path, sample_words(result.cases, result.seeds))
     with atomic_path(paths[2]) as partial, partial.open("w", encoding="utf-8", newline="") as file:
@@ -125,6 +124,11 @@ def write_study(folder: Path, result: StudyResult) -> list[Path]:
     with atomic_path(paths[3]) as partial:
         partial.write_text(json.dumps(_facts(result), indent=1) + "\n", encoding="utf-8")
     return paths
+
+
+def file_names(study: Study) -> tuple[str, ...]:
+    """What a study writes: picture, drawing, numbers, and curves with provenance."""
+    return tuple(f"{study.name}{suffix}" for suffix in (".png", ".svg", ".csv", ".json"))
 
 
 def _values(

@@ -5,15 +5,15 @@ from __future__ import annotations
 import csv
 import json
 import math
-import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from rich.console import Console as RichConsole
 from rich.table import Table
 
-from emvs.errors import InputError
 from emvs.utils.files import atomic_path
+from emvs.utils.outputs import check_files, output_folder
 from eval.jobs.cache import Cache
 from eval.suite.results import FILE_NAME, SuiteResult, write_suite
 from eval.suite.series import Series, of_suite
@@ -22,27 +22,27 @@ CSV_NAME = "suite.csv"
 _SHOWN = ("points", "median_error", "mean_error", "abs_rel", "bad_published", "completeness")
 
 
-def prepare_folder(out: Path, *, force: bool) -> Path:
-    """Makes a folder for results before the work begins.
+@contextmanager
+def prepare_folder(out: Path, *, force: bool, inputs: Iterable[Path] = ()) -> Iterator[Path]:
+    """Claims a folder for results before the work begins; `write` makes it.
+
+    Args:
+        out: the folder.
+        force: whether the result of another run is replaced.
+        inputs: files that are read, which no result replaces.
 
     Raises:
-        InputError: it holds a result already and `force` is not set, or cannot be written to.
+        InputError: it holds a result already and `force` is not set, something else of that name,
+            or cannot be written to.
     """
-    if (out / FILE_NAME).exists() and not force:
-        raise InputError(
-            f"{out / FILE_NAME} exists: choose another output, or add --force to replace it"
-        )
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be made ({error.strerror}); choose another") from error
-    if not os.access(out, os.W_OK):
-        raise InputError(f"{out}: no permission to write there; choose another output")
-    return out
+    names = (FILE_NAME, CSV_NAME)
+    with output_folder(out, names, force=force, inputs=inputs) as folder:
+        yield folder
 
 
-def write(folder: Path, result: SuiteResult) -> None:
+def write(folder: Path, result: SuiteResult, *, force: bool = False) -> None:
     """Writes `suite.json`, with all that made the numbers, and `suite.csv` with the numbers."""
+    check_files(folder, (FILE_NAME, CSV_NAME), force=force)
     write_suite(folder, result)
     with (
         atomic_path(folder / CSV_NAME) as path,

@@ -18,7 +18,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,9 @@ from emvs.data.event_store import EventStoreReader, EventStoreWriter
 from emvs.data.image_stores import FrameReader, FrameWriter, Photo, TruthReader, TruthWriter
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
-from emvs.utils.files import atomic_path
+from emvs.utils.files import atomic_path, made_parent
+from emvs.utils.outputs import real, remove_abandoned
+from emvs.utils.ownership import named
 
 Notice = Callable[[str], None]
 """Called with one line for people to read."""
@@ -37,6 +39,10 @@ _FORMAT = 2
 # Files of the folder, and of each checkpoint in it.
 _KEY, _LOCK = "job.json", "lock"
 _INDEX, _STATE = "part.json", "state.npz"
+_OURS = re.compile(
+    r"job\.json|lock|\.job\.json\.\w{8}\.partial\.json"
+    r"|\d{6}(\.partial)?(/(part\.json|state\.npz|cam\d+\.(events|truth|frames)\.h5))?"
+)
 # A damaged checkpoint costs the work back to the last state before it.
 _STATES_KEPT = 3
 
@@ -71,19 +77,19 @@ class CheckpointFolder:
         self._open: CheckpointWriter | None = None
 
     def __enter__(self) -> CheckpointFolder:
-        try:
-            self.path.mkdir(parents=True, exist_ok=True)
-            self._lock = (self.path / _LOCK).open("w")
-        except OSError as error:
-            raise InputError(
-                f"cannot work in {self.path.parent} ({error.strerror}): choose another output"
-            ) from error
-        try:
+        _refuse_foreign(self.path)
+        with ExitStack() as stack:
+            stack.enter_context(made_parent(self.path / _LOCK, make=False))
+            try:
+                self.path.mkdir(parents=True, exist_ok=True)
+                self._lock = stack.enter_context(_opened(self.path / _LOCK))
+            except OSError as error:
+                raise InputError(
+                    f"cannot work in {self.path.parent} ({error.strerror}): choose another output"
+                ) from error
             self._take_lock()
             self._take_up()
-        except BaseException:
-            self._lock.close()
-            raise
+            self._closing = stack.pop_all()
         return self
 
     def __exit__(
@@ -98,7 +104,8 @@ class CheckpointFolder:
         wrong = isinstance(error, InputError) and not isinstance(error, Stopped)
         if error is None or wrong or not self.finished:
             shutil.rmtree(self.path, ignore_errors=True)
-        self._lock.close()
+        # Of an error it makes the folders go that were made for this, and are empty.
+        self._closing.__exit__(kind, error, trace)
 
     @property
     def next_chunk(self) -> int:
@@ -148,10 +155,9 @@ class CheckpointFolder:
 
     def _remove_leftovers(self) -> None:
         """What a killed process left of a checkpoint, or of putting the sequence together."""
-        assembled = re.compile(rf"\.{re.escape(self._out.name)}\.\w{{8}}\.partial")
-        beside = [p for p in self._out.parent.iterdir() if assembled.fullmatch(p.name)]
-        for folder in (*self.path.glob("*.partial"), *beside):
+        for folder in self.path.glob("*.partial"):
             shutil.rmtree(folder, ignore_errors=True)
+        remove_abandoned(self._out)
 
     def _find_checkpoints(self) -> None:
         """The longest run of whole checkpoints from the start that ends with a state."""
@@ -174,7 +180,31 @@ class CheckpointFolder:
 
 def checkpoint_path(out: Path) -> Path:
     """Where the unfinished work of a target lies."""
-    return out.parent / f".{out.name}.work"
+    place = real(out)
+    return place.parent / f".{place.name}.work"
+
+
+def _refuse_foreign(path: Path) -> None:
+    """Refuses a link in the place of the work folder, and a folder with anything else in it.
+
+    Raises:
+        InputError: says what is there.
+    """
+    if path.is_symlink() or (path.exists() and not path.is_dir()):
+        raise InputError(f"{path}: unfinished work is kept there, but it is no folder: remove it")
+    names = (one.relative_to(path).as_posix() for one in path.rglob("*"))
+    foreign = sorted(
+        name for name in names if not _OURS.fullmatch(name) or (path / name).is_symlink()
+    )
+    if foreign:
+        raise InputError(
+            f"{path}: is for unfinished work, but holds {named(foreign)}: move it away"
+        )
+
+
+def _opened(path: Path) -> IO[str]:
+    """Opens a file to lock it, which is never a link to another."""
+    return os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, 0o666), "w")
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,8 @@ from typing import Any
 
 import gpu_tables
 from emvs.errors import InputError
-from emvs.utils.files import atomic_path, refuse_existing
+from emvs.utils.files import atomic_path
+from emvs.utils.outputs import check_output
 from eval.cli.exit_codes import exit_code
 from gpu_machine import check_device, machine
 from gpu_parts import Bench
@@ -111,7 +112,7 @@ def _run(asked: argparse.Namespace) -> int:
 
 def _measured(asked: argparse.Namespace) -> dict[str, Any]:
     check_device(asked.device)
-    refuse_existing(asked.out, force=asked.force)
+    check_output(asked.out, force=asked.force, folder=False)
     bench = Bench(QUICK if asked.quick else BenchmarkPlan(), asked.device)
     unknown = set(asked.only) - set(bench.parts())
     if unknown:

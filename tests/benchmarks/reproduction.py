@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from itertools import combinations
 from pathlib import Path
 
@@ -66,13 +67,15 @@ def _run(asked: argparse.Namespace) -> SuiteResult:
     suite, subset = load(SUITE)
     seeds = job_flags.seed_numbers(asked.seeds, "--seeds")
     progress = Console(quiet=False, as_json=False).progress
-    folder = output.prepare_folder(asked.out, force=True) if asked.out is not None else None
     flags = job_flags.JobFlags(workers=asked.workers)
-    result = job_flags.run_with_flags(
-        suite, subset, flags, progress, seeds=seeds, cases=tuple(asked.case), speed=False
-    )
-    if folder is not None:
-        output.write(folder, result)
+    with ExitStack() as stack:
+        if asked.out is not None:
+            stack.enter_context(output.prepare_folder(asked.out, force=True))
+        result = job_flags.run_with_flags(
+            suite, subset, flags, progress, seeds=seeds, cases=tuple(asked.case), speed=False
+        )
+        if asked.out is not None:
+            output.write(asked.out, result, force=True)
     return result
 
 

@@ -15,7 +15,7 @@ from emvs.datasets import open_recording
 from emvs.errors import InputError
 from emvs.mapper import map_window
 from emvs.reference_view import ReferenceView, reference_view
-from emvs.utils.files import atomic_dir
+from emvs.utils.outputs import atomic_dir
 from emvs.windows import choose_window
 from eval.config import EvalConfig
 from eval.scoring.pairing import Truth

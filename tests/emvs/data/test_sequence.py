@@ -1,7 +1,6 @@
 """Sequences on disk: what goes in comes out, whole or not at all."""
 
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,8 @@ from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from emvs.utils.files import atomic_dir, atomic_path
+from emvs.utils.files import atomic_path
+from emvs.utils.outputs import atomic_dir
 
 CAMERA = Camera(20, 10, 15, 15, 9.5, 4.5)
 
@@ -92,6 +92,9 @@ def test_an_existing_sequence_is_kept_unless_forced(tmp_path):
         write(tmp_path / "s", force=True, fail=RuntimeError())
     assert files(tmp_path / "s") == before
     (tmp_path / "s" / "extra").write_text("old")
+    with pytest.raises(InputError, match=r"did not write \(extra\)"):
+        write(tmp_path / "s", force=True)
+    (tmp_path / "s" / "extra").unlink()
     write(tmp_path / "s", force=True)
     assert files(tmp_path / "s") == before
     assert [path.name for path in tmp_path.iterdir()] == ["s"]
@@ -155,7 +158,7 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
 
 KILLED_WRITER = """
 import os, pathlib, signal, sys
-from emvs.utils.files import atomic_dir
+from emvs.utils.outputs import atomic_dir
 with atomic_dir(pathlib.Path(sys.argv[1])) as folder:
     (folder / "half").write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)
@@ -173,12 +176,19 @@ def test_what_a_killed_process_left_is_removed_and_what_a_living_one_holds_is_no
     assert left == {"out", "out2"}
     with atomic_dir(target) as first:
         (first / "kept").write_text("kept")
-        with atomic_dir(target, force=True) as second:
-            hidden = {path for path in tmp_path.iterdir() if path.name.startswith(".out.")}
-            assert hidden == {first, second}
-        shutil.rmtree(target)
+        hidden = {path for path in tmp_path.iterdir() if path.name.startswith(".out.")}
+        assert hidden == {first, tmp_path / ".out.lock"}
+        with (
+            pytest.raises(InputError, match="another process"),
+            atomic_dir(target, force=True),
+        ):
+            pass
     assert [path.name for path in target.iterdir()] == ["kept"]
-    assert sorted(p.name.split(".")[1] for p in tmp_path.iterdir() if p != target) == ["out2"]
+    # Of the other target a folder and its claim are left, which the next run into it removes.
+    assert sorted(p.name.split(".")[1] for p in tmp_path.iterdir() if p != target) == ["out2"] * 2
+    with atomic_dir(other):
+        pass
+    assert {path.name for path in tmp_path.iterdir()} == {"out", "out2"}
 
 
 def test_folders_that_only_look_alike_are_left_alone(tmp_path):

@@ -136,7 +136,7 @@ def test_a_tumvie_marker_off_the_camera_is_undone(ours, tmp_path):
 
 def test_a_bag_needs_no_calibration_file(ours, tmp_path):
     folder = rewritten(ours, tmp_path / "bag", "rosbag1")
-    assert [path.name for path in folder.iterdir()] == ["plane.bag"]
+    assert {path.name for path in folder.iterdir()} == {"plane.bag", ".eventsweep.json"}
     assert open_recording(folder / "plane.bag").rig.baseline_m() == pytest.approx(0.1)
 
 
