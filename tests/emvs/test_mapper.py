@@ -137,7 +137,7 @@ def test_a_stopped_run_leaves_no_volume(tmp_path):
     config = CONFIG.model_copy(update={"save_dsi": True})
     with pytest.raises(KeyboardInterrupt):
         map_window(fronto_parallel(1.5), config, stop, dsi_dir=tmp_path / "dsi")
-    assert list((tmp_path / "dsi").iterdir()) == []
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_every_event_and_vote_is_accounted_for():

@@ -32,9 +32,10 @@ from emvs.datasets.raw_streams import open_readable
 from emvs.errors import InputError
 from emvs.formats import calibration_writers as rigs
 from emvs.formats.calibration import read_rig
+from emvs.utils.ownership import MARKER
 
-SPARE = {"rectify_map.h5", "images.txt", "frame_00000000.png", "hand_eye.yaml"}
-"""What a recording may lack: hand-eye where poses are then the first camera's."""
+SPARE = {"rectify_map.h5", "images.txt", "frame_00000000.png", "hand_eye.yaml", MARKER}
+"""What a recording may lack: hand-eye where poses are then the first camera's; whose it is."""
 MODEL = {"tumvie": "kb4", "tumvie-vio": "kb4", "mvsec": "kb4"}
 LAYOUTS = ("dsec", "tumvie", "tumvie-vio", "mvsec", "rosbag1", "evt3")
 FOLDERS = ("sequence", *LAYOUTS, "event-camera-dataset", *dataset_files.WRITERS)
