@@ -15,6 +15,13 @@ TruthName = Literal["flow", "segmentation", "boundary", "twist", "event_depth"]
 Density = Annotated[float, Field(ge=0)]
 Vector3 = tuple[float, float, float]
 LightRenderer = Literal["auto", "classic", "float"]
+SamplingName = Literal["accurate", "fast", "linear"]
+# Furthest motion between two pictures, px, and longest time between them, µs.
+_SPACING: dict[SamplingName, tuple[float, int]] = {
+    "accurate": (8.0, 50_000),
+    "fast": (8.0, 50_000),
+    "linear": (0.5, 10_000),
+}
 Positive = Annotated[float, Field(gt=0)]
 # Far above what counts as a tie (sim.sensor.esim_kernels), mismatched pixels included.
 Threshold = Annotated[float, Field(ge=1e-6)]
@@ -199,11 +206,18 @@ class SimConfig(ParameterGroup):
     sensor: SensorConfig = SensorConfig()
     """Noise, mismatch, bandwidth, latency and read-out; a preset sets thresholds not given."""
 
-    max_displacement_px: Annotated[float, Field(gt=0)] = 0.5
-    """No pixel of any camera moves further than this between two frames, px."""
+    sampling: SamplingName = "accurate"
+    """What pixels see between two frames: `accurate` and `fast` carry the light of fine frames
+    along the image motion, `linear` blends frames that are close together; see docs/simulator.md.
+    """
 
-    supersample: Annotated[int, Field(ge=1, le=8)] = 2
-    """Each pixel is the mean of this many squared render samples."""
+    max_displacement_px: Annotated[float, Field(gt=0, le=64)] | None = None
+    """No pixel of any camera moves further than this between two frames, px; None is 8, and 0.5
+    where `sampling` is `linear`."""
+
+    supersample: Annotated[int, Field(ge=1, le=8)] | None = None
+    """Each pixel is the mean of this many squared render samples; None takes as many as `sampling`
+    needs at the rig's focal lengths, and 2 where it is `linear`."""
 
     light: LightConfig = LightConfig()
     """How the pictures' light is measured, see docs/light.md."""
@@ -235,8 +249,9 @@ class SimConfig(ParameterGroup):
     min_frame_interval_us: Annotated[int, Field(ge=1)] = 20
     """Frames are never closer than this, µs, but for truth times; faster motion is refused."""
 
-    max_frame_interval_us: Annotated[int, Field(ge=1)] = 10_000
-    """Frames are never further apart than this, µs, however slow the motion."""
+    max_frame_interval_us: Annotated[int, Field(ge=1)] | None = None
+    """Frames are never further apart than this, µs, however slow the motion; None is 50 000, and
+    10 000 where `sampling` is `linear`."""
 
     @model_validator(mode="after")
     def _thresholds_of_preset(self) -> SimConfig:
@@ -246,11 +261,21 @@ class SimConfig(ParameterGroup):
                 self.__dict__[name] = value
         return self
 
+    @property
+    def spacing_px(self) -> float:
+        """Furthest motion of any pixel between two frames, px."""
+        return self.max_displacement_px or _SPACING[self.sampling][0]
+
+    @property
+    def longest_interval_us(self) -> int:
+        """Longest time between two frames, µs."""
+        return self.max_frame_interval_us or _SPACING[self.sampling][1]
+
     @model_validator(mode="after")
     def _ordered_intervals(self) -> SimConfig:
-        if self.min_frame_interval_us > self.max_frame_interval_us:
+        if self.min_frame_interval_us > self.longest_interval_us:
             raise ValueError(
                 f"min_frame_interval_us={self.min_frame_interval_us} exceeds "
-                f"max_frame_interval_us={self.max_frame_interval_us}: lower the first"
+                f"max_frame_interval_us={self.longest_interval_us}: lower the first"
             )
         return self

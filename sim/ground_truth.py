@@ -179,6 +179,7 @@ def event_depth_m(
     after_m: NDArray[np.float32],
     span_us: tuple[int, int],
     events: Events,
+    places: NDArray[np.int32] | None = None,
 ) -> NDArray[np.float32]:
     """Z-depth at the pixel and time of each event between two frames.
 
@@ -191,6 +192,8 @@ def event_depth_m(
         span_us: times of the two frames, µs.
         events: N events on the same sensor, none after the frame behind; one that a coarse clock
             puts before the frame before counts as at that frame.
+        places: (N, 4) column and row where each event's surface lies in the frame before, and in
+            the frame behind; None where frames are so close that it is the event's own pixel.
 
     Returns:
         (N,) float32, m; inf where nothing is seen.
@@ -212,9 +215,10 @@ def event_depth_m(
             f"events up to column {x} and row {y}, but depth (H, W) = {before_m.shape}: "
             "give both of the same camera"
         )
-    fill_event_depth(
-        before_m, after_m, *span_us, events.x, events.y, events.t_us, _SAME_SURFACE, depth_m
-    )
+    if places is None:
+        own = np.stack([events.x, events.y], -1).astype(np.int32)
+        places = np.hstack([own, own])
+    fill_event_depth(before_m, after_m, *span_us, places, events.t_us, _SAME_SURFACE, depth_m)
     return depth_m
 
 

@@ -15,8 +15,7 @@ def fill_event_depth(
     after_m: NDArray[np.float32],
     before_us: int,
     after_us: int,
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
+    places: NDArray[np.int32],
     t_us: NDArray[np.int64],
     same: float,
     depth_m: NDArray[np.float32],
@@ -28,16 +27,16 @@ def fill_event_depth(
         after_m: (H, W) the same in the frame behind.
         before_us: time of the frame before, µs.
         after_us: time of the frame behind, µs.
-        x: (N,) columns of the events.
-        y: (N,) rows.
+        places: (N, 4) column and row where each event's surface lies in the frame before, and in
+            the frame behind.
         t_us: (N,) their times, up to `after_us`; before the interval counts as its beginning, µs.
         same: inverse depths that differ by up to this share belong to one surface, whose inverse
             depth is interpolated linearly; otherwise an edge passed and the nearer one is taken.
         depth_m: out, (N,), m.
     """
     for n in range(len(t_us)):
-        a = 1.0 / np.float64(before_m[y[n], x[n]])
-        b = 1.0 / np.float64(after_m[y[n], x[n]])
+        a = 1.0 / np.float64(before_m[places[n, 1], places[n, 0]])
+        b = 1.0 / np.float64(after_m[places[n, 3], places[n, 2]])
         rho = max(a, b)
         if abs(a - b) <= same * rho:
             # A sensor's coarse clock may say less than the time of the frame before.

@@ -32,14 +32,16 @@ from sim.graphics import import_mujoco, note
 from sim.ground_truth import geom_table
 from sim.motion.curves import sampled
 from sim.parallel.checkpoint import CheckpointFolder, CheckpointWriter, Notice, Stopped
-from sim.parallel.render_job import RenderedFrame, RenderJob, chunk_bounds_us
+from sim.parallel.render_job import CHUNK_US, RenderedFrame, RenderJob, chunk_bounds_us
 from sim.parallel.sensors import Cameras, Packet
 from sim.parallel.workers import frames_from_workers, frames_in_process, slot_bytes, slot_count
 from sim.rendering.adaptive_sampling import truth_times_us
 from sim.rendering.renderer import StereoRenderer
+from sim.sampling import why_linear, with_sampling
 from sim.scene import Scene, replayed
 from sim.sensor.frame_camera import FrameCamera, exposure_spans_us
 from sim.sensor.imu import imu_samples
+from sim.sensor.sensor import DENSE_PX
 
 Progress = Callable[[int, int, int], None]
 """Called after every frame with time done, time in total (µs) and events written so far."""
@@ -145,6 +147,9 @@ def make_job(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> RenderJob:
         InputError: an impossible duration, truth time, exposure or recorded trajectory.
     """
     scene, config = replayed(scene, scene.configured(config))
+    if config.sampling != "linear" and why_linear(scene):
+        config = config.model_copy(update={"sampling": "linear"})
+    config = with_sampling(config, rig)
     duration_s = scene.duration_s if config.duration_s is None else config.duration_s
     duration_us = round(duration_s * 1e6)
     if duration_us < 2:
@@ -152,7 +157,8 @@ def make_job(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> RenderJob:
     exposure_spans_us(config.frames, duration_us)
     more_us = [round(t_s * 1e6) for t_s in config.truth_times_s]
     truth_us = truth_times_us(duration_us, round(config.truth_interval_s * 1e6), more_us)
-    return RenderJob(scene, rig, config, seed, tuple(truth_us), tuple(chunk_bounds_us(truth_us)))
+    bounds_us = chunk_bounds_us(truth_us, CHUNK_US[config.sampling])
+    return RenderJob(scene, rig, config, seed, tuple(truth_us), tuple(bounds_us))
 
 
 def _run(
@@ -172,7 +178,10 @@ def _run(
         for frame in frames:
             done += _write_events(folder.writer, cameras.collect())
             cameras.take(frame)
-            _write_photos(folder.writer, frame_camera.take(frame.t_us, frame.intensity))
+            if frame.t_us == job.bounds_us[folder.next_chunk] and state is not None:
+                continue
+            for t_us, lights in _exposed(frame_camera, cameras, frame):
+                _write_photos(folder.writer, frame_camera.take(t_us, lights))
             _write_truth(folder.writer, frame)
             if frame.t_us == job.bounds_us[frame.chunk + 1]:
                 done += _write_events(folder.writer, cameras.collect())
@@ -183,6 +192,17 @@ def _run(
                     folder.commit(state, frame.chunk + 1, counts)
                     committed_s = time.monotonic()
             progress(frame.t_us, job.duration_us, done)
+
+
+def _exposed(
+    frame_camera: FrameCamera, cameras: Cameras, frame: RenderedFrame
+) -> Iterator[tuple[int, tuple[NDArray[np.float32], ...]]]:
+    """What a frame camera must see up to this frame: all that moves while its shutter is open."""
+    if not cameras.passages or not frame_camera.exposes(frame.t_us):
+        yield frame.t_us, frame.intensity
+        return
+    for pictures in zip(*(p.pictures(DENSE_PX) for p in cameras.passages), strict=True):
+        yield pictures[0][0], tuple(light for _, light in pictures)
 
 
 def _write_events(checkpoint: CheckpointWriter, packets: list[Packet]) -> int:
@@ -333,13 +353,13 @@ def check_memory(job: RenderJob, workers: int) -> None:
         InputError: there is less; says how much is needed.
     """
     sizes = [camera.width_px * camera.height_px for camera in job.rig.cameras]
-    drawing = _PROCESS_BYTES + _SAMPLE_BYTES * max(sizes) * job.config.supersample**2
+    drawing = _PROCESS_BYTES + _SAMPLE_BYTES * max(sizes) * job.supersample**2
     shared = slot_bytes(job) * slot_count(job) if workers > 1 else 0
     needed = _PIXEL_BYTES * sum(sizes) + workers * (drawing + shared)
     free = available_memory()
     if free is not None and needed > free:
         raise InputError(
-            f"rig {job.rig.name} at supersample={job.config.supersample} with {workers} workers "
+            f"rig {job.rig.name} at supersample={job.supersample} with {workers} workers "
             f"takes about {needed / 1e9:.1f} GB of memory, but {free / 1e9:.1f} GB are free: use "
             "fewer workers, a lower supersample or smaller cameras"
         )

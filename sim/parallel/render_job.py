@@ -18,14 +18,16 @@ from numpy.typing import NDArray
 from emvs.geometry import se3
 from emvs.geometry.rig import Rig
 from sim import ground_truth
+from sim.compensation.interval import Interval, interval_between
 from sim.config import SimConfig
 from sim.motion import Motion
 from sim.rendering.adaptive_sampling import RigFrame, adaptive_frames
 from sim.rendering.moving_bodies import MovingBodies
 from sim.rendering.renderer import StereoRenderer
+from sim.sampling import border_px
 from sim.scene import Scene
 
-CHUNK_US = 12_500
+CHUNK_US = {"linear": 12_500, "fast": 25_000, "accurate": 25_000}
 """Chunks are no longer than this: at 1280x720, about 150 MB of pictures of a moving head."""
 
 TruthImages = dict[str, NDArray[Any]]
@@ -38,8 +40,12 @@ class RenderedFrame(NamedTuple):
         chunk: index of the chunk that it belongs to.
         t_us: time, µs.
         intensity: per camera, (H, W) float32, linear.
-        depth_m: per camera, (H, W) float32 nearest depth; none unless events are to have depth.
+        depth_m: per camera, (H, W) float32 nearest depth; none unless light is carried by it, or
+            events are to have depth.
         truth: per camera, all ground truth by name; none unless this is one of its times.
+        light: per camera, light on a fine grid, see `sim.rendering.renderer.Frame`; none of plain
+            frames.
+        intervals: per camera, the way from the frame before; none of plain or first frames.
     """
 
     chunk: int
@@ -47,9 +53,11 @@ class RenderedFrame(NamedTuple):
     intensity: tuple[NDArray[np.float32], ...]
     depth_m: tuple[NDArray[np.float32], ...]
     truth: tuple[TruthImages, ...]
+    light: tuple[NDArray[np.float32], ...] = ()
+    intervals: tuple[Interval, ...] = ()
 
 
-def chunk_bounds_us(truth_us: Sequence[int], longest_us: int = CHUNK_US) -> list[int]:
+def chunk_bounds_us(truth_us: Sequence[int], longest_us: int) -> list[int]:
     """Rising times at which chunks meet, µs: every truth time, gaps split evenly where too long."""
     bounds = [truth_us[0]]
     for before_us, after_us in pairwise(truth_us):
@@ -95,6 +103,17 @@ class RenderJob:
         return "event_depth" in self.config.truth
 
     @property
+    def fine(self) -> bool:
+        """Whether frames are fine, and light between them is carried along the motion."""
+        return self.config.sampling != "linear"
+
+    @property
+    def supersample(self) -> int:
+        """Samples per pixel and axis."""
+        assert self.config.supersample is not None
+        return self.config.supersample
+
+    @property
     def labelled(self) -> bool:
         """Whether every event gets its cause: an ideal sensor knows but one."""
         sensor = self.config.sensor.resolved()
@@ -109,10 +128,11 @@ class RenderJob:
         return StereoRenderer(
             self.scene.spec(),
             self.rig,
-            self.config.supersample,
+            self.supersample,
             self.scene.depth_range_m,
             floats=self.config.light.floats(self.scene.hdr),
             animate=self.scene.animate,
+            border_px=border_px(self.config),
         )
 
 
@@ -132,26 +152,51 @@ class ChunkRenderer:
         animate = job.scene.animate
         self._bodies = MovingBodies(renderer, animate) if animate is not None else None
 
-    def frames(self, chunk: int) -> Iterator[RenderedFrame]:
-        """What the cameras see after the chunk's beginning up to its end; chunk 0 from time 0."""
-        job = self.job
+    def frames(self, chunk: int, *, begins: bool) -> Iterator[RenderedFrame]:
+        """What the cameras see after the chunk's beginning up to its end.
+
+        Args:
+            chunk: its index.
+            begins: the frame at the beginning as well: nobody has taken it.
+        """
+        job, before = self.job, None
         stops_us = list(job.bounds_us[chunk : chunk + 2])
         known = self._last if self._last and self._last.t_us == stops_us[0] else None
         for rig_frame in adaptive_frames(
             self._renderer, self._motion, stops_us, self._config, known, self._bodies
         ):
             self._last = rig_frame
-            if chunk == 0 or rig_frame.t_us > stops_us[0]:
-                yield self._rendered(chunk, rig_frame)
+            if begins or rig_frame.t_us > stops_us[0]:
+                yield self._rendered(chunk, before, rig_frame)
+            before = rig_frame
 
-    def _rendered(self, chunk: int, rig_frame: RigFrame) -> RenderedFrame:
-        frames = rig_frame.frames
+    def _rendered(self, chunk: int, before: RigFrame | None, rig_frame: RigFrame) -> RenderedFrame:
+        frames, job = rig_frame.frames, self.job
+        with_depth = job.event_depth or job.fine
         return RenderedFrame(
             chunk,
             rig_frame.t_us,
             tuple(frame.intensity for frame in frames),
-            tuple(frame.nearest_depth_m for frame in frames) if self.job.event_depth else (),
-            self._truth(rig_frame) if rig_frame.t_us in self.job.truth_us else (),
+            tuple(frame.nearest_depth_m for frame in frames) if with_depth else (),
+            self._truth(rig_frame) if rig_frame.t_us in job.truth_us else (),
+            tuple(frame.light for frame in frames if frame.light is not None),
+            self._intervals(before, rig_frame) if before is not None and job.fine else (),
+        )
+
+    def _intervals(self, before: RigFrame, after: RigFrame) -> tuple[Interval, ...]:
+        middle = self._motion.T_world_body(0.5e-6 * (before.t_us + after.t_us))
+        poses, span_us = (before.T_world_body, middle, after.T_world_body), (before.t_us, after.t_us)
+        return tuple(
+            interval_between(
+                span_us,
+                (poses[0] @ T_body_cam, poses[1] @ T_body_cam, poses[2] @ T_body_cam),
+                (camera.height_px, camera.width_px),
+                (before.bodies[k], after.bodies[k]) if self._bodies else None,
+                self._bodies.moved if self._bodies else None,
+            )
+            for k, (camera, T_body_cam) in enumerate(
+                zip(self.job.rig.cameras, self.job.rig.T_body_cam, strict=True)
+            )
         )
 
     def _truth(self, rig_frame: RigFrame) -> tuple[TruthImages, ...]:
@@ -215,7 +260,9 @@ def _capped(job: RenderJob) -> SimConfig:
     """
     if job.scene.animate is None:
         return job.config
-    longest_us = min(job.config.max_frame_interval_us, job.scene.animate.max_interval_us)
+    # An animation's interval is for frames half a pixel apart.
+    own_us = round(job.scene.animate.max_interval_us * job.config.spacing_px / 0.5)
+    longest_us = min(job.config.longest_interval_us, own_us)
     shortest_us = min(job.config.min_frame_interval_us, longest_us)
     intervals = {"max_frame_interval_us": longest_us, "min_frame_interval_us": shortest_us}
     return job.config.model_copy(update=intervals)

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
+from sim.compensation.fine_frame import FineFrame
+from sim.compensation.interval import Passage
 from sim.ground_truth import event_depth_m
 from sim.parallel.checkpoint import State
 from sim.parallel.render_job import RenderedFrame, RenderJob
@@ -44,21 +46,30 @@ class Cameras:
         ]
         self._pending: list[Future[Packet]] = []
         self._t_us: int | None = None
-        self._depth_m: tuple[NDArray[np.float32], ...] = ()
+        self._before: RenderedFrame | None = None
+        self._fine: tuple[FineFrame, ...] = ()
         if state is not None:
             self._restore(state)
 
     def take(self, frame: RenderedFrame) -> None:
-        """Hands over the next pictures; `collect` what came of the ones before first."""
+        """Hands over the next pictures; `collect` what came of the ones before first.
+
+        The first one starts the sensors, or reminds them of the last that they took.
+        """
+        fine = self._fine_frames(frame)
         if self._t_us is None:
             for sensor, intensity in zip(self._sensors, frame.intensity, strict=True):
                 sensor.start(intensity, frame.t_us)
-        else:
-            before = self._t_us, self._depth_m
+        elif self._before is not None:
+            self.passages = self._passages(fine, frame)
             self._pending = [
-                self._pool.submit(self._step, k, frame, *before) for k in range(len(self._sensors))
+                self._pool.submit(self._step, k, frame, self._before)
+                for k in range(len(self._sensors))
             ]
-        self._t_us, self._depth_m = frame.t_us, frame.depth_m
+        self._t_us, self._before, self._fine = frame.t_us, frame, fine
+
+    passages: tuple[Passage, ...] = ()
+    """Per camera, the way to the frame taken last; none of plain frames."""
 
     def collect(self) -> list[Packet]:
         """One packet per camera, of the pictures handed over last; none if there were none."""
@@ -77,27 +88,31 @@ class Cameras:
         state = {"t_us": np.array(self._t_us)}
         for k, sensor in enumerate(self._sensors):
             state |= {f"{k}/{name}": value for name, value in sensor.state().items()}
-        return state | {f"depth_m/{k}": depth_m for k, depth_m in enumerate(self._depth_m)}
+        return state
 
     def _restore(self, state: State) -> None:
         self._t_us = int(state["t_us"])
         for k, sensor in enumerate(self._sensors):
             sensor.restore(part_of(state, str(k)))
-        if self._job.event_depth:
-            self._depth_m = tuple(part_of(state, "depth_m").values())
 
-    def _step(
-        self,
-        k: int,
-        frame: RenderedFrame,
-        before_us: int,
-        before_m: tuple[NDArray[np.float32], ...],
-    ) -> Packet:
-        labelled = self._sensors[k].step(frame.intensity[k], frame.t_us)
+    def _fine_frames(self, frame: RenderedFrame) -> tuple[FineFrame, ...]:
+        pairs = zip(frame.light, frame.depth_m, strict=False)
+        grid, reach_px = self._job.supersample, self._job.config.spacing_px
+        return tuple(FineFrame(*pair, grid, reach_px) for pair in pairs)
+
+    def _passages(self, fine: tuple[FineFrame, ...], frame: RenderedFrame) -> tuple[Passage, ...]:
+        parts = self._job.rig.cameras, self._fine, fine, frame.intervals
+        return tuple(Passage(*each) for each in zip(*parts, strict=False))
+
+    def _step(self, k: int, frame: RenderedFrame, before: RenderedFrame) -> Packet:
+        passage = self.passages[k] if self.passages else None
+        sensor = self._sensors[k]
+        labelled = sensor.between(passage) if passage else sensor.step(frame.intensity[k], frame.t_us)
         events, extra = labelled.events, dict[str, NDArray[np.generic]]()
         if self._job.labelled:
             extra["label"] = labelled.label
         if self._job.event_depth:
-            span_us = before_us, frame.t_us
-            extra["depth_m"] = event_depth_m(before_m[k], frame.depth_m[k], span_us, events)
+            span_us, depths_m = (before.t_us, frame.t_us), (before.depth_m[k], frame.depth_m[k])
+            places = passage.places(events.x, events.y, events.t_us) if passage else None
+            extra["depth_m"] = event_depth_m(*depths_m, span_us, events, places)
         return Packet(events, extra)

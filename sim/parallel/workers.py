@@ -24,13 +24,17 @@ from numpy.typing import NDArray
 
 from emvs.errors import InputError
 from emvs.utils.processes import end_with_parent
+from sim.compensation.fine_frame import FineFrame
+from sim.compensation.interval import Interval
 from sim.graphics import worker_devices
 from sim.graphics.choice import DEVICE
 from sim.parallel.checkpoint import Stopped
 from sim.parallel.render_job import ChunkRenderer, RenderedFrame, RenderJob, TruthImages
+from sim.rendering import lens
 from sim.rendering.renderer import StereoRenderer
+from sim.sampling import border_px
 
-_BYTES_PER_WORKER = 160 << 20
+_BYTES_PER_WORKER = 192 << 20
 _MIN_SLOTS, _MAX_SLOTS = 3, 512
 Images = tuple[NDArray[np.float32], ...]
 
@@ -42,6 +46,7 @@ class _Sent(NamedTuple):
     t_us: int
     slot: int
     truth: tuple[TruthImages, ...]
+    intervals: tuple[Interval, ...]
 
 
 class _Slots:
@@ -52,13 +57,11 @@ class _Slots:
         self._job, self._count = job, count
 
     def images(self, slot: int) -> Images:
-        """Views of a slot: intensity of all cameras, then depth of all where events have depth."""
+        """Views of a slot, as `_shapes` has them."""
         offset, views = slot * slot_bytes(self._job), []
-        for _ in range(_kinds(self._job)):
-            for camera in self._job.rig.cameras:
-                shape = (camera.height_px, camera.width_px)
-                views.append(np.ndarray(shape, np.float32, self._memory, offset))
-                offset += 4 * camera.height_px * camera.width_px
+        for shape in _shapes(self._job):
+            views.append(np.ndarray(shape, np.float32, self._memory, offset))
+            offset += 4 * shape[0] * shape[1]
         return tuple(views)
 
 
@@ -77,13 +80,23 @@ def _attach(duplicate: Any) -> int:
     return number
 
 
-def _kinds(job: RenderJob) -> int:
-    return 2 if job.event_depth else 1
+def _shapes(job: RenderJob) -> list[tuple[int, int]]:
+    """Of a frame's images: all cameras' intensity or light, then depth where it is needed."""
+    shapes = [(camera.height_px, camera.width_px) for camera in job.rig.cameras]
+    if job.fine:
+        return light_shapes(job) + shapes
+    return 2 * shapes if job.event_depth else shapes
+
+
+def light_shapes(job: RenderJob) -> list[tuple[int, int]]:
+    """Rows and columns of the light of each camera's fine frames."""
+    wide, n = lens.widened(job.rig, border_px(job.config) or 0), job.supersample
+    return [(n * (c.height_px - 1) + 1, n * (c.width_px - 1) + 1) for c in wide.cameras]
 
 
 def slot_bytes(job: RenderJob) -> int:
     """Memory that the pictures of one frame take."""
-    return 4 * _kinds(job) * sum(c.width_px * c.height_px for c in job.rig.cameras)
+    return 4 * sum(rows * columns for rows, columns in _shapes(job))
 
 
 def slot_count(job: RenderJob) -> int:
@@ -97,7 +110,7 @@ def frames_in_process(
     """Renders the chunks from `first_chunk` on, one after the other, in this process."""
     chunks = ChunkRenderer(job, renderer)
     for chunk in range(first_chunk, job.chunks):
-        yield from chunks.frames(chunk)
+        yield from chunks.frames(chunk, begins=chunk == first_chunk)
 
 
 def frames_from_workers(job: RenderJob, first_chunk: int, workers: int) -> Iterator[RenderedFrame]:
@@ -144,7 +157,8 @@ class _RenderWorker:
             self._slots = _Slots(job, descriptor, count)
             self._pipe, theirs = context.Pipe()
             chunks = range(first_chunk + index, job.chunks, workers)
-            arguments = (job, chunks, theirs, _Descriptor(descriptor), count, workers, gpu)
+            slots = _Descriptor(descriptor)
+            arguments = (job, chunks, first_chunk, theirs, slots, count, workers, gpu)
             self._process = context.Process(target=_work, args=arguments, daemon=True)
             self._process.start()
             theirs.close()
@@ -167,10 +181,21 @@ class _RenderWorker:
             images = tuple(view.copy() for view in views)
             with suppress(BrokenPipeError):
                 self._pipe.send(sent.slot)
-            cameras = len(self._job.rig)
-            yield RenderedFrame(chunk, sent.t_us, images[:cameras], images[cameras:], sent.truth)
+            yield self._frame(chunk, sent, images)
             if sent.t_us == self._end_us[chunk + 1]:
                 return
+
+    def _frame(self, chunk: int, sent: _Sent, images: Images) -> RenderedFrame:
+        cameras = len(self._job.rig)
+        first, depth_m = images[:cameras], images[cameras:]
+        if not self._job.fine:
+            return RenderedFrame(chunk, sent.t_us, first, depth_m, sent.truth)
+        n = self._job.supersample
+        fine = [FineFrame(*pair, n, 0) for pair in zip(first, depth_m, strict=True)]
+        intensity = tuple(frame.pixels for frame in fine)
+        return RenderedFrame(
+            chunk, sent.t_us, intensity, depth_m, sent.truth, first, sent.intervals
+        )
 
     def _receive(self) -> _Sent:
         try:
@@ -188,8 +213,8 @@ class _RenderWorker:
 
 
 def _work(
-    job: RenderJob, chunks: range, pipe: Connection, descriptor: int, count: int, workers: int,
-    gpu: int | None,
+    job: RenderJob, chunks: range, first_chunk: int, pipe: Connection, descriptor: int, count: int,
+    workers: int, gpu: int | None,
 ) -> None:  # fmt: skip
     """A worker's whole life."""
     end_with_parent()
@@ -207,7 +232,7 @@ def _work(
             with job.renderer() as renderer:
                 rendered = ChunkRenderer(job, renderer)
                 for chunk in chunks:
-                    for frame in rendered.frames(chunk):
+                    for frame in rendered.frames(chunk, begins=chunk == first_chunk):
                         _send(frame, pipe, slots, free)
         except (InputError, MemoryError) as error:
             pipe.send(error)
@@ -217,9 +242,10 @@ def _send(frame: RenderedFrame, pipe: Connection, slots: _Slots, free: list[int]
     while not free or pipe.poll():
         free.append(pipe.recv())
     slot = free.pop()
-    for view, image in zip(slots.images(slot), frame.intensity + frame.depth_m, strict=True):
+    images = (frame.light or frame.intensity) + frame.depth_m
+    for view, image in zip(slots.images(slot), images, strict=True):
         view[:] = image
-    pipe.send(_Sent(frame.chunk, frame.t_us, slot, frame.truth))
+    pipe.send(_Sent(frame.chunk, frame.t_us, slot, frame.truth, frame.intervals))
 
 
 def _check_sendable(job: RenderJob) -> None:

@@ -87,7 +87,7 @@ def adaptive_frames(
     """Yields frames from the first of `stops_us` to the last, as rarely as the motion allows.
 
     Between two frames no pixel of any camera moves further than
-    `config.max_displacement_px`, measured forwards and backwards.
+    `config.spacing_px`, measured forwards and backwards.
 
     Args:
         source: the renderer.
@@ -107,7 +107,7 @@ def adaptive_frames(
     step_us = config.min_frame_interval_us * 8
     while now.t_us < stops[-1]:
         next_stop_us = int(stops[np.searchsorted(stops, now.t_us, side="right")])
-        longest_us = min(config.max_frame_interval_us, next_stop_us - now.t_us)
+        longest_us = min(config.longest_interval_us, next_stop_us - now.t_us)
         before_us = now.t_us
         now = _advance(view, now, step_us, longest_us, config)
         step_us = now.t_us - before_us
@@ -146,7 +146,7 @@ def _advance(
     view: _View, now: RigFrame, guess_us: int, longest_us: int, config: SimConfig
 ) -> RigFrame:
     """The next frame, at most `longest_us` later."""
-    limit_px = config.max_displacement_px
+    limit_px = config.spacing_px
     shortest_us = min(config.min_frame_interval_us, longest_us)
 
     def forward_px(step_us: int) -> float:

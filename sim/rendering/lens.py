@@ -130,13 +130,33 @@ def lens_of(rig: Rig, k: int, supersample: int) -> LensMap | None:
         raise InputError(f"camera {rig.camera_names[k]} of rig {rig.name}: {error}") from error
 
 
+def widened(rig: Rig, border_px: int) -> Rig:
+    """The rig with sensors that reach `border_px` further on all sides, or as far as lenses do."""
+    cameras = tuple(_widened(camera, border_px) for camera in rig.cameras)
+    return replace(rig, cameras=cameras)
+
+
+@lru_cache(maxsize=16)
+def _widened(camera: Camera, border_px: int) -> Camera:
+    wide = replace(
+        camera,
+        width_px=camera.width_px + 2 * border_px,
+        height_px=camera.height_px + 2 * border_px,
+        cx_px=camera.cx_px + border_px,
+        cy_px=camera.cy_px + border_px,
+    )
+    if border_px == 0 or camera.model == "pinhole" or not np.isnan(wide.bearing_table()).any():
+        return wide
+    return _widened(camera, border_px - 1)
+
+
 def buffer_size(rig: Rig, lenses: tuple[LensMap | None, ...], supersample: int) -> tuple[int, int]:
     """Width and height of the largest picture that is drawn at once, samples."""
     sizes = [
         (m.source.width_px, m.source.height_px)
         if m
         else (supersample * camera.width_px, supersample * camera.height_px)
-        for camera, m in zip(rig.cameras, lenses, strict=True)
+        for camera, m in zip(rig.cameras * (len(lenses) // len(rig)), lenses, strict=True)
     ]
     return max(width for width, _ in sizes), max(height for _, height in sizes)
 

@@ -208,11 +208,22 @@ def average(
 
 @numba.njit(cache=True, nogil=True)
 def luma(
-    rgb: NDArray[np.uint8] | NDArray[np.float32], full_scale: float, out: NDArray[np.float32]
+    rgb: NDArray[np.uint8] | NDArray[np.float32],
+    full_scale: float,
+    out: NDArray[np.float32],
+    upside_down: bool = False,
 ) -> None:
-    """Fills `out` (H, W) with the luma of `rgb` (H, W, 3), 1 at `full_scale`."""
-    red, green, blue = LUMA[0] / full_scale, LUMA[1] / full_scale, LUMA[2] / full_scale
+    """Fills `out` (H, W) with the luma of `rgb` (H, W, 3), 1 at `full_scale`.
+
+    With `upside_down` the last row of `rgb` becomes the first of `out`.
+    """
+    red, green, blue = (
+        np.float32(LUMA[0] / full_scale),
+        np.float32(LUMA[1] / full_scale),
+        np.float32(LUMA[2] / full_scale),
+    )
     height, width = out.shape
     for i in range(height):
+        row = rgb[height - 1 - i] if upside_down else rgb[i]
         for j in range(width):
-            out[i, j] = red * rgb[i, j, 0] + green * rgb[i, j, 1] + blue * rgb[i, j, 2]
+            out[i, j] = red * row[j, 0] + green * row[j, 1] + blue * row[j, 2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import TracebackType
@@ -15,7 +16,7 @@ from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from sim.graphics import current_driver, import_mujoco, open_context
 from sim.motion.animation import Animation
-from sim.rendering import lens, pixel_kernels
+from sim.rendering import box_kernels, lens, pixel_kernels
 from sim.rendering.float_target import FloatTarget
 
 if TYPE_CHECKING:
@@ -25,6 +26,8 @@ Pose = NDArray[np.float64]
 Colours = NDArray[np.uint8] | NDArray[np.float32]
 # Samples per pixel and axis where depth and geoms are looked up through a distorting lens.
 _LEAST_LENS_SAMPLES = 2
+# Steps of a factor of two in the width of texels.
+_LOD_BIAS = -1.0
 
 
 class Frame(NamedTuple):
@@ -34,10 +37,14 @@ class Frame(NamedTuple):
         intensity: (H, W) float32, linear, 0 to 1; may exceed 1 where light is drawn as floats.
         nearest_depth_m: (H, W) float32, the least z-depth of each pixel's samples; inf where no
             sample meets a surface.
+        light: of a fine frame, (S (H + 2 B - 1) + 1, S (W + 2 B - 1) + 1) float32: what a pixel
+            would see in every place of a grid of S places per pixel; that of the sensor's first
+            pixel lies B pixels from the corner.
     """
 
     intensity: NDArray[np.float32]
     nearest_depth_m: NDArray[np.float32]
+    light: NDArray[np.float32] | None = None
 
 
 class StereoRenderer:
@@ -60,6 +67,7 @@ class StereoRenderer:
         *,
         floats: bool = False,
         animate: Animation | None = None,
+        border_px: int | None = None,
     ) -> None:
         """Compiles the scene and opens a graphics context.
 
@@ -71,6 +79,8 @@ class StereoRenderer:
                 four times the far end.
             floats: draw light in floating point, without steps and without end.
             animate: moves the bodies that move by themselves; see `at`.
+            border_px: makes fine frames: with the light between the pixels, textures sharp, and so
+                many pixels beyond the sensor's edge, as far as its lens has rays there.
 
         Raises:
             InputError: no graphics, a lens too wide, or a scene that does not compile.
@@ -80,11 +90,19 @@ class StereoRenderer:
         self.supersample = supersample
         self._animate = animate
         self._near_m, self._far_m = 0.5 * depth_range_m[0], 4.0 * depth_range_m[1]
+        self._fine = border_px is not None
         self._lenses = tuple(lens.lens_of(rig, k, self._lens_samples) for k in range(len(rig)))
-        width_px, height_px = lens.buffer_size(rig, self._lenses, supersample)
-        self._buffer_px = width_px, height_px
-        self.model = _compiled(spec, width_px, height_px)
-        self._open(width_px, height_px, floats)
+        self._drawn = lens.widened(rig, border_px or 0)
+        self._drawn_lenses = (
+            tuple(lens.lens_of(self._drawn, k, supersample) for k in range(len(rig)))
+            if self._fine
+            else self._lenses
+        )
+        self._buffer_px = lens.buffer_size(
+            self._drawn, (*self._drawn_lenses, *self._lenses), supersample
+        )
+        self.model = _compiled(spec, *self._buffer_px)
+        self._open(*self._buffer_px, floats)
 
     def __enter__(self) -> Self:
         return self
@@ -120,6 +138,8 @@ class StereoRenderer:
 
     def frame(self, camera: int, T_world_body: Pose) -> Frame:
         """Renders what `camera` sees from `T_world_body` (4, 4), averaged over the samples."""
+        if self._fine:
+            return self._fine_frame(camera, T_world_body)
         seen, mapped = self.rig.cameras[camera], self._lenses[camera]
         intensity = np.empty((seen.height_px, seen.width_px), np.float32)
         nearest = np.empty_like(intensity)
@@ -138,6 +158,30 @@ class StereoRenderer:
                 intensity, nearest,
             )  # fmt: skip
         return Frame(intensity, metric_depth(nearest, self._near_m, self._far_m))
+
+    def _fine_frame(self, camera: int, T_world_body: Pose) -> Frame:
+        drawn, mapped, n = self._drawn.cameras[camera], self._drawn_lenses[camera], self.supersample
+        full_scale = 255.0 if self._floats is None else 1.0
+        nearest = np.empty((drawn.height_px, drawn.width_px), np.float32)
+        samples = np.empty((n * drawn.height_px, n * drawn.width_px), np.float32)
+        if mapped is None:
+            rgb, window_depth = self._draw(drawn, camera, T_world_body, n)
+            pixel_kernels.luma(rgb, full_scale, samples, True)
+            box_kernels.box_nearest(window_depth, n, nearest)
+        else:
+            rgb, window_depth = self._draw(mapped.source, camera, T_world_body)
+            luma = np.empty_like(window_depth)
+            pixel_kernels.luma(rgb, full_scale, luma)
+            box_kernels.resampled(
+                luma, window_depth, mapped.position, mapped.step, n, samples, nearest
+            )
+        light = np.empty((len(samples) - n + 1, samples.shape[1] - n + 1), np.float32)
+        box_kernels.box_mean(samples, n, light)
+        seen = self.rig.cameras[camera]
+        border = (drawn.width_px - seen.width_px) // 2
+        inner = slice(border, border + seen.height_px), slice(border, border + seen.width_px)
+        depth_m = metric_depth(nearest[inner], self._near_m, self._far_m)
+        return Frame(light[::n, ::n][inner].copy(), depth_m, light)
 
     def depth(
         self, camera: int, T_world_body: Pose, view: Camera | None = None
@@ -192,6 +236,8 @@ class StereoRenderer:
         self._context = mj.MjrContext(self.model, mj.mjtFontScale.mjFONTSCALE_100)
         self._context.readDepthMap = mj.mjtDepthMap.mjDEPTH_ZEROFAR
         self._floats = FloatTarget(self._context, width_px, height_px) if floats else None
+        if self._fine:
+            sharpen_textures(self._context)
         mj.mjr_setBuffer(mj.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         self._scene = mj.MjvScene(self.model, 2 * self.model.ngeom + 1000)
         for name in ("SHADOW", "REFLECTION", "HAZE", "FOG"):
@@ -279,6 +325,21 @@ def _compiled(spec: mujoco.MjSpec, width_px: int, height_px: int) -> Any:
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise InputError(f"the scene does not compile ({reason}): correct its MJCF") from error
+
+
+def sharpen_textures(context: Any) -> None:
+    """Takes textures one step finer than a sample is wide, in the current graphics context.
+
+    The mean over a pixel's samples removes what that leaves too sharp; the blur that it takes away
+    costs 5 % of the events (docs/simulator.md).
+    """
+    # Only now: importing it earlier would fix the platform before MuJoCo chooses it.
+    gl: Any = importlib.import_module("OpenGL.GL")
+    targets = gl.GL_TEXTURE_2D, gl.GL_TEXTURE_CUBE_MAP
+    for kind, texture in zip(context.textureType, context.texture[: context.ntexture], strict=False):
+        target = targets[int(bool(kind))]
+        gl.glBindTexture(target, int(texture))
+        gl.glTexParameterf(target, gl.GL_TEXTURE_LOD_BIAS, _LOD_BIAS)
 
 
 def metric_depth(

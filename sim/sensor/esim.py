@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from emvs.data.events import Events
 from emvs.errors import InputError, check_array, check_whole
 from sim.config import SimConfig
+from sim.compensation.interval import Passage
+from sim.sensor import compensated_kernels
 from sim.sensor import esim_kernels as kernels
 
 # Long before any time stamp, so that a pixel's first event is never held back.
@@ -86,6 +88,42 @@ class EventSimulator:
         events = self._emit(log_now, before_us, t_us, number) if number else Events.empty()
         self._log, self._t_us = log_now, t_us
         return events
+
+    def between(self, passage: Passage) -> Events:
+        """Returns the events between the frame before and a fine one, light carried along.
+
+        Args:
+            passage: from the frame that `start` or this took last to the next one.
+
+        Returns:
+            As of `step`.
+
+        Raises:
+            InputError: no first frame, or a passage that begins at another time.
+        """
+        interval, before, after = passage.interval, passage.before, passage.after
+        before_us = time_before(self._t_us, interval.after_us)
+        if before_us != interval.before_us or before.shape != self._shape:
+            raise InputError(
+                f"a passage from {interval.before_us} µs of {before.shape} pixels after a frame at "
+                f"{before_us} µs of {self._shape}: give the one that begins there"
+            )
+        levels = np.empty((2, self._reference.size))
+        thresholds = *self._thresholds, self._config.log_eps
+        compensated_kernels.thresholds(self._reference, *thresholds, *levels)
+        a, b, step_us = before.reach, after.reach, interval.after_us - before_us
+        pixel, offset_us, p = compensated_kernels.events_between(
+            before.light, after.light, before.grid, before.border_px,
+            np.minimum(a.low, b.low), np.maximum(a.high, b.high), a.slope, b.slope,
+            *passage.geometry, self._reference, self._memory, *levels, *thresholds,
+            before_us, step_us, self._config.refractory_period_us,
+        )  # fmt: skip
+        self._log, self._t_us = self._log_of(after.pixels), interval.after_us
+        order = time_order(offset_us, step_us)
+        self.suppressed += len(pixel) - len(order)
+        y, x = np.divmod(pixel[order], self._shape[1])
+        t_us = before_us + offset_us[order]
+        return Events(x.astype(np.uint16), y.astype(np.uint16), t_us, p[order])
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Everything that later events depend on; valid until the next `step`."""

@@ -223,6 +223,12 @@ class FrameCamera:
             self._open, self._next = [], self._next + 1
         return done
 
+    def exposes(self, t_us: int) -> bool:
+        """Whether a shutter is open at some time between the frame taken last and `t_us`, µs."""
+        if not self._before or self._next == len(self._spans_us):
+            return False
+        return self._spans_us[self._next][0] < t_us
+
     def state(self) -> State:
         """Everything that later pictures depend on."""
         if not self._spans_us or not self._before:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -52,6 +53,12 @@ class LabelledEvents:
 
     events: Events
     label: NDArray[np.uint8]
+
+    @classmethod
+    def joined(cls, parts: Sequence[LabelledEvents]) -> LabelledEvents:
+        """Parts that follow one another."""
+        events = Events.concat([part.events for part in parts])
+        return cls(events, np.concatenate([part.label for part in parts]))
 
     def __len__(self) -> int:
         return len(self.label)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
+from sim.compensation.interval import Passage
 from sim.config import SimConfig
 from sim.sensor import pixels_kernels
 from sim.sensor.esim import NEVER_US, EventSimulator, time_before
@@ -23,6 +24,8 @@ from sim.sensor.random_streams import Randomness
 from sim.sensor.readout import Arbiter, Latency
 
 State = dict[str, NDArray[Any]]
+DENSE_PX = 0.5
+"""Pictures this far apart, at most, are taken for linear in time, px."""
 
 
 class Sensor:
@@ -93,11 +96,21 @@ class Sensor:
                 negative, not finite or of another size.
         """
         time_before(self._t_us, t_us)
-        labelled, dropped = self._advance(intensity, t_us)
-        self._t_us = t_us
-        self._counts[: len(Label)] += np.bincount(labelled.label, minlength=len(Label))
-        self._counts[len(Label) :] += dropped
-        return labelled
+        return self._counted(*self._advance(intensity, t_us), t_us)
+
+    def between(self, passage: Passage) -> LabelledEvents:
+        """Returns the events that come out on the way to the next fine frame, and have not yet.
+
+        Ideal pixels are followed one by one as finely as their thresholds ask for; imperfect ones
+        need the whole time series and get pictures half a pixel of motion apart.
+        """
+        t_us = passage.interval.after_us
+        time_before(self._t_us, t_us)
+        if isinstance(self._chain, _FullChain):
+            return LabelledEvents.joined([self.step(light, t) for t, light in passage.pictures(DENSE_PX)])
+        before = self._chain.suppressed
+        events = self._chain.between(passage)
+        return self._counted(*self._ideal(events, before), t_us)
 
     def finish(self) -> int:
         """Ends the recording at the last frame: drops and counts what has not come out yet."""
@@ -122,9 +135,20 @@ class Sensor:
         if isinstance(self._chain, _FullChain):
             return self._chain.step(intensity, t_us)
         before = self._chain.suppressed
-        events = self._chain.step(intensity, t_us)
+        return self._ideal(self._chain.step(intensity, t_us), before)
+
+    def _ideal(self, events: Events, before: int) -> tuple[LabelledEvents, NDArray[np.int64]]:
+        assert isinstance(self._chain, EventSimulator)
         dropped = np.array([self._chain.suppressed - before, 0, 0])
         return LabelledEvents(events, np.zeros(len(events), np.uint8)), dropped
+
+    def _counted(
+        self, labelled: LabelledEvents, dropped: NDArray[np.int64], t_us: int
+    ) -> LabelledEvents:
+        self._t_us = t_us
+        self._counts[: len(Label)] += np.bincount(labelled.label, minlength=len(Label))
+        self._counts[len(Label) :] += dropped
+        return labelled
 
 
 class _FullChain:

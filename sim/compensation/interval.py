@@ -1,0 +1,169 @@
+"""The way from one fine frame to the next: how everything in view moves, and what is seen on it.
+
+Light is carried along the image motion, which is known exactly: each surface has its depth and its
+motion. At time s, from 0 to 1, a pixel sees (1 - s) A(a(s)) + s B(b(s)): the light of the first
+frame where the surface lay there, and that of the second where it will lie. At both ends that is
+the frame's own pixel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.geometry import se3
+from emvs.geometry.camera import TERMS, Camera
+from sim.compensation.fine_frame import FineFrame, Image
+from sim.compensation.path_kernels import fill_picture, fill_places, longest_way
+from sim.rendering.moving_bodies import BodyPixels
+
+Pose = NDArray[np.float64]
+Moved = Callable[[int, int], Pose]
+"""(G, 4, 4) how each geom moves in the world from one time to another, µs."""
+_MODELS = {name: number for number, name in enumerate(TERMS)}
+_TERMS = 5
+
+
+@dataclass(frozen=True)
+class Interval:
+    """How the view of one camera changes between two frames.
+
+    Attributes:
+        before_us: time of the first frame, µs.
+        after_us: time of the second, µs.
+        ways: (K, 4, 4, 4) transforms of camera coordinates, of what stands still first, then of
+            bodies that move by themselves; see `sim.compensation.path_kernels.TO_FIRST_MIDDLE`.
+        body_before: (H, W) whose surface each pixel of the first frame shows, index of `ways`.
+        body_after: (H, W) the same of the second.
+    """
+
+    before_us: int
+    after_us: int
+    ways: NDArray[np.float64]
+    body_before: NDArray[np.uint16]
+    body_after: NDArray[np.uint16]
+
+    def share(self, t_us: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Times as shares of the interval, 0 to 1; outside of it the nearer end."""
+        span_us = self.after_us - self.before_us
+        share: NDArray[np.float64] = np.clip((t_us - self.before_us) / span_us, 0.0, 1.0)
+        return share
+
+
+class Lens(NamedTuple):
+    """A camera as compiled code takes it: (H, W, 2) bearings, and (10,) what projects them."""
+
+    bearing: NDArray[np.float32]
+    terms: NDArray[np.float64]
+
+
+@lru_cache(maxsize=16)
+def lens_of(camera: Camera) -> Lens:
+    """The camera's tables."""
+    padded = (*camera.distortion, *(0.0,) * (_TERMS - len(camera.distortion)))
+    straight = camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
+    terms = np.array([*straight, _MODELS[camera.model], *padded])
+    return Lens(camera.bearing_table().astype(np.float32), terms)
+
+
+def interval_between(
+    span_us: tuple[int, int],
+    T_world_cam: tuple[Pose, Pose, Pose],
+    shape: tuple[int, int],
+    bodies: tuple[BodyPixels, BodyPixels] | None = None,
+    moved: Moved | None = None,
+) -> Interval:
+    """Describes how one camera's view changes.
+
+    Args:
+        span_us: times of the two frames, µs.
+        T_world_cam: (4, 4) camera poses at the first frame, half-way in time and at the second.
+        shape: (H, W) of the sensor.
+        bodies: pixels of bodies that move by themselves, in both frames.
+        moved: how their geoms move.
+    """
+    ways = [_ways(*T_world_cam, *(np.eye(4),) * 4)]
+    shown = np.zeros((2, *shape), np.uint16)
+    if bodies is not None and moved is not None:
+        geoms = np.unique(np.concatenate([seen.geoms for seen in bodies]))
+        start_us, end_us = span_us
+        middle_us = (start_us + end_us) // 2
+        spans_us = (middle_us, start_us), (end_us, start_us), (middle_us, end_us), (start_us, end_us)
+        own = [moved(*span) for span in spans_us] if len(geoms) else []
+        ways += [_ways(*T_world_cam, *(of_all[geom] for of_all in own)) for geom in geoms]
+        for image, seen in zip(shown, bodies, strict=True):
+            columns, rows = seen.pixels_px.T
+            image[rows, columns] = np.searchsorted(geoms, seen.geoms) + 1
+    return Interval(*span_us, np.array(ways), *shown)
+
+
+def _ways(
+    T_world_start: Pose, T_world_middle: Pose, T_world_end: Pose,
+    start_middle: Pose, start_end: Pose, end_middle: Pose, end_start: Pose,
+) -> NDArray[np.float64]:  # fmt: skip
+    """The four transforms, of a body whose own motion in the world is given."""
+    to_start, to_end = se3.inverse(T_world_start), se3.inverse(T_world_end)
+    return np.array(
+        [
+            to_start @ start_middle @ T_world_middle,
+            to_start @ start_end @ T_world_end,
+            to_end @ end_middle @ T_world_middle,
+            to_end @ end_start @ T_world_start,
+        ]
+    )
+
+
+class Passage(NamedTuple):
+    """Two fine frames of one camera and the interval between them."""
+
+    camera: Camera
+    before: FineFrame
+    after: FineFrame
+    interval: Interval
+
+    @property
+    def geometry(self) -> tuple[NDArray[np.generic], ...]:
+        """What `path_of` needs beside the pixel."""
+        bearing, terms = lens_of(self.camera)
+        bodies = self.interval.body_before, self.interval.body_after
+        return bearing, self.before.rho, self.after.rho, *bodies, self.interval.ways, terms
+
+    def pictures(self, most_px: float) -> list[tuple[int, Image]]:
+        """What the pixels see, so often that none moves further than `most_px`; after the first.
+
+        Returns:
+            Times, µs, rising, the second frame's the last, with (H, W) light.
+        """
+        paths = np.empty((*self.before.shape, 8), np.float32)
+        way_px = longest_way(*self.geometry, paths)
+        start_us, end_us = self.interval.before_us, self.interval.after_us
+        number = min(max(int(np.ceil(way_px / most_px)), 1), end_us - start_us)
+        times_us = [start_us + (end_us - start_us) * k // number for k in range(1, number)]
+        return [(t_us, self._picture(t_us, paths)) for t_us in times_us] + [
+            (end_us, self.after.pixels)
+        ]
+
+    def places(
+        self, x: NDArray[np.uint16], y: NDArray[np.uint16], t_us: NDArray[np.int64]
+    ) -> NDArray[np.int32]:
+        """Where what was seen at some pixels and times lies in both frames.
+
+        Returns:
+            (N, 4) column and row of the nearest pixel in the first frame, and in the second.
+        """
+        found = np.empty((len(x), 4), np.int32)
+        fill_places(x, y, self.interval.share(t_us), *self.geometry, found)
+        return found
+
+    def _picture(self, t_us: int, paths: NDArray[np.float32]) -> Image:
+        picture = np.empty(self.before.shape, np.float32)
+        share = float(self.interval.share(np.array(t_us)))
+        light = self.before.light, self.after.light
+        fill_picture(*light, paths, self.before.grid, self.before.border_px, share, picture)
+        return picture
+

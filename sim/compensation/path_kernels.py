@@ -1,0 +1,230 @@
+"""Where in two frames lies what a pixel sees between them: compiled, one pixel at a time."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from sim.compensation.light_kernels import light_at
+
+PINHOLE, RADTAN, KB4 = 0, 1, 2
+"""Lens models, as the numbers that compiled code takes."""
+TO_FIRST_MIDDLE, TO_FIRST_END, TO_SECOND_MIDDLE, TO_SECOND_START = 0, 1, 2, 3
+"""Which transform of `ways` is which: into the first frame from half-time and from the second frame,
+into the second frame from half-time and from the first."""
+
+Path = tuple[float, float, float, float, float, float, float, float, float]
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def distorted(a: float, b: float, lens: NDArray[np.float64]) -> tuple[float, float]:
+    """Where a lens of focal length 1 puts the bearing (a, b) = (x/z, y/z).
+
+    Args:
+        a: x/z.
+        b: y/z.
+        lens: (10,) fx, fy, cx, cy, number of the model, its terms; see `emvs.geometry.camera`.
+    """
+    model = int(lens[4])
+    if model == RADTAN:
+        r2 = a * a + b * b
+        radial = 1.0 + r2 * (lens[5] + r2 * (lens[6] + r2 * lens[9]))
+        p1, p2 = lens[7], lens[8]
+        return (
+            a * radial + 2.0 * p1 * a * b + p2 * (r2 + 2.0 * a * a),
+            b * radial + p1 * (r2 + 2.0 * b * b) + 2.0 * p2 * a * b,
+        )
+    if model == KB4:
+        r = math.sqrt(a * a + b * b)
+        if r > 1e-12:
+            t = math.atan(r)
+            t2 = t * t
+            scale = t * (1.0 + t2 * (lens[5] + t2 * (lens[6] + t2 * (lens[7] + t2 * lens[8])))) / r
+            return a * scale, b * scale
+    return a, b
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def carried(
+    T: NDArray[np.float64], a: float, b: float, rho: float, lens: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Pixel position, in another view, of a point with bearing (a, b) and inverse depth `rho`.
+
+    Args:
+        T: (4, 4) from this camera pose to the other.
+        a: x/z in this view.
+        b: y/z in this view.
+        rho: inverse depth in this view, 1/m; 0 at infinity.
+        lens: see `distorted`.
+    """
+    z = T[2, 0] * a + T[2, 1] * b + T[2, 2] + T[2, 3] * rho
+    u = (T[0, 0] * a + T[0, 1] * b + T[0, 2] + T[0, 3] * rho) / z
+    v = (T[1, 0] * a + T[1, 1] * b + T[1, 2] + T[1, 3] * rho) / z
+    u, v = distorted(u, v, lens)
+    return lens[0] * u + lens[2], lens[1] * v + lens[3]
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def bent(whole: float, half: float) -> tuple[float, float]:
+    """a and b of the parabola s (a + b s) through `half` at s = 1/2 and `whole` at s = 1."""
+    b = 2.0 * (whole - 2.0 * half)
+    return whole - b, b
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def path_of(
+    x: int,
+    y: int,
+    bearing: NDArray[np.float32],
+    rho_a: NDArray[np.float32],
+    rho_b: NDArray[np.float32],
+    body_a: NDArray[np.uint16],
+    body_b: NDArray[np.uint16],
+    ways: NDArray[np.float64],
+    lens: NDArray[np.float64],
+) -> Path:
+    """Where what a pixel sees at time s, from 0 to 1, lies in the first frame and in the second.
+
+    In the first frame it lies at the pixel itself at s = 0, and at s = 1 where the surface that the
+    second frame shows came from; in the second frame the other way round. Half-way the surface is
+    taken for one in between. A parabola goes through the three.
+
+    Args:
+        x: column.
+        y: row.
+        bearing: (H, W, 2) of all pixels.
+        rho_a: (H, W) inverse depth in the first frame, 1/m.
+        rho_b: (H, W) in the second.
+        body_a: (H, W) which of `ways` the first frame's surface goes.
+        body_b: (H, W) the second's.
+        ways: (K, 4, 4, 4) transforms of camera coordinates, see `TO_FIRST_MIDDLE`.
+        lens: see `distorted`.
+
+    Returns:
+        a and b by column and by row in the first frame, for s; the same in the second, for 1 - s;
+        and the longer of the two ways, px.
+    """
+    a, b = np.float64(bearing[y, x, 0]), np.float64(bearing[y, x, 1])
+    ra, rb = np.float64(rho_a[y, x]), np.float64(rho_b[y, x])
+    one, other = ways[body_a[y, x]], ways[body_b[y, x]]
+    au, av = carried(other[TO_FIRST_END], a, b, rb, lens)
+    bu, bv = carried(one[TO_SECOND_START], a, b, ra, lens)
+    if body_a[y, x] == body_b[y, x]:
+        r = 0.5 * (ra + rb)
+        ahu, ahv = carried(one[TO_FIRST_MIDDLE], a, b, r, lens)
+        bhu, bhv = carried(one[TO_SECOND_MIDDLE], a, b, r, lens)
+    else:
+        u, v = carried(one[TO_FIRST_MIDDLE], a, b, ra, lens)
+        ahu, ahv = carried(other[TO_FIRST_MIDDLE], a, b, rb, lens)
+        ahu, ahv = 0.5 * (ahu + u), 0.5 * (ahv + v)
+        u, v = carried(one[TO_SECOND_MIDDLE], a, b, ra, lens)
+        bhu, bhv = carried(other[TO_SECOND_MIDDLE], a, b, rb, lens)
+        bhu, bhv = 0.5 * (bhu + u), 0.5 * (bhv + v)
+    way2 = max((au - x) ** 2 + (av - y) ** 2, (bu - x) ** 2 + (bv - y) ** 2)
+    au1, au2 = bent(au - x, ahu - x)
+    av1, av2 = bent(av - y, ahv - y)
+    bu1, bu2 = bent(bu - x, bhu - x)
+    bv1, bv2 = bent(bv - y, bhv - y)
+    return au1, au2, av1, av2, bu1, bu2, bv1, bv2, math.sqrt(way2)
+
+
+@numba.njit(cache=True, nogil=True)
+def longest_way(
+    bearing: NDArray[np.float32],
+    rho_a: NDArray[np.float32],
+    rho_b: NDArray[np.float32],
+    body_a: NDArray[np.uint16],
+    body_b: NDArray[np.uint16],
+    ways: NDArray[np.float64],
+    lens: NDArray[np.float64],
+    paths: NDArray[np.float32],
+) -> float:
+    """Fills `paths` (H, W, 8) with all pixels' coefficients; returns the longest way, px."""
+    height, width = rho_a.shape
+    longest = 0.0
+    for y in range(height):
+        for x in range(width):
+            path = path_of(x, y, bearing, rho_a, rho_b, body_a, body_b, ways, lens)
+            for n in range(8):
+                paths[y, x, n] = path[n]
+            longest = max(longest, path[8])
+    return longest
+
+
+@numba.njit(cache=True, nogil=True)
+def fill_picture(
+    light_a: NDArray[np.float32],
+    light_b: NDArray[np.float32],
+    paths: NDArray[np.float32],
+    grid: int,
+    border: int,
+    share: float,
+    picture: NDArray[np.float32],
+) -> None:
+    """Fills `picture` (H, W) with what all pixels see at time `share` between two frames.
+
+    Args:
+        light_a: light on the grid of the first frame.
+        light_b: light on the grid of the second.
+        paths: (H, W, 8) of `longest_way`.
+        grid: nodes per pixel and axis.
+        border: pixels between the grid's first node and the sensor's.
+        share: 0 at the first frame, 1 at the second.
+        picture: out.
+    """
+    height, width = picture.shape
+    back = 1.0 - share
+    for y in range(height):
+        for x in range(width):
+            p = paths[y, x]
+            u, v = x + share * (p[0] + share * p[1]), y + share * (p[2] + share * p[3])
+            before = light_at(light_a, grid * (u + border), grid * (v + border))
+            u, v = x + back * (p[4] + back * p[5]), y + back * (p[6] + back * p[7])
+            behind = light_at(light_b, grid * (u + border), grid * (v + border))
+            picture[y, x] = back * before + share * behind
+
+
+@numba.njit(cache=True, nogil=True)
+def fill_places(
+    x: NDArray[np.uint16],
+    y: NDArray[np.uint16],
+    share: NDArray[np.float64],
+    bearing: NDArray[np.float32],
+    rho_a: NDArray[np.float32],
+    rho_b: NDArray[np.float32],
+    body_a: NDArray[np.uint16],
+    body_b: NDArray[np.uint16],
+    ways: NDArray[np.float64],
+    lens: NDArray[np.float64],
+    places: NDArray[np.int32],
+) -> None:
+    """Fills `places` (N, 4): column and row in the first frame, and in the second, nearest pixels.
+
+    Args:
+        x: (N,) columns at the times `share`.
+        y: (N,) rows.
+        share: (N,) 0 at the first frame, 1 at the second.
+        bearing: and the rest as in `path_of`.
+        rho_a: ...
+        rho_b: ...
+        body_a: ...
+        body_b: ...
+        ways: ...
+        lens: ...
+        places: out; within the sensor.
+    """
+    height, width = rho_a.shape
+    for n in range(len(x)):
+        i, j, s = int(y[n]), int(x[n]), share[n]
+        p = path_of(j, i, bearing, rho_a, rho_b, body_a, body_b, ways, lens)
+        back = 1.0 - s
+        u, v = j + s * (p[0] + s * p[1]), i + s * (p[2] + s * p[3])
+        places[n, 0] = min(max(int(np.rint(u)), 0), width - 1)
+        places[n, 1] = min(max(int(np.rint(v)), 0), height - 1)
+        u, v = j + back * (p[4] + back * p[5]), i + back * (p[6] + back * p[7])
+        places[n, 2] = min(max(int(np.rint(u)), 0), width - 1)
+        places[n, 3] = min(max(int(np.rint(v)), 0), height - 1)

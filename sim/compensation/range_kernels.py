@@ -1,0 +1,86 @@
+"""Compiled loops over a frame's light: how bright and how dark it gets near a pixel, how steeply."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+
+
+@numba.njit(cache=True, nogil=True)
+def cell_range(
+    light: NDArray[np.float32],
+    grid: int,
+    low: NDArray[np.float32],
+    high: NDArray[np.float32],
+    slope: NDArray[np.float32],
+) -> None:
+    """Fills least and greatest light, and the greatest slope, of each pixel's cell.
+
+    A cell holds the G x G nodes from a pixel's centre on, down and to the right.
+
+    Args:
+        light: (G (H - 1) + 1, G (W - 1) + 1) light on the grid.
+        grid: G, nodes per pixel and axis.
+        low: out, (H, W).
+        high: out, (H, W).
+        slope: out, (H, W), change of light per pixel of way.
+    """
+    rows, columns = light.shape
+    height, width = low.shape
+    squared = np.zeros(columns, np.float32)
+    least, most, steep = np.empty((3, width), np.float32)
+    for i in range(height):
+        least[:], most[:], steep[:] = np.inf, -np.inf, 0.0
+        for k in range(grid * i, min(grid * i + grid, rows)):
+            here, below = light[k], light[min(k + 1, rows - 1)]
+            for n in range(columns - 1):
+                dx, dy = here[n + 1] - here[n], below[n] - here[n]
+                squared[n] = dx * dx + dy * dy
+            for j in range(width):
+                for n in range(grid * j, min(grid * j + grid, columns)):
+                    least[j] = min(least[j], here[n])
+                    most[j] = max(most[j], here[n])
+                    steep[j] = max(steep[j], squared[n])
+        low[i], high[i] = least, most
+        for j in range(width):
+            slope[i, j] = grid * np.sqrt(steep[j])
+
+
+@numba.njit(cache=True, nogil=True)
+def spread_most(values: NDArray[np.float32], before: int, behind: int) -> None:
+    """Replaces each value by the greatest of its neighbourhood, in place; edges repeat.
+
+    Args:
+        values: (H, W).
+        before: how many rows above and columns to the left take part.
+        behind: how many below and to the right.
+    """
+    height, width = values.shape
+    line = np.empty(width + before + behind, np.float32)
+    for i in range(height):
+        line[:before], line[before + width :] = values[i, 0], values[i, width - 1]
+        line[before : before + width] = values[i]
+        reach, length = 1, before + behind + 1
+        while reach < length:
+            step = min(reach, length - reach)
+            for j in range(len(line) - step):
+                line[j] = max(line[j], line[j + step])
+            reach += step
+        values[i] = line[:width]
+    tall = np.empty((height + before + behind, width), np.float32)
+    tall[before : before + height] = values
+    for i in range(before):
+        tall[i] = values[0]
+    for i in range(behind):
+        tall[before + height + i] = values[height - 1]
+    reach, length = 1, before + behind + 1
+    while reach < length:
+        step = min(reach, length - reach)
+        for i in range(len(tall) - step):
+            for j in range(width):
+                tall[i, j] = max(tall[i, j], tall[i + step, j])
+        reach += step
+    values[:] = tall[:height]

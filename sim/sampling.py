@@ -1,0 +1,75 @@
+"""How finely a scene is drawn, for a rig: samples per pixel, and pixels beyond the sensor's edge.
+
+What a picture's samples get wrong is an angle: an edge may lie anywhere between two of them. Events
+of a turning head are late or early by that angle, so samples are counted per angle, not per pixel.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from emvs.errors import InputError
+from emvs.geometry.rig import Rig
+from sim.config import SamplingName, SimConfig
+from sim.rendering import lens
+from sim.scene import Scene
+
+_SAMPLES_PER_RAD: dict[SamplingName, float] = {"accurate": 1300.0, "fast": 850.0}
+_FEWEST, _MOST, _LINEAR = 2, 8, 2
+# What carried light may touch beyond the furthest motion.
+_BESIDE_PX = 2
+
+
+def border_px(config: SimConfig) -> int | None:
+    """Pixels that fine frames reach beyond the sensor; None where frames are plain."""
+    return None if config.sampling == "linear" else math.ceil(config.spacing_px) + _BESIDE_PX
+
+
+def with_sampling(config: SimConfig, rig: Rig) -> SimConfig:
+    """The parameters with `supersample`, `max_displacement_px` and the longest interval filled in.
+
+    Args:
+        config: where `supersample` is None, it becomes what `sampling` asks for.
+        rig: the smallest focal length decides; a lens that no picture of so many samples can hold
+            gets fewer.
+    """
+    number = config.supersample
+    if number is None and config.sampling == "linear":
+        number = _LINEAR
+    if number is None:
+        focal_px = min(min(camera.fx_px, camera.fy_px) for camera in rig.cameras)
+        wanted = math.ceil(_SAMPLES_PER_RAD[config.sampling] / focal_px)
+        number = min(max(wanted, _FEWEST), _MOST)
+        while number > _FEWEST and not _drawable(rig, border_px(config) or 0, number):
+            number -= 1
+    filled = {
+        "supersample": number,
+        "max_displacement_px": config.spacing_px,
+        "max_frame_interval_us": config.longest_interval_us,
+    }
+    return config.model_copy(update=filled)
+
+
+def _drawable(rig: Rig, border: int, supersample: int) -> bool:
+    wide = lens.widened(rig, border)
+    try:
+        for k in range(len(rig)):
+            lens.lens_of(wide, k, supersample)
+    except InputError:
+        return False
+    return True
+
+
+def why_linear(scene: Scene) -> str:
+    """Why light of a scene cannot be carried along its surfaces; empty where it can.
+
+    What a mirror shows moves otherwise than the mirror, and a lamp on the head moves with it.
+    """
+    spec = scene.spec()
+    if any(material.reflectance > 0 for material in spec.materials):
+        return "a surface mirrors"
+    lamp: Any = spec.visual.headlight
+    if lamp.active and (any(lamp.diffuse) or any(lamp.specular)):
+        return "there is a lamp on the head"
+    return ""
