@@ -39,9 +39,8 @@ from sim.rendering.adaptive_sampling import truth_times_us
 from sim.rendering.renderer import StereoRenderer
 from sim.sampling import why_linear, with_sampling
 from sim.scene import Scene, replayed
-from sim.sensor.frame_camera import FrameCamera, exposure_spans_us
+from sim.sensor.frame_camera import DENSE_PX, FrameCamera, exposure_spans_us
 from sim.sensor.imu import imu_samples
-from sim.sensor.sensor import DENSE_PX
 
 Progress = Callable[[int, int, int], None]
 """Called after every frame with time done, time in total (µs) and events written so far."""

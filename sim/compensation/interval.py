@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,9 @@ Moved = Callable[[int, int], Pose]
 """(G, 4, 4) how each geom moves in the world from one time to another, µs."""
 _MODELS = {name: number for number, name in enumerate(TERMS)}
 _TERMS = 5
+# Called with one tuple for many arguments, which type checkers do not follow.
+_longest_way: Any = longest_way
+_fill_places: Any = fill_places
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,12 @@ def interval_between(
         geoms = np.unique(np.concatenate([seen.geoms for seen in bodies]))
         start_us, end_us = span_us
         middle_us = (start_us + end_us) // 2
-        spans_us = (middle_us, start_us), (end_us, start_us), (middle_us, end_us), (start_us, end_us)
+        spans_us = (
+            (middle_us, start_us),
+            (end_us, start_us),
+            (middle_us, end_us),
+            (start_us, end_us),
+        )
         own = [moved(*span) for span in spans_us] if len(geoms) else []
         ways += [_ways(*T_world_cam, *(of_all[geom] for of_all in own)) for geom in geoms]
         for image, seen in zip(shown, bodies, strict=True):
@@ -127,7 +135,7 @@ class Passage(NamedTuple):
     interval: Interval
 
     @property
-    def geometry(self) -> tuple[NDArray[np.generic], ...]:
+    def geometry(self) -> tuple[Any, ...]:
         """What `path_of` needs beside the pixel."""
         bearing, terms = lens_of(self.camera)
         bodies = self.interval.body_before, self.interval.body_after
@@ -140,7 +148,7 @@ class Passage(NamedTuple):
             Times, µs, rising, the second frame's the last, with (H, W) light.
         """
         paths = np.empty((*self.before.shape, 8), np.float32)
-        way_px = longest_way(*self.geometry, paths)
+        way_px: float = _longest_way(*self.geometry, paths)
         start_us, end_us = self.interval.before_us, self.interval.after_us
         number = min(max(int(np.ceil(way_px / most_px)), 1), end_us - start_us)
         times_us = [start_us + (end_us - start_us) * k // number for k in range(1, number)]
@@ -157,7 +165,7 @@ class Passage(NamedTuple):
             (N, 4) column and row of the nearest pixel in the first frame, and in the second.
         """
         found = np.empty((len(x), 4), np.int32)
-        fill_places(x, y, self.interval.share(t_us), *self.geometry, found)
+        _fill_places(x, y, self.interval.share(t_us), *self.geometry, found)
         return found
 
     def _picture(self, t_us: int, paths: NDArray[np.float32]) -> Image:
@@ -166,4 +174,3 @@ class Passage(NamedTuple):
         light = self.before.light, self.after.light
         fill_picture(*light, paths, self.before.grid, self.before.border_px, share, picture)
         return picture
-

@@ -34,7 +34,7 @@ def light_at(light: NDArray[np.float32], u: float, v: float) -> float:
     )
     low = min(min(above[j], above[m]), min(below[j], below[m]))
     high = max(max(above[j], above[m]), max(below[j], below[m]))
-    return min(max(value, low), high)
+    return min(max(value, low), high)  # type: ignore[no-any-return]
 
 
 @numba.njit(cache=True, nogil=True, inline="always")

@@ -14,8 +14,8 @@ from sim.compensation.light_kernels import light_at
 PINHOLE, RADTAN, KB4 = 0, 1, 2
 """Lens models, as the numbers that compiled code takes."""
 TO_FIRST_MIDDLE, TO_FIRST_END, TO_SECOND_MIDDLE, TO_SECOND_START = 0, 1, 2, 3
-"""Which transform of `ways` is which: into the first frame from half-time and from the second frame,
-into the second frame from half-time and from the first."""
+"""Which of `ways` is which: into the first frame from half-time and from the second frame, into the
+second frame from half-time and from the first."""
 
 Path = tuple[float, float, float, float, float, float, float, float, float]
 
@@ -70,7 +70,7 @@ def carried(
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def bent(whole: float, half: float) -> tuple[float, float]:
-    """a and b of the parabola s (a + b s) through `half` at s = 1/2 and `whole` at s = 1."""
+    """A and b of the parabola s (a + b s) through `half` at s = 1/2 and `whole` at s = 1."""
     b = 2.0 * (whole - 2.0 * half)
     return whole - b, b
 

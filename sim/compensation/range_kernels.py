@@ -1,4 +1,4 @@
-"""Compiled loops over a frame's light: how bright and how dark it gets near a pixel, how steeply."""
+"""Compiled loops over a frame's light: how bright, dark and steep it gets around a pixel."""
 
 from __future__ import annotations
 

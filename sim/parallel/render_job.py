@@ -185,7 +185,10 @@ class ChunkRenderer:
 
     def _intervals(self, before: RigFrame, after: RigFrame) -> tuple[Interval, ...]:
         middle = self._motion.T_world_body(0.5e-6 * (before.t_us + after.t_us))
-        poses, span_us = (before.T_world_body, middle, after.T_world_body), (before.t_us, after.t_us)
+        poses, span_us = (
+            (before.T_world_body, middle, after.T_world_body),
+            (before.t_us, after.t_us),
+        )
         return tuple(
             interval_between(
                 span_us,

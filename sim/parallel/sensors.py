@@ -107,7 +107,9 @@ class Cameras:
     def _step(self, k: int, frame: RenderedFrame, before: RenderedFrame) -> Packet:
         passage = self.passages[k] if self.passages else None
         sensor = self._sensors[k]
-        labelled = sensor.between(passage) if passage else sensor.step(frame.intensity[k], frame.t_us)
+        labelled = (
+            sensor.between(passage) if passage else sensor.step(frame.intensity[k], frame.t_us)
+        )
         events, extra = labelled.events, dict[str, NDArray[np.generic]]()
         if self._job.labelled:
             extra["label"] = labelled.label

@@ -14,9 +14,7 @@ import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels
 
 
 @numba.njit(cache=True, nogil=True)
-def box_mean(
-    samples: NDArray[np.float32], supersample: int, light: NDArray[np.float32]
-) -> None:
+def box_mean(samples: NDArray[np.float32], supersample: int, light: NDArray[np.float32]) -> None:
     """Fills `light` with the mean of the S x S samples from each sample on, down and to the right.
 
     Args:

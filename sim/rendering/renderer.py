@@ -336,7 +336,9 @@ def sharpen_textures(context: Any) -> None:
     # Only now: importing it earlier would fix the platform before MuJoCo chooses it.
     gl: Any = importlib.import_module("OpenGL.GL")
     targets = gl.GL_TEXTURE_2D, gl.GL_TEXTURE_CUBE_MAP
-    for kind, texture in zip(context.textureType, context.texture[: context.ntexture], strict=False):
+    for kind, texture in zip(
+        context.textureType, context.texture[: context.ntexture], strict=False
+    ):
         target = targets[int(bool(kind))]
         gl.glBindTexture(target, int(texture))
         gl.glTexParameterf(target, gl.GL_TEXTURE_LOD_BIAS, _LOD_BIAS)

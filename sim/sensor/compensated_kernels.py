@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 from sim.compensation.light_kernels import light_at
-from sim.compensation.path_kernels import path_of
+from sim.compensation.path_kernels import Path, path_of
 from sim.sensor.esim_kernels import NEAR, level_of, number_of_falls, number_of_rises
 
-# Steps are never shorter and never longer than this way, px; a crossing within a step longer than
-# the third is looked at once more.
-_LEAST_PX, _MOST_PX, _COARSE_PX = 0.1, 1.0, 0.02
+# Steps are never shorter and never longer than this way, px.
+_LEAST_PX, _MOST_PX = 0.1, 1.0
 _FIRST_ROOM = 4096
 
 
@@ -38,20 +37,99 @@ def thresholds(
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def blended(
+def places_on(x: float, y: float, path: Path, s: float) -> tuple[float, float, float, float]:
+    """Column and row in the first frame and in the second of what pixel (x, y) sees at time s."""
+    t = 1.0 - s
+    return (
+        x + s * (path[0] + s * path[1]),
+        y + s * (path[2] + s * path[3]),
+        x + t * (path[4] + t * path[5]),
+        y + t * (path[6] + t * path[7]),
+    )
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def slope_at(slope: NDArray[np.float32], u: float, v: float) -> float:
+    """Steepest light around a place, px from the corner; beyond the edge that of the edge."""
+    i = np.uint64(min(max(v, 0.0), slope.shape[0] - 1.0))
+    j = np.uint64(min(max(u, 0.0), slope.shape[1] - 1.0))
+    return slope[i, j]  # type: ignore[no-any-return]
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def levels_passed(
+    rises: bool, log: float, first: float, up: int, down: int, c_pos: float, c_neg: float
+) -> int:
+    """How many levels `log` reaches, above the reference or below it."""
+    if rises:
+        return number_of_rises(log, first, up, down, c_pos, c_neg)
+    return number_of_falls(log, first, up, down, c_pos, c_neg)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def between(level: float, log_s: float, log_e: float, s: float, e: float) -> float:
+    """When the logarithm reaches a level if it goes straight from one time to another."""
+    share = (level - log_s) / (log_e - log_s) if log_e != log_s else 1.0
+    return s + min(max(share, 0.0), 1.0) * (e - s)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def crossing(
     light_a: NDArray[np.float32],
     light_b: NDArray[np.float32],
     grid: int,
-    u_a: float,
-    v_a: float,
-    u_b: float,
-    v_b: float,
-    share: float,
-) -> tuple[float, float]:
-    """Light of both frames at two places of the grid, blended; and by how much they differ."""
+    x: float,
+    y: float,
+    path: Path,
+    level: float,
+    log_eps: float,
+    rises: bool,
+    s: float,
+    e: float,
+    logs: tuple[float, float],
+) -> float:
+    """When light reaches a level between two times at which its logarithm is known: secants."""
+    when = between(level, logs[0], logs[1], s, e)
+    u_a, v_a, u_b, v_b = places_on(x, y, path, when)
     before = light_at(light_a, grid * u_a, grid * v_a)
     behind = light_at(light_b, grid * u_b, grid * v_b)
-    return (1.0 - share) * before + share * behind, abs(behind - before)
+    log_there = math.log(before + when * (behind - before) + log_eps)
+    if (log_there >= level) == rises:
+        return between(level, logs[0], log_there, s, when)
+    return between(level, log_there, logs[1], when, e)
+
+
+@numba.njit(cache=True, nogil=True)
+def silence(
+    pixel: NDArray[np.int32],
+    offset_us: NDArray[np.int64],
+    before_us: int,
+    refractory_us: int,
+    memory: NDArray[np.void],
+) -> None:
+    """Puts 0 for the offset of each event in its pixel's refractory period; notes the others.
+
+    Args:
+        pixel: (N,) pixels; the events of each in order of time.
+        offset_us: in and out, (N,) times after `before_us`, µs.
+        before_us: µs.
+        refractory_us: least time between two emitted events of a pixel, µs.
+        memory: in and out, (P,) records of `sim.sensor.esim_kernels.PIXEL`.
+    """
+    for n in range(len(pixel)):
+        t_us = before_us + offset_us[n]
+        if t_us - memory[pixel[n]].last_emitted_us < refractory_us:
+            offset_us[n] = 0
+        else:
+            memory[pixel[n]].last_emitted_us = t_us
+
+
+@numba.njit(cache=True, nogil=True)
+def roomier(values, room):  # type: ignore[no-untyped-def]
+    """The same values in an array of `room`."""
+    more = np.empty(room, values.dtype)
+    more[: len(values)] = values
+    return more
 
 
 @numba.njit(cache=True, nogil=True, fastmath={"nnan", "nsz", "reassoc", "contract", "arcp"})
@@ -84,9 +162,8 @@ def events_between(
 ) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.uint8]]:
     """Follows every pixel that can reach a threshold from one frame to the next.
 
-    A step goes as far as the light cannot change to a threshold, by the steepest slope around the
-    place in both frames. Within a step light is taken for linear in its logarithm; at the first
-    guess of a crossing the light is looked at, and the crossing found anew beside it.
+    A step goes as far as the light cannot reach a threshold, by the steepest slope around the place
+    in both frames. A crossing is found by the secant rule, in the logarithm of light, twice.
 
     Args:
         light_a: light on the grid of the first frame.
@@ -119,95 +196,59 @@ def events_between(
         (N,) pixels; times after `before_us`, 1 to `step_us`, 0 where suppressed, µs; polarities.
     """
     height, width = rho_a.shape
-    last_row, last_column = float(slope_a.shape[0] - 1), float(slope_a.shape[1] - 1)
     room, n = _FIRST_ROOM, 0
     pixel, offset_us = np.empty(room, np.int32), np.empty(room, np.int64)
     polarity = np.empty(room, np.uint8)
     for y in range(height):
         for x in range(width):
             k = y * width + x
-            rise, fall = rise_light[k], fall_light[k]
+            rise, fall = float(rise_light[k]), float(fall_light[k])
             if high[y, x] < rise and low[y, x] > fall:
                 continue
-            au1, au2, av1, av2, bu1, bu2, bv1, bv2, way_px = path_of(
-                x, y, bearing, rho_a, rho_b, body_a, body_b, ways, lens
-            )
+            path = path_of(x, y, bearing, rho_a, rho_b, body_a, body_b, ways, lens)
+            way_px = path[8]
             per_px = 1.0 / max(way_px, 1e-6)
-            least, most = _LEAST_PX * per_px, _MOST_PX * per_px
             x0, y0 = float(x + border), float(y + border)
             now = np.float64(light_a[grid * (y + border), grid * (x + border)])
             last = np.float64(light_b[grid * (y + border), grid * (x + border)])
             s, apart = 0.0, abs(last - now)
-            u_a, v_a, u_b, v_b = x0, y0, x0 + bu1 + bu2, y0 + bv1 + bv2
+            u_a, v_a, u_b, v_b = places_on(x0, y0, path, 0.0)
             while s < 1.0:
-                i = np.uint64(min(max(v_a, 0.0), last_row))
-                j = np.uint64(min(max(u_a, 0.0), last_column))
-                steepest = slope_a[i, j]
-                i = np.uint64(min(max(v_b, 0.0), last_row))
-                j = np.uint64(min(max(u_b, 0.0), last_column))
-                steepest = max(steepest, slope_b[i, j])
-                far = min(rise - now, now - fall)
-                step = min(max(far / (steepest * way_px + apart + 1e-9), least), most)
-                then = s + step
-                if then > 1.0 - 0.5 * least:
-                    then, light = 1.0, last
+                steepest = max(slope_at(slope_a, u_a, v_a), slope_at(slope_b, u_b, v_b))
+                step = min(rise - now, now - fall) / (steepest * way_px + apart + 1e-9)
+                then = s + min(max(step, _LEAST_PX * per_px), _MOST_PX * per_px)
+                light = last
+                if then < 1.0 - 0.5 * _LEAST_PX * per_px:
+                    u_a, v_a, u_b, v_b = places_on(x0, y0, path, then)
+                    before = light_at(light_a, grid * u_a, grid * v_a)
+                    behind = light_at(light_b, grid * u_b, grid * v_b)
+                    light, apart = before + then * (behind - before), abs(behind - before)
                 else:
-                    t = 1.0 - then
-                    u_a, v_a = x0 + then * (au1 + au2 * then), y0 + then * (av1 + av2 * then)
-                    u_b, v_b = x0 + t * (bu1 + bu2 * t), y0 + t * (bv1 + bv2 * t)
-                    light, apart = blended(light_a, light_b, grid, u_a, v_a, u_b, v_b, then)
+                    then = 1.0
                 if light >= rise or light <= fall:
-                    first = np.float64(memory[k].first_log)
-                    up, down = memory[k].up, memory[k].down
-                    log_now, log_then = math.log(now + log_eps), math.log(light + log_eps)
                     rises = light >= rise
-                    if rises:
-                        number = number_of_rises(log_then, first, up, down, c_pos, c_neg)
-                    else:
-                        number = number_of_falls(log_then, first, up, down, c_pos, c_neg)
-                    for _ in range(number):
+                    first, up, down = memory[k].first_log, memory[k].up, memory[k].down
+                    logs = math.log(now + log_eps), math.log(light + log_eps)
+                    number = levels_passed(rises, logs[1], first, up, down, c_pos, c_neg)
+                    if n + number > room:
+                        room = 2 * (n + number)
+                        pixel, offset_us = roomier(pixel, room), roomier(offset_us, room)
+                        polarity = roomier(polarity, room)
+                    for m in range(n, n + number):
                         up, down = up + rises, down + (not rises)
                         level = level_of(first, up, down, c_pos, c_neg)
-                        share = (level - log_now) / (log_then - log_now)
-                        when = s + min(max(share, 0.0), 1.0) * (then - s)
-                        if (then - s) * way_px > _COARSE_PX:
-                            t = 1.0 - when
-                            looked, _ = blended(
-                                light_a, light_b, grid,
-                                x0 + when * (au1 + au2 * when), y0 + when * (av1 + av2 * when),
-                                x0 + t * (bu1 + bu2 * t), y0 + t * (bv1 + bv2 * t), when,
-                            )  # fmt: skip
-                            log_there = math.log(looked + log_eps)
-                            if (log_there >= level) == rises:
-                                share = (level - log_now) / (log_there - log_now + 1e-30)
-                                when = s + min(max(share, 0.0), 1.0) * (when - s)
-                            else:
-                                share = (level - log_there) / (log_then - log_there + 1e-30)
-                                when += min(max(share, 0.0), 1.0) * (then - when)
-                        offset = min(max(int(np.rint(when * step_us)), 1), step_us)
-                        if before_us + offset - memory[k].last_emitted_us < refractory_us:
-                            offset = 0
-                        else:
-                            memory[k].last_emitted_us = before_us + offset
-                        if n == room:
-                            room *= 2
-                            pixel = _roomier(pixel, room)
-                            offset_us, polarity = _roomier(offset_us, room), _roomier(polarity, room)
-                        pixel[n], offset_us[n], polarity[n] = k, offset, rises
-                        n += 1
-                    if number:
-                        memory[k].up, memory[k].down = up, down
-                        reference[k] = level_of(first, up, down, c_pos, c_neg)
-                        rise = math.exp(reference[k] + c_pos - NEAR) - log_eps
-                        fall = math.exp(reference[k] - c_neg + NEAR) - log_eps
-                        rise_light[k], fall_light[k] = rise, fall
+                        when = crossing(
+                            light_a, light_b, grid, x0, y0, path, level, log_eps, rises,
+                            s, then, logs,
+                        )  # fmt: skip
+                        pixel[m], polarity[m] = k, rises
+                        offset_us[m] = min(max(int(np.rint(when * step_us)), 1), step_us)
+                    n += number
+                    memory[k].up, memory[k].down = up, down
+                    reference[k] = level_of(first, up, down, c_pos, c_neg)
+                    rise = math.exp(reference[k] + c_pos - NEAR) - log_eps
+                    fall = math.exp(reference[k] - c_neg + NEAR) - log_eps
+                    rise_light[k], fall_light[k] = rise, fall
                 now, s = light, then
+    silence(pixel[:n], offset_us[:n], before_us, refractory_us, memory)
     return pixel[:n], offset_us[:n], polarity[:n]
-
-
-@numba.njit(cache=True, nogil=True)
-def _roomier(values, room):  # type: ignore[no-untyped-def]
-    """The same values in an array of `room`."""
-    more = np.empty(room, values.dtype)
-    more[: len(values)] = values
-    return more

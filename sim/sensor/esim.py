@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from emvs.data.events import Events
 from emvs.errors import InputError, check_array, check_whole
-from sim.config import SimConfig
 from sim.compensation.interval import Passage
+from sim.config import SimConfig
 from sim.sensor import compensated_kernels
 from sim.sensor import esim_kernels as kernels
 
@@ -108,14 +108,16 @@ class EventSimulator:
                 f"a passage from {interval.before_us} µs of {before.shape} pixels after a frame at "
                 f"{before_us} µs of {self._shape}: give the one that begins there"
             )
-        levels = np.empty((2, self._reference.size))
-        thresholds = *self._thresholds, self._config.log_eps
-        compensated_kernels.thresholds(self._reference, *thresholds, *levels)
+        rise_light, fall_light = np.empty((2, self._reference.size))
+        thresholds = (c_pos, c_neg, log_eps) = *self._thresholds, self._config.log_eps
+        compensated_kernels.thresholds(
+            self._reference, c_pos, c_neg, log_eps, rise_light, fall_light
+        )
         a, b, step_us = before.reach, after.reach, interval.after_us - before_us
         pixel, offset_us, p = compensated_kernels.events_between(
             before.light, after.light, before.grid, before.border_px,
             np.minimum(a.low, b.low), np.maximum(a.high, b.high), a.slope, b.slope,
-            *passage.geometry, self._reference, self._memory, *levels, *thresholds,
+            *passage.geometry, self._reference, self._memory, rise_light, fall_light, *thresholds,
             before_us, step_us, self._config.refractory_period_us,
         )  # fmt: skip
         self._log, self._t_us = self._log_of(after.pixels), interval.after_us

@@ -23,6 +23,8 @@ from sim.motion import Motion
 from sim.rendering.adaptive_sampling import FrameSource, adaptive_frames
 from sim.rendering.moving_bodies import MovingBodies
 
+DENSE_PX = 0.5
+"""Pictures this far apart, at most, are taken for linear in time, px."""
 Light = NDArray[np.float32]
 TimedLight = tuple[int, Light]
 """A frame: time, µs, and (H, W) linear intensity."""
@@ -151,7 +153,9 @@ def capture(
         InputError: motion too fast for the configuration.
     """
     end_us = start_us + shutter.exposure_us
-    taken = adaptive_frames(source, motion, [start_us, end_us], config, bodies=bodies)
+    limits = {"max_displacement_px": min(config.spacing_px, DENSE_PX)}
+    dense = config.model_copy(update={"sampling": "linear", **limits})
+    taken = adaptive_frames(source, motion, [start_us, end_us], dense, bodies=bodies)
     frames = ((e.t_us, e.frames[camera].intensity) for e in taken)
     return develop(mean_light(frames, start_us, end_us), shutter)
 

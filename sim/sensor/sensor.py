@@ -17,6 +17,7 @@ from sim.compensation.interval import Passage
 from sim.config import SimConfig
 from sim.sensor import pixels_kernels
 from sim.sensor.esim import NEVER_US, EventSimulator, time_before
+from sim.sensor.frame_camera import DENSE_PX
 from sim.sensor.labels import Drop, Label, LabelledEvents, count_names
 from sim.sensor.noise import Noise
 from sim.sensor.pixels import Batch, Pixels
@@ -24,8 +25,6 @@ from sim.sensor.random_streams import Randomness
 from sim.sensor.readout import Arbiter, Latency
 
 State = dict[str, NDArray[Any]]
-DENSE_PX = 0.5
-"""Pictures this far apart, at most, are taken for linear in time, px."""
 
 
 class Sensor:
@@ -107,7 +106,9 @@ class Sensor:
         t_us = passage.interval.after_us
         time_before(self._t_us, t_us)
         if isinstance(self._chain, _FullChain):
-            return LabelledEvents.joined([self.step(light, t) for t, light in passage.pictures(DENSE_PX)])
+            return LabelledEvents.joined(
+                [self.step(light, t) for t, light in passage.pictures(DENSE_PX)]
+            )
         before = self._chain.suppressed
         events = self._chain.between(passage)
         return self._counted(*self._ideal(events, before), t_us)

@@ -12,6 +12,7 @@ from emvs.data.sequence import Sequence
 from emvs.errors import InputError
 from sim.config import SimConfig
 from sim.rigs import RIGS, rig
+from sim.sampling import with_sampling
 from sim.simulate import simulate
 
 CONFIG = SimConfig(truth_interval_s=0.01)
@@ -109,7 +110,9 @@ def test_truth_holds_the_start_the_middle_the_end_and_the_right_depth(sequence):
 def test_the_manifest_says_how_it_was_made(scene, sequence):
     manifest = sequence.manifest
     assert manifest.name == "noise"
-    assert SimConfig(**manifest.configuration) == scene.configured(CONFIG)
+    assert SimConfig(**manifest.configuration) == with_sampling(
+        scene.configured(CONFIG), sequence.rig
+    )
     assert manifest.renderer.startswith("mujoco 4")
     assert manifest.depth_range_m == (0.7, 3.0)
 
@@ -152,7 +155,7 @@ def test_an_interrupted_run_leaves_nothing(folder, scene, error):
 
 def test_too_fast_a_motion_leaves_nothing(folder, scene):
     before = set(folder.iterdir())
-    config = SimConfig(min_frame_interval_us=9_000)
+    config = SimConfig(max_displacement_px=0.5, min_frame_interval_us=9_000)
     with pytest.raises(InputError, match="slow the motion"):
         simulate(scene, made.tiny_rig(), config, 0, folder / "fast")
     assert set(folder.iterdir()) == before

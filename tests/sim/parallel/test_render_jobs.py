@@ -21,7 +21,7 @@ from noise_scene import CONFIG, Killed, contents, motion, scene_in, stop_at, tex
 from places import HELPERS
 from sim.config import SimConfig
 from sim.parallel.checkpoint import checkpoint_path
-from sim.parallel.render_job import CHUNK_US, chunk_bounds_us
+from sim.parallel.render_job import chunk_bounds_us
 from sim.parallel.workers import slot_count
 from sim.sensor.labels import Label
 from sim.sensor_presets import SensorConfig
@@ -220,7 +220,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, whole, w
     assert left == {"s", "noise.xml", "killed.py"}
 
 
-def test_a_worker_that_dies_is_told_and_loses_nothing(folder, scene, whole, monkeypatch):
+def test_a_worker_that_dies_is_told_and_loses_nothing(folder, scene, monkeypatch):
     out = folder / "died"
     # So few that the workers cannot be done long before the parent is.
     monkeypatch.setattr("sim.parallel.workers.slot_count", lambda _job: 2)
@@ -230,15 +230,17 @@ def test_a_worker_that_dies_is_told_and_loses_nothing(folder, scene, whole, monk
             for child in multiprocessing.active_children():
                 os.kill(child.pid, signal.SIGKILL)
 
+    many = CONFIG.model_copy(update={"max_displacement_px": 0.5})
+    simulate(scene, made.tiny_rig(), many, 0, folder / "not-killed")
     with pytest.raises(InputError, match="run again"):
-        simulate(scene, made.tiny_rig(), CONFIG, 0, out, workers=2, commit_s=0, progress=kill)
+        simulate(scene, made.tiny_rig(), many, 0, out, workers=2, commit_s=0, progress=kill)
     assert checkpoint_path(out).exists()
-    simulate(scene, made.tiny_rig(), CONFIG, 0, out)
-    assert contents(out) == contents(whole)
+    simulate(scene, made.tiny_rig(), many, 0, out)
+    assert contents(out) == contents(folder / "not-killed")
 
 
 def test_what_workers_refuse_is_one_line(folder, scene):
-    config = SimConfig(min_frame_interval_us=9_000)
+    config = SimConfig(max_displacement_px=0.5, min_frame_interval_us=9_000)
     with pytest.raises(InputError, match="slow the motion"):
         simulate(scene, made.tiny_rig(), config, 0, folder / "fast", workers=2)
     local = replace(scene, textures=lambda: textures())
@@ -252,16 +254,18 @@ def test_what_workers_refuse_is_one_line(folder, scene):
 
 def test_chunks_meet_at_all_truth_times_and_are_short():
     truth_us = [0, 3, 50_000, 50_001, 1_000_000]
-    bounds_us = chunk_bounds_us(truth_us)
+    bounds_us = chunk_bounds_us(truth_us, 12_500)
     assert bounds_us == sorted(set(bounds_us))
     assert set(truth_us) <= set(bounds_us)
-    assert np.diff(bounds_us).max() <= CHUNK_US
+    assert np.diff(bounds_us).max() <= 12_500
     assert (bounds_us[0], bounds_us[-1]) == (0, 1_000_000)
 
 
 def test_slots_are_bounded_in_memory(scene):
     big = Rig("big", (Camera(1280, 720, 1000, 1000, 640, 360),) * 2, (np.eye(4),) * 2)
-    assert 10 < slot_count(make_job(scene, big, CONFIG, 0)) < 30
+    plain = CONFIG.model_copy(update={"sampling": "linear"})
+    assert 10 < slot_count(make_job(scene, big, plain, 0)) < 30
+    assert 3 <= slot_count(make_job(scene, big, CONFIG, 0)) < 8
 
 
 def test_too_little_disk_or_memory_is_refused_with_numbers(folder, scene, monkeypatch):

@@ -115,7 +115,7 @@ def test_surfaces_that_come_into_view_are_checked_backwards():
 
 
 def test_too_fast_a_motion_is_refused():
-    config = SimConfig(min_frame_interval_us=1_000)
+    config = SimConfig(sampling="linear", min_frame_interval_us=1_000)
     source = Walls(made.tiny_rig(), (0.5, 0.5))
     with pytest.raises(InputError, match=r"at t = 0 µs, allowed are 0.5") as caught:
         list(adaptive_frames(source, sideways(20.0), [0, 50_000], config))
@@ -125,7 +125,7 @@ def test_too_fast_a_motion_is_refused():
 def test_rotation_alone_counts_where_there_is_no_surface():
     turn = HeadSway(np.eye(4), (Wave(1.0, amplitude_deg=(0, 20, 0)),))
     source = Walls(made.tiny_rig(), (np.inf, np.inf))
-    taken = list(adaptive_frames(source, turn, [0, 100_000], SimConfig()))
+    taken = list(adaptive_frames(source, turn, [0, 100_000], SimConfig(sampling="linear")))
     steps = [moved_both_ways(source.rig, a, b) for a, b in pairwise(taken)]
     assert 0.4 < max(steps) <= 0.5 + 1e-6
 

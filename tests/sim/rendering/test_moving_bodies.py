@@ -139,7 +139,7 @@ def test_no_pixel_of_a_moving_body_goes_too_far_before_a_head_at_rest(tmp_path):
     """The head's motion alone would allow the longest interval."""
     scene, rig = scene_in(tmp_path), made.small_rig()
     still = HeadSway(look_at((0, 0, 1), (2, 0, 1)), ())
-    config = SimConfig(max_displacement_px=0.5)
+    config = SimConfig(sampling="linear")
     with StereoRenderer(
         scene.spec(), rig, 2, scene.depth_range_m, animate=scene.animate
     ) as renderer:
