@@ -208,14 +208,15 @@ def _settings_grid(comparison: Comparison, settings: Sequence[Setting]) -> Grid:
 def sections_of(comparison: Comparison) -> tuple[Section, ...]:
     """A section over all cases where there are several, then one per case."""
     found: list[tuple[str, list[tuple[Difference, ...]]]] = []
+    cases = _cases(comparison)
     if any(pair.means for pair in comparison.pairs):
         found.append(
             (
-                f"Mean of {plural(len(_cases(comparison)), 'case')}",
+                f"Mean of {plural(len(cases), 'case')}",
                 [pair.means for pair in comparison.pairs],
             )
         )
-    for case in _cases(comparison):
+    for case in cases:
         of_case = [tuple(o for o in pair.cases if o.case == case) for pair in comparison.pairs]
         found.append((case, of_case))
     return tuple(_section(comparison, k, *one) for k, one in enumerate(found))
@@ -236,78 +237,52 @@ def _section(
 
 
 def _grid(comparison: Comparison, metric: str, found: Sequence[Sequence[Difference]]) -> Grid:
+    """One line per method, and of several results one for each."""
     head = column(metric)
     first, *others = comparison.names
-    methods = list(dict.fromkeys(one.method for differences in found for one in differences))
-    by_method = [{one.method: one for one in differences} for differences in found]
-    alike = _alike(by_method, methods)
-    heads = [Head("method")]
-    heads += [Head(first, head.unit, head.better, arrow=True)] if alike else []
-    for name in others:
-        heads += [] if alike else [Head(first, head.unit, head.better, arrow=True)]
-        heads += [Head(name, head.unit, head.better, arrow=True), Head("Δ", head.unit)]
-        heads += [Head("Δ from", head.unit), Head("Δ to", head.unit), Head("Δ", "%")]
-        heads += [Head("seeds"), Head("p", "Holm"), Head(VERDICT, text=True)]
-    lines = tuple(_line(method, by_method, alike) for method in methods)
+    heads = [Head("method"), Head("result", text=True)] if len(others) > 1 else [Head("method")]
+    value = others[0] if len(others) == 1 else "value"
+    heads += [Head(name, head.unit, head.better, arrow=True) for name in (first, value)]
+    heads += [Head(title, head.unit) for title in ("Δ", "Δ from", "Δ to")]
+    heads += [Head("Δ", "%"), Head("seeds"), Head("p", "Holm"), Head(VERDICT, text=True)]
+    named = [(one, name) for name, of_one in zip(others, found, strict=True) for one in of_one]
+    methods = list(dict.fromkeys(one.method for one, _ in named))
+    named.sort(key=lambda pair: methods.index(pair[0].method))
+    lines = tuple(_line(one, name if len(others) > 1 else "") for one, name in named)
     return Grid(tuple(heads), lines, definition(metric))
 
 
-def _alike(by_method: Sequence[Mapping[str, Difference]], methods: Sequence[str]) -> bool:
-    """Whether the reference has the same values for all: the same seeds and windows in common."""
-    return all(
-        len({found[method].first for found in by_method if method in found}) == 1
-        for method in methods
-    )
-
-
-def _line(
-    method: str, by_method: Sequence[Mapping[str, Difference]], alike: bool
-) -> tuple[GridCell, ...]:
-    cells = [GridCell(method, colour=line_style(method).css)]
-    if alike:
-        cells.append(_first(next(found[method] for found in by_method if method in found)))
-    for found in by_method:
-        one = found.get(method)
-        cells += [] if alike else [GridCell("–") if one is None else _first(one)]
-        cells += [GridCell("–")] * 8 if one is None else _judged(one)
-    return tuple(cells)
-
-
-def _first(one: Difference) -> GridCell:
-    return GridCell(shown(one.first, one.unit), one.first)
-
-
-def _judged(one: Difference) -> list[GridCell]:
-    comparable = one.verdict != "not comparable"
-    kind = _KINDS.get(one.verdict, "other")
-    change = one.change if comparable else math.nan
+def _line(one: Difference, name: str) -> tuple[GridCell, ...]:
+    change = one.change if one.verdict != "not comparable" else math.nan
     share = 100 * change / abs(one.first) if one.first else math.nan
-    numbers = [
+    sure = [
         GridCell("–" if math.isnan(value) else signed(value, one.unit), value)
         for value in (change, one.low, one.high)
     ]
     relative = "–" if math.isnan(share) else f"{share:+.1f}".replace("-", "−")
-    return [
+    return (
+        GridCell(one.method, colour=line_style(one.method).css),
+        *((GridCell(name),) if name else ()),
+        GridCell(shown(one.first, one.unit), one.first),
         GridCell(shown(one.other, one.unit), one.other),
-        *numbers,
+        *sure,
         GridCell(relative, share),
         GridCell(str(one.seeds) if one.seeds else "–", one.seeds or math.nan),
         GridCell("–" if math.isnan(one.p_holm) else f"{one.p_holm:.3f}", one.p_holm),
-        GridCell(one.words, kind=kind),
-    ]
+        GridCell(one.words, kind=_KINDS.get(one.verdict, "other")),
+    )
 
 
 def comparison_tables(comparison: Comparison) -> dict[str, TextTable]:
     """The settings that differ, and one table per case and metric."""
     settings = _settings_grid(comparison, comparison.differing)
     tables = {"settings": _text_table("Settings that differ", settings)}
+    names, cases = {column(name).title: name for name in RANKING_COLUMNS}, _cases(comparison)
     for section in sections_of(comparison):
-        titles = {column(name).title: name for name in RANKING_COLUMNS}
-        is_mean = section.title not in _cases(comparison)
-        for name, grid in zip(section.names, section.tables, strict=True):
-            caption = f"{section.title}: {name}"
-            stem = "mean-of-cases" if is_mean else section.title
-            tables[f"{stem}-{titles[name]}"] = _text_table(caption, grid)
+        stem = section.title if section.title in cases else "mean-of-cases"
+        for title, grid in zip(section.names, section.tables, strict=True):
+            caption = f"{section.title}: {title}"
+            tables[f"{stem}-{names[title]}"] = _text_table(caption, grid)
     return tables
 
 

@@ -290,8 +290,13 @@ def _with_stages(
 def windows_text(times: Mapping[str, WindowTime]) -> str:
     """How many windows there are and where the first ones lie, for people."""
     shown = [
-        f"{one.start_s:.6g}–{one.end_s:.6g} s at {one.reference_s:.6g} s"
+        f"{_short(one.start_s)}–{_short(one.end_s)} s at {_short(one.reference_s)} s"
         for one in list(times.values())[:_MOST_WINDOWS]
     ]
     rest = len(times) - len(shown)
     return "; ".join(shown) + (f"; {rest} more" if rest else "")
+
+
+def _short(time_s: float) -> str:
+    """To a tenth of a millisecond: the end lies 1 µs behind the last event."""
+    return f"{round(time_s, 4):g}"

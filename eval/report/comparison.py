@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
-from eval.report.compared_results import WHOLE, CaseResult, ComparedResult, Number
+from eval.report.comparability import (
+    apart,
+    not_comparable,
+    nothing_in_common,
+    other_truth,
+    same_data,
+    same_time,
+)
+from eval.report.compared_results import CaseResult, ComparedResult, Number
 from eval.report.ranking import RANKING_COLUMNS, shown
 from eval.scoring.metrics import Better
 from eval.scoring.significance import ALPHA, holm, intervals, stratified_interval, stratified_p
@@ -22,9 +30,7 @@ Verdict = Literal[
     "better", "worse", "no difference shown", "undecided", "equal", "not comparable", "not judged"
 ]
 Floats = NDArray[np.float64]
-Pairs = dict[int | None, tuple[Floats, Floats]]
 _NAN = math.nan
-_COMMON = "common_"
 
 
 @dataclass(frozen=True)
@@ -137,32 +143,11 @@ def _pair(first: ComparedResult, other: ComparedResult) -> Pair:
     names = [case for case in first.names if case in other.names]
     found = [one for case in names for one in _differences(case, first, other)]
     if not found:
-        raise InputError(_nothing_in_common(first, other))
+        raise InputError(nothing_in_common(first, other, PRIMARY[0]))
     cases = tuple(_with_intervals(found))
     means = tuple(_means(cases, len(names))) if len(names) > 1 else ()
     data = tuple(text for case in names if (text := same_data(case, first, other)))
-    return Pair(first, other, cases, means, data, tuple(_apart(first, other)))
-
-
-def _nothing_in_common(first: ComparedResult, other: ComparedResult) -> str:
-    texts = (
-        f"{one.name} has {_few(one.names)} with {_few(_methods(one, one.names))}"
-        for one in (first, other)
-    )
-    return (
-        f"nothing to compare: {'; '.join(texts)}; give results that share a case, a method and a "
-        f"metric such as {PRIMARY[0]}"
-    )
-
-
-def _few(names: Iterable[str]) -> str:
-    found = list(names)
-    more = f" and {len(found) - 4} more" if len(found) > 4 else ""
-    return ", ".join(found[:4]) + more if found else "nothing"
-
-
-def _methods(result: ComparedResult, cases: Iterable[str]) -> list[str]:
-    return list(dict.fromkeys(m for case in cases for m in result.first(case).methods))
+    return Pair(first, other, cases, means, data, tuple(apart(first, other)))
 
 
 def _differences(case: str, first: ComparedResult, other: ComparedResult) -> Iterator[Difference]:
@@ -174,7 +159,7 @@ def _differences(case: str, first: ComparedResult, other: ComparedResult) -> Ite
             continue
         unit, better = one.units[number]
         base = Difference(case, number.method, number.metric, unit, better)
-        if why := _not_comparable(number, (first, other), (one, two)):
+        if why := not_comparable(number, (first, other), (one, two)):
             values = (_alone(result, case, number) for result in (first, other))
             yield _finished(base, *values, verdict="not comparable", why=why)
         elif not seeds:
@@ -200,35 +185,8 @@ def _mean(values: Sequence[float]) -> float:
     return float(np.mean(values)) if len(values) else _NAN
 
 
-def _not_comparable(
-    number: Number,
-    results: tuple[ComparedResult, ComparedResult],
-    cases: tuple[CaseResult, CaseResult],
-) -> str:
-    """Why two numbers are not of one kind; empty where they are."""
-    (first, other), (one, two) = results, cases
-    versions = [case.metrics.get(number.metric) for case in cases]
-    if None not in versions and versions[0] != versions[1]:
-        return "the metric computes something else"
-    made = [result.versions.get("eventsweep", "unknown") for result in (first, other)]
-    if None in versions and made[0] != made[1]:
-        return f"scored by eventsweep {made[0]} and {made[1]}"
-    if one.units[number] != two.units[number]:
-        return "another unit or direction"
-    differing = _differing_scores(one.settings, two.settings)
-    if differing:
-        return f"other pixels are scored: {', '.join(differing)}"
-    if number.metric.startswith(_COMMON) and set(one.methods) != set(two.methods):
-        return "common to other methods"
-    return ""
-
-
-def _differing_scores(one: Mapping[str, Any], two: Mapping[str, Any]) -> list[str]:
-    a, b = (
-        group if isinstance(group, dict) else {} for group in (one.get("score"), two.get("score"))
-    )
-    names = [name for name in {**a, **b} if a.get(name) != b.get(name)]
-    return [f"score.{name}" for name in names if name != "ranking_metric"]
+def _joined(*parts: str) -> str:
+    return "; ".join(part for part in parts if part)
 
 
 def _paired(
@@ -256,33 +214,19 @@ def _paired(
         seeds=len(kept),
         why=_joined(
             f"undefined in {lost} of {sum(map(len, both))} windows" if lost else "",
-            "another true depth" if _other_truth(base.case, first, other, seeds) else "",
+            "another true depth" if other_truth(base.case, first, other, seeds) else "",
         ),
         strata=tuple(b - a for a, b in kept),
     )
 
 
-def _other_truth(
-    case: str, first: ComparedResult, other: ComparedResult, seeds: Sequence[int | None]
-) -> bool:
-    truths = ((first.cases[case, seed].truth, other.cases[case, seed].truth) for seed in seeds)
-    return any(_apart_hash(a, b) for a, b in truths)
-
-
 def pair_windows(one: CaseResult, two: CaseResult, number: Number) -> tuple[Floats, Floats]:
     """(N,) values of the windows that both have; of none in common, each one's mean."""
     a, b = (case.values.get(number, {}) for case in (one, two))
-    names = [name for name in a if name in b and _same_time(one, two, name)]
+    names = [name for name in a if name in b and same_time(one, two, name)]
     if names:
         return np.array([a[name] for name in names]), np.array([b[name] for name in names])
     return np.array([_mean(list(a.values()))]), np.array([_mean(list(b.values()))])
-
-
-def _same_time(one: CaseResult, two: CaseResult, window: str) -> bool:
-    """Whether the reference views are of one moment, as far as that is known."""
-    if window not in one.times or window not in two.times:
-        return True
-    return math.isclose(one.times[window].reference_s, two.times[window].reference_s, abs_tol=2e-6)
 
 
 def _with_intervals(found: Sequence[Difference]) -> Iterator[Difference]:
@@ -373,95 +317,6 @@ def _verdict(one: Difference) -> Difference:
 
 def _here(one: Difference) -> str:
     return "equal on the whole" if one.direction == "equal" else f"{one.direction} here"
-
-
-def _joined(*parts: str) -> str:
-    return "; ".join(part for part in parts if part)
-
-
-def same_data(case: str, first: ComparedResult, other: ComparedResult) -> str:
-    """What is to be said about the data of a case; empty where they are the same."""
-    seeds = [seed for seed in first.seeds(case) if seed in other.seeds(case)]
-    if not seeds:
-        texts = (_few(map(_seed_text, result.seeds(case))) for result in (first, other))
-        return f"{case}: not the same data, seeds {' against '.join(texts)}: nothing is paired."
-    pairs = [(first.cases[case, seed], other.cases[case, seed]) for seed in seeds]
-    told = dict.fromkeys(text for one, two in pairs if (text := _data_differ(one, two)))
-    return f"{case}: {'; '.join(told)}." if told else ""
-
-
-def _seed_text(seed: int | None) -> str:
-    return "none" if seed is None else str(seed)
-
-
-def _data_differ(one: CaseResult, two: CaseResult) -> str:
-    if one.sequence and one.sequence == two.sequence:
-        return ""
-    if not (one.sequence and two.sequence):
-        return "no hash says whether it is the same data; pairs are taken by name"
-    events, truth = (
-        _apart_hash(a, b) for a, b in ((one.events, two.events), (one.truth, two.truth))
-    )
-    if events is False and truth is False:
-        return ""
-    windows = any(_same_time(one, two, w) for w in one.times if w in two.times) or not one.times
-    paired = f"seeds {'and windows ' if windows else ''}are paired, pixels are not"
-    if truth is False:
-        return f"not the same events, the same true depth; {paired}"
-    if events is False:
-        return f"the same events, another true depth; {paired}"
-    return f"not the same data (other events{' and another true depth' if truth else ''}); {paired}"
-
-
-def _apart_hash(a: str, b: str) -> bool | None:
-    """Whether two hashes differ; None where one is not known."""
-    return a != b if a and b else None
-
-
-def _apart(first: ComparedResult, other: ComparedResult) -> Iterator[str]:
-    """What only one of two results has: it is not compared."""
-    for one, two in ((first, other), (other, first)):
-        lacking = [case for case in one.names if case not in two.names]
-        if lacking:
-            yield f"Only {one.name} has the case{'s' * (len(lacking) > 1)} {', '.join(lacking)}."
-        yield from _grouped(one, two, "method", _only_methods)
-        yield from _grouped(one, two, "seed", _only_seeds)
-        yield from _grouped(one, two, "window", _only_windows)
-        for job, reason in one.failures.items():
-            yield f"Failed in {one.name}: {job}: {reason}"
-
-
-def _grouped(one: ComparedResult, two: ComparedResult, noun: str, lacking: Any) -> Iterator[str]:
-    """One sentence for all cases that lack the same."""
-    groups: dict[tuple[str, ...], list[str]] = {}
-    shared = [case for case in one.names if case in two.names]
-    for case in shared:
-        if found := tuple(lacking(one, two, case)):
-            groups.setdefault(found, []).append(case)
-    for found, cases in groups.items():
-        where = "" if len(cases) == len(shared) else f" in {', '.join(cases)}"
-        yield f"Only {one.name} has the {noun}{'s' * (len(found) > 1)} {', '.join(found)}{where}."
-
-
-def _only_methods(one: ComparedResult, two: ComparedResult, case: str) -> list[str]:
-    known = two.first(case).methods
-    return [method for method in one.first(case).methods if method not in known]
-
-
-def _only_seeds(one: ComparedResult, two: ComparedResult, case: str) -> list[str]:
-    return [_seed_text(seed) for seed in one.seeds(case) if seed not in two.seeds(case)]
-
-
-def _only_windows(one: ComparedResult, two: ComparedResult, case: str) -> list[str]:
-    a, b = one.first(case), two.first(case)
-    names = dict.fromkeys(w for values in a.values.values() for w in values if w != WHOLE)
-    known = {w for values in b.values.values() for w in values}
-    return [_at(a, w) for w in names if w not in known or not _same_time(a, b, w)]
-
-
-def _at(case: CaseResult, window: str) -> str:
-    time = case.times.get(window)
-    return f"{window} at {time.reference_s:.6g} s" if time else window
 
 
 def counts_of(found: Iterable[Difference]) -> str:

@@ -148,8 +148,8 @@ def _text(value: Any) -> str:
         return value
     if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
         return str(int(value))
-    if isinstance(value, list) and value and not any(isinstance(one, list | dict) for one in value):
-        return _list(map(_text, value))
+    if isinstance(value, list) and not any(isinstance(one, list | dict) for one in value):
+        return _list(map(_text, value)) or "none"
     return json.dumps(value, ensure_ascii=False)
 
 
