@@ -126,13 +126,15 @@ def findings(comparison: Comparison) -> Iterator[str]:
 
 
 def settings_text(comparison: Comparison) -> str:
-    """What differs, in a sentence."""
-    found = [one.change() for one in comparison.differing]
+    """What somebody chose differently, or else what else differs, in a sentence."""
+    chosen = [one.change() for one in comparison.differing if one.chosen]
+    found = chosen or [one.change() for one in comparison.differing]
     if not found:
         return "No setting differs."
-    rest = len(found) - _MOST_SETTINGS
-    more = f"; and {plural(rest, 'other')}" if rest > 0 else ""
-    return f"What differs: {'; '.join(found[:_MOST_SETTINGS])}{more}."
+    rest = len(comparison.differing) - len(found[:_MOST_SETTINGS])
+    more = f"; and {plural(rest, 'other')} below" if rest > 0 else ""
+    said = "What differs" if chosen else "No setting differs, but"
+    return f"{said}: {'; '.join(found[:_MOST_SETTINGS])}{more}."
 
 
 def verdict_text(pair: Pair) -> str:
@@ -196,9 +198,14 @@ def _cases(comparison: Comparison) -> list[str]:
 
 
 def _settings_grid(comparison: Comparison, settings: Sequence[Setting]) -> Grid:
-    texts = ("setting", "of", "unit", *comparison.names)
+    apart = any(one.cases for one in settings)
+    texts = ("setting", *(("of",) if apart else ()), *comparison.names)
     lines = (
-        (one.name, ", ".join(one.cases) or "all cases", one.unit or "–", *one.told)
+        (
+            f"{one.name} [{one.unit}]" if one.unit else one.name,
+            *((", ".join(one.cases) or "all cases",) if apart else ()),
+            *one.told,
+        )
         for one in settings
     )
     cells = tuple(tuple(map(GridCell, line)) for line in lines)
@@ -209,13 +216,9 @@ def sections_of(comparison: Comparison) -> tuple[Section, ...]:
     """A section over all cases where there are several, then one per case."""
     found: list[tuple[str, list[tuple[Difference, ...]]]] = []
     cases = _cases(comparison)
-    if any(pair.means for pair in comparison.pairs):
-        found.append(
-            (
-                f"Mean of {plural(len(cases), 'case')}",
-                [pair.means for pair in comparison.pairs],
-            )
-        )
+    means = [pair.means for pair in comparison.pairs]
+    if any(means):
+        found.append((f"Mean of {plural(len(cases), 'case')}", means))
     for case in cases:
         of_case = [tuple(o for o in pair.cases if o.case == case) for pair in comparison.pairs]
         found.append((case, of_case))

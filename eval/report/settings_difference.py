@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from eval.config import Settings
-from eval.report.compared_results import CaseResult, ComparedResult, windows_text
+from eval.report.compared_results import ComparedResult, windows_text
 
 ABSENT = "–"
 _UNIT = re.compile(r"\[([^\]]+)\][.;]")
@@ -21,7 +21,7 @@ _ENDINGS = {
     "events_per_s": "1/s", "rows_per_s": "1/s", "rad_s": "rad/s", "m_s": "m/s", "us": "µs",
     "s": "s", "m": "m", "px": "px", "hz": "Hz", "percent": "%", "percentile": "%", "deg": "°",
 }  # fmt: skip
-_KNOWN_TO_SOME = ("scene", "renderer", "windows")
+_KNOWN_TO_SOME = ("scene", "renderer", "windows", "methods scored", "seeds")
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def settings_of(results: Sequence[ComparedResult]) -> tuple[Setting, ...]:
     """
     first, *others = results
     names = [case for case in first.names if all(case in other.names for other in others)]
-    per_case = {case: [_flat(result.first(case)) for result in results] for case in names}
+    per_case = {case: [_flat(result, case) for result in results] for case in names}
     return (*_settings(per_case, len(results)), *_circumstances(results, names))
 
 
@@ -90,15 +90,13 @@ def _settings(per_case: Mapping[str, Sequence[Mapping[str, str]]], count: int) -
 def _group(name: str) -> int:
     """What shapes the maps first: it is what people change."""
     groups = ("map", "sim", "rig", "scene", "windows", "score")
-    root = name.partition(".")[0].partition(" ")[0]
+    root = name.partition(".")[0].partition(" (")[0]
     return groups.index(root) if root in groups else len(groups)
 
 
 def _circumstances(results: Sequence[ComparedResult], names: Iterable[str]) -> Iterator[Setting]:
     for case in names:
         firsts = [result.first(case) for result in results]
-        yield _plain("methods", [_list(one.methods) for one in firsts], case)
-        yield _plain("seeds", [_list(map(_seed, result.seeds(case))) for result in results], case)
         for what in ("sequence", "events", "truth"):
             hashes = [getattr(one, what)[:_HASH] or ABSENT for one in firsts]
             yield _plain(f"sha256 of {what}", hashes, case)
@@ -125,10 +123,12 @@ def _list(values: Iterable[Any]) -> str:
     return ", ".join(map(str, values))
 
 
-def _flat(case: CaseResult) -> dict[str, str]:
+def _flat(result: ComparedResult, name: str) -> dict[str, str]:
+    case = result.first(name)
     found = dict(_leaves("", case.settings))
-    if case.times:
-        found["windows"] = windows_text(case.times)
+    found["windows"] = windows_text(case.times) if case.times else ABSENT
+    found["methods scored"] = _list(case.methods)
+    found["seeds"] = _list(map(_seed, result.seeds(name)))
     return found
 
 

@@ -47,6 +47,11 @@ class PictureRow:
     pictures: tuple[Picture, ...]
     scale: Scale | None = None
 
+    @property
+    def same(self) -> bool:
+        """Whether one picture stands for all results."""
+        return len(self.pictures) == 1 and self.pictures[0].name == ALL
+
 
 @dataclass(frozen=True, slots=True)
 class ComparedWindow:
