@@ -24,8 +24,8 @@ from eval.report.ranking import RANKING_COLUMNS, shown
 from eval.scoring.metrics import Better
 from eval.scoring.significance import ALPHA, holm, intervals, stratified_interval, stratified_p
 
-PRIMARY = ("mean_error", "bad_published", "completeness")
-"""Metrics that are judged: how far off, how often badly wrong, of how much of the truth."""
+PRIMARY = ("mean_error", "median_error", "bad_published", "points")
+"""Metrics that are judged: how wrong depths are, in metres and as the share called bad, and how many."""
 Verdict = Literal[
     "better", "worse", "no difference shown", "undecided", "equal", "not comparable", "not judged"
 ]

@@ -22,11 +22,11 @@ from eval.figures.images import (
     point_size_px,
 )
 from eval.report.compared_results import ComparedResult, Number
-from eval.report.ranking import HARMONIC, column, shown
+from eval.report.ranking import column, shown
 from eval.report.run_data import MethodData, RunData, WindowData, load_run
 
 ALL = "all results"
-_CAPTION = "mean_error"
+_CAPTION, _SHOWN_FIRST = "mean_error", "Alg1/H"
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +128,7 @@ def _case(
     methods = _shared_methods(view for group in groups for view in group)
     if not methods:
         return None
-    chosen = methods.index(HARMONIC) if HARMONIC in methods else 0
+    chosen = methods.index(_SHOWN_FIRST) if _SHOWN_FIRST in methods else 0
     drawn = tuple(_window(group, methods) for group in groups)
     return ComparedPictures(case, methods, chosen, drawn)
 

@@ -102,6 +102,28 @@ def test_the_cursor_reads_the_same_pixel_everywhere(tmp_path, page, data):
     assert float(numbers["confidence"]) == pytest.approx(method.confidence[y, x], rel=0.01)
 
 
+def test_a_comparison_shows_the_chosen_method_and_opens_what_is_folded(tmp_path, monkeypatch):
+    monkeypatch.setattr(side_by_side, "load_run", lambda _: report_data("desk"))
+    for name in "ab":
+        (tmp_path / name).mkdir()
+        write_results(tmp_path / name, report_data("desk").results)
+    page = page_text(compare(read_compared([tmp_path / "a", tmp_path / "b"])))
+    page = page.replace('<html lang="en">', '<html lang="en" class="ready">')
+    shown = """
+      const seen = () => [...document.querySelectorAll("#pictures0 .of")]
+        .filter((one) => one.offsetParent).map((one) => one.querySelector("img").alt);
+      const before = seen();
+      document.querySelector('label[for="pictures0-method-m0"]').click();
+      const folded = document.querySelector("#settings details");
+      folded.open = true;
+      return [before, seen(), folded.querySelectorAll("tbody tr").length > 5];
+    """
+    before, after, rows = _ask(tmp_path, page, shown)
+    assert before == ["Depth [m] of Alg1/H, a"]
+    assert after == ["Depth [m] of Alg1/max, a"]
+    assert rows
+
+
 def test_a_pixel_without_depth_says_so_until_a_method_has_one(tmp_path, page, data):
     first, second = (
         next(m for m in data.cases[0].windows[0].methods if m.name == name)
@@ -199,25 +221,3 @@ def test_on_a_phone_only_tables_and_plots_scroll_sideways(tmp_path, page):
       return [inner.clientWidth, inner.scrollWidth];"""
     wide, scrolled = _ask(tmp_path, holder, question)
     assert 300 < scrolled <= wide <= 390
-
-
-def test_a_comparison_shows_the_chosen_method_and_opens_what_is_folded(tmp_path, monkeypatch):
-    monkeypatch.setattr(side_by_side, "load_run", lambda _: report_data("desk"))
-    for name in "ab":
-        (tmp_path / name).mkdir()
-        write_results(tmp_path / name, report_data("desk").results)
-    page = page_text(compare(read_compared([tmp_path / "a", tmp_path / "b"])))
-    page = page.replace('<html lang="en">', '<html lang="en" class="ready">')
-    shown = """
-      const seen = () => [...document.querySelectorAll("#pictures0 .of")]
-        .filter((one) => one.offsetParent).map((one) => one.querySelector("img").alt);
-      const before = seen();
-      document.querySelector('label[for="pictures0-method-m0"]').click();
-      const folded = document.querySelector("#settings details");
-      folded.open = true;
-      return [before, seen(), folded.querySelectorAll("tbody tr").length > 5];
-    """
-    before, after, rows = _ask(tmp_path, page, shown)
-    assert before == ["Depth [m] of Alg1/H, a"]
-    assert after == ["Depth [m] of Alg1/max, a"]
-    assert rows

@@ -32,7 +32,7 @@ from report_data import WellFormed, report_data
 from sim.config import SimConfig
 
 METRICS = {"mean_error": ("m", "lower"), "bad_published": ("%", "lower"),
-           "completeness": ("%", "higher"), "rmse": ("m", "lower"),
+           "points": ("px", "higher"), "rmse": ("m", "lower"),
            "common_mean_error": ("m", "lower")}  # fmt: skip
 FACTS = SampleFacts("sequence", "truth", "scene", "gl", {}, {}, {})
 
@@ -209,7 +209,7 @@ def test_seeds_and_windows_are_paired_and_the_interval_is_that_of_the_difference
 @pytest.mark.parametrize(
     ("metric", "shift", "verdict"),
     [("mean_error", 0.05, "worse"), ("mean_error", -0.05, "better"), ("mean_error", 0.0, None),
-     ("completeness", 0.05, "better"), ("rmse", 0.05, "not judged")],
+     ("points", 0.05, "better"), ("rmse", 0.05, "not judged")],
 )  # fmt: skip
 def test_verdicts_follow_the_metrics_direction(tmp_path, metric, shift, verdict):
     values = [spread(6, 0, 0), spread(6, shift, 0.002)]
