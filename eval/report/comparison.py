@@ -25,7 +25,7 @@ from eval.scoring.metrics import Better
 from eval.scoring.significance import ALPHA, holm, intervals, stratified_interval, stratified_p
 
 PRIMARY = ("mean_error", "median_error", "bad_published", "points")
-"""Metrics that are judged: how wrong depths are, in metres and as the share called bad, and how many."""
+"""Metrics that are judged: how wrong depths are, how often they are bad, and how many there are."""
 Verdict = Literal[
     "better", "worse", "no difference shown", "undecided", "equal", "not comparable", "not judged"
 ]
