@@ -86,6 +86,11 @@ class Difference:
         return "better" if (self.change < 0) == (self.better == "lower") else "worse"
 
     @property
+    def spared(self) -> bool:
+        """Whether it would count as a difference if nothing else had been tested."""
+        return self.verdict == "no difference shown" and (self.low > 0 or self.high < 0)
+
+    @property
     def brief(self) -> str:
         """The verdict, and what the one seed shows that decides nothing."""
         if self.verdict != "undecided" or self.seeds != 1:
@@ -320,9 +325,14 @@ def _here(one: Difference) -> str:
 
 
 def counts_of(found: Iterable[Difference]) -> str:
-    """How many of each verdict, in words."""
+    """How many of each verdict, in words, and how many of them the correction decided."""
+    found = list(found)
     verdicts = [one.verdict for one in found]
-    return ", ".join(f"{verdicts.count(one)} {one}" for one in dict.fromkeys(verdicts))
+    text = ", ".join(f"{verdicts.count(one)} {one}" for one in dict.fromkeys(verdicts))
+    spared = sum(one.spared for one in found)
+    if spared:
+        text += f" ({spared} of these only for the number of tests: the interval leaves out zero)"
+    return text
 
 
 def signed(value: float, unit: str) -> str:

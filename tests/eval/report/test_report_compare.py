@@ -238,6 +238,8 @@ def test_many_numbers_need_more_to_be_called_different(tmp_path):
     assert spared, "a draw that shows nothing"
     assert {one.verdict for one in spared} == {"no difference shown"}
     assert {one.why for one in spared} == {"worse, but for the number of tests"}
+    assert all(one.spared for one in spared)
+    assert f"({len(spared)} of these only for the number of tests" in page_text(compared(*folders))
 
 
 def test_one_seed_has_no_interval_and_decides_nothing(tmp_path, capsys):
