@@ -22,6 +22,7 @@ import llvmlite
 import numba
 
 from emvs.errors import InputError
+from emvs.utils.files import digests
 
 _ROOT = Path(__file__).parents[2]
 _PACKAGES = ("emvs", "sim", "eval")
@@ -60,9 +61,7 @@ def kernel_version() -> str:
     """16 hexadecimal digits over the files of compiled functions and over who compiles them."""
     parts = [platform.python_implementation(), platform.python_version()]
     parts += [numba.__version__, llvmlite.__version__]
-    for file in kernel_files():
-        digest = hashlib.sha256(file.read_bytes()).hexdigest()
-        parts.append(f"{file.relative_to(_ROOT).as_posix()} {digest}")
+    parts += digests(kernel_files(), _ROOT)
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 
 

@@ -1,4 +1,4 @@
-"""A content-addressed store of what jobs made: whole, verified by hash, shared by processes.
+"""A content-addressed store of what was made before: whole, verified by hash, shared by processes.
 
 An entry is a folder named by its key, which says everything that decides its content. It appears
 complete or not at all, and is read only after its hashes agreed.
@@ -30,7 +30,7 @@ Fill = Callable[[Path], None]
 
 @dataclass(frozen=True)
 class CacheEntry:
-    """What a job made.
+    """What was made.
 
     Attributes:
         key: name of the entry.
@@ -80,7 +80,7 @@ class Cache:
             (self.folder / _LOCKS).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(
-                f"cache {folder}: cannot be made ({error.strerror}); name another with --cache"
+                f"cache {folder}: cannot be made ({error.strerror}): choose another"
             ) from error
 
     def get(self, key: str, facts: Any, fill: Fill) -> CacheEntry:
