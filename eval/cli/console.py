@@ -11,17 +11,15 @@ from rich.console import Console as RichConsole
 from rich.markup import escape
 from rich.table import Table
 
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.maps.folder import StoredMap, StoredWindow
 from eval.cli.exit_codes import with_flags
 from eval.progress import Bars, Progress, Silent
-from eval.report import ranking
-from eval.scoring.results import POOLED, Results, Row, to_json
 
 if TYPE_CHECKING:
+    from emvs.maps.folder import StoredMap, StoredWindow
     from emvs.maps.merge import FusedInfo
     from eval.report.compare_page import Comparison
     from eval.report.comparison import Pair
+    from eval.scoring.results import Results, Row
 
 _MOST_SKIPPED_SHOWN = 5
 
@@ -37,6 +35,10 @@ class Console:
 
     def results(self, results: Results, ranking_metric: str) -> None:
         """The ranking of each case, and what it says in words."""
+        # Here as everywhere in this file: no command waits for what another one prints.
+        from eval.report import ranking
+        from eval.scoring.results import POOLED, to_json
+
         if self._as_json:
             self._out.out(to_json(results), end="", highlight=False)
         for case in dict.fromkeys(row.case for row in results.rows) if self._show else ():
@@ -71,6 +73,8 @@ class Console:
 
     def sequence(self, path: Path) -> None:
         """What a sequence holds."""
+        from emvs.data.sequence import Sequence as EventSequence
+
         sequence = EventSequence.open(path)
         counts = sequence.manifest.event_counts
         t0_us, t1_us = sequence.trajectory.span_us
@@ -125,6 +129,8 @@ _COLUMNS = ("points", "mean_error", "common_mean_error", "median_error", "abs_re
 
 
 def _ranking(case: str, rows: Sequence[Row], metric: str) -> Table:
+    from eval.report import ranking
+
     content = ranking.table(rows, metric, _COLUMNS)
     table = Table(title=f"{case}, by {ranking.column(metric).title}", title_justify="left")
     table.add_column("method", no_wrap=True)
@@ -139,6 +145,7 @@ def _ranking(case: str, rows: Sequence[Row], metric: str) -> Table:
 
 def _compared(pair: Pair) -> Table:
     """One line per method, of the first metric that is judged."""
+    from eval.report import ranking
     from eval.report.comparison import interval_text, signed
 
     metric = pair.headline[0].metric if pair.headline else ""
