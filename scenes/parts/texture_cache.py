@@ -53,7 +53,7 @@ def kept(draw: Draw) -> Draw:
 
         try:
             entry = _entry({"of": f"{draw.__module__}.{draw.__qualname__}", **_makers()}, fill)
-            return drawn or {file.stem: np.load(file) for file in entry.path.iterdir()}
+            return drawn or {Path(name).stem: np.load(entry.path / name) for name in entry.files}
         except (OSError, ValueError, InputError):
             return drawn or draw()
 
