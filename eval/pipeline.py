@@ -6,7 +6,9 @@ the first vote for nothing of the simulator.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import gc
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -93,12 +95,16 @@ def simulate_scene(
     Raises:
         InputError: an unknown scene or rig, or what `sim.simulate.simulate` refuses.
     """
-    import scenes
-    from sim.rigs import rig as named_rig
-    from sim.simulate import simulate
+    with progress.stage(f"simulate {scene}", 1) as update, _collection_paused() as resume:
+        import scenes
+        from sim.rigs import rig as named_rig
+        from sim.simulate import simulate
 
-    loaded = scenes.load(scene)
-    with progress.stage(f"simulate {scene}", 1) as update:
+        def show(done_us: int, total_us: int, events: int) -> None:
+            resume()  # the first picture is there: nothing is imported any more
+            update(done_us / total_us, f"{done_us / 1e3:.0f} ms, {events / 1e6:.2f} M events")
+
+        loaded = scenes.load(scene)
         simulate(
             loaded,
             named_rig(rig or loaded.rig),
@@ -109,10 +115,23 @@ def simulate_scene(
             workers=workers,
             resume=not fresh,
             notice=progress.say,
-            progress=lambda done_us, total_us, events: update(
-                done_us / total_us, f"{done_us / 1e3:.0f} ms, {events / 1e6:.2f} M events"
-            ),
+            progress=show,
         )
+
+
+@contextmanager
+def _collection_paused() -> Iterator[Callable[[], None]]:
+    """Keeps Python's collector of cycles from looking through what imports make, which stays.
+
+    It would look through all of it each time that it has grown by a quarter. Yields a function that
+    lets it work again; the end does so in any case.
+    """
+    resume = gc.enable if gc.isenabled() else gc.disable
+    gc.disable()
+    try:
+        yield resume
+    finally:
+        resume()
 
 
 def score_folder(folder: Path, config: EvalConfig, predictions: Sequence[Path] = ()) -> Results:

@@ -23,7 +23,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from importlib import _bootstrap, import_module
+from importlib import _bootstrap
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -92,13 +92,21 @@ def child(scene: str, out: str) -> None:
     """Runs the command up to its first picture and prints the stages as JSON."""
     watch = Stopwatch()
     # Called for what is not loaded yet: a watch on `__import__` would cost more than it measures.
-    _bootstrap._find_and_load = watch.watch(_bootstrap._find_and_load, IMPORTS)
-    with watch.stage(REST):
-        from eval.cli.main import main
+    bootstrap: Any = _bootstrap
+    load = watch.watch(bootstrap._find_and_load, IMPORTS)
 
-        _watch_stages(watch, scene)
+    def loaded(name: str, import_: Any) -> Any:
+        module = load(name, import_)
+        _watch_stages(watch, name, module)
+        return module
+
+    bootstrap._find_and_load = loaded
+    sys.argv = ["eventsweep", "simulate", scene, "--seconds", "0.01", "--out", out, "--quiet"]
+    with watch.stage(REST):
+        from eventsweep.__main__ import main
+
         try:
-            main(["simulate", scene, "--seconds", "0.01", "--out", out, "--quiet"])
+            main()
         except _Done:
             sys.stdout.write(json.dumps(watch.spent_s))
             sys.stdout.flush()
@@ -106,17 +114,23 @@ def child(scene: str, out: str) -> None:
     sys.exit("it ended without a picture")
 
 
-def _watch_stages(watch: Stopwatch, scene: str) -> None:
-    import scenes
+def _watch_stages(watch: Stopwatch, name: str, module: Any) -> None:
+    """Puts watches into a module that was just imported."""
+    for _, names, stage in (one for one in STAGES if one[0] == name):
+        *owners, function = names.split(".")
+        owner = functools.reduce(getattr, owners, module)
+        watched = watch.watch(getattr(owner, function), stage)
+        setattr(owner, function, _ending(watched) if stage == PICTURE else watched)
+    if name == "scenes":
+        module.load = _drawing(watch, module.load)
 
-    for module, names, stage in STAGES:
-        *owners, name = names.split(".")
-        owner = functools.reduce(getattr, owners, import_module(module))
-        watched = watch.watch(getattr(owner, name), stage)
-        setattr(owner, name, _ending(watched) if stage == PICTURE else watched)
-    chosen = scenes.load(scene)
-    chosen = replace(chosen, textures=watch.watch(chosen.textures, TEXTURES))
-    scenes.load = lambda _name: chosen
+
+def _drawing(watch: Stopwatch, load: Callable[[str], Any]) -> Callable[[str], Any]:
+    def watched(name: str) -> Any:
+        scene = load(name)
+        return replace(scene, textures=watch.watch(scene.textures, TEXTURES))
+
+    return watched
 
 
 def _ending(picture: Callable[..., Any]) -> Callable[..., Any]:
