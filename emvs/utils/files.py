@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import errno
-import hashlib
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -132,14 +131,6 @@ def flush(path: Path) -> None:
             except OSError as error:
                 if _is_full(error):
                     raise
-
-
-def digests(paths: Iterable[Path], root: Path) -> list[str]:
-    """One line for each file, sorted: its path below `root`, and the sha256 of its bytes."""
-    return sorted(
-        f"{path.relative_to(root).as_posix()} {hashlib.sha256(path.read_bytes()).hexdigest()}"
-        for path in paths
-    )
 
 
 def umask() -> int:

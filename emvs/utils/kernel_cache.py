@@ -14,7 +14,7 @@ import re
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -22,7 +22,6 @@ import llvmlite
 import numba
 
 from emvs.errors import InputError
-from emvs.utils.files import digests
 
 _ROOT = Path(__file__).parents[2]
 _PACKAGES = ("emvs", "sim", "eval")
@@ -63,6 +62,14 @@ def kernel_version() -> str:
     parts += [numba.__version__, llvmlite.__version__]
     parts += digests(kernel_files(), _ROOT)
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+
+
+def digests(paths: Iterable[Path], root: Path) -> list[str]:
+    """One line for each file, sorted: its path below `root`, and the sha256 of its bytes."""
+    return sorted(
+        f"{path.relative_to(root).as_posix()} {hashlib.sha256(path.read_bytes()).hexdigest()}"
+        for path in paths
+    )
 
 
 def kernel_files() -> list[Path]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from emvs.errors import InputError
 from emvs.utils.cache import Cache, CacheEntry, default_cache, key_of
-from emvs.utils.files import digests
+from emvs.utils.kernel_cache import digests
 from emvs.utils.runtime import versions
 
 if TYPE_CHECKING:
