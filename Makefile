@@ -89,6 +89,7 @@ measurements: setup studies
 	$(BIN)/python tests/benchmarks/study_extraction.py --sets development held-out --page docs/extraction.md \
 		--picture docs/images/extraction.png
 	$(BIN)/python tests/benchmarks/study_cost.py --page docs/performance.md --picture docs/images/cost.png
+	$(BIN)/python tests/benchmarks/first_picture.py --page docs/performance.md
 	$(BIN)/python tests/benchmarks/cost_methods.py --page docs/methods.md
 	$(BIN)/python tests/benchmarks/fault_runs.py --page docs/gate.md
 

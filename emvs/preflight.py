@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import shutil
 from pathlib import Path
 
 from emvs.config import MapperConfig
 from emvs.data.recording import DerivedRecording, Recording
 from emvs.errors import InputError
 from emvs.reference_view import ReferenceView
+from emvs.utils.files import bytes_text, free_bytes
 from emvs.windows import Window, time_steps
 
 _EVENT_BYTES = 13 + 16  # columns of the event, float32 of its ray
@@ -34,11 +34,11 @@ def check_view_fits(view: ReferenceView, methods: int, config: MapperConfig, out
     what += f"{len(view.rho)} planes"
     need_memory(methods * (_PIXEL_BYTES * pixels + 4 * rows), what, "lower the planes or methods")
     volumes = 4 * methods * len(view.rho) * pixels
-    free = shutil.disk_usage(_existing(out)).free
+    free = free_bytes(out)
     if config.save_dsi and volumes > free:
         raise InputError(
-            f"save_dsi of {what} needs {_gb(volumes)} on the disk, it has {_gb(free)}: lower the "
-            "planes or methods, or leave save_dsi out"
+            f"{out}: save_dsi of {what} needs {bytes_text(volumes)}, {bytes_text(free)} are free "
+            "on that disk: lower the planes or methods, or leave save_dsi out"
         )
 
 
@@ -76,7 +76,8 @@ def need_memory(needed: int, what: str, cure: str) -> None:
     available = available_bytes()
     if needed > available:
         raise InputError(
-            f"{what} needs at least {_gb(needed)} of memory, {_gb(available)} are free: {cure}"
+            f"{what} needs at least {bytes_text(needed)} of memory, "
+            f"{bytes_text(available)} are free: {cure}"
         )
 
 
@@ -100,11 +101,3 @@ def _group_bytes() -> int:
         return most - int((group / "memory.current").read_text(encoding="ascii"))
     except (OSError, ValueError):  # no control group, or one without a limit
         return 1 << 62
-
-
-def _existing(path: Path) -> Path:
-    return next(folder for folder in (path, *path.absolute().parents) if folder.exists())
-
-
-def _gb(count: int) -> str:
-    return f"{count / 1e9:.3g} GB"

@@ -1,30 +1,27 @@
-"""The stages, one function each, and `run_cases` for all of them: simulate, map, score."""
+"""The stages, one function each, and `run_cases` for all of them: simulate, map, score.
+
+Each imports what it needs itself, so that the first picture waits for nothing of the mapper, and
+the first vote for nothing of the simulator.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import gc
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import scenes
-from emvs import methods
 from emvs.config import MapperConfig
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.datasets import open_recording
-from emvs.dsi.device import check_device
 from emvs.errors import InputError
-from emvs.maps.folder import RecordingInfo, StoredMap, StoredWindow
-from emvs.maps.sliding import map_windows
 from emvs.utils.outputs import atomic_dir, check_files, output_folder
-from emvs.utils.runtime import check_openmp
 from eval.config import EvalConfig, Settings
 from eval.progress import MapBars, Progress, Silent
-from eval.scoring import run_folder
-from eval.scoring.metric_versions import metric_versions
-from eval.scoring.predictions import estimates_of, open_predictions, target_view
-from eval.scoring.results import Results, Row, write_results
-from eval.scoring.score import score_windows
-from sim.rigs import rig as named_rig
-from sim.simulate import simulate
+
+if TYPE_CHECKING:
+    from emvs.maps.folder import StoredMap, StoredWindow
+    from eval.scoring import run_folder
+    from eval.scoring.results import Results, Row
 
 _SILENT = Silent()
 _RESULTS = ("results.json", "results.csv")
@@ -63,6 +60,8 @@ def run_cases(
     Raises:
         InputError: an unknown case, rig, method or impossible value, or an existing `out`.
     """
+    from eval.scoring import run_folder
+
     _check_run(cases, settings, rig)
     with atomic_dir(out, force=force, inputs=(settings.sim.replay.trajectory,)) as folder:
         (folder / run_folder.CONFIG_FILE).write_text(settings.to_toml(), encoding="utf-8")
@@ -96,8 +95,16 @@ def simulate_scene(
     Raises:
         InputError: an unknown scene or rig, or what `sim.simulate.simulate` refuses.
     """
-    loaded = scenes.load(scene)
-    with progress.stage(f"simulate {scene}", 1) as update:
+    with progress.stage(f"simulate {scene}", 1) as update, _collection_paused() as resume:
+        import scenes
+        from sim.rigs import rig as named_rig
+        from sim.simulate import simulate
+
+        def show(done_us: int, total_us: int, events: int) -> None:
+            resume()  # the first picture is there: nothing is imported any more
+            update(done_us / total_us, f"{done_us / 1e3:.0f} ms, {events / 1e6:.2f} M events")
+
+        loaded = scenes.load(scene)
         simulate(
             loaded,
             named_rig(rig or loaded.rig),
@@ -108,10 +115,23 @@ def simulate_scene(
             workers=workers,
             resume=not fresh,
             notice=progress.say,
-            progress=lambda done_us, total_us, events: update(
-                done_us / total_us, f"{done_us / 1e3:.0f} ms, {events / 1e6:.2f} M events"
-            ),
+            progress=show,
         )
+
+
+@contextmanager
+def _collection_paused() -> Iterator[Callable[[], None]]:
+    """Keeps Python's collector of cycles from looking through what imports make, which stays.
+
+    It would look through all of it each time that it has grown by a quarter. Yields a function that
+    lets it work again; the end does so in any case.
+    """
+    resume = gc.enable if gc.isenabled() else gc.disable
+    gc.disable()
+    try:
+        yield resume
+    finally:
+        resume()
 
 
 def score_folder(folder: Path, config: EvalConfig, predictions: Sequence[Path] = ()) -> Results:
@@ -129,6 +149,11 @@ def score_folder(folder: Path, config: EvalConfig, predictions: Sequence[Path] =
         InputError: no map there, a recording without ground truth, damaged files, or a prediction
             that is not complete.
     """
+    from emvs.data.sequence import Sequence as EventSequence
+    from eval.scoring import run_folder
+    from eval.scoring.metric_versions import metric_versions
+    from eval.scoring.results import Results, write_results
+
     rows: list[Row] = []
     sequences = {}
     configuration = {"score": config.model_dump(mode="json")}
@@ -167,6 +192,9 @@ def _score(
     config: EvalConfig,
     predictions: Sequence[Path],
 ) -> list[Row]:
+    from eval.scoring.predictions import estimates_of, open_predictions, target_view
+    from eval.scoring.score import score_windows
+
     if not predictions:  # nor is anything read that they would be checked against
         return score_windows(case, sequence, windows, config)
     views = [target_view(sequence, window, config) for window in windows]
@@ -189,6 +217,12 @@ def check_case(scene: str, rig: str | None, config: MapperConfig) -> None:
     Raises:
         InputError: an unknown scene, rig or method, a GPU that is not there, or no OpenMP.
     """
+    import scenes
+    from emvs import methods
+    from emvs.dsi.device import check_device
+    from emvs.utils.runtime import check_openmp
+    from sim.rigs import rig as named_rig
+
     check_openmp()
     chosen = named_rig(rig or scenes.load(scene).rig)
     methods.methods_by_name(config.methods, len(chosen), mcemvs=config.is_mcemvs)
@@ -213,6 +247,10 @@ def map_recording(
     Raises:
         InputError: what `open_recording` or `map_windows` refuses.
     """
+    from emvs.datasets import open_recording
+    from emvs.maps.folder import RecordingInfo, StoredMap
+    from emvs.maps.sliding import map_windows
+
     recording = open_recording(path)
     about = RecordingInfo.of(recording, path, out)
     with MapBars(progress, f"map {recording.name}") as bars:

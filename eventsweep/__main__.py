@@ -6,6 +6,7 @@ the place of our packages; so ours are put first before any of them is imported.
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -41,8 +42,10 @@ def main() -> None:
     except ImportError as error:
         sys.stderr.write(f"eventsweep: {error}\n")
         sys.exit(2)
+    gc.disable()  # what imports make stays: looking through it again and again frees nothing
     from eval.cli.main import main as command
 
+    gc.enable()
     command()
 
 

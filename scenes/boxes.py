@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import Generator, default_rng
 
+from scenes.parts.texture_cache import kept
 from sim.motion.curves import HeadSway, Wave, look_at
 from sim.scene import Scene
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 _GOODS = ("carton_a", "carton_b", "carton_c", "crate", "toolbox")
 
 
+@kept
 def _textures() -> Mapping[str, Image]:
     from scenes.textures.noise import streams
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import Generator, default_rng
 
+from scenes.parts.texture_cache import kept
 from sim.motion.curves import HeadSway, Wave, look_at
 from sim.scene import Scene
 
@@ -29,6 +30,7 @@ _BOOK_COLOURS: tuple[tuple[Colour, Colour], ...] = (
 )
 
 
+@kept
 def _textures() -> Mapping[str, Image]:
     from scenes.textures.noise import streams
 

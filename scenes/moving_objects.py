@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenes.parts.bodies import Bodies, make_solid
+from scenes.parts.texture_cache import kept
 from sim.motion.curves import HeadSway, look_at
 from sim.scene import Scene
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 _MJCF = Path(__file__).with_name("gym.xml")
 
 
+@kept
 def _textures() -> Mapping[str, Image]:
     from scenes import textures as tx
     from scenes.parts.print import plain_carton

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import default_rng
 
+from scenes.parts.texture_cache import kept
 from sim.motion.curves import HeadSway, Wave, look_at
 from sim.scene import Scene
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from scenes.textures.noise import Image
 
 
+@kept
 def _textures() -> Mapping[str, Image]:
     from scenes import textures as tx
     from scenes.parts.print import plain_carton

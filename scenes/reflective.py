@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from scenes.parts.texture_cache import kept
 from sim.motion.curves import HeadSway, look_at
 from sim.scene import Scene
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from scenes.textures.noise import Image
 
 
+@kept
 def _textures() -> Mapping[str, Image]:
     from scenes import textures as tx
     from scenes.parts.print import plain_carton

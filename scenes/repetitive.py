@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from numpy.random import default_rng
 
+from scenes.parts.texture_cache import kept
 from sim.motion.curves import HeadSway, look_at
 from sim.scene import Scene
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 _PICKET_M = ((-0.042, 0.05), (0.042, 0.05), (0.042, 0.92), (0.0, 1.0), (-0.042, 0.92))
 
 
+@kept
 def _textures() -> Mapping[str, Image]:
     from scenes import textures as tx
     from scenes.parts.stock import made

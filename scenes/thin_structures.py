@@ -10,6 +10,7 @@ import numpy as np
 from numpy.random import Generator, default_rng
 from numpy.typing import NDArray
 
+from scenes.parts.texture_cache import kept
 from sim.motion.curves import HeadSway, look_at
 from sim.scene import Scene
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from scenes.textures.noise import Image
 
 
+@kept
 def _textures() -> Mapping[str, Image]:
     from scenes import textures as tx
     from scenes.parts.stock import made, painted

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from numpy.random import Generator, default_rng
 
+from scenes.parts.texture_cache import kept
 from sim.motion import Motion, head_motion
 from sim.motion.curves import look_at
 from sim.scene import Scene
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from scenes.textures.noise import Image
 
 
+@kept
 def _textures() -> Mapping[str, Image]:
     from scenes import textures as tx
     from scenes.parts.stock import made, painted

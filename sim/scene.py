@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.poses import read_tum
-from emvs.datasets.custom import read_hand_eye
 from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.trajectory import Trajectory
@@ -173,6 +172,8 @@ def _hand_eye(config: ReplayConfig) -> Array:
         if config.imu_cam is not None:
             raise InputError("replay.imu_cam without replay.hand_eye: give both, or neither")
         return np.eye(4)
+    from emvs.datasets.custom import read_hand_eye  # the readers of all formats come with it
+
     return read_hand_eye(Path(config.hand_eye), config.imu_cam)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -25,6 +24,7 @@ from emvs.data.writer import SequenceWriter
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
+from emvs.utils.files import bytes_text, free_bytes
 from emvs.utils.outputs import check_output
 from emvs.utils.runtime import versions
 from sim.config import SimConfig
@@ -334,14 +334,11 @@ def check_disk(job: RenderJob, out: Path) -> None:
     photos = len(exposure_spans_us(job.config.frames, job.duration_us))
     # It lies there twice while the sequence is put together from its checkpoints.
     needed = 2 * _COMPRESSED * pixels * (per_pixel * len(job.truth_us) + photos)
-    folder = out.absolute()
-    while not folder.exists():
-        folder = folder.parent
-    free = shutil.disk_usage(folder).free
+    free = free_bytes(out)
     if needed > free:
         raise InputError(
-            f"{out}: ground truth at {len(job.truth_us)} times takes about {needed / 1e9:.1f} GB, "
-            f"but {free / 1e9:.1f} GB are free: raise truth_interval_s, or choose another disk"
+            f"{out}: ground truth at {len(job.truth_us)} times takes about {bytes_text(needed)}, "
+            f"but {bytes_text(free)} are free: raise truth_interval_s, or choose another disk"
         )
 
 
@@ -354,12 +351,14 @@ def check_memory(job: RenderJob, workers: int) -> None:
     sizes = [camera.width_px * camera.height_px for camera in job.rig.cameras]
     drawing = _PROCESS_BYTES + _SAMPLE_BYTES * max(sizes) * job.supersample**2
     shared = slot_bytes(job) * slot_count(job) if workers > 1 else 0
-    needed = _PIXEL_BYTES * sum(sizes) + workers * (drawing + shared)
+    # Of fine frames the sensors keep one, work on one and wait for one.
+    kept = 3 * slot_bytes(job) if job.fine else 0
+    needed = _PIXEL_BYTES * sum(sizes) + kept + workers * (drawing + shared)
     free = available_memory()
     if free is not None and needed > free:
         raise InputError(
             f"rig {job.rig.name} at supersample={job.supersample} with {workers} workers "
-            f"takes about {needed / 1e9:.1f} GB of memory, but {free / 1e9:.1f} GB are free: use "
+            f"takes about {bytes_text(needed)} of memory, but {bytes_text(free)} are free: use "
             "fewer workers, a lower supersample or smaller cameras"
         )
 

@@ -1,6 +1,7 @@
 """What all tests share: the slow switch, hypothesis's profile, the reference data's place."""
 
 import os
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,12 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 settings.load_profile("eventsweep")
+
+# Tests share what they keep among themselves, and with nobody else: no textures of yesterday's code
+# that a fault in the cache would pass on. Processes that this one starts inherit it.
+if "EVENTSWEEP_CACHE" not in os.environ:
+    _CACHE = tempfile.TemporaryDirectory(prefix="eventsweep-tests-")
+    os.environ["EVENTSWEEP_CACHE"] = _CACHE.name
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -10,18 +12,65 @@ from pathlib import Path
 
 from emvs.errors import InputError
 
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+_UNITS = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
+
+
+class DiskFull(InputError):
+    """An output that its disk has no room for."""
+
+
+@contextmanager
+def names_full_disk(path: Path) -> Iterator[None]:
+    """Says which output a disk had no room for: the system's error names no file at all.
+
+    Args:
+        path: of the output, as its user knows it; what is written may lie beside it meanwhile.
+
+    Raises:
+        DiskFull: instead of an `OSError` that says so, or of one that names a part of the output.
+    """
+    try:
+        yield
+    except (OSError, DiskFull) as error:
+        if not (isinstance(error, DiskFull) or _is_full(error)):
+            raise
+        raise DiskFull(
+            f"{path}: no space left on device, {bytes_text(free_bytes(path))} are free: free some "
+            "room or choose another output"
+        ) from error
+
+
+def _is_full(error: OSError) -> bool:
+    # HDF5 keeps the number to itself.
+    return error.errno in _FULL or os.strerror(errno.ENOSPC) in str(error)
+
+
+def free_bytes(path: Path) -> int:
+    """How much a user may still write to the disk that holds a path, or that will."""
+    there = next(place for place in (path, *Path(path).absolute().parents) if place.exists())
+    return shutil.disk_usage(there).free
+
+
+def bytes_text(count: float) -> str:
+    """A size in the unit that suits it, to three digits: 512 bytes, 3.2 MB, 1.05 GB."""
+    power = 0
+    while abs(count) >= 999.5 and power < len(_UNITS) - 1:
+        count, power = count / 1000, power + 1
+    return f"{count:.3g} {_UNITS[power]}"
+
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
     """Yields a temporary file beside `path`; renames it to `path` at the end, removes it on error.
 
     Raises:
-        InputError: the folder of `path` cannot be written to.
+        InputError: the folder of `path` cannot be written to, or its disk is full.
     """
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path} is a folder, a file is to be written: choose another output")
-    with made_parent(path), _partial(path) as partial:
+    with made_parent(path), names_full_disk(path), _partial(path) as partial:
         yield partial
         partial.chmod(0o666 & ~umask())
         flush(partial)
@@ -76,8 +125,12 @@ def _make_parent(path: Path) -> None:
 def flush(path: Path) -> None:
     """Asks the system to put a file's bytes on the disk before its name changes."""
     if path.is_file():
-        with path.open("rb") as file, suppress(OSError):
-            os.fsync(file.fileno())
+        with path.open("rb") as file:
+            try:
+                os.fsync(file.fileno())
+            except OSError as error:
+                if _is_full(error):
+                    raise
 
 
 def umask() -> int:

@@ -14,7 +14,7 @@ import re
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -60,10 +60,16 @@ def kernel_version() -> str:
     """16 hexadecimal digits over the files of compiled functions and over who compiles them."""
     parts = [platform.python_implementation(), platform.python_version()]
     parts += [numba.__version__, llvmlite.__version__]
-    for file in kernel_files():
-        digest = hashlib.sha256(file.read_bytes()).hexdigest()
-        parts.append(f"{file.relative_to(_ROOT).as_posix()} {digest}")
+    parts += digests(kernel_files(), _ROOT)
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+
+
+def digests(paths: Iterable[Path], root: Path) -> list[str]:
+    """One line for each file, sorted: its path below `root`, and the sha256 of its bytes."""
+    return sorted(
+        f"{path.relative_to(root).as_posix()} {hashlib.sha256(path.read_bytes()).hexdigest()}"
+        for path in paths
+    )
 
 
 def kernel_files() -> list[Path]:

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from emvs.errors import InputError
-from emvs.utils.files import flush, made_parent, umask
+from emvs.utils.files import flush, made_parent, names_full_disk, umask
 from emvs.utils.ownership import named, remove_ours, strangers
 
 _ANOTHER = "choose another output"
@@ -55,7 +55,7 @@ def atomic_dir(
     with claimed(path) if claim else made_parent(place):
         check_output(path, force=force, inputs=inputs)  # another run may just have ended
         remove_abandoned(path)
-        with _beside(place) as partial:
+        with names_full_disk(path), _beside(place) as partial:
             yield partial
             partial.chmod(0o777 & ~umask())
             for file in partial.rglob("*"):
@@ -78,7 +78,7 @@ def output_file(path: Path, *, force: bool = False, inputs: Inputs = ()) -> Iter
     path, inputs = Path(path), tuple(inputs)
     check_output(path, force=force, inputs=inputs, folder=False)
     place = real(path)
-    with claimed(path), _beside(place) as partial:
+    with claimed(path), names_full_disk(path), _beside(place) as partial:
         check_output(path, force=force, inputs=inputs, folder=False)
         staged = partial / place.name
         try:
@@ -109,6 +109,38 @@ def output_folder(
     check_files(path, names, force=force, inputs=inputs)
     with claimed(path), made_parent(real(path) / "file", make=False):
         yield path
+
+
+@contextmanager
+def files_together(folder: Path, names: Iterable[str], *, index: str = "") -> Iterator[Path]:
+    """Yields a hidden folder to write files into; puts them into `folder` at the end, all or none.
+
+    A kill may come between two of them: what is hidden then stays, says which files are ours
+    (`emvs.utils.ownership`), and the next call of the same names removes it.
+
+    Args:
+        folder: where they belong, beside others.
+        names: of all files, in the order in which they are put there; the last one is the same in
+            every call for the same files.
+        index: one of them that others are read by: while they are exchanged it is not there.
+
+    Raises:
+        InputError: the folder cannot be made or written to, or its disk is full.
+    """
+    names = list(names)
+    folder = Path(folder)
+    with made_parent(folder / names[-1]), names_full_disk(folder):
+        place = real(folder)
+        remove_abandoned(place / names[-1])
+        with _beside(place / names[-1]) as staged:
+            yield staged
+            for name in names:
+                (staged / name).chmod(0o666 & ~umask())
+                flush(staged / name)
+            if index:
+                (place / index).unlink(missing_ok=True)
+            for name in sorted(names, key=lambda name: name == index):
+                (staged / name).replace(place / name)
 
 
 def replace_dir(made: Path, path: Path, *, inputs: Inputs = ()) -> None:

@@ -23,6 +23,8 @@ MARKER = ".eventsweep.json"
 _PAGE, _PAGE_BYTES = b"<title>eventsweep \xc2\xb7 ", 4096
 # What a kill leaves of something that was being written.
 _LEFT = r"(?:[^/]+/)*\.[^/]+\.\w{8}\.partial(?:\.\w+)?(?:/.*)?"
+# Where `files_together` keeps files until all are there: what lies in it says whose the others are.
+_HIDDEN = ".*.????????.partial"
 _WINDOW_FILES = ("window.json", "slices.npz", "events.npz")
 _METHOD_FILES = ("depth.npz", "dense.npz", "cloud.ply")
 _FUSED_FILES = ("fuse.json", "cloud.ply", "mesh.ply")
@@ -74,16 +76,15 @@ def named(names: list[str]) -> str:
     return ", ".join(shown) + more
 
 
-def mark(folder: Path, names: Iterable[str] | None = None) -> None:
+def mark(folder: Path, beside: Path | None = None) -> None:
     """Writes into a folder which files in it are ours; `strangers` then knows them.
 
     Args:
-        folder: with the files in it.
-        names: those just written, beside those that were marked before; by default all there are.
+        folder: with the files in it, all of them ours.
+        beside: the folder that they will be put into, whose own marked files stay marked.
     """
-    written = [name for name, _ in _walk(folder)] if names is None else list(names)
-    marker = _json(folder / MARKER)
-    before = marker.get("files") if names is not None else None
+    written = [name for name, _ in _walk(folder)]
+    before = _json(beside / MARKER).get("files") if beside is not None else None
     files = before if isinstance(before, dict) else {}
     files |= {name: _size(folder, name) for name in written if name != MARKER}
     text = json.dumps({"written_by": "eventsweep", "files": dict(sorted(files.items()))}, indent=1)
@@ -160,11 +161,13 @@ def _sequence(folder: Path) -> Patterns:
 
 
 def _marked(folder: Path) -> Patterns:
-    marker = _json(folder / MARKER)
-    files = marker.get("files")
-    if isinstance(files, dict) and marker.get("written_by") == "eventsweep":
-        yield re.escape(MARKER)
-        yield from (re.escape(name) for name, size in files.items() if _size(folder, name) == size)
+    for path in (folder / MARKER, *folder.glob(f"{_HIDDEN}/{MARKER}")):
+        marker = _json(path)
+        files = marker.get("files")
+        if isinstance(files, dict) and marker.get("written_by") == "eventsweep":
+            yield re.escape(MARKER)
+            alike = (name for name, size in files.items() if _size(folder, name) == size)
+            yield from map(re.escape, alike)
 
 
 def _map(folder: Path) -> Patterns:
@@ -219,7 +222,7 @@ def _comparison(folder: Path) -> Patterns:
 
 
 def _studies(folder: Path) -> Patterns:
-    for path in folder.glob("*.json"):
+    for path in (*folder.glob("*.json"), *folder.glob(f"{_HIDDEN}/*.json")):
         if {"study", "breaks_at"} <= _json(path).keys():
             yield rf"{re.escape(path.stem)}\.(?:json|csv|png|svg)"
 

@@ -16,12 +16,14 @@ def compare(
     out: Path,
     common: Common = COMMON,
 ) -> None:
-    """Write compare.html and tables of two or more results, with differences to the first.
+    """Say what differs between two or more results, and how sure that is; write compare.html.
 
     Args:
         results: Folders of `run`, `score` or `suite`, or their results.json or suite.json.
         out: Folder to write: compare.html and tables/.
     """
-    from eval.report.compare_page import write_comparison
+    from eval.report.compare_page import HTML_NAME, write_comparison
 
-    common.console().wrote(write_comparison(results, out))
+    console = common.console()
+    console.compared(write_comparison(results, out))
+    console.wrote(out / HTML_NAME)

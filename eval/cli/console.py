@@ -11,15 +11,15 @@ from rich.console import Console as RichConsole
 from rich.markup import escape
 from rich.table import Table
 
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.maps.folder import StoredMap, StoredWindow
 from eval.cli.exit_codes import with_flags
 from eval.progress import Bars, Progress, Silent
-from eval.report import ranking
-from eval.scoring.results import POOLED, Results, Row, to_json
 
 if TYPE_CHECKING:
+    from emvs.maps.folder import StoredMap, StoredWindow
     from emvs.maps.merge import FusedInfo
+    from eval.report.compare_page import Comparison
+    from eval.report.comparison import Pair
+    from eval.scoring.results import Results, Row
 
 _MOST_SKIPPED_SHOWN = 5
 
@@ -35,6 +35,10 @@ class Console:
 
     def results(self, results: Results, ranking_metric: str) -> None:
         """The ranking of each case, and what it says in words."""
+        # Here as everywhere in this file: no command waits for what another one prints.
+        from eval.report import ranking
+        from eval.scoring.results import POOLED, to_json
+
         if self._as_json:
             self._out.out(to_json(results), end="", highlight=False)
         for case in dict.fromkeys(row.case for row in results.rows) if self._show else ():
@@ -69,6 +73,8 @@ class Console:
 
     def sequence(self, path: Path) -> None:
         """What a sequence holds."""
+        from emvs.data.sequence import Sequence as EventSequence
+
         sequence = EventSequence.open(path)
         counts = sequence.manifest.event_counts
         t0_us, t1_us = sequence.trajectory.span_us
@@ -85,6 +91,19 @@ class Console:
             self._out.print(f"{sequence.name}: {each} events in {facts['duration_s']:g} s, {path}")
             drawn_by = f"drawn by {sequence.manifest.renderer}"
             self._out.print(drawn_by, style="dim", markup=False, soft_wrap=True)
+
+    def compared(self, comparison: Comparison) -> None:
+        """Which settings differ, and the verdict of each method's ranking number."""
+        from eval.report import compare_page
+
+        self._dump(compare_page.facts_of(comparison))
+        if not self._show:
+            return
+        self._out.print(compare_page.settings_text(comparison), markup=False, soft_wrap=True)
+        for pair in comparison.pairs:
+            self._out.print(_compared(pair))
+            for sentence in (compare_page.verdict_text(pair), *pair.data, *pair.apart):
+                self._out.print(sentence, style="dim", markup=False, soft_wrap=True)
 
     def inventory(self, kinds: Mapping[str, Mapping[str, str]]) -> None:
         """Everything there is to choose from."""
@@ -110,6 +129,8 @@ _COLUMNS = ("points", "mean_error", "common_mean_error", "median_error", "abs_re
 
 
 def _ranking(case: str, rows: Sequence[Row], metric: str) -> Table:
+    from eval.report import ranking
+
     content = ranking.table(rows, metric, _COLUMNS)
     table = Table(title=f"{case}, by {ranking.column(metric).title}", title_justify="left")
     table.add_column("method", no_wrap=True)
@@ -119,6 +140,29 @@ def _ranking(case: str, rows: Sequence[Row], metric: str) -> Table:
     for line in content.lines:
         cells = (f"[bold]{cell.text}" if cell.best else cell.text for cell in line.cells)
         table.add_row(line.method, *cells)
+    return table
+
+
+def _compared(pair: Pair) -> Table:
+    """One line per method, of the first metric that is judged."""
+    from eval.report import ranking
+    from eval.report.comparison import interval_text, signed
+
+    metric = pair.headline[0].metric if pair.headline else ""
+    found = [one for one in pair.headline if one.metric == metric]
+    table = Table(title_justify="left")
+    for one in found[:1]:
+        head = ranking.column(metric)
+        table.title = escape(f"{one.case}, {head.title} in {head.unit}, {one.better} is better")
+    names = (pair.first.name, pair.other.name, "Δ")
+    table.add_column("method", no_wrap=True)
+    for name in (*names, "95 % of Δ"):
+        table.add_column(escape(name), justify="right")
+    table.add_column("verdict")
+    for one in found:
+        values = [ranking.shown(value, one.unit) for value in (one.first, one.other)]
+        cells = (one.method, *values, signed(one.change, one.unit), interval_text(one), one.brief)
+        table.add_row(*map(escape, cells))
     return table
 
 

@@ -50,7 +50,7 @@ class JobFlags:
 
     def cache_folder(self) -> Path:
         """The cache's folder, absolute."""
-        from eval.jobs.cache import default_cache
+        from emvs.utils.cache import default_cache
 
         return (self.cache or default_cache()).absolute()
 
@@ -60,7 +60,7 @@ class JobFlags:
         Raises:
             InputError: no workers asked for, or a scheduler that is not there.
         """
-        from eval.jobs.cache import Cache
+        from emvs.utils.cache import Cache
 
         folder = self.cache_folder()
         if self.scheduler is not None:

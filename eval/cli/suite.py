@@ -59,7 +59,7 @@ def cache(
         prune: Gigabytes to keep; what was not used for longest goes. 0 empties it.
     """
     from emvs.errors import InputError
-    from eval.jobs.cache import Cache, default_cache
+    from emvs.utils.cache import Cache, default_cache
     from eval.suite.output import show_cache
 
     store = Cache(cache or default_cache())

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any, Protocol, cast
 
 from emvs.errors import InputError
+from emvs.utils.cache import Cache, CacheEntry, key_of
 from emvs.utils.runtime import versions
-from eval.jobs.cache import Cache, CacheEntry, key_of
 from eval.jobs.code_version import code_version
 
 SEQUENCE = "sequence"

@@ -1,311 +1,302 @@
-"""Several runs side by side: same case and method, with differences where they mean something."""
+"""The page of results side by side: settings, numbers with how sure they are, pictures."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from emvs.errors import InputError
 from emvs.utils.files import atomic_path
 from emvs.utils.outputs import output_folder
 from eval.figures.colormaps import line_style
-from eval.gate.compare import Status, Tolerances, Verdict, compare
-from eval.report.html import (
-    Grid,
-    GridCell,
-    Head,
-    Kind,
-    Page,
-    Section,
-    page_text,
-    plural,
-    versions_grid,
-)
-from eval.report.ranking import RANKING_COLUMNS, column, definition, heading, shown
+from eval.report.compared_results import ComparedResult, read_compared
+from eval.report.comparison import PRIMARY, Difference, Pair, compare_results, counts_of, signed
+from eval.report.html import Grid, GridCell, Head, Kind, Section, environment, inline, plural
+from eval.report.ranking import RANKING_COLUMNS, column, definition, shown
+from eval.report.settings_difference import Setting, settings_of
+from eval.report.side_by_side import pictures_of
 from eval.report.tables import TABLES_FOLDER, TextCell, TextTable, in_unit, write_tables
-from eval.suite.series import Key, Measured, Series, read_measured
 
 HTML_NAME = "compare.html"
+VERDICT = "verdict"
+_MOST_SETTINGS = 5
+_KINDS: Mapping[str, Kind] = {"better": "better", "worse": "worse", "equal": ""}
 _NOTE = (
-    "Better and worse are said as the gate says them: by more than seeds differ, or by more than "
-    "2 % where there is one seed. What was measured on other sequences, by another definition or "
-    "by other code is not comparable, whatever its numbers. Values are means over seeds; "
-    "differences are over the seeds of the later result, where the first one has them all."
+    "Values are means over the seeds that both results have, and in each seed over the windows "
+    "that both have; a run's own report pools the pixels of all windows instead. Δ is the other "
+    "value less the first, and its 95 % interval comes from pairs: the same seed, the same window. "
+    "One seed has no interval and leaves open whether another one would show the same. Better and "
+    f"worse are said of {', '.join(column(name).title for name in PRIMARY)} only, where the "
+    "interval leaves out zero and p, of a t-test over seeds, stays below 0.05 after correction for "
+    "all numbers that are judged beside it (Holm): over means of cases, and over single cases. "
+    "Intervals are not corrected: of twenty that are looked at, one leaves out zero by chance. No "
+    "difference shown does not mean that there is none. Read errors beside points: a method that "
+    "reports fewer pixels has chosen easier ones."
 )
-_VERDICT, _MOST_CHANGES, _CHOSEN = "verdict", 200, "mean_error"
-_TEXTS = ("case", "method", "metric", _VERDICT, "why")
-_KINDS: dict[str, Kind] = {"better": "better", "worse": "worse", "same": ""}
-JUDGED = ("better", "worse", "same")
-"""Verdicts of two numbers that can be compared."""
-
-
-@dataclass(frozen=True, slots=True)
-class ComparedRun:
-    """A result, and what the page calls it."""
-
-    name: str
-    measured: Measured
 
 
 @dataclass(frozen=True)
-class RunComparison:
-    """Results, each held against the first.
+class Comparison:
+    """Everything that is said of several results.
 
     Attributes:
-        runs: the results, the first one is the reference.
-        verdicts: per further result, what it says of each number.
+        results: the first one is the reference.
+        pairs: each further one held against it.
+        settings: all of them, those that are equal too.
     """
 
-    runs: tuple[ComparedRun, ...]
-    verdicts: tuple[Mapping[Key, Verdict], ...]
+    results: tuple[ComparedResult, ...]
+    pairs: tuple[Pair, ...]
+    settings: tuple[Setting, ...]
+
+    @property
+    def differing(self) -> tuple[Setting, ...]:
+        """The settings that differ."""
+        return tuple(one for one in self.settings if one.differs)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the results are called."""
+        return tuple(result.name for result in self.results)
 
 
-def write_comparison(paths: Sequence[Path], out: Path) -> Path:
-    """Writes `compare.html` and `tables/` into a folder and returns the page's path.
+def write_comparison(paths: Sequence[Path], out: Path) -> Comparison:
+    """Writes `compare.html` and `tables/` into a folder, and returns what they say.
 
     Raises:
-        InputError: fewer than two results, one is missing or damaged, or a file of another's is in
-            the way.
+        InputError: fewer than two results, one is missing or damaged, they have nothing in common,
+            or a file of another's is in the way.
     """
     with output_folder(out, (HTML_NAME, TABLES_FOLDER), force=True):
-        comparison = compare_runs(read_runs(paths))
-        text = page_text(comparison_page(comparison))
+        comparison = compare(read_compared(paths))
+        text = page_text(comparison)
         with atomic_path(out / HTML_NAME) as path:
             path.write_text(text, encoding="utf-8")
         write_tables(out / TABLES_FOLDER, comparison_tables(comparison))
-    return out / HTML_NAME
+    return comparison
 
 
-def read_runs(paths: Sequence[Path]) -> tuple[ComparedRun, ...]:
-    """Reads results and names them after their folders.
+def compare(results: Sequence[ComparedResult]) -> Comparison:
+    """Holds results against the first one, settings and numbers.
 
     Raises:
-        InputError: fewer than two, or one is missing or damaged.
+        InputError: one of them has nothing in common with the first.
     """
-    if len(paths) < 2:
-        raise InputError(f"{len(paths)} result given, needs two or more to compare")
-    folders = [path.resolve() if path.is_dir() else path.resolve().parent for path in paths]
-    names = [folder.name for folder in folders]
-    if len(set(names)) < len(names):
-        names = [f"{k + 1}: {'/'.join(folder.parts[-2:])}" for k, folder in enumerate(folders)]
-    read = (read_measured(path) for path in paths)
-    return tuple(ComparedRun(name, one) for name, one in zip(names, read, strict=True))
+    return Comparison(tuple(results), compare_results(results), settings_of(results))
 
 
-def compare_runs(runs: Sequence[ComparedRun]) -> RunComparison:
-    """Judges every number of each further run against the first, as the gate would."""
-    first, *others = runs
-    verdicts = tuple(_verdicts(first.measured, other.measured) for other in others)
-    return RunComparison(tuple(runs), verdicts)
+def page_text(comparison: Comparison) -> str:
+    """The page as HTML; names from files are escaped, and nothing is loaded from elsewhere."""
+    return environment().get_template("compare.html.j2").render(page_context(comparison))
 
 
-def _verdicts(first: Measured, other: Measured) -> dict[Key, Verdict]:
-    judged = compare(first.series, other, Tolerances())
-    strange = {one.key.case for one in judged if one.status == "not comparable"}
-    strange -= {one.key.case for one in judged if one.status in JUDGED}
-    # What is missing on another sequence is no loss.
-    verdicts = (
-        Verdict(one.key, "not comparable", one.unit)
-        if one.status == "gone" and one.key.case in strange else one
-        for one in judged
-    )  # fmt: skip
-    directed = (one for one in verdicts if _has_direction(one, first, other))
-    return {one.key: _with_versions(one, first, other) for one in directed}
+def page_context(comparison: Comparison) -> dict[str, Any]:
+    """What the template shows."""
+    sections = sections_of(comparison)
+    pictures, missing = pictures_of(comparison.results, _cases(comparison))
+    first, *others = comparison.names
+    counts = [len(section.names) for section in sections] + [len(one.methods) for one in pictures]
+    return {
+        "title": f"{', '.join(others)} against {first}",
+        "subtitle": f"{len(comparison.names)} results, held against {first}.",
+        "findings": tuple(findings(comparison)),
+        "settings": _settings_grid(comparison, comparison.differing),
+        "equal": _settings_grid(comparison, [s for s in comparison.settings if not s.differs]),
+        "sections": sections,
+        "pictures": pictures,
+        "apart": (*(text for pair in comparison.pairs for text in pair.apart), *missing),
+        "note": _NOTE,
+        "most": max(counts),
+        "version": comparison.results[0].versions.get("eventsweep", ""),
+        "css": inline("report.css"),
+        "tables_css": inline("tables.css"),
+        "compare_css": inline("compare.css"),
+        "js": inline("report.js"),
+    }
 
 
-def _has_direction(verdict: Verdict, first: Measured, other: Measured) -> bool:
-    """Whether more or less is better: of what has no direction, no change is for the worse."""
-    series = first.series.get(verdict.key) or other.series.get(verdict.key)
-    return series is None or series.better != "none"
+def findings(comparison: Comparison) -> Iterator[str]:
+    """The settings that differ, the verdict of each result, and whether the data are the same."""
+    yield settings_text(comparison)
+    for pair in comparison.pairs:
+        yield verdict_text(pair)
+        yield from pair.data
 
 
-def _with_versions(verdict: Verdict, first: Measured, other: Measured) -> Verdict:
-    """A plain run says nothing of its metrics' code, so another version is another yardstick."""
-    if verdict.status == "not comparable":
-        return replace(verdict, why="other sequences, another definition or another metric")
-    versions = [one.versions.get("eventsweep", "") for one in (first, other)]
-    suites = first.name != "results" and other.name != "results"
-    if suites or versions[0] == versions[1] or verdict.status not in JUDGED:
-        return verdict
-    why = f"scored by eventsweep {versions[0]} and {versions[1]}"
-    return Verdict(verdict.key, "not comparable", verdict.unit, why=why)
+def settings_text(comparison: Comparison) -> str:
+    """What somebody chose differently, or else what else differs, in a sentence."""
+    chosen = [one.change() for one in comparison.differing if one.chosen]
+    found = chosen or [one.change() for one in comparison.differing]
+    if not found:
+        return "No setting differs."
+    rest = len(comparison.differing) - len(found[:_MOST_SETTINGS])
+    more = f"; and {plural(rest, 'other')} below" if rest > 0 else ""
+    said = "What differs" if chosen else "No setting differs, but"
+    return f"{said}: {'; '.join(found[:_MOST_SETTINGS])}{more}."
 
 
-def comparison_page(comparison: RunComparison) -> Page:
-    """What the page shows: a section per case, in it a table per metric."""
-    names = [run.name for run in comparison.runs]
-    cases = list(dict.fromkeys(key.case for run in comparison.runs for key in run.measured.series))
-    sections = [_section(comparison, case, k) for k, case in enumerate(cases)]
-    return Page(
-        title=" against ".join((names[0], ", ".join(names[1:]))),
-        subtitle=f"{len(names)} results; differences are to {names[0]}.",
-        sections=(*(section for section in sections if section.names), _changes(comparison)),
-        provenance=versions_grid(names, [run.measured.versions for run in comparison.runs]),
-        overview=_overview(comparison),
-        findings=tuple(_sentence(comparison, k) for k in range(len(comparison.verdicts))),
-        note=_NOTE,
-        version=comparison.runs[0].measured.versions.get("eventsweep", ""),
+def verdict_text(pair: Pair) -> str:
+    """How many numbers are better and worse, of what."""
+    found = pair.headline
+    if not found:
+        return f"{pair.other.name} against {pair.first.name}: nothing is judged."
+    cases = [one.case for one in found]
+    where = " and ".join(dict.fromkeys(cases)) if len(set(cases)) < 3 else "several means"
+    metrics = ", ".join(column(name).title for name in PRIMARY if name in {o.metric for o in found})
+    methods = plural(len({one.method for one in found}), "method")
+    text = f"{pair.other.name} against {pair.first.name}, {where}: {counts_of(found)}"
+    here = _here(found)
+    return f"{text}, of {metrics} by {methods}.{here}"
+
+
+def facts_of(comparison: Comparison) -> dict[str, Any]:
+    """What differs and every judged or shown number, as plain values for scripts."""
+    return {
+        "results": [str(result.folder) for result in comparison.results],
+        "settings": [
+            {"name": one.name, "cases": one.cases, "values": one.texts}
+            for one in comparison.differing
+        ],
+        "pairs": [
+            {
+                "first": pair.first.name,
+                "other": pair.other.name,
+                "data": pair.data,
+                "not_compared": pair.apart,
+                "numbers": [_facts(one) for one in (*pair.means, *pair.cases)],
+            }
+            for pair in comparison.pairs
+        ],
+    }
+
+
+def _facts(one: Difference) -> dict[str, Any]:
+    values = {
+        name: getattr(one, name) for name in ("first", "other", "change", "low", "high", "p_holm")
+    }
+    return {
+        "case": one.case, "method": one.method, "metric": one.metric, "unit": one.unit,
+        **{name: value if math.isfinite(value) else None for name, value in values.items()},
+        "seeds": one.seeds, "verdict": one.verdict, "why": one.why,
+    }  # fmt: skip
+
+
+def _here(found: Sequence[Difference]) -> str:
+    """What one seed shows, which decides nothing."""
+    open_ones = [one for one in found if one.verdict == "undecided" and one.seeds == 1]
+    if not open_ones:
+        return ""
+    directions = [one.direction for one in open_ones]
+    counts = ", ".join(f"{directions.count(one)} {one}" for one in dict.fromkeys(directions))
+    return f" On the one seed that there is: {counts}; whether others would agree is open."
+
+
+def _cases(comparison: Comparison) -> list[str]:
+    return list(dict.fromkeys(name for pair in comparison.pairs for name in pair.names()))
+
+
+def _settings_grid(comparison: Comparison, settings: Sequence[Setting]) -> Grid:
+    apart = any(one.cases for one in settings)
+    texts = ("setting", *(("of",) if apart else ()), *comparison.names)
+    lines = (
+        (
+            f"{one.name} [{one.unit}]" if one.unit else one.name,
+            *((", ".join(one.cases) or "all cases",) if apart else ()),
+            *one.told,
+        )
+        for one in settings
+    )
+    cells = tuple(tuple(map(GridCell, line)) for line in lines)
+    return Grid(tuple(Head(text, text=True) for text in texts), cells)
+
+
+def sections_of(comparison: Comparison) -> tuple[Section, ...]:
+    """A section over all cases where there are several, then one per case."""
+    found: list[tuple[str, list[tuple[Difference, ...]]]] = []
+    cases = _cases(comparison)
+    means = [pair.means for pair in comparison.pairs]
+    if any(means):
+        found.append((f"Mean of {plural(len(cases), 'case')}", means))
+    for case in cases:
+        of_case = [tuple(o for o in pair.cases if o.case == case) for pair in comparison.pairs]
+        found.append((case, of_case))
+    return tuple(_section(comparison, k, *one) for k, one in enumerate(found))
+
+
+def _section(
+    comparison: Comparison, position: int, title: str, found: Sequence[Sequence[Difference]]
+) -> Section:
+    present = {one.metric for differences in found for one in differences}
+    metrics = [*PRIMARY, *(name for name in RANKING_COLUMNS if name not in PRIMARY)]
+    metrics = [name for name in metrics if name in present]
+    grids = tuple(
+        _grid(comparison, metric, [[o for o in one if o.metric == metric] for one in found])
+        for metric in metrics
+    )
+    names = tuple(column(metric).title for metric in metrics)
+    return Section(f"numbers{position}", title, names, grids)
+
+
+def _grid(comparison: Comparison, metric: str, found: Sequence[Sequence[Difference]]) -> Grid:
+    """One line per method, and of several results one for each."""
+    head = column(metric)
+    first, *others = comparison.names
+    heads = [Head("method"), Head("result", text=True)] if len(others) > 1 else [Head("method")]
+    value = others[0] if len(others) == 1 else "value"
+    heads += [Head(name, head.unit, head.better, arrow=True) for name in (first, value)]
+    heads += [Head(title, head.unit) for title in ("Δ", "Δ from", "Δ to")]
+    heads += [Head("Δ", "%"), Head("seeds"), Head("p", "Holm"), Head(VERDICT, text=True)]
+    named = [(one, name) for name, of_one in zip(others, found, strict=True) for one in of_one]
+    methods = list(dict.fromkeys(one.method for one, _ in named))
+    named.sort(key=lambda pair: methods.index(pair[0].method))
+    lines = tuple(_line(one, name if len(others) > 1 else "") for one, name in named)
+    return Grid(tuple(heads), lines, definition(metric))
+
+
+def _line(one: Difference, name: str) -> tuple[GridCell, ...]:
+    change = one.change if one.verdict != "not comparable" else math.nan
+    share = 100 * change / abs(one.first) if one.first else math.nan
+    sure = [
+        GridCell("–" if math.isnan(value) else signed(value, one.unit), value)
+        for value in (change, one.low, one.high)
+    ]
+    relative = "–" if math.isnan(share) else f"{share:+.1f}".replace("-", "−")
+    return (
+        GridCell(one.method, colour=line_style(one.method).css),
+        *((GridCell(name),) if name else ()),
+        GridCell(shown(one.first, one.unit), one.first),
+        GridCell(shown(one.other, one.unit), one.other),
+        *sure,
+        GridCell(relative, share),
+        GridCell(str(one.seeds) if one.seeds else "–", one.seeds or math.nan),
+        GridCell("–" if math.isnan(one.p_holm) else f"{one.p_holm:.3f}", one.p_holm),
+        GridCell(one.words, kind=_KINDS.get(one.verdict, "other")),
     )
 
 
-def comparison_tables(comparison: RunComparison) -> dict[str, TextTable]:
-    """One table per case and metric."""
-    tables = {}
-    for section in comparison_page(comparison).sections[:-1]:
-        metrics = metrics_of(comparison, section.title)
-        for metric, name, grid in zip(metrics, section.names, section.tables, strict=True):
-            heads = tuple(f"{h.title} [{h.unit}]" if h.unit else h.title for h in grid.heads)
-            lines = tuple(
-                (TextCell(line[0].text, line[0].text), *map(_text_cell, line[1:], grid.heads[1:]))
-                for line in grid.lines
-            )
-            caption = f"{section.title}: {name}"
-            tables[f"{section.title}-{metric}"] = TextTable(caption, heads, lines)
+def comparison_tables(comparison: Comparison) -> dict[str, TextTable]:
+    """The settings that differ, and one table per case and metric."""
+    settings = _settings_grid(comparison, comparison.differing)
+    tables = {"settings": _text_table("Settings that differ", settings)}
+    names, cases = {column(name).title: name for name in RANKING_COLUMNS}, _cases(comparison)
+    for section in sections_of(comparison):
+        stem = section.title if section.title in cases else "mean-of-cases"
+        for title, grid in zip(section.names, section.tables, strict=True):
+            caption = f"{section.title}: {title}"
+            tables[f"{stem}-{names[title]}"] = _text_table(caption, grid)
     return tables
 
 
+def _text_table(caption: str, grid: Grid) -> TextTable:
+    heads = tuple(f"{h.title} [{h.unit}]" if h.unit else h.title for h in grid.heads)
+    lines = tuple(
+        (TextCell(line[0].text, line[0].text), *map(_text_cell, line[1:], grid.heads[1:]))
+        for line in grid.lines
+    )
+    return TextTable(caption, heads, lines)
+
+
 def _text_cell(cell: GridCell, head: Head) -> TextCell:
-    value = cell.text if head.title == _VERDICT else in_unit(cell.value, head.unit)
-    return TextCell(cell.text, value)
-
-
-def metrics_of(comparison: RunComparison, case: str) -> list[str]:
-    """The metrics of a case that people rank by, those of the ranking first."""
-    present = {
-        key.metric for run in comparison.runs for key in run.measured.series if key.case == case
-    }
-    return [name for name in RANKING_COLUMNS if name in present]
-
-
-def _changes(comparison: RunComparison) -> Section:
-    """What differs most, whatever it is, one table per result."""
-    names = tuple(run.name for run in comparison.runs[1:])
-    grids = tuple(map(_changed, comparison.verdicts))
-    text = (
-        f"Everything that is not the same, the most telling first, up to {_MOST_CHANGES} lines. "
-        "Δ is now less before; up to the tolerance, either way, two numbers are the same."
-    )
-    return Section("changes", "What differs", names, grids, text, choice="Result")
-
-
-def _changed(verdicts: Mapping[Key, Verdict]) -> Grid:
-    titles = ("case", "method", "metric", "before", "now", "Δ", "tolerance", _VERDICT, "why")
-    heads = tuple(Head(title, text=title in _TEXTS) for title in titles)
-    alone = [one for one in verdicts.values() if one.status not in ("same", "not comparable")]
-    apart = [one for one in verdicts.values() if one.status == "not comparable"]
-    lines = [*map(_changed_line, alone[:_MOST_CHANGES]), *_not_comparable(apart)]
-    return Grid(heads, tuple(lines))
-
-
-def _not_comparable(verdicts: Sequence[Verdict]) -> Iterator[tuple[GridCell, ...]]:
-    """One line per case, method and reason: hundreds of lines would say no more."""
-    groups = Counter((one.key.case, one.key.method, one.why) for one in verdicts)
-    for (case, method, why), count in groups.items():
-        texts = (case, method, plural(count, "metric"), "–", "–", "–", "–")
-        cells = (GridCell(text) for text in texts)
-        yield (*cells, GridCell("not comparable", kind="other"), GridCell(why))
-
-
-def _changed_line(one: Verdict) -> tuple[GridCell, ...]:
-    kind = _KINDS.get(one.status, "other")
-    numbers = (one.baseline, one.value, one.change, one.tolerance)
-    cells = (GridCell(_plain(value, one.unit), value) for value in numbers)
-    key = (GridCell(text) for text in (one.key.case, one.key.method, heading(one.key.metric)))
-    return (*key, *cells, GridCell(one.status, kind=kind), GridCell(one.why))
-
-
-def _plain(value: float, unit: str) -> str:
-    return "–" if math.isnan(value) else f"{value:.4g} {unit}".rstrip().replace("-", "−")
-
-
-def _section(comparison: RunComparison, case: str, position: int) -> Section:
-    metrics = metrics_of(comparison, case)
-    grids = tuple(_grid(comparison, case, metric) for metric in metrics)
-    titles = tuple(column(metric).title for metric in metrics)
-    chosen = metrics.index(_CHOSEN) if _CHOSEN in metrics else 0
-    return Section(f"case{position}", case, titles, grids, chosen=chosen)
-
-
-def _grid(comparison: RunComparison, case: str, metric: str) -> Grid:
-    head = column(metric)
-    first, *others = (run.name for run in comparison.runs)
-    heads = [Head("method"), Head(first, head.unit, head.better, arrow=True)]
-    for name in others:
-        heads.append(Head(name, head.unit, head.better, arrow=True))
-        heads += [Head("Δ", head.unit), Head("Δ", "%")]
-        heads.append(Head(_VERDICT, text=True))
-    keys = dict.fromkeys(
-        key for run in comparison.runs for key in run.measured.series
-        if (key.case, key.metric) == (case, metric)
-    )  # fmt: skip
-    return Grid(
-        tuple(heads), tuple(_line(comparison, key) for key in keys), _about(comparison, metric)
-    )
-
-
-def _about(comparison: RunComparison, metric: str) -> str:
-    """What the numbers of a table are, and of how many seeds."""
-    counts = {len(run.measured.seeds) for run in comparison.runs}
-    seeds = " or ".join(map(str, sorted(counts)))
-    return f"{definition(metric)} Means over {seeds} seed{'s' * (counts != {1})}."
-
-
-def _line(comparison: RunComparison, key: Key) -> tuple[GridCell, ...]:
-    colour = line_style(key.method).css
-    first, *others = (run.measured.series.get(key) for run in comparison.runs)
-    cells = [GridCell(key.method, colour=colour), _value(first)]
-    for verdicts, series in zip(comparison.verdicts, others, strict=True):
-        cells += [_value(series), *_difference(verdicts.get(key), first, series)]
-    return tuple(cells)
-
-
-def _value(series: Series | None) -> GridCell:
-    if series is None:
-        return GridCell("–")
-    mean = series.mean
-    return GridCell(shown(mean, series.unit), mean)
-
-
-def _difference(
-    verdict: Verdict | None, first: Series | None, other: Series | None
-) -> tuple[GridCell, GridCell, GridCell]:
-    status: Status = verdict.status if verdict else "not comparable"
-    if first is None or other is None or status not in JUDGED or verdict is None:
-        nothing = GridCell("–")
-        return nothing, nothing, GridCell(status, kind="other")
-    kind, change = _KINDS[status], verdict.change
-    share = 100 * change / abs(verdict.baseline) if verdict.baseline else math.nan
-    sign = "+" if change > 0 else "−" if change < 0 else ""
-    text = sign + shown(abs(change), first.unit)
-    relative = "–" if math.isnan(share) else f"{sign}{abs(share):.1f}"
-    return (
-        GridCell(text, change, kind),
-        GridCell(relative, share, kind),
-        GridCell(status, kind=kind),
-    )
-
-
-def _overview(comparison: RunComparison) -> Grid:
-    statuses: tuple[Status, ...] = (
-        "better", "same", "worse", "not comparable", "new", "gone", "failed",
-    )  # fmt: skip
-    lines = []
-    for run, verdicts in zip(comparison.runs[1:], comparison.verdicts, strict=True):
-        counts = (sum(one.status == status for one in verdicts.values()) for status in statuses)
-        cells = (GridCell(str(count), float(count)) for count in counts)
-        lines.append((GridCell(run.name), *cells))
-    return Grid(
-        (Head("numbers that are"), *(Head(s, "", "higher") for s in statuses)), tuple(lines)
-    )
-
-
-def _sentence(comparison: RunComparison, position: int) -> str:
-    run, verdicts = comparison.runs[position + 1], comparison.verdicts[position].values()
-    reasons = {one.why for one in verdicts if one.status == "not comparable"}
-    counts = {s: sum(one.status == s for one in verdicts) for s in ("better", "worse", "same")}
-    words = ", ".join(f"{count} {status}" for status, count in counts.items() if count)
-    text = f"{run.name} against {comparison.runs[0].name}: {words or 'nothing is comparable'}"
-    return text + (f"; not comparable: {'; '.join(sorted(reasons))}." if reasons else ".")
+    return TextCell(cell.text, cell.text if head.text else in_unit(cell.value, head.unit))

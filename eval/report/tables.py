@@ -13,8 +13,8 @@ from typing import Literal
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from emvs.utils.files import atomic_path
-from emvs.utils.ownership import mark
+from emvs.utils.outputs import files_together
+from emvs.utils.ownership import MARKER, mark
 from eval.figures.plots import STYLE, causes_figure, curves_figure, outlier_causes, slice_figure
 from eval.report.ranking import RankingTable, column, mean_over_cases, table
 from eval.report.run_data import CaseData, RunData, load_run
@@ -85,15 +85,16 @@ def _heading(title: str, unit: str, better: str) -> str:
 def write_tables(folder: Path, tables: dict[str, TextTable]) -> list[Path]:
     """Writes NAME.csv, NAME.tex and NAME.md of each table, and returns their paths."""
     writers = {"csv": as_csv, "tex": as_latex, "md": as_markdown}
-    paths = []
-    for name, one in tables.items():
-        for suffix in FORMATS:
-            path = folder / f"{file_name(name)}.{suffix}"
-            with atomic_path(path) as partial:
-                partial.write_text(writers[suffix](one), encoding="utf-8")
-            paths.append(path)
-    mark(folder, [path.name for path in paths])
-    return paths
+    texts = {
+        f"{file_name(name)}.{suffix}": writers[suffix](one)
+        for name, one in tables.items()
+        for suffix in FORMATS
+    }
+    with files_together(folder, [*texts, MARKER]) as staged:
+        for name, text in texts.items():
+            (staged / name).write_text(text, encoding="utf-8")
+        mark(staged, folder)
+    return [folder / name for name in texts]
 
 
 def file_name(name: str) -> str:
@@ -181,15 +182,18 @@ def write_report_figures(run_dir: Path, suffix: FigureFormat) -> list[Path]:
     Raises:
         InputError: no maps, or a damaged file.
     """
-    data, paths = load_run(run_dir), []
+    data, folder = load_run(run_dir), run_dir / FIGURES_FOLDER
     with mpl.rc_context(_FILE_STYLE):
-        for case in data.cases:
-            for name, figure in _figures(data, case):
-                path = run_dir / FIGURES_FOLDER / f"{file_name(f'{case.name}-{name}')}.{suffix}"
-                _save(figure, path, suffix)
-                paths.append(path)
-    mark(run_dir / FIGURES_FOLDER, [path.name for path in paths])
-    return paths
+        figures = {
+            f"{file_name(f'{case.name}-{name}')}.{suffix}": figure
+            for case in data.cases
+            for name, figure in _figures(data, case)
+        }
+        with files_together(folder, [*figures, MARKER]) as staged:
+            for name, figure in figures.items():
+                _save(figure, staged / name, suffix)
+            mark(staged, folder)
+    return [folder / name for name in figures]
 
 
 def _figures(data: RunData, case: CaseData) -> Iterator[tuple[str, Figure]]:
@@ -207,5 +211,4 @@ def _figures(data: RunData, case: CaseData) -> Iterator[tuple[str, Figure]]:
 
 def _save(figure: Figure, path: Path, suffix: FigureFormat) -> None:
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}[suffix]
-    with atomic_path(path) as partial, partial.open("wb") as stream:
-        figure.savefig(stream, format=suffix, metadata=undated)
+    figure.savefig(path, format=suffix, metadata=undated)

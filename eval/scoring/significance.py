@@ -9,9 +9,11 @@ makes of an estimated spread; of many windows they spread too much, as windows v
 seeds' means and in the drawing. So they give the interval's shape, and the seeds' means its width.
 One seed says nothing about others: it has no interval.
 
-Methods are compared by paired tests, corrected for their number, and ranked. A unit is what was
-drawn independently: a sequence, that is one case with one seed. Windows of one sequence are
-averaged first (window `mean` of the results), or their number would feign certainty.
+Two results are compared by the differences of their pairs, window by window of the same seed: by
+the intervals above, and a t-test over the seeds' mean differences. Methods are compared by paired
+tests, corrected for their number, and ranked. A unit is what was drawn independently: a sequence,
+that is one case with one seed. Windows of one sequence are averaged first (window `mean` of the
+results), or their number would feign certainty.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri, stdtrit
+from scipy.special import ndtri, stdtr, stdtrit
 
 from emvs.errors import InputError
 from eval.scoring.metrics import Better
@@ -138,17 +140,45 @@ def stratified_interval(
     Returns:
         Lower and upper end; NaN where a stratum has fewer than two seeds or an undefined value.
     """
+    mean, error, freedom = _stratified(strata)
+    if not error > 0:  # NaN too: too few seeds, or seeds that do not differ
+        return mean + error, mean + error
+    half = float(stdtrit(freedom, (1 + level) / 2) * error)
+    return mean - half, mean + half
+
+
+def stratified_p(strata: Sequence[NDArray[np.floating]]) -> float:
+    """Two-sided p of a mean of zero over fixed strata: the test that `stratified_interval` inverts.
+
+    Given differences of pairs, one per seed, and one stratum, it is the paired t-test.
+
+    Args:
+        strata: per stratum, such as a case, one difference per seed.
+
+    Returns:
+        p; 1 where all differences are zero; NaN where a stratum has fewer than two seeds or an
+        undefined value.
+    """
+    mean, error, freedom = _stratified(strata)
+    if np.isnan(error):
+        return float("nan")
+    if error == 0:
+        return float(mean == 0)
+    return float(2 * stdtr(freedom, -abs(mean) / error))
+
+
+def _stratified(strata: Sequence[NDArray[np.floating]]) -> tuple[float, float, float]:
+    """Mean over strata of the mean over seeds, its standard error and its degrees of freedom."""
     if min(map(len, strata), default=0) < 2:
-        return float("nan"), float("nan")
+        return float("nan"), float("nan"), float("nan")
     mean = float(np.mean([np.mean(values) for values in strata]))
     parts = np.array([np.var(values, ddof=1) / len(values) for values in strata]) / len(strata) ** 2
     if not parts.any():
-        return mean, mean
+        return mean, 0.0, float("nan")
     freedom = parts.sum() ** 2 / sum(
         part**2 / (len(values) - 1) for part, values in zip(parts, strata, strict=True)
     )
-    half = float(stdtrit(freedom, (1 + level) / 2) * np.sqrt(parts.sum()))
-    return mean - half, mean + half
+    return mean, float(np.sqrt(parts.sum())), float(freedom)
 
 
 def resampling_weights(sizes: Sequence[int], resamples: int, seed: int) -> Floats:

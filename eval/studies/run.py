@@ -17,8 +17,7 @@ from rich.text import Text
 
 from emvs.config import MapperConfig
 from emvs.errors import InputError
-from emvs.utils.files import atomic_path
-from emvs.utils.outputs import check_files
+from emvs.utils.outputs import check_files, files_together
 from emvs.utils.runtime import versions
 from eval.config import EvalConfig
 from eval.jobs.job import Done, Failed, Job, Outcome
@@ -112,18 +111,22 @@ def run_study(
 
 
 def write_study(folder: Path, result: StudyResult) -> list[Path]:
-    """Writes NAME.png, NAME.svg, NAME.csv (every number) and NAME.json (curves and provenance)."""
-    paths = [folder / name for name in file_names(result.study)]
-    check_files(folder, file_names(result.study), force=True)
-    for path in paths[:2]:
-        draw(result.study, result.curves, path, sample_words(result.cases, result.seeds))
-    with atomic_path(paths[2]) as partial, partial.open("w", encoding="utf-8", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(column.name for column in fields(StudyValue))
-        table.writerows(astuple(value) for value in result.values)
-    with atomic_path(paths[3]) as partial:
-        partial.write_text(json.dumps(_facts(result), indent=1) + "\n", encoding="utf-8")
-    return paths
+    """Writes NAME.png, NAME.svg, NAME.csv (every number) and NAME.json (curves and provenance).
+
+    A kill leaves the study whole or without its NAME.json, which the next run replaces.
+    """
+    names = file_names(result.study)
+    check_files(folder, names, force=True)
+    with files_together(folder, names, index=names[-1]) as staged:
+        picture, drawing, numbers, facts = (staged / name for name in names)
+        for path in (picture, drawing):
+            draw(result.study, result.curves, path, sample_words(result.cases, result.seeds))
+        with numbers.open("w", encoding="utf-8", newline="") as file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(column.name for column in fields(StudyValue))
+            table.writerows(astuple(value) for value in result.values)
+        facts.write_text(json.dumps(_facts(result), indent=1) + "\n", encoding="utf-8")
+    return [folder / name for name in names]
 
 
 def file_names(study: Study) -> tuple[str, ...]:

@@ -12,9 +12,9 @@ from pathlib import Path
 from rich.console import Console as RichConsole
 from rich.table import Table
 
+from emvs.utils.cache import Cache
 from emvs.utils.files import atomic_path
 from emvs.utils.outputs import check_files, output_folder
-from eval.jobs.cache import Cache
 from eval.suite.results import FILE_NAME, SuiteResult, write_suite
 from eval.suite.series import Series, of_suite
 

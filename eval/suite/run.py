@@ -20,7 +20,7 @@ from emvs.config import MapperConfig
 from emvs.datasets import open_recording
 from emvs.errors import InputError
 from emvs.mapper import map_window
-from eval.jobs.cache import Cache
+from emvs.utils.cache import Cache
 from eval.jobs.job import SEQUENCE, Done, Failed, Job, Outcome, entry
 from eval.jobs.scheduler import Open, run_jobs
 from eval.pipeline import check_case

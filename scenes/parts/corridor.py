@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 from numpy.random import default_rng
 
+from scenes.parts.texture_cache import kept
+
 if TYPE_CHECKING:
     import mujoco
 
@@ -16,6 +18,7 @@ _WALL_M = 1.3
 """The walls stand at this distance from the middle."""
 
 
+@kept
 def textures() -> Mapping[str, Image]:
     """Makes every texture of corridor.xml."""
     from scenes import textures as tx

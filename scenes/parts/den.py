@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import Generator, default_rng
 
+from scenes.parts.texture_cache import kept
 from sim.motion import Motion
 from sim.scene import Scene
 
@@ -115,6 +116,7 @@ def _lamp(
     )
 
 
+@kept
 def _textures() -> Mapping[str, Image]:
     from scenes import textures as tx
     from scenes.parts.stock import made, stock

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from numpy.random import Generator, default_rng
 
+from scenes.parts.texture_cache import kept
 from sim.motion import Motion
 from sim.scene import Scene
 
@@ -31,6 +32,7 @@ def case(name: str, summary: str, motion: Callable[[float, int], Motion]) -> Sce
     )
 
 
+@kept
 def _textures() -> Mapping[str, Image]:
     from scenes import textures as tx
     from scenes.parts.print import apriltags, whiteboard

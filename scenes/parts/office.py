@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import default_rng
 
+from scenes.parts.texture_cache import kept
 from sim.motion import Motion
 from sim.motion.curves import HeadSway, Vector3, Wave, look_at
 from sim.scene import Scene
@@ -57,6 +58,7 @@ def _by_hand(eye_m: Vector3, target_m: Vector3, seed: int) -> HeadSway:
     return HeadSway(look_at(eye_m, target_m), (sway, tremor))
 
 
+@kept
 def _textures() -> Mapping[str, Image]:
     from scenes import textures as tx
     from scenes.parts.print import whiteboard

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import Generator, default_rng
 
+from scenes.parts.texture_cache import kept
+
 if TYPE_CHECKING:
     import mujoco
 
@@ -23,6 +25,7 @@ _OAKS_M = (
 )  # fmt: skip
 
 
+@kept
 def textures() -> Mapping[str, Image]:
     """Makes every texture of park.xml."""
     from scenes import textures as tx

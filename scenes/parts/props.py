@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 if TYPE_CHECKING:
@@ -109,6 +108,8 @@ def cable(
     spec: mujoco.MjSpec, name: str, points_m: ArrayLike, radius_m: float, material: str
 ) -> None:
     """Lays a cable through points (N, 3) as a smooth chain of capsules."""
+    from scipy.interpolate import CubicSpline  # scenes without cables need not wait for it
+
     points = np.asarray(points_m, float)
     curve = CubicSpline(np.arange(len(points)), points)
     fine = curve(np.linspace(0, len(points) - 1, 4 * len(points)))

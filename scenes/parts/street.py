@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 from numpy.random import Generator, default_rng
 
+from scenes.parts.texture_cache import kept
+
 if TYPE_CHECKING:
     import mujoco
 
@@ -19,6 +21,7 @@ _PAINTS = {"a": (0.62, 0.24, 0.2), "b": (0.72, 0.74, 0.76), "c": (0.26, 0.38, 0.
 _END_M = 49.0
 
 
+@kept
 def textures() -> Mapping[str, Image]:
     """Makes every texture of street.xml."""
     from scenes import textures as tx

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 from numpy.random import Generator
-from scipy import ndimage
 
 from scenes.textures.noise import Colour, Field, Image, blend, finish
 
@@ -69,6 +68,8 @@ def solid(
     Returns:
         (6 N, N, 3) uint8 cube map.
     """
+    from scipy import ndimage  # kept textures need not wait for it
+
     points = _directions(size_px)
     block = rng.random((64, 64, 64), dtype=np.float32)
     tone = np.zeros(points.shape[1:], np.float32)

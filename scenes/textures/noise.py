@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
-from scipy import fft
 
 Image: TypeAlias = NDArray[np.uint8]  # (H, W, 3) RGB
 Field: TypeAlias = NDArray[np.float32]  # (H, W) or (H, W, 3), 0..1
@@ -55,6 +54,8 @@ def fractal(
     Returns:
         (H, W) float32 within 0..1, mean near 0.5, standard deviation near 0.18.
     """
+    from scipy import fft  # kept textures need not wait for it
+
     height, width = shape
     spectrum = fft.rfft2(rng.standard_normal(shape, dtype=np.float32))
     rows = fft.fftfreq(height)[:, None].astype(np.float32) * (height * stretch[0])

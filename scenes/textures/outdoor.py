@@ -5,7 +5,6 @@ from __future__ import annotations
 import cv2
 import numpy as np
 from numpy.random import Generator
-from scipy import ndimage
 
 from scenes.textures.cubes import wrap
 from scenes.textures.noise import Colour, Field, Image, blend, finish, fractal
@@ -133,6 +132,8 @@ def sky(size_px: int, rng: Generator, cover: float = 0.45) -> Image:
     Returns:
         (6 N, N, 3) uint8 cube map; seamless, because it is a function of the direction.
     """
+    from scipy import ndimage  # kept textures need not wait for it
+
     x, y, z = _sky_directions(size_px)
     height = np.maximum(z, 0.0)
     # Clouds lie on a layer, so they grow smaller towards the horizon.

@@ -23,7 +23,9 @@ _INK: Colour = (0.13, 0.13, 0.16)
 
 def words(rng: Generator, count: int) -> list[str]:
     """Makes up words that look like a language."""
-    return ["".join(rng.choice(_SYLLABLES, size=rng.integers(1, 4))) for _ in range(count)]
+    # The draws of `rng.choice`, which would make an array of all syllables for every word.
+    drawn = (rng.integers(0, len(_SYLLABLES), size=rng.integers(1, 4)) for _ in range(count))
+    return ["".join(_SYLLABLES[k] for k in word) for word in drawn]
 
 
 def write(

@@ -1,6 +1,7 @@
 import dataclasses
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -467,8 +468,17 @@ def test_a_recording_that_knows_its_length_is_not_read_to_be_counted(tmp_path):
 # Memory
 
 
+def test_volumes_that_the_disk_cannot_hold_name_it_and_what_is_free(tmp_path, monkeypatch):
+    monkeypatch.setattr("emvs.preflight.free_bytes", lambda _: 4096)
+    out = tmp_path / "not" / "there"
+    config = CONFIG.model_copy(update={"save_dsi": True})
+    words = rf"{re.escape(str(out))}: save_dsi of .* needs [\d.]+ MB, 4.1 kB are free on that disk"
+    with pytest.raises(InputError, match=words):
+        check_view_fits(reference_view(WORLD, config, 0), 8, config, out)
+
+
 def test_what_cannot_be_held_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"a lot needs at least 1e\+09 GB of memory.*: take less"):
+    with pytest.raises(InputError, match=r"a lot needs at least 1 EB of memory.*: take less"):
         need_memory(10**18, "a lot", "take less")
     need_memory(1, "nothing", "")
     config = with_(planes=100_000, view_width_px=32768, view_height_px=32768, save_dsi=True)

@@ -22,6 +22,26 @@ Sequence.events = first
 main(["map", sys.argv[1], "--out", sys.argv[2], "--quiet"])
 """
 
+# Ends the process where `eventsweep simulate` has its first picture.
+FIRST_PICTURE = """
+import os, sys
+from numba.core import event
+from eval.cli.main import main
+from sim.rendering.renderer import StereoRenderer
+
+picture = StereoRenderer.frame
+
+def first(*arguments):
+    picture(*arguments)
+    starts = [e.data["dispatcher"] for _, e in recorder.buffer if e.is_start]
+    print(len(starts), *sys.modules, flush=True)
+    os._exit(0)
+
+StereoRenderer.frame = first
+with event.install_recorder("numba:compile") as recorder:
+    main(["simulate", "low-texture", "--out", sys.argv[1], "--seconds", "0.01", "--quiet"])
+"""
+
 COMPILED = """
 from numba.core import event
 from emvs.config import MapperConfig
@@ -48,6 +68,16 @@ def test_nothing_heavy_is_imported_before_the_first_event(tmp_path):
     modules = {name.partition(".")[0] for name in names}
     assert {"numba", "emvs"} <= modules
     assert not modules & set(HEAVY)
+
+
+def test_the_first_picture_waits_for_nothing_else(tmp_path):
+    run(FIRST_PICTURE, tmp_path / "first")
+    compiled, *names = run(FIRST_PICTURE, tmp_path / "second")
+    assert int(compiled) == 0
+    assert {"mujoco", "sim.simulate", "scenes.low_texture"} <= set(names)
+    # No maps, no scores, and nothing that only draws textures.
+    assert not {"emvs.mapper", "emvs.datasets", "emvs.dsi", "eval.scoring"} & set(names)
+    assert not {"scipy.ndimage", "open3d", "matplotlib", "pandas", "dash"} & set(names)
 
 
 def test_a_second_process_compiles_nothing():

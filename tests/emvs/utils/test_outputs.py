@@ -2,9 +2,11 @@
 
 import json
 import os
+import re
 import shutil
 import tempfile
 import threading
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -13,8 +15,17 @@ from hypothesis import strategies as st
 
 from emvs.errors import InputError
 from emvs.utils import outputs
-from emvs.utils.outputs import atomic_dir, check_output, inputs_of, output_file, output_folder
-from emvs.utils.ownership import mark, remove_ours, strangers
+from emvs.utils.files import DiskFull, atomic_path, bytes_text, free_bytes
+from emvs.utils.outputs import (
+    atomic_dir,
+    check_output,
+    files_together,
+    inputs_of,
+    output_file,
+    output_folder,
+)
+from emvs.utils.ownership import MARKER, mark, remove_ours, strangers
+from killed import killed_at_every_step
 
 PAGE = "<!doctype html>\n<title>eventsweep · x</title>"
 RESULTS = '{"rows": [], "configuration": {}}'
@@ -50,7 +61,7 @@ def write_run(folder):
     write_map(folder / "desk" / "map")
     put(folder, config_0toml="", results_0json=RESULTS, results_0csv="", report_0html=PAGE)
     put(folder / "tables", ranking_0csv="r")
-    mark(folder / "tables", ["ranking.csv"])
+    mark(folder / "tables")
 
 
 def write_converted(folder):
@@ -72,7 +83,7 @@ def write_study(folder):
 
 def write_comparison(folder):
     put(folder, compare_0html=PAGE, tables__changes_0csv="c")
-    mark(folder / "tables", ["changes.csv"])
+    mark(folder / "tables")
 
 
 WRITERS = {
@@ -470,3 +481,103 @@ def attempt(out, verb, inputs):
     except InputError:
         return False
     return True
+
+
+# --- files that belong together
+
+
+def put_together(folder, text, index=""):
+    names = ["b", "c", index or MARKER]
+    with files_together(folder, names, index=index) as staged:
+        for name in names[:-1]:
+            (staged / name).write_text(text)
+        if index:
+            (staged / index).write_text('{"study": "x", "breaks_at": {}}')
+        else:
+            mark(staged, folder)
+
+
+@pytest.mark.parametrize("before", [False, True])
+def test_files_that_belong_together_are_ours_wherever_a_kill_comes(tmp_path, before):
+    folder = tmp_path / "out"
+
+    def start():
+        shutil.rmtree(folder, ignore_errors=True)
+        put(folder, mine_0txt="mine")
+        if before:
+            put_together(folder, "old one")
+
+    def check(step):
+        assert strangers(folder) == ["mine.txt"] if (folder / MARKER).exists() else True
+        assert strangers(folder, ["b", "c", MARKER]) == [], step
+        put_together(folder, "a newer text")
+        assert sorted(path.name for path in folder.iterdir()) == [MARKER, "b", "c", "mine.txt"]
+        start()
+
+    start()
+    assert killed_at_every_step(lambda: put_together(folder, "new"), check) > 5
+    assert (folder / "b").read_text() == "new"
+    assert (folder / "mine.txt").read_text() == "mine"
+
+
+def test_a_file_of_the_same_name_is_not_ours_for_that(tmp_path):
+    put(tmp_path, b="a longer text of somebody's")
+    with suppress(RuntimeError), files_together(tmp_path, ["b", MARKER]) as staged:
+        (staged / "b").write_text("ours")
+        mark(staged, tmp_path)
+        assert strangers(tmp_path, ["b"]) == ["b"]
+        raise RuntimeError
+    assert [path.name for path in tmp_path.iterdir()] == ["b"]
+    assert (tmp_path / "b").read_text() == "a longer text of somebody's"
+
+
+# --- a full disk
+
+
+def fill(path):
+    """What writing to a full disk says: it names no file."""
+    del path
+    with Path("/dev/full").open("wb", buffering=0) as file:
+        file.write(b"x")
+
+
+@contextmanager
+def nested(path):
+    with atomic_dir(path) as folder, atomic_path(folder / "part") as part:
+        yield part
+
+
+WAYS = {"atomic_dir": atomic_dir, "output_file": output_file, "atomic_path": atomic_path,
+        "nested": nested, "files_together": lambda path: files_together(path, ["a"])}  # fmt: skip
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_full_disk_names_the_output_and_what_is_free(tmp_path, way):
+    out = tmp_path / "out"
+    with pytest.raises(InputError) as caught, WAYS[way](out) as partial:
+        fill(partial)
+    free = bytes_text(free_bytes(tmp_path)).split()[1]
+    words = rf"{re.escape(str(out))}: no space left on device, [\d.]+ {free} are free: free some"
+    assert re.match(words, str(caught.value))
+    assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_other_faults_of_the_system_stay_what_they_are(tmp_path):
+    with pytest.raises(IsADirectoryError), atomic_dir(tmp_path / "out") as folder:
+        folder.write_text("x")
+
+
+def test_hdf5s_word_for_a_full_disk_is_understood(tmp_path):
+    words = "Can't write data (file write failed: errno = 28, 'No space left on device')"
+    with pytest.raises(DiskFull, match="out: no space left"), atomic_dir(tmp_path / "out"):
+        raise OSError(words)
+
+
+@pytest.mark.parametrize(
+    ("count", "text"),
+    [(0, "0 bytes"), (999, "999 bytes"), (1000, "1 kB"), (4096, "4.1 kB"), (999_400, "999 kB"),
+     (999_600, "1 MB"), (3.2e6, "3.2 MB"), (1.05e9, "1.05 GB"), (10**18, "1 EB")],
+)  # fmt: skip
+def test_sizes_are_said_in_the_unit_that_suits_them(count, text):
+    assert bytes_text(count) == text

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 
 from emvs.errors import InputError
+from emvs.utils.cache import Cache, key_of
 from eval.jobs import code_version as versions_of_code
 from eval.jobs import dask as schedule_dask
-from eval.jobs.cache import Cache, key_of
 from eval.jobs.code_version import closure, code_version, definition_digest, with_includes
 from eval.jobs.dask import Cluster, dask_workers
 from eval.jobs.job import RESULT, Done, Failed, Job, do, order
@@ -151,7 +151,7 @@ def test_pruning_removes_what_was_not_used_for_longest(tmp_path):
 
 def test_a_cache_that_cannot_be_made_is_told_in_one_line(tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match=r"^cache .*file/c: cannot be made .*--cache$"):
+    with pytest.raises(InputError, match=r"^cache .*file/c: cannot be made .*choose another$"):
         Cache(tmp_path / "file" / "c")
 
 

@@ -13,7 +13,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from eval.report import side_by_side
+from eval.report.compare_page import compare, page_text
+from eval.report.compared_results import read_compared
 from eval.report.run_page import render
+from eval.scoring.results import write_results
 from report_data import METHODS, SHAPE, report_data
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -96,6 +100,28 @@ def test_the_cursor_reads_the_same_pixel_everywhere(tmp_path, page, data):
     assert float(numbers["error"]) == pytest.approx(100 * (depth_m - truth_m), abs=0.3)
     assert int(numbers["frame"]) == window.frame[y, x]
     assert float(numbers["confidence"]) == pytest.approx(method.confidence[y, x], rel=0.01)
+
+
+def test_a_comparison_shows_the_chosen_method_and_opens_what_is_folded(tmp_path, monkeypatch):
+    monkeypatch.setattr(side_by_side, "load_run", lambda _: report_data("desk"))
+    for name in "ab":
+        (tmp_path / name).mkdir()
+        write_results(tmp_path / name, report_data("desk").results)
+    page = page_text(compare(read_compared([tmp_path / "a", tmp_path / "b"])))
+    page = page.replace('<html lang="en">', '<html lang="en" class="ready">')
+    shown = """
+      const seen = () => [...document.querySelectorAll("#pictures0 .of")]
+        .filter((one) => one.offsetParent).map((one) => one.querySelector("img").alt);
+      const before = seen();
+      document.querySelector('label[for="pictures0-method-m0"]').click();
+      const folded = document.querySelector("#settings details");
+      folded.open = true;
+      return [before, seen(), folded.querySelectorAll("tbody tr").length > 5];
+    """
+    before, after, rows = _ask(tmp_path, page, shown)
+    assert before == ["Depth [m] of Alg1/H, a"]
+    assert after == ["Depth [m] of Alg1/max, a"]
+    assert rows
 
 
 def test_a_pixel_without_depth_says_so_until_a_method_has_one(tmp_path, page, data):

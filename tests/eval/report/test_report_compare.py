@@ -1,146 +1,557 @@
-"""Results side by side: differences where they mean something, and only there."""
+"""Results side by side: what was changed, what came of it, and how sure that is."""
 
 from __future__ import annotations
 
 import csv
+import json
 import re
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from scipy import stats
 
+from emvs.config import MapperConfig
 from emvs.errors import InputError
 from eval.cli.main import main
-from eval.report.compare_page import compare_runs, comparison_page, read_runs, write_comparison
-from eval.scoring.results import write_results
-from eval.suite.series import Key
+from eval.report import side_by_side
+from eval.report.compare_page import (
+    compare,
+    page_text,
+    sections_of,
+    settings_text,
+    write_comparison,
+)
+from eval.report.compared_results import read_compared
+from eval.report.comparison import PRIMARY
+from eval.report.html import Section
+from eval.scoring.results import Results, Row, write_results
+from eval.scoring.significance import holm, interval
+from eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult, write_suite
 from report_data import WellFormed, report_data
+from sim.config import SimConfig
 
-KEY = Key("desk", "Alg1/H", "mean_error")
+METRICS = {"mean_error": ("m", "lower"), "bad_published": ("%", "lower"),
+           "points": ("px", "higher"), "rmse": ("m", "lower"),
+           "common_mean_error": ("m", "lower")}  # fmt: skip
+FACTS = SampleFacts("sequence", "truth", "scene", "gl", {}, {}, {})
 
 
-def _changed(results, factor):
+def configuration(case="desk", **values):
+    """A run's, with some values of the mapper, `sim_` and `score_` ones too."""
+    groups = {"sim": {}, "score": {}, "map": {}}
+    for name, value in values.items():
+        group, _, rest = name.partition("_")
+        groups[group][rest] = value
+    sim = SimConfig(**groups["sim"]).model_dump(mode="json")
+    mapper = MapperConfig(**groups["map"]).model_dump(mode="json")
+    return {"score": {"border_px": 0, **groups["score"]}, case: {"sim": sim, "map": mapper}}
+
+
+def run_folder(path, factor=1.0, case="desk", **changes):
+    """`results.json` of a run of one seed; `factor` changes its mean error."""
+    results = report_data(case).results
     rows = tuple(
         replace(row, value=row.value * factor) if row.metric == "mean_error" else row
         for row in results.rows
     )
-    return replace(results, rows=rows)
+    path.mkdir(parents=True)
+    changes.setdefault("configuration", configuration(case))
+    write_results(path, replace(results, rows=rows, **changes))
+    return path
 
 
-@pytest.fixture
-def results():
-    return report_data("desk").results
+def suite_folder(path, values, *, mapper=None, facts=FACTS, windows=None, jobs=()):
+    """`suite.json`; values: case -> method -> metric -> seed -> values of its windows."""
+    starts = windows or [0.0, 0.1, 0.2]
+    spec = {"scene": "none", "rig": "davis346", "mappers": ["default"], "sim": {}, "seconds": 1.0,
+            "windows": [{"start_s": start, "duration_s": 0.1} for start in starts]}  # fmt: skip
+    definition = {"cases": dict.fromkeys(values, spec), "mappers": {"default": mapper or {}},
+                  "score": {}, "metrics": list(METRICS)}  # fmt: skip
+    seeds = {seed for case in values.values() for method in case.values()
+             for metric in method.values() for seed in metric}  # fmt: skip
+    samples = [
+        Sample(case, seed, tuple(rows_of(case, seed, methods)), facts)
+        for case, methods in values.items()
+        for seed in sorted(seeds)
+    ]
+    samples = tuple(sample for sample in samples if sample.rows)
+    path.mkdir(parents=True)
+    write_suite(path, SuiteResult("s", "all", "d", definition, {}, tuple(seeds), samples, jobs))
+    return path
 
 
-def _folders(tmp_path, *found):
-    folders = [tmp_path / f"run{k}" for k in range(len(found))]
-    for folder, one in zip(folders, found, strict=True):
-        folder.mkdir()
-        write_results(folder, one)
-    return folders
+def rows_of(case, seed, methods):
+    for method, metrics in methods.items():
+        for metric, by_seed in metrics.items():
+            for k, value in enumerate(by_seed.get(seed, ())):
+                yield Row(case, f"w{k:03d}", method, metric, value, *METRICS[metric])
 
 
-def _verdict(folders, key=KEY):
-    return compare_runs(read_runs(folders)).verdicts[0][key]
-
-
-def test_a_result_beside_itself_is_the_same(tmp_path, results):
-    found = compare_runs(read_runs(_folders(tmp_path, results, results)))
-    assert {one.status for one in found.verdicts[0].values()} == {"same"}
-
-
-@pytest.mark.parametrize(("factor", "status"), [(2.0, "worse"), (0.5, "better")])
-def test_a_change_has_a_direction_and_a_size(tmp_path, results, factor, status):
-    verdict = _verdict(_folders(tmp_path, results, _changed(results, factor)))
-    assert verdict.status == status
-    assert verdict.change == pytest.approx((factor - 1) * verdict.baseline)
-
-
-def test_another_sequence_is_not_comparable(tmp_path, results):
-    other = replace(results, sequences={"desk": "cd" * 32})
-    assert _verdict(_folders(tmp_path, results, other)).status == "not comparable"
-
-
-def test_what_is_missing_on_another_sequence_is_not_gone(tmp_path, results):
-    fewer = replace(results, rows=tuple(r for r in results.rows if r.metric != "rmse"))
-    key = KEY._replace(metric="rmse")
-    assert _verdict(_folders(tmp_path, results, fewer), key).status == "gone"
-    other = replace(fewer, sequences={"desk": "cd" * 32})
-    (tmp_path / "other").mkdir()
-    found = _folders(tmp_path / "other", results, other)
-    assert {one.status for one in compare_runs(read_runs(found)).verdicts[0].values()} == {
-        "not comparable"
+def spread(seeds, shift=0.0, noise=0.01, windows=3, draw=0):
+    """Values of windows per seed, and differences to those of `shift` 0 that vary by `noise`."""
+    base, own = np.random.default_rng(1), np.random.default_rng([draw, int(shift != 0)])
+    return {
+        seed: tuple(0.2 + base.normal(0, 0.05, windows) + shift + own.normal(0, noise, windows))
+        for seed in range(seeds)
     }
-    assert _verdict(found, key).why.startswith("other sequences")
 
 
-def test_another_version_is_not_comparable_and_says_which(tmp_path, results):
-    other = replace(results, versions={**results.versions, "eventsweep": "9.9"})
-    verdict = _verdict(_folders(tmp_path, results, other))
-    assert verdict.status == "not comparable"
-    assert "9.9" in verdict.why
+def compared(*folders):
+    return compare(read_compared(folders))
 
 
-def test_what_is_not_comparable_shows_no_difference(tmp_path, results):
-    other = replace(_changed(results, 2.0), sequences={"desk": "cd" * 32})
-    page = comparison_page(compare_runs(read_runs(_folders(tmp_path, results, other))))
-    desk = next(section for section in page.sections if section.title == "desk")
-    for line in desk.tables[desk.names.index("mean error")].lines:
-        assert [cell.text for cell in line[3:]] == ["–", "–", "not comparable"]
+def numbers(comparison, pair=0, **wanted):
+    found = (*comparison.pairs[pair].means, *comparison.pairs[pair].cases)
+    return [one for one in found if all(getattr(one, k) == v for k, v in wanted.items())]
 
 
-def test_the_page_is_whole_and_loads_nothing(tmp_path, results):
-    folders = _folders(tmp_path, results, _changed(results, 2.0), _changed(results, 0.9))
-    text = write_comparison(folders, tmp_path / "out").read_text()
+def number(comparison, pair=0, **wanted):
+    wanted = {"method": "Alg1/H", "metric": "mean_error", **wanted}
+    (found,) = numbers(comparison, pair, **wanted)
+    return found
+
+
+# --- settings
+
+
+def test_the_page_says_first_what_was_changed(tmp_path, capsys):
+    folders = [
+        run_folder(tmp_path / name, configuration=configuration(map_planes=planes))
+        for name, planes in (("a", 100), ("b", 20))
+    ]
+    assert main(["compare", *map(str, folders), "--out", str(tmp_path / "out")]) == 0
+    assert "map.planes 100 → 20" in capsys.readouterr().out
+    text = (tmp_path / "out/compare.html").read_text()
+    places = [text.index(what) for what in ("planes 100 → 20", 'id="settings"', 'id="numbers0"')]
+    assert places == sorted(places)
+    lines = list(csv.reader((tmp_path / "out/tables/settings.csv").open()))
+    assert lines == [["setting", "a", "b"], ["map.planes", "100 (default)", "20"]]
+
+
+def test_settings_of_simulator_and_scores_differ_too_and_have_units(tmp_path):
+    comparison = compared(
+        run_folder(tmp_path / "a"),
+        run_folder(
+            tmp_path / "b", platform="elsewhere",
+            versions={"eventsweep": "0.1", "numpy": "9"},
+            configuration=configuration(sim_duration_s=2.0, map_min_depth_m=0.5),
+        ),
+    )  # fmt: skip
+    found = {one.name: (one.unit, *one.texts) for one in comparison.differing}
+    assert found["sim.duration_s"] == ("s", "unset", "2")
+    assert found["map.min_depth_m"] == ("m", "unset", "0.5")
+    assert found["platform"][2] == "elsewhere"
+    assert found["numpy"][2] == "9"
+    assert "map.planes" not in found
+    assert "map.planes" in {one.name for one in comparison.settings}, "equal ones can be looked up"
+
+
+def test_a_default_that_is_stated_is_no_difference(tmp_path):
+    values = {"desk": {"Alg1/H": {"mean_error": spread(2)}}}
+    folders = [
+        suite_folder(tmp_path / "a", values, mapper={"planes": 100}),
+        suite_folder(tmp_path / "b", values),
+        suite_folder(tmp_path / "c", values, mapper={"planes": 50}),
+    ]
+    assert compared(*folders[:2]).differing == ()
+    assert settings_text(compared(*folders[:2])) == "No setting differs."
+    (planes,) = compared(*folders[1:]).differing
+    assert planes.told == ("100 (default)", "50")
+
+
+def test_a_setting_that_one_case_alone_has_names_it(tmp_path):
+    folders = []
+    for name, planes in (("a", 100), ("b", 30)):
+        both = {**configuration("desk"), "boxes": configuration("x", map_planes=planes)["x"]}
+        results = report_data("desk", "boxes").results
+        (tmp_path / name).mkdir()
+        write_results(tmp_path / name, replace(results, configuration=both))
+        folders.append(tmp_path / name)
+    (planes,) = compared(*folders).differing
+    assert (planes.name, planes.cases, planes.texts) == ("map.planes", ("boxes",), ("100", "30"))
+
+
+def test_a_suites_code_and_failures_are_named(tmp_path):
+    values = {"desk": {"Alg1/H": {"mean_error": spread(2)}}}
+    jobs = (JobNote("map/desk/seed0", code="abc"), JobNote("map/desk/seed1", failure="no room"))
+    comparison = compared(
+        suite_folder(tmp_path / "a", values, jobs=(JobNote("map/desk/seed0", code="def"),)),
+        suite_folder(tmp_path / "b", values, jobs=jobs),
+    )
+    assert [(one.name, one.texts) for one in comparison.differing] == [
+        ("code of map", ("def", "abc"))
+    ]
+    assert "Failed in b: map/desk/seed1: no room" in comparison.pairs[0].apart
+
+
+# --- numbers
+
+
+def test_seeds_and_windows_are_paired_and_the_interval_is_that_of_the_differences(tmp_path):
+    first, other = spread(5), spread(5, 0.02, 0.004)
+    comparison = compared(
+        suite_folder(tmp_path / "a", {"desk": {"Alg1/H": {"mean_error": first}}}),
+        suite_folder(tmp_path / "b", {"desk": {"Alg1/H": {"mean_error": other}}}),
+    )
+    one = number(comparison)
+    groups = [np.subtract(other[seed], first[seed]) for seed in first]
+    assert (one.low, one.high) == interval(groups)
+    assert one.first == pytest.approx(np.mean(list(first.values())))
+    assert one.change == pytest.approx(np.mean(groups))
+    means = [np.mean(list(values.values()), axis=1) for values in (other, first)]
+    assert one.p == pytest.approx(stats.ttest_rel(*means).pvalue)
+    assert (one.verdict, one.seeds) == ("worse", 5)
+    unpaired = stats.ttest_ind(*means).pvalue
+    assert one.p < 0.05 < unpaired, "seeds differ by more than the results do"
+
+
+@pytest.mark.parametrize(
+    ("metric", "shift", "verdict"),
+    [("mean_error", 0.05, "worse"), ("mean_error", -0.05, "better"), ("mean_error", 0.0, None),
+     ("points", 0.05, "better"), ("rmse", 0.05, "not judged")],
+)  # fmt: skip
+def test_verdicts_follow_the_metrics_direction(tmp_path, metric, shift, verdict):
+    values = [spread(6, 0, 0), spread(6, shift, 0.002)]
+    comparison = compared(*(
+        suite_folder(tmp_path / str(k), {"desk": {"Alg1/H": {metric: one}}})
+        for k, one in enumerate(values)
+    ))  # fmt: skip
+    assert number(comparison, metric=metric).verdict == (verdict or "no difference shown")
+
+
+def test_equal_is_equal_and_not_merely_undecided(tmp_path):
+    folders = [run_folder(tmp_path / name) for name in ("a", "b")]
+    found = numbers(compared(*folders))
+    assert {one.verdict for one in found if one.metric in PRIMARY} == {"equal"}
+
+
+def test_many_numbers_need_more_to_be_called_different(tmp_path):
+    methods = [f"m{k}" for k in range(12)]
+    folders = []
+    for name, shift in (("a", 0.0), ("b", 0.02)):
+        values = {m: {"mean_error": spread(4, shift, 0.008, draw=k)} for k, m in enumerate(methods)}
+        folders.append(suite_folder(tmp_path / name, {"desk": values}))
+    found = numbers(compared(*folders))
+    assert [one.p_holm for one in found] == holm([one.p for one in found])
+    spared = [one for one in found if one.p < 0.05 <= one.p_holm]
+    assert spared, "a draw that shows nothing"
+    assert {one.verdict for one in spared} == {"no difference shown"}
+    assert {one.why for one in spared} == {"worse, but for the number of tests"}
+    assert all(one.spared for one in spared)
+    assert f"({len(spared)} of these only for the number of tests" in page_text(compared(*folders))
+
+
+def test_one_seed_has_no_interval_and_decides_nothing(tmp_path, capsys):
+    folders = [run_folder(tmp_path / "a"), run_folder(tmp_path / "b", 2.0)]
+    one = number(compared(*folders))
+    assert np.isnan([one.low, one.high, one.p]).all()
+    assert (one.verdict, one.words) == ("undecided", "undecided (one seed: worse here)")
+    assert main(["compare", *map(str, folders), "--out", str(tmp_path / "out")]) == 0
+    out = capsys.readouterr().out
+    (line,) = [line for line in out.splitlines() if "Alg1/H" in line]
+    assert "undecided, worse here" in line
+    assert " – " in line
+    assert "± 0" not in out
+
+
+def test_one_seed_of_several_is_compared_with_itself_alone(tmp_path):
+    values = spread(5)
+    one_seed = {3: tuple(2 * value for value in values[3])}
+    comparison = compared(
+        suite_folder(tmp_path / "a", {"desk": {"Alg1/H": {"mean_error": values}}}),
+        suite_folder(tmp_path / "b", {"desk": {"Alg1/H": {"mean_error": one_seed}}}),
+    )
+    one = number(comparison)
+    assert (one.seeds, one.verdict) == (1, "undecided")
+    assert one.first == pytest.approx(np.mean(values[3]))
+    assert "Only a has the seeds 0, 1, 2, 4." in comparison.pairs[0].apart
+
+
+def test_without_a_common_seed_nothing_is_paired(tmp_path):
+    folders = [run_folder(tmp_path / "a"), run_folder(tmp_path / "b", 2.0, seed=8)]
+    comparison = compared(*folders)
+    one = number(comparison)
+    assert (one.verdict, one.why) == ("undecided", "no seed in common")
+    assert one.change == pytest.approx(one.first)
+    assert "nothing is paired" in comparison.pairs[0].data[0]
+
+
+def test_means_weigh_cases_alike_and_their_seeds_stay_apart(tmp_path):
+    cases = {"desk": (4, 0.01), "boxes": (6, 0.03)}
+    folders = []
+    for k, name in enumerate("ab"):
+        spreads = {case: spread(n, k * shift, 0.002) for case, (n, shift) in cases.items()}
+        values = {case: {"Alg1/H": {"mean_error": one}} for case, one in spreads.items()}
+        folders.append(suite_folder(tmp_path / name, values))
+    comparison = compared(*folders)
+    mean = number(comparison, case="mean of 2 cases")
+    singles = [number(comparison, case=case) for case in cases]
+    assert mean.change == pytest.approx(np.mean([one.change for one in singles]))
+    assert mean.low < mean.change < mean.high
+    assert comparison.pairs[0].headline == (mean,)
+    assert mean.verdict == "worse"
+
+
+# --- what can be compared, and what cannot
+
+
+def test_what_is_common_is_compared_and_the_rest_is_named(tmp_path):
+    h, g = ({"mean_error": spread(3)} for _ in range(2))
+    comparison = compared(
+        suite_folder(tmp_path / "a", {"desk": {"Alg1/H": h, "Alg1/G": g}, "boxes": {"Alg1/H": h}}),
+        suite_folder(tmp_path / "b", {"desk": {"Alg1/H": h, "Own": h}, "stairs": {"Own": h}}),
+    )
+    assert {(one.case, one.method) for one in numbers(comparison)} == {("desk", "Alg1/H")}
+    assert set(comparison.pairs[0].apart) == {
+        "Only a has the case boxes.", "Only a has the method Alg1/G.",
+        "Only b has the case stairs.", "Only b has the method Own.",
+    }  # fmt: skip
+
+
+def test_windows_of_another_time_are_no_pair(tmp_path):
+    values = {"desk": {"Alg1/H": {"mean_error": spread(3)}}}
+    comparison = compared(
+        suite_folder(tmp_path / "a", values),
+        suite_folder(tmp_path / "b", values, windows=[0.0, 0.15, 0.2]),
+    )
+    mean = np.mean([[v[0], v[2]] for v in values["desk"]["Alg1/H"]["mean_error"].values()])
+    assert number(comparison).first == pytest.approx(mean)
+    assert comparison.pairs[0].apart == (
+        "Only a has the window w001 at 0.15 s.", "Only b has the window w001 at 0.2 s.",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [({}, ()), ({"sequence": "x"}, ("not the same events, the same true depth",)),
+     ({"sequence": "x", "truth": "y"}, ("not the same data", "another true depth")),
+     ({"sequence": ""}, ("no hash says",))],
+)  # fmt: skip
+def test_other_data_are_told(tmp_path, changes, told):
+    values = {"desk": {"Alg1/H": {"mean_error": spread(3)}}}
+    comparison = compared(
+        suite_folder(tmp_path / "a", values),
+        suite_folder(tmp_path / "b", values, facts=replace(FACTS, **changes)),
+    )
+    sentences = comparison.pairs[0].data
+    assert len(sentences) == bool(told)
+    assert all(words in sentences[0] for words in told)
+    assert all(sentence in page_text(comparison) for sentence in sentences)
+    if changes.get("sequence"):
+        assert "seeds and windows are paired, pixels are not" in sentences[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [({"configuration": configuration(score_border_px=5)}, "score.border_px"),
+     ({"metrics": {"mean_error": "x"}}, "computes something else"),
+     ({"versions": {"eventsweep": "9.9"}}, "9.9")],
+)  # fmt: skip
+def test_numbers_of_another_kind_show_no_difference(tmp_path, changes, why):
+    first = {"metrics": {"mean_error": "w"}} if "metrics" in changes else {}
+    folders = [run_folder(tmp_path / "a", **first), run_folder(tmp_path / "b", 2.0, **changes)]
+    comparison = compared(*folders)
+    one = number(comparison)
+    assert one.verdict == "not comparable"
+    assert why in one.why
+    for line in table(comparison, "desk", "mean error").lines:
+        assert [cell.text for cell in line[3:8]] == ["–"] * 5
+
+
+def test_common_pixels_of_other_methods_are_not_comparable(tmp_path):
+    values = {metric: spread(2) for metric in ("common_mean_error", "mean_error")}
+    comparison = compared(
+        suite_folder(tmp_path / "a", {"desk": {"Alg1/H": values}}),
+        suite_folder(tmp_path / "b", {"desk": {"Alg1/H": values, "Alg1/G": values}}),
+    )
+    assert number(comparison).verdict == "equal"
+    assert number(comparison, metric="common_mean_error").verdict == "not comparable"
+
+
+def test_an_undefined_window_is_left_out_of_both_and_counted(tmp_path):
+    first, other = spread(2), spread(2, 0.1)
+    other[1] = (np.nan, *other[1][1:])
+    comparison = compared(
+        suite_folder(tmp_path / "a", {"desk": {"Alg1/H": {"mean_error": first}}}),
+        suite_folder(tmp_path / "b", {"desk": {"Alg1/H": {"mean_error": other}}}),
+    )
+    one = number(comparison)
+    assert one.first == pytest.approx(np.mean([np.mean(first[0]), np.mean(first[1][1:])]))
+    assert "undefined in 1 of 6 windows" in one.why
+
+
+@pytest.mark.parametrize("what", ["case", "method"])
+def test_nothing_in_common_is_one_line_and_leaves_nothing(tmp_path, capsys, what):
+    folders = [run_folder(tmp_path / "a"), tmp_path / "b"]
+    if what == "case":
+        run_folder(folders[1], case="boxes")
+    else:
+        folders[1].mkdir()
+        write_results(
+            folders[1], Results((Row("desk", "all", "Own", "mean_error", 1.0, "m", "lower"),))
+        )
+    out = tmp_path / "out"
+    assert main(["compare", *map(str, folders), "--out", str(out)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "nothing to compare" in line
+    assert not out.exists()
+
+
+def test_one_result_is_refused(tmp_path):
+    with pytest.raises(InputError, match="1 result given, needs two"):
+        read_compared([run_folder(tmp_path / "a")])
+
+
+def test_a_missing_result_leaves_nothing_behind(tmp_path, capsys):
+    folder, out = run_folder(tmp_path / "a"), tmp_path / "out"
+    assert main(["compare", str(folder), str(tmp_path / "none"), "--out", str(out)]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert not out.exists()
+
+
+def test_a_damaged_definition_is_one_line(tmp_path):
+    folder = suite_folder(tmp_path / "a", {"desk": {"Alg1/H": {"mean_error": spread(1)}}})
+    content = json.loads((folder / "suite.json").read_text())
+    del content["definition"]["cases"]
+    (folder / "suite.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match="definition is damaged") as caught:
+        read_compared([folder, folder])
+    assert "\n" not in str(caught.value)
+
+
+# --- the page
+
+
+def table(comparison, title, metric):
+    section: Section = next(one for one in sections_of(comparison) if one.title == title)
+    return section.tables[section.names.index(metric)]
+
+
+def test_two_folders_of_one_name_are_told_apart(tmp_path):
+    folders = [run_folder(tmp_path / parent / "run") for parent in ("a", "b")]
+    assert [one.name for one in read_compared(folders)] == ["1: a/run", "2: b/run"]
+
+
+def test_every_column_has_one_unit_and_cells_have_none(tmp_path):
+    folders = [run_folder(tmp_path / "a"), run_folder(tmp_path / "b", 2.0)]
+    for section in sections_of(compared(*folders)):
+        for grid in section.tables:
+            cells = [cell.text for line in grid.lines for cell in line[1:-1]]
+            assert cells
+            assert not [text for text in cells if re.search(r"[a-zA-Z%]", text)]
+
+
+def test_tables_hold_the_same_numbers(tmp_path):
+    folders = [run_folder(tmp_path / "a"), run_folder(tmp_path / "b", 2.0)]
+    write_comparison(folders, tmp_path / "out")
+    assert all(path.name.isascii() for path in (tmp_path / "out/tables").iterdir())
+    lines = list(csv.reader((tmp_path / "out/tables/desk-mean_error.csv").open()))
+    assert lines[0] == ["method", "a [cm]", "b [cm]", "Δ [cm]", "Δ from [cm]", "Δ to [cm]",
+                        "Δ [%]", "seeds", "p [Holm]", "verdict"]  # fmt: skip
+    assert len(lines) > 3
+    for _, first, second, change, low, high, share, seeds, p, verdict in lines[1:]:
+        assert float(second) == pytest.approx(2 * float(first))
+        assert float(change) == pytest.approx(float(first))
+        assert float(share) == pytest.approx(100)
+        assert (low, high, seeds, p) == ("", "", "1", "")
+        assert verdict == "undecided (one seed: worse here)"
+
+
+def test_several_results_have_a_line_each(tmp_path):
+    folders = [run_folder(tmp_path / name, k + 1.0) for k, name in enumerate("abc")]
+    comparison = compared(*folders)
+    lines = table(comparison, "desk", "mean error").lines
+    methods = [(line[0].text, line[1].text) for line in lines]
+    assert methods[:2] == [(methods[0][0], "b"), (methods[0][0], "c")]
+    assert [lines[k][3].value / lines[k][2].value for k in (0, 1)] == pytest.approx([2, 3])
+    text = page_text(comparison)
+    WellFormed(text)
+    assert "b against a" in text
+    assert "c against a" in text
+
+
+def test_the_page_is_whole_and_loads_nothing(tmp_path):
+    folders = [run_folder(tmp_path / name, factor) for name, factor in (("a", 1), ("b", 2))]
+    write_comparison(folders, tmp_path / "out")
+    text = (tmp_path / "out/compare.html").read_text()
     page = WellFormed(text)
     assert all(source.startswith(("data:", "#")) for source in page.sources)
     assert not re.search(r"https?://", text)
     assert len(page.ids) == len(set(page.ids))
-    assert "run1 against run0" in text
 
 
-def test_names_from_files_are_escaped(tmp_path, results):
+def test_names_from_files_are_escaped(tmp_path):
     hostile = "<script>alert(1)</script>"
-    rows = tuple(replace(row, case=hostile, method=hostile) for row in results.rows[:3])
-    rows = tuple(replace(row, metric=f"{row.metric}") for row in rows)
-    other = replace(results, rows=results.rows + rows, versions={hostile: hostile})
-    folders = _folders(tmp_path, results, other)
-    named = folders[1].rename(tmp_path / "a<b>&'c")
-    text = write_comparison([folders[0], named], tmp_path / "out").read_text()
+    rows = (Row(hostile, "all", hostile, "mean_error", 1.0, "m", "lower"),)
+    names = ("a<b>&'c", "plain")
+    for name in names:
+        (tmp_path / name).mkdir()
+        settings = {hostile: {"map": {hostile: name}}, "more": hostile}
+        write_results(
+            tmp_path / name, Results(rows, settings, versions={hostile: hostile}, platform=name)
+        )
+    write_comparison([tmp_path / name for name in names], tmp_path / "out")
+    text = (tmp_path / "out/compare.html").read_text()
     WellFormed(text)
     assert "<script>alert" not in text
     assert "a<b>" not in text
     assert "&lt;script&gt;" in text
 
 
-def test_tables_hold_the_same_numbers(tmp_path, results):
-    folders = _folders(tmp_path, results, _changed(results, 2.0))
-    write_comparison(folders, tmp_path / "out")
-    assert all(path.name.isascii() for path in (tmp_path / "out/tables").iterdir())
-    lines = list(csv.reader((tmp_path / "out/tables/desk-mean_error.csv").open()))
-    assert lines[0] == ["method", "run0 [cm]", "run1 [cm]", "Δ [cm]", "Δ [%]", "verdict"]
-    for _, first, second, change, share, verdict in lines[1:]:
-        assert float(second) == pytest.approx(2 * float(first))
-        assert float(change) == pytest.approx(float(first))
-        assert float(share) == pytest.approx(100)
-        assert verdict == "worse"
+def test_scripts_get_the_same_as_people(tmp_path, capsys):
+    folders = [run_folder(tmp_path / "a"), run_folder(tmp_path / "b", 2.0)]
+    assert main(["compare", *map(str, folders), "--out", str(tmp_path / "out"), "--json"]) == 0
+    (pair,) = json.loads(capsys.readouterr().out)["pairs"]
+    (one,) = [
+        one for one in pair["numbers"]
+        if (one["method"], one["metric"]) == ("Alg1/H", "mean_error")
+    ]  # fmt: skip
+    assert (one["verdict"], one["low"]) == ("undecided", None)
+    assert one["change"] == pytest.approx(one["first"])
 
 
-def test_two_folders_of_one_name_are_told_apart(tmp_path, results):
-    for parent in ("a", "b"):
-        (tmp_path / parent / "run").mkdir(parents=True)
-        write_results(tmp_path / parent / "run", results)
-    names = [run.name for run in read_runs([tmp_path / "a/run", tmp_path / "b/run"])]
-    assert names == ["1: a/run", "2: b/run"]
+# --- pictures
 
 
-def test_one_result_is_refused(tmp_path, results):
-    with pytest.raises(InputError, match="1 result given, needs two"):
-        read_runs(_folders(tmp_path, results))
+def picture_data(monkeypatch, **cases):
+    monkeypatch.setattr(side_by_side, "load_run", lambda folder: cases[folder.name])
 
 
-def test_a_missing_result_leaves_nothing_behind(tmp_path, results, capsys):
-    folders = _folders(tmp_path, results)
-    out = tmp_path / "out"
-    assert main(["compare", str(folders[0]), str(tmp_path / "none"), "--out", str(out)]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
-    assert not out.exists()
+def test_maps_lie_side_by_side_on_one_scale(tmp_path, monkeypatch):
+    good = report_data("desk")
+    (case,) = good.cases
+    (window,) = case.windows
+    bad = replace(window, depth_range_m=(0.25, 2.0), methods=tuple(
+        replace(one, depth_m=one.depth_m * 1.5) for one in window.methods[:2]
+    ))  # fmt: skip
+    picture_data(monkeypatch, a=good, b=replace(good, cases=(replace(case, windows=(bad,)),)))
+    results = read_compared([run_folder(tmp_path / "a"), run_folder(tmp_path / "b")])
+    (drawn,), missing = side_by_side.pictures_of(results, ["desk"])
+    assert missing == ()
+    assert drawn.methods == ("Alg1/max", "Alg1/H"), "what both have"
+    assert drawn.methods[drawn.chosen] == "Alg1/H"
+    (shown,) = drawn.windows
+    depth, error = shown.methods[drawn.chosen]
+    assert [one.name for one in error.pictures] == ["a", "b"]
+    assert (depth.scale.low, depth.scale.high) == (1 / 4.0, 1 / 0.25), "the range of both"
+    assert error.pictures[0].uri != error.pictures[1].uri
+    seen = {row.title: row.same for row in shown.seen}
+    assert seen == {"Frame": True, "Events": True, "True depth [m]": True}, "drawn once"
+
+
+def test_pictures_are_on_the_page_or_it_says_why_not(tmp_path, monkeypatch):
+    picture_data(monkeypatch, a=report_data("desk"), b=report_data("desk"))
+    runs = [run_folder(tmp_path / name) for name in "ab"]
+    text = page_text(compared(*runs))
+    WellFormed(text)
+    assert text.count('alt="Error |e − g| [cm] of Alg1/H, ') == 2
+    values = {"desk": {"Alg1/H": {"mean_error": spread(1)}}}
+    text = page_text(compared(*runs, suite_folder(tmp_path / "c", values)))
+    assert text.count('alt="Error |e − g| [cm] of Alg1/H, ') == 2
+    assert "No pictures of c: a suite keeps numbers, no depth maps." in text
+
+
+def test_a_result_without_maps_has_numbers_alone(tmp_path):
+    text = page_text(compared(run_folder(tmp_path / "a"), run_folder(tmp_path / "b")))
+    assert text.count("No pictures of") == 2

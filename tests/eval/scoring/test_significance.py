@@ -18,6 +18,7 @@ from eval.scoring.significance import (
     rank_methods,
     resampling_weights,
     stratified_interval,
+    stratified_p,
 )
 
 numbers = st.floats(-10, 10)
@@ -96,6 +97,25 @@ def test_one_stratum_is_students_t():
     values = [3.0, 5.0, 4.0, 8.0]
     expected = stats.t.interval(0.95, 3, np.mean(values), stats.sem(values))
     np.testing.assert_allclose(stratified_interval([values]), expected)
+
+
+def test_p_of_one_stratum_is_the_paired_t_tests():
+    first, other = [3.0, 5.0, 4.0, 8.0], [2.0, 5.5, 3.0, 6.0]
+    differences = np.subtract(other, first)
+    assert stratified_p([differences]) == pytest.approx(stats.ttest_rel(other, first).pvalue)
+    assert stratified_p([np.zeros(3)]) == 1
+    assert stratified_p([np.full(3, 0.5)]) == 0
+    assert np.isnan(stratified_p([np.array([0.5])]))
+    assert np.isnan(stratified_p([np.array([0.5, np.nan])]))
+
+
+@given(st.lists(st.lists(numbers, min_size=2, max_size=5), min_size=1, max_size=4))
+def test_p_is_where_the_interval_ends_at_zero(groups):
+    p = stratified_p(groups)
+    if not 1e-6 < p < 1 - 1e-6:
+        return
+    low, high = stratified_interval(groups, level=1 - p)
+    assert min(abs(low), abs(high)) <= 1e-6 * max(abs(low), abs(high))
 
 
 @pytest.mark.parametrize(

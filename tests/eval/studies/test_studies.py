@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 from dataclasses import replace
 
 import mujoco
@@ -11,12 +12,14 @@ import pytest
 import scenes
 from emvs.config import MapperConfig
 from emvs.errors import InputError
+from emvs.utils.ownership import strangers
 from eval.cli.main import main
-from eval.studies.curves import StudyValue, curves, draw
+from eval.studies.curves import METRICS, StudyValue, curves, draw
 from eval.studies.definitions import MARGIN_S, SECONDS, STUDIES, study_named
 from eval.studies.perturb import Perturbation
-from eval.studies.run import study_jobs, window_of
+from eval.studies.run import StudyResult, file_names, study_jobs, window_of, write_study
 from eval.studies.stages.simulate import WAY_M, going_straight, lit, with_baseline
+from killed import killed_at_every_step
 from sim.config import SimConfig
 from sim.rigs import rig as named_rig
 
@@ -170,3 +173,49 @@ def test_delaying_one_camera_breaks_stereo_and_leaves_the_other_camera_alone(tmp
     assert facts["breaks_at"]["Alg1/H"] < 40
     assert not facts["failures"]
     assert (tmp_path / "s" / "camera-delay.png").stat().st_size > 10_000
+
+
+# --- what is left of a kill
+
+
+def study_result(mean):
+    study = study_named("pose-noise")
+    values = [
+        StudyValue("desk", 0, amount, "Alg1/H", metric, mean, "m")
+        for amount in study.amounts
+        for metric in METRICS
+    ]
+    found = tuple(curves(values, study.amounts, ["Alg1/H"], ["desk"]))
+    return StudyResult(study, found, tuple(values), {}, ("desk",), (0,))
+
+
+@pytest.mark.parametrize("before", [False, True])
+def test_a_killed_study_is_whole_or_not_there_and_never_in_the_way(tmp_path, monkeypatch, before):
+    monkeypatch.setattr(
+        "eval.studies.run.draw", lambda study, curves, path, words: path.write_text(str(curves))
+    )
+    old, new = study_result(1.0), study_result(2.0)
+    names = file_names(old.study)
+    whole = []
+    for one in (old, new):
+        write_study(tmp_path, one)
+        whole.append([(tmp_path / name).read_bytes() for name in names])
+
+    def start():
+        for path in tmp_path.iterdir():
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        if before:
+            write_study(tmp_path, old)
+
+    def check(step):
+        if (tmp_path / names[-1]).exists():
+            found = [(tmp_path / name).read_bytes() for name in names]
+            assert found in whole, f"half old, half new after step {step}"
+        assert strangers(tmp_path, names) == []
+        write_study(tmp_path, new)  # was refused: figures without a marker
+        assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+        start()
+
+    start()
+    assert killed_at_every_step(lambda: write_study(tmp_path, new), check) > 8
+    assert [(tmp_path / name).read_bytes() for name in names] == whole[1]

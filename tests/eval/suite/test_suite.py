@@ -9,9 +9,9 @@ import pytest
 from emvs.data.sequence import Sequence
 from emvs.dsi.cuda import device as library
 from emvs.errors import InputError
+from emvs.utils.cache import Cache, default_cache, key_of
 from eval.cli.main import main
 from eval.gate.baseline import read_baseline
-from eval.jobs.cache import Cache, default_cache, key_of
 from eval.scoring.metric_versions import metric_versions
 from eval.suite.definition import FOLDER, load, read
 from eval.suite.results import FILE_NAME, read_suite

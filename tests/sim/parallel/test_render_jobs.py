@@ -272,8 +272,14 @@ def test_too_little_disk_or_memory_is_refused_with_numbers(folder, scene, monkey
     job = make_job(scene, made.tiny_rig(), CONFIG, 0)
     # As many truth times as a sequence of 10 days has.
     long = replace(job, truth_us=range(10**8))
-    with pytest.raises(InputError, match=r"takes about [\d.]+ GB, but [\d.]+ GB are free"):
-        check_disk(long, folder / "not" / "there")
+    place = folder / "not" / "there"
+    with pytest.raises(InputError, match=r"takes about [\d.]+ [GT]B, but [\d.]+ \wB are") as caught:
+        check_disk(long, place)
+    assert str(caught.value).startswith(f"{place}: ")
+    with monkeypatch.context() as full:
+        full.setattr("sim.simulate.free_bytes", lambda _: 12_345)
+        with pytest.raises(InputError, match=r"about [\d.]+ [kM]B, but 12.3 kB are free"):
+            check_disk(job, place)
     monkeypatch.setattr("sim.simulate.available_memory", lambda: 10**8)
-    with pytest.raises(InputError, match=r"takes about [\d.]+ GB of memory, but 0.1 GB"):
+    with pytest.raises(InputError, match=r"takes about [\d.]+ [MG]B of memory, but 100 MB"):
         simulate(scene, made.tiny_rig(), CONFIG, 0, folder / "big")

@@ -1,4 +1,4 @@
-"""A content-addressed store of what jobs made: whole, verified by hash, shared by processes.
+"""A content-addressed store of what was made before: whole, verified by hash, shared by processes.
 
 An entry is a folder named by its key, which says everything that decides its content. It appears
 complete or not at all, and is read only after its hashes agreed.
@@ -30,7 +30,7 @@ Fill = Callable[[Path], None]
 
 @dataclass(frozen=True)
 class CacheEntry:
-    """What a job made.
+    """What was made.
 
     Attributes:
         key: name of the entry.
@@ -38,6 +38,7 @@ class CacheEntry:
         digest: hash over all of them: equal where the data are equal.
         seconds: what making it took, s.
         found: whether it was there already.
+        files: names of its files below `path`; one that is gone was deleted by someone since.
         cpu_seconds: time of processors that making it took, s; 0 where it is not known.
     """
 
@@ -46,6 +47,7 @@ class CacheEntry:
     digest: str
     seconds: float
     found: bool
+    files: tuple[str, ...]
     cpu_seconds: float = 0.0
 
 
@@ -80,7 +82,7 @@ class Cache:
             (self.folder / _LOCKS).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(
-                f"cache {folder}: cannot be made ({error.strerror}); name another with --cache"
+                f"cache {folder}: cannot be made ({error.strerror}): choose another"
             ) from error
 
     def get(self, key: str, facts: Any, fill: Fill) -> CacheEntry:
@@ -143,7 +145,7 @@ class Cache:
             }
             content = {"facts": facts, "files": files, **took}
             (folder / _ENTRY).write_text(json.dumps(content, indent=1), encoding="utf-8")
-        return CacheEntry(key, self.path_of(key) / _DATA, _digest(files), found=False, **took)
+        return self._entry(key, files, found=False, **took)
 
     def _read(self, key: str) -> CacheEntry | None:
         """The entry, if it is there and whole; a damaged one is as good as none."""
@@ -159,7 +161,11 @@ class Cache:
             return None
         with suppress(OSError):
             os.utime(path / _ENTRY)  # for `prune`: when it was last of use
-        return CacheEntry(key, path / _DATA, _digest(files), found=True, **took)
+        return self._entry(key, files, found=True, **took)
+
+    def _entry(self, key: str, files: dict[str, Any], **rest: Any) -> CacheEntry:
+        path = self.path_of(key) / _DATA
+        return CacheEntry(key, path, _digest(files), files=tuple(files), **rest)
 
     def _clear(self, key: str) -> None:
         """Removes a damaged entry, and what a killed process left of it; under the lock."""

@@ -1,0 +1,302 @@
+"""Results as they are compared: per case and seed its numbers, its data and all its settings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pydantic import BaseModel
+
+import scenes
+from emvs.config import MapperConfig
+from emvs.data import manifest as manifests
+from emvs.data.manifest import Manifest
+from emvs.errors import InputError
+from emvs.maps.folder import MapInfo, StoredMap
+from eval.config import EvalConfig
+from eval.report.ranking import RANKING_COLUMNS
+from eval.scoring.metrics import Better
+from eval.scoring.results import MEAN, POOLED, Results, Row, read_results
+from eval.scoring.run_folder import find_maps
+from eval.suite.results import DEFAULT_MAPPER, FILE_NAME, Sample, SuiteResult, read_suite
+
+WHOLE = ""
+"""What stands in a window's place where only numbers of all windows together are stored."""
+_EVENTS, _TRUTH = "cam0/events.h5", "cam0/truth.h5"
+_MOST_WINDOWS = 3
+
+
+class Number(NamedTuple):
+    """What a number is about."""
+
+    method: str
+    metric: str
+
+
+class WindowTime(NamedTuple):
+    """Where a window lies in its sequence, s."""
+
+    start_s: float
+    end_s: float
+    reference_s: float
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """One case with one seed.
+
+    Attributes:
+        values: per number and window, its value; NaN where it is undefined.
+        units: per number, unit and better direction.
+        sequence: hash of the sequence that the maps were made from; empty where none is known.
+        events: hash of camera 0's events; empty where none is known.
+        truth: hash of camera 0's ground truth; empty where none is known.
+        metrics: per metric, the hash of what it makes of fixed maps.
+        settings: groups of settings, as plain JSON values.
+        times: per window, where it lies; empty where it is not known.
+    """
+
+    values: Mapping[Number, Mapping[str, float]]
+    units: Mapping[Number, tuple[str, Better]]
+    sequence: str = ""
+    events: str = ""
+    truth: str = ""
+    metrics: Mapping[str, str] = field(default_factory=dict)
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    times: Mapping[str, WindowTime] = field(default_factory=dict)
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        """Everything that has a number by which methods are ranked."""
+        ranked = (number for number in self.values if number.metric in RANKING_COLUMNS)
+        return tuple(dict.fromkeys(number.method for number in ranked))
+
+
+@dataclass(frozen=True)
+class ComparedResult:
+    """A result, and what pages call it.
+
+    Attributes:
+        name: of its folder.
+        folder: where it lies, with pictures or without.
+        is_suite: whether it is that of a suite, of which no depth maps are kept.
+        cases: per case and seed, what it says; the seed is None where nothing was simulated.
+        versions: of everything that shapes the numbers.
+        platform: of the machine that scored.
+        failures: jobs that failed, with the reason.
+    """
+
+    name: str
+    folder: Path
+    is_suite: bool
+    cases: Mapping[tuple[str, int | None], CaseResult]
+    versions: Mapping[str, str]
+    platform: str = ""
+    failures: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The cases."""
+        return tuple(dict.fromkeys(case for case, _ in self.cases))
+
+    def seeds(self, case: str) -> tuple[int | None, ...]:
+        """The seeds of a case."""
+        return tuple(seed for name, seed in self.cases if name == case)
+
+    def first(self, case: str) -> CaseResult:
+        """A case with its first seed: settings and methods are the same for all."""
+        return self.cases[case, self.seeds(case)[0]]
+
+
+def read_compared(paths: Sequence[Path]) -> tuple[ComparedResult, ...]:
+    """Reads results of runs or suites, given as files or folders, and names them after folders.
+
+    Raises:
+        InputError: fewer than two, or one is missing or damaged.
+    """
+    if len(paths) < 2:
+        raise InputError(f"{len(paths)} result given, needs two or more to compare")
+    folders = [path.resolve() if path.is_dir() else path.resolve().parent for path in paths]
+    names = [folder.name for folder in folders]
+    if len(set(names)) < len(names):
+        names = [f"{k + 1}: {'/'.join(folder.parts[-2:])}" for k, folder in enumerate(folders)]
+    return tuple(_read(path, name) for path, name in zip(paths, names, strict=True))
+
+
+def _read(path: Path, name: str) -> ComparedResult:
+    folder = path if path.is_dir() else path.parent
+    if path.name == FILE_NAME or (path / FILE_NAME).is_file():
+        return of_suite(read_suite(path), name, folder)
+    return of_run(read_results(path), name, folder)
+
+
+def of_run(results: Results, name: str, folder: Path) -> ComparedResult:
+    """The numbers of a scored run, with what its maps say of its windows."""
+    maps, made = _maps(folder), []
+    names = tuple(dict.fromkeys(row.case for row in results.rows))
+    shared = {key: value for key, value in results.configuration.items() if key not in names}
+    cases: dict[tuple[str, int | None], CaseResult] = {}
+    for case in names:
+        info = maps[case].info if case in maps else None
+        sequence = results.sequences.get(case, "")
+        manifest = _manifest(maps[case], sequence) if case in maps else None
+        made += [("mapping", info.versions)] if info else []
+        made += [("simulation", manifest.versions)] if manifest else []
+        rows = [row for row in results.rows if row.case == case]
+        own = results.configuration.get(case)
+        settings = {**shared, **(own if isinstance(own, dict) else {})}
+        settings |= {"renderer": manifest.renderer} if manifest else {}
+        cases[case, results.seed] = _case(
+            rows,
+            sequence,
+            manifest.files[_TRUTH].sha256 if manifest and _TRUTH in manifest.files else "",
+            results.metrics,
+            settings,
+            _times(info) if info else {},
+            manifest.files[_EVENTS].sha256 if manifest and _EVENTS in manifest.files else "",
+        )
+    versions = _with_stages(results.versions, made)
+    return ComparedResult(name, folder, False, cases, versions, results.platform)
+
+
+def of_suite(result: SuiteResult, name: str, folder: Path) -> ComparedResult:
+    """The numbers of a suite's run, of all its seeds.
+
+    Raises:
+        InputError: a definition that lacks what its samples need.
+    """
+    cases: dict[tuple[str, int | None], CaseResult] = {}
+    try:
+        for one in result.samples:
+            cases[one.case, one.seed] = _of_sample(result.definition, one)
+    except (KeyError, TypeError) as error:
+        raise InputError(
+            f"{folder}: the suite's definition is damaged ({error}); run it again"
+        ) from error
+    made = [("simulation", sample.facts.versions) for sample in result.samples]
+    versions = _with_stages(result.versions, made)
+    stages: dict[str, dict[str, None]] = {}
+    for job in result.jobs:
+        if job.code:
+            stages.setdefault(job.name.partition("/")[0], {})[job.code[:12]] = None
+    versions |= {f"code of {stage}": ", ".join(codes) for stage, codes in stages.items()}
+    failures = {job.name: job.failure for job in result.failures}
+    return ComparedResult(name, folder, True, cases, versions, result.platform, failures)
+
+
+def _of_sample(definition: Mapping[str, Any], sample: Sample) -> CaseResult:
+    facts, spec = sample.facts, definition["cases"][sample.case]
+    return _case(
+        sample.rows, facts.sequence, facts.truth, facts.metrics,
+        _suite_settings(definition, spec, sample), _suite_times(spec),
+    )  # fmt: skip
+
+
+def _case(
+    rows: Iterable[Row],
+    sequence: str,
+    truth: str,
+    metrics: Mapping[str, str],
+    settings: Mapping[str, Any],
+    times: Mapping[str, WindowTime],
+    events: str = "",
+) -> CaseResult:
+    found: dict[Number, dict[str, float]] = {}
+    units: dict[Number, tuple[str, Better]] = {}
+    for row in rows:
+        number = Number(row.method, row.metric)
+        found.setdefault(number, {})[row.window] = row.value
+        units[number] = row.unit, row.better
+    values = {number: _by_window(windows) for number, windows in found.items()}
+    return CaseResult(values, units, sequence, events, truth, metrics, settings, times)
+
+
+def _by_window(values: Mapping[str, float]) -> dict[str, float]:
+    """One value per window; of results without windows, that of all together."""
+    single = {name: value for name, value in values.items() if name not in (POOLED, MEAN)}
+    return single or {WHOLE: values[MEAN] if MEAN in values else values[POOLED]}
+
+
+def _maps(folder: Path) -> dict[str, StoredMap]:
+    """The maps beside results, if there are any: numbers stand for themselves."""
+    try:
+        return find_maps(folder)
+    except InputError:
+        return {}
+
+
+def _manifest(stored: StoredMap, sequence: str) -> Manifest | None:
+    """The manifest of the sequence that was mapped, where it is still there."""
+    try:
+        found = manifests.read((stored.path / stored.info.recording.path).resolve())
+    except InputError:
+        return None
+    return found if found.digest() == sequence else None
+
+
+def _times(info: MapInfo) -> dict[str, WindowTime]:
+    return {
+        window.name: WindowTime(window.t0_us / 1e6, window.t1_us / 1e6, window.t_ref_us / 1e6)
+        for window in info.windows
+    }
+
+
+def _suite_times(spec: Mapping[str, Any]) -> dict[str, WindowTime]:
+    times = {}
+    for number, window in enumerate(spec["windows"]):
+        start_s, duration_s = window["start_s"], window["duration_s"]
+        times[f"w{number:03d}"] = WindowTime(
+            start_s, start_s + duration_s, start_s + duration_s / 2
+        )
+    return times
+
+
+def _suite_settings(
+    definition: Mapping[str, Any], spec: Mapping[str, Any], sample: Sample
+) -> dict[str, Any]:
+    """All settings of a case of a suite, those that its definition leaves to defaults too."""
+    known = spec["scene"] in scenes.names()
+    own_rig = scenes.load(spec["scene"]).rig if known else "the scene's own"
+    settings = {"scene": spec["scene"], "rig": spec["rig"] or own_rig, "sim": sample.facts.sim}
+    for mapper in spec["mappers"]:
+        group = "map" if mapper == DEFAULT_MAPPER else f"map ({mapper})"
+        settings[group] = _filled(MapperConfig, definition["mappers"][mapper])
+    settings["score"] = _filled(EvalConfig, definition["score"])
+    settings["renderer"] = sample.facts.renderer
+    return settings
+
+
+def _filled(group: type[BaseModel], stated: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What is stated and the defaults of the rest; only what is stated if it is unknown today."""
+    try:
+        return group.model_validate(stated).model_dump(mode="json")
+    except InputError:
+        return stated
+
+
+def _with_stages(
+    scored: Mapping[str, str], stages: Iterable[tuple[str, Mapping[str, str]]]
+) -> dict[str, str]:
+    """Versions that scored, and those that mapped or simulated where they are others."""
+    versions = dict(scored)
+    for stage, made in stages:
+        other = {name: text for name, text in made.items() if scored.get(name) != text}
+        versions |= {f"{name}, {stage}": text for name, text in other.items()}
+    return versions
+
+
+def windows_text(times: Mapping[str, WindowTime]) -> str:
+    """How many windows there are and where the first ones lie, for people."""
+    shown = [
+        f"{_short(one.start_s)}–{_short(one.end_s)} s at {_short(one.reference_s)} s"
+        for one in list(times.values())[:_MOST_WINDOWS]
+    ]
+    rest = len(times) - len(shown)
+    return "; ".join(shown) + (f"; {rest} more" if rest else "")
+
+
+def _short(time_s: float) -> str:
+    """To a tenth of a millisecond: the end lies 1 µs behind the last event."""
+    return f"{round(time_s, 4):g}"

@@ -1,0 +1,348 @@
+"""What two results have in common, how their numbers differ, and how sure that is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.errors import InputError
+from eval.report.comparability import (
+    apart,
+    not_comparable,
+    nothing_in_common,
+    other_truth,
+    same_data,
+    same_time,
+)
+from eval.report.compared_results import CaseResult, ComparedResult, Number
+from eval.report.ranking import RANKING_COLUMNS, shown
+from eval.scoring.metrics import Better
+from eval.scoring.significance import ALPHA, holm, intervals, stratified_interval, stratified_p
+
+PRIMARY = ("mean_error", "median_error", "bad_published", "points")
+"""Metrics that are judged: how wrong depths are, how often they are bad, and how many there are."""
+Verdict = Literal[
+    "better", "worse", "no difference shown", "undecided", "equal", "not comparable", "not judged"
+]
+Floats = NDArray[np.float64]
+_NAN = math.nan
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One number of two results: of a case, or the mean over cases.
+
+    Attributes:
+        case: its name, or `mean of N cases`.
+        method: as the paper names it.
+        metric: its name.
+        unit: of all values.
+        better: the direction that is better.
+        first: mean over the common seeds, and in each over the common windows, of the first result.
+        other: the same of the other result.
+        low: lower end of the 95 % interval of `change`; NaN where there is none.
+        high: its upper end.
+        p: of no difference; NaN where that is not tested.
+        p_holm: the same, corrected for all numbers that are tested beside it.
+        seeds: how many there are in common.
+        verdict: in a word.
+        why: for people, where the numbers do not say it.
+        strata: per case, per seed, the mean difference.
+    """
+
+    case: str
+    method: str
+    metric: str
+    unit: str
+    better: Better
+    first: float = _NAN
+    other: float = _NAN
+    low: float = _NAN
+    high: float = _NAN
+    p: float = _NAN
+    p_holm: float = _NAN
+    seeds: int = 0
+    verdict: Verdict = "undecided"
+    why: str = ""
+    strata: tuple[Floats, ...] = field(default=(), repr=False)
+
+    @property
+    def change(self) -> float:
+        """The other value minus the first."""
+        return self.other - self.first
+
+    @property
+    def direction(self) -> Verdict:
+        """What the change is, for better or worse, however sure it is."""
+        if self.better == "none" or math.isnan(self.change):
+            return "not judged"
+        if self.change == 0:
+            return "equal"
+        return "better" if (self.change < 0) == (self.better == "lower") else "worse"
+
+    @property
+    def spared(self) -> bool:
+        """Whether it would count as a difference if nothing else had been tested."""
+        return self.verdict == "no difference shown" and (self.low > 0 or self.high < 0)
+
+    @property
+    def brief(self) -> str:
+        """The verdict, and what the one seed shows that decides nothing."""
+        if self.verdict != "undecided" or self.seeds != 1:
+            return self.verdict
+        return f"undecided, {self.direction} here"
+
+    @property
+    def words(self) -> str:
+        """The verdict with its reason, short."""
+        return f"{self.verdict} ({self.why})" if self.why else self.verdict
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A result held against the first.
+
+    Attributes:
+        first: the reference.
+        other: what is held against it.
+        cases: per case, method and metric that both have.
+        means: the same over all common cases; empty where there is only one.
+        data: whether it is the same data, a sentence per case where it is not.
+        apart: what only one of them has, a sentence each.
+    """
+
+    first: ComparedResult
+    other: ComparedResult
+    cases: tuple[Difference, ...]
+    means: tuple[Difference, ...]
+    data: tuple[str, ...]
+    apart: tuple[str, ...]
+
+    @property
+    def headline(self) -> tuple[Difference, ...]:
+        """The judged numbers, over all cases where there are several, metric by metric."""
+        found = self.means or self.cases
+        return tuple(one for metric in PRIMARY for one in found if one.metric == metric)
+
+    def names(self) -> list[str]:
+        """The common cases."""
+        return list(dict.fromkeys(one.case for one in self.cases))
+
+
+def compare_results(results: Sequence[ComparedResult]) -> tuple[Pair, ...]:
+    """Holds each further result against the first.
+
+    Raises:
+        InputError: one of them has no number in common with the first.
+    """
+    first, *others = results
+    return _judged([_pair(first, other) for other in others])
+
+
+def _pair(first: ComparedResult, other: ComparedResult) -> Pair:
+    names = [case for case in first.names if case in other.names]
+    found = [one for case in names for one in _differences(case, first, other)]
+    if not found:
+        raise InputError(nothing_in_common(first, other, PRIMARY[0]))
+    cases = tuple(_with_intervals(found))
+    means = tuple(_means(cases, len(names))) if len(names) > 1 else ()
+    data = tuple(text for case in names if (text := same_data(case, first, other)))
+    return Pair(first, other, cases, means, data, tuple(apart(first, other)))
+
+
+def _differences(case: str, first: ComparedResult, other: ComparedResult) -> Iterator[Difference]:
+    """Every number of a case that people rank by and both have, without intervals yet."""
+    one, two = first.first(case), other.first(case)
+    seeds = [seed for seed in first.seeds(case) if seed in other.seeds(case)]
+    for number in one.values:
+        if number.metric not in RANKING_COLUMNS or number not in two.values:
+            continue
+        unit, better = one.units[number]
+        base = Difference(case, number.method, number.metric, unit, better)
+        if why := not_comparable(number, (first, other), (one, two)):
+            values = (_alone(result, case, number) for result in (first, other))
+            yield _finished(base, *values, verdict="not comparable", why=why)
+        elif not seeds:
+            values = (_alone(result, case, number) for result in (first, other))
+            yield _finished(base, *values, verdict="undecided", why="no seed in common")
+        else:
+            yield _paired(base, number, first, other, seeds)
+
+
+def _finished(
+    base: Difference, first: float, other: float, *, verdict: Verdict, why: str
+) -> Difference:
+    return replace(base, first=first, other=other, verdict=verdict, why=why)
+
+
+def _alone(result: ComparedResult, case: str, number: Number) -> float:
+    """Mean over seeds of the mean over windows."""
+    found = (result.cases[case, seed].values.get(number, {}) for seed in result.seeds(case))
+    return _mean([_mean(list(values.values())) for values in found])
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if len(values) else _NAN
+
+
+def _joined(*parts: str) -> str:
+    return "; ".join(part for part in parts if part)
+
+
+def _paired(
+    base: Difference,
+    number: Number,
+    first: ComparedResult,
+    other: ComparedResult,
+    seeds: Sequence[int | None],
+) -> Difference:
+    """Seed by seed, and in each seed window by window."""
+    pairs = [
+        pair_windows(first.cases[base.case, seed], other.cases[base.case, seed], number)
+        for seed in seeds
+    ]
+    both = [np.isfinite(a) & np.isfinite(b) for a, b in pairs]
+    kept = [(a[ok], b[ok]) for (a, b), ok in zip(pairs, both, strict=True) if ok.any()]
+    lost = sum(int((~ok).sum()) for ok in both)
+    if not kept:
+        return replace(base, verdict="not comparable", why="undefined in every window")
+    means = np.array([[a.mean(), b.mean()] for a, b in kept])
+    return replace(
+        base,
+        first=float(means[:, 0].mean()),
+        other=float(means[:, 1].mean()),
+        seeds=len(kept),
+        why=_joined(
+            f"undefined in {lost} of {sum(map(len, both))} windows" if lost else "",
+            "another true depth" if other_truth(base.case, first, other, seeds) else "",
+        ),
+        strata=tuple(b - a for a, b in kept),
+    )
+
+
+def pair_windows(one: CaseResult, two: CaseResult, number: Number) -> tuple[Floats, Floats]:
+    """(N,) values of the windows that both have; of none in common, each one's mean."""
+    a, b = (case.values.get(number, {}) for case in (one, two))
+    names = [name for name in a if name in b and same_time(one, two, name)]
+    if names:
+        return np.array([a[name] for name in names]), np.array([b[name] for name in names])
+    return np.array([_mean(list(a.values()))]), np.array([_mean(list(b.values()))])
+
+
+def _with_intervals(found: Sequence[Difference]) -> Iterator[Difference]:
+    """Adds intervals, of all numbers of equal windows per seed from the same draws."""
+    ends: dict[int, tuple[float, float]] = {}
+    sizes = {k: tuple(map(len, one.strata)) for k, one in enumerate(found) if one.strata}
+    for size in dict.fromkeys(sizes.values()):
+        alike = [k for k, its in sizes.items() if its == size]
+        table = np.column_stack([np.concatenate(found[k].strata) for k in alike])
+        low, high = intervals(table, size)
+        both = zip(map(float, low), map(float, high), strict=True)
+        ends |= dict(zip(alike, both, strict=True))
+    for k, one in enumerate(found):
+        if k not in ends:
+            yield one
+            continue
+        of_seeds = np.array([values.mean() for values in one.strata])
+        yield replace(
+            one, low=ends[k][0], high=ends[k][1], p=_p(one, [of_seeds]), strata=(of_seeds,)
+        )
+
+
+def _p(one: Difference, strata: Sequence[Floats]) -> float:
+    """Only what is judged is tested: every further test would cost the others certainty."""
+    if one.metric not in PRIMARY or one.better == "none":
+        return _NAN
+    return stratified_p(strata)
+
+
+def _means(cases: Sequence[Difference], count: int) -> Iterator[Difference]:
+    """Means over cases, every case weighing the same; says where it is over fewer than `count`."""
+    groups: dict[tuple[str, str], list[Difference]] = {}
+    for one in cases:
+        if one.strata:
+            groups.setdefault((one.method, one.metric), []).append(one)
+    for found in groups.values():
+        strata = [one.strata[0] for one in found]
+        low, high = stratified_interval(strata)
+        yield Difference(
+            f"mean of {count} cases",
+            found[0].method, found[0].metric, found[0].unit, found[0].better,
+            _mean([one.first for one in found]), _mean([one.other for one in found]),
+            low, high, _p(found[0], strata),
+            seeds=min(one.seeds for one in found),
+            why=_joined(
+                f"{len(found)} of {count} cases" if len(found) < count else "",
+                *dict.fromkeys(one.why for one in found),
+            ),
+            strata=tuple(strata),
+        )  # fmt: skip
+
+
+def _judged(pairs: Sequence[Pair]) -> tuple[Pair, ...]:
+    """Verdicts, corrected for the number of tests: over means, and over single cases."""
+    means = iter(_corrected([one for pair in pairs for one in pair.means]))
+    cases = iter(_corrected([one for pair in pairs for one in pair.cases]))
+    return tuple(
+        replace(
+            pair,
+            means=tuple(next(means) for _ in pair.means),
+            cases=tuple(next(cases) for _ in pair.cases),
+        )
+        for pair in pairs
+    )
+
+
+def _corrected(found: Sequence[Difference]) -> list[Difference]:
+    corrected = holm([one.p for one in found])
+    return [_verdict(replace(one, p_holm=p)) for one, p in zip(found, corrected, strict=True)]
+
+
+def _verdict(one: Difference) -> Difference:
+    if not one.strata:
+        return one
+    if one.metric not in PRIMARY or one.better == "none":
+        return replace(one, verdict="not judged")
+    if all(not values.any() for values in one.strata):
+        return replace(one, verdict="equal")
+    if math.isnan(one.p):
+        return replace(one, verdict="undecided", why=_joined(f"one seed: {_here(one)}", one.why))
+    if not (one.low > 0 or one.high < 0):
+        return replace(one, verdict="no difference shown")
+    if one.p_holm < ALPHA:
+        return replace(one, verdict=one.direction)
+    why = _joined(f"{one.direction}, but for the number of tests", one.why)
+    return replace(one, verdict="no difference shown", why=why)
+
+
+def _here(one: Difference) -> str:
+    return "equal on the whole" if one.direction == "equal" else f"{one.direction} here"
+
+
+def counts_of(found: Iterable[Difference]) -> str:
+    """How many of each verdict, in words, and how many of them the correction decided."""
+    found = list(found)
+    verdicts = [one.verdict for one in found]
+    text = ", ".join(f"{verdicts.count(one)} {one}" for one in dict.fromkeys(verdicts))
+    spared = sum(one.spared for one in found)
+    if spared:
+        text += f" ({spared} of these only for the number of tests: the interval leaves out zero)"
+    return text
+
+
+def signed(value: float, unit: str) -> str:
+    """A difference as tables print it, with its sign."""
+    sign = "+" if value > 0 else "−" if value < 0 else ""
+    return sign + shown(abs(value), unit)
+
+
+def interval_text(one: Difference) -> str:
+    """The 95 % interval of a difference; a dash where there is none."""
+    if math.isnan(one.low):
+        return "–"
+    return f"{signed(one.low, one.unit)} to {signed(one.high, one.unit)}"

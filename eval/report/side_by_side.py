@@ -1,0 +1,250 @@
+"""Pictures of several results side by side: what the cameras saw, and every method's maps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from emvs.errors import InputError
+from eval.figures.colormaps import Scale, depth_scale, error_scale, events_scale
+from eval.figures.images import (
+    IndexedImage,
+    behind_image,
+    depth_image,
+    enlargement,
+    error_cap_cm,
+    error_image,
+    error_of,
+    events_image,
+    frame_image,
+    point_size_px,
+)
+from eval.report.compared_results import ComparedResult, Number
+from eval.report.ranking import column, shown
+from eval.report.run_data import MethodData, RunData, WindowData, load_run
+
+ALL = "all results"
+_CAPTION, _SHOWN_FIRST = "mean_error", "Alg1/H"
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One picture: whose it is, what it says in numbers, and what shows faintly through it."""
+
+    name: str
+    note: str
+    uri: str
+    behind: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PictureRow:
+    """Pictures of one kind, all on one scale of colours."""
+
+    title: str
+    pictures: tuple[Picture, ...]
+    scale: Scale | None = None
+
+    @property
+    def same(self) -> bool:
+        """Whether one picture stands for all results."""
+        return len(self.pictures) == 1 and self.pictures[0].name == ALL
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedWindow:
+    """One window: what is the same for all methods, and rows per method."""
+
+    title: str
+    seen: tuple[PictureRow, ...]
+    methods: tuple[tuple[PictureRow, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedPictures:
+    """All pictures of a case."""
+
+    case: str
+    methods: tuple[str, ...]
+    chosen: int
+    windows: tuple[ComparedWindow, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    """One result's window, and the numbers beside it."""
+
+    result: ComparedResult
+    case: str
+    window: WindowData
+
+    def method(self, name: str) -> MethodData:
+        return next(method for method in self.window.methods if method.name == name)
+
+
+def pictures_of(
+    results: Sequence[ComparedResult], names: Iterable[str]
+) -> tuple[tuple[ComparedPictures, ...], tuple[str, ...]]:
+    """Draws all cases of which two results or more have maps.
+
+    Args:
+        results: what is compared.
+        names: of the common cases.
+
+    Returns:
+        The pictures, and why some are missing.
+    """
+    runs, missing = {}, []
+    for result in results:
+        try:
+            runs[result.name] = _load(result)
+        except InputError as error:
+            missing.append(f"No pictures of {result.name}: {error}.")
+    with_maps = [result for result in results if result.name in runs]
+    drawn = (_case(case, with_maps, runs) for case in names) if len(with_maps) > 1 else ()
+    return tuple(one for one in drawn if one is not None), tuple(missing)
+
+
+def _load(result: ComparedResult) -> RunData:
+    if result.is_suite:
+        raise InputError("a suite keeps numbers, no depth maps")
+    return load_run(result.folder)
+
+
+def _case(
+    case: str, results: Sequence[ComparedResult], runs: Mapping[str, RunData]
+) -> ComparedPictures | None:
+    windows = [
+        (result, one.windows)
+        for result in results
+        for one in runs[result.name].cases
+        if one.name == case
+    ]
+    if len(windows) < 2:
+        return None
+    groups = _together(case, windows)
+    methods = _shared_methods(view for group in groups for view in group)
+    if not methods:
+        return None
+    chosen = methods.index(_SHOWN_FIRST) if _SHOWN_FIRST in methods else 0
+    drawn = tuple(_window(group, methods) for group in groups)
+    return ComparedPictures(case, methods, chosen, drawn)
+
+
+def _together(
+    case: str,
+    found: Sequence[tuple[ComparedResult, tuple[WindowData, ...]]],
+) -> list[list[_View]]:
+    """Windows of one name and time; where there are none, the first ones."""
+    first = found[0][1]
+    groups = []
+    for window in first:
+        group = [
+            _View(result, case, one)
+            for result, windows in found
+            for one in windows
+            if (one.name, one.t_us) == (window.name, window.t_us)
+        ]
+        if len(group) == len(found):
+            groups.append(group)
+    return groups or [[_View(result, case, windows[0]) for result, windows in found]]
+
+
+def _shared_methods(views: Iterable[_View]) -> tuple[str, ...]:
+    first, *others = ([method.name for method in view.window.methods] for view in views)
+    return tuple(name for name in first if all(name in other for other in others))
+
+
+def _window(views: Sequence[_View], methods: Sequence[str]) -> ComparedWindow:
+    ranges = [view.window.depth_range_m for view in views]
+    depth = depth_scale((min(near for near, _ in ranges), max(far for _, far in ranges)))
+    error = error_scale(_error_cap(views, methods))
+    times = dict.fromkeys(f"{view.window.t_us / 1e6:.3f} s" for view in views)
+    return ComparedWindow(
+        f"Window {views[0].window.name}, reference view at {' and '.join(times)}",
+        tuple(_seen(views, depth)),
+        tuple(tuple(_of_method(views, name, depth, error)) for name in methods),
+    )
+
+
+def _error_cap(views: Sequence[_View], methods: Sequence[str]) -> float:
+    """Half of the maps must fit: a bad one must not flatten the colours of all others."""
+    caps = []
+    for view in views:
+        if (truth := view.window.truth) is None:
+            continue
+        for one in map(view.method, methods):
+            error_cm, both = error_of(one.depth_m, one.mask, truth.depth_m, truth.scored)
+            caps.append(error_cap_cm(error_cm[both]))
+    return float(np.median(caps)) if caps else 1.0
+
+
+def _seen(views: Sequence[_View], depth: Scale) -> Iterable[PictureRow]:
+    """Frame, events and truth, each once where all results have the same."""
+    scale = events_scale(1)
+    draw: dict[str, tuple[Callable[[WindowData], IndexedImage | None], Scale | None]] = {
+        "Frame": (lambda w: None if w.frame is None else frame_image(w.frame), None),
+        "Events": (lambda w: _events(w, scale), scale),
+        "True depth [m]": (lambda w: _truth(w, depth), depth),
+    }
+    for title, (image, of_scale) in draw.items():
+        pictures = [
+            Picture(view.result.name, "", _uri(found))
+            for view in views
+            if (found := image(view.window)) is not None
+        ]
+        if len(pictures) == len(views) and len({one.uri for one in pictures}) == 1:
+            pictures = [Picture(ALL, "", pictures[0].uri)]
+        if pictures:
+            yield PictureRow(title, tuple(pictures), of_scale)
+
+
+def _events(window: WindowData, scale: Scale) -> IndexedImage | None:
+    if window.brighter is None or window.darker is None:
+        return None
+    return events_image(window.brighter, window.darker, scale)
+
+
+def _truth(window: WindowData, scale: Scale) -> IndexedImage | None:
+    truth = window.truth
+    return None if truth is None else depth_image(truth.depth_m, truth.scored, scale)
+
+
+def _of_method(
+    views: Sequence[_View], name: str, depth: Scale, error: Scale
+) -> Iterable[PictureRow]:
+    depths, errors = [], []
+    for view in views:
+        one, truth = view.method(name), view.window.truth
+        point_px = point_size_px(one.depth_m.shape[1])
+        points = f"{shown(float(one.mask.sum()), 'px')} px"
+        image = depth_image(one.depth_m, one.mask, depth, point_px)
+        depths.append(Picture(view.result.name, points, _uri(image)))
+        if truth is None:
+            continue
+        image = error_image(one.depth_m, one.mask, truth.depth_m, truth.scored, error, point_px)
+        note = _number(view, name)
+        errors.append(Picture(view.result.name, note, _uri(image), _behind(view.window)))
+    yield PictureRow(f"Depth [m] of {name}", tuple(depths), depth)
+    if errors:
+        yield PictureRow(f"Error |e − g| [cm] of {name}", tuple(errors), error)
+
+
+def _number(view: _View, method: str) -> str:
+    """The mean error of a method in the window, as the results have it."""
+    values = view.result.first(view.case).values.get(Number(method, _CAPTION), {})
+    value = values.get(view.window.name)
+    if value is None:
+        return ""
+    head = column(_CAPTION)
+    return f"{head.title} {shown(value, 'm')} {head.unit}"
+
+
+def _behind(window: WindowData) -> str:
+    return "" if window.frame is None else _uri(behind_image(window.frame))
+
+
+def _uri(image: IndexedImage) -> str:
+    return image.enlarged(enlargement(image.index.shape[1])).data_uri()
