@@ -28,14 +28,20 @@ def border_px(config: SimConfig) -> int | None:
     return None if config.sampling == "linear" else math.ceil(config.spacing_px) + _BESIDE_PX
 
 
-def with_sampling(config: SimConfig, rig: Rig) -> SimConfig:
+def with_sampling(config: SimConfig, rig: Rig, why_plain: str = "") -> SimConfig:
     """The parameters with `supersample`, `max_displacement_px` and the longest interval filled in.
 
     Args:
         config: where `supersample` is None, it becomes what `sampling` asks for.
         rig: the smallest focal length decides; a lens that no picture of so many samples can hold
             gets fewer.
+        why_plain: of `why_linear`: if there is a reason, frames are plain and close together.
     """
+    if why_plain:
+        plain = config.model_copy(update={"sampling": "linear"})
+        limit_px = SimConfig(sampling="linear").spacing_px
+        near = {"max_displacement_px": min(plain.spacing_px, limit_px)}
+        config = plain.model_copy(update=near)
     number = config.supersample
     if number is None and config.sampling == "linear":
         number = _LINEAR

@@ -119,6 +119,8 @@ def simulate(
         check_outside(job, renderer.model)
         if note():
             notice(note())
+        if config.sampling != job.config.sampling:
+            notice(f"plain frames half a pixel apart: {why_linear(scene)}")
         described = describe(job, renderer)
         folder = stack.enter_context(
             CheckpointFolder(out, described.key, rig, resume=resume, notice=notice)
@@ -146,9 +148,7 @@ def make_job(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> RenderJob:
         InputError: an impossible duration, truth time, exposure or recorded trajectory.
     """
     scene, config = replayed(scene, scene.configured(config))
-    if config.sampling != "linear" and why_linear(scene):
-        config = config.model_copy(update={"sampling": "linear"})
-    config = with_sampling(config, rig)
+    config = with_sampling(config, rig, why_linear(scene))
     duration_s = scene.duration_s if config.duration_s is None else config.duration_s
     duration_us = round(duration_s * 1e6)
     if duration_us < 2:

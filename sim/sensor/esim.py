@@ -114,7 +114,9 @@ class EventSimulator:
             self._reference, c_pos, c_neg, log_eps, rise_light, fall_light
         )
         a, b, step_us = before.reach, after.reach, interval.after_us - before_us
-        pixel, offset_us, p = compensated_kernels.events_between(
+        # Called with tuples for many arguments, which type checkers do not follow.
+        follow: Any = compensated_kernels.events_between
+        pixel, offset_us, p = follow(
             before.light, after.light, before.grid, before.border_px,
             np.minimum(a.low, b.low), np.maximum(a.high, b.high), a.slope, b.slope,
             *passage.geometry, self._reference, self._memory, rise_light, fall_light, *thresholds,

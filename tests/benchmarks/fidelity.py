@@ -20,8 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fidelity_picture import draw
-from markdown_blocks import into_page
 from numpy.typing import NDArray
 
 import scenes
@@ -29,6 +27,8 @@ from emvs.data.events import Events
 from emvs.data.sequence import Sequence as Recording
 from emvs.geometry.rig import Rig
 from emvs.utils.files import atomic_path
+from fidelity_picture import draw
+from markdown_blocks import into_page
 from sim.config import SimConfig
 from sim.rendering.adaptive_sampling import adaptive_frames
 from sim.rendering.moving_bodies import MovingBodies
@@ -186,8 +186,8 @@ def table(results: dict[str, dict[str, Fidelity]], counts: dict[str, int]) -> st
     """The results as Markdown."""
     head = "| Scene | true events | " + " | ".join(WAYS) + " |"
     lines = [
-        f"Events lost (−: too many), events within {MATCH_US / 1000:g} ms of a true one, and median "
-        f"time error, against {FINEST_SAMPLES} × {FINEST_SAMPLES} samples {FINEST_PX:g} px apart. "
+        f"Events lost (−: too many), true events with one within {MATCH_US / 1000:g} ms, and median "
+        f"error in time, against {FINEST_SAMPLES} × {FINEST_SAMPLES} samples {FINEST_PX:g} px apart. "
         "Written by `python tests/benchmarks/fidelity.py`.",
         "",
         head,
@@ -215,7 +215,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if unknown:
         parser.error(f"no case {', '.join(sorted(unknown))}: choose of {', '.join(CLIPS)}")
     given.truth.mkdir(parents=True, exist_ok=True)
-    results, counts = {}, {}
+    results: dict[str, dict[str, Fidelity]] = {}
+    counts: dict[str, int] = {}
     for case in given.cases or CLIPS:
         clip = CLIPS[case]
         true = truth(clip, given.truth / f"{case}.npz")
@@ -223,13 +224,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for way, settings in WAYS.items():
             found, took_s = simulated(clip, settings)
             results[case][way] = one = compared(found, true, width_px)
-            print(json.dumps({
+            line = {
                 "case": case, "way": way, "true": len(true), "lost": round(one.lost, 4),
                 "matched": round(one.matched, 4), "median_us": one.median_us,
                 "processor_s": round(took_s, 2),
-            }), flush=True)  # fmt: skip
+            }  # fmt: skip
+            sys.stdout.write(json.dumps(line, ensure_ascii=False) + "\n")
+            sys.stdout.flush()
     block = table(results, counts)
-    print(block)
+    sys.stdout.write(block)
     if given.page:
         into_page(given.page, _MARK, block)
     if given.picture:

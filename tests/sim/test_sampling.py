@@ -1,0 +1,122 @@
+"""How finely scenes are drawn: by focal length, and not where light cannot be carried."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import mujoco_scenes as made
+import scenes
+from emvs.data.events import Events
+from emvs.data.sequence import Sequence
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from noise_scene import contents
+from sim.config import SimConfig
+from sim.rendering.renderer import StereoRenderer
+from sim.rigs import rig
+from sim.sampling import border_px, why_linear, with_sampling
+from sim.simulate import simulate
+
+RANGE_M = (0.7, 3.0)
+
+
+def rig_of(camera: Camera) -> Rig:
+    return Rig("one", (camera,), (np.eye(4),))
+
+
+@pytest.mark.parametrize(
+    ("name", "accurate", "fast"), [("davis346", 6, 4), ("tumvie", 3, 2), ("dsec", 3, 2)]
+)
+def test_samples_go_by_the_angle_of_a_pixel(name, accurate, fast):
+    for sampling, expected in (("accurate", accurate), ("fast", fast), ("linear", 2)):
+        filled = with_sampling(SimConfig(sampling=sampling), rig(name))
+        assert filled.supersample == expected
+        assert filled.max_displacement_px == (0.5 if sampling == "linear" else 8.0)
+    assert with_sampling(SimConfig(supersample=5), rig(name)).supersample == 5
+
+
+def test_a_lens_too_wide_for_many_samples_gets_fewer():
+    straight = rig_of(Camera(500, 400, 180, 180, 249.5, 199.5))
+    round_ = rig_of(Camera(500, 400, 180, 180, 249.5, 199.5, "kb4", (0.0, 0.0, 0.0, 0.0)))
+    assert with_sampling(SimConfig(), straight).supersample == 8
+    assert 1 <= with_sampling(SimConfig(), round_).supersample < 8
+
+
+def lit_by_the_head(spec):
+    spec.visual.headlight.diffuse = [0.4, 0.4, 0.4]
+
+
+def test_light_is_carried_but_where_a_mirror_or_a_lamp_on_the_head_forbids(tmp_path):
+    assert why_linear(made.noise_scene(tmp_path)) == ""
+    assert "lamp" in why_linear(replace(made.noise_scene(tmp_path), edit=lit_by_the_head))
+    assert "mirrors" in why_linear(scenes.load("reflective"))
+
+
+def test_a_scene_with_a_lamp_on_the_head_is_simulated_with_plain_frames_and_says_so(tmp_path):
+    scene = replace(made.noise_scene(tmp_path), edit=lit_by_the_head)
+    config, heard = SimConfig(duration_s=0.01, max_displacement_px=4.0), []
+    simulate(scene, made.tiny_rig(), config, 0, tmp_path / "asked", notice=heard.append)
+    assert heard == ["plain frames half a pixel apart: there is a lamp on the head"]
+    linear = SimConfig(duration_s=0.01, sampling="linear")
+    simulate(scene, made.tiny_rig(), linear, 0, tmp_path / "linear", notice=heard.append)
+    assert len(heard) == 1
+    assert contents(tmp_path / "asked") == contents(tmp_path / "linear")
+
+
+def test_plain_frames_are_pixels_of_fine_ones():
+    """The same samples, but for the sharpness of textures: flat colours tell nothing of it."""
+    body = np.eye(4)
+    with StereoRenderer(made.spec(made.BOXES), made.small_rig(), 4, RANGE_M) as plain:
+        expected = plain.frame(0, body)
+    with StereoRenderer(made.spec(made.BOXES), made.small_rig(), 4, RANGE_M, border_px=5) as fine:
+        found = fine.frame(0, body)
+        depth_m = fine.depth(0, body)
+    np.testing.assert_allclose(found.intensity, expected.intensity, atol=2e-3)
+    assert np.mean(found.nearest_depth_m == expected.nearest_depth_m) > 0.99
+    assert found.light.shape == (4 * (120 + 10 - 1) + 1, 4 * (160 + 10 - 1) + 1)
+    assert depth_m.shape == (120, 160)
+    assert expected.light is None
+
+
+def test_frames_reach_as_far_beyond_the_sensor_as_light_is_carried():
+    assert border_px(SimConfig()) == 10
+    assert border_px(SimConfig(max_displacement_px=2.5)) == 5
+    assert border_px(SimConfig(sampling="linear")) is None
+
+
+@pytest.mark.parametrize("preset", ["ideal", "davis346"])
+def test_fine_frames_far_apart_show_the_world_that_many_close_ones_do(tmp_path, preset):
+    """Many: 8 x 8 samples, 0.1 px apart; plain frames of 2 x 2 samples miss that world by more."""
+    scene, found = made.noise_scene(tmp_path), {}
+    ways = {
+        "many": {"sampling": "linear", "supersample": 8, "max_displacement_px": 0.1},
+        "plain": {"sampling": "linear"},
+        "fine": {},
+    }
+    for way, settings in ways.items():
+        config = SimConfig(duration_s=0.04, sensor={"preset": preset}, **settings)
+        simulate(scene, made.tiny_rig(), config, 0, tmp_path / way)
+        found[way] = Sequence.open(tmp_path / way).events(0, 0, 40_001)
+    true = len(found["many"])
+    off = {way: abs(len(events) - true) / true for way, events in found.items()}
+    near = {way: matched(events, found["many"]) for way, events in found.items()}
+    assert true > 800
+    assert off["fine"] < (0.03 if preset == "ideal" else 0.06)
+    assert off["fine"] < off["plain"]
+    assert near["fine"] > near["plain"] + 0.1
+
+
+def matched(found: Events, true: Events) -> float:
+    """Share of the true events with one of the same pixel and polarity within 1 ms."""
+    places = [2 * (48 * events.y.astype(int) + events.x) + events.p for events in (found, true)]
+    return float(
+        np.mean(
+            [
+                np.abs(found.t_us[places[0] == place] - t_us).min(initial=10**6) <= 1000
+                for place, t_us in zip(places[1], true.t_us, strict=True)
+            ]
+        )
+    )
