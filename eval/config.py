@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
@@ -16,6 +17,7 @@ from sim.config import SimConfig
 RankingMetric = Literal[
     "mean_error", "median_error", "rmse", "abs_rel", "aerr_r", "silog", "bad_published"
 ]
+_MOST_NAMED = 3
 Group = TypeVar("Group", bound=BaseModel)
 
 
@@ -102,6 +104,27 @@ def load(file: Path | None, **flags: BaseModel) -> Settings:
         return Settings.model_validate(values)
     except ValidationError as error:
         raise InputError(explain(error, Settings, f"{file}: " if file else "")) from error
+
+
+def unread(file: Path | None, groups: Sequence[str]) -> list[str]:
+    """What a file sets that a command does not read, a line for each table.
+
+    Args:
+        file: that `load` read.
+        groups: the tables that the command reads.
+    """
+    reads = ", ".join(f"[{name}]" for name in groups)
+    return [
+        f"{file}: [{name}] ({_names(table)}) says nothing here: this command reads {reads}"
+        for name, table in _read(file).items()
+        if name not in groups and table
+    ]
+
+
+def _names(table: Mapping[str, Any]) -> str:
+    names = list(table)
+    more = len(names) - _MOST_NAMED
+    return ", ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _read(file: Path | None) -> dict[str, Any]:

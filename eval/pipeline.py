@@ -7,8 +7,9 @@ the first vote for nothing of the simulator.
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,8 @@ from eval.progress import MapBars, Progress, Silent
 if TYPE_CHECKING:
     from emvs.maps.folder import StoredMap, StoredWindow
     from eval.scoring import run_folder
+    from eval.scoring.pairing import Estimate
+    from eval.scoring.predictions import Prediction, TargetView
     from eval.scoring.results import Results, Row
 
 _SILENT = Silent()
@@ -137,7 +140,8 @@ def _collection_paused() -> Iterator[Callable[[], None]]:
 def score_folder(folder: Path, config: EvalConfig, predictions: Sequence[Path] = ()) -> Results:
     """Scores every map of a run, or the one map that the folder is.
 
-    Writes `results.json` and `results.csv` into the folder. Windows without ground truth at their
+    Writes `results.json` and `results.csv` into the folder, and predictions beside them as they
+    were scored. Windows without ground truth at their
     reference time are left out, and counted in the configuration of their case.
 
     Args:
@@ -149,20 +153,68 @@ def score_folder(folder: Path, config: EvalConfig, predictions: Sequence[Path] =
         InputError: no map there, a recording without ground truth, damaged files, or a prediction
             that is not complete.
     """
+    from eval.scoring import run_folder
+    from eval.scoring.results import write_results
+
+    names = (*_RESULTS, run_folder.KEPT_FOLDER) if predictions else _RESULTS
+    maps = run_folder.find_maps(folder)
+    check_files(folder, names, force=True)
+    with output_folder(folder, names, force=True):
+        with run_folder.kept_predictions(folder, predictions) as kept:
+            results = _scored(maps, config, _Predictions(tuple(predictions), kept))
+        write_results(folder, results)
+    return results
+
+
+@dataclass(frozen=True)
+class _Predictions:
+    """Folders with depth maps of others, and where those are kept that were scored."""
+
+    folders: tuple[Path, ...]
+    kept: Path
+
+    def estimates(
+        self, case: str, windows: Sequence[StoredWindow], sequence: run_folder.Scored,
+        config: EvalConfig,
+    ) -> Iterator[Mapping[str, Estimate]] | None:  # fmt: skip
+        """For each window, by name; None without any: nothing is read to check them against."""
+        from eval.scoring.predictions import open_predictions
+        from eval.scoring.run_folder import target_view
+
+        if not self.folders:
+            return None
+        views = [target_view(sequence, window, config) for window in windows]
+        return self._read(case, views, open_predictions(self.folders, case, views))
+
+    def _read(
+        self, case: str, views: Sequence[TargetView], opened: Sequence[Prediction]
+    ) -> Iterator[Mapping[str, Estimate]]:
+        from eval.scoring.predictions import estimates_of
+        from eval.scoring.run_folder import keep
+
+        for view in views:
+            estimates = estimates_of(opened, view)
+            keep(self.kept, case, view.t_us, estimates)
+            yield estimates
+
+
+def _scored(maps: Mapping[str, StoredMap], config: EvalConfig, others: _Predictions) -> Results:
     from emvs.data.sequence import Sequence as EventSequence
     from eval.scoring import run_folder
     from eval.scoring.metric_versions import metric_versions
-    from eval.scoring.results import Results, write_results
+    from eval.scoring.pairing import REFERENCE
+    from eval.scoring.results import Results
+    from eval.scoring.score import rig_rows, score_windows
 
     rows: list[Row] = []
     sequences = {}
     configuration = {"score": config.model_dump(mode="json")}
-    maps = run_folder.find_maps(folder)
-    check_files(folder, _RESULTS, force=True)
     for case, stored in maps.items():
         sequence = run_folder.sequence_of(stored)
         windows = run_folder.with_truth(stored, sequence, config)
-        rows += _score(case, windows, sequence, config, predictions)
+        estimates = others.estimates(case, windows, sequence, config)
+        rows += score_windows(case, sequence, windows, config, estimates, REFERENCE)
+        rows += rig_rows(case, sequence, [window.info for window in windows])
         if isinstance(sequence, EventSequence):
             sequences[case] = sequence.manifest
         configuration[case] = {
@@ -173,34 +225,13 @@ def score_folder(folder: Path, config: EvalConfig, predictions: Sequence[Path] =
             counts = {"scored": len(windows), "without_truth": len(stored.windows) - len(windows)}
             configuration[case]["windows"] = counts
     seeds = {manifest.seed for manifest in sequences.values()}
-    results = Results(
+    return Results(
         tuple(rows),
         configuration,
         seeds.pop() if len(seeds) == 1 else None,
         {case: manifest.digest() for case, manifest in sequences.items()},
         metrics=metric_versions(),
     )
-    with output_folder(folder, _RESULTS, force=True):
-        write_results(folder, results)
-    return results
-
-
-def _score(
-    case: str,
-    windows: Sequence[StoredWindow],
-    sequence: run_folder.Scored,
-    config: EvalConfig,
-    predictions: Sequence[Path],
-) -> list[Row]:
-    from eval.scoring.predictions import estimates_of, open_predictions, target_view
-    from eval.scoring.score import score_windows
-
-    if not predictions:  # nor is anything read that they would be checked against
-        return score_windows(case, sequence, windows, config)
-    views = [target_view(sequence, window, config) for window in windows]
-    opened = open_predictions(predictions, case, views)
-    estimates = (estimates_of(opened, view) for view in views)
-    return score_windows(case, sequence, windows, config, estimates)
 
 
 def _check_run(cases: Sequence[str], settings: Settings, rig: str | None) -> None:

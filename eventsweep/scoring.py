@@ -13,8 +13,9 @@ from eval import pipeline
 from eval.config import EvalConfig
 from eval.scoring import run_folder
 from eval.scoring.metric_versions import metric_versions
+from eval.scoring.pairing import REFERENCE
 from eval.scoring.results import Results
-from eval.scoring.score import case_rows, pairs_of_maps
+from eval.scoring.score import case_rows, pairs_of_maps, rig_rows
 from eventsweep.mapping import opened
 
 _WINDOW = "w000"
@@ -53,9 +54,12 @@ def _score_window(result: WindowResult, recording: Recording, config: EvalConfig
     run_folder.check_view(result.config, recording.name)
     scored = run_folder.with_ground_truth(recording)
     manifest = scored.manifest if isinstance(scored, Sequence) else None
-    pairs = pairs_of_maps(scored, result.window, result.depth_maps, config)
+    pairs = pairs_of_maps(scored, result.window, result.depth_maps, config, reference=REFERENCE)
     return Results(
-        tuple(case_rows(scored.name, {_WINDOW: pairs})),
+        (
+            *case_rows(scored.name, {_WINDOW: pairs}),
+            *rig_rows(scored.name, scored, [result.window]),
+        ),
         {
             "score": config.model_dump(mode="json"),
             scored.name: {

@@ -228,7 +228,7 @@ def _studies(folder: Path) -> Patterns:
 
 
 def _parts(folder: Path) -> Patterns:
-    for name in ("tables", "figures"):
+    for name in ("tables", "figures", "predictions"):
         yield from _below(name, (_marked(folder / name),))
 
 

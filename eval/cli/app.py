@@ -6,16 +6,18 @@ take seconds.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import App, Group, Parameter
+from pydantic import BaseModel
 
 from emvs.config import MapperConfig
 from emvs.utils.outputs import check_output
-from eval.config import EvalConfig
+from eval.config import EvalConfig, Settings, load, unread
 from sim.config import SimConfig
 
 _SIM, _MAP, _SCORE = (Group(f"{title} parameters") for title in ("Simulator", "Mapper", "Score"))
@@ -41,9 +43,6 @@ app = App(
 class Common:
     """What every command takes."""
 
-    config: Annotated[Path | None, Parameter(group="Common")] = None
-    "TOML file with the tables [sim], [map] and [score]; flags go before it."
-
     force: Annotated[bool, Parameter(group="Common", negative=())] = False
     "Replace an existing output, if all that is in it was written by eventsweep."
 
@@ -52,6 +51,32 @@ class Common:
 
     json: Annotated[bool, Parameter(group="Common", negative=())] = False
     "Print the summary as JSON."
+
+    def console(self) -> Any:
+        """Where progress and summaries go."""
+        from eval.cli.console import Console
+
+        return Console(quiet=self.quiet, as_json=self.json)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Configured(Common):
+    """What every command takes that has settings: all others refuse a file of them."""
+
+    config: Annotated[Path | None, Parameter(group="Common")] = None
+    "TOML file with the tables [sim], [map] and [score]; flags go before it."
+
+    def settings(self, **flags: BaseModel) -> Settings:
+        """The file joined with flags, by the tables' names; says what in the file is not read.
+
+        Raises:
+            InputError: what `eval.config.load` refuses.
+        """
+        wanted = load(self.config, **flags)
+        for line in unread(self.config, tuple(flags)) if not self.quiet else ():
+            sys.stderr.write(f"{line}\n")
+        return wanted
 
     def inputs(self, *more: Path | None) -> tuple[Path, ...]:
         """The files that a command reads: no output may replace one of them."""
@@ -62,14 +87,8 @@ class Common:
         if self.force:
             check_output(out, force=True, inputs=self.inputs(*inputs))
 
-    def console(self) -> Any:
-        """Where progress and summaries go."""
-        from eval.cli.console import Console
 
-        return Console(quiet=self.quiet, as_json=self.json)
-
-
-COMMON = Common()
+COMMON, CONFIGURED = Common(), Configured()
 SIM, MAP, SCORE = SimConfig(), MapperConfig(), EvalConfig()
 
 

@@ -51,7 +51,6 @@ def convert(
         height_px=height_px,
         baseline_m=baseline_m,
         force=common.force,
-        inputs=common.inputs(),
     )
     console.progress.say(convert_file(source, out, options, console.progress))
     console.wrote(out)

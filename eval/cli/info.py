@@ -24,7 +24,7 @@ def info(
     """
     from eval.inspect import facts, inspect
 
-    read = common.inputs(path)
+    read = (path,)
     if picture is not None:
         check_output(picture, force=common.force, inputs=read, folder=False)
     console = common.console()

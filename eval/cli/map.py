@@ -6,8 +6,16 @@ from pathlib import Path
 from typing import Annotated
 
 from emvs.config import DeviceName
-from eval import config
-from eval.cli.app import COMMON, MAP, NO_NEGATIVE, Common, MapFlags, Methods, app, with_values
+from eval.cli.app import (
+    CONFIGURED,
+    MAP,
+    NO_NEGATIVE,
+    Configured,
+    MapFlags,
+    Methods,
+    app,
+    with_values,
+)
 
 
 @app.command
@@ -19,7 +27,7 @@ def map(  # noqa: A001 - the verb's name
     method: Methods = (),
     device: DeviceName | None = None,
     allow_skipped: Annotated[bool, NO_NEGATIVE] = False,
-    common: Common = COMMON,
+    common: Configured = CONFIGURED,
     map: MapFlags = MAP,  # noqa: A002 - the name is the flag's prefix
 ) -> int:
     """Map a recording: depth, confidence and point cloud per method.
@@ -39,7 +47,7 @@ def map(  # noqa: A001 - the verb's name
     from eval.pipeline import map_recording
 
     flags = with_values(map, methods=method or None, device=device)
-    wanted = config.load(common.config, map=flags)
+    wanted = common.settings(map=flags)
     common.check(out, recording)
     console = common.console()
     finish = report_stage(console.progress)

@@ -6,14 +6,13 @@ from pathlib import Path
 from typing import Annotated
 
 from emvs.config import DeviceName
-from eval import config
 from eval.cli.app import (
-    COMMON,
+    CONFIGURED,
     MAP,
     NO_NEGATIVE,
     SCORE,
     SIM,
-    Common,
+    Configured,
     MapFlags,
     Methods,
     ScoreFlags,
@@ -36,7 +35,7 @@ def run(
     method: Methods = (),
     device: DeviceName | None = None,
     allow_skipped: Annotated[bool, NO_NEGATIVE] = False,
-    common: Common = COMMON,
+    common: Configured = CONFIGURED,
     sim: SimFlags = SIM,
     map: MapFlags = MAP,  # noqa: A002 - the name is the flag's prefix
     score: ScoreFlags = SCORE,
@@ -60,8 +59,7 @@ def run(
     from eval.pipeline import run_cases
     from eval.scoring.run_folder import MAP_FOLDER
 
-    wanted = config.load(
-        common.config,
+    wanted = common.settings(
         sim=with_values(sim, duration_s=seconds),
         map=with_values(map, methods=method or None, device=device),
         score=score,

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from eval import config
-from eval.cli.app import COMMON, NO_NEGATIVE, SCORE, Common, ScoreFlags, app
+from eval.cli.app import CONFIGURED, NO_NEGATIVE, SCORE, Configured, ScoreFlags, app
 
 
 @app.command
@@ -15,7 +14,7 @@ def score(
     /,
     *,
     prediction: Annotated[tuple[Path, ...], NO_NEGATIVE] = (),
-    common: Common = COMMON,
+    common: Configured = CONFIGURED,
     score: ScoreFlags = SCORE,
 ) -> None:
     """Score the maps of a run or of one mapped sequence against ground truth.
@@ -26,7 +25,7 @@ def score(
     """
     from eval.pipeline import score_folder
 
-    wanted = config.load(common.config, score=score)
+    wanted = common.settings(score=score)
     console = common.console()
     results = score_folder(folder, wanted.score, prediction)
     console.results(results, wanted.score.ranking_metric)

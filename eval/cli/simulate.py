@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from eval import config
-from eval.cli.app import COMMON, NO_NEGATIVE, SIM, Common, SimFlags, app, with_values
+from eval.cli.app import CONFIGURED, NO_NEGATIVE, SIM, Configured, SimFlags, app, with_values
 
 
 @app.command
@@ -21,7 +20,7 @@ def simulate(
     seed: int = 0,
     workers: int = 1,
     fresh: Annotated[bool, NO_NEGATIVE] = False,
-    common: Common = COMMON,
+    common: Configured = CONFIGURED,
     sim: SimFlags = SIM,
 ) -> None:
     """Render a scene and simulate its events, with exact depth and poses.
@@ -39,7 +38,7 @@ def simulate(
     from eval.pipeline import simulate_scene
 
     replay = with_values(sim.replay, trajectory=trajectory) if trajectory else None
-    wanted = config.load(common.config, sim=with_values(sim, duration_s=seconds, replay=replay))
+    wanted = common.settings(sim=with_values(sim, duration_s=seconds, replay=replay))
     common.check(out, trajectory)
     console = common.console()
     simulate_scene(

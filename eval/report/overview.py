@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import matplotlib as mpl
 import numpy as np
@@ -15,31 +16,38 @@ from numpy.typing import NDArray
 
 from eval.figures.colormaps import Scale, depth_scale, events_scale
 from eval.figures.images import depth_image, events_image, frame_image, point_size_px
-from eval.report.ranking import HARMONIC
 from eval.report.run_data import CaseData, MethodData, WindowData
+from eval.scoring.pairing import REFERENCE
+from eval.scoring.predictions import FAMILY
 
-_PANEL_INCHES, _DPI = 4.2, 90
+_PANEL_INCHES, _DPI, _MOST_OTHERS = 4.2, 90, 2
 Drawing = Callable[[Axes], None]
 
 
-def overview_png(case: CaseData) -> bytes:
+def overview_png(case: CaseData, title: str = "") -> bytes:
     """Draws the first window of a case with Alg. 1's depth; what is not known is left out.
 
     Args:
-        case: the case; without the harmonic mean, its first method is drawn.
+        case: the case; without the harmonic mean, its first method is drawn, and with it the
+            depth maps of others that were scored beside it.
+        title: above the picture, where a page shows more cases than this one.
 
     Returns:
         The picture, as a PNG file's bytes.
     """
     window = case.windows[0]
-    chosen = next((m for m in window.methods if m.name == HARMONIC), window.methods[0])
-    drawings = _drawings(window, chosen)
+    chosen = next((m for m in window.methods if m.name == REFERENCE), window.methods[0])
+    others = [m for m in window.methods if m.name.startswith(FAMILY) and m is not chosen]
+    drawings = _drawings(window, [chosen, *others[:_MOST_OTHERS]])
     height_px, width_px = chosen.depth_m.shape
-    size = (_PANEL_INCHES * len(drawings), 0.84 * _PANEL_INCHES * height_px / width_px + 0.7)
+    height = 0.84 * _PANEL_INCHES * height_px / width_px + (1.0 if title else 0.7)
+    size = (_PANEL_INCHES * len(drawings), height)
     with mpl.rc_context({"font.size": 9, "axes.titlesize": 10, "axes.titlelocation": "left"}):
         figure = Figure(figsize=size, dpi=_DPI, layout="constrained")
-        for k, (title, draw) in enumerate(drawings.items()):
-            axes = figure.add_subplot(1, len(drawings), k + 1, title=title, xlabel="x [px]")
+        if title:
+            figure.suptitle(title, x=0.01, ha="left")
+        for k, (name, draw) in enumerate(drawings.items()):
+            axes = figure.add_subplot(1, len(drawings), k + 1, title=name, xlabel="x [px]")
             axes.set_ylabel("y [px]" if k == 0 else "")
             draw(axes)
         _depth_bar(figure, depth_scale(window.depth_range_m))
@@ -48,9 +56,9 @@ def overview_png(case: CaseData) -> bytes:
     return stream.getvalue()
 
 
-def _drawings(window: WindowData, method: MethodData) -> dict[str, Drawing]:
+def _drawings(window: WindowData, methods: Sequence[MethodData]) -> dict[str, Drawing]:
     scale = depth_scale(window.depth_range_m)
-    point_px = point_size_px(method.depth_m.shape[1])
+    point_px = point_size_px(methods[0].depth_m.shape[1])
     drawings: dict[str, Drawing] = {}
     if window.frame is not None:
         frame = frame_image(window.frame).rgba()
@@ -58,8 +66,9 @@ def _drawings(window: WindowData, method: MethodData) -> dict[str, Drawing]:
     if window.brighter is not None and window.darker is not None:
         events = events_image(window.brighter, window.darker, events_scale(1)).rgba()
         drawings["Events"] = lambda axes: _show(axes, events)
-    depth = depth_image(method.depth_m, method.mask, scale, point_px).rgba()
-    drawings[f"Depth, {method.name}"] = lambda axes: _show(axes, depth)
+    for method in methods:
+        depth = depth_image(method.depth_m, method.mask, scale, point_px).rgba()
+        drawings[f"Depth, {method.name}"] = partial(_show, rgba=depth)
     if window.truth is not None:
         truth = depth_image(window.truth.depth_m, window.truth.scored, scale).rgba()
         drawings["True depth"] = lambda axes: _show(axes, truth)

@@ -11,15 +11,18 @@ from dataclasses import dataclass, replace
 from eval.scoring.method_scores import ALL_METRICS, BAD_POINTS, CAUSE_PREFIX
 from eval.scoring.metrics import Better
 from eval.scoring.outlier_causes import CAUSES
+from eval.scoring.pairing import COMPARED, HARMONIC, REFERENCE, SHARED
+from eval.scoring.predictions import FAMILY
 from eval.scoring.regions import REGIONS
 from eval.scoring.results import Row
+from eval.scoring.score import BASELINE, RIG, TRAVEL
 
 FUSED_PREFIX = "Alg1/"
 SINGLE_PREFIX = "EMVS/"
-HARMONIC = "Alg1/H"
 RANKING_COLUMNS = (
     "points",
     "completeness",
+    "recall_5cm",
     "mean_error",
     "common_mean_error",
     "median_error",
@@ -36,10 +39,13 @@ _SINGLE = re.compile(r"/cam\d+\b")
 # Read in centimetres, stored in metres.
 _SHOWN = {"m": ("cm", 100.0)}
 _CONTEXT = {
-    "truth_points": ("ground truth", "number of pixels with g"),
-    BAD_POINTS: ("outlier points", "number of pixels with |e - g| / g > 0.10"),
-    "baseline_focal": ("baseline x focal length", "b f"),
+    "truth_points": ("ground truth", "px", "number of pixels with g"),
+    BAD_POINTS: ("outlier points", "px", "number of pixels with |e - g| / g > 0.10"),
+    "baseline_focal": ("baseline x focal length", "px·m", "b f"),
+    BASELINE: ("baseline", "cm", "distance between the first two cameras"),
+    TRAVEL: ("lateral travel", "cm", "how far camera 0 moves across its view in a window"),
 }
+_REGIONS = REGIONS | COMPARED
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +91,8 @@ class RankingTable:
 def column(name: str) -> Column:
     """The heading of a metric, with the unit in which tables show it."""
     if name in _CONTEXT:
-        title, formula = _CONTEXT[name]
-        return Column(name, title, "px·m" if name == "baseline_focal" else "px", "none", formula)
+        title, unit, formula = _CONTEXT[name]
+        return Column(name, title, unit, "none", formula)
     if name.startswith(CAUSE_PREFIX):
         cause = name.removeprefix(CAUSE_PREFIX)
         title = f"outliers: {cause.replace('_', ' ')}"
@@ -97,7 +103,7 @@ def column(name: str) -> Column:
     unit = unit.replace("x100", "×100")
     if not region:
         return Column(name, metric.title, unit, metric.better, metric.formula)
-    formula = f"{metric.formula}, over {REGIONS[region]}"
+    formula = f"{metric.formula}, over {_REGIONS[region]}"
     return Column(name, f"{metric.title}, {region}", unit, metric.better, formula)
 
 
@@ -105,7 +111,7 @@ def _region(name: str) -> str:
     """The region that a metric's name begins with; empty for all pixels."""
     if name in ALL_METRICS:
         return ""
-    return next(region for region in REGIONS if name.startswith(f"{region}_"))
+    return next(region for region in _REGIONS if name.startswith(f"{region}_"))
 
 
 def heading(name: str) -> str:
@@ -135,6 +141,12 @@ def order(rows: Iterable[Row], metric: str, prefix: str = "") -> list[tuple[str,
     """
     found = [row for row in rows if row.metric == metric and row.method.startswith(prefix)]
     return [(row.method, row.value) for row in sorted(found, key=_badness)]
+
+
+def ranked_methods(rows: Iterable[Row], metric: str) -> list[str]:
+    """Methods that have a rank, the first one first: single cameras have none."""
+    found = order(rows, metric)
+    return [name for name, value in found if not (math.isnan(value) or _SINGLE.search(name))]
 
 
 def table(rows: Sequence[Row], metric: str, names: Sequence[str] = RANKING_COLUMNS) -> RankingTable:
@@ -174,7 +186,8 @@ def _badness(row: Row) -> tuple[bool, float]:
 def mean_over_cases(rows: Sequence[Row], label: str) -> list[Row]:
     """Averages each method and metric over cases, every case weighing the same.
 
-    A method that lacks a case has no mean: one over fewer cases would not be comparable.
+    A method that lacks a case has no mean: one over fewer cases would not be comparable. Pixels
+    are added up.
     """
     cases = {row.case for row in rows}
     groups: dict[tuple[str, str], list[Row]] = defaultdict(list)
@@ -185,7 +198,10 @@ def mean_over_cases(rows: Sequence[Row], label: str) -> list[Row]:
 
 def _mean(rows: Sequence[Row], cases: int, label: str) -> Row:
     value = sum(row.value for row in rows) / cases if len(rows) == cases else math.nan
-    return replace(rows[0], case=label, value=value)
+    counts = [row.points for row in rows if row.points is not None]
+    points = sum(counts) if len(counts) == len(rows) else None
+    # Intervals of single cases are none of their mean.
+    return replace(rows[0], case=label, value=value, points=points, low=None, high=None)
 
 
 def shown(value: float, unit: str) -> str:
@@ -209,29 +225,46 @@ def with_unit(row: Row) -> str:
     return f"{shown(row.value, row.unit)} {unit}"
 
 
-def findings(rows: Sequence[Row], metric: str) -> list[str]:
+def findings(rows: Sequence[Row], metric: str, cases: int = 1) -> list[str]:
     """Sentences about one case: the order, and what fusion gains over a single camera.
 
+    Two methods are compared on the pixels that both report, and how many those are is said.
+
     Args:
-        rows: rows of one case and window.
+        rows: rows of one case and window, or from `mean_over_cases`.
         metric: the ranking metric; lower is better.
+        cases: how many cases the rows are the mean of.
     """
+    said = _Findings({(row.method, row.metric): row for row in rows}, cases)
     sentences = []
-    title = column(metric).title
     if order_text := fusion_order(rows, metric):
-        sentences.append(f"Fusion functions by {title}, best first: {order_text}.")
-    common = f"common_{metric}"
-    if common_text := fusion_order(rows, common):
-        support = _value(rows, HARMONIC, "common_points")
-        where = f"the {support} that all methods report" if support else "common pixels"
+        sentences.append(f"Fusion functions by {column(metric).title}, best first: {order_text}.")
+    if common_text := fusion_order(rows, f"common_{metric}"):
+        support = said.count(REFERENCE, "common_points")
+        where = f"the {support} that all methods of the map report" if support else "common pixels"
         sentences.append(f"On {where}: {common_text}.")
-    single = [name for name, value in order(rows, metric, SINGLE_PREFIX) if not math.isnan(value)]
-    fused = [name for name, _ in order(rows, metric, FUSED_PREFIX)]
-    if HARMONIC in fused and single:
-        sentences.append(_against(rows, HARMONIC, single[0], "the better single camera"))
-    if causes_text := _causes(rows, HARMONIC):
+    ranked = [name for name, value in order(rows, metric) if not math.isnan(value)]
+    single = next((name for name in ranked if name.startswith(SINGLE_PREFIX)), None)
+    if REFERENCE in ranked:
+        if single is not None:
+            sentences.append(said.beside(REFERENCE, single, "the better single camera"))
+        sentences += [said.beside(name, REFERENCE) for name in _others(ranked)]
+        if single is not None and ranked.index(single) < ranked.index(REFERENCE):
+            sentences.append(said.why_single(single, metric))
+    if causes_text := said.causes(REFERENCE):
         sentences.append(causes_text)
     return sentences
+
+
+def _others(ranked: Sequence[str]) -> list[str]:
+    """Predictions, and the best method of all, where it is neither fused so nor a single camera."""
+    known = (FUSED_PREFIX, SINGLE_PREFIX)
+    best = next(name for name in ranked if not _SINGLE.search(name))
+    return [
+        name
+        for name in ranked
+        if name.startswith(FAMILY) or (name == best and not name.startswith(known))
+    ]
 
 
 def fusion_order(rows: Sequence[Row], metric: str) -> str:
@@ -248,41 +281,115 @@ def fusion_order(rows: Sequence[Row], metric: str) -> str:
     return text
 
 
-def _causes(rows: Sequence[Row], method: str) -> str:
-    """Why a method's outliers are outliers, the largest share first; empty without any."""
-    found = [row for row in rows if row.method == method and row.metric.startswith(CAUSE_PREFIX)]
-    shares = sorted((row for row in found if row.value >= 0.5), key=lambda row: -row.value)
-    if not shares:
-        return ""
-    parts = (f"{row.metric.removeprefix(CAUSE_PREFIX)} {row.value:.0f} %" for row in shares)
-    names = ", ".join(parts).replace("_", " ")
-    bad = shown(float(shares[0].points or 0), "px")
-    return f"Why {bad} px of {method} are off by more than a tenth: {names}."
+@dataclass(frozen=True)
+class _Findings:
+    """Sentences about the numbers of one case, or of the mean of several.
 
+    Attributes:
+        rows: by method and metric.
+        cases: how many they are the mean of.
+    """
 
-def _against(rows: Sequence[Row], method: str, other: str, role: str) -> str:
-    parts = []
-    for metric in ("mean_error", "bad_published", "points"):
-        mine, theirs = _row(rows, method, metric), _row(rows, other, metric)
-        if mine and theirs and not math.isnan(mine.value + theirs.value):
-            title = column(metric).title
-            parts.append(
-                f"{title} {with_unit(mine)} against {with_unit(theirs)}{_change(mine, theirs)}"
-            )
-    return f"{method} beside {other}, {role}: {'; '.join(parts)}."
+    rows: dict[tuple[str, str], Row]
+    cases: int
+
+    def beside(self, method: str, other: str, role: str = "") -> str:
+        """Compares two methods, of which one is the reference."""
+        partner = other if method == REFERENCE else method
+        regions = (HARMONIC, SHARED) if method == REFERENCE else (SHARED, HARMONIC)
+        mine, theirs = ((partner, f"{region}_") for region in regions)
+        support = self.count(partner, f"{SHARED}_points")
+        names = f"{method} beside {other}{f', {role}' if role else ''}"
+        own = self._against((method, ""), (other, ""), ("mean_error", "points"))
+        if not support:  # scored before pairs were
+            return f"{names}, each on its own pixels: {own}."
+        both = self._against(mine, theirs, ("mean_error", "bad_published"))
+        on_both = f"on the {support} that both report: {both}; " if both else "no pixel in common; "
+        return f"{names}, {on_both}each on its own pixels: {own}."
+
+    def _against(
+        self,
+        mine: tuple[str, str],
+        theirs: tuple[str, str],
+        metrics: Sequence[str],
+    ) -> str:
+        """Numbers of two (method, prefix of the metric's name), and by how much they differ."""
+        parts = []
+        for metric in metrics:
+            first, second = (self.rows.get((one[0], one[1] + metric)) for one in (mine, theirs))
+            if first and second and not math.isnan(first.value + second.value):
+                values = f"{with_unit(first)} against {with_unit(second)}{_change(first, second)}"
+                parts.append(f"{column(metric).title} {values}")
+        return "; ".join(parts)
+
+    def why_single(self, single: str, metric: str) -> str:
+        """Why a single camera is ahead of fusion: as far as the numbers say."""
+        reasons = [self._by_pixels(single), self._by_partner(single, metric), self._by_parallax()]
+        known = [reason for reason in reasons if reason]
+        told = "; ".join(known) if known else "the numbers here do not say why"
+        return f"{single} is ahead of {REFERENCE} by {column(metric).title}: {told}."
+
+    def _by_pixels(self, single: str) -> str:
+        mine, theirs = (self.rows.get((single, f"{r}_mean_error")) for r in (SHARED, HARMONIC))
+        support = self.count(single, f"{SHARED}_points")
+        if not (mine and theirs and support) or math.isnan(mine.value + theirs.value):
+            return ""
+        if mine.value >= theirs.value:
+            return f"it reports other pixels, and is not ahead on the {support} that both report"
+        return f"not by its choice of pixels, it is ahead on the {support} that both report, too"
+
+    def _by_partner(self, single: str, metric: str) -> str:
+        """Fusion needs every camera: one that is worse alone costs it."""
+        fused = self.rows[REFERENCE, metric].value
+        others = [
+            row
+            for (name, one), row in self.rows.items()
+            if one == metric and name.startswith(SINGLE_PREFIX) and name != single
+        ]
+        worse = [row for row in others if row.value > fused]
+        return "; ".join(
+            f"{row.method} alone is worse than {REFERENCE} ({with_unit(row)}), and fusion needs "
+            "rays of every camera to meet"
+            for row in worse
+        )
+
+    def _by_parallax(self) -> str:
+        travel, baseline = self.rows.get((RIG, TRAVEL)), self.rows.get((RIG, BASELINE))
+        if not (travel and baseline) or not travel.value >= baseline.value:
+            return ""
+        each = "in a window" if self.cases == 1 else "in a window, on average,"
+        return (
+            f"camera 0 moves {with_unit(travel)} sideways {each} and the cameras are "
+            f"{with_unit(baseline)} apart: its own motion gives it as much parallax as a second "
+            "camera would"
+        )
+
+    def causes(self, method: str) -> str:
+        """Why a method's outliers are outliers, the largest share first; empty without any."""
+        found = [
+            row
+            for (name, metric), row in self.rows.items()
+            if name == method and metric.startswith(CAUSE_PREFIX) and row.value >= 0.5
+        ]
+        if not found:
+            return ""
+        shares = sorted(found, key=lambda row: -row.value)
+        parts = (f"{row.metric.removeprefix(CAUSE_PREFIX)} {row.value:.0f} %" for row in shares)
+        names = ", ".join(parts).replace("_", " ")
+        bad = shown(float(shares[0].points or 0), "px")
+        where = "" if self.cases == 1 else f" in {self.cases} cases"
+        mean = "" if self.cases == 1 else " (mean of the cases)"
+        return f"Why {bad} px of {method}{where} are off by more than a tenth{mean}: {names}."
+
+    def count(self, method: str, metric: str) -> str:
+        """A number of pixels, of several cases that of each on average; empty where unknown."""
+        row = self.rows.get((method, metric))
+        if row is None or math.isnan(row.value):
+            return ""
+        return with_unit(row) if self.cases == 1 else f"{with_unit(row)} a case"
 
 
 def _change(mine: Row, theirs: Row) -> str:
     if theirs.value == 0:
         return ""
     return f" ({100 * (mine.value / theirs.value - 1):+.0f} %)".replace("-", "−")
-
-
-def _value(rows: Sequence[Row], method: str, metric: str) -> str:
-    row = _row(rows, method, metric)
-    return with_unit(row) if row else ""
-
-
-def _row(rows: Sequence[Row], method: str, metric: str) -> Row | None:
-    found = (row for row in rows if row.method == method and row.metric == metric)
-    return next(found, None)

@@ -27,6 +27,7 @@ from eval.scoring.run_folder import (
     existing_recording,
     find_maps,
     has_truth,
+    predicted_maps,
     truth_of,
 )
 
@@ -57,7 +58,7 @@ def write_rerun(folder: Path) -> Path:
         for case, stored in maps.items():
             log = _Log(viewer, stream, case)
             for window in stored.windows:
-                _log_window(log, stored, window)
+                _log_window(log, folder, stored, window)
         stream.flush()
         stream.disconnect()
     return path
@@ -95,13 +96,14 @@ class _Log:
         self(entity, self.viewer.DepthImage(known_m, meter=1.0))
 
 
-def _log_window(log: _Log, stored: StoredMap, window: StoredWindow) -> None:
+def _log_window(log: _Log, folder: Path, stored: StoredMap, window: StoredWindow) -> None:
     log.stream.set_time(TIMELINE, duration=1e-6 * window.info.t_ref_us)
-    for number, method in enumerate(window.info.methods):
-        depth_map = window.depth_map(method)
-        if number == 0:
-            _log_view(log, stored, depth_map)
-        log.depth(f"camera/depth/{file_name(method)}", depth_map.depth_m, depth_map.mask)
+    first = window.depth_map(window.info.methods[0])
+    _log_view(log, stored, first)
+    mapped = (window.depth_map(method) for method in window.info.methods)
+    for depth_map in (*mapped, *predicted_maps(folder, log.case, first)):
+        entity = f"camera/depth/{file_name(depth_map.method)}"
+        log.depth(entity, depth_map.depth_m, depth_map.mask)
         _log_cloud(log, stored, depth_map)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -29,6 +29,7 @@ from eval.scoring.run_folder import (
     existing_recording,
     find_maps,
     has_truth,
+    predicted_maps,
     truth_of,
 )
 
@@ -120,7 +121,8 @@ class MethodData:
         name: as the paper names it, for example `Alg1/H`.
         depth_m: (H, W) z-depth, m.
         mask: (H, W) where there is one.
-        confidence: (H, W) fused ray density at the maximum.
+        confidence: (H, W) fused ray density at the maximum, or what the method says of itself; NaN
+            where it says nothing.
         dsi_slice: one row of the DSI; None where it was not kept.
     """
 
@@ -129,6 +131,11 @@ class MethodData:
     mask: NDArray[np.bool_]
     confidence: FloatImage
     dsi_slice: DsiSlice | None = None
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the method says anywhere how sure it is."""
+        return bool(np.isfinite(self.confidence).any())
 
 
 def load_run(run_dir: Path) -> RunData:
@@ -141,7 +148,10 @@ def load_run(run_dir: Path) -> RunData:
     results = _results(run_dir, maps)
     config = EvalConfig.model_validate(results.configuration.get("score", {}))
     return RunData(
-        cases=tuple(_case(name, stored, config) for name, stored in maps.items()),
+        cases=tuple(
+            _case(run_dir, name, stored, config, {row.method for row in results.rows})
+            for name, stored in maps.items()
+        ),
         results=results,
         ranking_metric=config.ranking_metric,
         configuration=_configuration_text(run_dir, results),
@@ -162,14 +172,20 @@ def _configuration_text(run_dir: Path, results: Results) -> str:
     return json.dumps(results.configuration, indent=2, ensure_ascii=False)
 
 
-def _case(name: str, stored: StoredMap, config: EvalConfig) -> CaseData:
+def _case(
+    run_dir: Path, name: str, stored: StoredMap, config: EvalConfig, scored: Set[str]
+) -> CaseData:
     recording = existing_recording(stored)
-    windows = tuple(_window(w, stored, recording, config) for w in _shown(stored.windows))
+    windows = []
+    for window in _shown(stored.windows):
+        maps = [window.depth_map(method) for method in window.info.methods]
+        maps += [one for one in predicted_maps(run_dir, name, maps[0]) if one.method in scored]
+        windows.append(_window(window, maps, stored, recording, config))
     known = recording is not None and recording.name in scenes.names()
     return CaseData(
         name=name,
         summary=scenes.load(recording.name).summary if recording and known else "",
-        windows=windows,
+        windows=tuple(windows),
         window_count=len(stored.windows),
         facts=tuple(_facts(stored, recording)),
     )
@@ -184,9 +200,12 @@ def _shown(windows: tuple[StoredWindow, ...]) -> tuple[StoredWindow, ...]:
 
 
 def _window(
-    window: StoredWindow, stored: StoredMap, recording: Recording | None, config: EvalConfig
+    window: StoredWindow,
+    maps: list[DepthMap],
+    stored: StoredMap,
+    recording: Recording | None,
+    config: EvalConfig,
 ) -> WindowData:
-    maps = [window.depth_map(method) for method in window.info.methods]
     t_us, truth = window.info.t_ref_us, None
     # Ground truth is camera 0's: it says nothing about a map from a view of its own.
     scorable = stored.info.config.is_camera_0_view
@@ -232,12 +251,13 @@ def _events(window: StoredWindow, recording: Recording | None) -> tuple[NDArray[
 
 def _method(depth_map: DepthMap, slices: Slices, truth: Truth | None) -> MethodData:
     row_px = slices.row_px
-    if not len(slices.values[depth_map.method]):  # a method without a volume
+    votes = slices.values.get(depth_map.method)
+    if votes is None or not len(votes):  # a method without a volume
         return MethodData(depth_map.method, depth_map.depth_m, depth_map.mask, depth_map.confidence)
     dsi_slice = DsiSlice(
         row_px,
         slices.rho,
-        slices.values[depth_map.method],
+        votes,
         depth_map.depth_m[row_px],
         depth_map.mask[row_px],
     )
@@ -275,7 +295,14 @@ def _facts(stored: StoredMap, recording: Recording | None) -> list[tuple[str, st
         facts.append(("renderer", recording.manifest.renderer))
         counts = zip(recording.rig.camera_names, recording.manifest.event_counts, strict=True)
         facts.append(("events", ", ".join(f"{thousands(n)} {camera}" for camera, n in counts)))
-    span_s = (window.info.t1_us - window.info.t0_us) / 1e6
-    reference_s = (window.info.t_ref_us - window.info.t0_us) / 1e6
-    when = f"{span_s:.3f} s, reference view {reference_s:.3f} s after its begin"
+    infos = [one.info for one in stored.windows]
+    spans = _range_s([one.t1_us - one.t0_us for one in infos])
+    references = _range_s([one.t_ref_us - one.t0_us for one in infos])
+    when = f"{spans}, reference view {references} after its begin"
     return [*facts, ("window", when), ("planes", str(config.planes))]
+
+
+def _range_s(times_us: list[int]) -> str:
+    """Of all windows, as they may differ."""
+    least, most = (f"{time / 1e6:.3f}" for time in (min(times_us), max(times_us)))
+    return f"{least} s" if least == most else f"{least} to {most} s"

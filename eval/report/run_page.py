@@ -41,11 +41,10 @@ from eval.figures.plots import causes_svg, curves_svg, outlier_causes, slice_svg
 from eval.report.html import REPORT_NAME, environment, inline, plural
 from eval.report.overview import overview_png
 from eval.report.ranking import (
-    FUSED_PREFIX,
     column,
     findings,
     mean_over_cases,
-    order,
+    ranked_methods,
     shown,
     table,
     thousands,
@@ -54,7 +53,9 @@ from eval.report.ranking import (
 from eval.report.run_data import CaseData, MethodData, RunData, WindowData, load_run
 from eval.report.viewer import window_json
 from eval.scoring.curves import THRESHOLDS_CM, ThresholdCurve
+from eval.scoring.pairing import REFERENCE
 from eval.scoring.results import POOLED, Row
+from eval.scoring.score import RIG
 
 _CAPTION = ("points", "completeness", "mean_error", "median_error", "bad_published")
 OVERVIEW_NAME = "overview.png"
@@ -69,7 +70,8 @@ def case_context(
     rows, metric = data.rows_of(case.name, POOLED), data.ranking_metric
     methods = list(dict.fromkeys(m.name for window in case.windows for m in window.methods))
     identity = f"case{position}"
-    every = [name for name in _names(rows) if not name.startswith(("precision", "recall", "f1"))]
+    by_method = [row for row in rows if row.method != RIG]
+    every = [n for n in _names(by_method) if not n.startswith(("precision", "recall", "f1"))]
     return {
         "id": identity,
         "name": case.name,
@@ -135,7 +137,7 @@ def _method_context(
         "position": position,
         "caption": " · ".join(numbers) or f"points {shown(float(method.mask.sum()), 'px')} px",
         "depth": _uri(depth),
-        "confidence": _uri(confidence_image(method.confidence, sure)),
+        "confidence": _uri(confidence_image(method.confidence, sure)) if method.is_sure else None,
         "confidence_scale": sure,
         "confidence_unit": confidence_unit(method.name),
         "error": _error_uri(method, window, scales["error_scale"], point_px),
@@ -145,7 +147,7 @@ def _method_context(
 
 def _confidence_title(window: WindowData) -> str:
     """With its unit where all methods share it."""
-    units = {confidence_unit(method.name) for method in window.methods}
+    units = {confidence_unit(method.name) for method in window.methods if method.is_sure}
     return f"Confidence [{units.pop()}]" if len(units) == 1 else "Confidence"
 
 
@@ -248,14 +250,13 @@ def _names(rows: Sequence[Row]) -> list[str]:
 
 
 def _chosen(rows: Sequence[Row], metric: str, methods: Sequence[str]) -> int:
-    """The best fused method; without scores the harmonic mean, as in Algorithm 1."""
-    ranked = [name for name, value in order(rows, metric, FUSED_PREFIX) if not math.isnan(value)]
-    wished = [*ranked, "Alg1/H"]
+    """The method of rank 1; without scores the harmonic mean, as in Algorithm 1."""
+    wished = [*ranked_methods(rows, metric), REFERENCE]
     return next((methods.index(name) for name in wished if name in methods), 0)
 
 
 def with_predictions(mapped: Sequence[str], rows: Sequence[Row]) -> list[str]:
-    """The methods of a map, and behind them those that were scored beside it."""
+    """The methods that there are depth maps of, and behind them others that were scored."""
     return list(dict.fromkeys([*mapped, *(row.method for row in rows if row.metric == "points")]))
 
 
@@ -301,7 +302,8 @@ def write_report(run_dir: Path) -> Path:
     with atomic_path(run_dir / REPORT_NAME) as path:
         path.write_text(page, encoding="utf-8")
     with atomic_path(run_dir / OVERVIEW_NAME) as path:
-        path.write_bytes(overview_png(data.cases[0]))
+        first = data.cases[0]
+        path.write_bytes(overview_png(first, first.name if len(data.cases) > 1 else ""))
     return run_dir / REPORT_NAME
 
 
@@ -322,7 +324,7 @@ def _page_context(data: RunData) -> dict[str, Any]:
         "metric": data.ranking_metric,
         "metric_title": column(data.ranking_metric).title,
         "overall": table(overall, data.ranking_metric) if overall else None,
-        "findings": findings(overall, data.ranking_metric),
+        "findings": findings(overall, data.ranking_metric, len(data.cases)),
         "cases": cases,
         "most_methods": max((len(case["methods"]) for case in cases), default=0),
         "provenance": _provenance(data),

@@ -12,7 +12,7 @@ from emvs.errors import InputError
 from emvs.utils.files import atomic_path
 from emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
 from emvs.utils.outputs import check_files
-from eval.figures.colormaps import line_style
+from eval.figures.colormaps import INK, line_style
 from eval.report.html import (
     REPORT_NAME,
     Grid,
@@ -27,6 +27,12 @@ from eval.report.html import (
 from eval.report.ranking import column, definition, shown
 from eval.scoring.results import Value, read_json
 from eval.studies.curves import BREAKS_AT
+
+# The colours of `report.css`, which does not reach into an image; the first patch is its ground.
+_GROUND = (
+    "<style>svg { color: #1d2328 } #patch_1 path { fill: none !important } "
+    "@media (prefers-color-scheme: dark) { svg { color: #e4e7e9 } }</style>"
+)
 
 
 class StudyCurve(BaseModel):
@@ -125,7 +131,20 @@ def _figure(path: Path) -> str:
     """The figure as an image, in which no script can run; empty where there is none."""
     if not path.is_file():
         return ""
-    return "data:image/svg+xml;base64," + base64.b64encode(path.read_bytes()).decode("ascii")
+    drawing = as_page(path.read_text(encoding="utf-8")).encode()
+    return "data:image/svg+xml;base64," + base64.b64encode(drawing).decode("ascii")
+
+
+def as_page(drawing: str) -> str:
+    """A study's SVG on the ground and in the ink of a page, light or dark as the reader has it.
+
+    An older one, whose ink cannot be told from its other colours, stays as it is.
+    """
+    if INK not in drawing:
+        return drawing
+    head, tag, rest = drawing.partition("<svg")
+    opening, rest = rest.split(">", 1)
+    return f"{head}{tag}{opening}>{_GROUND}{rest.replace(INK, 'currentColor')}"
 
 
 def _overview(studies: list[StoredStudy]) -> Grid:

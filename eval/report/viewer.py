@@ -23,8 +23,8 @@ _LARGEST_HALF = 65_504.0
 def window_json(window: WindowData, methods: Sequence[str], error: Scale, depth: Scale) -> Markup:
     """A window as JSON for the page's script; numbers and base64 only, so nothing to escape.
 
-    Depth in m, confidence in the method's own unit, each at the pixels of the method's mask in
-    reading order; true depth in m, 0 where it is unknown; intrinsics in px.
+    Depth in m, confidence in the method's own unit (left out where it has none), each at the pixels
+    of the method's mask in reading order; true depth in m, 0 where it is unknown; intrinsics in px.
 
     Args:
         window: the window.
@@ -55,12 +55,14 @@ def window_json(window: WindowData, methods: Sequence[str], error: Scale, depth:
 
 
 def _method(method: MethodData, position: int) -> dict[str, Any]:
-    return {
+    found = {
         "position": position,
         "mask": packed(np.packbits(method.mask.ravel(), bitorder="little")),
         "depth": packed(half(method.depth_m[method.mask])),
-        "votes": packed(half(np.nan_to_num(method.confidence[method.mask]))),
     }
+    if method.is_sure:
+        found["votes"] = packed(half(np.nan_to_num(method.confidence[method.mask])))
+    return found
 
 
 def _colours(scale: Scale) -> list[str]:

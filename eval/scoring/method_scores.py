@@ -9,14 +9,13 @@ from emvs.errors import ByName
 from eval.scoring.curves import COVERAGE_METRICS, CURVE_METRICS
 from eval.scoring.metrics import CELL_METRICS, METRICS, Better, Metric, Pairs
 from eval.scoring.outlier_causes import CAUSES
-from eval.scoring.pairing import MethodPairs
+from eval.scoring.pairing import ALL, COMMON, HARMONIC, SHARED, MethodPairs
 
-ALL = "all"
-COMMON = "common"
 COMMON_PREFIX = "common_"
 CAUSE_PREFIX = "cause_"
 BAD_POINTS = "outlier_points"
 COMMON_NAMES = ("points", "mean_error", "median_error", "bad_published")
+SHARED_NAMES = ("points", "mean_error", "bad_published")
 REGION_NAMES = (
     "points",
     "completeness",
@@ -27,6 +26,8 @@ REGION_NAMES = (
     "outlier_share",
     "f1_5cm",
 )
+# The pixels of both are the same ones: their number once is enough.
+_NAMES = {COMMON: COMMON_NAMES, SHARED: SHARED_NAMES, HARMONIC: SHARED_NAMES[1:]}
 ALL_METRICS: dict[str, Metric] = ByName(
     "metric",
     {one.name: one for one in (*METRICS, *CELL_METRICS, *CURVE_METRICS, *COVERAGE_METRICS)},
@@ -61,10 +62,11 @@ def score_pairs(pairs: Pairs) -> list[Score]:
 
 
 def score_method(pairs: MethodPairs) -> list[Score]:
-    """Every metric on the method's own pixels, and a few on the common ones and in each region."""
+    """Every metric on the method's own pixels, and a few on those of each region."""
     scores = score_pairs(pairs.own)
-    for region, found in {COMMON: pairs.common, **pairs.regions}.items():
-        scores += [_score(name, found, region) for name in metrics_of(region)]
+    for region, found in pairs.by_region.items():
+        if region != ALL:
+            scores += [_score(name, found, region) for name in metrics_of(region)]
     return [*scores, *cause_scores(pairs.causes)]
 
 
@@ -72,7 +74,7 @@ def metrics_of(region: str) -> tuple[str, ...]:
     """Names of the metrics that are asked for in a region."""
     if region == ALL:
         return tuple(ALL_METRICS)
-    return COMMON_NAMES if region == COMMON else REGION_NAMES
+    return _NAMES.get(region, REGION_NAMES)
 
 
 def full_name(metric: str, region: str) -> str:

@@ -47,7 +47,7 @@ def _fixed_pairs(salt: int) -> dict[str, MethodPairs]:
     for name, step in (("a", 13), ("b", 29)):
         depth_m = truth_m + ((cell * step % 257) - 128) / 256 * (cell % 7) / 8
         estimates[name] = Estimate(depth_m, (cell + salt) % step != 0, confidence, rho)
-    return pair_methods(estimates, truth)
+    return pair_methods(estimates, truth, reference="a")
 
 
 def _short_hash(text: str) -> str:

@@ -180,7 +180,8 @@ def _bad_metric(threshold_px: int) -> Metric:
 METRICS: tuple[Metric, ...] = (
     Metric("points", "points", "px", "higher", "number of pixels with e and g", _points,
            needs_pairs=False, pooling="sum"),
-    Metric("completeness", "completeness", "%", "higher", "points / #g", _completeness,
+    Metric("completeness", "completeness, any error", "%", "higher",
+           "points / #g, whatever their error", _completeness,
            needs_pairs=False, pooling="truth"),
     Metric("mean_error", "mean error", "m", "lower", "mean |e - g|", _mean_error),
     Metric("median_error", "median error", "m", "lower", "median |e - g|", _median_error,

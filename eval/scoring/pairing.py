@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -13,6 +13,14 @@ from emvs.errors import InputError
 from eval.scoring.metrics import OUTLIER_RELATIVE_ERROR, Pairs, cell_error
 from eval.scoring.regions import away_from_border
 
+REFERENCE = "Alg1/H"
+"""The method that others are held against, on the pixels that both report."""
+ALL, COMMON, SHARED, HARMONIC = "all", "common", "shared", "harmonic"
+COMPARED: dict[str, str] = {
+    SHARED: f"the pixels that the method and {REFERENCE} both report",
+    HARMONIC: f"{REFERENCE}'s depth at the pixels that the method reports, too",
+}
+"""Regions that are no property of the truth, but of two methods."""
 DepthImage = NDArray[np.floating]
 MaskImage = NDArray[np.bool_]
 
@@ -79,16 +87,23 @@ class MethodPairs:
 
     Attributes:
         own: at all pixels that it reports.
-        common: at those that all methods report.
-        regions: at its own pixels in each region of ground truth.
+        common: at those that all methods of the map report; None for one that is not of the map.
+        regions: at its own pixels in each region of ground truth; beside a reference method also
+            `shared`, at the pixels that both report, and `harmonic`, the reference's pairs there.
         causes: why its bad pixels are bad, see `eval.scoring.outlier_causes`; None where it was not
             asked.
     """
 
     own: Pairs
-    common: Pairs
+    common: Pairs | None
     regions: Mapping[str, Pairs] = field(default_factory=dict)
     causes: Mapping[str, int] | None = None
+
+    @property
+    def by_region(self) -> dict[str, Pairs]:
+        """All of them under their regions' names."""
+        common = {} if self.common is None else {COMMON: self.common}
+        return {ALL: self.own, **common, **self.regions}
 
 
 def pair(
@@ -128,28 +143,51 @@ def pair(
     )
 
 
-def pair_methods(estimates: Mapping[str, AnyEstimate], truth: Truth) -> dict[str, MethodPairs]:
-    """Pairs every method with the truth, and again by region and on the pixels all report.
+def pair_methods(
+    estimates: Mapping[str, AnyEstimate],
+    truth: Truth,
+    *,
+    mapped: Iterable[str] | None = None,
+    reference: str | None = None,
+) -> dict[str, MethodPairs]:
+    """Pairs every method with the truth, and again by region and on the pixels others report.
 
     A method without a single point is left out of the common support, which it would empty.
+
+    Args:
+        estimates: by method.
+        truth: ground truth of the same view.
+        mapped: the methods whose pixels make the common support, so that it does not depend on
+            what is scored beside them; None for all.
+        reference: the method that every other is paired with; None, or one that is not there, for
+            no pairs.
     """
     full = {method: Estimate(*estimate) for method, estimate in estimates.items()}
-    filled = [estimate.mask for estimate in full.values() if estimate.mask.any()]
-    shared = np.logical_and.reduce(filled) if filled else np.zeros(truth.valid.shape, np.bool_)
-    return {method: _method_pairs(estimate, shared, truth) for method, estimate in full.items()}
-
-
-def _method_pairs(estimate: Estimate, shared: MaskImage, truth: Truth) -> MethodPairs:
-    depth_m, mask, confidence, rho = estimate
-    regions = {
-        name: pair(depth_m, mask, truth, region=region, confidence=confidence, rho=rho)
-        for name, region in truth.regions.items()
+    support = set(full if mapped is None else mapped)
+    filled = [one.mask for name, one in full.items() if name in support and one.mask.any()]
+    common = np.logical_and.reduce(filled) if filled else np.zeros(truth.valid.shape, np.bool_)
+    other = full.get(reference) if reference is not None else None
+    return {
+        method: MethodPairs(
+            _pair(one, truth),
+            _pair(one, truth, common) if method in support else None,
+            {
+                **{name: _pair(one, truth, region) for name, region in truth.regions.items()},
+                **(_beside(one, other, truth) if other is not None and method != reference else {}),
+            },
+        )
+        for method, one in full.items()
     }
-    return MethodPairs(
-        pair(depth_m, mask, truth, confidence=confidence, rho=rho),
-        pair(depth_m, mask & shared, truth, confidence=confidence, rho=rho),
-        regions,
-    )
+
+
+def _pair(estimate: Estimate, truth: Truth, within: MaskImage | None = None) -> Pairs:
+    depth_m, mask, confidence, rho = estimate
+    return pair(depth_m, mask, truth, region=within, confidence=confidence, rho=rho)
+
+
+def _beside(one: Estimate, other: Estimate, truth: Truth) -> dict[str, Pairs]:
+    """Both methods on the pixels that both report."""
+    return {SHARED: _pair(one, truth, other.mask), HARMONIC: _pair(other, truth, one.mask)}
 
 
 def bad_pixels(estimate: AnyEstimate, truth: Truth) -> MaskImage:

@@ -18,9 +18,7 @@ from emvs.errors import InputError
 from eval.scoring.curves import COVERAGES_PERCENT
 from eval.scoring.external_sort import MOST_AT_ONCE, Floats, SortedRuns
 from eval.scoring.method_scores import (
-    ALL,
     ALL_METRICS,
-    COMMON,
     Score,
     cause_scores,
     context_scores,
@@ -29,7 +27,7 @@ from eval.scoring.method_scores import (
 )
 from eval.scoring.metrics import Metric, Pairs
 from eval.scoring.outlier_causes import pooled_causes
-from eval.scoring.pairing import MethodPairs
+from eval.scoring.pairing import ALL, MethodPairs
 
 _NAN = float("nan")
 
@@ -50,10 +48,10 @@ class Pool:
         self.baseline_focal_px_m = _NAN
         self._sums = dict.fromkeys(metrics, 0.0)
         self._log_ratio: list[tuple[int, float]] = []
-        self._errors = SortedRuns(folder / f"{name}-errors")
-        cells, confidence = (
-            SortedRuns(folder / f"{name}-{key}") for key in ("cells", "confidence")
+        errors, cells, confidence = (
+            SortedRuns(folder / f"{name}-{key}") for key in ("errors", "cells", "confidence")
         )
+        self._errors = errors if "median_error" in metrics else None
         self._cells = cells if "median_cells" in metrics else None
         self._by_confidence = confidence if "aurc" in metrics else None
         self._windows = 0
@@ -82,7 +80,8 @@ class Pool:
     def values(self, most: int = MOST_AT_ONCE) -> dict[str, float]:
         """Every metric of all windows' pixels together; NaN where it is undefined."""
         found = {name: self._value(metric) for name, metric in self._metrics.items()}
-        found["median_error"] = self._errors.median(most)
+        if self._errors is not None:
+            found["median_error"] = self._errors.median(most)
         if "median_cells" in self._metrics:
             found["median_cells"] = _NAN if self._cells is None else self._cells.median(most)
         if "aurc" in self._metrics:
@@ -101,7 +100,7 @@ class Pool:
 
     def _keep(self, pairs: Pairs) -> None:
         error_m = pairs.error_m
-        self._errors.add(error_m)
+        self._errors = _added(self._errors, error_m)
         # Half a column is not comparable: one window without it, and there is none.
         self._cells = _added(self._cells, pairs.cells)
         if pairs.confidence is None:
@@ -139,7 +138,7 @@ class Pool:
         """The curves of all windows' pixels; every chunk goes on where the last one ended."""
         names = {percent: f"mean_error_top_{percent}pct" for percent in COVERAGES_PERCENT}
         found = dict.fromkeys(("aurc", "ause", *names.values()), _NAN)
-        if self._by_confidence is None or not self.points:
+        if self._by_confidence is None or self._errors is None or not self.points:
             return found
         area = least = before = error_sum = best_sum = 0.0
         best = _SmallestErrors(self._errors, most)
@@ -247,7 +246,7 @@ class _MethodPool:
         self._began = False
 
     def add(self, pairs: MethodPairs, values: Mapping[str, float]) -> None:
-        found = {ALL: pairs.own, COMMON: pairs.common, **pairs.regions}
+        found = pairs.by_region
         if not self._began:
             self._regions = {region: self._pool(region) for region in found}
         self._regions = {name: pool for name, pool in self._regions.items() if name in found}

@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from emvs.errors import InputError
-from emvs.maps.folder import StoredWindow
 from emvs.utils.inputs import SETTINGS_BYTES, TABLE_BYTES, check_file, parse_toml, read_text
-from eval.config import EvalConfig
 from eval.scoring.depth_files import SUFFIXES, is_integral, read_confidence, read_numbers
 from eval.scoring.pairing import Estimate
-from eval.scoring.run_folder import Scored, truth_of
 
 UNIT_FACTOR = 30.0
 """A median depth farther than this from the true one is of another unit, or no depth at all."""
 DESCRIPTION = "prediction.toml"
 TIMES = "timestamps.txt"
+FAMILY = "Given/"
+"""What the names of predictions begin with, as scores call them."""
+_UNFIT = re.compile(r"[^\w.+@~-]")
 _STEM = re.compile(r"\d+(\.\d+)?")
 
 
@@ -40,6 +40,7 @@ class PredictionFacts(BaseModel):
     time_unit: Literal["us", "s"] = Field("us", description="of the times in file names")
     time_offset_us: int = Field(0, description="added to the times, µs")
     tolerance_us: int = Field(0, ge=0, description="how far a time may be off, µs")
+    may_be_empty: bool = Field(False, description="a depth map without any depth is meant so")
     baseline_m: FiniteFloat | None = Field(
         None, gt=0, description="that disparities refer to; by default the rig's"
     )
@@ -93,6 +94,11 @@ def timed_files(folder: Path, description: PredictionFacts) -> dict[int, Path]:
             )
         files[t_us] = path
     return files
+
+
+def plain(name: str) -> str:
+    """A name as methods and folders carry it: letters, digits and few signs."""
+    return _UNFIT.sub("_", name)
 
 
 def _listed(path: Path, files: Sequence[Path]) -> list[str]:
@@ -166,8 +172,8 @@ class Prediction:
         description = read_description(folder / DESCRIPTION)
         own = folder / case
         files = timed_files(own if own.is_dir() else folder, description)
-        name = re.sub(r"[^\w.+@~-]", "_", description.name or folder.resolve().name)
-        return cls(f"Given/{name}", files, description)
+        name = plain(description.name or folder.resolve().name)
+        return cls(FAMILY + name, files, description)
 
     def check(self, views: Sequence[TargetView]) -> None:
         """Refuses a prediction that is not complete, as a submission checker does.
@@ -195,8 +201,9 @@ class Prediction:
         """Reads the depth map of a view: (H, W) z-depth in metres, and where there is one.
 
         Raises:
-            InputError: no file for it, a damaged one, one of another size, numbers without the
-                scale, baseline or focal length that give them a meaning, or in another unit.
+            InputError: no file for it, a damaged one, one of another size or without any depth,
+                numbers without the scale, baseline or focal length that give them a meaning, or
+                in another unit.
         """
         self.check([view])
         path = self.files[self._nearest_us(view.t_us)]
@@ -207,6 +214,8 @@ class Prediction:
             numbers = self._baseline_focal(path, view) / numbers
         depth_m = numbers.astype(np.float32)
         mask = np.isfinite(depth_m) & (depth_m > 0)
+        if not mask.any() and not self.description.may_be_empty:
+            raise InputError(_empty(path, view, self.description.quantity))
         self._check_unit(path, depth_m[mask], view)
         return np.where(mask, depth_m, np.float32(0)), mask
 
@@ -256,31 +265,20 @@ class Prediction:
         return baseline_m * (self.description.focal_px or view.focal_px)
 
 
+def _empty(path: Path, view: TargetView, quantity: str) -> str:
+    return (
+        f"{path}: no {quantity} for the reference view at {view.t_us} µs: none of its "
+        f"{view.width_px * view.height_px} pixels is finite and positive; export it again, or set "
+        f"may_be_empty = true in {DESCRIPTION} if the method found nothing there"
+    )
+
+
 def _check_disparity(path: Path) -> None:
     if path.suffix.lower() == ".npz":
         raise InputError(
             f"{path}: holds depth_m, but quantity in {DESCRIPTION} is disparity: correct it, or "
             "save disparities as .npy"
         )
-
-
-def target_view(sequence: Scored, window: StoredWindow, config: EvalConfig) -> TargetView:
-    """The reference view of a window: camera 0 without lens distortion.
-
-    Raises:
-        InputError: no ground truth is stored at its time.
-    """
-    camera, rig = sequence.rig.cameras[0], sequence.rig
-    truth = truth_of(sequence, window.info.t_ref_us, config)
-    known_m = truth.depth_m[truth.scored]
-    return TargetView(
-        t_us=window.info.t_ref_us,
-        width_px=camera.width_px,
-        height_px=camera.height_px,
-        focal_px=camera.fx_px,
-        baseline_m=rig.baseline_m() if len(rig) > 1 else None,
-        true_depth_m=float(np.median(known_m)) if known_m.size else None,
-    )
 
 
 def open_predictions(

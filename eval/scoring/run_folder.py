@@ -1,7 +1,13 @@
-"""Finds what a run left on disk: its maps, the recordings they came from, and ground truth."""
+"""Finds what a run left on disk: its maps, the recordings they came from, and ground truth.
+
+Depth maps of others that were scored are kept beside it, as predictions, for its pages to show.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,18 +15,25 @@ import numpy as np
 
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
-from emvs.data.sequence import Sequence
+from emvs.data.sequence import Sequence as EventSequence
 from emvs.datasets import open_recording
 from emvs.datasets.ground_truth import truth_at
 from emvs.datasets.posed import PosedRecording
+from emvs.depth.depth_map import DepthMap
+from emvs.dsi.method import file_name
 from emvs.errors import InputError
 from emvs.maps.folder import StoredMap, StoredWindow, read_map
+from emvs.utils.outputs import atomic_dir, real
+from emvs.utils.ownership import MARKER, mark, remove_ours
 from eval.config import EvalConfig
-from eval.scoring.pairing import Truth
+from eval.scoring.pairing import Estimate, Truth
+from eval.scoring.predictions import DESCRIPTION, FAMILY, Prediction, TargetView, plain
 
 MAP_FOLDER, SEQUENCE_FOLDER, CONFIG_FILE = "map", "sequence", "config.toml"
+KEPT_FOLDER = "predictions"
+"""Of a run: what was scored beside its maps."""
 _INDEX = "map.json"
-Scored = Sequence | PosedRecording
+Scored = EventSequence | PosedRecording
 """Recordings that may have ground truth: `emvs.datasets.ground_truth.TruthRecording`."""
 
 
@@ -54,7 +67,7 @@ def recording_of(stored: StoredMap) -> Recording:
     info = stored.info.recording
     path = Path(info.path) if Path(info.path).is_absolute() else (stored.path / info.path).resolve()
     recording = open_recording(path)
-    digest = recording.manifest.digest() if isinstance(recording, Sequence) else None
+    digest = recording.manifest.digest() if isinstance(recording, EventSequence) else None
     if digest != info.manifest_sha256:
         raise InputError(
             f"{path}: not the recording that {stored.path} was made from; map it again"
@@ -76,7 +89,7 @@ def sequence_of(stored: StoredMap) -> Scored:
     """
     check_view(stored.info.config, str(stored.path))
     recording = with_ground_truth(recording_of(stored))
-    if isinstance(recording, Sequence):
+    if isinstance(recording, EventSequence):
         recording.verify()
     return recording
 
@@ -96,7 +109,7 @@ def with_ground_truth(recording: Recording) -> Scored:
     Raises:
         InputError: it has none.
     """
-    if isinstance(recording, Sequence):
+    if isinstance(recording, EventSequence):
         return recording
     if isinstance(recording, PosedRecording) and len(recording.truth_times_us(0)):
         return recording
@@ -108,7 +121,7 @@ def with_ground_truth(recording: Recording) -> Scored:
 
 def provenance(recording: Scored) -> dict[str, Any]:
     """What the results say about where a case's numbers come from."""
-    if isinstance(recording, Sequence):
+    if isinstance(recording, EventSequence):
         return {"rig": recording.rig.name, "sim": recording.manifest.configuration}
     return {"rig": recording.rig.name, "layout": recording.layout}
 
@@ -133,7 +146,7 @@ def has_truth(recording: Recording | None, t_ref_us: int, config: EvalConfig) ->
     if not isinstance(recording, Scored):
         return False
     times_us = recording.truth_times_us(0)
-    tolerance_us = 0 if isinstance(recording, Sequence) else config.truth_tolerance_us
+    tolerance_us = 0 if isinstance(recording, EventSequence) else config.truth_tolerance_us
     return bool((np.abs(times_us - t_ref_us) <= tolerance_us).any())
 
 
@@ -147,7 +160,7 @@ def truth_of(sequence: Scored, t_ref_us: int, config: EvalConfig) -> Truth:
         InputError: none is stored at that time.
     """
     camera = sequence.rig.cameras[0]
-    if isinstance(sequence, Sequence):
+    if isinstance(sequence, EventSequence):
         depth_m = sequence.truth_view_depth_m(0, t_ref_us)
     else:
         depth_m = truth_at(sequence, t_ref_us, config.truth_tolerance_us)
@@ -158,4 +171,104 @@ def truth_of(sequence: Scored, t_ref_us: int, config: EvalConfig) -> Truth:
         baseline_m=sequence.rig.baseline_m() if len(sequence.rig) > 1 else None,
         limits_m=config.truth_limits_m,
         border_px=config.border_px,
+    )
+
+
+def target_view(sequence: Scored, window: StoredWindow, config: EvalConfig) -> TargetView:
+    """The reference view of a window: camera 0 without lens distortion.
+
+    Raises:
+        InputError: no ground truth is stored at its time.
+    """
+    camera, rig = sequence.rig.cameras[0], sequence.rig
+    truth = truth_of(sequence, window.info.t_ref_us, config)
+    known_m = truth.depth_m[truth.scored]
+    return TargetView(
+        t_us=window.info.t_ref_us,
+        width_px=camera.width_px,
+        height_px=camera.height_px,
+        focal_px=camera.fx_px,
+        baseline_m=rig.baseline_m() if len(rig) > 1 else None,
+        true_depth_m=float(np.median(known_m)) if known_m.size else None,
+    )
+
+
+@contextmanager
+def kept_predictions(folder: Path, predictions: Sequence[Path]) -> Iterator[Path]:
+    """Yields where `keep` puts what is scored; takes the place of what an earlier call kept.
+
+    Args:
+        folder: of the run or map.
+        predictions: folders that are scored; without any, what was kept goes.
+
+    Raises:
+        InputError: something else is in the place, or a prediction lies in it.
+    """
+    place = folder / KEPT_FOLDER
+    if predictions:
+        inside = [one for one in predictions if real(one).is_relative_to(real(place))]
+        with atomic_dir(place, force=True, inputs=inside) as partial:
+            yield partial
+            mark(partial)
+        return
+    yield place
+    if (place / MARKER).is_file():
+        remove_ours(place)
+
+
+def keep(folder: Path, case: str, t_us: int, estimates: Mapping[str, Estimate]) -> None:
+    """Writes the depth maps of a view as predictions that `Prediction.open` reads."""
+    for name, one in estimates.items():
+        own = folder / file_name(name)
+        place = own / _case_folder(case)
+        place.mkdir(parents=True, exist_ok=True)
+        said = {} if one.confidence is None else {"confidence": np.float32(one.confidence)}
+        arrays: dict[str, Any] = {"depth_m": one.depth_m, "mask": one.mask, **said}
+        np.savez_compressed(place / f"{t_us}.npz", **arrays)
+        facts = f'name = "{name.removeprefix(FAMILY)}"\nscale = 1.0\nmay_be_empty = true\n'
+        (own / DESCRIPTION).write_text(facts, encoding="utf-8")
+
+
+def _case_folder(case: str) -> str:
+    """A case's name, which may come from somebody's file, as a folder's: never one elsewhere."""
+    return plain(case).lstrip(".") or "case"
+
+
+def predicted_maps(folder: Path, case: str, like: DepthMap) -> list[DepthMap]:
+    """The depth maps that were scored beside those of a map, in the form of its own.
+
+    Args:
+        folder: of the run or map.
+        case: which of its cases.
+        like: a depth map of the same window.
+
+    Returns:
+        One for each prediction that was kept for the window; its confidence is NaN where the
+        method does not say how sure it is, and it knows no planes of its own.
+
+    Raises:
+        InputError: a damaged file.
+    """
+    place, own = folder / KEPT_FOLDER, _case_folder(case)
+    if not (place / MARKER).is_file():  # somebody's folder of that name
+        return []
+    camera = like.camera
+    view = TargetView(like.t_us, camera.width_px, camera.height_px, camera.fx_px, None)
+    folders = [path.parent for path in sorted(place.glob(f"*/{DESCRIPTION}"))]
+    found = [Prediction.open(one, own) for one in folders if (one / own).is_dir()]
+    return [_as_map(one, view, like) for one in found if view.t_us in one.files]
+
+
+def _as_map(prediction: Prediction, view: TargetView, like: DepthMap) -> DepthMap:
+    depth_m, mask = prediction.depth_m(view)
+    said = prediction.confidence(view)
+    confidence = np.full(mask.shape, np.nan) if said is None else said
+    return replace(
+        like,
+        method=prediction.name,
+        # Finite and positive everywhere, as all depth maps are.
+        depth_m=np.where(mask, depth_m, np.float32(1)),
+        mask=mask,
+        confidence=confidence.astype(np.float32),
+        argmax=np.zeros_like(like.argmax),
     )

@@ -12,7 +12,8 @@ import numpy as np
 
 from emvs.data.sequence import Sequence as EventSequence
 from emvs.depth.depth_map import DepthMap
-from emvs.maps.folder import StoredWindow
+from emvs.geometry import se3
+from emvs.maps.folder import StoredWindow, WindowInfo
 from emvs.windows import Window
 from eval.config import EvalConfig
 from eval.scoring.method_scores import Score, score_method, score_pairs
@@ -33,6 +34,10 @@ from eval.scoring.results import MEAN, POOLED, Row
 from eval.scoring.run_folder import Scored, truth_of
 
 Windows = Mapping[str, Mapping[str, MethodPairs]] | Iterable[tuple[str, Mapping[str, MethodPairs]]]
+RIG = "rig"
+"""What stands in a row's place of a method where the row is about the cameras and their motion."""
+BASELINE, TRAVEL = "baseline", "lateral_travel"
+_POSES = 33
 NO_PREDICTIONS: Mapping[str, Estimate] = MappingProxyType({})
 
 
@@ -131,6 +136,7 @@ def score_windows(
     windows: Iterable[StoredWindow],
     config: EvalConfig,
     predictions: Iterable[Mapping[str, Estimate]] | None = None,
+    reference: str | None = None,
 ) -> list[Row]:
     """Scores windows of one case: each, all of them pooled, and their mean.
 
@@ -142,13 +148,14 @@ def score_windows(
         windows: its maps.
         config: masks and limits.
         predictions: for each window, by name, depth maps of other methods; None for none.
+        reference: the method that all others are held against on the pixels that both report.
 
     Raises:
         InputError: what `window_pairs` and `case_rows` refuse.
     """
     of_windows = repeat(NO_PREDICTIONS) if predictions is None else predictions
     pairs = (
-        (window.info.name, window_pairs(sequence, window, config, predicted))
+        (window.info.name, window_pairs(sequence, window, config, predicted, reference))
         for window, predicted in zip(windows, of_windows, strict=False)
     )
     return case_rows(case, pairs)
@@ -159,6 +166,7 @@ def window_pairs(
     window: StoredWindow,
     config: EvalConfig,
     predictions: Mapping[str, Estimate] = NO_PREDICTIONS,
+    reference: str | None = None,
 ) -> dict[str, MethodPairs]:
     """Pairs all maps of a window with the truth, and says why bad pixels are bad.
 
@@ -169,6 +177,7 @@ def window_pairs(
         window: its maps.
         config: masks and limits.
         predictions: by name, depth maps of other methods for the same view.
+        reference: the method that all others are held against on the pixels that both report.
 
     Raises:
         InputError: no ground truth at the window's reference time, or damaged files.
@@ -176,7 +185,7 @@ def window_pairs(
     info = window.info
     stretch = Window(info.t0_us, info.t1_us, info.t_ref_us, ())
     maps = {method: window.depth_map(method) for method in info.methods}
-    return pairs_of_maps(sequence, stretch, maps, config, predictions)
+    return pairs_of_maps(sequence, stretch, maps, config, predictions, reference)
 
 
 def pairs_of_maps(
@@ -185,6 +194,7 @@ def pairs_of_maps(
     maps: Mapping[str, DepthMap],
     config: EvalConfig,
     predictions: Mapping[str, Estimate] = NO_PREDICTIONS,
+    reference: str | None = None,
 ) -> dict[str, MethodPairs]:
     """The same of depth maps in memory; `window` is the stretch of time that they were made of."""
     t_us = window.t_ref_us
@@ -196,7 +206,7 @@ def pairs_of_maps(
         for method, depth_map in maps.items()
     }
     estimates |= predictions
-    pairs = pair_methods(estimates, truth)
+    pairs = pair_methods(estimates, truth, mapped=maps, reference=reference)
     if not isinstance(sequence, EventSequence):
         return pairs
     classifier = _outlier_classifier(sequence, window, next(iter(maps.values())), truth, config)
@@ -227,3 +237,31 @@ def _outlier_classifier(
         masks=truth.regions,
         contrast=config.edge_contrast,
     )
+
+
+def rig_rows(
+    case: str, recording: Scored, windows: Sequence[Window] | Sequence[WindowInfo]
+) -> list[Row]:
+    """What parallax there is: the baseline between cameras, and camera 0's travel in a window.
+
+    Args:
+        case: name of the case.
+        recording: with its rig and poses.
+        windows: those scored; the travel is their mean.
+    """
+    rig = recording.rig
+    travels = [_lateral_travel_m(recording, one) for one in windows]
+    travel_m = sum(travels) / len(travels) if travels else math.nan
+    rows = [Row(case, POOLED, RIG, TRAVEL, travel_m, "m", "none")]
+    if len(rig) > 1:
+        rows.append(Row(case, POOLED, RIG, BASELINE, rig.baseline_m(), "m", "none"))
+    return rows
+
+
+def _lateral_travel_m(recording: Scored, window: Window | WindowInfo) -> float:
+    """The largest distance between two places of camera 0, across its viewing direction."""
+    times_us = np.linspace(window.t0_us, window.t1_us, _POSES).astype(np.int64)
+    within_us = np.clip(np.append(times_us, window.t_ref_us), *recording.trajectory.span_us)
+    T_world_cam = recording.trajectory.at(within_us) @ recording.rig.T_body_cam[0]
+    sideways_m = (se3.inverse(T_world_cam[-1]) @ T_world_cam[:-1])[:, :2, 3]
+    return float(np.linalg.norm(sideways_m[:, None] - sideways_m, axis=-1).max())

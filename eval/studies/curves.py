@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -14,7 +15,8 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from emvs.utils.files import atomic_path
-from eval.figures.colormaps import line_style
+from eval.figures.colormaps import INK, line_style
+from eval.figures.plots import STYLE
 from eval.scoring.significance import stratified_interval
 from eval.studies.definitions import Study
 
@@ -134,18 +136,25 @@ def draw(study: Study, curves: Sequence[RobustnessCurve], path: Path, samples: s
         path: of the picture.
         samples: what was averaged, in words.
     """
+    with mpl.rc_context(STYLE):
+        figure = _figure(study, curves, samples)
+        with atomic_path(path) as partial, partial.open("wb") as stream:
+            # A file has no page around it; `eval.report.study_page` gives it the page's ground.
+            figure.savefig(stream, format=path.suffix[1:], dpi=130, facecolor="white")
+
+
+def _figure(study: Study, curves: Sequence[RobustnessCurve], samples: str) -> Figure:
     figure = Figure(figsize=(11, 3.8), layout="constrained")
     figure.suptitle(f"{study.name} ({samples})", x=0.01, ha="left", fontsize=10)
     panels = figure.subplots(1, len(METRICS))
     for axes, metric in zip(panels, METRICS, strict=True):
         _draw_panel(axes, study, [curve for curve in curves if curve.metric == metric])
     handles, labels = panels[0].get_legend_handles_labels()
-    handles += [Line2D([], [], color="0.3", marker="x", ms=8, mew=2, lw=0)]
+    handles += [Line2D([], [], color=INK, marker="x", ms=8, mew=2, lw=0)]
     labels += [f"breaks: {BREAKS_AT:g} x the\nfirst mean error"]
     figure.supxlabel(f"{study.axis} [{study.unit}]", fontsize=10)
-    figure.legend(handles, labels, loc="outside right center", frameon=False, fontsize=9)
-    with atomic_path(path) as partial, partial.open("wb") as stream:
-        figure.savefig(stream, format=path.suffix[1:], dpi=130, facecolor="white")
+    figure.legend(handles, labels, loc="outside right center", fontsize=9)
+    return figure
 
 
 def _draw_panel(axes: Axes, study: Study, curves: Sequence[RobustnessCurve]) -> None:
@@ -168,7 +177,6 @@ def _draw_panel(axes: Axes, study: Study, curves: Sequence[RobustnessCurve]) -> 
 def _label(axes: Axes, study: Study, curve: RobustnessCurve) -> None:
     axes.set_title(f"{_TITLES[curve.metric]} [{curve.unit}]", loc="left", fontsize=10)
     axes.grid(linewidth=0.4, alpha=0.35)
-    axes.spines[["top", "right"]].set_visible(False)
     if study.logarithmic:
         axes.set_xscale("log")
         axes.set_xticks(study.amounts, [f"{amount:g}" for amount in study.amounts], fontsize=8)

@@ -10,15 +10,17 @@ import argparse
 import math
 import sys
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from emvs.errors import InputError
 from eval.cli.exit_codes import exit_code
 from eval.gate.baseline import Baseline, read_baseline
+from eval.report.html import plural
 from eval.report.ranking import mean_over_cases, table
 from eval.report.tables import as_markdown, ranking_table
 from eval.scoring.results import Row
+from eval.suite.definition import load
 from markdown_blocks import refresh
 
 METRICS = ("points", "mean_error", "median_error", "abs_rel", "bad_published", "delta_1")
@@ -46,11 +48,22 @@ def results_block(baseline: Baseline) -> str:
 def _sentence(baseline: Baseline, cases: Mapping[str, Sequence[Row]]) -> str:
     version = baseline.versions.get("eventsweep", "?")
     return (
-        f"Mean over the scenes {', '.join(sorted(cases))} of `{baseline.name}` and "
-        f"{len(baseline.seeds)} seeds each, eventsweep {version}, from "
+        f"Mean over scenes of `{baseline.name}` ({_scenes(baseline, cases)}) and "
+        f"{plural(len(baseline.seeds), 'seed')}, eventsweep {version}, from "
         "[`reports/baseline.json`](reports/baseline.json); bold is best of its column, "
         "[definitions](docs/scores.md).\n"
     )
+
+
+def _scenes(baseline: Baseline, cases: Iterable[str]) -> str:
+    """The scenes, and the length of their windows, as the suite defines them."""
+    suite, _ = load(baseline.name)
+    found: dict[str, list[str]] = defaultdict(list)
+    for name in sorted(cases):
+        case = suite.cases[name]
+        lengths = " and ".join(f"{s:g}" for s in sorted({w.duration_s for w in case.windows}))
+        found[f"{plural(len(case.windows), 'window')} of {lengths} s"].append(case.scene)
+    return "; ".join(f"{', '.join(scenes)}: {windows} each" for windows, scenes in found.items())
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

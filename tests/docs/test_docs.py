@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,11 @@ from places import ROOT
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)#]+)(?:#[^)]*)?\)")
+
+
+READS = {
+    "run": {"sim", "map", "score"}, "simulate": {"sim"}, "map": {"map"}, "score": {"score"},
+}  # fmt: skip
 
 
 def blocks(page: Path) -> list[tuple[str, str]]:
@@ -57,6 +63,30 @@ def test_links_lead_somewhere(page):
     targets = LINK.findall(BLOCK.sub("", page.read_text(encoding="utf-8")))
     local = [target for target in targets if not target.startswith("http")]
     assert [target for target in local if not (page.parent / target).exists()] == []
+
+
+def test_commands_of_the_tutorial_read_all_that_its_settings_say(tmp_path, monkeypatch):
+    """Every table of a file that a page writes is one that the command with --config reads."""
+    monkeypatch.chdir(tmp_path)
+    found = 0
+    for page in PAGES:
+        pieces = blocks(page)
+        files = {
+            name: tomllib.loads(text)
+            for language, code in pieces
+            if language == "python"
+            for name, text in re.findall(
+                r'Path\("(\w+\.toml)"\)\.write_text\("""(.*?)"""', code, re.DOTALL
+            )
+        }
+        for language, text in pieces:
+            for arguments in commands(text) if language == "sh" else ():
+                if "--config" in arguments:
+                    file = arguments[arguments.index("--config") + 1]
+                    reads = READS[arguments[0]]
+                    assert set(files.get(file, ())) <= reads, (page.name, arguments)
+                    found += file in files
+    assert found
 
 
 def test_the_tutorial_has_code():

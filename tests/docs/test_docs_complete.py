@@ -14,6 +14,7 @@ from emvs.depth.inpainting import Dense
 from emvs.maps.folder import HotPixelInfo, MapInfo, RecordingInfo, SkippedWindow, WindowInfo
 from emvs.maps.merge import FusedInfo
 from eval.config import EvalConfig
+from eval.scoring.results import Results, write_results
 from places import ROOT
 from settings_table import TABLES, main, settings_block
 
@@ -100,6 +101,14 @@ def test_every_field_of_a_map_folder_is_described(model):
     fields = getattr(model, "model_fields", None) or model.__annotations__
     page = text_of(DOCS / "formats.md")
     assert [name for name in fields if f"`{name}`" not in page] == []
+
+
+def test_the_columns_of_results_are_those_that_the_pages_list(tmp_path):
+    write_results(tmp_path, Results(()))
+    (head,) = (tmp_path / "results.csv").read_text().splitlines()
+    for page in ("formats.md", "scores.md"):
+        listed = re.findall(r"`(case, ?window,[^`]*)`", " ".join(text_of(DOCS / page).split()))
+        assert [one.replace(" ", "") for one in listed] == [head], page
 
 
 def makefile():

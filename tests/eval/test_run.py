@@ -1,10 +1,13 @@
 """The main job at real size: what the paper promises must come out of scenes that we know."""
 
+import base64
 import csv
 import json
 import re
 import shutil
+import zlib
 
+import cv2
 import numpy as np
 import pytest
 
@@ -12,9 +15,12 @@ from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence
 from emvs.mapper import map_window
 from emvs.maps.folder import read_map
+from emvs.utils.ownership import strangers
 from eval.cli.main import main
+from eval.report.ranking import thousands
 from eval.scoring.metrics import METRICS
 from eval.scoring.results import read_results
+from eval.scoring.score import RIG
 
 
 @pytest.fixture(scope="session")
@@ -74,7 +80,9 @@ def test_results_are_complete_and_say_where_they_come_from(desk_run):
     assert {"python", "numpy", "numba", "mujoco", "eventsweep"} <= set(results.versions)
     found = {row.metric for row in results.rows if row.method == "Alg1/H"}
     assert {metric.name for metric in METRICS} <= found
-    assert {row.metric for row in results.rows} <= set(results.metrics)
+    assert {row.metric for row in results.rows if row.method != RIG} <= set(results.metrics)
+    assert value(desk_run, RIG, "baseline") == pytest.approx(sequence.rig.baseline_m())
+    assert 0.02 < value(desk_run, RIG, "lateral_travel") < 1
     with (desk_run / "results.csv").open(encoding="utf-8") as file:
         table = list(csv.DictReader(file))
     assert list(table[0]) == [
@@ -139,3 +147,37 @@ def test_a_prediction_that_copies_ours_gets_our_score_and_an_incomplete_one_none
     before = (copy / "results.json").read_bytes()
     assert main(["score", str(copy), "--prediction", str(given), "--quiet"]) == 2
     assert (copy / "results.json").read_bytes() == before
+
+
+def test_a_prediction_is_a_method_like_any_other(desk_run, tmp_path):
+    """Of a few pixels only: what is said of the map's own methods stays as it was."""
+    copy, given = shutil.copytree(desk_run, tmp_path / "run"), tmp_path / "theirs"
+    given.mkdir()
+    ours = read_map(copy / "desk" / "map").windows[0].depth_map("EMVS/cam0")
+    mask = ours.mask & (np.indices(ours.mask.shape).sum(0) % 9 == 0)
+    np.save(given / f"{ours.t_us}.npy", np.where(mask, ours.depth_m, np.nan))
+    alone = cv2.imread(str(copy / "overview.png"))
+
+    assert main(["score", str(copy), "--prediction", str(given), "--quiet"]) == 0
+    assert main(["report", str(copy), "--quiet"]) == 0
+
+    assert value(copy, "Given/theirs", "points") <= mask.sum()
+    for name in ("common_points", "common_mean_error", "shared_mean_error"):
+        methods = ("Alg1/max", "EMVS/cam0") if name.startswith("shared") else ("Alg1/H",)
+        assert [value(copy, m, name) for m in methods] == [
+            value(desk_run, m, name) for m in methods
+        ]
+    page = (copy / "report.html").read_text()
+    for kind in ("Depth [m]", "Error |e − g| [cm]"):
+        assert f'alt="{kind} of Given/theirs' in page
+    (window,) = re.findall(r'<script type="application/json">(.*?)</script>', page)
+    shown = json.loads(window)["methods"][-1]
+    bits = np.frombuffer(zlib.decompress(base64.b64decode(shown["mask"])), np.uint8)
+    np.testing.assert_array_equal(np.unpackbits(bits, bitorder="little")[: mask.size], mask.ravel())
+    both = value(copy, "Given/theirs", "shared_points")
+    assert f"Given/theirs beside Alg1/H, on the {thousands(both)} px that both report" in page
+    assert cv2.imread(str(copy / "overview.png")).shape[1] > alone.shape[1]
+    assert strangers(copy) == []
+
+    assert main(["score", str(copy), "--quiet"]) == 0
+    assert not (copy / "predictions").exists()

@@ -162,7 +162,7 @@ def pooled_methods(parts):
         causes = {cause: sum(part.causes[cause] for part in parts) for cause in CAUSES}
     return MethodPairs(
         pooled([part.own for part in parts]),
-        pooled([part.common for part in parts]),
+        None if parts[0].common is None else pooled([part.common for part in parts]),
         {name: pooled([part.regions[name] for part in parts]) for name in names},
         causes,
     )

@@ -34,7 +34,7 @@ async function load(linked) {
   for (const method of data.methods) {
     method.pixels = setBits(await unpack(method.mask));
     method.depth = halves(await unpack(method.depth));
-    method.votes = halves(await unpack(method.votes));
+    method.votes = method.votes && halves(await unpack(method.votes));
   }
   const picks = [...linked.closest("section").querySelectorAll("input.pick")];
   data.chosen = () => {
@@ -54,7 +54,8 @@ function words(data, pixel) {
   if (at < 0) return [...parts, "no depth"].join(" · ");
   parts.push(`depth ${method.depth[at].toFixed(3)} m`);
   if (truth > 0) parts.push(`error ${(100 * (method.depth[at] - truth)).toFixed(1)} cm`);
-  return [...parts, `confidence ${method.votes[at].toPrecision(3)}`].join(" · ");
+  parts.push(method.votes ? `confidence ${method.votes[at].toPrecision(3)}` : "says no confidence");
+  return parts.join(" · ");
 }
 function cross(picture) {
   const known = picture.querySelector("i.cross");

@@ -95,6 +95,27 @@ def test_bad_configuration_file_is_one_line_and_code_2(tmp_path, capsys, sequenc
     assert [path.name for path in tmp_path.iterdir()] == ["c.toml"]
 
 
+def test_settings_that_a_command_does_not_read_are_said(tmp_path, capsys, sequence):
+    file = tmp_path / "c.toml"
+    file.write_text("[sim]\ncontrast_threshold_pos = 0.15\n[map]\nplanes = 7\n[score]\n")
+    arguments = ["map", str(sequence), "--config", str(file), "--method", "EMVS/cam0"]
+    for flags, lines in (((), 1), (("--json",), 1), (("--quiet",), 0)):
+        assert main([*arguments, "--out", str(tmp_path / f"o{flags}"), *flags]) == 0
+        told = [x for x in capsys.readouterr().err.splitlines() if "says nothing here" in x]
+        assert len(told) == lines
+        assert all("[sim] (contrast_threshold_pos)" in x and "reads [map]" in x for x in told)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["report", "x"], ["list"], ["info", "x"], ["fuse", "x"], ["gate", "--baseline", "x"]],
+)
+def test_verbs_without_settings_take_no_file_of_them(tmp_path, capsys, arguments):
+    file = tmp_path / "c.toml"
+    file.write_text("[map]\nplanes = 7\n")
+    assert "--config" in refused(capsys, [*arguments, "--config", str(file)])
+
+
 def test_flag_beats_file_beats_default(tmp_path, capsys, sequence):
     file = tmp_path / "c.toml"
     file.write_text("[map]\nplanes = 7\nmedian_px = 3\n")

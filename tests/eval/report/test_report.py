@@ -12,6 +12,7 @@ import pytest
 from emvs.data.image_stores import Photo
 from emvs.errors import InputError
 from eval.report.ranking import findings, fusion_order, mean_over_cases, order, shown, table
+from eval.report.run_data import _range_s
 from eval.report.run_page import render, write_report
 from eval.scoring.results import Row
 from report_data import METHODS, SHAPE, WellFormed, report_data
@@ -33,7 +34,7 @@ def test_same_data_same_page(one_case):
     assert render(report_data("desk")) == one_case
 
 
-def test_the_best_fused_method_is_shown_first(one_case):
+def test_the_method_of_rank_1_is_shown_first(one_case):
     page = WellFormed(one_case)
     assert page.checked == ["case0-m1"]
     assert page.ids.index("ranking") < page.ids.index("case0") < page.ids.index("provenance")
@@ -47,7 +48,46 @@ def test_every_picture_of_every_method_is_there(one_case):
     assert one_case.count("even in 1/depth") == len(METHODS)
 
 
-def test_a_method_scored_beside_the_map_has_curves_but_no_pictures():
+@pytest.mark.parametrize("name", ["Given/x", "Focus/H", "EMVS/cam0"])
+def test_the_page_opens_on_whoever_has_rank_1_and_never_on_a_single_camera(name):
+    data = report_data("desk")
+    windows = tuple(
+        replace(w, methods=(*w.methods, replace(w.methods[0], name=name, dsi_slice=None)))
+        for w in data.cases[0].windows
+    )
+    best = [
+        replace(r, method=name, value=0.5 * r.value)
+        for r in data.results.rows
+        if r.method == "Alg1/H"
+    ]
+    rows = [r for r in data.results.rows if r.method != name]
+    case = replace(data.cases[0], windows=windows)
+    page = render(replace(data, cases=(case,), results=replace(data.results, rows=(*rows, *best))))
+    shown = list(METHODS).index("Alg1/H") if name.startswith("EMVS") else len(METHODS)
+    assert WellFormed(page).checked == [f"case0-m{shown}"]
+
+
+def test_a_method_that_does_not_say_how_sure_it_is_has_all_pictures_but_that():
+    data = report_data("desk")
+    silent = np.full(SHAPE, np.nan)
+    windows = tuple(
+        replace(w, methods=(*w.methods, replace(w.methods[0], name="Given/x", confidence=silent)))
+        for w in data.cases[0].windows
+    )
+    page = render(replace(data, cases=(replace(data.cases[0], windows=windows),)))
+    WellFormed(page)
+    assert 'alt="Depth [m] of Given/x' in page
+    assert 'alt="Error |e − g| [cm] of Given/x' in page
+    assert 'alt="Confidence [votes] of Given/x' not in page
+    assert "Given/x does not say how sure it is" in page
+    assert "Confidence [votes]</b>" in page
+
+
+def test_the_configuration_is_folded_up(one_case):
+    assert re.search(r"<details><summary>Configuration</summary><pre>planes = 12", one_case)
+
+
+def test_a_method_scored_of_whom_no_map_is_left_has_curves_but_no_pictures():
     data = report_data("desk")
     given = [replace(r, method="Given/x") for r in data.results.rows if r.method == "Alg1/H"]
     results = replace(data.results, rows=(*data.results.rows, *given))
@@ -100,6 +140,11 @@ def test_an_ordinary_cameras_picture_says_what_it_lost():
     assert "10 ms exposure, -5 ms" in text
     assert "25.0 % of the pixels white, 0.1 % black" in text
     assert "Ordinary camera" not in render(data)
+
+
+def test_windows_of_several_lengths_are_all_meant():
+    assert _range_s([300_000, 300_000]) == "0.300 s"
+    assert _range_s([300_000, 100_000, 200_000]) == "0.100 to 0.300 s"
 
 
 def test_a_folder_without_maps_is_refused(tmp_path):
@@ -167,6 +212,92 @@ def test_findings_compare_the_harmonic_mean_with_the_single_camera(rows):
     assert sentences[0].endswith("H < A < max.")
     assert "Alg1/H beside EMVS/cam0" in sentences[-1]
     assert re.search(r"mean error [\d.]+ cm against [\d.]+ cm \(−\d+ %\)", sentences[-1])
+    assert "each on its own pixels" in sentences[-1]  # these rows are of before there were pairs
+
+
+def numbers(**values):
+    """Rows of one case by method and metric, `Alg1_H__mean_error` for `Alg1/H`."""
+    for name, value in values.items():
+        method, metric = name.split("__")
+        unit = "px" if metric.endswith("points") else "m"
+        yield Row("c", "all", method.replace("_", "/"), metric, value, unit, "lower", points=7)
+
+
+PAIR = {
+    "Alg1_H__mean_error": 0.2, "EMVS_cam0__mean_error": 0.3,
+    "Alg1_H__points": 900, "EMVS_cam0__points": 800, "EMVS_cam0__shared_points": 700,
+    "EMVS_cam0__shared_mean_error": 0.25, "EMVS_cam0__harmonic_mean_error": 0.1,
+}  # fmt: skip
+
+
+def test_a_sentence_compares_two_methods_on_the_pixels_of_both_and_says_how_many():
+    (sentence,) = findings(list(numbers(**PAIR)), "mean_error")
+    assert (
+        "on the 700 px that both report: mean error 10.00 cm against 25.00 cm (−60 %)" in sentence
+    )
+    assert "own pixels: mean error 20.00 cm against 30.00 cm (−33 %)" in sentence
+    assert "points 900 px against 800 px" in sentence
+
+
+def test_a_prediction_has_a_sentence_of_its_own():
+    given = {
+        "Given_x__mean_error": 0.4, "Given_x__points": 100, "Given_x__shared_points": 60,
+        "Given_x__shared_mean_error": 0.3, "Given_x__harmonic_mean_error": 0.15,
+    }  # fmt: skip
+    sentences = findings(list(numbers(**PAIR, **given)), "mean_error")
+    (told,) = [one for one in sentences if one.startswith("Given/x")]
+    assert "Given/x beside Alg1/H, on the 60 px" in told
+    assert "30.00 cm against 15.00 cm (+100 %)" in told
+    assert "on the 700 px" in sentences[0]
+
+
+WINS = {**PAIR, "EMVS_cam0__mean_error": 0.1}
+MOTION = {"rig__baseline": 0.1, "rig__lateral_travel": 0.25}
+
+
+def why(**values):
+    found = [s for s in findings(list(numbers(**values)), "mean_error") if "is ahead of Alg1" in s]
+    return found[0] if found else ""
+
+
+def test_why_a_single_camera_is_ahead_follows_from_the_numbers():
+    assert why(**PAIR) == ""
+    assert "not ahead on the 700 px that both report" in why(**WINS)
+    both = {**WINS, "EMVS_cam0__shared_mean_error": 0.05}
+    assert "it is ahead on the 700 px that both report, too" in why(**both)
+    assert "25.00 cm sideways" in why(**WINS, **MOTION)
+    assert "10.00 cm apart" in why(**WINS, **MOTION)
+    assert "sideways" not in why(**WINS, **{**MOTION, "rig__lateral_travel": 0.05})
+    assert "EMVS/cam1 alone is worse than Alg1/H (50.00 cm)" in why(
+        **WINS, EMVS_cam1__mean_error=0.5
+    )
+    assert "cam1" not in why(**WINS, EMVS_cam1__mean_error=0.15)
+    plain = {name: WINS[name] for name in ("Alg1_H__mean_error", "EMVS_cam0__mean_error")}
+    assert why(**plain).endswith("the numbers here do not say why.")
+
+
+def test_counts_of_a_mean_are_of_all_its_cases():
+    rows = [
+        Row(case, "all", "Alg1/H", metric, value, unit, "none", points=points, low=1.0, high=2.0)
+        for case, points in (("a", 30), ("b", 10))
+        for metric, value, unit in (("cause_noise", 60.0, "%"), ("mean_error", 0.1, "m"))
+    ]
+    single = [replace(r, metric="common_points", value=r.points, unit="px") for r in rows[::2]]
+    mean = mean_over_cases([*rows, *single], "mean")
+    assert {row.points for row in mean} == {40}
+    assert {(row.low, row.high) for row in mean} == {(None, None)}
+    (told,) = findings(mean, "mean_error", 2)
+    assert told.startswith("Why 40 px of Alg1/H in 2 cases are off by more than a tenth (mean of")
+    assert told.endswith("noise 60 %.")
+    (alone,) = findings([r for r in rows if r.case == "b"], "mean_error")
+    assert alone == "Why 10 px of Alg1/H are off by more than a tenth: noise 60 %."
+
+
+def test_pixels_of_a_mean_are_said_to_be_a_cases():
+    text = render(report_data("desk", "boxes"))
+    ranking = text[text.index('id="ranking"') : text.index('id="case0"')]
+    assert re.search(r"On the [\d\u202f]+ px a case that all methods of the map report", ranking)
+    assert " px a case" not in text[text.index('id="case0"') :]
 
 
 def test_the_mean_over_cases_weighs_cases_and_keeps_undefined():

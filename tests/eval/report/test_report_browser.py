@@ -17,7 +17,10 @@ from eval.report import side_by_side
 from eval.report.compare_page import compare, page_text
 from eval.report.compared_results import read_compared
 from eval.report.run_page import render
+from eval.report.study_page import _figure
 from eval.scoring.results import write_results
+from eval.studies.curves import METRICS, RobustnessCurve, draw
+from eval.studies.definitions import STUDIES
 from report_data import METHODS, SHAPE, report_data
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -140,6 +143,53 @@ def test_a_pixel_without_depth_says_so_until_a_method_has_one(tmp_path, page, da
     assert before.endswith("no depth")
     found_m = float(re.search(r" · depth ([\d.]+) m", after)[1])
     assert found_m == pytest.approx(second.depth_m[y, x], rel=1e-3)
+
+
+def test_the_cursor_reads_a_prediction_that_says_no_confidence(tmp_path, data):
+    window = data.cases[0].windows[0]
+    silent = replace(window.methods[0], name="Given/x", confidence=np.full(SHAPE, np.nan))
+    case = replace(data.cases[0], windows=(replace(window, methods=(*window.methods, silent)),))
+    y, x = (int(v) for v in np.argwhere(silent.mask)[3])
+    question = f"""
+      const linked = document.querySelector(".linked"), x = {x}, y = {y};
+      document.querySelector("label[for=case0-m{len(METHODS)}]").click();
+      const picture = linked.querySelector(".picture"); {MOVE}
+      linked.cloud.box.querySelector("[name=truth]").click();
+      return [linked.querySelector(".readout").textContent,
+        +linked.querySelector("canvas").dataset.drawn];"""
+    text, drawn = _ask(tmp_path, render(replace(data, cases=(case,))), question)
+    assert f"depth {silent.depth_m[y, x]:.2f}"[:-1] in text
+    assert text.endswith("says no confidence")
+    assert drawn == silent.mask.sum()
+
+
+def test_a_studys_figure_is_as_dark_as_the_page(tmp_path):
+    study = STUDIES["event-share"]
+    ones = np.ones((4, len(study.amounts)))
+    curves = [RobustnessCurve("Alg1/H", one, "m", study.amounts, *ones) for one in METRICS]
+    draw(study, curves, tmp_path / "event-share.svg", "planes; 1 seed")
+    uri = _figure(tmp_path / "event-share.svg")
+    style = ":root { color-scheme: light dark } body { margin: 0 }"
+    page = f'<html><head><style>{style}</style></head><img src="{uri}" style="width:100%"></html>'
+    found = []
+    for flags in ((), ("--blink-settings=preferredColorScheme=0",)):
+        shot = tmp_path / "shot.png"
+        _browse(tmp_path, page, f"--screenshot={shot}", "--window-size=900,300", *flags)
+        pixels = np.asarray(Image.open(shot).convert("L"))
+        assert pixels.std() > 5
+        found.append(pixels.mean())
+    assert found[0] > 200
+    assert found[1] < 80
+
+
+def test_print_holds_no_configuration(tmp_path, data):
+    """A folded part takes no room on paper: as many lines of settings change nothing."""
+    sizes = []
+    for lines in (1, 400):
+        page = render(replace(data, configuration="planes = 12\n" * lines))
+        _browse(tmp_path, page, f"--print-to-pdf={tmp_path / 'page.pdf'}")
+        sizes.append(len(re.findall(rb"/Type /Page\b", (tmp_path / "page.pdf").read_bytes())))
+    assert sizes[0] == sizes[1] > 0
 
 
 def test_the_cloud_draws_every_point_and_turns(tmp_path, page, data):

@@ -9,7 +9,8 @@ import pytest
 
 from emvs.errors import InputError
 from eval.cli.main import main
-from eval.report.study_page import find_studies, read_study, write_study_report
+from eval.figures.colormaps import INK
+from eval.report.study_page import as_page, find_studies, read_study, write_study_report
 from report_data import WellFormed
 
 
@@ -47,6 +48,15 @@ def test_one_seed_shows_a_dash_and_not_a_band_of_nothing(tmp_path):
     text = write_study_report(tmp_path).read_text()
     assert "10.00 ± –" in text
     assert "± 0.00" not in text
+
+
+def test_a_figure_has_the_pages_ground_and_ink():
+    ground = '<g id="patch_1"><path style="fill: #ffffff"/></g>'
+    shown = as_page(f'<?xml?><svg width="3">{ground}<text fill="{INK}"/></svg>')
+    assert INK not in shown
+    assert 'fill="currentColor"' in shown
+    assert shown.index("prefers-color-scheme: dark") < shown.index("<g id")
+    assert as_page("<svg><text/></svg>") == "<svg><text/></svg>"
 
 
 def test_a_figure_is_an_image_in_which_nothing_runs(tmp_path):

@@ -14,8 +14,8 @@ import scenes
 from emvs.config import MapperConfig
 from emvs.maps.folder import read_map
 from eval.cli.main import main
-from eval.config import Settings
-from eval.pipeline import map_recording
+from eval.config import EvalConfig, Settings
+from eval.pipeline import map_recording, score_folder
 from eval.report.rerun import write_rerun
 from mujoco_scenes import tiny_rig
 from sim.config import SimConfig
@@ -100,6 +100,23 @@ def test_every_window_is_logged_at_its_reference_time(folder, stream):
         (truth,) = at["planes/camera/true_depth"]
         assert truth.meter == 1.0
         assert np.count_nonzero(truth.args[0]) > found.mask.sum()
+
+
+def test_a_prediction_is_logged_beside_the_maps(folder, stream, tmp_path):
+    run = shutil.copytree(folder, tmp_path / "run")
+    windows = read_map(run / "planes" / "map").windows
+    for window in windows:
+        depth_map = window.depth_map("EMVS/cam0")
+        (tmp_path / "theirs").mkdir(exist_ok=True)
+        depth_m = np.where(depth_map.mask, depth_map.depth_m, np.nan)
+        np.save(tmp_path / "theirs" / f"{depth_map.t_us}.npy", depth_m)
+    score_folder(run, EvalConfig(), [tmp_path / "theirs"])
+    write_rerun(run)
+    for window in windows:
+        at = {e: what for t, e, what in stream[0].logged if t == 1e-6 * window.info.t_ref_us}
+        assert "planes/cloud/Given-theirs" in at
+        ours, theirs = (at[f"planes/camera/depth/{m}"][0] for m in ("EMVS-cam0", "Given-theirs"))
+        np.testing.assert_array_equal(theirs.args[0], ours.args[0])
 
 
 def test_a_recording_that_is_gone_leaves_the_maps(folder, stream, tmp_path):

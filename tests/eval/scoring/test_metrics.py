@@ -273,6 +273,65 @@ def test_common_support_is_shared_by_all_methods_that_report_anything():
     assert got["silent"]["common_points"] == 0
 
 
+def _scored(methods):
+    return {
+        name: {score.metric: score.value for score in score_method(pairs)}
+        for name, pairs in methods.items()
+    }
+
+
+def test_two_methods_are_compared_on_the_pixels_of_both():
+    """By hand: three pixels of H, three of b, of which two are both's."""
+    truth = Truth(np.ones((1, 4)), np.ones((1, 4), bool), 100.0, 0.1)
+    estimates = {
+        "Alg1/H": (np.array([[9.0, 1.5, 1.25, 1]]), np.array([[1, 1, 1, 0]], bool)),
+        "b": (np.array([[1, 1.0, 1.125, 7.0]]), np.array([[0, 1, 1, 1]], bool)),
+        "far": (np.full((1, 4), 2.0), np.array([[0, 0, 0, 1]], bool)),
+    }
+    got = _scored(pair_methods(estimates, truth, reference="Alg1/H"))
+    assert (got["b"]["shared_points"], got["far"]["shared_points"]) == (2, 0)
+    assert (got["b"]["shared_mean_error"], got["b"]["harmonic_mean_error"]) == (0.0625, 0.375)
+    # 10 px·m: |1/e - 1| 10 > 5 px where e < 2/3 or e > 2.
+    assert (got["b"]["shared_bad_published"], got["b"]["harmonic_bad_published"]) == (0, 0)
+    assert np.isnan(got["far"]["shared_mean_error"])
+    assert not [name for name in got["Alg1/H"] if name.startswith(("shared_", "harmonic_"))]
+    assert not [n for n in _scored(pair_methods(estimates, truth))["b"] if n.startswith("shared")]
+
+
+def test_what_is_scored_beside_a_map_leaves_its_common_support_alone():
+    truth = Truth(np.ones((1, 4)), np.ones((1, 4), bool), 100.0, 0.1)
+    ours = {
+        "a": (np.full((1, 4), 1.5), np.array([[1, 1, 1, 0]], bool)),
+        "b": (np.full((1, 4), 2.0), np.array([[0, 1, 1, 1]], bool)),
+    }
+    alone = _scored(pair_methods(ours, truth))
+    theirs = {"Given/x": (np.full((1, 4), 1.0), np.array([[1, 0, 0, 0]], bool))}
+    both = _scored(pair_methods({**ours, **theirs}, truth, mapped=ours))
+    assert alone["a"]["common_points"] == 2
+    for name in ours:
+        np.testing.assert_equal(both[name], alone[name])
+    assert not [name for name in both["Given/x"] if name.startswith("common")]
+
+
+def test_pairs_of_windows_pool_as_one_large_window():
+    def windows(seed):
+        depth_m, mask, truth_m, valid = scene(seed)
+        other = np.random.default_rng(seed).random(mask.shape) < 0.5
+        truth = Truth(truth_m, valid, 226.0, 0.1)
+        found = {"Alg1/H": (depth_m, mask), "b": (1.1 * depth_m, mask & other)}
+        return pair_methods(found, truth, mapped=["Alg1/H"], reference="Alg1/H")
+
+    parts = {f"w{seed:03d}": windows(seed) for seed in (0, 1)}
+    pooled = [row for row in case_rows("desk", parts) if row.window == "all" and row.method == "b"]
+    got = {row.metric: row.value for row in pooled}
+    whole = naive_metrics.pooled_methods([part["b"] for part in parts.values()])
+    for score in score_method(whole):
+        if score.region in ("shared", "harmonic"):
+            assert got[score.metric] == pytest.approx(score.value)
+    assert got["shared_points"] > 0
+    assert not [name for name in got if name.startswith("common")]
+
+
 def test_case_rows_hold_every_window_and_their_pool():
     windows = {}
     for seed in (0, 1):

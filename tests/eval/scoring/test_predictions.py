@@ -10,9 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from emvs.depth.depth_map import DepthMap
 from emvs.errors import InputError
+from emvs.geometry.camera import Camera
+from emvs.utils.ownership import strangers
 from eval.scoring.depth_files import SUFFIXES, read_numbers
-from eval.scoring.predictions import Prediction, TargetView
+from eval.scoring.pairing import Estimate
+from eval.scoring.predictions import Prediction, TargetView, estimates_of
+from eval.scoring.run_folder import keep, kept_predictions, predicted_maps
 
 VIEW = TargetView(t_us=250_000, width_px=7, height_px=5, focal_px=100.0, baseline_m=0.1)
 SHAPE = (VIEW.height_px, VIEW.width_px)
@@ -170,11 +175,104 @@ def test_another_unit_is_refused_unless_it_is_declared(tmp_path, factor):
         np.testing.assert_allclose(depth_m[mask], depths()[mask] * unit, rtol=1e-6)
 
 
-@pytest.mark.parametrize("depth_m", [depths() * 4, depths() / 4, np.zeros(SHAPE)])
-def test_a_poor_or_empty_map_in_metres_is_let_in(tmp_path, depth_m):
+@pytest.mark.parametrize("depth_m", [depths() * 4, depths() / 4])
+def test_a_poor_map_in_metres_is_let_in(tmp_path, depth_m):
     np.save(tmp_path / "250000.npy", depth_m)
     _, mask = Prediction.open(tmp_path, "desk").depth_m(SEEN)
     assert mask.sum() == np.count_nonzero(np.nan_to_num(depth_m))
+
+
+EMPTY = {"NaN": np.nan, "negative": -1.5, "zero": 0.0, "infinite": np.inf}
+
+
+@pytest.mark.parametrize("number", EMPTY.values(), ids=EMPTY)
+@pytest.mark.parametrize("quantity", ["depth", "disparity"])
+def test_a_map_of_nothing_is_refused_unless_it_is_meant(tmp_path, quantity, number):
+    np.save(tmp_path / "250000.npy", np.full(SHAPE, number))
+    facts = f'quantity = "{quantity}"\n'
+    (tmp_path / "prediction.toml").write_text(facts)
+    with pytest.raises(InputError) as caught:
+        Prediction.open(tmp_path, "desk").depth_m(SEEN)
+    (line,) = str(caught.value).splitlines()
+    for told in (
+        "250000.npy",
+        f"no {quantity}",
+        "250000 µs",
+        "finite and positive",
+        "may_be_empty",
+    ):
+        assert told in line
+    (tmp_path / "prediction.toml").write_text(facts + "may_be_empty = true\n")
+    assert not Prediction.open(tmp_path, "desk").depth_m(SEEN)[1].any()
+
+
+def mapped():
+    camera = Camera(VIEW.width_px, VIEW.height_px, 100.0, 100.0, 3.0, 2.0)
+    one = np.ones(SHAPE, np.float32)
+    return DepthMap(
+        "Alg1/H", 2 * one, one, one > 0, np.zeros(SHAPE, np.int16), one[0], 250_000, np.eye(4),
+        camera,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["theirs", "..", "méthode 2"])
+def test_what_is_kept_comes_back_as_a_depth_map_of_the_window(tmp_path, name):
+    theirs = tmp_path / "given"
+    (theirs / "desk").mkdir(parents=True)
+    sure = np.arange(35.0).reshape(SHAPE)
+    np.savez(theirs / "desk" / "250000.npz", depth_m=1000 * depths(), confidence=sure)
+    (theirs / "prediction.toml").write_text(f'name = "{name}"\nscale = 0.001\n')
+    given = Prediction.open(theirs, "desk")
+    run = tmp_path / "run"
+    with kept_predictions(run, [theirs]) as folder:
+        keep(folder, "desk", VIEW.t_us, estimates_of([given], VIEW))
+
+    (found,) = predicted_maps(run, "desk", mapped())
+
+    assert found.method == given.name
+    np.testing.assert_array_equal(found.mask, np.isfinite(depths()))
+    np.testing.assert_allclose(found.depth_m[found.mask], depths()[found.mask], rtol=1e-6)
+    np.testing.assert_array_equal(found.confidence, sure)
+    assert predicted_maps(run, "boxes", mapped()) == []
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["given", "run"]
+    assert strangers(run, ["predictions"]) == []
+
+
+@pytest.mark.parametrize("case", ["../../evil", "/tmp/evil", "..", ".hidden", "a/b"])
+def test_the_name_of_a_case_leads_nowhere_else(tmp_path, case):
+    run, theirs = tmp_path / "deep" / "run", {"Given/a": Estimate(depths(), depths() > 0)}
+    with kept_predictions(run, [tmp_path / "given"]) as folder:
+        keep(folder, case, VIEW.t_us, theirs)
+        assert all(folder in path.parents for path in tmp_path.rglob("*.npz"))
+    assert [one.method for one in predicted_maps(run, case, mapped())] == ["Given/a"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["deep"]
+
+
+def test_what_was_kept_goes_when_nothing_is_scored_and_never_what_is_not_ours(tmp_path):
+    place = tmp_path / "predictions"
+    with kept_predictions(tmp_path, [tmp_path / "given"]) as folder:
+        keep(folder, "desk", 1, {"Given/a": Estimate(np.ones(SHAPE), np.ones(SHAPE, bool))})
+    (place / "thesis.tex").write_text("x")
+    with pytest.raises(InputError, match=r"thesis\.tex"), kept_predictions(tmp_path, [tmp_path]):
+        pytest.fail("it may not be replaced")
+    with kept_predictions(tmp_path, []):
+        pass
+    assert [path.name for path in place.iterdir()] == ["thesis.tex"]
+
+
+def test_a_folder_of_that_name_that_is_not_ours_is_not_looked_into(tmp_path):
+    (tmp_path / "predictions" / "mine" / "desk").mkdir(parents=True)
+    (tmp_path / "predictions" / "mine" / "prediction.toml").write_text("= 1")
+    assert predicted_maps(tmp_path, "desk", mapped()) == []
+
+
+def test_predictions_that_lie_where_they_would_be_kept_are_refused(tmp_path):
+    with kept_predictions(tmp_path, [tmp_path / "given"]) as folder:
+        keep(folder, "desk", 1, {"Given/a": Estimate(np.ones(SHAPE), np.ones(SHAPE, bool))})
+    inside = tmp_path / "predictions" / "Given-a"
+    with pytest.raises(InputError, match="holds the input"), kept_predictions(tmp_path, [inside]):
+        pytest.fail("it would be deleted")
+    assert (inside / "desk" / "1.npz").is_file()
 
 
 BAD = {

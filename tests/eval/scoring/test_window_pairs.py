@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,12 +11,14 @@ import scenes
 from emvs.config import MapperConfig
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
+from emvs.windows import Window
 from eval.config import EvalConfig, Settings
 from eval.pipeline import map_recording, score_folder
 from eval.scoring.method_scores import score_method
 from eval.scoring.pairing import Estimate
 from eval.scoring.run_folder import find_maps, sequence_of, truth_of
-from eval.scoring.score import window_pairs
+from eval.scoring.score import rig_rows, window_pairs
 from sim.config import SimConfig
 from sim.simulate import simulate
 
@@ -92,3 +96,23 @@ def test_the_map_is_scored_and_half_of_it_is_right(mapped):
     assert found[best, "outlier_points"] > 0
     causes = [value for (_, name), value in found.items() if name.startswith("cause_")]
     assert np.isfinite(causes).all()
+
+
+@pytest.mark.parametrize(("way", "travel_m"), [((1, 0, 0), 0.4), ((0, 0, 1), 0), ((3, 4, 9), 2.0)])
+def test_travel_is_what_lies_across_the_view(way, travel_m):
+    """By hand: 0.4 s at |way| m/s, from before the first pose on."""
+    times_us = np.array([0, 200_000, 400_000])
+    T_world_body = np.stack([np.eye(4)] * 3)
+    T_world_body[:, :3, 3] = np.outer(times_us / 1e6, way)
+    rig = rig_of(2, "pinhole")
+    recording = SimpleNamespace(
+        rig=rig, trajectory=Trajectory.from_matrices(times_us, T_world_body)
+    )
+    rows = rig_rows("c", recording, [Window(-50_000, 400_000, 200_000, ())])
+    got = {row.metric: row.value for row in rows}
+    assert got["lateral_travel"] == pytest.approx(travel_m)
+    assert got["baseline"] == pytest.approx(BASELINE)
+    assert {row.method for row in rows} == {"rig"}
+    single = SimpleNamespace(rig=rig_of(1, "pinhole"), trajectory=recording.trajectory)
+    alone = rig_rows("c", single, [])
+    assert [row.metric for row in alone] == ["lateral_travel"]
