@@ -30,6 +30,8 @@ from sim.scene import Scene
 CHUNK_US = {"linear": 12_500, "fast": 25_000, "accurate": 25_000}
 """Chunks are no longer than this: at 1280x720, about 150 MB of pictures of a moving head."""
 
+# Chunks in which surfaces are drawn in one order; a new one costs a frame.
+_ORDERED_ALIKE = 8
 TruthImages = dict[str, NDArray[Any]]
 
 
@@ -149,6 +151,7 @@ class ChunkRenderer:
         self._renderer, self._motion = renderer, job.motion()
         self._config = _capped(job)
         self._last: RigFrame | None = None
+        self._ordered_for = -1
         animate = job.scene.animate
         self._bodies = MovingBodies(renderer, animate) if animate is not None else None
 
@@ -161,6 +164,7 @@ class ChunkRenderer:
         """
         job, before = self.job, None
         stops_us = list(job.bounds_us[chunk : chunk + 2])
+        self._order(chunk)
         known = self._last if self._last and self._last.t_us == stops_us[0] else None
         for rig_frame in adaptive_frames(
             self._renderer, self._motion, stops_us, self._config, known, self._bodies
@@ -169,6 +173,18 @@ class ChunkRenderer:
             if begins or rig_frame.t_us > stops_us[0]:
                 yield self._rendered(chunk, before, rig_frame)
             before = rig_frame
+
+    def _order(self, chunk: int) -> None:
+        """Draws near surfaces first, in an order that depends on the chunk alone.
+
+        Where the order changes, the frame at the meeting of two chunks is drawn anew, so that it
+        does not matter who drew the chunk before.
+        """
+        first = chunk - chunk % _ORDERED_ALIKE
+        if self.job.fine and first != self._ordered_for:
+            start_s = self.job.bounds_us[first] * 1e-6
+            self._renderer.near_first(self._motion.T_world_body(start_s))
+            self._ordered_for, self._last = first, None
 
     def _rendered(self, chunk: int, before: RigFrame | None, rig_frame: RigFrame) -> RenderedFrame:
         frames, job = rig_frame.frames, self.job

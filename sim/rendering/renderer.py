@@ -91,6 +91,7 @@ class StereoRenderer:
         self._animate = animate
         self._near_m, self._far_m = 0.5 * depth_range_m[0], 4.0 * depth_range_m[1]
         self._fine = border_px is not None
+        self._as_listed: list[dict[str, Any]] = []
         self._lenses = tuple(lens.lens_of(rig, k, self._lens_samples) for k in range(len(rig)))
         self._drawn = lens.widened(rig, border_px or 0)
         self._drawn_lenses = (
@@ -135,6 +136,36 @@ class StereoRenderer:
             self._animate(self.model, self._data, t_s)
             self._mj.mj_kinematics(self.model, self._data)
             self._update_scene()
+
+    def near_first(self, T_world_body: Pose) -> None:
+        """Draws what is near before what it hides, seen from a pose (4, 4), until further notice.
+
+        A hidden sample costs nothing. Which of two surfaces at the same depth shows may change, so
+        the order must not depend on what was drawn before. Where bodies move, nothing happens: they
+        are put in place for every picture.
+        """
+        if self._animate is not None:
+            return
+        drawn = self._scene.geoms[: self._scene.ngeom]
+        if not self._as_listed:
+            self._as_listed = [_fields(geom) for geom in drawn]
+        near_to_far = np.argsort(
+            [self._distance_m(f, T_world_body[:3, 3]) for f in self._as_listed]
+        )
+        for geom, n in zip(drawn, near_to_far, strict=True):
+            for name, value in self._as_listed[n].items():
+                if isinstance(value, np.ndarray):
+                    getattr(geom, name)[...] = value
+                else:
+                    setattr(geom, name, value)
+
+    def _distance_m(self, geom: dict[str, Any], eye_m: Pose) -> float:
+        """From the eye to a geom's bounding box; endless ones come last."""
+        model, k = self.model, geom["objid"]
+        if geom["objtype"] != self._mj.mjtObj.mjOBJ_GEOM or model.geom_rbound[k] <= 0:
+            return np.inf
+        local = geom["mat"].reshape(3, 3).T @ (eye_m - geom["pos"]) - model.geom_aabb[k, :3]
+        return float(np.linalg.norm(np.maximum(np.abs(local) - model.geom_aabb[k, 3:], 0)))
 
     def frame(self, camera: int, T_world_body: Pose) -> Frame:
         """Renders what `camera` sees from `T_world_body` (4, 4), averaged over the samples."""
@@ -325,6 +356,17 @@ def _compiled(spec: mujoco.MjSpec, width_px: int, height_px: int) -> Any:
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise InputError(f"the scene does not compile ({reason}): correct its MJCF") from error
+
+
+def _fields(geom: Any) -> dict[str, Any]:
+    """All that makes a geom of a MuJoCo scene, copied."""
+    names = [name for name in dir(geom) if not name.startswith("_")]
+    values = {name: getattr(geom, name) for name in names}
+    return {
+        name: value.copy() if isinstance(value, np.ndarray) else value
+        for name, value in values.items()
+        if not callable(value)
+    }
 
 
 def sharpen_textures(context: Any) -> None:

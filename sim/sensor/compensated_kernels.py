@@ -209,8 +209,8 @@ def events_between(
             way_px = path[8]
             per_px = 1.0 / max(way_px, 1e-6)
             x0, y0 = float(x + border), float(y + border)
-            now = np.float64(light_a[grid * (y + border), grid * (x + border)])
-            last = np.float64(light_b[grid * (y + border), grid * (x + border)])
+            now = float(light_a[grid * (y + border), grid * (x + border)])
+            last = float(light_b[grid * (y + border), grid * (x + border)])
             s, apart = 0.0, abs(last - now)
             u_a, v_a, u_b, v_b = places_on(x0, y0, path, 0.0)
             while s < 1.0:
@@ -226,7 +226,7 @@ def events_between(
                 else:
                     then = 1.0
                 if light >= rise or light <= fall:
-                    rises = light >= rise
+                    rises = bool(light >= rise)
                     first, up, down = memory[k].first_log, memory[k].up, memory[k].down
                     logs = math.log(now + log_eps), math.log(light + log_eps)
                     number = levels_passed(rises, logs[1], first, up, down, c_pos, c_neg)

@@ -186,8 +186,8 @@ def table(results: dict[str, dict[str, Fidelity]], counts: dict[str, int]) -> st
     """The results as Markdown."""
     head = "| Scene | true events | " + " | ".join(WAYS) + " |"
     lines = [
-        f"Events lost (−: too many), true events with one within {MATCH_US / 1000:g} ms, and median "
-        f"error in time, against {FINEST_SAMPLES} × {FINEST_SAMPLES} samples {FINEST_PX:g} px apart. "
+        f"Events lost (−: too many), true events with one within {MATCH_US / 1000:g} ms, median "
+        f"time error, against {FINEST_SAMPLES} × {FINEST_SAMPLES} samples {FINEST_PX:g} px apart. "
         "Written by `python tests/benchmarks/fidelity.py`.",
         "",
         head,
