@@ -7,9 +7,9 @@ import math
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path
@@ -47,7 +47,7 @@ class Baseline(BaseModel):
     seeds: tuple[int, ...]
     history: tuple[BaselineChange, ...]
     versions: dict[str, str]
-    series: tuple[Series, ...]
+    series: Annotated[tuple[Series, ...], Field(min_length=1)]
 
     def by_key(self) -> Mapping[Key, Series]:
         """The series, by what they are about."""
