@@ -167,7 +167,7 @@ def compare(
     found += [_new(one) for key, one in measured.series.items() if _is_new(key, known, choice)]
     verdicts = [replace(one, decides=choice.decides(one.key, one.status)) for one in found]
     verdicts += _failures(measured, choice)
-    if baseline is not None:
+    if baseline is not None and not measured.failures:
         verdicts += _nothing_compared(verdicts, choice)
     order: Sequence[Status] = (*RED, "better", "new", "same")
     return sorted(

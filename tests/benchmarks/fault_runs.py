@@ -23,23 +23,26 @@ BASELINE = Path(os.environ.get("EVENTSWEEP_BASELINE", ROOT / "reports" / "baseli
 """What is held against; `EVENTSWEEP_BASELINE` names another one than the project's."""
 LIMIT_S = 1800
 """For one run of `quick` and its gate: about a minute where nobody else works."""
-RED = ("worse", "failed", "gone")
+RED = ("changed", "worse", "failed", "gone", "not comparable")
 
 
 class TooSlow(Exception):
     """A run took longer than `LIMIT_S`."""
 
 
-def gate(copy, cache, *arguments):
+def gate(copy, cache, *arguments, cases=()):
     """The gate's exit code in a copy of the packages, and its verdicts, the worst first.
 
-    Without the mapper's speed: others at work on this machine must not decide.
+    Without the mapper's speed: others at work on this machine must not decide. Strict, as
+    `make gate` is.
     """
     place = copy.parent / "result"
-    run(copy, "suite", "quick", "--out", place, "--cache", cache, "--no-speed", *arguments)
-    told = ("--baseline", copy.parent / "baseline.json", "--result", place, "--json")
+    only = [word for case in cases for word in ("--case", case)]
+    some = ("--cache", cache, "--no-speed", "--force", *only)
+    run(copy, "suite", "quick", "--out", place, *some, *arguments)
+    told = ("--baseline", copy.parent / "baseline.json", "--result", place, "--strict", "--json")
     timeless(BASELINE, copy.parent / "baseline.json")
-    code, text = run(copy, "gate", *told)
+    code, text = run(copy, "gate", *told, *only)
     return code, json.loads(text)
 
 
@@ -76,7 +79,7 @@ def timeless(baseline, path):
 
 def red(verdicts):
     """The verdicts that make a gate fail."""
-    return [one for one in verdicts if one["status"] in RED]
+    return [one for one in verdicts if one["decides"] and one["status"] in RED]
 
 
 def line(fault: Fault, verdicts):
@@ -98,8 +101,8 @@ def table(cache):
         lines.append(line(fault, verdicts))
         sys.stdout.write(lines[-1] + "\n")
         sys.stdout.flush()
-    compared = sum(one["status"] != "new" for one in verdicts)
-    head = [f"| Fault | File | Red, of {compared} numbers | First |", "|---|---|--:|---|"]
+    deciding = sum(one["decides"] and one["status"] != "new" for one in verdicts)
+    head = [f"| Fault | File | Red, of {deciding} that decide | First |", "|---|---|--:|---|"]
     return "\n".join([*head, *lines]) + "\n"
 
 

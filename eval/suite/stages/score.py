@@ -19,7 +19,7 @@ from eval.scoring.metric_versions import metric_versions
 from eval.scoring.metrics import Better
 from eval.scoring.results import POOLED, Row
 from eval.scoring.score import score_windows
-from eval.suite.results import DEFAULT_MAPPER, EVENTS, Sample, SampleFacts, mapper_method
+from eval.suite.results import EVENTS, Sample, SampleFacts, mapper_method
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
@@ -37,7 +37,7 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
     for mapper, windows in _by_mapper(parameters["mappers"], stored).items():
         scored = score_windows(case, sequence, windows, config)
         rows += [_named(row, mapper) for row in scored]
-        rows += _event_rows(case, windows) if mapper == DEFAULT_MAPPER else ()
+        rows += _event_rows(case, windows) if mapper == parameters["mappers"][0] else ()
     facts = _facts(sequence, str(parameters["scene_digest"]))
     sample = Sample(case, int(parameters["seed"]), tuple(rows), facts)
     (out / RESULT).write_text(sample.to_json(), encoding="utf-8")
