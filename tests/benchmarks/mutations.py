@@ -8,6 +8,7 @@ pages, caches and processes, and not lines that only word an error.
 import ast
 import hashlib
 import random
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -119,10 +120,11 @@ def candidates(name: str) -> list[Mutation]:
 
 
 def _is_python(text: str) -> bool:
-    try:
-        ast.parse(text)
-    except SyntaxError:
-        return False
+    with warnings.catch_warnings(action="ignore", category=SyntaxWarning):
+        try:
+            ast.parse(text)
+        except SyntaxError:
+            return False
     return True
 
 
