@@ -67,6 +67,7 @@ def run(copy, *arguments):
             raise TooSlow(message) from error
         raise
     assert process.returncode in (0, 1), said
+    assert "Traceback" not in said, said
     return process.returncode, out
 
 

@@ -92,13 +92,13 @@ class Judge:
             place(self.copy, mutation)
             try:
                 some = ("--seeds", "0", "--workers", "1")
-                _, verdicts = fault_runs.gate(self.copy, self.cache, *some, cases=cases)
+                code, verdicts = fault_runs.gate(self.copy, self.cache, *some, cases=cases)
             except fault_runs.TooSlow:
                 return "red", "does not end"
             except AssertionError as error:
                 return "red", "ends with an error: " + str(error).strip().splitlines()[-1][:90]
-            if found := fault_runs.red(verdicts):
-                return "red", " ".join(found[0][part] for part in ("case", "method", "metric"))
+            if code:
+                return "red", first_of(verdicts)
         return "green", ""
 
     def by_tests(self, mutation):
@@ -131,6 +131,12 @@ class Judge:
             return ""
         found = _FAILED.search(done.stdout)
         return found[1] if found else f"{what} (ends with {done.returncode})"
+
+
+def first_of(verdicts):
+    """What the gate names first; nothing where only its exit code is red."""
+    red = fault_runs.red(verdicts)
+    return " ".join(red[0][part] for part in ("case", "method", "metric")) if red else "exit code"
 
 
 def place(copy, *mutations, more=()):

@@ -1,7 +1,7 @@
 """The workflow for others runs: its own steps, in its own order, with a small mapper of one's own.
 
-Only the step that installs is left out, since what it installs is what is being tested: `eventsweep`
-is the checkout's. Its list of system libraries is held against the README's.
+Only the step that installs is left out, since what it installs is what is being tested:
+`eventsweep` is the checkout's. Its list of system libraries is held against the README's.
 """
 
 import os
