@@ -7,7 +7,6 @@ pages, caches and processes, and not lines that only word an error.
 
 import ast
 import hashlib
-import random
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -90,19 +89,24 @@ class _Change(NamedTuple):
 
 
 def drawn(seed: int = SEED) -> list[tuple[str, Mutation]]:
-    """Areas and mutations: as many as each area has, no line twice."""
-    rng = random.Random(seed)
+    """Areas and mutations: as many as each area has, no line twice.
+
+    Lots are hashes of seed and mutation: an edit elsewhere changes no other line's lot.
+    """
     found = []
     for area, (count, patterns) in AREAS.items():
         files = sorted({path for pattern in patterns for path in ROOT.glob(pattern)})
         names = [path.relative_to(ROOT).as_posix() for path in files]
         ours = [one for name in names if name not in LEFT_OUT for one in candidates(name)]
-        rng.shuffle(ours)
-        lines: dict[tuple[str, int], Mutation] = {}
-        for one in ours:
-            lines.setdefault((one.file, one.number), one)
+        lines: dict[tuple[str, str], Mutation] = {}
+        for one in sorted(ours, key=lambda one: _lot(seed, one)):
+            lines.setdefault((one.file, one.before.strip()), one)
         found += [(area, one) for one in list(lines.values())[:count]]
     return found
+
+
+def _lot(seed: int, one: Mutation) -> str:
+    return hashlib.sha256(f"{seed} {one.digest}".encode()).hexdigest()
 
 
 def candidates(name: str) -> list[Mutation]:
@@ -213,6 +217,8 @@ def _call(function: ast.expr) -> Iterator[_Change]:
 
 def _dropped(node: ast.Expr | ast.Assign | ast.AugAssign) -> Iterator[_Change]:
     """A statement whose absence breaks no name: a call, an assignment into something, or a sum."""
-    is_name = isinstance(node, ast.Assign) and any(isinstance(t, ast.Name) for t in node.targets)
+    targets = node.targets if isinstance(node, ast.Assign) else []
+    parts = [part for one in targets for part in getattr(one, "elts", [one])]
+    is_name = any(isinstance(part, ast.Name) for part in parts)
     if node.lineno == node.end_lineno and not is_name:
         yield _Change(node.lineno, node.col_offset, node.end_col_offset or 0, "pass")
