@@ -117,8 +117,8 @@ _TRINOCULAR = Rig(
     ("left", "right", "forehead"),
 )
 
-# Invented, for tests: small, and nothing about it is zero, straight or equal. Two kinds of lens, and
-# a second camera turned about all axes and moved along all of them.
+# Invented, for tests: small, and nothing about it is zero, straight or equal. Two kinds of lens,
+# and a second camera turned about all axes and moved along all of them.
 _OBLIQUE = _stereo(
     "oblique",
     Camera(160, 120, 108.2, 106.9, 82.3, 57.4, "radtan", (-0.18, 0.06, 0.002, -0.0015, -0.01)),

@@ -96,12 +96,12 @@ def line(fault: Fault, verdicts):
 def table(cache):
     """Every fault's line; printed as they come."""
     lines = []
-    for fault in FAULTS:
-        with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder:
+        for fault in FAULTS:
             _, verdicts = gate(broken_copy(Path(folder) / "copy", fault), cache)
-        lines.append(line(fault, verdicts))
-        sys.stdout.write(lines[-1] + "\n")
-        sys.stdout.flush()
+            lines.append(line(fault, verdicts))
+            sys.stdout.write(lines[-1] + "\n")
+            sys.stdout.flush()
     deciding = sum(one["decides"] and one["status"] != "new" for one in verdicts)
     head = [f"| Fault | File | Red, of {deciding} that decide | First |", "|---|---|--:|---|"]
     return "\n".join([*head, *lines]) + "\n"

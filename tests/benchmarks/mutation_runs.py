@@ -12,7 +12,6 @@ import argparse
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 import time
@@ -89,7 +88,7 @@ class Judge:
     def by_quick(self, mutation):
         """`red` and what the gate names first, or `green`."""
         for cases in ROUNDS:
-            place(self.copy, mutation)
+            broken_copy(self.copy, mutation)
             try:
                 some = ("--seeds", "0", "--workers", "1")
                 code, verdicts = fault_runs.gate(self.copy, self.cache, *some, cases=cases)
@@ -103,8 +102,8 @@ class Judge:
 
     def by_tests(self, mutation):
         """`tests` and the one that fails with the mutation and not without, or `none`."""
-        place(self.copy, mutation, more=NEEDED)
-        place(self.whole, more=NEEDED)
+        broken_copy(self.copy, mutation, more=NEEDED)
+        broken_copy(self.whole, more=NEEDED)
         known = []
         while failed := self._first_failure(self.copy, tests_of(mutation.file), known):
             if not self._first_failure(self.whole, failed, []):
@@ -137,13 +136,6 @@ def first_of(verdicts):
     """What the gate names first; nothing where only its exit code is red."""
     red = fault_runs.red(verdicts)
     return " ".join(red[0][part] for part in ("case", "method", "metric")) if red else "exit code"
-
-
-def place(copy, *mutations, more=()):
-    """The packages anew, at the same place and with the same times of change."""
-    shutil.rmtree(copy, ignore_errors=True)
-    copy.parent.mkdir(parents=True, exist_ok=True)
-    broken_copy(copy, *mutations, more=more)
 
 
 def tests_of(file):

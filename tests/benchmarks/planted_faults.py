@@ -93,8 +93,11 @@ FAULTS = (
 def broken_copy(folder: Path, *edits: Edit, more: tuple[str, ...] = ()) -> Path:
     """Copies the packages, and `more`, and changes one line for each edit.
 
-    The copy compiles its own kernels.
+    What was in the folder is gone. Numba finds kernels again by place and time of change: copies
+    made one after the other in one folder compile only what an edit changes.
     """
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
     for name in (*PACKAGES, *more):
         place = ROOT / name
         copy = shutil.copytree if place.is_dir() else shutil.copy2
