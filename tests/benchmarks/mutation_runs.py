@@ -105,10 +105,11 @@ class Judge:
         broken_copy(self.copy, mutation, more=NEEDED)
         broken_copy(self.whole, more=NEEDED)
         known = []
-        while failed := self._first_failure(self.copy, tests_of(mutation.file), known):
-            if not self._first_failure(self.whole, failed, []):
-                return "tests", failed
-            known.append(failed)
+        for what in tests_of(mutation.file):
+            while (failed := self._first_failure(self.copy, what, known)) not in ("", *known):
+                if not self._first_failure(self.whole, failed, []):
+                    return "tests", failed
+                known.append(failed)
         return "none", ""
 
     def _first_failure(self, copy, what, known):
@@ -139,13 +140,17 @@ def first_of(verdicts):
 
 
 def tests_of(file):
-    """The folder of tests that mirrors the file's; of a package's own modules their files only."""
-    folder = Path("tests") / Path(file).parent
-    while not (ROOT / folder).is_dir():
+    """What to run, the nearest first: tests named after the file, its folder's, its package's."""
+    folder = ROOT / "tests" / Path(file).parent
+    while not folder.is_dir():
         folder = folder.parent
-    if len(folder.parts) > 2:
-        return folder.as_posix()
-    return " ".join(path.relative_to(ROOT).as_posix() for path in (ROOT / folder).glob("test_*.py"))
+    own, every = (
+        " ".join(sorted(path.relative_to(ROOT).as_posix() for path in folder.glob(pattern)))
+        for pattern in (f"test_{Path(file).stem.removesuffix('_kernels')}*.py", "test_*.py")
+    )
+    package = "/".join(("tests", *Path(file).parts[:-1][:2]))
+    whole = package if (ROOT / package).is_dir() else folder.relative_to(ROOT).as_posix()
+    return [what for what in (own, every, whole) if what]
 
 
 def kind(verdict, reasons):

@@ -58,10 +58,14 @@ def test_a_copy_has_the_mutation_and_what_else_is_asked_for(tmp_path, some):
         one.applied("\n" * one.number)
 
 
-def test_unit_tests_are_those_of_the_files_folder():
-    assert mutation_runs.tests_of("sim/sensor/esim.py") == "tests/sim/sensor"
-    assert mutation_runs.tests_of("eval/suite/stages/score.py") == "tests/eval/suite"
-    assert "tests/emvs/test_windows.py" in mutation_runs.tests_of("emvs/windows.py").split()
+def test_the_nearest_unit_tests_come_first():
+    own, every, whole = mutation_runs.tests_of("sim/sensor/pixels_kernels.py")
+    assert (own, whole) == ("tests/sim/sensor/test_pixels.py", "tests/sim/sensor")
+    assert {own, "tests/sim/sensor/test_sensor.py"} <= set(every.split())
+    assert mutation_runs.tests_of("eval/suite/stages/map.py")[-1] == "tests/eval/suite"
+    every, whole = mutation_runs.tests_of("emvs/reference_view.py")
+    assert "tests/emvs/test_methods.py" in every.split()
+    assert whole == "tests/emvs"
 
 
 class Told:
