@@ -47,8 +47,8 @@ def _of_input(red: Sequence[Verdict]) -> str:
     if not cases:
         return ""
     return (
-        f". THE INPUT CHANGED ({', '.join(cases)}): other events than the baseline's, so these "
-        "depths say nothing of the mapper; if that is meant, a new baseline says why"
+        f". THE INPUT CHANGED ({', '.join(cases)}): other events than the baseline's reached the "
+        "mapper, so these depths say nothing of it; if that is meant, a new baseline says why"
     )
 
 
