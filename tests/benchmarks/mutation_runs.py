@@ -177,6 +177,8 @@ def table(verdicts, reasons):
         "",
         shares(total),
     ]
+    if missing := sum(count for count, _ in AREAS.values()) - sum(total.values()):
+        lines += ["", f"{missing} of those that are drawn were not run yet."]
     missed = [one for one in verdicts.values() if kind(one, reasons) == "missed"]
     if missed:
         lines += ["", "Missed:", "", *map(told, missed)]
