@@ -92,6 +92,8 @@ measurements: setup studies
 	$(BIN)/python tests/benchmarks/first_picture.py --page docs/performance.md
 	$(BIN)/python tests/benchmarks/cost_methods.py --page docs/methods.md
 	$(BIN)/python tests/benchmarks/fault_runs.py --page docs/gate.md
+	$(BIN)/python tests/benchmarks/mutation_runs.py --work out/mutations
+	$(BIN)/python tests/benchmarks/mutation_runs.py --page docs/gate.md
 
 # The figures and tables of docs/studies.md: see there what they cost. Jobs are kept in the cache.
 STUDY = $(BIN)/eventsweep study $$name --out out/studies --seeds 0,1 --quiet

@@ -117,8 +117,18 @@ _TRINOCULAR = Rig(
     ("left", "right", "forehead"),
 )
 
+# Invented, for tests: small, and nothing about it is zero, straight or equal. Two kinds of lens,
+# and a second camera turned about all axes and moved along all of them.
+_OBLIQUE = _stereo(
+    "oblique",
+    Camera(160, 120, 108.2, 106.9, 82.3, 57.4, "radtan", (-0.18, 0.06, 0.002, -0.0015, -0.01)),
+    Camera(168, 116, 104.8, 106.1, 80.9, 60.2, "kb4", (-0.06, 0.012, -0.02, 0.006)),
+    _at((0.09, 0.035, -0.025), (0.012, -0.018, 0.025, 0.9995)),
+)
+
 RIGS = {
-    rig.name: rig for rig in (_DAVIS346, _TUMVIE, _TUMVIE_KB4, _MVSEC, _DSEC, _RPG, _TRINOCULAR)
+    rig.name: rig
+    for rig in (_DAVIS346, _TUMVIE, _TUMVIE_KB4, _MVSEC, _DSEC, _RPG, _TRINOCULAR, _OBLIQUE)
 }
 
 

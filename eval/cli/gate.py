@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from eval.gate.baseline import Baseline
-    from eval.gate.compare import Verdict
+    from eval.gate.compare import Choice, Tolerances, Verdict
     from eval.gate.report import VerdictLine
     from eval.suite.results import SuiteResult
     from eval.suite.series import Measured
@@ -49,6 +49,18 @@ class GateFlags:
     out: Path | None = None
     "Folder for suite.json and suite.csv of what was run."
 
+    metric: Annotated[tuple[str, ...], NO_NEGATIVE] = ()
+    "Let only this metric decide, repeatable; by default those that docs/gate.md lists."
+
+    tolerance: float | None = None
+    "Share of the baseline, such as 0.05, up to which a number is the same however seeds spread."
+
+    case: Annotated[tuple[str, ...], NO_NEGATIVE] = ()
+    "Ask for this case of the baseline only, repeatable."
+
+    method: Annotated[tuple[str, ...], NO_NEGATIVE] = ()
+    "Ask for this method of the baseline only, repeatable."
+
     junit: Path | None = None
     "File for the verdicts as JUnit XML."
 
@@ -56,7 +68,7 @@ class GateFlags:
     "File for the summary; it also goes to $GITHUB_STEP_SUMMARY where that is set."
 
     strict: Annotated[bool, NO_NEGATIVE] = False
-    "Let numbers that cannot be compared fail as well."
+    "Let numbers that decide nothing fail too where they are missing or cannot be compared."
 
     update: Annotated[bool, NO_NEGATIVE] = False
     "Write the result as the new baseline."
@@ -77,6 +89,10 @@ class GateFlags:
             raise InputError("--reason without --update: nothing is written")
         if self.result is not None and (self.seeds or self.out):
             raise InputError("--result runs nothing: leave --seeds and --out out")
+        if self.update and (self.case or self.method):
+            raise InputError("--update writes a whole baseline: leave --case and --method out")
+        if self.tolerance is not None and not 0 <= self.tolerance < 1:
+            raise InputError(f"--tolerance {self.tolerance:g}: needs a share, from 0 to below 1")
 
     def read(self) -> tuple[Path, ...]:
         """The files that are read, and must not be written as well."""
@@ -100,6 +116,20 @@ class GateFlags:
         if self.update and self.baseline.exists():
             check_output(self.baseline, force=True, folder=False)
 
+    def choice(self) -> Choice:
+        """What is looked at, and what decides."""
+        from eval.gate.compare import PRIMARY, Choice
+
+        return Choice(self.metric or PRIMARY, self.case, self.method, self.strict)
+
+    def tolerances(self) -> Tolerances:
+        """How much is nothing."""
+        from eval.gate.compare import Tolerances
+
+        if self.tolerance is None:
+            return Tolerances()
+        return Tolerances(relative=self.tolerance, relative_alone=self.tolerance)
+
     def seed_numbers(self) -> tuple[int, ...] | None:
         """The seeds; None for the suite's own."""
         return seed_numbers(self.seeds, "--seeds")
@@ -109,21 +139,21 @@ class GateFlags:
 def gate(*, flags: GateFlags, job_flags: JobFlags = JOB_FLAGS, common: Common = COMMON) -> int:
     """Compare a result with a baseline, number by number; exit code 1 if anything is worse."""
     from eval.gate.baseline import make_baseline, write_baseline
-    from eval.gate.compare import Tolerances, compare, is_red
+    from eval.gate.compare import compare, is_red
 
     flags.check()
     flags.check_files(force=common.force)
     before = _before(flags)
+    if before is not None:
+        flags.choice().check(before.by_key())
     measured = _measured(flags, job_flags, common)
     if flags.update:
         write_baseline(flags.baseline, make_baseline(measured, flags.reason, before))
         common.console().wrote(flags.baseline)
-    verdicts = compare(before.by_key(), measured, Tolerances()) if before else []
+    known = None if before is None else before.by_key()
+    verdicts = compare(known, measured, flags.tolerances(), flags.choice())
     _report(verdicts, measured, flags, common)
-    if flags.update:
-        return GREEN
-    incomparable = flags.strict and any(one.status == "not comparable" for one in verdicts)
-    return RED if is_red(verdicts) or incomparable else GREEN
+    return RED if is_red(verdicts) and not flags.update else GREEN
 
 
 def _before(flags: GateFlags) -> Baseline | None:
@@ -146,7 +176,9 @@ def _measured(flags: GateFlags, job_flags: JobFlags, common: Common) -> Measured
     seeds = flags.seed_numbers() or (suite.spread_seeds if flags.update else None)
 
     def run() -> SuiteResult:
-        return run_with_flags(suite, subset, job_flags, common.console().progress, seeds=seeds)
+        return run_with_flags(
+            suite, subset, job_flags, common.console().progress, seeds=seeds, cases=flags.case
+        )
 
     if flags.out is None:
         return of_suite(run())
@@ -200,7 +232,9 @@ def _table(rows: Sequence[VerdictLine]) -> Table:
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title="all that is not the same", title_justify="left")
+    from eval.gate.report import CAPTION
+
+    table = Table(title=CAPTION, title_justify="left")
     table.add_column("verdict", no_wrap=True)
     table.add_column("what", overflow="fold")
     for heading in ("baseline", "now", "allowed"):

@@ -26,7 +26,7 @@ def suite(
     """Run a suite of cases, or a subset of one; what was done before is not done again.
 
     Args:
-        name: Such as quick, suite-v1, suite-v1:quick, or FILE.toml.
+        name: Such as quick, suite-v2, suite-v2:quick, or FILE.toml.
         out: Folder to write: suite.json and suite.csv.
         seeds: Seeds instead of the suite's own, such as 0,1,2 or 100-109.
         case: Only this case, repeatable.

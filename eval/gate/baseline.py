@@ -7,14 +7,14 @@ import math
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from emvs.errors import InputError
 from emvs.utils.files import atomic_path
 from eval.scoring.results import read_json
-from eval.suite.series import Key, Measured, Series
+from eval.suite.series import SPEED_METRIC, Key, Measured, Series
 
 SCHEMA_VERSION = 1
 _CURE = "write it again with `eventsweep gate --update --reason ...`"
@@ -47,7 +47,7 @@ class Baseline(BaseModel):
     seeds: tuple[int, ...]
     history: tuple[BaselineChange, ...]
     versions: dict[str, str]
-    series: tuple[Series, ...]
+    series: Annotated[tuple[Series, ...], Field(min_length=1)]
 
     def by_key(self) -> Mapping[Key, Series]:
         """The series, by what they are about."""
@@ -88,7 +88,7 @@ def make_baseline(measured: Measured, reason: str, before: Baseline | None) -> B
 def _whole(one: Series, measured: Measured) -> bool:
     seeds = set(one.values)
     return all(map(math.isfinite, one.values.values())) and (
-        seeds >= set(measured.seeds) or one.key.method == "mapper"
+        seeds >= set(measured.seeds) or one.metric == SPEED_METRIC
     )
 
 

@@ -8,18 +8,73 @@ means are compared, and the spread decides how far two means of unchanged code m
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from scipy import stats
 
+from emvs.errors import InputError
+from eval.suite.results import EVENTS
 from eval.suite.series import SPEED_METRIC, Key, Measured, Series
 
-Status = Literal["worse", "failed", "gone", "not comparable", "better", "new", "same"]
-RED: tuple[Status, ...] = ("worse", "failed", "gone")
-"""What makes the gate fail."""
+Status = Literal["changed", "worse", "failed", "gone", "not comparable", "better", "new", "same"]
+LOST: tuple[Status, ...] = ("failed", "gone", "not comparable")
+"""The baseline asks for a number, and there is none to hold against it."""
+RED: tuple[Status, ...] = ("changed", "worse", *LOST)
+"""What makes the gate fail, where the number is one that decides."""
+COMPARED: tuple[Status, ...] = ("changed", "worse", "better", "same")
+"""Two numbers were held against each other."""
+
+INPUT = ("events", "brighter_share")
+"""What the mapper is given. Without a direction: a change says that depth is of other events."""
+PRIMARY = (
+    "points", "mean_error", "median_error", "bad_published", "voting_share", "dropped_tail",
+    *INPUT, SPEED_METRIC,
+)  # fmt: skip
+"""What decides unless others are chosen: how many depths and how wrong they are, in metres and as
+the share that the field calls bad; how many events took part; what went in; and what it cost."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Which numbers of baseline and result are looked at, and which of those decide.
+
+    Attributes:
+        metrics: that decide; all others are shown and decide nothing.
+        cases: the only ones to look at; empty: all.
+        methods: the only ones to look at, beside the event statistics; empty: all.
+        strict: let what does not decide be red as well where it is missing or not comparable.
+    """
+
+    metrics: tuple[str, ...] = PRIMARY
+    cases: tuple[str, ...] = ()
+    methods: tuple[str, ...] = ()
+    strict: bool = False
+
+    def check(self, baseline: Mapping[Key, Series]) -> None:
+        """Refuses a name that the baseline does not have: it would choose nothing, silently.
+
+        Raises:
+            InputError: says which name, and which there are.
+        """
+        own = () if self.metrics == PRIMARY else self.metrics
+        for what, chosen in (("case", self.cases), ("method", self.methods), ("metric", own)):
+            known = {getattr(key, what): None for key in baseline}
+            for name in chosen:
+                if name not in known:
+                    there = ", ".join(known)
+                    raise InputError(f"the baseline has no {what} {name!r}: choose from {there}")
+
+    def has(self, key: Key) -> bool:
+        """Whether a number is looked at."""
+        in_method = not self.methods or key.method in (*self.methods, EVENTS)
+        return in_method and (not self.cases or key.case in self.cases)
+
+    def decides(self, key: Key, status: Status) -> bool:
+        """Whether a verdict on a number counts."""
+        return key.metric in self.metrics or (self.strict and status in LOST)
 
 
 @dataclass(frozen=True)
@@ -60,6 +115,7 @@ class Verdict:
         value: mean of the result.
         tolerance: what `value` may differ by, either way.
         why: for people, where the numbers do not say it.
+        decides: whether it counts; else it is only shown.
     """
 
     key: Key
@@ -69,6 +125,12 @@ class Verdict:
     value: float = math.nan
     tolerance: float = math.nan
     why: str = ""
+    decides: bool = True
+
+    @property
+    def is_red(self) -> bool:
+        """Whether it makes the gate fail."""
+        return self.decides and self.status in RED
 
     @property
     def change(self) -> float:
@@ -84,29 +146,67 @@ class Verdict:
 
 
 def compare(
-    baseline: Mapping[Key, Series], measured: Measured, tolerances: Tolerances
+    baseline: Mapping[Key, Series] | None,
+    measured: Measured,
+    tolerances: Tolerances,
+    choice: Choice = Choice(),
 ) -> list[Verdict]:
     """Judges every number of both, the most telling first.
 
+    Where nothing that decides was compared, a verdict of its own says so, and is red.
+
     Args:
-        baseline: the series to hold against.
+        baseline: the series to hold against; None where there is none yet: all is new.
         measured: what was measured.
         tolerances: how much is nothing.
+        choice: what is looked at, and what decides.
     """
-    tests = sum(not _common(one, measured.series.get(key)) for key, one in baseline.items())
-    verdicts = [_judge(one, measured, tolerances, max(tests, 1)) for one in baseline.values()]
-    verdicts += [
-        Verdict(Key("(jobs)", name, ""), "failed", why=reason)
-        for name, reason in measured.failures.items()
-    ]
-    verdicts += [_new(one) for key, one in measured.series.items() if key not in baseline]
-    order: Sequence[Status] = (*RED, "not comparable", "better", "new", "same")
-    return sorted(verdicts, key=lambda one: (order.index(one.status), -one.severity, one.key))
+    known = {key: one for key, one in (baseline or {}).items() if choice.has(key)}
+    tests = sum(not _common(one, measured.series.get(key)) for key, one in known.items())
+    found = [_judge(one, measured, tolerances, max(tests, 1)) for one in known.values()]
+    found += [_new(one) for key, one in measured.series.items() if _is_new(key, known, choice)]
+    verdicts = [replace(one, decides=choice.decides(one.key, one.status)) for one in found]
+    verdicts += _failures(measured, choice)
+    if baseline is not None and not measured.failures:
+        verdicts += _nothing_compared(verdicts, choice)
+    order: Sequence[Status] = (*RED, "better", "new", "same")
+    return sorted(
+        verdicts,
+        key=lambda one: (
+            not one.is_red,
+            not one.decides,
+            order.index(one.status),
+            -one.severity,
+            one.key,
+        ),
+    )
 
 
 def is_red(verdicts: Iterable[Verdict]) -> bool:
     """Whether the gate fails."""
-    return any(one.status in RED for one in verdicts)
+    return any(one.is_red for one in verdicts)
+
+
+def _is_new(key: Key, known: Mapping[Key, Series], choice: Choice) -> bool:
+    return choice.has(key) and key not in known
+
+
+def _failures(measured: Measured, choice: Choice) -> Iterator[Verdict]:
+    for name, reason in measured.failures.items():
+        if not choice.cases or any(f"/{case}/" in name for case in choice.cases):
+            yield Verdict(Key("(jobs)", name, ""), "failed", why=reason)
+
+
+def _nothing_compared(verdicts: Sequence[Verdict], choice: Choice) -> Iterator[Verdict]:
+    """A gate that has compared nothing knows nothing, and must not be green."""
+    deciding = [one for one in verdicts if one.decides and one.status != "new"]
+    if any(one.status in COMPARED for one in deciding):
+        return
+    why = f"the baseline has no number that decides, of {', '.join(choice.metrics)}"
+    if deciding:
+        lost = f"{deciding[0].key} is {deciding[0].status}, {deciding[0].why}"
+        why = f"none of the {len(deciding)} numbers that decide could be compared: {lost}"
+    yield Verdict(Key("(gate)", "", ""), "failed", why=why)
 
 
 def _new(series: Series) -> Verdict:
@@ -208,7 +308,7 @@ def _status(base: Series, change: float, tolerance: float) -> Status:
     if abs(change) <= tolerance:
         return "same"
     if base.better == "none":  # nothing says that more of it is better
-        return "worse"
+        return "changed"
     return "better" if (change < 0) == (base.better == "lower") else "worse"
 
 

@@ -6,14 +6,16 @@ import json
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from xml.etree import ElementTree as xml
 
 from emvs.utils.files import atomic_path
-from eval.gate.compare import RED, Verdict
+from eval.gate.compare import COMPARED, INPUT, Verdict, is_red
+from eval.suite.results import EVENTS
 
 HEADINGS = ("verdict", "case", "method", "metric", "baseline", "now", "change", "allowed", "why")
+CAPTION = "all that is not the same; what stands in brackets is shown and decides nothing"
 MOST_LINES = 25
 VerdictLine = tuple[str, ...]
 # XML 1.0 has no way at all to write most control characters.
@@ -21,13 +23,37 @@ _UNWRITABLE = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def summary(verdicts: Sequence[Verdict]) -> str:
-    """How many of each, and who is to blame."""
-    counts = Counter(one.status for one in verdicts)
-    words = ", ".join(f"{count} {status}" for status, count in counts.items())
-    red = [one for one in verdicts if one.status in RED]
+    """How many of each, which metrics decide, and who is to blame."""
+    told = _counts(one for one in verdicts if one.decides)
+    beside = _counts(one for one in verdicts if not one.decides)
+    told += f"; deciding nothing: {beside}" if beside else ""
+    red = [one for one in verdicts if one.is_red]
     if not red:
-        return f"gate: green ({words or 'nothing to compare'})"
-    return f"gate: red ({words}); first: {sentence(red[0])}"
+        return f"gate: green ({told})"
+    by = Counter(one.key.metric for one in red if one.key.metric)
+    metrics = ", ".join(f"{metric} ({count})" for metric, count in by.most_common())
+    decided = f"; decided by {metrics}" if metrics else ""
+    return f"gate: red ({told}){decided}; first: {sentence(red[0])}{_of_input(red)}"
+
+
+def _counts(verdicts: Iterable[Verdict]) -> str:
+    counts = Counter(one.status for one in verdicts)
+    return ", ".join(f"{count} {status}" for status, count in counts.items())
+
+
+def _of_input(red: Sequence[Verdict]) -> str:
+    """Said loudly: with other events, no depth is better or worse than before."""
+    cases = {one.key.case: None for one in red if one.status == "changed" and _is_input(one)}
+    if not cases:
+        return ""
+    return (
+        f". THE INPUT CHANGED ({', '.join(cases)}): other events than the baseline's reached the "
+        "mapper, so these depths say nothing of it; if that is meant, a new baseline says why"
+    )
+
+
+def _is_input(one: Verdict) -> bool:
+    return one.key.method == EVENTS and one.key.metric in INPUT
 
 
 def sentence(one: Verdict) -> str:
@@ -56,10 +82,12 @@ def hidden(verdicts: Sequence[Verdict]) -> int:
 
 def markdown(verdicts: Sequence[Verdict], name: str) -> str:
     """A summary and the table."""
-    parts = [f"### {name}: {'red' if _red(verdicts) else 'green'}", "", summary(verdicts), ""]
+    colour = "red" if is_red(verdicts) else "green"
+    parts = [f"### {name}: {colour}", "", summary(verdicts), ""]
     rows = lines(verdicts)
     if rows:
         parts += [_row(HEADINGS), _row(["---"] * len(HEADINGS)), *map(_row, rows), ""]
+        parts += [f"{CAPTION}.", ""]
     if hidden(verdicts):
         parts += [f"and {hidden(verdicts)} more", ""]
     return "\n".join(parts)
@@ -71,6 +99,7 @@ def as_json(verdicts: Sequence[Verdict]) -> str:
         {
             **one.key._asdict(),
             "status": one.status,
+            "decides": one.decides,
             "unit": one.unit,
             "baseline": _defined(one.baseline),
             "value": _defined(one.value),
@@ -86,10 +115,6 @@ def _defined(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _red(verdicts: Sequence[Verdict]) -> bool:
-    return any(one.status in RED for one in verdicts)
-
-
 def _shown(verdicts: Sequence[Verdict]) -> list[Verdict]:
     return [one for one in verdicts if one.status != "same"]
 
@@ -98,7 +123,8 @@ def _cells(one: Verdict) -> VerdictLine:
     change = f"{one.change:+.3g}" if math.isfinite(one.change) else ""
     allowed = f"± {_number(one.tolerance)}" if math.isfinite(one.tolerance) else ""
     numbers = (_with_unit(one.baseline, one.unit), _with_unit(one.value, one.unit))
-    return (one.status, *one.key, *numbers, change, allowed, one.why)
+    status = one.status if one.decides else f"({one.status})"
+    return (status, *one.key, *numbers, change, allowed, one.why)
 
 
 def _with_unit(value: float, unit: str) -> str:
@@ -119,18 +145,18 @@ def _escaped(cells: Sequence[str]) -> Iterator[str]:
 
 
 def write_junit(path: Path, verdicts: Sequence[Verdict]) -> None:
-    """One test case per number: failed where it is red, skipped where nothing can be compared."""
-    red = sum(one.status in RED for one in verdicts)
-    skipped = sum(one.status in ("not comparable", "new") for one in verdicts)
+    """One test case per number: failed where it is red, skipped where nothing was compared."""
+    red = sum(one.is_red for one in verdicts)
+    skipped = sum(not one.is_red and one.status not in COMPARED for one in verdicts)
     suite = xml.Element("testsuite", name="eventsweep gate", tests=str(len(verdicts)))
     suite.attrib |= {"failures": str(red), "errors": "0", "skipped": str(skipped), "time": "0"}
     for one in verdicts:
         names = {"classname": one.key.case, "name": f"{one.key.method} {one.key.metric}"}
         case = xml.SubElement(suite, "testcase", {k: _clean(v) for k, v in names.items()}, time="0")
         message = _clean(sentence(one))
-        if one.status in RED:
+        if one.is_red:
             xml.SubElement(case, "failure", type=one.status, message=message)
-        elif one.status in ("not comparable", "new"):
+        elif one.status not in COMPARED:
             xml.SubElement(case, "skipped", message=message)
     root = xml.Element("testsuites")
     root.append(suite)

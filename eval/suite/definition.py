@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,7 +21,7 @@ from emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
 from eval.config import Settings
 
 FOLDER = Path(__file__).parent / "definitions"
-NEWEST = "suite-v1"
+NEWEST = "suite-v2"
 ALL = "all"
 
 _Name = Annotated[str, Field(pattern=r"^[\w.-]+$")]
@@ -32,15 +33,15 @@ class _Definition(BaseModel):
 
 
 class WindowSpec(_Definition):
-    """A stretch of a sequence, s; its reference view is in the middle, where truth is rendered."""
+    """A stretch of a sequence, s."""
 
     start_s: Annotated[float, Field(ge=0)]
     duration_s: Annotated[float, Field(gt=0)]
 
-    @property
-    def reference_s(self) -> float:
-        """Time of the reference view, s."""
-        return self.start_s + self.duration_s / 2
+    def reference_s(self, mapper: Mapping[str, Any]) -> float:
+        """Time of a mapper's reference view, s, where truth is rendered."""
+        place = 1.0 if mapper.get("reference") == "end" else 0.5
+        return self.start_s + place * self.duration_s
 
 
 class CaseSpec(_Definition):
@@ -138,8 +139,10 @@ class Suite(_Definition):
         return self.subsets[name]
 
     def sim_of(self, case: CaseSpec) -> dict[str, Any]:
-        """Simulator settings of a case; truth is rendered at every window's reference time."""
-        times_s = sorted({round(window.reference_s, 6) for window in case.windows})
+        """Simulator settings of a case; truth is rendered at every mapper's reference times."""
+        mappers = [self.mappers[name] for name in case.mappers]
+        views = product(case.windows, mappers)
+        times_s = sorted({round(window.reference_s(mapper), 6) for window, mapper in views})
         length = {"duration_s": case.seconds, "truth_times_s": times_s}
         return {**self.sim, **case.sim, **length}
 
@@ -164,8 +167,8 @@ def load(name: str) -> tuple[Suite, str]:
     """Finds a suite and one of its subsets.
 
     Args:
-        name: `quick` for the newest suite's subset of that name, `suite-v1` for all of a suite,
-            `suite-v1:quick`, or a TOML file, `FILE.toml` or `FILE.toml:quick`.
+        name: `quick` for the newest suite's subset of that name, `suite-v2` for all of a suite,
+            `suite-v2:quick`, or a TOML file, `FILE.toml` or `FILE.toml:quick`.
 
     Raises:
         InputError: an unknown name, or a file that is no suite.

@@ -16,6 +16,8 @@ from eval.scoring.results import Row, platform_name, read_json
 SCHEMA_VERSION = 1
 FILE_NAME = "suite.json"
 DEFAULT_MAPPER = "default"
+EVENTS = "events"
+"""What stands in a row's place of a method where the row is about the events themselves."""
 
 _STRICT = ConfigDict(extra="forbid")
 

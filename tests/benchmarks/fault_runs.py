@@ -23,23 +23,26 @@ BASELINE = Path(os.environ.get("EVENTSWEEP_BASELINE", ROOT / "reports" / "baseli
 """What is held against; `EVENTSWEEP_BASELINE` names another one than the project's."""
 LIMIT_S = 1800
 """For one run of `quick` and its gate: about a minute where nobody else works."""
-RED = ("worse", "failed", "gone")
+RED = ("changed", "worse", "failed", "gone", "not comparable")
 
 
 class TooSlow(Exception):
     """A run took longer than `LIMIT_S`."""
 
 
-def gate(copy, cache, *arguments):
+def gate(copy, cache, *arguments, cases=()):
     """The gate's exit code in a copy of the packages, and its verdicts, the worst first.
 
-    Without the mapper's speed: others at work on this machine must not decide.
+    Without the mapper's speed: others at work on this machine must not decide. Strict, as
+    `make gate` is.
     """
     place = copy.parent / "result"
-    run(copy, "suite", "quick", "--out", place, "--cache", cache, "--no-speed", *arguments)
-    told = ("--baseline", copy.parent / "baseline.json", "--result", place, "--json")
+    only = [word for case in cases for word in ("--case", case)]
+    some = ("--cache", cache, "--no-speed", "--force", *only)
+    run(copy, "suite", "quick", "--out", place, *some, *arguments)
+    told = ("--baseline", copy.parent / "baseline.json", "--result", place, "--strict", "--json")
     timeless(BASELINE, copy.parent / "baseline.json")
-    code, text = run(copy, "gate", *told)
+    code, text = run(copy, "gate", *told, *only)
     return code, json.loads(text)
 
 
@@ -64,6 +67,7 @@ def run(copy, *arguments):
             raise TooSlow(message) from error
         raise
     assert process.returncode in (0, 1), said
+    assert "Traceback" not in said, said
     return process.returncode, out
 
 
@@ -76,7 +80,7 @@ def timeless(baseline, path):
 
 def red(verdicts):
     """The verdicts that make a gate fail."""
-    return [one for one in verdicts if one["status"] in RED]
+    return [one for one in verdicts if one["decides"] and one["status"] in RED]
 
 
 def line(fault: Fault, verdicts):
@@ -92,14 +96,14 @@ def line(fault: Fault, verdicts):
 def table(cache):
     """Every fault's line; printed as they come."""
     lines = []
-    for fault in FAULTS:
-        with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder:
+        for fault in FAULTS:
             _, verdicts = gate(broken_copy(Path(folder) / "copy", fault), cache)
-        lines.append(line(fault, verdicts))
-        sys.stdout.write(lines[-1] + "\n")
-        sys.stdout.flush()
-    compared = sum(one["status"] != "new" for one in verdicts)
-    head = [f"| Fault | File | Red, of {compared} numbers | First |", "|---|---|--:|---|"]
+            lines.append(line(fault, verdicts))
+            sys.stdout.write(lines[-1] + "\n")
+            sys.stdout.flush()
+    deciding = sum(one["decides"] and one["status"] != "new" for one in verdicts)
+    head = [f"| Fault | File | Red, of {deciding} that decide | First |", "|---|---|--:|---|"]
     return "\n".join([*head, *lines]) + "\n"
 
 

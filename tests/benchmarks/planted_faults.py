@@ -3,9 +3,19 @@
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("emvs", "sim", "scenes", "eval", "eventsweep")
+
+
+class Edit(Protocol):
+    """A change of one line of `file`."""
+
+    @property
+    def file(self) -> str: ...
+
+    def applied(self, text: str) -> str: ...
 
 
 @dataclass(frozen=True)
@@ -16,6 +26,12 @@ class Fault:
     file: str
     old: str
     new: str
+
+    def applied(self, text: str) -> str:
+        """The file's text with the fault in it."""
+        if text.count(self.old) != 1:
+            raise ValueError(f"{self.name}: {self.file} has {text.count(self.old)} such lines")
+        return text.replace(self.old, self.new)
 
 
 FAULTS = (
@@ -74,14 +90,19 @@ FAULTS = (
 )
 
 
-def broken_copy(folder: Path, *faults: Fault) -> Path:
-    """Copies the packages and breaks one line for each fault; the copy compiles its own kernels."""
-    for package in PACKAGES:
-        shutil.copytree(ROOT / package, folder / package)
-    for fault in faults:
-        file = folder / fault.file
-        text = file.read_text(encoding="utf-8")
-        if text.count(fault.old) != 1:
-            raise ValueError(f"{fault.name}: {fault.file} has {text.count(fault.old)} such lines")
-        file.write_text(text.replace(fault.old, fault.new), encoding="utf-8")
+def broken_copy(folder: Path, *edits: Edit, more: tuple[str, ...] = ()) -> Path:
+    """Copies the packages, and `more`, and changes one line for each edit.
+
+    What was in the folder is gone. Numba finds kernels again by place and time of change: copies
+    made one after the other in one folder compile only what an edit changes.
+    """
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    for name in (*PACKAGES, *more):
+        place = ROOT / name
+        copy = shutil.copytree if place.is_dir() else shutil.copy2
+        copy(place, folder / name)
+    for edit in edits:
+        file = folder / edit.file
+        file.write_text(edit.applied(file.read_text(encoding="utf-8")), encoding="utf-8")
     return folder

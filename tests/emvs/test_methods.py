@@ -264,9 +264,11 @@ def test_polarities_apart_obey_the_means():
 
 
 @pytest.mark.parametrize("count", [2, 3, 25, 1000])
-def test_planes_know_their_spacing(count):
-    linear, inverse = (make(0.5, 6, count) for make in (linear_planes, inverse_depth_planes))
-    np.testing.assert_allclose(np.diff(1 / linear.astype(float)), 5.5 / (count - 1), rtol=2e-3)
+@pytest.mark.parametrize(("near_m", "far_m"), [(0.5, 6), (0.5, 0.6), (0.1, 100)])
+def test_planes_know_their_spacing(count, near_m, far_m):
+    linear, inverse = (make(near_m, far_m, count) for make in (linear_planes, inverse_depth_planes))
+    step_m = (far_m - near_m) / (count - 1)
+    np.testing.assert_allclose(np.diff(1 / linear.astype(float)), step_m, rtol=2e-3)
     assert is_linear(linear) == (count > 2)
     assert not is_linear(inverse)
     between = np.array([0, 0.25, count - 1.5, count - 1], np.float32)

@@ -16,12 +16,10 @@ from emvs.maps.store import read_entry
 from eval.config import EvalConfig
 from eval.jobs.job import RESULT, SEQUENCE
 from eval.scoring.metric_versions import metric_versions
+from eval.scoring.metrics import Better
 from eval.scoring.results import POOLED, Row
 from eval.scoring.score import score_windows
-from eval.suite.results import DEFAULT_MAPPER, Sample, SampleFacts, mapper_method
-
-EVENTS = "events"
-"""What stands in a row's place of a method where the row is about the events themselves."""
+from eval.suite.results import EVENTS, Sample, SampleFacts, mapper_method
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
@@ -39,7 +37,7 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
     for mapper, windows in _by_mapper(parameters["mappers"], stored).items():
         scored = score_windows(case, sequence, windows, config)
         rows += [_named(row, mapper) for row in scored]
-        rows += _event_rows(case, windows) if mapper == DEFAULT_MAPPER else ()
+        rows += _event_rows(case, windows) if mapper == parameters["mappers"][0] else ()
     facts = _facts(sequence, str(parameters["scene_digest"]))
     sample = Sample(case, int(parameters["seed"]), tuple(rows), facts)
     (out / RESULT).write_text(sample.to_json(), encoding="utf-8")
@@ -67,16 +65,16 @@ def _event_rows(case: str, windows: Sequence[StoredWindow]) -> Iterator[Row]:
     outcomes = ("counted", "outside_image", "behind_camera")
     votes = sum(total[f"votes_{outcome}"] for outcome in outcomes)
     image = sum(window.event_image.sum((1, 2), dtype=np.int64) for window in windows)
-    shares = {
-        "brighter_share": (image[1], image.sum()),
-        "voting_share": (total["voting"], total["events"]),
-        "votes_in_image_share": (total["votes_counted"], votes),
+    shares: dict[str, tuple[float, float, Better]] = {
+        "brighter_share": (image[1], image.sum(), "none"),
+        "voting_share": (total["voting"], total["events"], "higher"),
+        "votes_in_image_share": (total["votes_counted"], votes, "none"),
     }
     yield Row(case, POOLED, EVENTS, "events", float(total["events"]), "events", "none")
-    yield Row(case, POOLED, EVENTS, "dropped_tail", float(total["dropped_tail"]), "events", "none")
-    for name, (part, whole) in shares.items():
+    yield Row(case, POOLED, EVENTS, "dropped_tail", float(total["dropped_tail"]), "events", "lower")
+    for name, (part, whole, better) in shares.items():
         share = 100 * float(part) / float(whole) if whole else math.nan
-        yield Row(case, POOLED, EVENTS, name, share, "%", "none")
+        yield Row(case, POOLED, EVENTS, name, share, "%", better)
 
 
 def _named(row: Row, mapper: str) -> Row:

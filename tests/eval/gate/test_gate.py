@@ -15,7 +15,7 @@ from emvs.errors import InputError
 from eval.cli.main import main
 from eval.gate import report
 from eval.gate.baseline import make_baseline, read_baseline, write_baseline
-from eval.gate.compare import RED, Tolerances, Verdict, compare, is_red
+from eval.gate.compare import PRIMARY, Choice, Tolerances, Verdict, compare, is_red
 from eval.gate.report import write_junit
 from eval.scoring.results import Results, Row, write_results
 from eval.suite.series import SPEED_METHOD, SPEED_METRIC, Key, Measured, Series, read_measured
@@ -38,8 +38,8 @@ def measured(*found, seeds=(0, 1, 2), cases=("desk",), failures=None):
 
 
 def verdict(base, now, **about):
-    (one,) = compare({base.key: base}, measured(now, **about), TOLERANCES)
-    return one
+    verdicts = compare({base.key: base}, measured(now, **about), TOLERANCES)
+    return next(one for one in verdicts if one.key == base.key)
 
 
 BASE = series([0.10, 0.12, 0.14, 0.11, 0.13])
@@ -55,8 +55,8 @@ BASE = series([0.10, 0.12, 0.14, 0.11, 0.13])
         ("lower", -0.05, "better"),
         ("higher", 0.05, "better"),
         ("higher", -0.05, "worse"),
-        ("none", 0.05, "worse"),
-        ("none", -0.05, "worse"),
+        ("none", 0.05, "changed"),
+        ("none", -0.05, "changed"),
         ("lower", 0.0, "same"),
         ("higher", 1e-4, "same"),
     ],
@@ -87,12 +87,12 @@ def test_what_is_undefined_or_missing_is_red():
     assert verdict(BASE, nan).status == "failed"
     assert "seed 1" in verdict(BASE, nan).why
     assert verdict(BASE, series([0.10, 0.12])).status == "failed"
-    (gone,) = compare({BASE.key: BASE}, measured(), TOLERANCES)
+    (_, gone) = compare({BASE.key: BASE}, measured(), TOLERANCES)
     assert gone.status == "gone"
-    (unrun,) = compare({BASE.key: BASE}, measured(cases=("boxes",)), TOLERANCES)
+    (_, unrun) = compare({BASE.key: BASE}, measured(cases=("boxes",)), TOLERANCES)
     assert (unrun.status, unrun.why) == ("gone", "the case was not run")
     assert is_red([gone])
-    (new,) = compare({}, measured(nan), TOLERANCES)
+    (new,) = compare(None, measured(nan), TOLERANCES)
     assert new.status == "failed"
 
 
@@ -103,16 +103,141 @@ def test_a_failed_job_is_red_and_named():
     assert "its worker died" in " ".join(one.why for one in verdicts)
 
 
-def test_another_scene_or_metric_is_not_comparable_and_not_red():
-    one = verdict(BASE, series([9, 9, 9], identity="other"))
-    assert one.status == "not comparable"
-    assert not is_red([one])
-
-
 def test_what_is_new_is_told_and_not_red():
-    (one,) = compare({}, measured(BASE), TOLERANCES)
-    assert (one.status, one.value) == ("new", pytest.approx(0.12))
-    assert not is_red([one])
+    other = series([1, 1, 1], metric="points", better="higher")
+    verdicts = compare({BASE.key: BASE}, measured(BASE, other), TOLERANCES)
+    assert [one.status for one in verdicts] == ["new", "same"]
+    assert not is_red(verdicts)
+    (first,) = compare(None, measured(BASE), TOLERANCES)
+    assert (first.status, first.value) == ("new", pytest.approx(0.12))
+    assert not is_red([first])
+
+
+# What decides, and what was compared at all
+
+ALL = Choice()
+
+
+def judged(*changes, choice=ALL, identity="i"):
+    """Verdicts where each (metric, direction) of a baseline of 1 has become its value."""
+    base, now = [], []
+    for metric, better, value in changes:
+        about = {"metric": metric, "better": better}
+        base.append(series([1, 1, 1], **about))
+        now.append(series([value] * 3, **about, identity=identity))
+    return compare({one.key: one for one in base}, measured(*now), TOLERANCES, choice)
+
+
+def test_a_gate_that_compared_nothing_is_red():
+    """All of another sequence, nothing run, or nothing that decides: none of them is green."""
+    changes = [(metric, "lower", 1) for metric in ("points", "mean_error", "cause_noise")]
+    strange = judged(*changes, identity="other")
+    assert [one.status for one in strange] == ["failed", *["not comparable"] * 3]
+    assert strange[0].why.startswith("none of the 2 numbers that decide could be compared: desk")
+    assert is_red(strange)
+    descriptive = judged(("cause_noise", "none", 1))
+    assert is_red(descriptive)
+    assert "the baseline has no number that decides, of points, mean_error" in descriptive[0].why
+    assert is_red(compare({}, measured(BASE), TOLERANCES))
+
+
+@pytest.mark.parametrize("status", ["not comparable", "gone", "failed"])
+def test_fewer_numbers_than_the_baseline_asks_for_are_red(status):
+    other = series([1, 1, 1], metric="points", better="higher")
+    lost = {
+        "gone": [],
+        "not comparable": [other.model_copy(update={"identity": "other"})],
+        "failed": [other.model_copy(update={"values": {0: 1, 1: math.nan, 2: 1}})],
+    }[status]
+    verdicts = compare({BASE.key: BASE, other.key: other}, measured(BASE, *lost), TOLERANCES)
+    assert [one.status for one in verdicts] == [status, "same"]
+    assert is_red(verdicts)
+
+
+@pytest.mark.parametrize("lost", [True, False])
+def test_what_decides_nothing_may_be_lost_unless_strict(lost):
+    other = series([1, 1, 1], metric="cause_noise", better="none")
+    found = [] if lost else [other.model_copy(update={"identity": "other"})]
+    known = {BASE.key: BASE, other.key: other}
+    assert not is_red(compare(known, measured(BASE, *found), TOLERANCES))
+    strict = compare(known, measured(BASE, *found), TOLERANCES, Choice(strict=True))
+    assert is_red(strict)
+    changed = [other.model_copy(update={"values": dict.fromkeys(range(3), 2)})]
+    assert not is_red(compare(known, measured(BASE, *changed), TOLERANCES, Choice(strict=True)))
+
+
+def test_an_improvement_is_green_though_descriptive_numbers_are_worse():
+    """Finer planes: metrics in cells double, causes shift, a tail grows; the error falls."""
+    verdicts = judged(
+        ("median_error", "lower", 0.97), ("mean_error", "lower", 1), ("mean_cells", "lower", 2),
+        ("cause_other", "none", 1.3), ("mean_error_top_1pct", "lower", 1.1),
+    )  # fmt: skip
+    assert not is_red(verdicts)
+    assert [(one.key.metric, one.status, one.decides) for one in verdicts] == [
+        ("median_error", "better", True), ("mean_error", "same", True),
+        ("cause_other", "changed", False), ("mean_cells", "worse", False),
+        ("mean_error_top_1pct", "worse", False),
+    ]  # fmt: skip
+    told = report.summary(verdicts)
+    assert told == "gate: green (1 better, 1 same; deciding nothing: 1 changed, 2 worse)"
+    rows = [row[0] for row in report.lines(verdicts)]
+    assert rows == ["better", "(changed)", "(worse)", "(worse)"]
+    chosen = judged(("mean_cells", "lower", 2), choice=Choice(metrics=("mean_cells",)))
+    assert is_red(chosen)
+
+
+def test_a_mixed_result_says_which_metric_decides():
+    verdicts = judged(
+        ("median_error", "lower", 0.5), ("mean_error", "lower", 2), ("mean_cells", "lower", 9)
+    )
+    assert report.summary(verdicts).startswith(
+        "gate: red (1 worse, 1 better; deciding nothing: 1 worse); decided by mean_error (1); "
+        "first: desk Alg1/H mean_error worse: 2 m against 1 m"
+    )
+
+
+def test_other_events_are_red_and_said_loudly():
+    """Nobody can say whether the depth of other events is better."""
+    events = series([1000, 1000, 1000], metric="events", better="none").model_copy(
+        update={"method": "events"}
+    )
+    now = events.model_copy(update={"values": dict.fromkeys(range(3), 1100)})
+    known = {BASE.key: BASE, events.key: events}
+    better = BASE.model_copy(update={"values": dict.fromkeys(BASE.values, 0.01)})
+    verdicts = compare(known, measured(better, now), TOLERANCES)
+    assert [one.status for one in verdicts] == ["changed", "better"]
+    assert is_red(verdicts)
+    assert "THE INPUT CHANGED (desk)" in report.summary(verdicts)
+    only_depth = Choice(metrics=("mean_error",))
+    assert not is_red(compare(known, measured(better, now), TOLERANCES, only_depth))
+
+
+def test_every_direction_of_the_projects_primary_numbers_is_known():
+    """Only the input has none: of all else that decides, more or less is better."""
+    known = read_baseline(BASELINE).series
+    assert {one.metric for one in known} >= set(PRIMARY)
+    undirected = {one.metric for one in known if one.metric in PRIMARY and one.better == "none"}
+    assert undirected == {"events", "brighter_share"}
+
+
+@pytest.mark.parametrize("what", ["case", "method"])
+def test_a_chosen_part_is_all_that_is_asked_for(what):
+    """Another case that was not run is gone, unless it was not asked for."""
+    part = {"case": {"case": "boxes"}, "method": {"method": "Alg1/G"}}[what]
+    other = BASE.model_copy(update=part)
+    known = {BASE.key: BASE, other.key: other}
+    assert is_red(compare(known, measured(BASE), TOLERANCES))
+    choice = Choice(cases=("desk",)) if what == "case" else Choice(methods=("Alg1/H",))
+    verdicts = compare(known, measured(BASE), TOLERANCES, choice)
+    assert [one.status for one in verdicts] == ["same"]
+    assert not is_red(verdicts)
+
+
+def test_a_name_that_the_baseline_does_not_have_is_refused():
+    for choice in (Choice(cases=("a",)), Choice(methods=("a",)), Choice(metrics=("a",))):
+        with pytest.raises(InputError, match=r"has no (case|method|metric) 'a': choose from "):
+            choice.check({BASE.key: BASE})
+    Choice(cases=("desk",), methods=("Alg1/H",), metrics=("mean_error",)).check({BASE.key: BASE})
 
 
 def test_speed_counts_by_its_best_and_by_a_factor():
@@ -168,7 +293,8 @@ def test_unchanged_code_stays_green_with_other_seeds():
             one.model_copy(update={"values": dict(enumerate(rng.normal(1, 0.3, 3), 100))})
             for one in base.values()
         ]
-        red += is_red(compare(base, measured(*found, seeds=(100, 101, 102)), TOLERANCES))
+        choice = Choice(metrics=tuple(f"m{k}" for k in range(40)))
+        red += is_red(compare(base, measured(*found, seeds=(100, 101, 102)), TOLERANCES, choice))
     assert red <= 1
 
 
@@ -182,8 +308,10 @@ def test_any_three_seeds_of_the_project_are_green_against_its_others():
             for one in known
         }
         found = [one.model_copy(update={"values": part(one, set(three))}) for one in known]
-        verdicts = compare(others, measured(*found, seeds=three, cases=cases), TOLERANCES)
-        assert [one for one in verdicts if one.status in RED] == []
+        everything = Choice(metrics=tuple({one.metric for one in known}), strict=True)
+        about = measured(*found, seeds=three, cases=cases)
+        verdicts = compare(others, about, TOLERANCES, everything)
+        assert [one for one in verdicts if one.is_red] == []
 
 
 def part(one, seeds):
@@ -218,7 +346,18 @@ def test_no_baseline_of_what_is_incomplete(about, reason):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "{", "[]", '{"schema_version": 99}', '{"schema_version": 1}', "\x00", "null"]
+    "text",
+    [
+        "",
+        "{",
+        "[]",
+        '{"schema_version": 99}',
+        '{"schema_version": 1}',
+        "\x00",
+        "null",
+        '{"schema_version": 1, "name": "n", "seeds": [0], "history": [], "versions": {}, '
+        '"series": []}',
+    ],
 )
 def test_a_damaged_baseline_is_one_line(tmp_path, text):
     path = tmp_path / "b.json"
@@ -231,7 +370,7 @@ def test_a_damaged_baseline_is_one_line(tmp_path, text):
 VERDICTS = [
     Verdict(Key("desk", "Alg1/H", "mean_error"), "worse", "m", 0.1, 0.2, 0.01),
     Verdict(Key("desk", "a|b <&>\x00", "bad"), "failed", "%", why="undefined (NaN) for seed 1"),
-    Verdict(Key("desk", "Alg1/A", "bad"), "not comparable", "%", why="another scene"),
+    Verdict(Key("desk", "Alg1/A", "bad"), "not comparable", why="another scene", decides=False),
     Verdict(Key("desk", "Alg1/G", "bad"), "better", "%", 3.0, 2.0, 0.5),
     Verdict(Key("desk", "Alg1/min", "bad"), "same", "%", 3.0, 3.0, 0.5),
 ]
@@ -256,6 +395,7 @@ def test_the_table_names_the_culprit_first_and_leaves_out_what_is_the_same():
     assert report.summary(VERDICTS).startswith("gate: red (1 worse, 1 failed")
     many = [replace(VERDICTS[0], key=Key("c", "m", str(k))) for k in range(99)]
     assert "and 74 more" in report.markdown(many, "title")
+    assert "brackets" in text
 
 
 def test_verdicts_as_json_have_no_nan():
@@ -304,10 +444,23 @@ def test_own_results_are_gated(held, tmp_path, monkeypatch, capsys):
     assert step.read_text().count("### ") == 2
 
 
-def test_another_sequence_is_not_comparable_unless_strict(held, tmp_path):
+def test_results_of_another_sequence_are_red(held, tmp_path, capsys):
     other = results(tmp_path / "other", 0.2, sequence="t")
-    assert gate("--baseline", held, "--result", other) == 0
-    assert gate("--baseline", held, "--result", other, "--strict") == 1
+    for strict in ((), ("--strict",)):
+        assert gate("--baseline", held, "--result", other, *strict) == 1
+        assert "none of the 2 numbers that decide could be compared" in capsys.readouterr().out
+
+
+def test_metrics_and_tolerance_can_be_chosen(held, tmp_path, capsys):
+    worse = results(tmp_path / "worse", 0.11)
+    common = ("--baseline", held, "--result", worse)
+    assert gate(*common) == 1
+    assert gate(*common, "--metric", "median_error") == 1
+    assert "decided by median_error (1)" in capsys.readouterr().out
+    assert gate(*common, "--tolerance", "0.09") == 1
+    assert gate(*common, "--tolerance", "0.11") == 0
+    assert gate(*common, "--metric", "mean_error", "--metric", "median_error") == 1
+    assert gate(*common, "--case", "room", "--method", "mine", "--tolerance", "0.11") == 0
 
 
 def test_a_metric_that_computes_something_else_is_not_comparable(held, tmp_path, capsys):
@@ -329,6 +482,12 @@ def test_a_metric_that_computes_something_else_is_not_comparable(held, tmp_path,
         (["--suite", "nosuch"], "no subset 'nosuch'"),
         (["--result", "nosuch"], "no such file"),
         (["--workers", "0"], "--workers 0"),
+        (["--tolerance", "-0.1"], "--tolerance -0.1"),
+        (["--tolerance", "nan"], "--tolerance nan"),
+        (["--case", "hall"], "no case 'hall': choose from room"),
+        (["--method", "other"], "no method 'other': choose from mine"),
+        (["--metric", "points"], "no metric 'points': choose from mean_error, median_error"),
+        (["--update", "--reason", "x", "--case", "room"], "--update writes a whole baseline"),
     ],
 )
 def test_wrong_flags_are_one_line(held, arguments, words, capsys, tmp_path, monkeypatch):
@@ -339,13 +498,9 @@ def test_wrong_flags_are_one_line(held, arguments, words, capsys, tmp_path, monk
     assert error.count("\n") == 1
 
 
-def test_red_means_exactly_these():
-    assert RED == ("worse", "failed", "gone")
-
-
 def test_what_becomes_undefined_in_own_results_is_red(held, tmp_path, capsys):
     assert gate("--baseline", held, "--result", results(tmp_path / "nan", math.nan)) == 1
-    assert "gone: missing or undefined (NaN)" in capsys.readouterr().out
+    assert "mean_error is gone, missing or undefined (NaN)" in capsys.readouterr().out
 
 
 def test_a_results_file_is_read_by_what_it_is(held, tmp_path):

@@ -134,7 +134,7 @@ def jobs(case, seed, seconds):
 
 
 def test_costs_are_summed_per_case_and_carried_over_to_all_seeds():
-    suite, _ = load("suite-v1")
+    suite, _ = load("suite-v2")
     notes = [*jobs("desk", 0, 10.0), *jobs("desk", 1, 20.0), *jobs("boxes", 0, 1.0)]
     notes[-1] = JobNote("score/boxes/seed0", failure="it died")
     found = suite_cost.took(notes)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from eval.gate.compare import Tolerances, compare
+from eval.gate.compare import Choice, Tolerances, compare
 from eval.scoring import metric_versions as versions_of_metrics
 from eval.scoring.metric_versions import metric_versions
 from eval.scoring.outlier_causes import CAUSES
@@ -32,7 +32,9 @@ def test_causes_of_another_version_are_not_comparable():
         (Sample("wall", 0, (row,), facts),),
     )  # fmt: skip
     newer = replace(facts, metrics={"cause_occlusion": "two"})
+    causes = Choice(metrics=("cause_occlusion",))
     new = replace(old, samples=(Sample("wall", 0, (row,), newer),))
-    (same,) = compare(of_suite(old).series, of_suite(old), Tolerances())
-    (other,) = compare(of_suite(old).series, of_suite(new), Tolerances())
+    (same,) = compare(of_suite(old).series, of_suite(old), Tolerances(), causes)
+    (nothing, other) = compare(of_suite(old).series, of_suite(new), Tolerances(), causes)
     assert (same.status, other.status) == ("same", "not comparable")
+    assert "none of the 1 numbers that decide could be compared" in nothing.why

@@ -4,6 +4,7 @@ import json
 import math
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from emvs.data.sequence import Sequence
@@ -17,6 +18,7 @@ from eval.suite.definition import FOLDER, load, read
 from eval.suite.results import FILE_NAME, read_suite
 from eval.suite.run import suite_jobs
 from places import ROOT
+from sim.rigs import rig as named_rig
 
 TINY = """
 name = "tiny"
@@ -67,7 +69,7 @@ def test_every_suite_can_be_run(path):
         assert set(subset.seeds) <= set(suite.spread_seeds)
 
 
-FROZEN = {"suite-v1": "8306e22943153863", "mvsec-table-v1": "1ea46b539308529d"}
+FROZEN = {"suite-v2": "9f4104b027092b07", "mvsec-table-v1": "1ea46b539308529d"}
 
 
 @pytest.mark.parametrize("name", FROZEN)
@@ -78,8 +80,8 @@ def test_a_suite_is_frozen(name):
 
 def test_names_find_suites_and_subsets(tmp_path):
     file = toml(tmp_path)
-    assert load("quick")[0].name == load("suite-v1")[0].name == "suite-v1"
-    assert [load(name)[1] for name in ("quick", "suite-v1", "suite-v1:quick")] == [
+    assert load("quick")[0].name == load("suite-v2")[0].name == "suite-v2"
+    assert [load(name)[1] for name in ("quick", "suite-v2", "suite-v2:quick")] == [
         "quick", "all", "quick",
     ]  # fmt: skip
     assert load(f"{file}:one")[1] == "one"
@@ -164,6 +166,27 @@ def test_the_digest_sees_every_change_of_a_case(tmp_path):
 def test_truth_is_rendered_in_the_middle_of_every_window(tmp_path):
     suite = read(toml(tmp_path))
     assert suite.sim_of(suite.cases["wall"])["truth_times_s"] == [0.01, 0.03]
+
+
+def test_truth_is_rendered_where_a_mapper_has_its_view(tmp_path):
+    text = TINY.replace("planes = 10", 'planes = 10\nreference = "end"')
+    suite = read(toml(tmp_path, text))
+    assert suite.sim_of(suite.cases["wall"])["truth_times_s"] == [0.01, 0.02, 0.03, 0.04]
+    alone = read(toml(tmp_path, text.replace('"default", "coarse"]', '"coarse"]')))
+    assert alone.sim_of(alone.cases["wall"])["truth_times_s"] == [0.02, 0.04]
+
+
+def test_quick_executes_what_faults_hid_in():
+    """A lens of each kind, a rig that is straight in nothing, and a view at the window's end."""
+    suite, subset = load("quick")
+    cases = [suite.cases[name] for name in suite.subset(subset).cases]
+    rigs = [named_rig(case.rig) for case in cases]
+    assert {one.model for rig in rigs for one in rig.cameras} == {"pinhole", "radtan", "kb4"}
+    assert any(np.abs(rig.T_body_cam[1][:3]).min() > 0.01 for rig in rigs)
+    mappers = [suite.mappers[name] for case in cases for name in case.mappers]
+    assert "end" in {one.get("reference") for one in mappers}
+    assert any(window.start_s > 0 for case in cases for window in case.windows)
+    assert any(len(case.windows) > 1 for case in cases)
 
 
 def test_jobs_share_what_they_have_in_common(tmp_path):

@@ -15,6 +15,7 @@ from sim.motion.curves import curve_of, look_at, moved, sampled
 from sim.motion.head_motion import (
     along,
     bike,
+    gaze_shifts,
     generate,
     minimum_jerk,
     placed,
@@ -129,6 +130,14 @@ def test_gaze_shifts_are_minimum_jerk():
     assert (profile[0], profile[-1]) == (0, 1)
     assert np.gradient(profile, share).max() == pytest.approx(1.875, abs=1e-3)
     assert abs(np.gradient(np.gradient(profile, share), share)[[2, -3]]).max() < 0.2
+
+
+def test_fixations_last_as_long_on_average_as_their_rate_says():
+    """With turns that take no time, 2000 s have 2000 of them, within 4 standard deviations."""
+    t_s = np.arange(0, 2000, 0.05)
+    angles = gaze_shifts(t_s, np.random.default_rng(5), 1.0, np.array([0.1, 0.1]), 1e-6, 0.0)
+    turns = int(np.count_nonzero(np.abs(np.diff(angles, axis=0)).max(axis=1) > 0))
+    assert abs(turns - 2000) < 4 * (2 / 3) * np.sqrt(2000)
 
 
 def test_seated_heads_rest_between_gaze_shifts():

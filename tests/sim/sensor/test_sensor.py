@@ -86,6 +86,14 @@ def test_every_event_is_sent_or_counted_as_dropped():
     assert all(counts[f"dropped_{drop.name.lower()}"] for drop in Drop)
 
 
+def test_a_sensor_that_starts_again_counts_from_nothing():
+    frames, times_us = moving_bars(10), [2000 * k for k in range(10)]
+    once, sensor = run(frames, times_us, config(**NOISY))
+    sensor.start(frames[0], 0)
+    assert len(once) > 0
+    assert set(sensor.counts.values()) == {0}
+
+
 def test_events_come_out_in_order_and_inside_the_recording():
     frames, times_us = moving_bars(40), irregular_times_us(200_000)[:40]
     sensor = Sensor(0, 16, 12, config(100, **NOISY), 0)
