@@ -200,8 +200,10 @@ def _exposed(
     if not cameras.passages or not frame_camera.exposes(frame.t_us):
         yield frame.t_us, frame.intensity
         return
-    for pictures in zip(*(p.pictures(DENSE_PX) for p in cameras.passages), strict=True):
-        yield pictures[0][0], tuple(light for _, light in pictures)
+    # The camera whose view changes most decides for all.
+    times_us = max((passage.times_us(DENSE_PX) for passage in cameras.passages), key=len)
+    pictures = zip(*(passage.pictures(times_us) for passage in cameras.passages), strict=True)
+    yield from zip(times_us, pictures, strict=True)
 
 
 def _write_events(checkpoint: CheckpointWriter, packets: list[Packet]) -> int:

@@ -8,7 +8,7 @@ the frame's own pixel.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -141,20 +141,25 @@ class Passage(NamedTuple):
         bodies = self.interval.body_before, self.interval.body_after
         return bearing, self.before.rho, self.after.rho, *bodies, self.interval.ways, terms
 
-    def pictures(self, most_px: float) -> list[tuple[int, Image]]:
-        """What the pixels see, so often that none moves further than `most_px`; after the first.
+    def times_us(self, most_px: float) -> list[int]:
+        """Times so close that no pixel moves further than `most_px` in between, µs.
 
         Returns:
-            Times, µs, rising, the second frame's the last, with (H, W) light.
+            Rising, all after the first frame, the second frame's the last.
         """
-        paths = np.empty((*self.before.shape, 8), np.float32)
-        way_px: float = _longest_way(*self.geometry, paths)
+        way_px, _ = self._paths()
         start_us, end_us = self.interval.before_us, self.interval.after_us
         number = min(max(int(np.ceil(way_px / most_px)), 1), end_us - start_us)
-        times_us = [start_us + (end_us - start_us) * k // number for k in range(1, number)]
-        return [(t_us, self._picture(t_us, paths)) for t_us in times_us] + [
-            (end_us, self.after.pixels)
-        ]
+        return [start_us + (end_us - start_us) * k // number for k in range(1, number + 1)]
+
+    def pictures(self, times_us: Sequence[int]) -> Iterator[Image]:
+        """What the pixels see, (H, W) light, at times after the first frame and up to the second."""
+        _, paths = self._paths()
+        for t_us in times_us:
+            if t_us == self.interval.after_us:
+                yield self.after.pixels
+            else:
+                yield self._picture(t_us, paths)
 
     def places(
         self, x: NDArray[np.uint16], y: NDArray[np.uint16], t_us: NDArray[np.int64]
@@ -167,6 +172,11 @@ class Passage(NamedTuple):
         found = np.empty((len(x), 4), np.int32)
         _fill_places(x, y, self.interval.share(t_us), *self.geometry, found)
         return found
+
+    def _paths(self) -> tuple[float, NDArray[np.float32]]:
+        paths = np.empty((*self.before.shape, 8), np.float32)
+        way_px: float = _longest_way(*self.geometry, paths)
+        return way_px, paths
 
     def _picture(self, t_us: int, paths: NDArray[np.float32]) -> Image:
         picture = np.empty(self.before.shape, np.float32)

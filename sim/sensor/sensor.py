@@ -106,9 +106,9 @@ class Sensor:
         t_us = passage.interval.after_us
         time_before(self._t_us, t_us)
         if isinstance(self._chain, _FullChain):
-            return LabelledEvents.joined(
-                [self.step(light, t) for t, light in passage.pictures(DENSE_PX)]
-            )
+            times_us = passage.times_us(DENSE_PX)
+            pictures = zip(passage.pictures(times_us), times_us, strict=True)
+            return LabelledEvents.joined([self.step(*picture) for picture in pictures])
         before = self._chain.suppressed
         events = self._chain.between(passage)
         return self._counted(*self._ideal(events, before), t_us)

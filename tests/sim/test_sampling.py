@@ -109,6 +109,22 @@ def test_fine_frames_far_apart_show_the_world_that_many_close_ones_do(tmp_path, 
     assert near["fine"] > near["plain"] + 0.1
 
 
+def test_frame_cameras_see_the_motion_between_fine_frames(tmp_path):
+    """Two cameras that move unequally; against plain frames, of so many samples."""
+    scene, photos = made.noise_scene(tmp_path), {}
+    for sampling in ("accurate", "linear"):
+        config = SimConfig(
+            duration_s=0.05, sampling=sampling, supersample=6, frames={"rate_hz": 40, "gain": 1.0}
+        )
+        simulate(scene, made.small_rig(), config, 0, tmp_path / sampling)
+        recording = Sequence.open(tmp_path / sampling)
+        photos[sampling] = [recording.frame(k, 25_000) for k in (0, 1)]
+    for found, expected in zip(*photos.values(), strict=True):
+        apart = np.abs(found.astype(int) - expected.astype(int))
+        assert np.mean(apart) < 1
+        assert np.quantile(apart, 0.99) <= 4
+
+
 def matched(found: Events, true: Events) -> float:
     """Share of the true events with one of the same pixel and polarity within 1 ms."""
     places = [2 * (48 * events.y.astype(int) + events.x) + events.p for events in (found, true)]
