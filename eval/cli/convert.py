@@ -53,5 +53,8 @@ def convert(
         force=common.force,
         inputs=common.inputs(),
     )
-    console.progress.say(convert_file(source, out, options, console.progress))
+    written = convert_file(source, out, options, console.progress)
+    console.progress.say(written.what)
+    for note in written.notes:
+        console.warn(note)
     console.wrote(out)
