@@ -81,8 +81,14 @@ class Cluster:
             raise InputError(
                 "--scheduler needs the library distributed: pip install 'eventsweep[cluster]'"
             ) from error
+
+        class Leaving(Client):
+            """Is taken leave of by `dask_workers`, not when an interrupted command ends."""
+
+            def __del__(self) -> None: ...
+
         try:
-            return Client(
+            return Leaving(
                 self.address, timeout=_CONNECT_S, security=self._security(), set_as_default=False
             )
         except (OSError, ValueError, RuntimeError) as error:

@@ -63,6 +63,11 @@ def simulating(_sequence, out):
     return ("simulate", "planes", "--out", out, "--seconds", "1", "--quiet")
 
 
+def scheduling(_sequence, out):
+    """Nobody listens there: the command waits for an answer."""
+    return ("suite", "quick", "--out", out, "--scheduler", "tcp://127.0.0.1:9", "--quiet")
+
+
 LOADED = {
     "open3d": mapping,
     "h5py": mapping,
@@ -71,6 +76,7 @@ LOADED = {
     "scipy": mapping,
     "cv2": mapping,
     "mujoco": simulating,
+    "distributed": scheduling,
 }
 
 
