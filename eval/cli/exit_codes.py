@@ -74,22 +74,33 @@ def exit_code() -> Iterator[ExitCode]:
         yield code
         if _came and code.value != INTERRUPTED:
             code.value = _tell("", OK)
-    except InputError as error:
-        code.value = _tell(with_flags(str(error)), BAD_INPUT)
-    except KeyboardInterrupt:
-        code.value = _tell(_INTERRUPTED, INTERRUPTED)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except OSError as error:
-        code.value = _tell(f"{error}: free the disk or choose another output", BAD_INPUT)
-    except MemoryError as error:
-        words = f"{error}: not enough memory; lower the resolution, the planes or the window"
-        code.value = _tell(words, BAD_INPUT)
+    except (Exception, KeyboardInterrupt) as error:
+        ending = _ending(error)
+        if ending is None:
+            raise
+        code.value = ending
     finally:
         sys.unraisablehook = sys.__unraisablehook__
         for thread in threading.enumerate():
             if isinstance(thread, _Later):
                 thread.cancel()
+
+
+def _ending(error: BaseException) -> int | None:
+    """The exit code of a command that ended so, told in one line; None: a fault of the program."""
+    if _came or isinstance(error, KeyboardInterrupt):  # half-imported libraries end in anything
+        return _tell(_INTERRUPTED, INTERRUPTED)
+    if isinstance(error, InputError):
+        return _tell(with_flags(str(error)), BAD_INPUT)
+    if isinstance(error, BrokenPipeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return OK
+    if isinstance(error, OSError):
+        return _tell(f"{error}: free the disk or choose another output", BAD_INPUT)
+    if isinstance(error, MemoryError):
+        words = f"{error}: not enough memory; lower the resolution, the planes or the window"
+        return _tell(words, BAD_INPUT)
+    return None
 
 
 def incomplete(maps: Iterable[MapInfo], *, allowed: bool) -> int:

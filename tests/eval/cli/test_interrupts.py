@@ -103,7 +103,10 @@ def test_interrupts_aimed_at_the_import_of_a_library_are_heeded(sequence, tmp_pa
     interrupted(sequence, tmp_path, library, 4)
 
 
-@pytest.mark.parametrize("ending", ["return", "raise InputError('no open3d')", "raise OSError(5)"])
+@pytest.mark.parametrize(
+    "ending",
+    ["return", "raise InputError('no open3d')", "raise OSError(5)", "raise AttributeError('half')"],
+)
 def test_an_interrupt_that_a_library_lost_is_no_success(ending, capsys):
     """A library swallowed it, or made another error of it: the command ends as interrupted."""
 
