@@ -144,7 +144,7 @@ main() {
     mount_everything
     inside_root_checkout
     run_all "$@"
-    say "of commit $(git -C "$repository" rev-parse --short HEAD):"
+    say "of commit $commit:"
     printf '  %s\n' "${summary[@]}"
     return "$failed"
 }
@@ -152,6 +152,7 @@ main() {
 # A clone, so that nothing comes along that is not committed.
 inside_root_checkout() {
     git clone --quiet --no-hardlinks "$repository" "$root/root/checkout"
+    commit=$(git -C "$root/root/checkout" rev-parse --short HEAD)
 }
 
 require_tools
