@@ -27,7 +27,7 @@ gate: setup
 	$(BIN)/eventsweep gate --baseline reports/baseline.json --strict
 
 bench: setup
-	$(BIN)/python -m pytest tests/benchmarks/bench_*.py --benchmark-only -p no:xdist
+	$(BIN)/python -m pytest tests/benchmarks/speed/bench_*.py --benchmark-only -p no:xdist
 
 # The pictures in the documentation, all but those of the measurements below. A line that draws under
 # fixed names has them behind it. SLIDER=FOLDER: slider_depth of the Event Camera Dataset.
@@ -70,7 +70,7 @@ pictures-methods: pictures-scenes
 		--map.stride-s 0.02 --method Alg1/H --force --quiet
 	$(BIN)/eventsweep fuse out/windows --mesh --min-windows 2
 	$(BIN)/python docs/figures/draw_clouds.py out/windows Alg1/H docs/images/clouds_desk.png
-	$(BIN)/python tests/benchmarks/study_inpaint.py docs/images/inpaint.png
+	$(BIN)/python tests/benchmarks study_inpaint docs/images/inpaint.png
 ifdef SLIDER
 	$(BIN)/eventsweep map $(SLIDER) --out out/slider --method EMVS/cam0 --map.window-s 0.8 \
 		--map.stride-s 0.1 --map.min-depth-m 0.3 --map.max-depth-m 4 --map.hot-pixels 3 --force --quiet
@@ -80,20 +80,20 @@ endif
 
 # Tables in the documentation: of the code, in seconds; and measured, in hours on a quiet machine.
 tables: setup
-	$(BIN)/python tests/benchmarks/settings_table.py
-	$(BIN)/python tests/benchmarks/readme_table.py
-	$(BIN)/python tests/benchmarks/format_table.py docs/event_formats.md
+	$(BIN)/python tests/benchmarks settings_table
+	$(BIN)/python tests/benchmarks readme_table
+	$(BIN)/python tests/benchmarks format_table docs/event_formats.md
 
 measurements: setup studies
-	$(BIN)/python tests/benchmarks/scene_tables.py docs/scenes.md docs/twins.md docs/twins_outdoor.md docs/twins_hard.md
-	$(BIN)/python tests/benchmarks/study_extraction.py --sets development held-out --page docs/extraction.md \
+	$(BIN)/python tests/benchmarks scene_tables docs/scenes.md docs/twins.md docs/twins_outdoor.md docs/twins_hard.md
+	$(BIN)/python tests/benchmarks study_extraction --sets development held-out --page docs/extraction.md \
 		--picture docs/images/extraction.png
-	$(BIN)/python tests/benchmarks/study_cost.py --page docs/performance.md --picture docs/images/cost.png
-	$(BIN)/python tests/benchmarks/first_picture.py --page docs/performance.md
-	$(BIN)/python tests/benchmarks/cost_methods.py --page docs/methods.md
-	$(BIN)/python tests/benchmarks/fault_runs.py --page docs/gate.md
-	$(BIN)/python tests/benchmarks/mutation_runs.py --work out/mutations
-	$(BIN)/python tests/benchmarks/mutation_runs.py --page docs/gate.md
+	$(BIN)/python tests/benchmarks study_cost --page docs/performance.md --picture docs/images/cost.png
+	$(BIN)/python tests/benchmarks first_picture --page docs/performance.md
+	$(BIN)/python tests/benchmarks cost_methods --page docs/methods.md
+	$(BIN)/python tests/benchmarks fault_runs --page docs/gate.md
+	$(BIN)/python tests/benchmarks mutation_runs --work out/mutations
+	$(BIN)/python tests/benchmarks mutation_runs --page docs/gate.md
 
 # The figures and tables of docs/studies.md: see there what they cost. Jobs are kept in the cache.
 STUDY = $(BIN)/eventsweep study $$name --out out/studies --seeds 0,1 --quiet
@@ -108,8 +108,8 @@ studies: setup
 	for name in baseline heading contrast-threshold sensor-noise illumination; do \
 		$(STUDY) --case planes --seconds 0.3 || exit; \
 	done
-	$(BIN)/python tests/benchmarks/study_pages.py out/studies docs/studies.md # docs/images/study_*.png
-	$(BIN)/python tests/benchmarks/reproduction.py --out out/mvsec-table --page docs/studies.md
+	$(BIN)/python tests/benchmarks study_pages out/studies docs/studies.md # docs/images/study_*.png
+	$(BIN)/python tests/benchmarks reproduction --out out/mvsec-table --page docs/studies.md
 
 setup: .venv/installed
 

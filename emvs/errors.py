@@ -117,6 +117,22 @@ def check_array(name: str, value: object, needs: str, kinds: str = "biuf") -> No
         raise InputError(f"{name} is {shown(value)}: needs {needs}")
 
 
+def heed_interrupt(error: BaseException) -> None:
+    """Raises the interrupt that a library made another error of, as imports do.
+
+    Args:
+        error: what the library raised.
+
+    Raises:
+        KeyboardInterrupt: one lies behind it.
+    """
+    behind: BaseException | None = error
+    while behind is not None:
+        behind = behind.__cause__ or behind.__context__
+        if isinstance(behind, KeyboardInterrupt):
+            raise KeyboardInterrupt from error
+
+
 def said(error: BaseException, most: int = 200) -> str:
     """What a library says of damage, in one line of bounded length; it may quote the file."""
     line = (" ".join(str(error).split()) or type(error).__name__)[:most]

@@ -56,11 +56,21 @@ def targets() -> list[str]:
     return [*kinds(), *POSES, *rigs, *depths, *disparity, *CLOUDS]
 
 
-def convert_file(source: Path, out: Path, options: Options, progress: Progress) -> str:
-    """Converts one thing.
+@dataclass(frozen=True)
+class Written:
+    """What became of a conversion.
 
-    Returns:
-        One sentence about what was written.
+    Attributes:
+        what: one sentence about what was written.
+        notes: what is wrong with it, as it was with the input; a line each.
+    """
+
+    what: str
+    notes: tuple[str, ...] = ()
+
+
+def convert_file(source: Path, out: Path, options: Options, progress: Progress) -> Written:
+    """Converts one thing.
 
     Raises:
         InputError: an unreadable input, an unknown format, or something the format cannot hold.
@@ -73,7 +83,7 @@ def convert_file(source: Path, out: Path, options: Options, progress: Progress) 
     if to in kinds():
         return _events(source, out, options, inputs, progress)
     with output_file(out, force=options.force, inputs=inputs) as place:
-        return _file(source, place, options)
+        return Written(_file(source, place, options))
 
 
 def _file(source: Path, out: Path, options: Options) -> str:
@@ -91,7 +101,7 @@ def _file(source: Path, out: Path, options: Options) -> str:
 
 def _events(
     source: Path, out: Path, options: Options, inputs: tuple[Path, ...], progress: Progress
-) -> str:
+) -> Written:
     readable = open_readable(source)
     whole = readable.recording is not None and not options.stream
     check_output(out, force=options.force, inputs=inputs, folder=whole)
@@ -114,7 +124,17 @@ def _events(
                 count = _event_file(readable, chosen, place, options, shift_us, report_progress)
             what = f"{count:,} events as {options.to}"
     moved = f", all times shifted by {shift_us} µs" if shift_us else ", times as they were"
-    return what + moved
+    return Written(what + moved, tuple(_notes(chosen)))
+
+
+def _notes(streams: Sequence[tuple[str, EventSource]]) -> Iterator[str]:
+    """Streams that are not in the order of time: the format holds them, mapping refuses them."""
+    for name, source in streams:
+        if source.late:
+            yield (
+                f"{name}: {source.late:,} events come after later ones, as they do in the input; "
+                "no map can be made of them: sort by time (stable)"
+            )
 
 
 def _chosen(readable: Readable, options: Options) -> list[tuple[str, EventSource]]:

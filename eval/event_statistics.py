@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
+from emvs.data.events import Events, count_late
 
 _BINS = 512
 _FIRST_BIN_US = 1000
@@ -96,8 +96,7 @@ class StreamCount:
         steps = np.diff(t_us, prepend=before)
         self.backwards += int(np.count_nonzero(steps < 0))
         latest = int(before) if self.last_us is None else max(self.last_us, int(before))
-        running = np.maximum(np.maximum.accumulate(t_us), latest)
-        self.backwards_events += int(np.count_nonzero(t_us < running))
+        self.backwards_events += count_late(t_us, latest)
         wide = np.flatnonzero(steps >= GAP_US)
         self.gap_count += len(wide)
         if len(wide):

@@ -17,7 +17,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 # What writes into pages lies beside the other tools, not in a package.
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "benchmarks"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "benchmarks" / "tables"))
 
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence

@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from emvs.data.events import Events
+from emvs.data.events import Events, check_sorted
 from emvs.data.hdf5 import COMPRESSION, ClosingWriter, Hdf5Writer, check_dataset, open_hdf5
 from emvs.errors import InputError
 
@@ -212,9 +212,13 @@ class EventStoreReader:
 
     def _slice(self, file: h5py.File, t0_us: int, t1_us: int) -> tuple[int, int, NDArray[np.int64]]:
         """Indices of the first event and behind the last of a time slice, and its times."""
-        start, stop = self._bounds(t0_us - self._offset_us, t1_us - self._offset_us)
+        rows = self._bounds(t0_us - self._offset_us, t1_us - self._offset_us)
+        start, stop = with_neighbours(rows, self.count)
         t_us = file["events/t"][start:stop].astype(np.int64) + self._offset_us
-        first, last = np.searchsorted(t_us, [t0_us, t1_us], side="left").tolist()
+        slice_us = (t0_us, t1_us)
+        first, last = indexed_slice(
+            str(self.path), t_us, rows, self.count, slice_us, self._offset_us
+        )
         return start + first, start + last, t_us[first:last]
 
     def _checked(self, x: Column, y: Column, t_us: NDArray[np.int64], p: Column) -> Events:
@@ -234,3 +238,61 @@ class EventStoreReader:
         if ms <= 0:
             return 0
         return self.count if ms >= len(self._ms_to_idx) else int(self._ms_to_idx[ms])
+
+
+def with_neighbours(rows: tuple[int, int], count: int) -> tuple[int, int]:
+    """The rows that an index gives for a slice, and one more on either side where there is one."""
+    return max(rows[0] - 1, 0), min(rows[1] + 1, count)
+
+
+def indexed_slice(
+    where: str,
+    t_us: NDArray[np.int64],
+    rows: tuple[int, int],
+    count: int,
+    slice_us: tuple[int, int],
+    offset_us: int,
+) -> tuple[int, int]:
+    """Finds a time slice among the rows that an index by time gave, and tries what they say.
+
+    An index is believed about rows elsewhere. What it gives must be in order, and hold all events
+    of the slice: otherwise events would be missing, or be others, without a word.
+
+    Args:
+        where: the file, for the error's sake.
+        t_us: (N,) times of the rows `with_neighbours`, µs.
+        rows: what the index gave.
+        count: how many rows the file has.
+        slice_us: begin, included, and end, excluded, µs.
+        offset_us: where the index's first millisecond begins, µs.
+
+    Returns:
+        Begin and end of the slice among the rows `with_neighbours`.
+
+    Raises:
+        InputError: times that run backwards, or rows that do not hold the slice.
+    """
+    if slice_us[0] >= slice_us[1]:
+        return 0, 0
+    start, stop = with_neighbours(rows, count)
+    try:
+        check_sorted(t_us, start)
+    except InputError as error:
+        raise InputError(f"{where}: {error} and make ms_to_idx again") from error
+    first, last = np.searchsorted(t_us, slice_us, side="left").tolist()
+    early, late = start > 0 and first == 0, stop < count and last == len(t_us)
+    own = t_us[rows[0] - start : rows[1] - start]
+    if early or late or _elsewhere(own, slice_us, offset_us):
+        raise InputError(
+            f"{where}, data set ms_to_idx: contradicts events/t near row "
+            f"{rows[1] if late else rows[0]} (unsorted times or a damaged index): sort the events "
+            "and make the index again"
+        )
+    return first, last
+
+
+def _elsewhere(t_us: NDArray[np.int64], slice_us: tuple[int, int], offset_us: int) -> bool:
+    """Whether there are rows, but none in the milliseconds that a slice touches."""
+    low, high = (slice_us[0] - offset_us) // 1000, -((offset_us - slice_us[1]) // 1000)
+    whole_us = offset_us + 1000 * np.array([low, high])
+    return bool(len(t_us) and (t_us[-1] < whole_us[0] or t_us[0] >= whole_us[1]))

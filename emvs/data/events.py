@@ -84,18 +84,9 @@ class Events:
             raise InputError(
                 f"event columns have different lengths {sorted(lengths)}: all must match"
             )
-        self._check_sorted()
+        check_sorted(self.t_us)
         self._check_inside(width_px, height_px)
         return self
-
-    def _check_sorted(self) -> None:
-        backwards = np.flatnonzero(self.t_us[1:] < self.t_us[:-1])
-        if backwards.size:
-            k = int(backwards[0]) + 1
-            raise InputError(
-                f"event {k} at {self.t_us[k]} µs comes after one at {self.t_us[k - 1]} µs "
-                f"({backwards.size} such steps): sort the events by time (stable)"
-            )
 
     def _check_inside(self, width_px: int, height_px: int) -> None:
         outside = np.flatnonzero((self.x >= width_px) | (self.y >= height_px))
@@ -106,3 +97,35 @@ class Events:
                 f"{width_px}x{height_px} sensor ({outside.size} such events): check the "
                 "calibration's resolution or remove them"
             )
+
+
+def check_sorted(t_us: NDArray[np.int64], first_row: int = 0) -> None:
+    """Refuses times that run backwards.
+
+    Args:
+        t_us: (N,) times, µs.
+        first_row: the number that the first of them has in its stream.
+
+    Raises:
+        InputError: names the first event that comes after a later one.
+    """
+    backwards = np.flatnonzero(t_us[1:] < t_us[:-1])
+    if backwards.size:
+        k = int(backwards[0]) + 1
+        raise InputError(
+            f"event {first_row + k} at {t_us[k]} µs comes after one at {t_us[k - 1]} µs "
+            f"({backwards.size} such steps): sort the events by time (stable)"
+        )
+
+
+def count_late(t_us: NDArray[np.int64], latest_us: int) -> int:
+    """How many events are earlier than one before them.
+
+    Args:
+        t_us: (N,) times of a packet, µs.
+        latest_us: the latest time in front of the packet, µs.
+    """
+    if not len(t_us) or (t_us[0] >= latest_us and (t_us[1:] >= t_us[:-1]).all()):
+        return 0
+    running = np.maximum.accumulate(np.maximum(t_us, latest_us))
+    return int(np.count_nonzero(t_us < running))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from os.path import realpath
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -65,9 +66,13 @@ def read(folder: Path) -> Manifest:
     """Reads a folder's manifest and checks that its files are there in full length.
 
     Raises:
-        InputError: no manifest, one of another version, or a missing or truncated file.
+        InputError: no manifest, one of another version, a missing or truncated file, or a link that
+            leads out of the folder.
     """
     path = folder / FILE_NAME
+    for depth in ("*", "*/*"):
+        for link in filter(Path.is_symlink, folder.glob(depth)):
+            _check_inside(folder, link.relative_to(folder).as_posix())
     try:
         manifest = Manifest.model_validate_json(read_text(path, TABLE_BYTES))
     except FileNotFoundError as error:
@@ -104,7 +109,8 @@ def _check_inside(folder: Path, name: str) -> None:
     """Refuses names, and symbolic links, that lead out of the folder."""
     parts = PurePosixPath(name).parts
     inside = bool(parts) and parts[0] != "/" and ".." not in parts and "\0" not in name
-    if inside and not (folder / name).resolve().is_relative_to(folder.resolve()):
+    # realpath, since resolve() has no answer to links in a circle
+    if inside and not Path(realpath(folder / name)).is_relative_to(realpath(folder)):
         inside = False
     if not inside:
         raise InputError(

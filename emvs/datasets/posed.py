@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
+from emvs.data.events import Events, count_late
 from emvs.data.recording import summary
 from emvs.errors import InputError
 from emvs.formats import open_events
@@ -42,11 +42,13 @@ class EventSource:
         path: the file.
         stream: its stream; the only one where it is empty.
         shift_us: added to the file's times, µs.
+        late: events earlier than one before them, in what `chunks` has given.
     """
 
     path: Path
     stream: str = ""
     shift_us: int = 0
+    late: int = field(default=0, init=False)
     _span_us: tuple[int, int] | None = field(default=None, init=False, repr=False)
 
     @cached_property
@@ -74,7 +76,10 @@ class EventSource:
 
     def chunks(self, max_events: int = 1 << 20) -> Iterator[Events]:
         """All events in file order, in packets."""
+        self.late, latest_us = 0, 0
         for events in self.reader.chunks(self._name, max_events):
+            self.late += count_late(events.t_us, latest_us)
+            latest_us = max(latest_us, int(events.t_us.max()))
             yield self._shifted(events)
 
     @property

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.depth.depth_map import DepthMap
-from emvs.errors import InputError
+from emvs.errors import InputError, heed_interrupt
 from emvs.geometry import se3
 from emvs.utils.files import atomic_path
 
@@ -247,6 +247,7 @@ def load_open3d() -> Any:
     try:
         import open3d
     except (ImportError, OSError) as error:
+        heed_interrupt(error)
         raise InputError(
             f"open3d cannot be loaded ({error}): install its system libraries, on Debian: "
             "apt-get install libegl1 libgl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0 libgomp1"

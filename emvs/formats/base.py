@@ -8,7 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-from emvs.data.events import Events
+from emvs.data.events import Events, check_sorted
 from emvs.errors import InputError
 
 # Packets of events per stream name, each stream in the order in which it is to be written
@@ -102,6 +102,7 @@ class Checker:
         self._path, self._limits, self._size_px = path, limits, (width_px, height_px)
         self._first_us: dict[str, int] = {}
         self._last_us: dict[str, int] = {}
+        self._rows: dict[str, int] = {}
         self.count = 0
 
     def __call__(self, stream: str, events: Events) -> Events:
@@ -115,10 +116,11 @@ class Checker:
         try:
             events._check_inside(*self._size_px)
             if not self._limits.keeps_order:
-                events._check_sorted()
+                check_sorted(events.t_us, self._rows.get(stream, 0))
         except InputError as error:
             raise InputError(f"{self._path}, stream {stream!r}: {error}") from error
         self._check_times(stream, events)
+        self._rows[stream] = self._rows.get(stream, 0) + len(events)
         self.count += len(events)
         return events
 

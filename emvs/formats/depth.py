@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError, said
+from emvs.errors import InputError, heed_interrupt, said
 from emvs.utils.files import atomic_path
 from emvs.utils.inputs import TABLE_BYTES, check_file
 
@@ -88,6 +88,7 @@ def write_depth_exr(path: Path, depth_m: NDArray[np.float32]) -> None:
     try:
         import OpenEXR
     except ImportError as error:
+        heed_interrupt(error)
         raise InputError(f"{path}: needs the package OpenEXR: pip install OpenEXR") from error
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with atomic_path(path) as partial:

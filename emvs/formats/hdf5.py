@@ -13,12 +13,12 @@ import hdf5plugin
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.event_store import EventStoreWriter
+from emvs.data.event_store import EventStoreWriter, indexed_slice, with_neighbours
 from emvs.data.events import Events
 from emvs.data.hdf5 import COMPRESSION, Hdf5Writer, check_dataset, open_hdf5
 from emvs.errors import InputError, quoted, said
 from emvs.formats.base import GatheringWriter, StreamWriter
-from emvs.formats.blocks import BlockReader, IndexedBlock, times_us, to_events, within
+from emvs.formats.blocks import BlockReader, IndexedBlock, times_us, to_events
 from emvs.formats.hdf5_kernels import convert_rows
 
 Streams = dict[str, tuple[str, ...]]
@@ -184,8 +184,8 @@ def _cd_times(file: h5py.File, where: str, stream: str, start: int, stop: int) -
 class Hdf5Reader(BlockReader):
     """A file of events in any of the known layouts.
 
-    Where the file has `ms_to_idx`, a time slice costs two look-ups; the slice's neighbours are
-    checked against it. Otherwise one pass over the times builds an index.
+    Where the file has `ms_to_idx`, a time slice costs two look-ups; its rows and their neighbours
+    are checked against it. Otherwise one pass over the times builds an index.
 
     Raises:
         InputError: a missing or damaged file, another layout, or a filter that is not installed.
@@ -229,8 +229,11 @@ class Hdf5Reader(BlockReader):
         if not self._has_index or not count:
             return super().span_us(stream)
         with opened_hdf5(self.path) as file:
-            ends = [self._time(file, stream, k) for k in (0, count - 1)]
-        return ends[0], ends[1]
+            rows = 0, self._last_indexed(file, stream), count - 1
+            times = [self._time(file, stream, row) for row in rows]
+        if times != sorted(times):  # the ends are not the earliest and the latest
+            return super().span_us(stream)
+        return times[0], times[2]
 
     def between(self, stream: str, t0_us: int, t1_us: int) -> Events:
         """Events with `t0_us <= t < t1_us`, in file order."""
@@ -238,12 +241,15 @@ class Hdf5Reader(BlockReader):
         if not self._has_index:
             return super().between(stream, t0_us, t1_us)
         with opened_hdf5(self.path) as file:
-            start = self._first_at(file, stream, (t0_us - self._offset_us) // 1000)
-            stop = self._first_at(file, stream, -((self._offset_us - t1_us) // 1000))
-            stop = max(start, stop)
-            self._check_neighbours(file, stream, (start, stop), (t0_us, t1_us))
+            first = self._first_at(file, stream, (t0_us - self._offset_us) // 1000)
+            after = self._first_at(file, stream, -((self._offset_us - t1_us) // 1000))
+            rows, count = (first, max(first, after)), self._count[stream]
+            start, stop = with_neighbours(rows, count)
             where = self._where(stream, start, stop)
-            return within(self._layout.events(file, where, stream, start, stop), t0_us, t1_us)
+            events = self._layout.events(file, where, stream, start, stop)
+        slice_us, offset_us = (t0_us, t1_us), self._offset_us
+        found = indexed_slice(str(self.path), events.t_us, rows, count, slice_us, offset_us)
+        return events.slice(*found)
 
     def _index(self, stream: str) -> list[IndexedBlock]:
         """Reads the times alone."""
@@ -276,20 +282,11 @@ class Hdf5Reader(BlockReader):
             )
         return row
 
-    def _check_neighbours(
-        self, file: h5py.File, stream: str, rows: tuple[int, int], times_us: tuple[int, int]
-    ) -> None:
-        """Refuses an index that leaves out events on either side of a slice."""
-        if times_us[0] >= times_us[1]:
-            return
-        early = rows[0] > 0 and self._time(file, stream, rows[0] - 1) >= times_us[0]
-        late = rows[1] < self._count[stream] and self._time(file, stream, rows[1]) < times_us[1]
-        if early or late:
-            raise InputError(
-                f"{self.path}, data set ms_to_idx: contradicts events/t near row "
-                f"{rows[0] if early else rows[1]} (unsorted times or a damaged index): sort the "
-                "events and make the index again"
-            )
+    def _last_indexed(self, file: h5py.File, stream: str) -> int:
+        """The row that the last entry of `ms_to_idx` gives, or the last one there is."""
+        entries = len(file["ms_to_idx"])
+        last = self._first_at(file, stream, entries - 1) if entries else 0
+        return min(last, self._count[stream] - 1)
 
     def _where(self, stream: str, start: int, stop: int) -> str:
         return f"{self.path}, data set {stream}, rows {start} to {stop}"

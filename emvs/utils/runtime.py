@@ -10,7 +10,7 @@ from importlib import metadata
 
 import numba
 
-from emvs.errors import InputError
+from emvs.errors import InputError, heed_interrupt
 from emvs.utils.kernel_cache import use_kernel_cache
 
 # progress(stage, done, total)
@@ -65,6 +65,7 @@ def check_openmp() -> None:
     try:
         importlib.import_module("numba.np.ufunc.omppool")
     except ImportError as error:
+        heed_interrupt(error)
         if numba.config.THREADING_LAYER == "omp":  # type: ignore[attr-defined]
             raise InputError(
                 f"numba cannot load OpenMP ({error}): install it, on Debian: "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -118,6 +119,10 @@ class Console:
         """Where to look."""
         if self._show:
             self._out.print(f"wrote {path}")
+
+    def warn(self, note: str) -> None:
+        """What is wrong with what was written, on the error stream, however quiet."""
+        sys.stderr.write(f"note: {note}\n")
 
     def _dump(self, facts: Any) -> None:
         if self._as_json:

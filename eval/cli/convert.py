@@ -52,5 +52,8 @@ def convert(
         baseline_m=baseline_m,
         force=common.force,
     )
-    console.progress.say(convert_file(source, out, options, console.progress))
+    written = convert_file(source, out, options, console.progress)
+    console.progress.say(written.what)
+    for note in written.notes:
+        console.warn(note)
     console.wrote(out)

@@ -33,6 +33,7 @@ _NOT_NOW = frozenset(
 # What calls it may itself be running inside an import, which ends only when the command does.
 _OUTERMOST = "eval.cli.main"
 _SOON_S = 0.05
+_INTERRUPTED = "interrupted: no half-written output; the same command takes up finished parts"
 
 # The libraries name their parameters; these are their flags.
 _FLAGS = {
@@ -43,6 +44,10 @@ _FLAGS = {
     "imu.rate_hz": "--sim.imu.rate-hz",
     "inpaint=True": "--map.inpaint",
 }
+
+
+_came: list[int] = []
+"""Interrupts since the command began: if it ends otherwise, a library lost one."""
 
 
 @dataclass
@@ -64,22 +69,38 @@ def exit_code() -> Iterator[ExitCode]:
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(signal.SIGINT, _interrupt)
     sys.unraisablehook = _send_again
+    _came.clear()
     try:
         yield code
-    except InputError as error:
-        code.value = _tell(with_flags(str(error)), BAD_INPUT)
-    except KeyboardInterrupt:
-        words = "interrupted: no half-written output; the same command takes up finished parts"
-        code.value = _tell(words, INTERRUPTED)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except OSError as error:
-        code.value = _tell(f"{error}: free the disk or choose another output", BAD_INPUT)
-    except MemoryError as error:
-        words = f"{error}: not enough memory; lower the resolution, the planes or the window"
-        code.value = _tell(words, BAD_INPUT)
+        if _came and code.value != INTERRUPTED:
+            code.value = _tell("", OK)
+    except (Exception, KeyboardInterrupt) as error:
+        ending = _ending(error)
+        if ending is None:
+            raise
+        code.value = ending
     finally:
         sys.unraisablehook = sys.__unraisablehook__
+        for thread in threading.enumerate():
+            if isinstance(thread, _Later):
+                thread.cancel()
+
+
+def _ending(error: BaseException) -> int | None:
+    """The exit code of a command that ended so, told in one line; None: a fault of the program."""
+    if _came or isinstance(error, KeyboardInterrupt):  # half-imported libraries end in anything
+        return _tell(_INTERRUPTED, INTERRUPTED)
+    if isinstance(error, InputError):
+        return _tell(with_flags(str(error)), BAD_INPUT)
+    if isinstance(error, BrokenPipeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return OK
+    if isinstance(error, OSError):
+        return _tell(f"{error}: free the disk or choose another output", BAD_INPUT)
+    if isinstance(error, MemoryError):
+        words = f"{error}: not enough memory; lower the resolution, the planes or the window"
+        return _tell(words, BAD_INPUT)
+    return None
 
 
 def incomplete(maps: Iterable[MapInfo], *, allowed: bool) -> int:
@@ -117,7 +138,8 @@ def _send_again(lost: sys.UnraisableHookArgs) -> None:
         sys.__unraisablehook__(lost)
 
 
-def _interrupt(_number: int, frame: FrameType | None) -> None:
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    _came.append(number)
     if _must_wait(frame):
         _interrupt_soon()
     else:
@@ -132,12 +154,21 @@ def _must_wait(frame: FrameType | None) -> bool:
     return False
 
 
+class _Later(threading.Timer):
+    """Sends the interrupt once more, unless the command has ended by then."""
+
+    def __init__(self) -> None:
+        super().__init__(_SOON_S, os.kill, (os.getpid(), signal.SIGTERM))
+        self.daemon = True
+
+
 def _interrupt_soon() -> None:
-    later = threading.Timer(_SOON_S, os.kill, (os.getpid(), signal.SIGTERM))
-    later.daemon = True
-    later.start()
+    _Later().start()
 
 
 def _tell(words: str, code: int) -> int:
+    """Says why a command ends; an interrupt that a library made another error of is one still."""
+    if _came:
+        words, code = _INTERRUPTED, INTERRUPTED
     sys.stderr.write(f"eventsweep: {' '.join(words.split())}\n")
     return code

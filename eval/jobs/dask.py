@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from emvs.errors import InputError
+from emvs.errors import InputError, heed_interrupt
 from eval.jobs.job import Failed, Job, Outcome, code_of, do
 
 if TYPE_CHECKING:
@@ -77,11 +77,18 @@ class Cluster:
         try:
             from distributed import Client
         except ImportError as error:
+            heed_interrupt(error)
             raise InputError(
                 "--scheduler needs the library distributed: pip install 'eventsweep[cluster]'"
             ) from error
+
+        class Leaving(Client):
+            """Is taken leave of by `dask_workers`, not when an interrupted command ends."""
+
+            def __del__(self) -> None: ...
+
         try:
-            return Client(
+            return Leaving(
                 self.address, timeout=_CONNECT_S, security=self._security(), set_as_default=False
             )
         except (OSError, ValueError, RuntimeError) as error:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from emvs.depth.depth_map import DepthMap
 from emvs.depth.point_cloud import back_project_map, without_outliers
 from emvs.dsi.method import file_name
-from emvs.errors import InputError
+from emvs.errors import InputError, heed_interrupt
 from emvs.maps.folder import StoredMap, StoredWindow
 from emvs.utils.files import atomic_path
 from eval.config import EvalConfig
@@ -68,6 +68,7 @@ def _library() -> Any:
     try:
         return import_module("rerun")
     except ImportError as error:
+        heed_interrupt(error)
         raise InputError(
             "recordings for the Rerun viewer need it: `pip install eventsweep[rerun]`"
         ) from error

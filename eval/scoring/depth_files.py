@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import DAMAGED_NPY, InputError
+from emvs.errors import DAMAGED_NPY, InputError, heed_interrupt
 
 Image = NDArray[np.float64]
 
@@ -123,6 +123,7 @@ def _exr(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
     try:
         import OpenEXR
     except ImportError as error:
+        heed_interrupt(error)
         raise InputError(f"{path}: reading EXR needs `pip install OpenEXR`") from error
     try:
         with OpenEXR.File(str(path)) as file:

@@ -8,7 +8,7 @@ import os
 import sys
 from typing import Any
 
-from emvs.errors import InputError
+from emvs.errors import InputError, heed_interrupt
 from sim.graphics.choice import NOTE, Choice, Driver, choose, equal_devices, has_gpu, probe
 
 # What each back end loads (any one of each group), in order of preference. EGL needs no display
@@ -114,6 +114,7 @@ def _probed_driver() -> Driver:
 
 
 def _broken(error: Exception) -> InputError:
+    heed_interrupt(error)
     reason = " ".join(str(error).split())[:200] or type(error).__name__
     chosen = os.environ.get("MUJOCO_GL", "egl")
     other = "osmesa" if chosen == "egl" else "egl"

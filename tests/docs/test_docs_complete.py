@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
+import runpy
 import shutil
+import subprocess
+import sys
+import tomllib
 from fnmatch import fnmatchcase
 
 import pytest
@@ -15,14 +20,23 @@ from emvs.maps.folder import HotPixelInfo, MapInfo, RecordingInfo, SkippedWindow
 from emvs.maps.merge import FusedInfo
 from eval.config import EvalConfig
 from eval.scoring.results import Results, write_results
-from places import ROOT
+from places import ROOT, TOOLS
 from settings_table import TABLES, main, settings_block
 
 DOCS = ROOT / "docs"
+MOST_MODULES = 15  # in one folder
 PACKAGES = ("emvs", "sim", "scenes", "eval", "eventsweep")
 COMMAND = re.compile(
-    r"-m ((?:emvs|sim|scenes|eval)[\w.]*)|((?:docs/figures|tests/benchmarks)/\w+\.py)"
+    r"-m ((?:emvs|sim|scenes|eval)[\w.]*)|(docs/figures/\w+\.py)|tests/benchmarks (\w+)"
 )
+# A file of the checkout by its path, which may hold `*`.
+FILE = re.compile(r"\b(?:tests|docs/figures|\.ci)/[\w/*.-]*\w\.(?:py|sh|cpp|yml)\b")
+MENTIONS = [
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "Makefile", "pyproject.toml")),
+    *sorted(DOCS.rglob("*.md")), *sorted(DOCS.rglob("*.py")),
+    *sorted(path for path in TOOLS.rglob("*") if path.suffix in (".py", ".sh")),
+    *sorted(path for name in PACKAGES for path in (ROOT / name).rglob("*.py")),
+]  # fmt: skip
 
 
 def text_of(*pages):
@@ -139,5 +153,56 @@ def test_every_picture_is_shown_and_drawn_by_a_command(picture):
 def test_commands_of_the_makefile_exist():
     found = [match for line in makefile() for match in COMMAND.findall(line)]
     assert len(found) > 10
-    for module, script in found:
-        assert (ROOT / script).is_file() if script else importlib.util.find_spec(module)
+    for module, script, tool in found:
+        assert not module or importlib.util.find_spec(module)
+        assert not script or (ROOT / script).is_file()
+        assert not tool or tool in known_tools()
+
+
+def known_tools():
+    """Name -> file of what `python tests/benchmarks NAME` runs."""
+    return runpy.run_path(str(TOOLS / "__main__.py"))["tools"]()
+
+
+def test_commands_and_files_that_are_named_exist():
+    """In the documentation, and in what the code says of itself."""
+    text = text_of(*MENTIONS)
+    tools = re.findall(r"python tests/benchmarks (\w+)", text)
+    assert len(tools) > 30
+    assert {name for name in tools if name != "NAME"} - known_tools().keys() == set()
+    files = set(FILE.findall(text))
+    assert len(files) > 30
+    assert [name for name in sorted(files) if not list(ROOT.glob(name))] == []
+
+
+def test_each_folder_of_tools_is_found_and_shows_its_parts_at_a_glance():
+    folders = sorted(path for path in TOOLS.iterdir() if list(path.glob("*.py")))
+    assert len(folders) > 5
+    assert [path for path in TOOLS.glob("*.py") if path.name != "__main__.py"] == []
+    sizes = {path.name: len(list(path.glob("*.py"))) for path in folders}
+    assert {name: size for name, size in sizes.items() if size > MOST_MODULES} == {}
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]
+    for listed in (settings["pytest"]["ini_options"]["pythonpath"], settings["mypy"]["mypy_path"]):
+        missing = {path.relative_to(ROOT).as_posix() for path in folders} - set(listed)
+        assert missing == set(), "name the folder in pyproject.toml"
+
+
+@pytest.mark.parametrize("name", ["study_cost", "structure", "settings_table"])
+def test_a_tool_runs_by_its_name(name):
+    """With what it imports from other folders of tools."""
+    done = subprocess.run(
+        [sys.executable, str(TOOLS), name, "--help"], cwd=ROOT, capture_output=True, text=True,
+        check=False, env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert "usage" in done.stdout + done.stderr, done.stderr
+
+
+def test_the_list_of_tools_says_what_each_does():
+    done = subprocess.run(
+        [sys.executable, str(TOOLS), "no_such"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    lines = done.stderr.splitlines()
+    assert lines[0].startswith("no tool 'no_such'")
+    assert len(lines) - 1 == len(known_tools()) > 20
+    assert all(len(line.split()) > 3 for line in lines[1:])

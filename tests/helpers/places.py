@@ -11,5 +11,6 @@ SHARED = ROOT.parent / "shared"
 
 def with_tools() -> dict[str, str]:
     """The environment of a program that imports the benchmarks' modules by name."""
-    search = [str(TOOLS), os.environ.get("PYTHONPATH", "")]
+    folders = sorted(str(folder) for folder in TOOLS.iterdir() if folder.is_dir())
+    search = [*folders, os.environ.get("PYTHONPATH", "")]
     return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, search))}

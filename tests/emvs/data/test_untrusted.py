@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 
 from cost_stream import MovingEdges
+from dataset_world import rewritten, write_sequence
 from emvs.config import MapperConfig
 from emvs.data.hdf5 import open_hdf5
 from emvs.data.poses import read_poses, read_tum
 from emvs.data.sequence import Sequence
+from emvs.datasets import open_recording
 from emvs.datasets.custom import read_descriptor
 from emvs.errors import InputError
 from emvs.formats import open_events
@@ -142,6 +144,42 @@ def test_a_link_that_leaves_a_sequence_is_refused_and_one_that_stays_is_followed
     poses.unlink()
     poses.symlink_to(sequence.parent / "kept.txt")
     refused(Sequence, sequence, match="no file of this folder.*instead of a link")
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "poses.txt", "rig.json", "cam0", "sensor.json"])
+@pytest.mark.parametrize("listed", [True, False])
+def test_no_link_in_a_sequence_leads_out_of_it(sequence, name, listed):
+    """Whether or not the manifest names it: `cam0` is a folder, and nobody listed `sensor.json`."""
+    index, place, outside = sequence / "manifest.json", sequence / name, sequence.parent / "outside"
+    content = json.loads(index.read_text())
+    if not listed:
+        content["files"] = {k: v for k, v in content["files"].items() if not k.startswith(name)}
+        index.write_text(json.dumps(content))
+    place.rename(outside) if place.exists() else outside.write_text("[]")
+    place.symlink_to(outside)
+    refused(Sequence, sequence, match=f"{name} is no file of this folder.*instead of a link")
+
+
+def test_links_in_a_circle_are_refused(sequence):
+    (sequence / "poses.txt").unlink()
+    (sequence / "poses.txt").symlink_to("poses.txt")
+    refused(Sequence, sequence, match="missing")
+
+
+@pytest.mark.parametrize("kind", ["dsec", "tumvie", "mvsec", "rosbag1", "npz"])
+def test_links_in_a_data_set_are_followed(tmp_path, kind):
+    """People keep large files on another disk."""
+    ours = write_sequence(tmp_path / "ours", "radtan" if kind == "rosbag1" else "kb4", steps=60)
+    folder, disk = rewritten(ours, tmp_path / kind, kind), tmp_path / "disk"
+    before = open_recording(folder).events(0, 0, 10**6)
+    for k, path in enumerate([path for path in folder.rglob("*") if path.is_file()]):
+        disk.mkdir(exist_ok=True)
+        path.rename(disk / f"{k}{path.suffix}")
+        path.symlink_to(disk / f"{k}{path.suffix}")
+    (tmp_path / "linked").symlink_to(folder)
+    after = open_recording(tmp_path / "linked").events(0, 0, 10**6)
+    np.testing.assert_array_equal(after.t_us, before.t_us)
+    assert len(after) > 0
 
 
 @pytest.mark.parametrize("name", ["manifest.json", "rig.json"])

@@ -1,0 +1,95 @@
+"""Times one command of two checkouts in turn: `python tests/benchmarks paired_commits OLD NEW`.
+
+    python tests/benchmarks paired_commits OLD NEW --runs 5 -- run desk --out {out}
+    python tests/benchmarks paired_commits OLD NEW --runs 3 -- suite quick --out {out} --no-speed
+
+OLD and NEW are folders with a checkout each; `{out}` is a fresh folder of every run, and so is the
+job cache. One run of each comes first and does not count: it compiles the kernels. Then they take
+turns, so that a machine whose speed drifts slows down both. Wall time and time of processors, with
+children; the ratio is taken pair by pair.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+
+class Cost(NamedTuple):
+    """What one run took, s."""
+
+    wall: float
+    cpu: float
+
+
+def cost_of(root: Path, words: Sequence[str]) -> Cost:
+    """Runs the command of a checkout, in a folder and with a cache that are new.
+
+    Raises:
+        SystemExit: the command failed.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        arguments = [word.replace("{out}", f"{folder}/out") for word in words]
+        variables = {"PYTHONPATH": str(root), "EVENTSWEEP_CACHE": f"{folder}/cache"}
+        before, began_s = _children_s(), time.perf_counter()
+        done = subprocess.run(
+            [sys.executable, "-m", _module(root), *arguments], env={**os.environ, **variables},
+            cwd=folder, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        cost = Cost(time.perf_counter() - began_s, _children_s() - before)
+    if done.returncode:
+        sys.exit(f"{root}: {' '.join(arguments)} ended with {done.returncode}\n{done.stderr}")
+    return cost
+
+
+def _module(root: Path) -> str:
+    """The command line, whose place has changed."""
+    return "eventsweep" if (root / "eventsweep" / "__main__.py").is_file() else "eval.cli"
+
+
+def _children_s() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def table(old: Sequence[Cost], new: Sequence[Cost]) -> str:
+    """Least and median of both, and the median of the ratios new / old."""
+    lines = ["| | old | new | new / old |", "|---|--:|--:|--:|"]
+    for name in Cost._fields:
+        before, after = ([getattr(cost, name) for cost in costs] for costs in (old, new))
+        ratios = [b / a for a, b in zip(before, after, strict=True)]
+        lines += [
+            f"| {name}, s: least | {min(before):.2f} | {min(after):.2f} "
+            f"| {min(after) / min(before):.3f} |",
+            f"| {name}, s: median | {statistics.median(before):.2f} "
+            f"| {statistics.median(after):.2f} | {statistics.median(ratios):.3f} |",
+        ]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Runs the pairs and prints the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("old", type=Path)
+    parser.add_argument("new", type=Path)
+    parser.add_argument("--runs", type=int, default=5, help="pairs that count")
+    parser.add_argument("command", nargs="+", help="after --: what eventsweep is told")
+    asked = parser.parse_args()
+    roots = asked.old.resolve(), asked.new.resolve()
+    pairs = [[cost_of(root, asked.command) for root in roots] for _ in range(asked.runs + 1)][1:]
+    sys.stdout.write(table(*zip(*pairs, strict=True)) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,217 @@
+"""The study of `docs/extraction.md`: `python tests/benchmarks study_extraction --help`.
+
+Every extraction of `study_variants.py` reports as many pixels as Alg1/H does on the same volumes,
+and every number is a ratio to that of Alg1/H. The development samples of `study_samples.py` chose
+the parameters; the others show what they are worth.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from emvs.config import MapperConfig
+from emvs.reference_view import inverse_depth_at
+from eval.cli.exit_codes import exit_code
+from eval.scoring.method_scores import ALL_METRICS
+from eval.scoring.pairing import pair
+from markdown_blocks import into_page
+from study_cache import StudySample, load_sample
+from study_samples import SETS, SampleSpec
+from study_variants import (
+    BASE,
+    BEFORE,
+    OURS,
+    RELIABILITIES,
+    VariantEstimate,
+    Volumes,
+    estimates,
+    finalists,
+    threshold_name,
+    thresholds,
+)
+
+ABLATED = "development"
+PICTURED = SampleSpec("tumvie-6dof")
+METRICS = ("median_error", "mean_error", "bad_published", "bad_1px")
+WANTED = {"median_error": 0.75, "mean_error": 0.80, "bad_published": 0.80}
+_BLOCK_PX = 8
+
+Numbers = dict[str, float]
+
+
+@dataclass(frozen=True)
+class SampleOutcome:
+    """What every extraction made of one sample."""
+
+    case: str
+    seed: int
+    numbers: Mapping[str, Numbers]
+
+    def ratio(self, name: str, metric: str) -> float:
+        """A number of one extraction over that of Alg1/H; 1 where both are 0."""
+        mine, base = self.numbers[name][metric], self.numbers[BASE][metric]
+        if base == 0:
+            return 1.0 if mine == 0 else float("inf")
+        return mine / base
+
+    def meets(self, name: str) -> bool:
+        """Whether every wanted ratio is reached."""
+        return all(self.ratio(name, metric) <= limit for metric, limit in WANTED.items())
+
+
+def study(sample: StudySample, *, ablate: bool = True) -> SampleOutcome:
+    """Tries every extraction on one sample, or only the finalists."""
+    volumes = Volumes.of(sample)
+    found = estimates(volumes) | thresholds(volumes) if ablate else finalists(volumes)
+    numbers = {name: _numbers(sample, estimate) for name, estimate in found.items()}
+    return SampleOutcome(sample.case, sample.seed, numbers)
+
+
+def _numbers(sample: StudySample, estimate: VariantEstimate) -> Numbers:
+    planes = len(sample.view.rho)
+    position = np.clip(estimate.position, 0, planes - 1).astype(np.float32)
+    depth_m = np.reciprocal(inverse_depth_at(sample.view.rho, position))
+    pairs = pair(depth_m, estimate.mask, sample.truth)
+    numbers = {name: ALL_METRICS[name](pairs) for name in ("points", *METRICS)}
+    return numbers | {"blocks": float(_blocks(estimate.mask))}
+
+
+def _blocks(mask: np.ndarray) -> int:
+    """Squares of 8 pixels with a point in them: points that crowd in few places fill few."""
+    rows, columns = (size // _BLOCK_PX for size in mask.shape)
+    inner = mask[: rows * _BLOCK_PX, : columns * _BLOCK_PX]
+    return int(inner.reshape(rows, _BLOCK_PX, columns, _BLOCK_PX).any((1, 3)).sum())
+
+
+def ablation_table(outcomes: list[SampleOutcome]) -> str:
+    """One line for each extraction: geometric means of the ratios over the samples."""
+    lines = [
+        "| Extraction | median | mean | bad pixels | bad 1 px | blocks | met |",
+        "|---|--:|--:|--:|--:|--:|--:|",
+    ]
+    skipped = {threshold_name(reliability) for reliability in RELIABILITIES}
+    for name in (name for name in outcomes[0].numbers if name not in skipped):
+        ratios = [_geometric([o.ratio(name, m) for o in outcomes]) for m in (*METRICS, "blocks")]
+        met = sum(o.meets(name) for o in outcomes)
+        cells = " | ".join(f"{value:.2f}" for value in ratios)
+        lines.append(f"| {_bold(name)} | {cells} | {met}/{len(outcomes)} |")
+    return "\n".join(lines) + "\n"
+
+
+def case_table(outcomes: Iterable[SampleOutcome]) -> str:
+    """One line for each sample: our extraction beside Alg1/H at equal points."""
+    lines = [
+        "| Case | seed | points | median mm | mean mm | bad pixels % | median | mean | bad | met |",
+        "|---|--:|--:|--:|--:|--:|--:|--:|--:|---|",
+    ]
+    for o in outcomes:
+        base, mine = o.numbers[BASE], o.numbers[OURS]
+        points = f"{base['points']:.0f} → {mine['points']:.0f}"
+        median = f"{1e3 * base['median_error']:.1f} → {1e3 * mine['median_error']:.1f}"
+        mean = f"{1e3 * base['mean_error']:.0f} → {1e3 * mine['mean_error']:.0f}"
+        bad = f"{base['bad_published']:.2f} → {mine['bad_published']:.2f}"
+        ratios = " | ".join(f"{o.ratio(OURS, metric):.2f}" for metric in WANTED)
+        met = "yes" if o.meets(OURS) else "no"
+        lines.append(
+            f"| {o.case} | {o.seed} | {points} | {median} | {mean} | {bad} | {ratios} | {met} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def calibration_table(outcomes: Iterable[SampleOutcome]) -> str:
+    """One line for each reliability: points and errors over those of Alg1/H, and the precision."""
+    lines = [
+        "| `focus_reliability` | points | fewest | median | mean | bad pixels | within 1 px % |",
+        "|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    chosen = list(outcomes)
+    for reliability in RELIABILITIES:
+        name = threshold_name(reliability)
+        points = [o.ratio(name, "points") for o in chosen]
+        ratios = [_geometric([o.ratio(name, metric) for o in chosen]) for metric in WANTED]
+        precise = 100 - float(np.mean([o.numbers[name]["bad_1px"] for o in chosen]))
+        cells = " | ".join(f"{v:.2f}" for v in (_geometric(points), min(points), *ratios))
+        lines.append(f"| {reliability:g} | {cells} | {precise:.0f} |")
+    return "\n".join(lines) + "\n"
+
+
+def report(outcomes: Mapping[str, list[SampleOutcome]]) -> str:
+    """Markdown: each set's samples, then calibration and ablation on the development set."""
+    parts = []
+    for title, chosen in outcomes.items():
+        met = sum(o.meets(OURS) for o in chosen)
+        parts += [
+            f"### Every {title} sample, Alg1/H → ours: {met} of {len(chosen)} met\n",
+            case_table(chosen),
+            summary_table(chosen),
+        ]
+    ablated = outcomes.get(ABLATED, [])
+    if ablated:
+        parts += ["### Reliability, development samples\n", calibration_table(ablated)]
+        parts += ["### Ablation, development samples\n", ablation_table(ablated)]
+    return "\n".join(parts)
+
+
+def summary_table(outcomes: list[SampleOutcome]) -> str:
+    """The finalists' lines of the ablation."""
+    kept = [
+        SampleOutcome(o.case, o.seed, {name: o.numbers[name] for name in (BASE, BEFORE, OURS)})
+        for o in outcomes
+    ]
+    return ablation_table(kept)
+
+
+def _geometric(values: list[float]) -> float:
+    # A ratio of 0 (no bad pixel left) would make the mean 0.
+    return float(np.exp(np.mean(np.log(np.maximum(values, 1e-3)))))
+
+
+def _bold(name: str) -> str:
+    return f"**{name}**" if name == OURS else name
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the study and prints its tables; exit code 2 on bad input."""
+    parser = argparse.ArgumentParser(description="Compare extractions at equal points.")
+    parser.add_argument("--sets", nargs="+", default=list(SETS), choices=list(SETS))
+    parser.add_argument("--cache", type=Path, default=Path("out/study"))
+    parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")
+    parser.add_argument("--mark", default="study", help="name of that part")
+    parser.add_argument("--picture", type=Path, help="PNG of the picture's sample")
+    chosen = parser.parse_args(arguments)
+    with exit_code() as code:
+        if chosen.picture is not None:
+            _draw(_load(PICTURED, chosen.cache), chosen.picture)
+        outcomes: dict[str, list[SampleOutcome]] = {}
+        for name in chosen.sets:
+            outcomes[name] = [
+                study(_load(wanted, chosen.cache), ablate=name == ABLATED) for wanted in SETS[name]
+            ]
+        text = report(outcomes)
+        sys.stdout.write(text)
+        if chosen.page is not None:
+            into_page(chosen.page, chosen.mark, text)
+    return code.value
+
+
+def _load(wanted: SampleSpec, cache: Path) -> StudySample:
+    return load_sample(
+        wanted.case, wanted.seed, cache, MapperConfig(), rig=wanted.rig, seconds=wanted.seconds,
+        sensor=wanted.sensor,
+    )  # fmt: skip
+
+
+def _draw(sample: StudySample, path: Path) -> None:
+    from study_picture import draw
+
+    draw(sample, path)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

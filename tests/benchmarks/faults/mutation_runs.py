@@ -1,0 +1,211 @@
+"""Judges the mutations that `mutations` draws: does `quick` with its gate see them, or a unit test?
+
+`python tests/benchmarks mutation_runs` plants one after the other in a copy of the packages and
+runs `quick` with its first seed and the strict gate, the cheap cases first, until one is red. What
+all of them leave green meets the unit tests of the folder that belongs to the changed file. What
+passes those as well was missed, unless `mutation_reasons.json` says why nothing could see it. Each
+verdict is a line of `mutation_verdicts.jsonl`: a run that was stopped goes on where it was, and a
+second one with `--reverse` works from the other end. `--page docs/gate.md` writes the table.
+"""
+
+import argparse
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import fault_runs
+from markdown_blocks import into_page
+from mutations import AREAS, SEED, drawn
+from planted_faults import ROOT, broken_copy
+
+HERE = Path(__file__).parent
+VERDICTS, REASONS = HERE / "mutation_verdicts.jsonl", HERE / "mutation_reasons.json"
+ROUNDS = (("oblique", "low-texture"), ("boxes",), ("planes", "desk"))
+"""Cases of `quick`, the cheap ones first: what is red there needs no others."""
+NEEDED = ("tests", "docs", "reports", "pyproject.toml", "README.md", "Makefile", "CONTRIBUTING.md")
+_FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+)", re.MULTILINE)
+KINDS = ("quick", "tests", "equivalent", "unreachable", "missed")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--work", type=Path, help="folder for copies and the cache; kept")
+    parser.add_argument("--reverse", action="store_true", help="begin with the last mutation")
+    parser.add_argument("--quick-only", action="store_true", help="leave the unit tests for later")
+    parser.add_argument("--limit-s", type=float, default=900, help="for one run, s")
+    parser.add_argument("--page", type=Path, help="write the table there, and run nothing")
+    asked = parser.parse_args()
+    if asked.page is not None:
+        into_page(asked.page, "mutations", table(read(VERDICTS), json.loads(REASONS.read_text())))
+        return
+    if asked.work is None:
+        parser.error("needs --work or --page")
+    fault_runs.LIMIT_S = asked.limit_s
+    work = asked.work / ("back" if asked.reverse else "forth")
+    order = drawn()[:: -1 if asked.reverse else 1]
+    judge_all(order, Judge(work, asked.work / "cache"), tests=not asked.quick_only)
+
+
+def judge_all(order, judge, *, tests):
+    """First everything by `quick`, then what is left by unit tests."""
+    for area, mutation in order:
+        if mutation.digest not in read(VERDICTS):
+            note(area, mutation, *judge.by_quick(mutation))
+    for area, mutation in order if tests else ():
+        if read(VERDICTS)[mutation.digest]["seen"] == "green":
+            note(area, mutation, *judge.by_tests(mutation))
+
+
+def note(area, mutation, seen, by):
+    """Adds a verdict: the last line about a mutation holds."""
+    about = {"digest": mutation.digest, "area": area, "file": mutation.file}
+    change = {"line": mutation.number, "before": mutation.before.strip()}
+    text = json.dumps({**about, **change, "after": mutation.after.strip(), "seen": seen, "by": by})
+    with VERDICTS.open("a", encoding="utf-8") as stream:
+        stream.write(text + "\n")
+    sys.stdout.write(f"{time.strftime('%H:%M:%S')} {text}\n")
+    sys.stdout.flush()
+
+
+def read(path):
+    """The verdicts by digest."""
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    return {one["digest"]: one for one in map(json.loads, lines)}
+
+
+class Judge:
+    """Runs what a mutation may break, in one place: compiled kernels are kept by path."""
+
+    def __init__(self, work, cache):
+        self.copy, self.cache, self.whole = work / "run" / "copy", cache, work / "whole"
+        os.environ["NUMBA_CACHE_DIR"] = str(work / "kernels")
+
+    def by_quick(self, mutation):
+        """`red` and what the gate names first, or `green`."""
+        for cases in ROUNDS:
+            broken_copy(self.copy, mutation)
+            try:
+                some = ("--seeds", "0", "--workers", "1")
+                code, verdicts = fault_runs.gate(self.copy, self.cache, *some, cases=cases)
+            except fault_runs.TooSlow:
+                return "red", "does not end"
+            except AssertionError as error:
+                return "red", "ends with an error: " + str(error).strip().splitlines()[-1][:90]
+            if code:
+                return "red", first_of(verdicts)
+        return "green", ""
+
+    def by_tests(self, mutation):
+        """`tests` and the one that fails with the mutation and not without, or `none`."""
+        broken_copy(self.copy, mutation, more=NEEDED)
+        broken_copy(self.whole, more=NEEDED)
+        known = []
+        for what in tests_of(mutation.file):
+            while (failed := self._first_failure(self.copy, what, known)) not in ("", *known):
+                if not self._first_failure(self.whole, failed, []):
+                    return "tests", failed
+                known.append(failed)
+        return "none", ""
+
+    def _first_failure(self, copy, what, known):
+        skipped = [word for one in known for word in ("--deselect", one)]
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider"]
+        try:
+            done = subprocess.run(
+                [*command, *what.split(), *skipped],
+                cwd=copy,
+                env={**os.environ, "PYTHONPATH": str(copy)},
+                capture_output=True,
+                text=True,
+                timeout=fault_runs.LIMIT_S,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            return f"{what} (does not end)"
+        if done.returncode in (0, 5):
+            return ""
+        found = _FAILED.search(done.stdout)
+        return found[1] if found else f"{what} (ends with {done.returncode})"
+
+
+def first_of(verdicts):
+    """What the gate names first; nothing where only its exit code is red."""
+    red = fault_runs.red(verdicts)
+    return " ".join(red[0][part] for part in ("case", "method", "metric")) if red else "exit code"
+
+
+def tests_of(file):
+    """What to run, the nearest first: tests named after the file, its folder's, its package's."""
+    folder = ROOT / "tests" / Path(file).parent
+    while not folder.is_dir():
+        folder = folder.parent
+    own, every = (
+        " ".join(sorted(path.relative_to(ROOT).as_posix() for path in folder.glob(pattern)))
+        for pattern in (f"test_{Path(file).stem.removesuffix('_kernels')}*.py", "test_*.py")
+    )
+    package = "/".join(("tests", *Path(file).parts[:-1][:2]))
+    whole = package if (ROOT / package).is_dir() else folder.relative_to(ROOT).as_posix()
+    return [what for what in (own, every, whole) if what]
+
+
+def kind(verdict, reasons):
+    """One of `KINDS`; None while it is not judged."""
+    seen = verdict["seen"]
+    if seen in ("red", "tests"):
+        return {"red": "quick", "tests": "tests"}[seen]
+    said = reasons.get(verdict["digest"])
+    if said is not None:
+        return said["kind"]
+    return "missed" if seen == "none" else None
+
+
+def table(verdicts, reasons):
+    """Counts by area, shares of those that change anything, and what was missed."""
+    by_area = {area: Counter() for area in AREAS}
+    for one in verdicts.values():
+        by_area[one["area"]][kind(one, reasons)] += 1
+    total = sum(by_area.values(), Counter())
+    lines = [
+        "| Area | Drawn | Red in `quick` | Red in unit tests | Equivalent | Unreachable | Missed |",
+        "|---|--:|--:|--:|--:|--:|--:|",
+        *(row(area, counts) for area, counts in (*by_area.items(), ("together", total))),
+        "",
+        shares(total),
+    ]
+    if missing := sum(count for count, _ in AREAS.values()) - sum(total.values()):
+        lines += ["", f"{missing} of those that are drawn were not run yet."]
+    missed = [one for one in verdicts.values() if kind(one, reasons) == "missed"]
+    if missed:
+        lines += ["", "Missed:", "", *map(told, missed)]
+    return "\n".join(lines) + "\n"
+
+
+def row(area, counts):
+    cells = [area, str(sum(counts.values())), *(str(counts[one]) for one in KINDS)]
+    return f"| {' | '.join(cells)} |"
+
+
+def shares(total):
+    """In per cent of the mutations that change anything."""
+    changing = total["quick"] + total["tests"] + total["missed"]
+    if not changing:
+        return "Nothing was judged yet."
+    quick, both = 100 * total["quick"] / changing, 100 - 100 * total["missed"] / changing
+    left = f"; {total[None]} are not judged yet" if total[None] else ""
+    return (
+        f"Seed {SEED}. Of {changing} that change anything, `quick` sees {quick:.0f} %, with the "
+        f"unit tests {both:.0f} %{left}."
+    )
+
+
+def told(one):
+    return f"- `{one['file']}`: `{one['before']}` → `{one['after']}`"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,84 @@
+"""What the rivals cost: `pytest tests/benchmarks/speed/bench_baselines.py --benchmark-only`.
+
+Nanoseconds per event of the window, of both cameras, on one thread, the best of the rounds;
+sensors of two sizes and windows of two lengths show how each grows. Time is the processor's.
+"""
+
+import sys
+import time
+
+import cv2
+import pytest
+
+from emvs import baselines
+from emvs.baselines.time_surface import TimeSurface
+from emvs.config import MapperConfig
+from emvs.geometry.camera import Camera
+from emvs.reference_view import reference_view
+from emvs.windows import choose_window
+from point_world import Recorded, edge_stream, sideways, stereo_rig
+
+EVENTS, ROUNDS = 500_000, 3
+SENSORS = {"346x260": (346, 260, 226.0), "640x480": (640, 480, 420.0)}
+
+
+def recording(sensor, events):
+    width, height, f = SENSORS[sensor]
+    camera = Camera(width, height, f, f, (width - 1) / 2, (height - 1) / 2)
+    motion = sideways(0.2)
+    streams = tuple(edge_stream(camera, motion, events, seed=k) for k in range(2))
+    return Recorded(stereo_rig(camera), motion, streams, (0.5, 4.0))
+
+
+def best_ns(run, events):
+    taken = []
+    for _ in range(ROUNDS + 1):
+        begin = time.process_time()
+        run()
+        taken.append(time.process_time() - begin)
+    return 1e9 * min(taken[1:]) / events
+
+
+def write(line):
+    sys.stdout.write(f"\n  {line}")
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_time_surface(benchmark, sensor, capsys):
+    made = recording(sensor, EVENTS)
+    width, height, _ = SENSORS[sensor]
+
+    def update():
+        TimeSurface(width, height).update(made.streams[0])
+
+    def read():
+        surface.at(surface.newest_us)
+
+    surface = TimeSurface(width, height)
+    surface.update(made.streams[0])
+    benchmark.pedantic(update, rounds=ROUNDS, warmup_rounds=1)
+    update_ns, read_ns = best_ns(update, EVENTS), best_ns(read, width * height)
+    with capsys.disabled():
+        write(f"{sensor} time surface: {update_ns:.1f} ns per event, {read_ns:.1f} per pixel")
+
+
+# SGM only, whose cost does not depend on what matches. The two cameras' edges are drawn apart, so
+# ESVO rightly says that no two estimates agree; bench_rivals_esvo.py has a plane that both see.
+@pytest.mark.parametrize("name", [n for n in baselines.names() if n.startswith("SGM")])
+def test_rivals(benchmark, name, capsys):
+    rival, config = baselines.baseline(name), MapperConfig(threads=1)
+    cv2.setNumThreads(1)
+    rows = []
+    for sensor in SENSORS:
+        for events in (EVENTS // 2, EVENTS):
+            made = recording(sensor, events)
+            window = choose_window(made, config)
+            view = reference_view(made, config, window.t_ref_us)
+
+            def run(made=made, window=window, view=view):
+                rival.estimate(made, window, view, config)
+
+            rows.append(f"{sensor}, 2 x {events // 1000} k: {best_ns(run, 2 * events):7.0f} ns")
+    benchmark.pedantic(run, rounds=1)
+    with capsys.disabled():
+        write(f"{name:12s} {' | '.join(rows)}")

@@ -1,0 +1,154 @@
+"""What studies write into a page: `python tests/benchmarks study_pages FOLDER PAGE`.
+
+FOLDER holds what `eventsweep study` left. Figures go into the page's `images`, and where each
+method breaks becomes a table, so that no number of the page is typed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+
+from emvs.errors import InputError
+from emvs.utils.files import atomic_path
+from eval.cli.exit_codes import exit_code
+from eval.report.study_page import StoredStudy, find_studies, read_study
+from eval.studies.curves import METRICS
+from eval.studies.definitions import STUDIES
+from markdown_blocks import into_page
+
+MARK = "studies"
+_COLOURS = 128
+
+
+def main() -> int:
+    """Writes the page's part; exit code 2 on bad input."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, help="what `eventsweep study --out` wrote")
+    parser.add_argument("page", type=Path, help="docs/studies.md")
+    asked = parser.parse_args()
+    with exit_code() as code:
+        write(asked.folder, asked.page)
+    return code.value
+
+
+def write(folder: Path, page: Path) -> None:
+    """Writes the tables into the page and the figures beside it.
+
+    Args:
+        folder: with the studies' JSON and PNG files.
+        page: with the two marks between which the tables go.
+
+    Raises:
+        InputError: no study in the folder, or a page without the marks.
+    """
+    paths = sorted(find_studies(folder), key=lambda path: _place(path.stem))
+    if not paths:
+        raise InputError(f"{folder}: no study; `eventsweep study NAME --out {folder}` writes one")
+    studies = [read_study(path) for path in paths]
+    costs = [_cost(path) for path in paths]
+    images = page.parent / "images"
+    images.mkdir(exist_ok=True)
+    for path in paths:
+        with atomic_path(images / f"study_{path.stem}.png") as partial:
+            shrink(path.with_suffix(".png"), partial)
+    text = overview(studies, costs) + "".join(f"\n{section(one)}" for one in studies)
+    into_page(page, MARK, text)
+
+
+def overview(studies: Sequence[StoredStudy], costs: Sequence[float]) -> str:
+    """Markdown: where each method breaks, and what each study averaged and cost.
+
+    Args:
+        studies: in the page's order.
+        costs: time of processors of each, s; jobs that studies share count in each of them.
+    """
+    methods = list(dict.fromkeys(method for one in studies for method in one.breaks_at))
+    lines = [
+        f"| Study | unit | {' | '.join(methods)} | samples | CPU min |",
+        f"|---|---|{'--:|' * len(methods)}---|--:|",
+    ]
+    for one, cost_s in zip(studies, costs, strict=True):
+        cells = " | ".join(_breaking(one, method) for method in methods)
+        name = f"[`{one.study}`](#{one.study})"
+        lines.append(f"| {name} | {one.unit} | {cells} | {_samples(one)} | {cost_s / 60:.1f} |")
+    lines.append(f"| together |{' |' * (len(methods) + 2)} {sum(costs) / 60:.1f} |")
+    return "\n".join(lines) + "\n"
+
+
+def section(study: StoredStudy) -> str:
+    """Markdown: a study's figure and its mean errors."""
+    curves = [curve for curve in study.curves if curve.metric == METRICS[0]]
+    methods = [curve.method for curve in curves]
+    lines = [
+        f"### {study.study}\n",
+        f"![{study.study}: mean error, bad pixels and points of every method]"
+        f"(images/study_{study.study}.png)\n",
+        f"Mean error [cm] against {study.axis} [{study.unit}]; {_samples(study)}.\n",
+        f"| {study.unit} | {' | '.join(methods)} |",
+        f"|--:|{'--:|' * len(methods)}",
+    ]
+    for k, amount in enumerate(study.amounts):
+        cells = " | ".join(_error_cm(curve.mean[k]) for curve in curves)
+        lines.append(f"| {amount:g} | {cells} |")
+    return "\n".join([*lines, *_failed(study)]) + "\n"
+
+
+def _failed(study: StoredStudy) -> Iterable[str]:
+    if study.failures:
+        name, reason = next(iter(study.failures.items()))
+        yield f"\n{len(study.failures)} jobs failed, the first: {name}: {reason}."
+
+
+def _samples(study: StoredStudy) -> str:
+    seeds = f"{len(study.seeds)} seed{'s' * (len(study.seeds) != 1)}"
+    return f"{', '.join(study.cases)}; {seeds}"
+
+
+def _breaking(study: StoredStudy, method: str) -> str:
+    """The amount, or how many times the first error is the largest one of what was tried."""
+    amount = study.breaks_at.get(method)
+    if amount is not None:
+        return f"{amount:.3g}"
+    found = (c for c in study.curves if (c.method, c.metric) == (method, METRICS[0]))
+    curve = next(found, None)
+    if curve is None or math.isnan(curve.mean[0]):
+        return "–"
+    return f"never (x {max(curve.mean) / curve.mean[0]:.1f})"
+
+
+def _error_cm(mean_m: float) -> str:
+    return "no map" if math.isnan(mean_m) else f"{100 * mean_m:.1f}"
+
+
+def _cost(path: Path) -> float:
+    facts: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return float(facts.get("cpu_s", 0.0))
+
+
+def _place(name: str) -> int:
+    """In the order of `eventsweep list`, others last."""
+    return list(STUDIES).index(name) if name in STUDIES else len(STUDIES)
+
+
+def shrink(picture: Path, out: Path) -> None:
+    """Writes the picture with few colours, for pages: a quarter of the bytes.
+
+    Raises:
+        InputError: there is no such picture.
+    """
+    if not picture.is_file():
+        raise InputError(f"{picture}: missing; run the study again")
+    with Image.open(picture) as image:
+        few = image.convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
+        few.save(out, format="PNG", optimize=True)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,86 @@
+"""The README's result table, from the committed baseline: nobody types a number.
+
+`python tests/benchmarks readme_table` writes it; with `--check` it only says whether it is
+stale.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from emvs.errors import InputError
+from eval.cli.exit_codes import exit_code
+from eval.gate.baseline import Baseline, read_baseline
+from eval.report.html import plural
+from eval.report.ranking import mean_over_cases, table
+from eval.report.tables import as_markdown, ranking_table
+from eval.scoring.results import Row
+from eval.suite.definition import load
+from markdown_blocks import refresh
+
+METRICS = ("points", "mean_error", "median_error", "abs_rel", "bad_published", "delta_1")
+
+
+def results_block(baseline: Baseline) -> str:
+    """The table and the sentence below it, as Markdown.
+
+    Args:
+        baseline: means over its seeds, then over those cases on which every method was run.
+    """
+    by_case: dict[str, list[Row]] = defaultdict(list)
+    for one in baseline.series:
+        if one.metric in METRICS and "/" in one.method and " " not in one.method:
+            value = sum(one.values.values()) / len(one.values) if one.values else math.nan
+            row = Row(one.case, "all", one.method, one.metric, value, one.unit, one.better)
+            by_case[one.case].append(row)
+    rows = [row for found in by_case.values() for row in found]
+    if not rows:
+        raise InputError("the baseline holds no method's scores; `eventsweep gate --update` does")
+    found = table(mean_over_cases(rows, "mean"), "mean_error", METRICS)
+    return as_markdown(ranking_table(found, "")) + "\n" + _sentence(baseline, by_case)
+
+
+def _sentence(baseline: Baseline, cases: Mapping[str, Sequence[Row]]) -> str:
+    version = baseline.versions.get("eventsweep", "?")
+    return (
+        f"Mean over scenes of `{baseline.name}` ({_scenes(baseline, cases)}) and "
+        f"{plural(len(baseline.seeds), 'seed')}, eventsweep {version}, from "
+        "[`reports/baseline.json`](reports/baseline.json); bold is best of its column, "
+        "[definitions](docs/scores.md).\n"
+    )
+
+
+def _scenes(baseline: Baseline, cases: Iterable[str]) -> str:
+    """The scenes, and the length of their windows, as the suite defines them."""
+    suite, _ = load(baseline.name)
+    found: dict[str, list[str]] = defaultdict(list)
+    for name in sorted(cases):
+        case = suite.cases[name]
+        lengths = " and ".join(f"{s:g}" for s in sorted({w.duration_s for w in case.windows}))
+        found[f"{plural(len(case.windows), 'window')} of {lengths} s"].append(case.scene)
+    return "; ".join(f"{', '.join(scenes)}: {windows} each" for windows, scenes in found.items())
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Writes or checks the table; 1 where a check finds it stale, 2 on bad input."""
+    parser = argparse.ArgumentParser(
+        prog="python tests/benchmarks readme_table", description=__doc__
+    )
+    parser.add_argument("page", type=Path, nargs="?", default=Path("README.md"))
+    parser.add_argument("--baseline", type=Path, default=Path("reports/baseline.json"))
+    parser.add_argument("--check", action="store_true", help="write nothing")
+    asked = parser.parse_args(arguments)
+    with exit_code() as code:
+        block = results_block(read_baseline(asked.baseline))
+        command = "python tests/benchmarks readme_table"
+        code.value = refresh(asked.page, "results", block, check=asked.check, command=command)
+    return code.value
+
+
+if __name__ == "__main__":
+    sys.exit(main())
