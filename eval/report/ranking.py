@@ -14,8 +14,8 @@ from eval.scoring.outlier_causes import CAUSES
 from eval.scoring.pairing import COMPARED, HARMONIC, REFERENCE, SHARED
 from eval.scoring.predictions import FAMILY
 from eval.scoring.regions import REGIONS
-from eval.scoring.results import Row
-from eval.scoring.score import BASELINE, RIG, TRAVEL
+from eval.scoring.results import RIG, Row
+from eval.scoring.score import BASELINE, TRAVEL
 
 FUSED_PREFIX = "Alg1/"
 SINGLE_PREFIX = "EMVS/"

@@ -54,8 +54,7 @@ from eval.report.run_data import CaseData, MethodData, RunData, WindowData, load
 from eval.report.viewer import window_json
 from eval.scoring.curves import THRESHOLDS_CM, ThresholdCurve
 from eval.scoring.pairing import REFERENCE
-from eval.scoring.results import POOLED, Row
-from eval.scoring.score import RIG
+from eval.scoring.results import POOLED, RIG, Row
 
 _CAPTION = ("points", "completeness", "mean_error", "median_error", "bad_published")
 OVERVIEW_NAME = "overview.png"

@@ -41,6 +41,10 @@ Value = Annotated[
 ]
 
 
+RIG = "rig"
+"""What stands in a row's place of a method where the row is about the cameras and their motion."""
+
+
 @dataclass(frozen=True, slots=True)
 class Row:
     """One number: of what, how much, in which unit, which direction is better, from which pixels.
@@ -158,6 +162,7 @@ class Results:
             list(dict.fromkeys(getattr(row, name) for row in self.rows))
             for name in ("case", "method", "metric")
         )
+        methods = [method for method in methods if method != RIG]
         return (
             f"Results({len(self.rows)} numbers of {', '.join(cases) or 'no case'}: "
             f"{len(metrics)} metrics of {', '.join(methods) or 'no method'})"

@@ -30,12 +30,10 @@ from eval.scoring.pairing import (
 )
 from eval.scoring.pooling import CasePool
 from eval.scoring.regions import region_masks
-from eval.scoring.results import MEAN, POOLED, Row
+from eval.scoring.results import MEAN, POOLED, RIG, Row
 from eval.scoring.run_folder import Scored, truth_of
 
 Windows = Mapping[str, Mapping[str, MethodPairs]] | Iterable[tuple[str, Mapping[str, MethodPairs]]]
-RIG = "rig"
-"""What stands in a row's place of a method where the row is about the cameras and their motion."""
 BASELINE, TRAVEL = "baseline", "lateral_travel"
 _POSES = 33
 NO_PREDICTIONS: Mapping[str, Estimate] = MappingProxyType({})

@@ -153,13 +153,10 @@ class Passage(NamedTuple):
         return [start_us + (end_us - start_us) * k // number for k in range(1, number + 1)]
 
     def pictures(self, times_us: Sequence[int]) -> Iterator[Image]:
-        """What the pixels see, (H, W) light, at times after the first frame and up to the second."""
+        """What the pixels see, (H, W) light, at times after the first frame, up to the second."""
         _, paths = self._paths()
-        for t_us in times_us:
-            if t_us == self.interval.after_us:
-                yield self.after.pixels
-            else:
-                yield self._picture(t_us, paths)
+        last_us, last = self.interval.after_us, self.after
+        return (last.pixels if t == last_us else self._picture(t, paths) for t in times_us)
 
     def places(
         self, x: NDArray[np.uint16], y: NDArray[np.uint16], t_us: NDArray[np.int64]

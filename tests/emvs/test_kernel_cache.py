@@ -38,6 +38,18 @@ for k, frame in enumerate(([0.7, 0.2], [0.25, 0.7])):
     batch = pixels.step(np.array([frame], np.float32), 1000 * k, 1000 * k + 1000)
     print(batch.pixel.tolist(), batch.t_us.tolist(), batch.p.tolist())
 """
+CARRIED = """
+import numpy as np
+from emvs.geometry.camera import Camera
+from sim.compensation.fine_frame import FineFrame
+from sim.compensation.interval import Passage, interval_between
+light = (0.5 + 0.4 * np.sin(np.arange(29 * 33).reshape(29, 33) / 7)).astype(np.float32)
+depth_m, poses = np.full((3, 5), 2, np.float32), [np.eye(4), np.eye(4), np.eye(4)]
+poses[1][0, 3], poses[2][0, 3] = 0.2, 0.5
+frames = [FineFrame(np.roll(light, k, 1), depth_m, 2, 4.0) for k in (0, 3)]
+passage = Passage(Camera(5, 3, 8, 8, 2, 1), *frames, interval_between((0, 9000), poses, (3, 5)))
+print([picture.tolist() for picture in passage.pictures([3000, 6000])])
+"""
 STAGE = f"""
 import contextlib, io
 import emvs.dsi.focus_kernels
@@ -54,7 +66,12 @@ done = do(Job("fold", "fold_stage", {}), "jobs")
 print(done.found, done.code, done.text)
 """
 # The caller that shows an edit in a file, and the edit where adding 1 to what is returned is none.
-CALLERS = {"emvs/dsi/fusion_kernels.py": FOLD, "sim/sensor/esim_kernels.py": PIXELS}
+CALLERS = {
+    "emvs/dsi/fusion_kernels.py": FOLD,
+    "sim/sensor/esim_kernels.py": PIXELS,
+    "sim/compensation/light_kernels.py": CARRIED,
+    "sim/compensation/path_kernels.py": CARRIED,
+}
 EDITS = {"fold_row": ("if value > top", "if value < top")}
 
 

@@ -3,7 +3,7 @@
 The world is stood in for by the finest pictures that are practical: 16 x 16 samples per pixel,
 0.05 px apart. Each is a short clip of one camera; of sensors with many pixels, of their middle.
 
-Run: python tests/benchmarks/fidelity.py --truth FOLDER [CASE ...] [--page docs/simulator.md]
+Run: python tests/benchmarks fidelity --truth FOLDER [CASE ...] [--page docs/simulator.md]
 [--picture docs/images/fidelity.png]. The truth is kept in FOLDER: it takes minutes per case.
 """
 
@@ -188,7 +188,7 @@ def table(results: dict[str, dict[str, Fidelity]], counts: dict[str, int]) -> st
     lines = [
         f"Events lost (−: too many), true events with one within {MATCH_US / 1000:g} ms, median "
         f"time error, against {FINEST_SAMPLES} × {FINEST_SAMPLES} samples {FINEST_PX:g} px apart. "
-        "Written by `python tests/benchmarks/fidelity.py`.",
+        "Written by `python tests/benchmarks fidelity`.",
         "",
         head,
         "|---|--:" + "|--:" * len(WAYS) + "|",
