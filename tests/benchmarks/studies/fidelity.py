@@ -70,7 +70,7 @@ CLIPS = {
     "low-texture": Clip("low-texture", 30_000),
     "tumvie-6dof": Clip("tumvie-6dof", 12_000, None, (480, 270)),
     "desk, 1280×720": Clip("desk", 12_000, "tumvie", (480, 270)),
-    "mvsec-flying": Clip("mvsec-flying", 20_000),
+    "mvsec-flying": Clip("mvsec-flying", 20_000, None, (240, 180)),
     "dsec-street": Clip("dsec-street", 10_000, None, (320, 240)),
 }
 WAYS: dict[str, dict[str, Any]] = {
