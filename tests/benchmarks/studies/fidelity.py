@@ -3,7 +3,7 @@
 The world is stood in for by the finest pictures that are practical: 16 x 16 samples per pixel,
 0.05 px apart. Each is a short clip of one camera; of sensors with many pixels, of their middle.
 
-Run: python tests/benchmarks fidelity --truth FOLDER [CASE ...] [--page docs/simulator.md]
+Run: python tests/benchmarks fidelity --truth FOLDER [CASE ...] [--parts] [--page docs/simulator.md]
 [--picture docs/images/fidelity.png]. The truth is kept in FOLDER: it takes minutes per case.
 """
 
@@ -73,11 +73,23 @@ CLIPS = {
     "mvsec-flying": Clip("mvsec-flying", 20_000, None, (240, 180)),
     "dsec-street": Clip("dsec-street", 10_000, None, (320, 240)),
 }
+CLOSE = {"min_frame_interval_us": 1}
 WAYS: dict[str, dict[str, Any]] = {
     "linear": {"sampling": "linear"},
     "fast": {"sampling": "fast"},
     "accurate": {"sampling": "accurate"},
     "8 × 8 samples": {"sampling": "accurate", "supersample": 8},
+}
+
+
+# What the settings of `accurate` are worth, one by one.
+PARTS: dict[str, dict[str, Any]] = {
+    "linear, 0.05 px apart": {"sampling": "linear", "max_displacement_px": 0.05, **CLOSE},
+    "linear, 6 × 6 samples": {"sampling": "linear", "supersample": 6},
+    "2 × 2 samples": {"supersample": 2},
+    "4 × 4 samples": {"supersample": 4},
+    "2 px apart": {"max_displacement_px": 2},
+    "16 px apart": {"max_displacement_px": 16},
 }
 
 
@@ -184,20 +196,21 @@ def compared(found: Events, true: Events, width_px: int) -> Fidelity:
 
 def table(results: dict[str, dict[str, Fidelity]], counts: dict[str, int]) -> str:
     """The results as Markdown."""
-    head = "| Scene | true events | " + " | ".join(WAYS) + " |"
+    names = list(next(iter(results.values())))
+    head = "| Scene | true events | " + " | ".join(names) + " |"
     lines = [
         f"Events lost (−: too many), true events with one within {MATCH_US / 1000:g} ms, median "
         f"time error, against {FINEST_SAMPLES} × {FINEST_SAMPLES} samples {FINEST_PX:g} px apart. "
         "Written by `python tests/benchmarks fidelity`.",
         "",
         head,
-        "|---|--:" + "|--:" * len(WAYS) + "|",
+        "|---|--:" + "|--:" * len(names) + "|",
     ]
     for case, ways in results.items():
         cells = [
             f"{100 * ways[way].lost:+.1f} %, {100 * ways[way].matched:.0f} %, "
             f"{ways[way].median_us:.0f} µs".replace("-", "−")
-            for way in WAYS
+            for way in names
         ]
         lines.append(f"| {case} | {counts[case]:,} | ".replace(",", " ") + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
@@ -208,6 +221,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CLIPS)}")
     parser.add_argument("--truth", type=Path, required=True, help="folder that keeps the truth")
+    parser.add_argument("--parts", action="store_true", help="what single settings are worth")
     parser.add_argument("--page", type=Path)
     parser.add_argument("--picture", type=Path)
     given = parser.parse_args(arguments)
@@ -221,7 +235,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         clip = CLIPS[case]
         true = truth(clip, given.truth / f"{case}.npz")
         width_px, results[case], counts[case] = view_of(clip)[1].cameras[0].width_px, {}, len(true)
-        for way, settings in WAYS.items():
+        for way, settings in (PARTS if given.parts else WAYS).items():
             found, took_s = simulated(clip, settings)
             results[case][way] = one = compared(found, true, width_px)
             line = {
@@ -234,7 +248,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     block = table(results, counts)
     sys.stdout.write(block)
     if given.page:
-        into_page(given.page, _MARK, block)
+        into_page(given.page, _MARK + "-parts" * given.parts, block)
     if given.picture:
         draw({c: {w: f.error_us for w, f in ways.items()} for c, ways in results.items()},
              given.picture)  # fmt: skip

@@ -66,7 +66,7 @@ STATED = {
     ("Frames/sgm", "planes"): (60_000, 0.5, 0.9),
     ("SGM/ts", "desk"): (9000, 0.5, 0.7),
     ("SGM/window", "desk"): (18_000, 0.5, 0.7),
-    ("ESVO/own-rate", "desk"): (250, 0.5, 0.75),
+    ("ESVO/own-rate", "desk"): (200, 0.5, 0.75),
     ("ESVO/window", "desk"): (700, 0.5, 0.8),
     ("Frames/sgm", "desk"): (50_000, 0.5, 0.9),
 }
