@@ -89,7 +89,6 @@ PARTS: dict[str, dict[str, Any]] = {
     "2 × 2 samples": {"supersample": 2},
     "4 × 4 samples": {"supersample": 4},
     "2 px apart": {"max_displacement_px": 2},
-    "16 px apart": {"max_displacement_px": 16},
 }
 
 
