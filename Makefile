@@ -88,6 +88,10 @@ measurements: setup studies
 	$(BIN)/python tests/benchmarks scene_tables docs/scenes.md docs/twins.md docs/twins_outdoor.md docs/twins_hard.md
 	$(BIN)/python tests/benchmarks study_extraction --sets development held-out --page docs/extraction.md \
 		--picture docs/images/extraction.png
+	$(BIN)/python tests/benchmarks fidelity --truth out/fidelity --page docs/simulator.md \
+		--picture docs/images/fidelity.png
+	$(BIN)/python tests/benchmarks fidelity desk boxes thin-structures --truth out/fidelity --parts \
+		--page docs/simulator.md
 	$(BIN)/python tests/benchmarks study_cost --page docs/performance.md --picture docs/images/cost.png
 	$(BIN)/python tests/benchmarks first_picture --page docs/performance.md
 	$(BIN)/python tests/benchmarks cost_methods --page docs/methods.md

@@ -211,7 +211,8 @@ def table(results: dict[str, dict[str, Fidelity]], counts: dict[str, int]) -> st
             f"{ways[way].median_us:.0f} µs".replace("-", "−")
             for way in names
         ]
-        lines.append(f"| {case} | {counts[case]:,} | ".replace(",", " ") + " | ".join(cells) + " |")
+        count = f"{counts[case]:,}".replace(",", " ")
+        lines.append(f"| {case} | {count} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 
