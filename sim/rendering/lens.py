@@ -22,6 +22,7 @@ from emvs.geometry.rig import Rig
 # Samples beyond the outermost position that bilinear interpolation and one-sided slopes touch.
 _MARGIN = 3
 _LONGEST_SIDE = 8192
+_CANDIDATES = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +64,7 @@ def bearing_steps(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float
     return bearing, np.stack([by_column, by_row], axis=-1)
 
 
+@lru_cache(maxsize=4)
 def lens_map(camera: Camera, supersample: int) -> LensMap:
     """Chooses the source picture for a distorting camera and finds every pixel in it.
 
@@ -74,8 +76,7 @@ def lens_map(camera: Camera, supersample: int) -> LensMap:
         InputError: a pixel without a ray, or a lens so wide that no pinhole picture can hold it.
     """
     bearing, slope = bearing_steps(camera)
-    finest = np.linalg.svd(slope, compute_uv=False)[..., 1].min()
-    focal = supersample / finest
+    focal = supersample / _finest(slope)
     reach = 0.5 * np.abs(slope).sum(axis=-1)
     low = (bearing - reach).min(axis=(0, 1)) * focal
     high = (bearing + reach).max(axis=(0, 1)) * focal
@@ -94,6 +95,17 @@ def lens_map(camera: Camera, supersample: int) -> LensMap:
     position[..., 1] = height - 1 - position[..., 1]
     step[..., 1, :] *= -1
     return LensMap(source, position.astype(np.float32), step.astype(np.float32))
+
+
+def _finest(slope: NDArray[np.float64]) -> float:
+    """The least singular value of all matrices (H, W, 2, 2)."""
+    squares = (slope**2).sum(axis=(-2, -1))
+    product = slope[..., 0, 0] * slope[..., 1, 1] - slope[..., 0, 1] * slope[..., 1, 0]
+    # In closed form for all; exactly for those that may be the least.
+    least = squares - np.sqrt(np.maximum(squares**2 - 4 * product**2, 0))
+    few = np.argpartition(least.ravel(), min(_CANDIDATES, least.size) - 1)[:_CANDIDATES]
+    chosen = slope.reshape(-1, 2, 2)[few]
+    return float(np.linalg.svd(chosen, compute_uv=False)[:, 1].min())
 
 
 def nearest_samples(lens: LensMap, samples: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -223,7 +223,11 @@ def luma(
         np.float32(LUMA[2] / full_scale),
     )
     height, width = out.shape
+    flat = rgb.reshape(height, 3 * width)
     for i in range(height):
-        row = rgb[height - 1 - i] if upside_down else rgb[i]
+        row, filled = flat[height - 1 - i] if upside_down else flat[i], out[i]
         for j in range(width):
-            out[i, j] = red * row[j, 0] + green * row[j, 1] + blue * row[j, 2]
+            # Without a sign there is no negative index to look for, and the loop vectorises.
+            k = np.uint64(3 * j)
+            g, b = k + np.uint64(1), k + np.uint64(2)
+            filled[j] = red * row[k] + green * row[g] + blue * row[b]

@@ -92,6 +92,7 @@ class StereoRenderer:
         self._near_m, self._far_m = 0.5 * depth_range_m[0], 4.0 * depth_range_m[1]
         self._fine = border_px is not None
         self._as_listed: list[dict[str, Any]] = []
+        self._memory = [np.empty(0, np.float32)] * 2
         self._lenses = tuple(lens.lens_of(rig, k, self._lens_samples) for k in range(len(rig)))
         self._drawn = lens.widened(rig, border_px or 0)
         self._drawn_lenses = (
@@ -194,14 +195,14 @@ class StereoRenderer:
         drawn, mapped, n = self._drawn.cameras[camera], self._drawn_lenses[camera], self.supersample
         full_scale = 255.0 if self._floats is None else 1.0
         nearest = np.empty((drawn.height_px, drawn.width_px), np.float32)
-        samples = np.empty((n * drawn.height_px, n * drawn.width_px), np.float32)
+        samples = self._scratch(0, n * drawn.height_px, n * drawn.width_px)
         if mapped is None:
             rgb, window_depth = self._draw(drawn, camera, T_world_body, n)
             pixel_kernels.luma(rgb, full_scale, samples, True)
             box_kernels.box_nearest(window_depth, n, nearest)
         else:
             rgb, window_depth = self._draw(mapped.source, camera, T_world_body)
-            luma = np.empty_like(window_depth)
+            luma = self._scratch(1, *window_depth.shape)
             pixel_kernels.luma(rgb, full_scale, luma)
             box_kernels.resampled(
                 luma, window_depth, mapped.position, mapped.step, n, samples, nearest
@@ -213,6 +214,12 @@ class StereoRenderer:
         inner = slice(border, border + seen.height_px), slice(border, border + seen.width_px)
         depth_m = metric_depth(nearest[inner], self._near_m, self._far_m)
         return Frame(light[::n, ::n][inner].copy(), depth_m, light)
+
+    def _scratch(self, which: int, height: int, width: int) -> NDArray[np.float32]:
+        """Memory for the time of a frame: to get it anew costs as much as to fill it."""
+        if self._memory[which].size < height * width:
+            self._memory[which] = np.empty(height * width, np.float32)
+        return self._memory[which][: height * width].reshape(height, width)
 
     def depth(
         self, camera: int, T_world_body: Pose, view: Camera | None = None
