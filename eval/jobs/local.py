@@ -5,7 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
@@ -129,9 +129,11 @@ class _Worker:
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
         self.process: SpawnProcess = context.Process(
-            target=_work, args=(theirs, str(cache), dict(ONE_THREAD)), daemon=True
+            target=_work, args=(theirs, str(cache)), daemon=True
         )
-        self.process.start()
+        # Inherited: numba reads it when it is loaded, and that is before the worker's own code.
+        with _environment(ONE_THREAD):
+            self.process.start()
         theirs.close()
         self.job: Job | None = None
 
@@ -151,10 +153,24 @@ class _Worker:
         return f"by signal {-code}" if code < 0 else f"with exit code {code}"
 
 
-def _work(pipe: Connection, cache: str, threads: dict[str, str]) -> None:
+@contextmanager
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+    """Sets environment variables for processes that start meanwhile."""
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _work(pipe: Connection, cache: str) -> None:
     """A worker's whole life: jobs come through the pipe, outcomes go back, until it is closed."""
     end_with_parent()
-    os.environ.update(threads)  # before numba and Mesa are loaded
     with suppress(EOFError, OSError, KeyboardInterrupt):
         while True:
             pipe.send(do(pipe.recv(), cache))

@@ -54,6 +54,16 @@ def _full_disk(parameters, log):
         file.write("x")
 
 
+def _threads(parameters, log):
+    """Runs a kernel that was compiled before, then compiles one, for which numba looks again."""
+    import numba
+    import numpy as np
+
+    numba.set_num_threads(1)
+    assert numba.config.NUMBA_NUM_THREADS == 1
+    assert numba.njit(lambda values: values.sum())(np.arange(4)) == 6
+
+
 def _small_files(parameters, log):
     """Lets no file of this process grow beyond 1 kB, as a quota would."""
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, resource.RLIM_INFINITY))
@@ -72,4 +82,5 @@ _ACTS = {
     "sleep": _sleep,
     "full disk": _full_disk,
     "small files": _small_files,
+    "threads": _threads,
 }

@@ -47,6 +47,14 @@ def run_here(jobs, folder, count=2):
     return run_jobs(jobs, lambda: local_workers(count, folder), Silent())
 
 
+def test_workers_have_one_thread_from_the_start_and_keep_it(make, tmp_path):
+    """Numba reads the number when it is loaded, and refuses another when it next compiles."""
+    before = dict(os.environ)
+    outcomes = run_here([make("a", "threads")], tmp_path / "cache", count=1)
+    assert isinstance(outcomes["a"], Done), outcomes
+    assert dict(os.environ) == before
+
+
 # The cache
 
 
