@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -126,7 +126,8 @@ def _ways(
     )
 
 
-class Passage(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Passage:
     """Two fine frames of one camera and the interval between them."""
 
     camera: Camera
@@ -147,14 +148,14 @@ class Passage(NamedTuple):
         Returns:
             Rising, all after the first frame, the second frame's the last.
         """
-        way_px, _ = self._paths()
+        way_px, _ = self._paths
         start_us, end_us = self.interval.before_us, self.interval.after_us
         number = min(max(int(np.ceil(way_px / most_px)), 1), end_us - start_us)
         return [start_us + (end_us - start_us) * k // number for k in range(1, number + 1)]
 
     def pictures(self, times_us: Sequence[int]) -> Iterator[Image]:
         """What the pixels see, (H, W) light, at times after the first frame, up to the second."""
-        _, paths = self._paths()
+        _, paths = self._paths
         last_us, last = self.interval.after_us, self.after
         return (last.pixels if t == last_us else self._picture(t, paths) for t in times_us)
 
@@ -170,6 +171,7 @@ class Passage(NamedTuple):
         _fill_places(x, y, self.interval.share(t_us), *self.geometry, found)
         return found
 
+    @cached_property
     def _paths(self) -> tuple[float, NDArray[np.float32]]:
         paths = np.empty((*self.before.shape, 8), np.float32)
         way_px: float = _longest_way(*self.geometry, paths)

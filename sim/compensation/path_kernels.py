@@ -132,6 +132,15 @@ def path_of(
     return au1, au2, av1, av2, bu1, bu2, bv1, bv2, math.sqrt(way2)
 
 
+@numba.njit(cache=True, nogil=True, inline="always")
+def places_on(x: float, y: float, path: Path, s: float) -> tuple[float, float, float, float]:
+    """Column and row in the first frame and in the second of what pixel (x, y) sees at time s."""
+    t = 1.0 - s
+    u_a, v_a = x + s * (path[0] + s * path[1]), y + s * (path[2] + s * path[3])
+    u_b, v_b = x + t * (path[4] + t * path[5]), y + t * (path[6] + t * path[7])
+    return u_a, v_a, u_b, v_b
+
+
 @numba.njit(cache=True, nogil=True)
 def longest_way(
     bearing: NDArray[np.float32],
@@ -180,11 +189,9 @@ def fill_picture(
     back = 1.0 - share
     for y in range(height):
         for x in range(width):
-            p = paths[y, x]
-            u, v = x + share * (p[0] + share * p[1]), y + share * (p[2] + share * p[3])
-            before = light_at(light_a, grid * (u + border), grid * (v + border))
-            u, v = x + back * (p[4] + back * p[5]), y + back * (p[6] + back * p[7])
-            behind = light_at(light_b, grid * (u + border), grid * (v + border))
+            u_a, v_a, u_b, v_b = places_on(x, y, paths[y, x], share)
+            before = light_at(light_a, grid * (u_a + border), grid * (v_a + border))
+            behind = light_at(light_b, grid * (u_b + border), grid * (v_b + border))
             picture[y, x] = back * before + share * behind
 
 
@@ -219,12 +226,10 @@ def fill_places(
     """
     height, width = rho_a.shape
     for n in range(len(x)):
-        i, j, s = int(y[n]), int(x[n]), share[n]
-        p = path_of(j, i, bearing, rho_a, rho_b, body_a, body_b, ways, lens)
-        back = 1.0 - s
-        u, v = j + s * (p[0] + s * p[1]), i + s * (p[2] + s * p[3])
-        places[n, 0] = min(max(int(np.rint(u)), 0), width - 1)
-        places[n, 1] = min(max(int(np.rint(v)), 0), height - 1)
-        u, v = j + back * (p[4] + back * p[5]), i + back * (p[6] + back * p[7])
-        places[n, 2] = min(max(int(np.rint(u)), 0), width - 1)
-        places[n, 3] = min(max(int(np.rint(v)), 0), height - 1)
+        i, j = int(y[n]), int(x[n])
+        path = path_of(j, i, bearing, rho_a, rho_b, body_a, body_b, ways, lens)
+        u_a, v_a, u_b, v_b = places_on(j, i, path, share[n])
+        places[n, 0] = min(max(int(np.rint(u_a)), 0), width - 1)
+        places[n, 1] = min(max(int(np.rint(v_a)), 0), height - 1)
+        places[n, 2] = min(max(int(np.rint(u_b)), 0), width - 1)
+        places[n, 3] = min(max(int(np.rint(v_b)), 0), height - 1)

@@ -88,6 +88,41 @@ def squared_displacement_lens(
         rows[i] = largest if nearest > 0.0 else np.inf
 
 
+@numba.njit(cache=True, nogil=True, inline="always")
+def sample_at(
+    luma: NDArray[np.float32],
+    window_depth: NDArray[np.float32],
+    position: NDArray[np.float32],
+    step: NDArray[np.float32],
+    u: int,
+    v: int,
+    du: np.float32,
+    dv: np.float32,
+) -> tuple[np.float32, np.float32]:
+    """Bilinear light of a source picture, and the nearest of the four samples that took part.
+
+    Args:
+        luma: (Hs, Ws) light of the samples, bottom row first.
+        window_depth: (Hs, Ws) their window depth, 1 near and 0 far.
+        position: `LensMap.position`.
+        step: `LensMap.step`.
+        u: the sensor pixel's column.
+        v: its row.
+        du: place in the pixel, px to the right of its centre.
+        dv: px below it.
+    """
+    x = position[v, u, 0] + step[v, u, 0, 0] * du + step[v, u, 0, 1] * dv
+    y = position[v, u, 1] + step[v, u, 1, 0] * du + step[v, u, 1, 1] * dv
+    # Without a sign there is no negative index to look for.
+    j, i, one = np.uint64(x), np.uint64(y), np.uint64(1)
+    a, b = x - np.float32(j), y - np.float32(i)
+    below = luma[i, j] + a * (luma[i, j + one] - luma[i, j])
+    above = luma[i + one, j] + a * (luma[i + one, j + one] - luma[i + one, j])
+    near = max(window_depth[i, j], window_depth[i, j + one])
+    near = max(near, window_depth[i + one, j], window_depth[i + one, j + one])
+    return below + b * (above - below), near
+
+
 @numba.njit(cache=True, nogil=True)
 def resample(
     luma: NDArray[np.float32],
@@ -122,16 +157,45 @@ def resample(
                 dv = np.float32((k + 0.5) / supersample - 0.5)
                 for m in range(supersample):
                     du = np.float32((m + 0.5) / supersample - 0.5)
-                    x = position[v, u, 0] + step[v, u, 0, 0] * du + step[v, u, 0, 1] * dv
-                    y = position[v, u, 1] + step[v, u, 1, 0] * du + step[v, u, 1, 1] * dv
-                    j, i = int(x), int(y)
-                    a, b = x - np.float32(j), y - np.float32(i)
-                    below = luma[i, j] + a * (luma[i, j + 1] - luma[i, j])
-                    above = luma[i + 1, j] + a * (luma[i + 1, j + 1] - luma[i + 1, j])
-                    total += below + b * (above - below)
-                    near = max(near, window_depth[i, j], window_depth[i, j + 1])
-                    near = max(near, window_depth[i + 1, j], window_depth[i + 1, j + 1])
+                    light, depth = sample_at(luma, window_depth, position, step, u, v, du, dv)
+                    total += light
+                    near = max(near, depth)
             intensity[v, u] = total * share
+            nearest[v, u] = near
+
+
+@numba.njit(cache=True, nogil=True)
+def resampled(
+    luma: NDArray[np.float32],
+    window_depth: NDArray[np.float32],
+    position: NDArray[np.float32],
+    step: NDArray[np.float32],
+    supersample: int,
+    samples: NDArray[np.float32],
+    nearest: NDArray[np.float32],
+) -> None:
+    """Fills the samples of a sensor behind a lens, bilinear, and each pixel's nearest depth.
+
+    Args:
+        luma: (Hs, Ws) light of the source picture, bottom row first.
+        window_depth: (Hs, Ws) its window depth, 1 near and 0 far.
+        position: `LensMap.position`.
+        step: `LensMap.step`.
+        supersample: S, samples per pixel and axis.
+        samples: out, (S H, S W), top row first.
+        nearest: out, (H, W), largest window depth of all source samples that took part.
+    """
+    height, width = nearest.shape
+    for v in range(height):
+        for u in range(width):
+            near = np.float32(0.0)
+            for k in range(supersample):
+                dv = np.float32((k + 0.5) / supersample - 0.5)
+                for m in range(supersample):
+                    du = np.float32((m + 0.5) / supersample - 0.5)
+                    light, depth = sample_at(luma, window_depth, position, step, u, v, du, dv)
+                    samples[v * supersample + k, u * supersample + m] = light
+                    near = max(near, depth)
             nearest[v, u] = near
 
 

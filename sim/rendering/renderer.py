@@ -204,7 +204,7 @@ class StereoRenderer:
             rgb, window_depth = self._draw(mapped.source, camera, T_world_body)
             luma = self._scratch(1, *window_depth.shape)
             pixel_kernels.luma(rgb, full_scale, luma)
-            box_kernels.resampled(
+            pixel_kernels.resampled(
                 luma, window_depth, mapped.position, mapped.step, n, samples, nearest
             )
         light = np.empty((len(samples) - n + 1, samples.shape[1] - n + 1), np.float32)

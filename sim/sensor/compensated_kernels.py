@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 from sim.compensation.light_kernels import light_at
-from sim.compensation.path_kernels import Path, path_of
+from sim.compensation.path_kernels import Path, path_of, places_on
 from sim.sensor.esim_kernels import NEAR, level_of, number_of_falls, number_of_rises
 
 # Steps are never shorter and never longer than this way, px.
@@ -34,18 +34,6 @@ def thresholds(
     for k in range(len(reference)):
         rise_light[k] = math.exp(reference[k] + c_pos - NEAR) - log_eps
         fall_light[k] = math.exp(reference[k] - c_neg + NEAR) - log_eps
-
-
-@numba.njit(cache=True, nogil=True, inline="always")
-def places_on(x: float, y: float, path: Path, s: float) -> tuple[float, float, float, float]:
-    """Column and row in the first frame and in the second of what pixel (x, y) sees at time s."""
-    t = 1.0 - s
-    return (
-        x + s * (path[0] + s * path[1]),
-        y + s * (path[2] + s * path[3]),
-        x + t * (path[4] + t * path[5]),
-        y + t * (path[6] + t * path[7]),
-    )
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
