@@ -32,7 +32,12 @@ from sim.graphics import import_mujoco, note
 from sim.ground_truth import geom_table
 from sim.motion.curves import sampled
 from sim.parallel.checkpoint import CheckpointFolder, CheckpointWriter, Notice, Stopped
-from sim.parallel.render_job import CHUNK_US, RenderedFrame, RenderJob, chunk_bounds_us
+from sim.parallel.render_job import (
+    RenderedFrame,
+    RenderJob,
+    chunk_bounds_us,
+    longest_chunk_us,
+)
 from sim.parallel.sensors import Cameras, Packet
 from sim.parallel.workers import frames_from_workers, frames_in_process, slot_bytes, slot_count
 from sim.rendering.adaptive_sampling import truth_times_us
@@ -156,7 +161,7 @@ def make_job(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> RenderJob:
     exposure_spans_us(config.frames, duration_us)
     more_us = [round(t_s * 1e6) for t_s in config.truth_times_s]
     truth_us = truth_times_us(duration_us, round(config.truth_interval_s * 1e6), more_us)
-    bounds_us = chunk_bounds_us(truth_us, CHUNK_US[config.sampling])
+    bounds_us = chunk_bounds_us(truth_us, longest_chunk_us(config, rig))
     return RenderJob(scene, rig, config, seed, tuple(truth_us), tuple(bounds_us))
 
 

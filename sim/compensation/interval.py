@@ -173,7 +173,8 @@ class Passage:
 
     @cached_property
     def _paths(self) -> tuple[float, NDArray[np.float32]]:
-        paths = np.empty((*self.before.shape, 8), np.float32)
+        height, width = self.before.shape
+        paths = np.empty((height, 9, width), np.float32)
         way_px: float = _longest_way(*self.geometry, paths)
         return way_px, paths
 

@@ -17,6 +17,8 @@ TO_FIRST_MIDDLE, TO_FIRST_END, TO_SECOND_MIDDLE, TO_SECOND_START = 0, 1, 2, 3
 """Which of `ways` is which: into the first frame from half-time and from the second frame, into the
 second frame from half-time and from the first."""
 
+_FAST = {"nnan", "nsz", "reassoc", "contract", "arcp"}
+
 Path = tuple[float, float, float, float, float, float, float, float, float]
 
 
@@ -49,21 +51,27 @@ def distorted(a: float, b: float, lens: NDArray[np.float64]) -> tuple[float, flo
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def carried(
-    T: NDArray[np.float64], a: float, b: float, rho: float, lens: NDArray[np.float64]
-) -> tuple[float, float]:
-    """Pixel position, in another view, of a point with bearing (a, b) and inverse depth `rho`.
+def turned(T: NDArray[np.float64], a: float, b: float, rho: float) -> tuple[float, float]:
+    """Bearing, in another view, of a point with bearing (a, b) and inverse depth `rho`.
 
     Args:
         T: (4, 4) from this camera pose to the other.
         a: x/z in this view.
         b: y/z in this view.
         rho: inverse depth in this view, 1/m; 0 at infinity.
-        lens: see `distorted`.
     """
-    z = T[2, 0] * a + T[2, 1] * b + T[2, 2] + T[2, 3] * rho
-    u = (T[0, 0] * a + T[0, 1] * b + T[0, 2] + T[0, 3] * rho) / z
-    v = (T[1, 0] * a + T[1, 1] * b + T[1, 2] + T[1, 3] * rho) / z
+    per_z = 1.0 / (T[2, 0] * a + T[2, 1] * b + T[2, 2] + T[2, 3] * rho)
+    u = (T[0, 0] * a + T[0, 1] * b + T[0, 2] + T[0, 3] * rho) * per_z
+    v = (T[1, 0] * a + T[1, 1] * b + T[1, 2] + T[1, 3] * rho) * per_z
+    return u, v
+
+
+@numba.njit(cache=True, nogil=True)
+def carried(
+    T: NDArray[np.float64], a: float, b: float, rho: float, lens: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Pixel position of what `turned` looks at, through any lens."""
+    u, v = turned(T, a, b, rho)
     u, v = distorted(u, v, lens)
     return lens[0] * u + lens[2], lens[1] * v + lens[3]
 
@@ -75,7 +83,45 @@ def bent(whole: float, half: float) -> tuple[float, float]:
     return whole - b, b
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+def straight_paths(
+    bearing: NDArray[np.float32],
+    rho_a: NDArray[np.float32],
+    rho_b: NDArray[np.float32],
+    ways: NDArray[np.float64],
+    lens: NDArray[np.float64],
+    paths: NDArray[np.float64],
+) -> None:
+    """Fills the paths of a whole row that shows nothing but what stands still, without a lens.
+
+    Args:
+        bearing: (W, 2) of its pixels.
+        rho_a: (W,) inverse depth in the first frame, 1/m.
+        rho_b: (W,) in the second.
+        ways: (4, 4, 4) transforms of camera coordinates, see `TO_FIRST_MIDDLE`.
+        lens: see `distorted`.
+        paths: out, (9, W) of `paths_of_row`.
+    """
+    a_middle, a_end, b_middle, b_start = ways[0], ways[1], ways[2], ways[3]
+    fx, fy = lens[0], lens[1]
+    # Pixel (x, y) has the bearing (a, b), so that a way is the change of the bearing.
+    for x in range(len(rho_a)):
+        a, b = np.float64(bearing[x, 0]), np.float64(bearing[x, 1])
+        ra, rb = np.float64(rho_a[x]), np.float64(rho_b[x])
+        r = 0.5 * (ra + rb)
+        au, av = turned(a_end, a, b, rb)
+        bu, bv = turned(b_start, a, b, ra)
+        ahu, ahv = turned(a_middle, a, b, r)
+        bhu, bhv = turned(b_middle, a, b, r)
+        au, av, bu, bv = fx * (au - a), fy * (av - b), fx * (bu - a), fy * (bv - b)
+        paths[0, x], paths[1, x] = bent(au, fx * (ahu - a))
+        paths[2, x], paths[3, x] = bent(av, fy * (ahv - b))
+        paths[4, x], paths[5, x] = bent(bu, fx * (bhu - a))
+        paths[6, x], paths[7, x] = bent(bv, fy * (bhv - b))
+        paths[8, x] = math.sqrt(max(au * au + av * av, bu * bu + bv * bv))
+
+
+@numba.njit(cache=True, nogil=True)
 def path_of(
     x: int,
     y: int,
@@ -114,15 +160,13 @@ def path_of(
     au, av = carried(other[TO_FIRST_END], a, b, rb, lens)
     bu, bv = carried(one[TO_SECOND_START], a, b, ra, lens)
     if body_a[y, x] == body_b[y, x]:
-        r = 0.5 * (ra + rb)
-        ahu, ahv = carried(one[TO_FIRST_MIDDLE], a, b, r, lens)
-        bhu, bhv = carried(one[TO_SECOND_MIDDLE], a, b, r, lens)
-    else:
-        u, v = carried(one[TO_FIRST_MIDDLE], a, b, ra, lens)
-        ahu, ahv = carried(other[TO_FIRST_MIDDLE], a, b, rb, lens)
+        ra = rb = 0.5 * (ra + rb)
+    ahu, ahv = carried(one[TO_FIRST_MIDDLE], a, b, ra, lens)
+    bhu, bhv = carried(one[TO_SECOND_MIDDLE], a, b, ra, lens)
+    if body_a[y, x] != body_b[y, x]:
+        u, v = carried(other[TO_FIRST_MIDDLE], a, b, rb, lens)
         ahu, ahv = 0.5 * (ahu + u), 0.5 * (ahv + v)
-        u, v = carried(one[TO_SECOND_MIDDLE], a, b, ra, lens)
-        bhu, bhv = carried(other[TO_SECOND_MIDDLE], a, b, rb, lens)
+        u, v = carried(other[TO_SECOND_MIDDLE], a, b, rb, lens)
         bhu, bhv = 0.5 * (bhu + u), 0.5 * (bhv + v)
     way2 = max((au - x) ** 2 + (av - y) ** 2, (bu - x) ** 2 + (bv - y) ** 2)
     au1, au2 = bent(au - x, ahu - x)
@@ -132,12 +176,58 @@ def path_of(
     return au1, au2, av1, av2, bu1, bu2, bv1, bv2, math.sqrt(way2)
 
 
+@numba.njit(cache=True, nogil=True)
+def paths_of_row(
+    y: int,
+    pixels: NDArray[np.int64],
+    bearing: NDArray[np.float32],
+    rho_a: NDArray[np.float32],
+    rho_b: NDArray[np.float32],
+    body_a: NDArray[np.uint16],
+    body_b: NDArray[np.uint16],
+    ways: NDArray[np.float64],
+    lens: NDArray[np.float64],
+    paths: NDArray[np.float64],
+) -> None:
+    """Fills the paths of some pixels of a row, or of all of them where that is faster.
+
+    Args:
+        y: row.
+        pixels: (n,) columns.
+        bearing: and up to `lens` as in `path_of`.
+        rho_a: ...
+        rho_b: ...
+        body_a: ...
+        body_b: ...
+        ways: ...
+        lens: ...
+        paths: out, (9, W), what `path_of` returns.
+    """
+    if int(lens[4]) == PINHOLE and not (body_a[y].any() or body_b[y].any()):
+        straight_paths(bearing[y], rho_a[y], rho_b[y], ways[0], lens, paths)
+    else:
+        for x in pixels:
+            path = path_of(x, y, bearing, rho_a, rho_b, body_a, body_b, ways, lens)
+            for n in range(len(path)):
+                paths[n, x] = path[n]
+
+
 @numba.njit(cache=True, nogil=True, inline="always")
-def places_on(x: float, y: float, path: Path, s: float) -> tuple[float, float, float, float]:
-    """Column and row in the first frame and in the second of what pixel (x, y) sees at time s."""
+def places_on(
+    x: float, y: float, paths: NDArray[np.floating], k: int, s: float
+) -> tuple[float, float, float, float]:
+    """Column and row in the first frame and in the second of what pixel (x, y) sees at time s.
+
+    Args:
+        x: column.
+        y: row.
+        paths: (9, W) of `paths_of_row`.
+        k: the pixel's column there.
+        s: time, 0 at the first frame and 1 at the second.
+    """
     t = 1.0 - s
-    u_a, v_a = x + s * (path[0] + s * path[1]), y + s * (path[2] + s * path[3])
-    u_b, v_b = x + t * (path[4] + t * path[5]), y + t * (path[6] + t * path[7])
+    u_a, v_a = x + s * (paths[0, k] + s * paths[1, k]), y + s * (paths[2, k] + s * paths[3, k])
+    u_b, v_b = x + t * (paths[4, k] + t * paths[5, k]), y + t * (paths[6, k] + t * paths[7, k])
     return u_a, v_a, u_b, v_b
 
 
@@ -152,15 +242,16 @@ def longest_way(
     lens: NDArray[np.float64],
     paths: NDArray[np.float32],
 ) -> float:
-    """Fills `paths` (H, W, 8) with all pixels' coefficients; returns the longest way, px."""
+    """Fills `paths` (H, 9, W) with those of all rows; returns the longest way, px."""
     height, width = rho_a.shape
+    pixels, row = np.arange(width), np.empty((9, width))
     longest = 0.0
     for y in range(height):
+        paths_of_row(y, pixels, bearing, rho_a, rho_b, body_a, body_b, ways, lens, row)
         for x in range(width):
-            path = path_of(x, y, bearing, rho_a, rho_b, body_a, body_b, ways, lens)
-            for n in range(8):
-                paths[y, x, n] = path[n]
-            longest = max(longest, path[8])
+            longest = max(longest, row[8, x])
+            for n in range(9):
+                paths[y, n, x] = row[n, x]
     return longest
 
 
@@ -179,7 +270,7 @@ def fill_picture(
     Args:
         light_a: light on the grid of the first frame.
         light_b: light on the grid of the second.
-        paths: (H, W, 8) of `longest_way`.
+        paths: (H, 9, W) of `longest_way`.
         grid: nodes per pixel and axis.
         border: pixels between the grid's first node and the sensor's.
         share: 0 at the first frame, 1 at the second.
@@ -189,7 +280,7 @@ def fill_picture(
     back = 1.0 - share
     for y in range(height):
         for x in range(width):
-            u_a, v_a, u_b, v_b = places_on(x, y, paths[y, x], share)
+            u_a, v_a, u_b, v_b = places_on(x, y, paths[y], x, share)
             before = light_at(light_a, grid * (u_a + border), grid * (v_a + border))
             behind = light_at(light_b, grid * (u_b + border), grid * (v_b + border))
             picture[y, x] = back * before + share * behind
@@ -225,10 +316,13 @@ def fill_places(
         places: out; within the sensor.
     """
     height, width = rho_a.shape
+    alone = np.empty((9, 1))
     for n in range(len(x)):
         i, j = int(y[n]), int(x[n])
         path = path_of(j, i, bearing, rho_a, rho_b, body_a, body_b, ways, lens)
-        u_a, v_a, u_b, v_b = places_on(j, i, path, share[n])
+        for m in range(len(path)):
+            alone[m, 0] = path[m]
+        u_a, v_a, u_b, v_b = places_on(j, i, alone, 0, share[n])
         places[n, 0] = min(max(int(np.rint(u_a)), 0), width - 1)
         places[n, 1] = min(max(int(np.rint(v_a)), 0), height - 1)
         places[n, 2] = min(max(int(np.rint(u_b)), 0), width - 1)

@@ -44,8 +44,8 @@ def cell_range(
                     least[j] = min(least[j], here[n])
                     most[j] = max(most[j], here[n])
                     steep[j] = max(steep[j], squared[n])
-        low[i], high[i] = least, most
         for j in range(width):
+            low[i, j], high[i, j] = least[j], most[j]
             slope[i, j] = grid * np.sqrt(steep[j])
 
 
@@ -58,24 +58,37 @@ def spread_most(values: NDArray[np.float32], before: int, behind: int) -> None:
         before: how many rows above and columns to the left take part.
         behind: how many below and to the right.
     """
-    height, width = values.shape
+    for i in range(len(values)):
+        spread_along(values[i], before, behind)
+    spread_across(values, before, behind)
+
+
+@numba.njit(cache=True, nogil=True)
+def spread_along(row: NDArray[np.float32], before: int, behind: int) -> None:
+    """The same along one row, (W,)."""
+    width = len(row)
     line = np.empty(width + before + behind, np.float32)
-    for i in range(height):
-        line[:before], line[before + width :] = values[i, 0], values[i, width - 1]
-        line[before : before + width] = values[i]
-        reach, length = 1, before + behind + 1
-        while reach < length:
-            step = min(reach, length - reach)
-            for j in range(len(line) - step):
-                line[j] = max(line[j], line[j + step])
-            reach += step
-        values[i] = line[:width]
+    for j in range(len(line)):
+        line[j] = row[min(max(j - before, 0), width - 1)]
+    reach, length = 1, before + behind + 1
+    while reach < length:
+        step = min(reach, length - reach)
+        for j in range(len(line) - step):
+            line[j] = max(line[j], line[j + step])
+        reach += step
+    for j in range(width):
+        row[j] = line[j]
+
+
+@numba.njit(cache=True, nogil=True)
+def spread_across(values: NDArray[np.float32], before: int, behind: int) -> None:
+    """The same down all columns of (H, W)."""
+    height, width = values.shape
     tall = np.empty((height + before + behind, width), np.float32)
-    tall[before : before + height] = values
-    for i in range(before):
-        tall[i] = values[0]
-    for i in range(behind):
-        tall[before + height + i] = values[height - 1]
+    for i in range(len(tall)):
+        row = values[min(max(i - before, 0), height - 1)]
+        for j in range(width):
+            tall[i, j] = row[j]
     reach, length = 1, before + behind + 1
     while reach < length:
         step = min(reach, length - reach)
@@ -83,4 +96,6 @@ def spread_most(values: NDArray[np.float32], before: int, behind: int) -> None:
             for j in range(width):
                 tall[i, j] = max(tall[i, j], tall[i + step, j])
         reach += step
-    values[:] = tall[:height]
+    for i in range(height):
+        for j in range(width):
+            values[i, j] = tall[i, j]

@@ -27,11 +27,9 @@ from sim.rendering.renderer import StereoRenderer
 from sim.sampling import border_px
 from sim.scene import Scene
 
-CHUNK_US = {"linear": 12_500, "fast": 25_000, "accurate": 25_000}
-"""Chunks are no longer than this: at 1280x720, about 150 MB of pictures of a moving head."""
-
 # Chunks in which surfaces are drawn in one order; a new one costs a frame.
 _ORDERED_ALIKE = 8
+_LARGE_PX = 500_000
 TruthImages = dict[str, NDArray[Any]]
 
 
@@ -57,6 +55,17 @@ class RenderedFrame(NamedTuple):
     truth: tuple[TruthImages, ...]
     light: tuple[NDArray[np.float32], ...] = ()
     intervals: tuple[Interval, ...] = ()
+
+
+def longest_chunk_us(config: SimConfig, rig: Rig) -> int:
+    """Chunks are no longer than this, µs: longer ones need fewer frames where motion is slow.
+
+    Of a large sensor's, a worker's memory would not hold the frames of a longer one.
+    """
+    if config.sampling == "linear":
+        return 12_500
+    large = max(camera.width_px * camera.height_px for camera in rig.cameras) > _LARGE_PX
+    return 25_000 if large else 50_000
 
 
 def chunk_bounds_us(truth_us: Sequence[int], longest_us: int) -> list[int]:

@@ -26,17 +26,19 @@ def box_mean(samples: NDArray[np.float32], supersample: int, light: NDArray[np.f
     share = np.float32(1.0 / (supersample * supersample))
     column = np.empty(samples.shape[1], np.float32)
     for i in range(rows):
-        column[:] = samples[i]
+        for j in range(len(column)):
+            column[j] = samples[i, j]
         for q in range(1, supersample):
             column += samples[i + q]
         column *= share
         row = light[i]
-        row[:] = column[:columns]
+        for j in range(columns):
+            row[j] = column[j]
         for q in range(1, supersample):
             row += column[q : q + columns]
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})
 def box_nearest(
     window_depth: NDArray[np.float32], supersample: int, nearest: NDArray[np.float32]
 ) -> None:
@@ -51,9 +53,11 @@ def box_nearest(
     row = np.empty(supersample * width, np.float32)
     for i in range(height):
         first = (height - 1 - i) * supersample
-        row[:] = window_depth[first]
+        for j in range(len(row)):
+            row[j] = window_depth[first, j]
         for q in range(1, supersample):
-            row[:] = np.maximum(row, window_depth[first + q])
+            for j in range(len(row)):
+                row[j] = max(row[j], window_depth[first + q, j])
         for j in range(width):
             near = row[j * supersample]
             for q in range(1, supersample):

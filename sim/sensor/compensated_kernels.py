@@ -1,4 +1,8 @@
-"""Events of ideal pixels between two fine frames: compiled; steps as fine as thresholds ask for."""
+"""Events of ideal pixels between two fine frames: compiled; steps as fine as thresholds ask for.
+
+The pixels of an image row take their steps side by side, one step each in turn: what one step waits
+for, memory and divisions, is hidden behind the steps of the others.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +14,22 @@ from numpy.typing import NDArray
 
 import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 from sim.compensation.light_kernels import light_at
-from sim.compensation.path_kernels import Path, path_of, places_on
+from sim.compensation.path_kernels import paths_of_row, places_on
 from sim.sensor.esim_kernels import NEAR, level_of, number_of_falls, number_of_rises
 
 # Steps are never shorter and never longer than this way, px.
 _LEAST_PX, _MOST_PX = 0.1, 1.0
 _FIRST_ROOM = 4096
+# What is known of each pixel of a row, behind its path: the time it has come to, and the light
+# there and at the end; where it may rise and fall; how fast light can change; pixels per way; and
+# the step that it takes.
+_WAY = 8
+_TIME, _LIGHT, _LAST, _RISE, _FALL, _RATE, _PER_PX, _THEN, _SEEN = range(9, 18)
+_ROWS = 18
+_FAST = {"nnan", "nsz", "reassoc", "contract", "arcp"}
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"nnan", "nsz", "reassoc", "contract", "arcp"})
+@numba.njit(cache=True, nogil=True, fastmath=_FAST)
 def thresholds(
     reference: NDArray[np.float64],
     c_pos: float,
@@ -44,7 +55,7 @@ def slope_at(slope: NDArray[np.float32], u: float, v: float) -> float:
     return slope[i, j]  # type: ignore[no-any-return]
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@numba.njit(cache=True, nogil=True)
 def levels_passed(
     rises: bool, log: float, first: float, up: int, down: int, c_pos: float, c_neg: float
 ) -> int:
@@ -62,34 +73,132 @@ def between(level: float, log_s: float, log_e: float, s: float, e: float) -> flo
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def crossing(
+def light_between(
     light_a: NDArray[np.float32],
     light_b: NDArray[np.float32],
     grid: int,
-    x: float,
-    y: float,
-    path: Path,
+    places: tuple[float, float, float, float],
+    s: float,
+) -> tuple[float, float]:
+    """Light at time s of what lies at some places of both frames; and how far those are apart."""
+    before = light_at(light_a, grid * places[0], grid * places[1])
+    behind = light_at(light_b, grid * places[2], grid * places[3])
+    return before + s * (behind - before), abs(behind - before)
+
+
+@numba.njit(cache=True, nogil=True, inline="always")
+def steepest_at(
+    slope_a: NDArray[np.float32],
+    slope_b: NDArray[np.float32],
+    places: tuple[float, float, float, float],
+) -> float:
+    """Steepest light around some places of both frames, per px."""
+    return max(slope_at(slope_a, places[0], places[1]), slope_at(slope_b, places[2], places[3]))
+
+
+@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+def begin_row(
+    y: int,
+    pixels: NDArray[np.int64],
+    light_a: NDArray[np.float32],
+    light_b: NDArray[np.float32],
+    grid: int,
+    border: int,
+    slope_a: NDArray[np.float32],
+    slope_b: NDArray[np.float32],
+    rise_light: NDArray[np.float64],
+    fall_light: NDArray[np.float64],
+    row: NDArray[np.float64],
+) -> None:
+    """Fills in what is known of some pixels of a row at the first frame, their paths given."""
+    i, y0 = grid * (y + border), np.float64(y + border)
+    for x in pixels:
+        j = grid * (x + border)
+        row[_TIME, x], row[_LIGHT, x], row[_LAST, x] = 0.0, light_a[i, j], light_b[i, j]
+        row[_RISE, x], row[_FALL, x] = rise_light[x], fall_light[x]
+        row[_PER_PX, x] = 1.0 / max(row[_WAY, x], 1e-6)
+        places = places_on(np.float64(x + border), y0, row, x, 0.0)
+        steepest = steepest_at(slope_a, slope_b, places)
+        apart = abs(row[_LAST, x] - row[_LIGHT, x])
+        row[_RATE, x] = steepest * row[_WAY, x] + apart + 1e-9
+
+
+@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+def step_of_row(
+    y: int,
+    pixels: NDArray[np.int64],
+    light_a: NDArray[np.float32],
+    light_b: NDArray[np.float32],
+    grid: int,
+    border: int,
+    slope_a: NDArray[np.float32],
+    slope_b: NDArray[np.float32],
+    row: NDArray[np.float64],
+    reached: NDArray[np.int64],
+) -> int:
+    """Takes one step with each of some pixels; fills in and counts those that reach a threshold."""
+    n, y0 = 0, np.float64(y + border)
+    for x in pixels:
+        room = min(row[_RISE, x] - row[_LIGHT, x], row[_LIGHT, x] - row[_FALL, x])
+        least, most = _LEAST_PX * row[_PER_PX, x], _MOST_PX * row[_PER_PX, x]
+        then = row[_TIME, x] + min(max(room / row[_RATE, x], least), most)
+        light = row[_LAST, x]
+        if then < 1.0 - 0.5 * least:
+            places = places_on(np.float64(x + border), y0, row, x, then)
+            light, apart = light_between(light_a, light_b, grid, places, then)
+            steepest = steepest_at(slope_a, slope_b, places)
+            row[_RATE, x] = steepest * row[_WAY, x] + apart + 1e-9
+        else:
+            then = 1.0
+        row[_THEN, x], row[_SEEN, x] = then, light
+        reached[n] = x
+        n += not (row[_FALL, x] < light < row[_RISE, x])
+    return n
+
+
+@numba.njit(cache=True, nogil=True)
+def end_step(pixels: NDArray[np.int64], row: NDArray[np.float64]) -> int:
+    """Brings pixels to where their step leads; those not at the end yet come first: how many."""
+    n = 0
+    for x in pixels:
+        row[_TIME, x], row[_LIGHT, x] = row[_THEN, x], row[_SEEN, x]
+        pixels[n] = x
+        n += row[_THEN, x] < 1.0
+    return n
+
+
+@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+def crossing(
+    x: int,
+    y0: float,
+    light_a: NDArray[np.float32],
+    light_b: NDArray[np.float32],
+    grid: int,
+    border: int,
+    row: NDArray[np.float64],
     level: float,
     log_eps: float,
     rises: bool,
-    s: float,
-    e: float,
-    logs: tuple[float, float],
+    log_s: float,
+    log_e: float,
 ) -> float:
-    """When light reaches a level between two times at which its logarithm is known: secants."""
-    when = between(level, logs[0], logs[1], s, e)
-    u_a, v_a, u_b, v_b = places_on(x, y, path, when)
-    before = light_at(light_a, grid * u_a, grid * v_a)
-    behind = light_at(light_b, grid * u_b, grid * v_b)
-    log_there = math.log(before + when * (behind - before) + log_eps)
+    """When a pixel's light reaches a level within its step: the secant rule, twice.
+
+    The logarithms of light are given, plus `log_eps`, at the step's beginning and end.
+    """
+    s, e = row[_TIME, x], row[_THEN, x]
+    when = between(level, log_s, log_e, s, e)
+    places = places_on(np.float64(x + border), y0, row, x, when)
+    light, _ = light_between(light_a, light_b, grid, places, when)
+    log_there = math.log(light + log_eps)
     if (log_there >= level) == rises:
-        return between(level, logs[0], log_there, s, when)
-    return between(level, log_there, logs[1], when, e)
+        return between(level, log_s, log_there, s, when)
+    return between(level, log_there, log_e, when, e)
 
 
 @numba.njit(cache=True, nogil=True)
 def silence(
-    pixel: NDArray[np.int32],
+    pixel: NDArray[np.int64],
     offset_us: NDArray[np.int64],
     before_us: int,
     refractory_us: int,
@@ -113,14 +222,37 @@ def silence(
 
 
 @numba.njit(cache=True, nogil=True)
-def roomier(values, room):  # type: ignore[no-untyped-def]
+def roomier(values: NDArray[np.int64], room: int) -> NDArray[np.int64]:
     """The same values in an array of `room`."""
-    more = np.empty(room, values.dtype)
-    more[: len(values)] = values
+    more = np.empty(room, np.int64)
+    for n in range(len(values)):  # as a slice it would compile two seconds longer
+        more[n] = values[n]
     return more
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"nnan", "nsz", "reassoc", "contract", "arcp"})
+@numba.njit(cache=True, nogil=True)
+def append_by_column(
+    columns: NDArray[np.int64],
+    found: NDArray[np.int64],
+    n: int,
+    first: int,
+    ends: NDArray[np.int64],
+    pixel: NDArray[np.int64],
+    event: NDArray[np.int64],
+) -> None:
+    """Writes a row's events behind the first `n`, pixel by pixel, each pixel's in their order."""
+    ends[:] = 0
+    for x in columns:
+        ends[x + 1] += 1
+    for x in range(len(ends) - 1):
+        ends[x + 1] += ends[x]
+    for m in range(len(columns)):
+        x = columns[m]
+        pixel[n + ends[x]], event[n + ends[x]] = first + x, found[m]
+        ends[x] += 1
+
+
+@numba.njit(cache=True, nogil=True, fastmath=_FAST)
 def events_between(
     light_a: NDArray[np.float32],
     light_b: NDArray[np.float32],
@@ -147,7 +279,7 @@ def events_between(
     before_us: int,
     step_us: int,
     refractory_us: int,
-) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.uint8]]:
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.uint8]]:
     """Follows every pixel that can reach a threshold from one frame to the next.
 
     A step goes as far as the light cannot reach a threshold, by the steepest slope around the place
@@ -184,59 +316,54 @@ def events_between(
         (N,) pixels; times after `before_us`, 1 to `step_us`, 0 where suppressed, µs; polarities.
     """
     height, width = rho_a.shape
-    room, n = _FIRST_ROOM, 0
-    pixel, offset_us = np.empty(room, np.int32), np.empty(room, np.int64)
-    polarity = np.empty(room, np.uint8)
+    row, chosen, reached = np.empty((_ROWS, width)), np.arange(width + 1), np.arange(width + 1)
+    pixel, event = np.empty(_FIRST_ROOM, np.int64), np.empty(_FIRST_ROOM, np.int64)
+    columns, found = np.empty(_FIRST_ROOM, np.int64), np.empty(_FIRST_ROOM, np.int64)
+    ends, total = np.empty(width + 1, np.int64), 0
     for y in range(height):
+        first_pixel, left, n = y * width, 0, 0
+        rise_row = rise_light[first_pixel : first_pixel + width]
+        fall_row = fall_light[first_pixel : first_pixel + width]
         for x in range(width):
-            k = y * width + x
-            rise, fall = float(rise_light[k]), float(fall_light[k])
-            if high[y, x] < rise and low[y, x] > fall:
-                continue
-            path = path_of(x, y, bearing, rho_a, rho_b, body_a, body_b, ways, lens)
-            way_px = path[8]
-            per_px = 1.0 / max(way_px, 1e-6)
-            x0, y0 = float(x + border), float(y + border)
-            now = float(light_a[grid * (y + border), grid * (x + border)])
-            last = float(light_b[grid * (y + border), grid * (x + border)])
-            s, apart = 0.0, abs(last - now)
-            u_a, v_a, u_b, v_b = places_on(x0, y0, path, 0.0)
-            while s < 1.0:
-                steepest = max(slope_at(slope_a, u_a, v_a), slope_at(slope_b, u_b, v_b))
-                step = min(rise - now, now - fall) / (steepest * way_px + apart + 1e-9)
-                then = s + min(max(step, _LEAST_PX * per_px), _MOST_PX * per_px)
-                light = last
-                if then < 1.0 - 0.5 * _LEAST_PX * per_px:
-                    u_a, v_a, u_b, v_b = places_on(x0, y0, path, then)
-                    before = light_at(light_a, grid * u_a, grid * v_a)
-                    behind = light_at(light_b, grid * u_b, grid * v_b)
-                    light, apart = before + then * (behind - before), abs(behind - before)
-                else:
-                    then = 1.0
-                if light >= rise or light <= fall:
-                    rises = bool(light >= rise)
-                    first, up, down = memory[k].first_log, memory[k].up, memory[k].down
-                    logs = math.log(now + log_eps), math.log(light + log_eps)
-                    number = levels_passed(rises, logs[1], first, up, down, c_pos, c_neg)
-                    if n + number > room:
-                        room = 2 * (n + number)
-                        pixel, offset_us = roomier(pixel, room), roomier(offset_us, room)
-                        polarity = roomier(polarity, room)
-                    for m in range(n, n + number):
-                        up, down = up + rises, down + (not rises)
-                        level = level_of(first, up, down, c_pos, c_neg)
-                        when = crossing(
-                            light_a, light_b, grid, x0, y0, path, level, log_eps, rises,
-                            s, then, logs,
-                        )  # fmt: skip
-                        pixel[m], polarity[m] = k, rises
-                        offset_us[m] = min(max(int(np.rint(when * step_us)), 1), step_us)
-                    n += number
-                    memory[k].up, memory[k].down = up, down
-                    reference[k] = level_of(first, up, down, c_pos, c_neg)
-                    rise = math.exp(reference[k] + c_pos - NEAR) - log_eps
-                    fall = math.exp(reference[k] - c_neg + NEAR) - log_eps
-                    rise_light[k], fall_light[k] = rise, fall
-                now, s = light, then
-    silence(pixel[:n], offset_us[:n], before_us, refractory_us, memory)
-    return pixel[:n], offset_us[:n], polarity[:n]
+            chosen[left] = x
+            left += not (high[y, x] < rise_row[x] and low[y, x] > fall_row[x])
+        paths_of_row(y, chosen[:left], bearing, rho_a, rho_b, body_a, body_b, ways, lens, row)
+        begin_row(
+            y, chosen[:left], light_a, light_b, grid, border, slope_a, slope_b,
+            rise_row, fall_row, row,
+        )  # fmt: skip
+        while left:
+            crossed = step_of_row(
+                y, chosen[:left], light_a, light_b, grid, border, slope_a, slope_b, row, reached
+            )
+            for x in reached[:crossed]:
+                k = first_pixel + x
+                rises = bool(row[_SEEN, x] >= row[_RISE, x])
+                first, up, down = memory[k].first_log, memory[k].up, memory[k].down
+                log_s, log_e = math.log(row[_LIGHT, x] + log_eps), math.log(row[_SEEN, x] + log_eps)
+                number = levels_passed(rises, log_e, first, up, down, c_pos, c_neg)
+                if n + number > len(columns):
+                    columns = roomier(columns, 2 * (n + number))
+                    found = roomier(found, 2 * (n + number))
+                for m in range(n, n + number):
+                    up, down = up + rises, down + (not rises)
+                    level = level_of(first, up, down, c_pos, c_neg)
+                    when = crossing(
+                        x, np.float64(y + border), light_a, light_b, grid, border, row,
+                        level, log_eps, rises, log_s, log_e,
+                    )  # fmt: skip
+                    after_us = min(max(int(np.rint(when * step_us)), 1), step_us)
+                    columns[m], found[m] = x, 2 * after_us + rises
+                n += number
+                memory[k].up, memory[k].down = up, down
+                reference[k] = level_of(first, up, down, c_pos, c_neg)
+                row[_RISE, x] = math.exp(reference[k] + c_pos - NEAR) - log_eps
+                row[_FALL, x] = math.exp(reference[k] - c_neg + NEAR) - log_eps
+            left = end_step(chosen[:left], row)
+        if total + n > len(pixel):
+            pixel, event = roomier(pixel, 2 * (total + n)), roomier(event, 2 * (total + n))
+        append_by_column(columns[:n], found[:n], total, first_pixel, ends, pixel, event)
+        total += n
+    pixel, offset_us = pixel[:total], event[:total] >> 1
+    silence(pixel, offset_us, before_us, refractory_us, memory)
+    return pixel, offset_us, (event[:total] & 1).astype(np.uint8)

@@ -72,7 +72,10 @@ CALLERS = {
     "sim/compensation/light_kernels.py": CARRIED,
     "sim/compensation/path_kernels.py": CARRIED,
 }
-EDITS = {"fold_row": ("if value > top", "if value < top")}
+EDITS = {
+    "fold_row": ("if value > top", "if value < top"),
+    "paths_of_row": ("rho_b[y], ways[0], lens", "rho_b[y], ways[0] + 0.1, lens"),
+}
 
 
 def tree(file):

@@ -2,6 +2,7 @@
 
     python tests/benchmarks paired_commits OLD NEW --runs 5 -- run desk --out {out}
     python tests/benchmarks paired_commits OLD NEW --runs 3 -- suite quick --out {out} --no-speed
+    python tests/benchmarks paired_commits OLD NEW --also="--sim.sampling fast" -- simulate desk ...
 
 OLD and NEW are folders with a checkout each; `{out}` is a fresh folder of every run, and so is the
 job cache. One run of each comes first and does not count: it compiles the kernels. Then they take
@@ -84,10 +85,14 @@ def main() -> None:
     parser.add_argument("old", type=Path)
     parser.add_argument("new", type=Path)
     parser.add_argument("--runs", type=int, default=5, help="pairs that count")
+    parser.add_argument("--also", default="", help="what only the new one is told besides")
     parser.add_argument("command", nargs="+", help="after --: what eventsweep is told")
     asked = parser.parse_args()
-    roots = asked.old.resolve(), asked.new.resolve()
-    pairs = [[cost_of(root, asked.command) for root in roots] for _ in range(asked.runs + 1)][1:]
+    sides = (
+        (asked.old.resolve(), asked.command),
+        (asked.new.resolve(), [*asked.command, *asked.also.split()]),
+    )
+    pairs = [[cost_of(*side) for side in sides] for _ in range(asked.runs + 1)][1:]
     sys.stdout.write(table(*zip(*pairs, strict=True)) + "\n")
 
 

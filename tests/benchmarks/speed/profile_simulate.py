@@ -23,6 +23,7 @@ from sim.rigs import rig
 # Owner, function, stage; a stage in a thread of its own runs beside the others.
 STAGES = (
     (renderer.StereoRenderer, "frame", "render frames"),
+    (renderer.StereoRenderer, "_draw", "of it: draw, read back"),
     (render_job.ChunkRenderer, "_truth", "render truth"),
     (adaptive_sampling._View, "moved_px", "choose times"),
     (sensors.Cameras, "_step", "events (threads)"),
