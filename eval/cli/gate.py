@@ -118,9 +118,9 @@ class GateFlags:
 
     def choice(self) -> Choice:
         """What is looked at, and what decides."""
-        from eval.gate.compare import PRIMARY, Choice
+        from eval.gate.compare import DECIDING, Choice
 
-        return Choice(self.metric or PRIMARY, self.case, self.method, self.strict)
+        return Choice(self.metric or DECIDING, self.case, self.method, self.strict)
 
     def tolerances(self) -> Tolerances:
         """How much is nothing."""

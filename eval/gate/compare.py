@@ -16,6 +16,7 @@ import numpy as np
 from scipy import stats
 
 from emvs.errors import InputError
+from eval.scoring.metrics import PRIMARY
 from eval.suite.results import EVENTS
 from eval.suite.series import SPEED_METRIC, Key, Measured, Series
 
@@ -29,10 +30,7 @@ COMPARED: tuple[Status, ...] = ("changed", "worse", "better", "same")
 
 INPUT = ("events", "brighter_share")
 """What the mapper is given. Without a direction: a change says that depth is of other events."""
-PRIMARY = (
-    "points", "mean_error", "median_error", "bad_published", "voting_share", "dropped_tail",
-    *INPUT, SPEED_METRIC,
-)  # fmt: skip
+DECIDING = (*PRIMARY, "voting_share", "dropped_tail", *INPUT, SPEED_METRIC)
 """What decides unless others are chosen: how many depths and how wrong they are, in metres and as
 the share that the field calls bad; how many events took part; what went in; and what it cost."""
 
@@ -48,7 +46,7 @@ class Choice:
         strict: let what does not decide be red as well where it is missing or not comparable.
     """
 
-    metrics: tuple[str, ...] = PRIMARY
+    metrics: tuple[str, ...] = DECIDING
     cases: tuple[str, ...] = ()
     methods: tuple[str, ...] = ()
     strict: bool = False
@@ -59,7 +57,7 @@ class Choice:
         Raises:
             InputError: says which name, and which there are.
         """
-        own = () if self.metrics == PRIMARY else self.metrics
+        own = () if self.metrics == DECIDING else self.metrics
         for what, chosen in (("case", self.cases), ("method", self.methods), ("metric", own)):
             known = {getattr(key, what): None for key in baseline}
             for name in chosen:

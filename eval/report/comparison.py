@@ -21,11 +21,9 @@ from eval.report.comparability import (
 )
 from eval.report.compared_results import CaseResult, ComparedResult, Number
 from eval.report.ranking import RANKING_COLUMNS, shown
-from eval.scoring.metrics import Better
+from eval.scoring.metrics import PRIMARY, Better
 from eval.scoring.significance import ALPHA, holm, intervals, stratified_interval, stratified_p
 
-PRIMARY = ("mean_error", "median_error", "bad_published", "points")
-"""Metrics that are judged: how wrong depths are, how often they are bad, and how many there are."""
 Verdict = Literal[
     "better", "worse", "no difference shown", "undecided", "equal", "not comparable", "not judged"
 ]

@@ -23,6 +23,8 @@ OUTLIER_RELATIVE_ERROR = 0.10
 PUBLISHED_BAD_PX = 5.0
 PUBLISHED_BAD_RELATIVE = 0.05
 CELL_THRESHOLDS: tuple[int, ...] = (1, 2, 5)
+PRIMARY = ("mean_error", "median_error", "bad_published", "points")
+"""Metrics that decide which map is better: how wrong depths are, how often bad, how many."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from emvs.errors import InputError
 from eval.cli.main import main
 from eval.gate import report
 from eval.gate.baseline import make_baseline, read_baseline, write_baseline
-from eval.gate.compare import PRIMARY, Choice, Tolerances, Verdict, compare, is_red
+from eval.gate.compare import DECIDING, Choice, Tolerances, Verdict, compare, is_red
 from eval.gate.report import write_junit
 from eval.scoring.results import Results, Row, write_results
 from eval.suite.series import SPEED_METHOD, SPEED_METRIC, Key, Measured, Series, read_measured
@@ -137,7 +137,7 @@ def test_a_gate_that_compared_nothing_is_red():
     assert is_red(strange)
     descriptive = judged(("cause_noise", "none", 1))
     assert is_red(descriptive)
-    assert "the baseline has no number that decides, of points, mean_error" in descriptive[0].why
+    assert "the baseline has no number that decides, of mean_error, median_error" in descriptive[0].why
     assert is_red(compare({}, measured(BASE), TOLERANCES))
 
 
@@ -215,8 +215,8 @@ def test_other_events_are_red_and_said_loudly():
 def test_every_direction_of_the_projects_primary_numbers_is_known():
     """Only the input has none: of all else that decides, more or less is better."""
     known = read_baseline(BASELINE).series
-    assert {one.metric for one in known} >= set(PRIMARY)
-    undirected = {one.metric for one in known if one.metric in PRIMARY and one.better == "none"}
+    assert {one.metric for one in known} >= set(DECIDING)
+    undirected = {one.metric for one in known if one.metric in DECIDING and one.better == "none"}
     assert undirected == {"events", "brighter_share"}
 
 

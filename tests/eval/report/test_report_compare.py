@@ -23,8 +23,8 @@ from eval.report.compare_page import (
     write_comparison,
 )
 from eval.report.compared_results import read_compared
-from eval.report.comparison import PRIMARY
 from eval.report.html import Section
+from eval.scoring.metrics import PRIMARY
 from eval.scoring.results import Results, Row, write_results
 from eval.scoring.significance import holm, interval
 from eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult, write_suite
