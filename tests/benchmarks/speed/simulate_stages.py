@@ -1,0 +1,312 @@
+"""Where a simulation's time goes, and how it grows: `python tests/benchmarks simulate_stages`.
+
+    python tests/benchmarks simulate_stages --page docs/performance.md
+
+Runs one stage at a time, where a simulation has several at work, so that the time of all processors
+belongs to one of them, the graphics library's threads included. `--only stages` or `--only growth`
+does one half.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+from unittest import mock
+
+from numpy.typing import NDArray
+
+import scenes
+from emvs.geometry.rig import Rig
+from markdown_blocks import into_page
+from sim import simulate
+from sim.compensation import fine_frame
+from sim.config import SimConfig
+from sim.motion import Motion
+from sim.parallel import render_job, sensors
+from sim.rendering import adaptive_sampling, box_kernels, pixel_kernels, renderer
+from sim.rigs import rig
+from sim.scene import Scene
+from sim.sensor import compensated_kernels
+from study_cost import machine
+
+REST = "everything else"
+# Owner, function, stage; the time of a stage inside another counts for the inner one.
+STAGES: tuple[tuple[Any, str, str], ...] = (
+    (renderer.StereoRenderer, "_draw", "draw, read back"),
+    (pixel_kernels, "luma", "light of samples and pixels"),
+    (pixel_kernels, "resampled", "light of samples and pixels"),
+    (box_kernels, "box_mean", "light of samples and pixels"),
+    (box_kernels, "box_nearest", "light of samples and pixels"),
+    (render_job.ChunkRenderer, "_truth", "truth"),
+    (adaptive_sampling._View, "moved_px", "choose times"),
+    (fine_frame, "cell_range", "reach of light"),
+    (fine_frame, "spread_most", "reach of light"),
+    (compensated_kernels, "events_between", "follow pixels"),
+    (sensors.Cameras, "_step", "sensor, order of events"),
+    (simulate, "_write_events", "write"),
+    (simulate, "_write_truth", "write"),
+    (simulate.CheckpointFolder, "commit", "write"),
+    (simulate, "_assemble", "write"),
+)
+ORDER = (*dict.fromkeys(stage for *_, stage in STAGES), REST)
+
+
+class Case(NamedTuple):
+    """What is simulated."""
+
+    name: str
+    scene: Scene
+    rig: Rig
+    config: SimConfig
+
+
+@dataclass
+class Stopwatch:
+    """Time of all processors by stage, s."""
+
+    def __post_init__(self) -> None:
+        self.spent_s: dict[str, float] = defaultdict(float)
+        self._stage, self._since_s = REST, time.process_time()
+
+    @contextmanager
+    def of(self, stage: str) -> Iterator[None]:
+        """Books the time within on a stage."""
+        before = self._turn(stage)
+        try:
+            yield
+        finally:
+            self._turn(before)
+
+    def _turn(self, stage: str) -> str:
+        now_s, before = time.process_time(), self._stage
+        self.spent_s[before] += now_s - self._since_s
+        self._stage, self._since_s = stage, now_s
+        return before
+
+    def watched(self, owner: Any, name: str, stage: str) -> Any:
+        """A patch that books every call of a function."""
+        inner = getattr(owner, name)
+
+        def timed(*args: Any, **options: Any) -> Any:
+            with self.of(stage):
+                return inner(*args, **options)
+
+        return mock.patch.object(owner, name, timed)
+
+
+class AtOnce(Executor):
+    """Stands in for threads: what is submitted is done before `submit` returns."""
+
+    def __init__(self, *_: object, **__: object) -> None:
+        pass
+
+    def submit(self, work: Callable[..., Any], /, *args: Any, **options: Any) -> Future[Any]:
+        """Calls `work`."""
+        future: Future[Any] = Future()
+        future.set_result(work(*args, **options))
+        return future
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What one simulation took.
+
+    Attributes:
+        stages_s: processor time by stage, s.
+        frames: how many were drawn, of each camera.
+        events: how many came out, of all cameras.
+        seconds: that were simulated.
+    """
+
+    stages_s: dict[str, float]
+    frames: int
+    events: int
+    seconds: float
+
+    @property
+    def total_s(self) -> float:
+        """Processor time, s."""
+        return sum(self.stages_s.values())
+
+
+def measured(case: Case) -> Measured:
+    """Simulates once, from the first frame on; what comes before is not counted."""
+    calls: list[tuple[int, int, int]] = []
+    clock = Stopwatch()
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        stack.enter_context(mock.patch.object(simulate, "ThreadPoolExecutor", AtOnce))
+        for stage in STAGES:
+            stack.enter_context(clock.watched(*stage))
+        begun = stack.enter_context(mock.patch.object(simulate, "_run", _begun(clock)))
+        del begun
+        simulate.simulate(
+            case.scene, case.rig, case.config, 0, Path(folder) / "s",
+            progress=lambda *call: calls.append(call),
+        )  # fmt: skip
+        clock._turn(REST)
+    seconds = 1e-6 * calls[-1][1]
+    return Measured(dict(clock.spent_s), len(calls), calls[-1][2], seconds)
+
+
+def _begun(clock: Stopwatch) -> Callable[..., Any]:
+    """`simulate._run`, which forgets what was measured before."""
+    inner = simulate._run
+
+    def run(*args: Any) -> None:
+        clock._turn(REST)
+        clock.spent_s.clear()
+        inner(*args)
+
+    return run
+
+
+@dataclass(frozen=True)
+class Faster:
+    """A motion at another speed."""
+
+    own: Motion
+    factor: float
+
+    def T_world_body(self, t_s: float) -> NDArray[Any]:
+        """As in `sim.motion.Motion`."""
+        return self.own.T_world_body(self.factor * t_s)
+
+
+def case(scene: str, rig_name: str, seconds: float, **settings: Any) -> Case:
+    """A scene on a rig."""
+    config = SimConfig(duration_s=seconds, **settings)
+    return Case(f"{scene}, {rig_name}", scenes.load(scene), rig(rig_name), config)
+
+
+def stage_cases() -> list[Case]:
+    """Small and large sensors, little and much motion, a lens that distorts."""
+    return [
+        case("boxes", "davis346", 0.5),
+        case("desk", "davis346", 0.5),
+        case("mvsec-flying", "mvsec", 0.5),
+        case("tumvie-6dof", "tumvie", 0.1),
+        case("desk", "tumvie", 0.1),
+    ]
+
+
+def stage_table(cases: list[Case]) -> str:
+    """Processor time per simulated second, by stage."""
+    found = [measured(one) for one in cases]
+    lines = [
+        "Processor seconds per simulated second; without imports and the scene's making, see "
+        "[above](#before-the-first-picture).",
+        "",
+        f"| | {' | '.join(one.name for one in cases)} |",
+        f"|---|{'--:|' * len(cases)}",
+    ]
+    for stage in ORDER:
+        cells = [f"{one.stages_s.get(stage, 0) / one.seconds:.1f}" for one in found]
+        lines.append(f"| {stage} | {' | '.join(cells)} |")
+    totals = [f"**{one.total_s / one.seconds:.1f}**" for one in found]
+    rates = [f"{one.frames / one.seconds:.0f}" for one in found]
+    events = [f"{one.events / one.seconds / 1e6:.1f}" for one in found]
+    lines += [
+        f"| **together** | {' | '.join(totals)} |",
+        f"| frames per camera and second | {' | '.join(rates)} |",
+        f"| million events per second | {' | '.join(events)} |",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def scaled(one: Rig, factor: float) -> Rig:
+    """The rig with the same view in more or fewer pixels."""
+    cameras = tuple(
+        replace(
+            camera,
+            width_px=round(camera.width_px * factor),
+            height_px=round(camera.height_px * factor),
+            fx_px=camera.fx_px * factor,
+            fy_px=camera.fy_px * factor,
+            cx_px=(camera.cx_px + 0.5) * factor - 0.5,
+            cy_px=(camera.cy_px + 0.5) * factor - 0.5,
+        )
+        for camera in one.cameras
+    )
+    return replace(one, cameras=cameras)
+
+
+def faster(scene: Scene, factor: float) -> Scene:
+    """The scene seen from a head that moves so much faster."""
+    own = scene.motion
+    return replace(scene, motion=lambda s, seed: Faster(own(s * factor, seed), factor))
+
+
+def growth_cases() -> list[tuple[str, Case]]:
+    """What grows, and cases in which it does."""
+    base = case("desk", "davis346", 0.2)
+    small = base.rig.cameras[0]
+    return [
+        *(
+            (f"pixels: {round(small.width_px * k)}×{round(small.height_px * k)}",
+             base._replace(rig=scaled(base.rig, k)))
+            for k in (0.5, 1.0, 2.0, 4.0)
+        ),
+        *(
+            (f"motion: {k:g} times as fast",
+             base._replace(scene=faster(base.scene, k)))
+            for k in (0.5, 1.0, 2.0, 4.0)
+        ),
+        *(
+            (f"contrast threshold: {c:g}",
+             case("desk", "davis346", 0.2, contrast_threshold_pos=c, contrast_threshold_neg=c))
+            for c in (0.4, 0.2, 0.1, 0.05)
+        ),
+    ]  # fmt: skip
+
+
+def growth_table() -> str:
+    """Processor time as one thing grows, of `desk` at 346×260."""
+    lines = [
+        "`desk`, 0.2 s; per simulated second.",
+        "",
+        "| | frames | million events | drawing, s | events, s | together, s |",
+        "|---|--:|--:|--:|--:|--:|",
+    ]
+    for name, one in growth_cases():
+        found = measured(one)
+        drawing = sum(found.stages_s.get(stage, 0) for stage in ORDER[:2])
+        events = sum(found.stages_s.get(stage, 0) for stage in ORDER[4:7])
+        per_s = [one / found.seconds for one in (drawing, events, found.total_s)]
+        lines.append(
+            f"| {name} | {found.frames / found.seconds:.0f} "
+            f"| {found.events / found.seconds / 1e6:.1f} "
+            f"| {' | '.join(f'{value:.1f}' for value in per_s)} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    """Measures, and writes the tables into a page where there is one."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--only", choices=("stages", "growth"))
+    parser.add_argument("--page", type=Path)
+    asked = parser.parse_args()
+    about = machine()
+    measured(case("desk", "davis346", 0.05))  # compiles the kernels
+    made = {"stages": lambda: stage_table(stage_cases()), "growth": growth_table}
+    for name, table in made.items():
+        if asked.only in (None, name):
+            text = f"{about}\n\n{table()}"
+            sys.stdout.write(text + "\n")
+            if asked.page is not None:
+                into_page(asked.page, f"simulate-{name}", text)
+
+
+if __name__ == "__main__":
+    main()
