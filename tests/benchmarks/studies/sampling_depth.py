@@ -7,6 +7,7 @@ every way that `fidelity` knows, maps it with all methods and scores it. Jobs ar
 from __future__ import annotations
 
 import argparse
+import json
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -55,9 +56,7 @@ def definition() -> str:
     cases = []
     for scene in CASES:
         for way, settings in WAYS.items():
-            said = ", ".join(
-                f"{key} = {value!r}".replace("'", '"') for key, value in settings.items()
-            )
+            said = ", ".join(f"{key} = {json.dumps(value)}" for key, value in settings.items())
             cases.append(_CASE.format(name=name_of(scene, way), scene=scene, settings=said))
     return _HEAD + "".join(cases)
 
@@ -76,8 +75,8 @@ def table(found: Mapping[Key, Series]) -> str:
     finest = list(WAYS)[-1]
     head = " | ".join(f"{method}" for method in SHOWN)
     lines = [
-        "Mean error (cm), bad pixels (%), points; means of three seeds. *Order*: Kendall's τ between "
-        f"the order of all methods by mean error and that with {finest}. Written by "
+        "Mean error (cm), bad pixels (%), points; means of three seeds. *Order*: Kendall's τ "
+        f"between the order of all methods by mean error and that with {finest}. Written by "
         "`python tests/benchmarks sampling_depth`.",
         "",
         f"| Scene | sampling | {head} | order |",
