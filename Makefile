@@ -93,7 +93,9 @@ measurements: setup studies
 	$(BIN)/python tests/benchmarks fidelity desk boxes thin-structures --truth out/fidelity --parts \
 		--page docs/simulator.md
 	$(BIN)/python tests/benchmarks study_cost --page docs/performance.md --picture docs/images/cost.png
+	$(BIN)/python tests/benchmarks sampling_depth --out out/sampling-depth --page docs/simulator.md
 	$(BIN)/python tests/benchmarks first_picture --page docs/performance.md
+	$(BIN)/python tests/benchmarks simulate_stages --page docs/performance.md
 	$(BIN)/python tests/benchmarks cost_methods --page docs/methods.md
 	$(BIN)/python tests/benchmarks fault_runs --page docs/gate.md
 	$(BIN)/python tests/benchmarks mutation_runs --work out/mutations

@@ -31,7 +31,7 @@ from sim import simulate
 from sim.compensation import fine_frame
 from sim.config import SimConfig
 from sim.motion import Motion
-from sim.parallel import render_job, sensors
+from sim.parallel import checkpoint, render_job, sensors
 from sim.rendering import adaptive_sampling, box_kernels, pixel_kernels, renderer
 from sim.rigs import rig
 from sim.scene import Scene
@@ -54,7 +54,7 @@ STAGES: tuple[tuple[Any, str, str], ...] = (
     (sensors.Cameras, "_step", "sensor, order of events"),
     (simulate, "_write_events", "write"),
     (simulate, "_write_truth", "write"),
-    (simulate.CheckpointFolder, "commit", "write"),
+    (checkpoint.CheckpointFolder, "commit", "write"),
     (simulate, "_assemble", "write"),
 )
 ORDER = (*dict.fromkeys(stage for *_, stage in STAGES), REST)
@@ -146,8 +146,7 @@ def measured(case: Case) -> Measured:
         stack.enter_context(mock.patch.object(simulate, "ThreadPoolExecutor", AtOnce))
         for stage in STAGES:
             stack.enter_context(clock.watched(*stage))
-        begun = stack.enter_context(mock.patch.object(simulate, "_run", _begun(clock)))
-        del begun
+        stack.enter_context(mock.patch.object(simulate, "_run", _begun(clock)))
         simulate.simulate(
             case.scene, case.rig, case.config, 0, Path(folder) / "s",
             progress=lambda *call: calls.append(call),

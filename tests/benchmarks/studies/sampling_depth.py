@@ -114,7 +114,7 @@ def main() -> None:
     words = ["suite", str(file), "--out", str(asked.out / "result"), "--workers", asked.workers]
     flags = ["--no-speed", "--force", "--quiet"]
     subprocess.run([sys.executable, "-m", "eventsweep", *words, *flags], check=True)
-    text = table(of_suite(read_suite(asked.out / "result")))
+    text = table(of_suite(read_suite(asked.out / "result")).series)
     sys.stdout.write(text)
     if asked.page is not None:
         into_page(asked.page, MARK, text)
