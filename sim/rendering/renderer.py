@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import TracebackType
@@ -16,18 +15,17 @@ from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from sim.graphics import current_driver, import_mujoco, open_context
 from sim.motion.animation import Animation
-from sim.rendering import box_kernels, lens, pixel_kernels
-from sim.rendering.float_target import FloatTarget
+from sim.rendering import lens, pixel_kernels
+from sim.rendering.draw_target import Colours, DrawTarget, sharpen_textures
+from sim.rendering.fine_light import FineLight, FineView, KernelLight
+from sim.rendering.light_shader import NoShader, ShaderLight
 
 if TYPE_CHECKING:
     import mujoco
 
 Pose = NDArray[np.float64]
-Colours = NDArray[np.uint8] | NDArray[np.float32]
 # Samples per pixel and axis where depth and geoms are looked up through a distorting lens.
 _LEAST_LENS_SAMPLES = 2
-# Steps of a factor of two in the width of texels.
-_LOD_BIAS = -1.0
 
 
 class Frame(NamedTuple):
@@ -68,6 +66,7 @@ class StereoRenderer:
         floats: bool = False,
         animate: Animation | None = None,
         border_px: int | None = None,
+        shader: bool | None = None,
     ) -> None:
         """Compiles the scene and opens a graphics context.
 
@@ -81,9 +80,12 @@ class StereoRenderer:
             animate: moves the bodies that move by themselves; see `at`.
             border_px: makes fine frames: with the light between the pixels, textures sharp, and so
                 many pixels beyond the sensor's edge, as far as its lens has rays there.
+            shader: work the light of fine frames out in a shader; None for where a GPU draws and
+                can. `description` says what became of it.
 
         Raises:
-            InputError: no graphics, a lens too wide, or a scene that does not compile.
+            InputError: no graphics, a lens too wide, a scene that does not compile, or a shader
+                that was asked for and cannot be had.
         """
         self._mj: Any = import_mujoco()
         self.rig = rig
@@ -92,19 +94,19 @@ class StereoRenderer:
         self._near_m, self._far_m = 0.5 * depth_range_m[0], 4.0 * depth_range_m[1]
         self._fine = border_px is not None
         self._as_listed: list[dict[str, Any]] = []
-        self._memory = [np.empty(0, np.float32)] * 2
         self._lenses = tuple(lens.lens_of(rig, k, self._lens_samples) for k in range(len(rig)))
-        self._drawn = lens.widened(rig, border_px or 0)
-        self._drawn_lenses = (
-            tuple(lens.lens_of(self._drawn, k, supersample) for k in range(len(rig)))
-            if self._fine
-            else self._lenses
+        drawn = lens.widened(rig, border_px or 0)
+        drawn_lenses = self._lenses
+        if self._fine:
+            drawn_lenses = tuple(lens.lens_of(drawn, k, supersample) for k in range(len(rig)))
+        self._views = tuple(
+            FineView(*view, supersample)
+            for view in zip(rig.cameras, drawn.cameras, drawn_lenses, strict=True)
         )
-        self._buffer_px = lens.buffer_size(
-            self._drawn, (*self._drawn_lenses, *self._lenses), supersample
-        )
-        self.model = _compiled(spec, *self._buffer_px)
+        self._buffer_px = lens.buffer_size(drawn, (*drawn_lenses, *self._lenses), supersample)
+        self.model = _compiled(spec)
         self._open(*self._buffer_px, floats)
+        self._light = self._fine_light(shader)
 
     def __enter__(self) -> Self:
         return self
@@ -119,17 +121,20 @@ class StereoRenderer:
 
     def close(self) -> None:
         """Frees the graphics context."""
-        if self._floats is not None:
-            self._floats.free()
-        self._context.free()
+        # Another renderer of this thread may be at work, and has objects of the same numbers.
+        with self._gl.as_current():
+            self._light.free()
+            self._target.free()
+            self._context.free()
         self._gl.free()
 
     @property
     def description(self) -> str:
         """What renders, for a sequence's manifest: MuJoCo, back end, and what OpenGL says draws."""
         back_end = type(self._gl).__module__.rsplit(".", 1)[-1]
-        kind = "classic" if self._floats is None else "classic in float"
-        return f"mujoco {self._mj.__version__} {kind}, {back_end}: {self._driver.identity}"
+        kind = "classic in float" if self._target.floats else "classic"
+        light = f", {self._light.by}" if self._light.by else ""
+        return f"mujoco {self._mj.__version__} {kind}{light}, {back_end}: {self._driver.identity}"
 
     def at(self, t_s: float) -> None:
         """Puts the bodies that move by themselves where they are at `t_s`, s from the start."""
@@ -175,7 +180,7 @@ class StereoRenderer:
         seen, mapped = self.rig.cameras[camera], self._lenses[camera]
         intensity = np.empty((seen.height_px, seen.width_px), np.float32)
         nearest = np.empty_like(intensity)
-        full_scale = 255.0 if self._floats is None else 1.0
+        full_scale = self._target.full_scale
         if mapped is None:
             rgb, window_depth = self._draw(seen, camera, T_world_body, self.supersample)
             pixel_kernels.average(
@@ -192,34 +197,12 @@ class StereoRenderer:
         return Frame(intensity, metric_depth(nearest, self._near_m, self._far_m))
 
     def _fine_frame(self, camera: int, T_world_body: Pose) -> Frame:
-        drawn, mapped, n = self._drawn.cameras[camera], self._drawn_lenses[camera], self.supersample
-        full_scale = 255.0 if self._floats is None else 1.0
-        nearest = np.empty((drawn.height_px, drawn.width_px), np.float32)
-        samples = self._scratch(0, n * drawn.height_px, n * drawn.width_px)
-        if mapped is None:
-            rgb, window_depth = self._draw(drawn, camera, T_world_body, n)
-            pixel_kernels.luma(rgb, full_scale, samples, True)
-            box_kernels.box_nearest(window_depth, n, nearest)
-        else:
-            rgb, window_depth = self._draw(mapped.source, camera, T_world_body)
-            luma = self._scratch(1, *window_depth.shape)
-            pixel_kernels.luma(rgb, full_scale, luma)
-            pixel_kernels.resampled(
-                luma, window_depth, mapped.position, mapped.step, n, samples, nearest
-            )
-        light = np.empty((len(samples) - n + 1, samples.shape[1] - n + 1), np.float32)
-        box_kernels.box_mean(samples, n, light)
-        seen = self.rig.cameras[camera]
-        border = (drawn.width_px - seen.width_px) // 2
-        inner = slice(border, border + seen.height_px), slice(border, border + seen.width_px)
-        depth_m = metric_depth(nearest[inner], self._near_m, self._far_m)
-        return Frame(light[::n, ::n][inner].copy(), depth_m, light)
-
-    def _scratch(self, which: int, height: int, width: int) -> NDArray[np.float32]:
-        """Memory for the time of a frame: to get it anew costs as much as to fill it."""
-        if self._memory[which].size < height * width:
-            self._memory[which] = np.empty(height * width, np.float32)
-        return self._memory[which][: height * width].reshape(height, width)
+        view, n = self._views[camera], self.supersample
+        source, samples = view.source
+        self._render(source, camera, T_world_body, samples)
+        light, nearest = self._light.light(view)
+        depth_m = metric_depth(nearest, self._near_m, self._far_m)
+        return Frame(light[::n, ::n][view.inner].copy(), depth_m, light)
 
     def depth(
         self, camera: int, T_world_body: Pose, view: Camera | None = None
@@ -257,7 +240,7 @@ class StereoRenderer:
         view = mapped.source if mapped else self.rig.cameras[camera]
         with self._flags(SEGMENT=1, IDCOLOR=1, REFLECTION=0):
             rgb, _ = self._draw(view, camera, T_world_body)
-        if self._floats is not None:
+        if self._target.floats:
             rgb = np.rint(255 * rgb)
         segment = rgb.astype(np.int32) @ np.array([1, 1 << 8, 1 << 16], np.int32)
         geom_id = np.full(self._scene.ngeom + 1, -1, np.int32)
@@ -272,8 +255,7 @@ class StereoRenderer:
         self._gl = open_context(width_px, height_px)
         self._driver = current_driver()
         self._context = mj.MjrContext(self.model, mj.mjtFontScale.mjFONTSCALE_100)
-        self._context.readDepthMap = mj.mjtDepthMap.mjDEPTH_ZEROFAR
-        self._floats = FloatTarget(self._context, width_px, height_px) if floats else None
+        self._target = DrawTarget(self._context, width_px, height_px, floats=floats)
         if self._fine:
             sharpen_textures(self._context)
         mj.mjr_setBuffer(mj.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
@@ -285,6 +267,18 @@ class StereoRenderer:
         self._option = mj.MjvOption()
         self._option.sitegroup[:] = 0
         self._update_scene()
+
+    def _fine_light(self, shader: bool | None) -> FineLight:
+        """What works the light out: a GPU by itself, a CPU by kernels."""
+        wanted = self._driver.hardware if shader is None else shader
+        if not (wanted and self._fine):
+            return KernelLight(self._target)
+        try:
+            return ShaderLight(self._target, self._views)
+        except NoShader as error:
+            if shader:
+                raise
+            return KernelLight(self._target, f"light on the CPU, no shader can ({error.reason})")
 
     def _update_scene(self) -> None:
         mj = self._mj
@@ -324,21 +318,16 @@ class StereoRenderer:
         self, view: Camera, camera: int, T_world_body: Pose, supersample: int = 1
     ) -> tuple[Colours, NDArray[np.float32]]:
         """Colour and window depth (1 near, 0 far) at the samples, bottom row first."""
+        self._render(view, camera, T_world_body, supersample)
+        return self._target.read(view.height_px * supersample, view.width_px * supersample)
+
+    def _render(self, view: Camera, camera: int, T_world_body: Pose, supersample: int) -> None:
         self._gl.make_current()
         self._place(view, T_world_body @ self.rig.T_body_cam[camera])
         for lamp in self._head_lamps:
             lamp.pos, lamp.dir = T_world_body[:3, 3], T_world_body[:3, 2]
-        width_px, height_px = view.width_px * supersample, view.height_px * supersample
-        rect = self._mj.MjrRect(0, 0, width_px, height_px)
-        window_depth = np.empty((height_px, width_px), np.float32)
+        rect = self._mj.MjrRect(0, 0, view.width_px * supersample, view.height_px * supersample)
         self._mj.mjr_render(rect, self._scene, self._context)
-        if self._floats is not None:
-            light = np.empty((height_px, width_px, 3), np.float32)
-            self._floats.read(light, window_depth)
-            return light, window_depth
-        rgb = np.empty((height_px, width_px, 3), np.uint8)
-        self._mj.mjr_readPixels(rgb, window_depth, rect, self._context)
-        return rgb, window_depth
 
     def _place(self, camera: Camera, T_world_cam: Pose) -> None:
         """Sets pose and frustum of both eyes; the one place where z forward becomes -z."""
@@ -354,9 +343,10 @@ class StereoRenderer:
             eye.frustum_near, eye.frustum_far = self._near_m, self._far_m
 
 
-def _compiled(spec: mujoco.MjSpec, width_px: int, height_px: int) -> Any:
+def _compiled(spec: mujoco.MjSpec) -> Any:
     own = spec.copy()
-    own.visual.global_.offwidth, own.visual.global_.offheight = width_px, height_px
+    # MuJoCo's own buffer, which is not drawn into.
+    own.visual.global_.offwidth = own.visual.global_.offheight = 1
     own.visual.quality.offsamples = 0
     try:
         return own.compile()
@@ -374,25 +364,6 @@ def _fields(geom: Any) -> dict[str, Any]:
         for name, value in values.items()
         if not callable(value)
     }
-
-
-def sharpen_textures(context: Any) -> None:
-    """Takes textures one step finer than a sample is wide, in the current graphics context.
-
-    The mean over a pixel's samples removes what that leaves too sharp; the blur that it takes away
-    costs 5 % of the events (docs/simulator.md). For the same reason the nearest size of a texture
-    does, where software would spend a fifth of its time on the mean of two.
-    """
-    # Only now: importing it earlier would fix the platform before MuJoCo chooses it.
-    gl: Any = importlib.import_module("OpenGL.GL")
-    targets = gl.GL_TEXTURE_2D, gl.GL_TEXTURE_CUBE_MAP
-    for kind, texture in zip(
-        context.textureType, context.texture[: context.ntexture], strict=False
-    ):
-        target = targets[int(bool(kind))]
-        gl.glBindTexture(target, int(texture))
-        gl.glTexParameterf(target, gl.GL_TEXTURE_LOD_BIAS, _LOD_BIAS)
-        gl.glTexParameteri(target, gl.GL_TEXTURE_MIN_FILTER, gl.GL_LINEAR_MIPMAP_NEAREST)
 
 
 def metric_depth(

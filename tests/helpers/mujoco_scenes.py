@@ -45,9 +45,10 @@ def tiny_rig() -> Rig:
     return Rig("tiny", cameras, (np.eye(4), T_body_right))
 
 
-def spec(geoms: str):
+def spec(geoms: str, materials: str = ""):
     """A spec of some geoms with no light but their own."""
-    return import_mujoco().MjSpec.from_string(_mjcf(geoms))
+    assets = f"<asset>{materials}</asset>" if materials else ""
+    return import_mujoco().MjSpec.from_string(_mjcf(geoms, assets))
 
 
 def card_spec(corners: np.ndarray, behind_m=(0.01, 0, 0)):

@@ -1,6 +1,7 @@
 """Draws one rig's view of a scene for a while and counts pictures: a program of its own.
 
-Usage: `python tests/benchmarks gpu_draw KIND RIG SECONDS`; KIND is classic, float or filament.
+Usage: `python tests/benchmarks gpu_draw KIND RIG SECONDS`; KIND is classic, float, filament, or for
+fine frames kernels or shader: what makes light of their samples.
 The last line on standard output is JSON. Filament ends its process where it fails, and drivers may.
 """
 
@@ -20,11 +21,14 @@ import numpy as np
 import scenes
 from emvs.geometry.camera import Camera
 from sim.rendering import lens
-from sim.rendering.renderer import StereoRenderer
+from sim.config import SimConfig
+from sim.rendering.renderer import Frame, StereoRenderer
 from sim.rigs import rig as named_rig
+from sim.sampling import border_px, with_sampling
 
 SCENE = "desk"
 _BATCH = 4
+_COMPARED = 5
 
 
 def rate(draw: Callable[[float], object], duration_s: float, seconds: float) -> float:
@@ -48,6 +52,40 @@ def classic(rig_name: str, seconds: float, *, floats: bool) -> dict[str, Any]:
             lambda t_s: renderer.frame(0, motion.T_world_body(t_s)), scene.duration_s, seconds
         )
         return {"per_s": found, "drawn_by": renderer.description}
+
+
+def fine(rig_name: str, seconds: float, *, shader: bool) -> dict[str, Any]:
+    """Fine frames of camera 0, sampled as `accurate` does; from a shader, held against the kernels.
+
+    `apart` is the greatest difference of light, of full scale, and of the depth, of itself.
+    """
+    scene, rig = scenes.load(SCENE), named_rig(rig_name)
+    motion, config = scene.motion(scene.duration_s, 0), with_sampling(SimConfig(), rig)
+    assert config.supersample is not None
+    arguments = scene.spec(), rig, config.supersample, scene.depth_range_m
+    border = border_px(config)
+    with StereoRenderer(*arguments, border_px=border, shader=shader) as renderer:
+        poses = [motion.T_world_body(0.1 * k % scene.duration_s) for k in range(_COMPARED)]
+        frames = [renderer.frame(0, pose) for pose in poses]
+        found = rate(
+            lambda t_s: renderer.frame(0, motion.T_world_body(t_s)), scene.duration_s, seconds
+        )
+        drawn_by = renderer.description
+    if not shader:
+        return {"per_s": found, "drawn_by": drawn_by}
+    with StereoRenderer(*arguments, border_px=border, shader=False) as renderer:
+        apart = [_apart(frame, renderer.frame(0, p)) for frame, p in zip(frames, poses, strict=True)]
+    return {"per_s": found, "drawn_by": drawn_by, "apart": np.max(apart, axis=0).tolist()}
+
+
+def _apart(found: Frame, expected: Frame) -> tuple[float, float]:
+    assert found.light is not None
+    assert expected.light is not None
+    rho, true_rho = 1 / found.nearest_depth_m, 1 / expected.nearest_depth_m
+    return (
+        float(np.abs(found.light - expected.light).max()),
+        float((np.abs(rho - true_rho) / np.maximum(true_rho, 1e-9)).max()),
+    )
 
 
 def filament(rig_name: str, seconds: float) -> dict[str, Any]:
@@ -113,6 +151,8 @@ def main(kind: str, rig_name: str, seconds: str) -> None:
     """Draws, prints, and ends without tearing anything down: that can crash."""
     if kind == "filament":
         found = filament(rig_name, float(seconds))
+    elif kind in ("kernels", "shader"):
+        found = fine(rig_name, float(seconds), shader=kind == "shader")
     else:
         found = classic(rig_name, float(seconds), floats=kind == "float")
     sys.stdout.write("\n" + json.dumps(found) + "\n")

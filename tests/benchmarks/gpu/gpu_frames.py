@@ -20,6 +20,9 @@ from sim.graphics import choice
 DRAW = Path(__file__).with_name("gpu_draw.py")
 _LIMIT_S = 120.0
 KINDS = ("classic", "float", "filament")
+FINE_KINDS = ("kernels", "shader")
+# How far light of a shader may be from that of the kernels, of full scale; and depth, of itself.
+_APART = 1e-6
 _STEERING = ("MUJOCO_GL", "PYOPENGL_PLATFORM", "LIBGL_ALWAYS_SOFTWARE")
 _MESA_EGL = "usr/share/glvnd/egl_vendor.d/*mesa*.json"
 _LAVAPIPE = "usr/share/vulkan/icd.d/lvp_icd*.json"
@@ -30,11 +33,12 @@ class Drawn:
     """One renderer at one size.
 
     Attributes:
-        kind: classic, float or filament.
+        kind: classic, float or filament; of fine frames kernels or shader.
         where: `GPU` or `software`: what was asked for.
         rig: whose camera 0 was drawn.
         per_s: pictures per second, read back into memory; None where nothing was drawn.
         drawn_by: what drew, in its own words; or why nothing did.
+        apart: of a shader, how far light and depth are from those of the kernels.
     """
 
     kind: str
@@ -42,6 +46,17 @@ class Drawn:
     rig: str
     per_s: float | None
     drawn_by: str
+    apart: tuple[float, float] | None = None
+
+    def faults(self) -> list[str]:
+        """What is wrong with the pictures."""
+        if self.apart is None or all(one <= _APART for one in self.apart):
+            return []
+        light, depth = self.apart
+        return [
+            f"frames: {self.kind} of {self.rig} on {self.where}: light {light:.2g} and depth "
+            f"{depth:.2g} from the kernels', above {_APART:g}"
+        ]
 
 
 def frames(plan: BenchmarkPlan) -> list[Drawn]:
@@ -57,10 +72,10 @@ def frames(plan: BenchmarkPlan) -> list[Drawn]:
 
 
 def _all(plan: BenchmarkPlan) -> Iterator[Drawn]:
-    for kind in KINDS:
+    for kind in (*KINDS, *FINE_KINDS):
         for where in ("GPU", "software"):
             chosen = _environment(kind, where)
-            for rig in plan.frame_rigs:
+            for rig in plan.fine_rigs if kind in FINE_KINDS else plan.frame_rigs:
                 if isinstance(chosen, str):
                     yield Drawn(kind, where, rig, None, chosen)
                 else:
@@ -124,4 +139,5 @@ def _drawn(kind: str, where: str, rig: str, seconds: float, chosen: Mapping[str,
     software = choice.Driver("", by, "").hardware is False
     if software != (where == "software"):
         return Drawn(kind, where, rig, None, f"drawn by {by} instead")
-    return Drawn(kind, where, rig, found["per_s"], by)
+    apart = tuple(found["apart"]) if "apart" in found else None
+    return Drawn(kind, where, rig, found["per_s"], by, apart)

@@ -99,7 +99,9 @@ class Bench:
         """Pictures per second."""
         from gpu_frames import frames
 
-        return {"drawn": [asdict(one) for one in frames(self.plan)]}
+        drawn = frames(self.plan)
+        self.wrong += [fault for one in drawn for fault in one.faults()]
+        return {"drawn": [asdict(one) for one in drawn]}
 
     def growth(self) -> Part:
         """Time over events, planes and pixels."""

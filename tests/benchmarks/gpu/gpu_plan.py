@@ -36,6 +36,7 @@ class BenchmarkPlan:
         grow_sizes: sensors as they grow.
         grow_rounds: timed calls of each of these loads.
         frame_rigs: rigs whose cameras are drawn.
+        fine_rigs: rigs of whose cameras fine frames are made.
         frame_s: for how long pictures are drawn and counted, s.
     """
 
@@ -56,6 +57,7 @@ class BenchmarkPlan:
     grow_sizes: tuple[tuple[int, int], ...] = ((346, 260), (640, 480), (1280, 720), (1920, 1080))
     grow_rounds: int = 3
     frame_rigs: tuple[str, ...] = ("davis346", "tumvie")
+    fine_rigs: tuple[str, ...] = ("davis346", "tumvie", "tumvie-kb4")
     frame_s: float = 2.0
 
     def config(self, device: str, precision: str = "fixed", **more: object) -> MapperConfig:
@@ -71,6 +73,6 @@ QUICK = BenchmarkPlan(
     size_px=(16, 12), events=60, planes=2, rounds=1, cpu_rounds=1, blocks=2, threads=8, repeats=4,
     far_bytes=4096, windows=2, cpu_windows=1, window_events=60, grow_events=(30, 60),
     grow_planes=(2, 3), grow_sizes=((16, 12), (24, 18)), grow_rounds=1, frame_rigs=("davis346",),
-    frame_s=0.05,
+    fine_rigs=("oblique",), frame_s=0.05,
 )  # fmt: skip
 """Tiny: it shows that the script runs; its figures mean nothing."""

@@ -163,10 +163,16 @@ def _sliding(parts: Parts) -> str:
 def _frames(parts: Parts) -> str:
     lines = (
         (one["kind"], one["where"], one["rig"],
-         "–" if one["per_s"] is None else f"{one['per_s']:.3g}", one["drawn_by"])
+         "–" if one["per_s"] is None else f"{one['per_s']:.3g}", _apart(one.get("apart")),
+         one["drawn_by"])
         for one in parts["frames"]["drawn"]
     )  # fmt: skip
-    return _table(("renderer", "on", "camera of", "pictures/s", "drawn by"), lines)
+    columns = "renderer", "on", "camera of", "pictures/s", "light, depth from kernels'", "drawn by"
+    return _table(columns, lines)
+
+
+def _apart(apart: Sequence[float] | None) -> str:
+    return "–" if apart is None else ", ".join(_exact(one) for one in apart)
 
 
 def _growth(parts: Parts) -> str:

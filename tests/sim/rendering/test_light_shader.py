@@ -1,0 +1,205 @@
+"""Light of fine frames worked out in a shader: what the kernels say, with any lens and any library."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import mujoco_scenes as made
+from emvs.errors import InputError
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from sim.graphics import open_context
+from sim.graphics.choice import Driver
+from sim.motion.curves import look_at
+from sim.rendering import light_shader, renderer
+from sim.rendering.gl_objects import GLObjects, opengl
+from sim.rendering.renderer import StereoRenderer
+from sim.rigs import RIGS
+
+RANGE_M = (0.5, 8.0)
+POSE = look_at((0, 0, 1), (2, 0.1, 0.95))
+OTHER = look_at((0.1, -0.05, 1.1), (2, -0.2, 0.9))
+PINHOLES = made.small_rig()
+BARREL = Camera(80, 60, 55.0, 56.0, 35.4, 33.2, "radtan", (-0.30, 0.09, 0.002, -0.003))
+PINCUSHION = Camera(72, 56, 54.6, 52.2, 39.25, 24.9, "radtan", (0.12, 0.05, -0.001, 0.002, 0.01))
+FISHEYE = Camera(80, 60, 47.0, 48.0, 41.0, 28.0, "kb4", (-0.02, 0.01, -0.02, 0.004))
+GPU = Driver("NVIDIA Corporation", "NVIDIA H100/PCIe/SSE2", "4.6.0 NVIDIA 580.0")
+
+
+def rig_of(*cameras: Camera) -> Rig:
+    return Rig("rig", cameras, tuple(np.eye(4) for _ in cameras))
+
+
+LENSES = {"barrel": rig_of(BARREL), "pincushion": rig_of(PINCUSHION), "fisheye": rig_of(FISHEYE)}
+
+
+def textured(folder):
+    return made.noise_scene(folder).spec()
+
+
+def glowing(folder):
+    """Panels a million to one, in front of each other."""
+    built = made.spec(made.BOXES)
+    for k, brightness in enumerate(np.geomspace(1e-3, 1e3, 7)):
+        material = built.add_material(name=f"m{k}", emission=brightness, rgba=[1, 1, 1, 1])
+        built.worldbody.add_geom(
+            type=6, size=[0.05, 0.1, 0.5], pos=[2, 0.6 - 0.2 * k, 1], material=material.name
+        )
+    return built
+
+
+def mirrored(folder):
+    """A mirror beside the boxes, and a pane of glass before them: every switch of MuJoCo's."""
+    mirror = '<material name="mirror" reflectance=".7" rgba=".5 .5 .5 1"/>'
+    geoms = (
+        '<geom type="box" size="1 .6 .02" pos="2 .2 .7" material="mirror"/>'
+        '<geom type="box" size=".01 .3 .3" pos="1 .1 1" rgba=".9 .2 .2 .4"/>'
+    )
+    return made.spec(made.BOXES + geoms, mirror)
+
+
+SCENES = {"textured": textured, "glowing": glowing, "mirrored": mirrored}
+
+
+def drawn(spec, rig, shader, supersample=3, floats=False, border_px=5):
+    """All that a renderer shows of both cameras from two places, in turns."""
+    with StereoRenderer(
+        spec, rig, supersample, RANGE_M, floats=floats, border_px=border_px, shader=shader
+    ) as renderer:
+        assert ("light in a shader" in renderer.description) is shader
+        return [
+            (renderer.frame(k, pose), renderer.depth(k, pose), renderer.segmentation(k, pose))
+            for pose in (POSE, OTHER)
+            for k in range(len(rig))
+        ]
+
+
+def check_alike(*arguments, **settings):
+    """Light within 1e-6 of full scale, everything else to the bit."""
+    pairs = zip(
+        drawn(*arguments, True, **settings), drawn(*arguments, False, **settings), strict=True
+    )
+    for (frame, *geometry), (expected, *same) in pairs:
+        assert frame.light.shape == expected.light.shape
+        assert frame.light.dtype == frame.nearest_depth_m.dtype == np.float32
+        full_scale = max(1.0, expected.light.max())
+        assert np.ptp(expected.light) > 0.1
+        assert np.abs(frame.light - expected.light).max() <= 1e-6 * full_scale
+        assert np.abs(frame.intensity - expected.intensity).max() <= 1e-6 * full_scale
+        np.testing.assert_array_equal(frame.nearest_depth_m, expected.nearest_depth_m)
+        for ours, theirs in zip(geometry, same, strict=True):
+            np.testing.assert_array_equal(ours, theirs)
+
+
+@pytest.mark.parametrize("floats", [False, True])
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_pinhole_s_light_is_that_of_the_kernels(tmp_path, scene, floats):
+    check_alike(SCENES[scene](tmp_path), PINHOLES, floats=floats)
+
+
+@pytest.mark.parametrize("floats", [False, True])
+@pytest.mark.parametrize("lens", LENSES)
+def test_so_it_is_through_a_lens(tmp_path, lens, floats):
+    check_alike(textured(tmp_path), LENSES[lens], floats=floats)
+
+
+@pytest.mark.parametrize("supersample", range(1, 9))
+def test_so_it_is_of_any_number_of_samples(tmp_path, supersample):
+    mixed = rig_of(made.tiny_rig().cameras[0], BARREL)
+    check_alike(textured(tmp_path), mixed, supersample=supersample, border_px=2)
+
+
+@pytest.mark.parametrize("border_px", [0, 1, 11])
+def test_so_it_is_with_any_border(tmp_path, border_px):
+    mixed = rig_of(made.tiny_rig().cameras[0], FISHEYE)
+    check_alike(textured(tmp_path), mixed, border_px=border_px)
+
+
+def test_so_it_is_of_a_large_sensor_behind_a_wide_lens(tmp_path):
+    """Thousands of samples along a side: where a position has few bits left for its fraction."""
+    check_alike(textured(tmp_path), rig_of(RIGS["tumvie-kb4"].cameras[0]), supersample=2)
+
+
+def opened(spec, rig=PINHOLES, **settings):
+    return StereoRenderer(spec, rig, 2, RANGE_M, **settings)
+
+
+@pytest.fixture
+def on_a_gpu(monkeypatch):
+    monkeypatch.setattr(renderer, "current_driver", lambda: GPU)
+
+
+def test_software_leaves_light_to_the_kernels():
+    with opened(made.spec(made.BOXES), border_px=2) as fine:
+        assert "shader" not in fine.description
+
+
+def test_a_gpu_works_light_out_by_itself_and_says_so(on_a_gpu):
+    with opened(made.spec(made.BOXES), border_px=2) as fine:
+        assert " classic, light in a shader, " in fine.description
+    with opened(made.spec(made.BOXES), border_px=2, floats=True) as fine:
+        assert " classic in float, light in a shader, " in fine.description
+    with opened(made.spec(made.BOXES), border_px=2, shader=False) as fine:
+        assert "shader" not in fine.description
+    with opened(made.spec(made.BOXES)) as plain:
+        assert "shader" not in plain.description
+
+
+def test_a_gpu_that_cannot_says_so_and_leaves_light_to_the_kernels(on_a_gpu, monkeypatch):
+    with opened(made.spec(made.BOXES), border_px=2, shader=False) as fine:
+        expected = fine.frame(0, POSE)
+    monkeypatch.setattr(light_shader, "_HEADER", "#version 999\n")
+    with opened(made.spec(made.BOXES), border_px=2) as fine:
+        assert "light on the CPU, no shader can (" in fine.description
+        assert "\n" not in fine.description
+        found = fine.frame(0, POSE)
+    for ours, theirs in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+@pytest.mark.parametrize("broken", ["_HEADER", "_SUM", "_LENS_NEAREST"])
+def test_a_shader_that_was_asked_for_and_cannot_be_had_is_one_line(monkeypatch, broken):
+    monkeypatch.setattr(light_shader, broken, "void main() { no }")
+    with pytest.raises(InputError, match="shader=False") as caught:
+        opened(made.spec(made.BOXES), rig_of(BARREL), border_px=2, shader=True)
+    assert "\n" not in str(caught.value)
+
+
+def test_pictures_that_no_texture_holds_are_refused_in_one_line():
+    vast = rig_of(Camera(20_000, 8, 1000, 1000, 10_000, 4))
+    with pytest.raises(InputError, match="lower supersample") as caught:
+        opened(made.spec(made.BOXES), vast)
+    assert "\n" not in str(caught.value)
+
+
+def test_all_that_was_made_is_deleted(monkeypatch):
+    """Numbers that a context gives out anew are those that came free."""
+    context, gl = open_context(16, 16), opengl()
+    try:
+        for _ in range(2):
+            objects = GLObjects()
+            texture = objects.texture("GL_R32F", 8, 8)
+            buffer = objects.framebuffer(texture)
+            program = objects.program(light_shader._VERTEX, "void main() { gl_FragColor *= 0.5; }")
+            made_now = gl.glIsTexture(texture), gl.glIsFramebuffer(buffer), gl.glIsProgram(program)
+            assert all(made_now)
+            objects.free()
+            kept = gl.glIsTexture(texture), gl.glIsFramebuffer(buffer), gl.glIsProgram(program)
+            assert not any(kept)
+    finally:
+        context.free()
+
+
+@pytest.mark.parametrize("shader", [True, False])
+def test_one_renderer_s_end_leaves_another_as_it_is(tmp_path, shader):
+    spec = textured(tmp_path)
+    settings = {"border_px": 2, "shader": shader, "floats": True}
+    with opened(spec, **settings) as alone:
+        expected = alone.frame(0, POSE)
+    first, second = opened(spec, **settings), opened(spec, **settings)
+    first.close()
+    found = second.frame(0, POSE)
+    second.close()
+    for ours, theirs in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
