@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
@@ -105,8 +105,14 @@ class StereoRenderer:
         )
         self._buffer_px = lens.buffer_size(drawn, (*drawn_lenses, *self._lenses), supersample)
         self.model = _compiled(spec)
-        self._open(*self._buffer_px, floats)
-        self._light = self._fine_light(shader)
+        self._gl = open_context(*self._buffer_px)
+        self._held = ExitStack()
+        self._held.callback(self._gl.free)
+        try:
+            self._open(*self._buffer_px, floats, shader)
+        except BaseException:
+            self.close()
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -123,10 +129,7 @@ class StereoRenderer:
         """Frees the graphics context."""
         # Another renderer of this thread may be at work, and has objects of the same numbers.
         with self._gl.as_current():
-            self._light.free()
-            self._target.free()
-            self._context.free()
-        self._gl.free()
+            self._held.close()
 
     @property
     def description(self) -> str:
@@ -248,14 +251,17 @@ class StereoRenderer:
         found: NDArray[np.int32] = geom_id[segment]
         return lens.nearest_samples(mapped, found) if mapped else found[::-1]
 
-    def _open(self, width_px: int, height_px: int, floats: bool) -> None:
+    def _open(self, width_px: int, height_px: int, floats: bool, shader: bool | None) -> None:
         mj = self._mj
         self._data = mj.MjData(self.model)
         mj.mj_forward(self.model, self._data)
-        self._gl = open_context(width_px, height_px)
         self._driver = current_driver()
         self._context = mj.MjrContext(self.model, mj.mjtFontScale.mjFONTSCALE_100)
+        self._held.callback(self._context.free)
         self._target = DrawTarget(self._context, width_px, height_px, floats=floats)
+        self._held.callback(self._target.free)
+        self._light = self._fine_light(shader)
+        self._held.callback(self._light.free)
         if self._fine:
             sharpen_textures(self._context)
         mj.mjr_setBuffer(mj.mjtFramebuffer.mjFB_OFFSCREEN, self._context)

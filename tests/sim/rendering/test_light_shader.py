@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+
 import numpy as np
 import pytest
 
@@ -201,5 +203,20 @@ def test_one_renderer_s_end_leaves_another_as_it_is(tmp_path, shader):
     first.close()
     found = second.frame(0, POSE)
     second.close()
+    for ours, theirs in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+def test_a_renderer_that_could_not_be_made_leaves_another_as_it_is(tmp_path, monkeypatch):
+    """Nor does what is left of it, when Python deletes that at a time of its own."""
+    spec = textured(tmp_path)
+    with opened(spec, border_px=2) as other:
+        monkeypatch.setattr(light_shader, "_HEADER", "#version 999\n")
+        with pytest.raises(InputError) as caught:
+            opened(spec, border_px=2, shader=True)
+        expected = other.frame(0, POSE)
+        del caught
+        gc.collect()
+        found = other.frame(0, POSE)
     for ours, theirs in zip(found, expected, strict=True):
         np.testing.assert_array_equal(ours, theirs)
