@@ -73,7 +73,8 @@ class DrawTarget:
     def read(self, height_px: int, width_px: int) -> tuple[Colours, NDArray[np.float32]]:
         """Colours (H, W, 3) and window depth (H, W) of what was drawn, bottom row first."""
         gl = opengl()
-        rgb: Colours = np.empty((height_px, width_px, 3), np.float32 if self.floats else np.uint8)
+        shape = height_px, width_px, 3
+        rgb: Colours = np.empty(shape, np.float32) if self.floats else np.empty(shape, np.uint8)
         window_depth = np.empty((height_px, width_px), np.float32)
         numbers = gl.GL_FLOAT if self.floats else gl.GL_UNSIGNED_BYTE
         gl.glReadPixels(0, 0, width_px, height_px, gl.GL_RGB, numbers, rgb)

@@ -1,6 +1,6 @@
-"""From the samples that were drawn to the light of fine frames: what there is to do, and the CPU's way.
+"""From the samples that were drawn to the light of fine frames: what there is to do, and by a CPU.
 
-The other way, a GPU's, is `sim.rendering.light_shader`.
+`sim.rendering.light_shader` is the other way, a GPU's.
 """
 
 from __future__ import annotations

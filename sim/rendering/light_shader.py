@@ -1,4 +1,4 @@
-"""The light of fine frames, worked out by a GPU where the samples lie: one float picture comes back.
+"""The light of fine frames, worked out where a GPU has the samples: one float picture comes back.
 
 The same arithmetic as `pixel_kernels` and `box_kernels` do, operation by operation, in passes over
 the picture: samples to luma (through a lens: bilinear, where its table says), sums of S samples
@@ -62,15 +62,21 @@ vec2 place(ivec2 pixel, ivec2 part) {
 }
 """
 
-_SAMPLES = _LUMA + """
+_SAMPLES = (
+    _LUMA
+    + """
 out float light;
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
     light = luma(ivec2(at.x, %(last_row)d - at.y));
 }
 """
+)
 
-_LENS_SAMPLES = _LUMA + _LENS + """
+_LENS_SAMPLES = (
+    _LUMA
+    + _LENS
+    + """
 out float light;
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy), pixel = at / %(S)d;
@@ -84,6 +90,7 @@ void main() {
     light = between;
 }
 """
+)
 
 _NEAREST = """
 uniform sampler2D picture;
@@ -98,7 +105,10 @@ void main() {
 }
 """
 
-_LENS_NEAREST = "uniform sampler2D picture;" + _LENS + """
+_LENS_NEAREST = (
+    "uniform sampler2D picture;"
+    + _LENS
+    + """
 out float nearest;
 void main() {
     ivec2 pixel = ivec2(gl_FragCoord.xy) + %(border)d;
@@ -113,6 +123,7 @@ void main() {
     }
 }
 """
+)
 
 
 class NoShader(InputError):
@@ -158,9 +169,10 @@ class ShaderLight:
 
     def __init__(self, target: DrawTarget, views: Sequence[FineView]) -> None:
         self._gl, self._target, self._objects = opengl(), target, GLObjects()
+        lacking: tuple[type[Exception], ...] = (InputError, *self._objects.errors)
         try:
             self._make(views)
-        except (InputError, *self._objects.errors) as error:
+        except lacking as error:
             self._objects.free()
             raise NoShader(" ".join(str(error).split())[:200]) from error
         finally:

@@ -37,6 +37,19 @@ def test_floats_are_what_8_bits_are_rounded_from():
         assert np.array_equal(ours, theirs)
 
 
+def test_a_mirror_shows_the_same_in_floats():
+    """What it reflects lies within its frame, as in 8 bits."""
+    mirror = '<material name="mirror" reflectance=".7" rgba=".1 .1 .1 1"/>'
+    laid = '<geom type="box" size="1 .6 .02" pos="2 .2 .7" material="mirror"/>'
+    spec = made.spec(made.BOXES + laid, mirror)
+    (frame, *_), (stepped, *_) = pictures(spec, True), pictures(spec, False)
+    plain = pictures(made.spec(made.BOXES + laid, mirror.replace(".7", "0")), False)[0]
+    assert np.abs(stepped.intensity - plain.intensity).max() > 0.1
+    shown = frame.intensity < 0.9
+    assert shown.mean() > 0.9
+    assert np.abs(frame.intensity - stepped.intensity)[shown].max() < 0.7 / 255
+
+
 def test_light_is_linear_over_160_db():
     """The same scene under lamps from 1e-4 to 1e4 times as bright."""
     spec = made.spec(made.BOXES)

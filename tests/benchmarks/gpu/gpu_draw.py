@@ -20,8 +20,8 @@ import numpy as np
 
 import scenes
 from emvs.geometry.camera import Camera
-from sim.rendering import lens
 from sim.config import SimConfig
+from sim.rendering import lens
 from sim.rendering.renderer import Frame, StereoRenderer
 from sim.rigs import rig as named_rig
 from sim.sampling import border_px, with_sampling
@@ -74,7 +74,9 @@ def fine(rig_name: str, seconds: float, *, shader: bool) -> dict[str, Any]:
     if not shader:
         return {"per_s": found, "drawn_by": drawn_by}
     with StereoRenderer(*arguments, border_px=border, shader=False) as renderer:
-        apart = [_apart(frame, renderer.frame(0, p)) for frame, p in zip(frames, poses, strict=True)]
+        apart = [
+            _apart(frame, renderer.frame(0, p)) for frame, p in zip(frames, poses, strict=True)
+        ]
     return {"per_s": found, "drawn_by": drawn_by, "apart": np.max(apart, axis=0).tolist()}
 
 

@@ -3,7 +3,7 @@
 import json
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -332,6 +332,19 @@ class TestFrames:
         found = self.drawn("filament", "GPU")
         assert (found.per_s, found.drawn_by) == (900.0, "filament: NVIDIA H200")
 
+    @pytest.mark.parametrize(
+        ("apart", "faults"),
+        [((0.0, 0.0), 0), ((9e-7, 9e-7), 0), ((2e-6, 0), 1), ((0, 2e-6), 1), ((np.nan, 0), 1)],
+    )
+    def test_a_shader_that_disagrees_with_the_kernels_is_wrong(self, ran, apart, faults):
+        ran(json.dumps({"per_s": 90.0, "drawn_by": "llvmpipe", "apart": apart}))
+        found = self.drawn("shader")
+        assert len(found.faults()) == faults
+        drawn = [asdict(found), asdict(replace(found, kind="kernels", apart=None))]
+        first, second = gpu_tables._frames({"frames": {"drawn": drawn}}).splitlines()[2:]
+        assert f"| {apart[0]:.2g}, {apart[1]:.2g} |" in first
+        assert "| – |" in second
+
     @pytest.mark.parametrize(("where", "by"), [("GPU", "llvmpipe"), ("software", "NVIDIA H200")])
     def test_nothing_stands_under_another_ones_name(self, ran, where, by):
         ran(json.dumps({"per_s": 1.0, "drawn_by": by}))
@@ -408,5 +421,5 @@ def test_the_whole_script_on_the_simulator(tmp_path):
         name for name, part in found["parts"].items() if "skipped" in part or "failed" in part
     ]
     drawn = found["parts"]["frames"]["drawn"]
-    assert {one["kind"] for one in drawn} == {"classic", "float", "filament"}
+    assert {one["kind"] for one in drawn} == {*gpu_frames.KINDS, *gpu_frames.FINE_KINDS}
     assert all((one["per_s"] is None) != (one["drawn_by"].startswith("mujoco")) for one in drawn)

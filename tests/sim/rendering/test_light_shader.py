@@ -1,4 +1,4 @@
-"""Light of fine frames worked out in a shader: what the kernels say, with any lens and any library."""
+"""Light of fine frames worked out in a shader: what the kernels say, with any lens."""
 
 from __future__ import annotations
 
