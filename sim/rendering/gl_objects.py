@@ -82,6 +82,9 @@ class GLObjects:
         status = gl.glCheckFramebufferStatus(gl.GL_FRAMEBUFFER)
         if status != gl.GL_FRAMEBUFFER_COMPLETE:
             raise RuntimeError(f"a framebuffer is incomplete, status {int(status):#x}")
+        # Some libraries take memory only when something is drawn: what they lack, they say here.
+        gl.glClear(gl.GL_COLOR_BUFFER_BIT)
+        gl.glFinish()
         return number
 
     def program(self, vertex: str, fragment: str) -> int:

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 import mujoco_scenes as made
+from emvs.data.sequence import Sequence
 from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
+from sim.config import SimConfig
 from sim.graphics import open_context
 from sim.graphics.choice import Driver
 from sim.motion.curves import look_at
@@ -18,6 +20,7 @@ from sim.rendering import light_shader, renderer
 from sim.rendering.gl_objects import GLObjects, opengl
 from sim.rendering.renderer import StereoRenderer
 from sim.rigs import RIGS
+from sim.simulate import simulate
 
 RANGE_M = (0.5, 8.0)
 POSE = look_at((0, 0, 1), (2, 0.1, 0.95))
@@ -220,3 +223,22 @@ def test_a_renderer_that_could_not_be_made_leaves_another_as_it_is(tmp_path, mon
         found = other.frame(0, POSE)
     for ours, theirs in zip(found, expected, strict=True):
         np.testing.assert_array_equal(ours, theirs)
+
+
+def test_a_sequence_has_the_same_events_and_tells_who_made_its_light(tmp_path, on_a_gpu):
+    scene, config = made.noise_scene(tmp_path), SimConfig(duration_s=0.02)
+    simulate(scene, made.tiny_rig(), config, 0, tmp_path / "shader")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(renderer, "ShaderLight", refused)
+        simulate(scene, made.tiny_rig(), config, 0, tmp_path / "kernels")
+    ours, theirs = (Sequence.open(tmp_path / name) for name in ("shader", "kernels"))
+    assert "light in a shader" in ours.manifest.renderer
+    assert "light on the CPU, no shader can (none here)" in theirs.manifest.renderer
+    for k in (0, 1):
+        events, expected = ours.events(k, 0, 20_001), theirs.events(k, 0, 20_001)
+        assert abs(len(events) - len(expected)) <= 0.001 * len(expected)
+        assert len(expected) > 100
+
+
+def refused(*_):
+    raise light_shader.NoShader("none here")
