@@ -175,8 +175,6 @@ class ShaderLight:
         except lacking as error:
             self._objects.free()
             raise NoShader(" ".join(str(error).split())[:200]) from error
-        finally:
-            target.bind()
 
     def _make(self, views: Sequence[FineView]) -> None:
         # Cameras that are alike share what they need.

@@ -126,6 +126,29 @@ def test_so_it_is_of_a_large_sensor_behind_a_wide_lens(tmp_path):
     check_alike(textured(tmp_path), rig_of(RIGS["tumvie-kb4"].cameras[0]), supersample=2)
 
 
+def test_no_switch_keeps_numbers_from_the_picture_and_all_stay_as_they_are(tmp_path):
+    """Everything that can discard a fragment does so here: nothing, or less, would be drawn."""
+    gl = opengl()
+    with opened(textured(tmp_path), border_px=2, shader=True) as fine:
+        expected = fine.frame(0, POSE)
+        fine.frame(0, OTHER)
+        view = fine._views[0]
+        fine._render(view.source[0], 0, POSE, view.source[1])
+        switches = [getattr(gl, f"GL_{name}") for name in light_shader._SWITCHES]
+        for switch in switches:
+            gl.glEnable(switch)
+        gl.glScissor(0, 0, 1, 1)
+        gl.glAlphaFunc(gl.GL_NEVER, 0)
+        gl.glCullFace(gl.GL_FRONT_AND_BACK)
+        gl.glBlendFunc(gl.GL_ZERO, gl.GL_ZERO)
+        before = gl.glGetIntegerv(gl.GL_VIEWPORT).tolist()
+        light, _ = fine._light.light(view)
+        assert all(gl.glIsEnabled(switch) for switch in switches)
+        assert gl.glGetIntegerv(gl.GL_VIEWPORT).tolist() == before
+        assert gl.glGetIntegerv(gl.GL_ATTRIB_STACK_DEPTH) == 0
+    np.testing.assert_array_equal(light, expected.light)
+
+
 def opened(spec, rig=PINHOLES, **settings):
     return StereoRenderer(spec, rig, 2, RANGE_M, **settings)
 
