@@ -32,7 +32,14 @@ from sim.compensation import fine_frame
 from sim.config import SimConfig
 from sim.motion import Motion
 from sim.parallel import checkpoint, render_job, sensors
-from sim.rendering import adaptive_sampling, box_kernels, pixel_kernels, renderer
+from sim.rendering import (
+    adaptive_sampling,
+    box_kernels,
+    draw_target,
+    light_shader,
+    pixel_kernels,
+    renderer,
+)
 from sim.rigs import rig
 from sim.scene import Scene
 from sim.sensor import compensated_kernels
@@ -41,7 +48,9 @@ from study_cost import machine
 REST = "everything else"
 # Owner, function, stage; the time of a stage inside another counts for the inner one.
 STAGES: tuple[tuple[Any, str, str], ...] = (
-    (renderer.StereoRenderer, "_draw", "draw, read back"),
+    (renderer.StereoRenderer, "_render", "draw, read back"),
+    (draw_target.DrawTarget, "read", "draw, read back"),
+    (light_shader.ShaderLight, "light", "light of samples and pixels"),
     (pixel_kernels, "luma", "light of samples and pixels"),
     (pixel_kernels, "resampled", "light of samples and pixels"),
     (box_kernels, "box_mean", "light of samples and pixels"),
