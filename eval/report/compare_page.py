@@ -11,10 +11,11 @@ from typing import Any
 from emvs.utils.files import atomic_path
 from emvs.utils.outputs import output_folder
 from eval.figures.colormaps import line_style
+from eval.numbers import shown
 from eval.report.compared_results import ComparedResult, read_compared
 from eval.report.comparison import Difference, Pair, compare_results, counts_of, signed
 from eval.report.html import Grid, GridCell, Head, Kind, Section, environment, inline, plural
-from eval.report.ranking import RANKING_COLUMNS, column, definition, shown
+from eval.report.ranking import RANKING_COLUMNS, column, definition
 from eval.report.settings_difference import Setting, settings_of
 from eval.report.side_by_side import pictures_of
 from eval.report.tables import TABLES_FOLDER, TextCell, TextTable, in_unit, write_tables

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
+from eval.numbers import shown
 from eval.report.comparability import (
     apart,
     not_comparable,
@@ -20,7 +21,7 @@ from eval.report.comparability import (
     same_time,
 )
 from eval.report.compared_results import CaseResult, ComparedResult, Number
-from eval.report.ranking import RANKING_COLUMNS, shown
+from eval.report.ranking import RANKING_COLUMNS
 from eval.scoring.metrics import PRIMARY, Better
 from eval.scoring.significance import ALPHA, holm, intervals, stratified_interval, stratified_p
 

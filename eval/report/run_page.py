@@ -38,6 +38,7 @@ from eval.figures.images import (
     point_size_px,
 )
 from eval.figures.plots import causes_svg, curves_svg, outlier_causes, slice_svg
+from eval.numbers import shown, thousands
 from eval.report.html import REPORT_NAME, environment, inline, plural
 from eval.report.overview import overview_png
 from eval.report.ranking import (
@@ -45,9 +46,7 @@ from eval.report.ranking import (
     findings,
     mean_over_cases,
     ranked_methods,
-    shown,
     table,
-    thousands,
     with_unit,
 )
 from eval.report.run_data import CaseData, MethodData, RunData, WindowData, load_run

@@ -21,8 +21,9 @@ from eval.figures.images import (
     frame_image,
     point_size_px,
 )
+from eval.numbers import shown
 from eval.report.compared_results import ComparedResult, Number
-from eval.report.ranking import column, shown
+from eval.report.ranking import column
 from eval.report.run_data import MethodData, RunData, WindowData, load_run
 
 ALL = "all results"

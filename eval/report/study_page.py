@@ -13,6 +13,7 @@ from emvs.utils.files import atomic_path
 from emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
 from emvs.utils.outputs import check_files
 from eval.figures.colormaps import INK, line_style
+from eval.numbers import shown
 from eval.report.html import (
     REPORT_NAME,
     Grid,
@@ -24,7 +25,7 @@ from eval.report.html import (
     plural,
     versions_grid,
 )
-from eval.report.ranking import column, definition, shown
+from eval.report.ranking import column, definition
 from eval.scoring.results import Value, read_json
 from eval.studies.curves import BREAKS_AT
 

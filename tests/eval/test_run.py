@@ -17,7 +17,7 @@ from emvs.mapper import map_window
 from emvs.maps.folder import read_map
 from emvs.utils.ownership import strangers
 from eval.cli.main import main
-from eval.report.ranking import thousands
+from eval.numbers import thousands
 from eval.scoring.metrics import METRICS
 from eval.scoring.results import read_results
 from eval.scoring.score import RIG

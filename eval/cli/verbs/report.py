@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from emvs.errors import InputError
-from eval.cli.app import COMMON, NO_NEGATIVE, Common, app
+from eval.cli.app import NO_NEGATIVE, QUIET, Quiet, app
 from eval.progress import Progress
 
 
@@ -46,7 +46,7 @@ def report_stage(progress: Progress) -> Callable[[Path], None]:
 
 
 @app.command
-def report(folder: Path, /, *, flags: ReportFlags = _PAGE_ONLY, common: Common = COMMON) -> None:
+def report(folder: Path, /, *, flags: ReportFlags = _PAGE_ONLY, common: Quiet = QUIET) -> None:
     """Write report.html from the maps and results, or from the studies, of a folder.
 
     Args:
