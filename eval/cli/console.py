@@ -19,8 +19,8 @@ from eval.progress import Bars, Progress, Silent
 if TYPE_CHECKING:
     from emvs.maps.folder import StoredMap, StoredWindow
     from emvs.maps.merge import FusedInfo
-    from eval.report.compare_page import Comparison
-    from eval.report.comparison import Pair
+    from eval.report.compare.differences import Pair
+    from eval.report.compare.page import Comparison
     from eval.scoring.results import Results, Row
 
 _MOST_SKIPPED_SHOWN = 5
@@ -99,7 +99,7 @@ class Console:
 
     def compared(self, comparison: Comparison) -> None:
         """Which settings differ, and the verdict of each method's ranking number."""
-        from eval.report import compare_page
+        from eval.report.compare import page as compare_page
 
         self._dump(compare_page.facts_of(comparison))
         if not self._show:
@@ -165,7 +165,7 @@ def _ranking(case: str, rows: Sequence[Row], metric: str) -> Table:
 def _compared(pair: Pair) -> Table:
     """One line per method, of the first metric that is judged."""
     from eval.report import ranking
-    from eval.report.comparison import interval_text, signed
+    from eval.report.compare.differences import interval_text, signed
 
     metric = pair.headline[0].metric if pair.headline else ""
     found = [one for one in pair.headline if one.metric == metric]

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from eval.report import side_by_side
-from eval.report.compare_page import compare, page_text
-from eval.report.compared_results import read_compared
+from eval.report.compare import pictures as side_by_side
+from eval.report.compare.page import compare, page_text
+from eval.report.compare.results import read_compared
 from eval.report.run_page import render
 from eval.report.study_page import _figure
 from eval.scoring.results import write_results

@@ -14,15 +14,16 @@ from scipy import stats
 from emvs.config import MapperConfig
 from emvs.errors import InputError
 from eval.cli.main import main
-from eval.report import side_by_side
-from eval.report.compare_page import (
+from eval.report.compare import pictures as side_by_side
+from eval.report.compare.differences import PRIMARY
+from eval.report.compare.page import (
     compare,
     page_text,
     sections_of,
     settings_text,
     write_comparison,
 )
-from eval.report.compared_results import read_compared
+from eval.report.compare.results import read_compared
 from eval.report.html import Section
 from eval.scoring.metrics import PRIMARY
 from eval.scoring.results import Results, Row, write_results
