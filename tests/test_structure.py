@@ -24,7 +24,7 @@ MOST_FLOORS = 10  # of subpackages of `emvs`, one upon the other
 LONGEST_CHAIN = 13
 
 # Folders that are tables: a file for every scene and its parts, a file for every verb.
-TABLES = ("scenes", "eval.cli")
+TABLES = ("scenes", "eval.cli.verbs")
 
 # Small modules with one importer that are an idea of their own, and which.
 SMALL = {

@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from eval.cli.exit_codes import with_flags
-from eval.numbers import thousands
+from eval.numbers import shown, thousands
 from eval.progress import Bars, Progress, Silent
 
 if TYPE_CHECKING:
@@ -179,7 +179,7 @@ def _compared(pair: Pair) -> Table:
         table.add_column(escape(name), justify="right")
     table.add_column("verdict")
     for one in found:
-        values = [ranking.shown(value, one.unit) for value in (one.first, one.other)]
+        values = [shown(value, one.unit) for value in (one.first, one.other)]
         cells = (one.method, *values, signed(one.change, one.unit), interval_text(one), one.brief)
         table.add_row(*map(escape, cells))
     return table

@@ -77,7 +77,7 @@ class Program(App):
         """What a verb takes, and while help is printed, what of it is shown."""
         shown = _shown.get()
         if shown == "nothing":
-            return ArgumentCollection()
+            return ArgumentCollection()  # type: ignore[no-untyped-call]
         if shown == "as declared":
             return super().assemble_argument_collection(**options)
         if self._described is None:

@@ -97,7 +97,8 @@ def page_text(page: Page) -> str:
     return environment().get_template("tables.html.j2").render(
         title=page.title, subtitle=page.subtitle, sections=page.sections, note=page.note,
         provenance=page.provenance, overview=page.overview, findings=page.findings,
-        version=page.version, files=page.files, most=max((len(s.names) for s in page.sections), default=0),
+        most=max((len(s.names) for s in page.sections), default=0),
+        version=page.version, files=page.files,
         css=inline("report.css"), tables_css=inline("tables.css"), js=inline("report.js"),
     )  # fmt: skip
 

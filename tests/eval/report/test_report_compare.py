@@ -477,7 +477,9 @@ def test_the_page_is_whole_and_loads_nothing(tmp_path):
     write_comparison(folders, tmp_path / "out")
     text = (tmp_path / "out/compare.html").read_text()
     page = WellFormed(text)
-    assert all(source.startswith(("data:", "#")) for source in page.sources)
+    links = [source for source in page.sources if not source.startswith(("data:", "#"))]
+    found = [(tmp_path / "out" / link).resolve() for link in links]
+    assert found == [folder.resolve() / "results.json" for folder in folders]
     assert not re.search(r"https?://", text)
     assert len(page.ids) == len(set(page.ids))
 
