@@ -47,7 +47,7 @@ class Program(App):
 
     hidden_flags = 0
     """How many flags the last help of this verb left out."""
-    _described: ArgumentCollection | None = None
+    _described: tuple[Shown, ArgumentCollection] | None = None
 
     def __call__(self, tokens: Any = None, **options: Any) -> Any:
         """Interprets and runs a command, given as words; by default the process's own."""
@@ -80,15 +80,15 @@ class Program(App):
             return ArgumentCollection()  # type: ignore[no-untyped-call]
         if shown == "as declared":
             return super().assemble_argument_collection(**options)
-        if self._described is None:
+        if self._described is None or self._described[0] != shown:
             # The library reads each class's source and its bases' again and again: a second.
-            self._described = super().assemble_argument_collection()
-            texts = _texts_of(self._described, self.default_command)
-            for argument in self._described:
+            found = super().assemble_argument_collection()
+            texts = _texts_of(found, self.default_command)
+            for argument in found:
                 _settle(argument, texts, shows_all=shown == "all")
-            each = (argument.show or argument.children for argument in self._described)
-            self.hidden_flags = sum(not one for one in each)
-        return self._described
+            self.hidden_flags = sum(not (one.show or one.children) for one in found)
+            self._described = shown, found
+        return self._described[1]
 
     def generate_completion(self, **options: Any) -> str:
         """A shell's completion script, which knows all flags."""

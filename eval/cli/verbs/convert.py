@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from emvs.errors import InputError
 from eval.cli.app import QUIET, Force, Quiet, app
 
 
@@ -42,6 +43,8 @@ def convert(
     """
     from eval.convert import Options, convert_file
 
+    if shift_us and from_zero:
+        raise InputError("--shift-us and --from-zero: leave one of them out")
     console = common.console()
     options = Options(
         to=to,

@@ -221,7 +221,7 @@ def test_list_and_version(capsys):
     assert {"desk", "boxes", "planes"} <= set(kinds["scenes"])
     assert {"davis346", "tumvie"} <= set(kinds["rigs"])
     assert main(["list"]) == 0
-    assert "|e - g| [m]" in capsys.readouterr().out
+    assert "mean |e - g|" in capsys.readouterr().out
     assert main(["--version"]) == 0
     assert capsys.readouterr().out.startswith("eventsweep 0.")
 
