@@ -38,7 +38,7 @@ from eval.suite.results import FILE_NAME, SuiteResult, read_suite
 from eval.suite.series import Series, of_suite
 
 _ABOUT = (
-    "Means over the seeds ± their standard deviation, where there is more than one; the best of "
+    "Of each case: means over the seeds ± their standard deviation, where there is more than one; the best of "
     "each column is marked. Single cameras have no rank: they are the baseline of all others."
 )
 _OVER_CASES = (
@@ -125,7 +125,7 @@ def _rows(found: Sequence[Series]) -> list[Row]:
 
 
 def _grid(ranking: RankingTable, spreads: Mapping[tuple[str, str], str], about: str) -> Grid:
-    heads = (Head("rank"), Head("method"), *_heads(ranking))
+    heads = (Head("method", text=True), Head("rank"), *_heads(ranking))
     return Grid(heads, tuple(_line(line, ranking, spreads) for line in ranking.lines), about)
 
 
@@ -137,7 +137,7 @@ def _line(
     line: RankingLine, ranking: RankingTable, spreads: Mapping[tuple[str, str], str]
 ) -> tuple[GridCell, ...]:
     rank = GridCell("" if line.rank is None else str(line.rank), line.rank or math.nan)
-    cells = [rank, GridCell(line.method, colour=line_style(line.method).css)]
+    cells = [GridCell(line.method, colour=line_style(line.method).css), rank]
     for head, cell in zip(ranking.columns, line.cells, strict=True):
         spread = spreads.get((line.method, head.name), "–")
         text = cell.text if spread == "–" else f"{cell.text} ± {spread}"
