@@ -38,8 +38,9 @@ from eval.suite.results import FILE_NAME, SuiteResult, read_suite
 from eval.suite.series import Series, of_suite
 
 _ABOUT = (
-    "Of each case: means over the seeds ± their standard deviation, where there is more than one; the best of "
-    "each column is marked. Single cameras have no rank: they are the baseline of all others."
+    "Of each case: means over the seeds ± their standard deviation, where there is more than one; "
+    "the best of each column is marked. Single cameras have no rank: they are the baseline of all "
+    "others."
 )
 _OVER_CASES = (
     "Every case weighs the same, and pixels are the mean of a case. A method that lacks one of "

@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from rich.console import Console
 
 from eval.cli.help import ALL, readable
 from eval.cli.main import VERBS, app, main
@@ -14,7 +15,7 @@ MOST_FLAGS = 16
 @pytest.fixture(autouse=True)
 def wide(monkeypatch):
     """A terminal in which names fit on a line."""
-    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(app, "console", Console(width=200))
 
 
 def printed(capsys, *words):
@@ -45,7 +46,7 @@ def test_help_shows_what_matters_and_help_all_the_rest(capsys, verb):
 
 
 def test_the_longest_help_fits_a_screen_or_two(capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr(app, "console", Console(width=80))
     assert len(printed(capsys, "run", "--help").splitlines()) < 60
     assert len(taken_by("run")) > 100
 
