@@ -12,6 +12,7 @@ import pytest
 from emvs.data.image_stores import Photo
 from emvs.errors import InputError
 from eval.numbers import shown
+from eval.report.overview import overview_png
 from eval.report.ranking import findings, fusion_order, mean_over_cases, order, table
 from eval.report.run_data import _range_s
 from eval.report.run_page import render, write_report
@@ -40,6 +41,13 @@ def test_the_method_of_rank_1_is_shown_first(one_case):
     assert page.checked == ["case0-m0"]
     assert 'for="case0-m0">Alg1/H</label>' in one_case
     assert page.ids.index("ranking") < page.ids.index("case0") < page.ids.index("provenance")
+
+
+def test_the_overview_draws_the_first_of_the_ranked_methods_that_has_a_map():
+    case = report_data("desk").cases[0]
+    unranked, best = overview_png(case), overview_png(case, ranked=("Given/none", "Alg1/max"))
+    assert overview_png(case, ranked=("Alg1/H",)) == unranked
+    assert best != unranked
 
 
 def test_every_picture_of_every_method_is_there(one_case):

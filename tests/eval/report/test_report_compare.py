@@ -543,6 +543,20 @@ def test_maps_lie_side_by_side_on_one_scale(tmp_path, monkeypatch):
     assert seen == {"Frame": True, "Events": True, "True depth [m]": True}, "drawn once"
 
 
+def test_pictures_and_tables_begin_with_the_best_of_the_first_result(tmp_path, monkeypatch):
+    data = report_data("desk")
+    worse = {"Alg1/H": 3.0, "Alg1/max": 0.5}
+    rows = tuple(
+        replace(row, value=worse.get(row.method, 1.0)) if row.metric == "mean_error" else row
+        for row in data.results.rows
+    )
+    swapped = replace(data, results=replace(data.results, rows=rows))
+    picture_data(monkeypatch, a=swapped, b=swapped)
+    results = read_compared([run_folder(tmp_path / "a"), run_folder(tmp_path / "b")])
+    (drawn,), _ = side_by_side.pictures_of(results, ["desk"])
+    assert drawn.methods[drawn.chosen] == "Alg1/max"
+
+
 def test_pictures_are_on_the_page_or_it_says_why_not(tmp_path, monkeypatch):
     picture_data(monkeypatch, a=report_data("desk"), b=report_data("desk"))
     runs = [run_folder(tmp_path / name) for name in "ab"]
