@@ -15,7 +15,6 @@ from emvs.config import MapperConfig
 from emvs.errors import InputError
 from eval.cli.main import main
 from eval.report.compare import pictures as side_by_side
-from eval.report.compare.differences import PRIMARY
 from eval.report.compare.page import (
     compare,
     page_text,
