@@ -78,12 +78,29 @@ def convert_file(source: Path, out: Path, options: Options, progress: Progress) 
     to = options.to
     if to not in targets():
         raise InputError(f"--to {to}: unknown; choose from {', '.join(targets())}")
+    _refuse_unused(options)
     inputs = (*inputs_of(source), *options.inputs)
     check_output(out, force=options.force, inputs=inputs, folder=out.is_dir())
     if to in kinds():
         return _events(source, out, options, inputs, progress)
     with output_file(out, force=options.force, inputs=inputs) as place:
         return Written(_file(source, place, options))
+
+
+def _refuse_unused(options: Options) -> None:
+    """Refuses options that say nothing about the format asked for."""
+    events, poses = options.to in kinds(), options.to in POSES
+    useless = {
+        "--stream": bool(options.stream) and not events,
+        "--shift-us and --from-zero": options.shift_us != 0 and not (events or poses),
+        "--unit": options.unit != "s" and not poses,
+        "--width-px": options.width_px is not None and not events,
+        "--height-px": options.height_px is not None and not events,
+        "--baseline-m": options.baseline_m is not None and options.to != "disparity-png",
+    }
+    for flag, is_useless in useless.items():
+        if is_useless:
+            raise InputError(f"{flag} with --to {options.to}: says nothing there; leave it out")
 
 
 def _file(source: Path, out: Path, options: Options) -> str:

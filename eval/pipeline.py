@@ -105,7 +105,7 @@ def simulate_scene(
 
         def show(done_us: int, total_us: int, events: int) -> None:
             resume()  # the first picture is there: nothing is imported any more
-            update(done_us / total_us, f"{done_us / 1e3:.0f} ms, {events / 1e6:.2f} M events")
+            update(done_us / total_us, f"{done_us / 1e3:.0f} ms, {events:,} events")
 
         loaded = scenes.load(scene)
         simulate(

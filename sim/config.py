@@ -48,13 +48,13 @@ class FramesConfig(ParameterGroup):
     model_config = ConfigDict(allow_inf_nan=False)
 
     rate_hz: Annotated[float, Field(ge=0, le=10_000)] | None = None
-    """Pictures per second, Hz; 0 for none; None takes the scene's own, which is 0 for most."""
+    """Pictures per second, Hz; 0 for none; by default the scene's own, which is 0 for most."""
 
     exposure_us: Annotated[int, Field(ge=1)] = 10_000
     """How long the shutter is open, µs."""
 
     gain: Annotated[float, Field(gt=0)] | None = None
-    """Pixel value per mean light: 1 saturates at intensity 1; None exposes each picture by itself.
+    """Pixel value per mean light: 1 saturates at intensity 1; by default each is exposed by itself.
     """
 
     bits: Annotated[int, Field(ge=1, le=8)] = 8
@@ -137,7 +137,7 @@ class ReplayConfig(ParameterGroup):
     model_config = ConfigDict(allow_inf_nan=False)
 
     trajectory: Path | None = None
-    """Poses in TUM format, `t_s x y z qx qy qz qw`; None moves the head as the scene says."""
+    """Poses in TUM format, `t_s x y z qx qy qz qw`; by default the head moves as the scene says."""
 
     sha256: str = ""
     """Hash of the file: written by the simulation, and checked where it is given."""
@@ -176,7 +176,7 @@ class ReplayConfig(ParameterGroup):
 
     hand_eye: Path | None = None
     """What turns the recorded body's poses into camera 0's: JSON or YAML with `T_body_cam`, or
-    TUM-VIE's mocap-imu calibration, together with `imu_cam`. None: the poses are camera 0's.
+    TUM-VIE's mocap-imu calibration, together with `imu_cam`. By default the poses are camera 0's.
     """
 
     imu_cam: Path | None = None
@@ -208,15 +208,15 @@ class SimConfig(ParameterGroup):
 
     sampling: SamplingName = "accurate"
     """What pixels see between two frames: `accurate` and `fast` carry the light of fine frames
-    along the image motion, `linear` blends frames that are close together; see docs/simulator.md.
+    along the image motion, `linear` blends frames that are close together.
     """
 
     max_displacement_px: Annotated[float, Field(gt=0, le=64)] | None = None
-    """No pixel of any camera moves further than this between two frames, px; None is 8, and 0.5
-    where `sampling` is `linear`."""
+    """No pixel of any camera moves further than this between two frames, px; by default 8,
+    and 0.5 where `sampling` is `linear`."""
 
     supersample: Annotated[int, Field(ge=1, le=8)] | None = None
-    """Each pixel is the mean of this many squared render samples; None takes as many as `sampling`
+    """Each pixel is the mean of this many squared render samples; by default as many as `sampling`
     needs at the rig's focal lengths, and 2 where it is `linear`."""
 
     light: LightConfig = LightConfig()
@@ -244,14 +244,14 @@ class SimConfig(ParameterGroup):
     """Ground truth beside depth: at the stored times, and `event_depth` for every event."""
 
     duration_s: Annotated[float, Field(gt=0)] | None = None
-    """Length of the sequence, s; None takes the scene's own."""
+    """Length of the sequence, s; by default the scene's own."""
 
     min_frame_interval_us: Annotated[int, Field(ge=1)] = 20
     """Frames are never closer than this, µs, but for truth times; faster motion is refused."""
 
     max_frame_interval_us: Annotated[int, Field(ge=1)] | None = None
-    """Frames are never further apart than this, µs, however slow the motion; None is 50 000, and
-    10 000 where `sampling` is `linear`."""
+    """Frames are never further apart than this, µs, however slow the motion; by default 50 000,
+    and 10 000 where `sampling` is `linear`."""
 
     @model_validator(mode="after")
     def _thresholds_of_preset(self) -> SimConfig:

@@ -124,8 +124,15 @@ class SensorParameters:
 
 @dataclass(frozen=True, slots=True)
 class Preset:
-    """A named sensor; `thresholds` are values for fields of `SimConfig` of the same names."""
+    """A named sensor.
 
+    Attributes:
+        summary: what it is, in a few words.
+        parameters: of its pixels and read-out.
+        thresholds: values for fields of `SimConfig` of the same names.
+    """
+
+    summary: str
     parameters: SensorParameters
     thresholds: dict[str, float | int]
 
@@ -144,8 +151,9 @@ _DAVIS240 = SensorParameters(
 )
 
 PRESETS: dict[PresetName, Preset] = {
-    "ideal": Preset(SensorParameters(), {}),
+    "ideal": Preset("ESIM's pixels: no noise, no mismatch, no latency", SensorParameters(), {}),
     "davis240": Preset(
+        "DAVIS240C: thresholds of 0.18, noise, mismatch and a latency of 12 µs",
         _DAVIS240,
         {
             "contrast_threshold_pos": 0.18,
@@ -154,6 +162,7 @@ PRESETS: dict[PresetName, Preset] = {
         },
     ),
     "davis346": Preset(
+        "DAVIS346: unequal thresholds of 0.143 and 0.225, a latency of 20 µs",
         replace(_DAVIS240, latency_us=20.0),
         {
             "contrast_threshold_pos": 0.143,
@@ -162,6 +171,7 @@ PRESETS: dict[PresetName, Preset] = {
         },
     ),
     "gen4": Preset(
+        "Prophesee Gen 4: less noise, more bandwidth, 1.066e9 events/s",
         SensorParameters(
             threshold_sigma=0.02,
             bandwidth_hz=1000.0,

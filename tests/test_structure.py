@@ -24,10 +24,11 @@ MOST_FLOORS = 10  # of subpackages of `emvs`, one upon the other
 LONGEST_CHAIN = 13
 
 # Folders that are tables: a file for every scene and its parts, a file for every verb.
-TABLES = ("scenes", "eval.cli")
+TABLES = ("scenes", "eval.cli.verbs")
 
 # Small modules with one importer that are an idea of their own, and which.
 SMALL = {
+    "eval.cli.main": "the program: interrupts are heeded up to its frame, whoever calls it",
     "eval.suite.stages.map": "a stage of a suite: its version is the hash of its own code",
 }
 

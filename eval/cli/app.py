@@ -1,4 +1,4 @@
-"""The command line: one program, a verb per stage, and `run` for all of them.
+"""What all verbs share: the program, flags that several of them take, and groups of settings.
 
 Only light modules are imported at the top: help must come at once, and numba, MuJoCo and open3d
 take seconds.
@@ -12,27 +12,47 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import App, Group, Parameter
+from cyclopts import Group, Parameter
 from pydantic import BaseModel
 
 from emvs.config import MapperConfig
+from emvs.errors import InputError
 from emvs.utils.outputs import check_output
+from eval.cli import names
+from eval.cli.help import HELP_FLAGS, RARE, Program, readable
 from eval.config import EvalConfig, Settings, load, unread
 from sim.config import SimConfig
 
-_SIM, _MAP, _SCORE = (Group(f"{title} parameters") for title in ("Simulator", "Mapper", "Score"))
-SimFlags = Annotated[SimConfig, Parameter(group=_SIM)]
-MapFlags = Annotated[MapperConfig, Parameter(group=_MAP)]
-ScoreFlags = Annotated[EvalConfig, Parameter(group=_SCORE)]
+_SIM, _MAP, _SCORE, JOBS, COMMON_GROUP = map(
+    Group.create_ordered,
+    ("Simulator parameters", "Mapper parameters", "Score parameters", "Where jobs run", "Common"),
+)
+SimFlags = Annotated[SimConfig, Parameter(group=_SIM), RARE]
+MapFlags = Annotated[MapperConfig, Parameter(group=_MAP), RARE]
+ScoreFlags = Annotated[EvalConfig, Parameter(group=_SCORE), RARE]
 NO_NEGATIVE = Parameter(negative=())
 """Of a flag that has no `--no-` or `--empty-` beside it."""
-Methods = Annotated[tuple[str, ...], NO_NEGATIVE]
+Methods = Annotated[tuple[str, ...], Parameter(negative=(), completer=names.method_names)]
+Scenes = Annotated[tuple[str, ...], Parameter(negative=(), completer=names.scenes)]
+Scene = Annotated[str, Parameter(completer=names.scenes)]
+RigName = Annotated[str | None, Parameter(completer=names.rigs)]
+SuiteName = Annotated[str, Parameter(completer=names.suites)]
+AllowSkipped = Annotated[bool, NO_NEGATIVE, RARE]
+Force = Annotated[
+    bool,
+    Parameter(
+        group=COMMON_GROUP,
+        negative=(),
+        help="Replace an existing output, if everything in it was written by eventsweep.",
+    ),
+]
 
-app = App(
+app = Program(
     name="eventsweep",
     help="Simulate, map and score event-based multi-view stereo.",
     version=lambda: f"eventsweep {version('eventsweep')}",
-    default_parameter=Parameter(negative_iterable=()),
+    help_flags=HELP_FLAGS,
+    default_parameter=Parameter(negative_iterable=(), show_default=readable),
     result_action="return_value",
     suppress_keyboard_interrupt=False,
 )
@@ -40,17 +60,26 @@ app = App(
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Common:
-    """What every command takes."""
+class Quiet:
+    """What every command takes that prints no facts, only what it has written."""
 
-    force: Annotated[bool, Parameter(group="Common", negative=())] = False
-    "Replace an existing output, if all that is in it was written by eventsweep."
-
-    quiet: Annotated[bool, Parameter(group="Common", negative=())] = False
+    quiet: Annotated[bool, Parameter(group=COMMON_GROUP, negative=())] = False
     "Print no progress and no summary."
 
-    json: Annotated[bool, Parameter(group="Common", negative=())] = False
-    "Print the summary as JSON."
+    def console(self) -> Any:
+        """Where progress and summaries go."""
+        from eval.cli.console import Console
+
+        return Console(quiet=self.quiet, as_json=False)
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Common(Quiet):
+    """What every command takes that prints a summary."""
+
+    json: Annotated[bool, Parameter(group=COMMON_GROUP, negative=())] = False
+    "Print the summary as JSON, and no progress."
 
     def console(self) -> Any:
         """Where progress and summaries go."""
@@ -64,8 +93,8 @@ class Common:
 class Configured(Common):
     """What every command takes that has settings: all others refuse a file of them."""
 
-    config: Annotated[Path | None, Parameter(group="Common")] = None
-    "TOML file with the tables [sim], [map] and [score]; flags go before it."
+    config: Annotated[Path | None, Parameter(group=COMMON_GROUP)] = None
+    "TOML file with the tables [sim], [map] and [score]; a flag beats the file."
 
     def settings(self, **flags: BaseModel) -> Settings:
         """The file joined with flags, by the tables' names; says what in the file is not read.
@@ -78,17 +107,14 @@ class Configured(Common):
             sys.stderr.write(f"{line}\n")
         return wanted
 
-    def inputs(self, *more: Path | None) -> tuple[Path, ...]:
-        """The files that a command reads: no output may replace one of them."""
-        return tuple(path for path in (self.config, *more) if path is not None)
-
-    def check(self, out: Path, *inputs: Path | None) -> None:
+    def check(self, out: Path, *inputs: Path | None, force: bool) -> None:
         """Refuses, before anything is read, an output that --force would not replace."""
-        if self.force:
-            check_output(out, force=True, inputs=self.inputs(*inputs))
+        read = tuple(path for path in (self.config, *inputs) if path is not None)
+        if force:
+            check_output(out, force=True, inputs=read)
 
 
-COMMON, CONFIGURED = Common(), Configured()
+QUIET, COMMON, CONFIGURED = Quiet(), Common(), Configured()
 SIM, MAP, SCORE = SimConfig(), MapperConfig(), EvalConfig()
 
 
@@ -96,3 +122,16 @@ def with_values(group: Any, **values: Any) -> Any:
     """Returns a group with some values set, where they are not None."""
     set_values = {name: value for name, value in values.items() if value is not None}
     return group.model_copy(update=set_values)
+
+
+def check_skipping(config: MapperConfig, *, allowed: bool) -> None:
+    """Refuses --allow-skipped where there is one window, which cannot be skipped.
+
+    Raises:
+        InputError: nothing can be skipped.
+    """
+    if allowed and not config.slides:
+        raise InputError(
+            "--allow-skipped without sliding windows: add --map.window-s or --map.window-events, "
+            "or leave it out"
+        )

@@ -13,16 +13,20 @@ from rich.markup import escape
 from rich.table import Table
 
 from eval.cli.exit_codes import with_flags
+from eval.numbers import shown, thousands
 from eval.progress import Bars, Progress, Silent
 
 if TYPE_CHECKING:
     from emvs.maps.folder import StoredMap, StoredWindow
     from emvs.maps.merge import FusedInfo
-    from eval.report.compare_page import Comparison
-    from eval.report.comparison import Pair
+    from eval.report.compare.differences import Pair
+    from eval.report.compare.page import Comparison
     from eval.scoring.results import Results, Row
 
 _MOST_SKIPPED_SHOWN = 5
+_NAME_WIDTH = 30
+_UNWRAPPED = 1000
+"""Columns of what another program reads: a line for each name, for `grep`."""
 
 
 class Console:
@@ -88,14 +92,14 @@ class Console:
         }
         self._dump(facts)
         if self._show:
-            each = " + ".join(f"{count:,}" for count in counts).replace(",", " ")
+            each = " + ".join(map(thousands, counts))
             self._out.print(f"{sequence.name}: {each} events in {facts['duration_s']:g} s, {path}")
             drawn_by = f"drawn by {sequence.manifest.renderer}"
             self._out.print(drawn_by, style="dim", markup=False, soft_wrap=True)
 
     def compared(self, comparison: Comparison) -> None:
         """Which settings differ, and the verdict of each method's ranking number."""
-        from eval.report import compare_page
+        from eval.report.compare import page as compare_page
 
         self._dump(compare_page.facts_of(comparison))
         if not self._show:
@@ -109,11 +113,21 @@ class Console:
     def inventory(self, kinds: Mapping[str, Mapping[str, str]]) -> None:
         """Everything there is to choose from."""
         self._dump(kinds)
+        out = self._out
+        if not out.is_terminal:
+            out = RichConsole(highlight=False, width=_UNWRAPPED)
         for kind, lines in kinds.items() if self._show else ():
             table = Table(title=kind, title_justify="left", show_header=False, box=None)
+            table.add_column(style="bold", max_width=_NAME_WIDTH if out.is_terminal else None)
+            table.add_column()
             for name, text in lines.items():
-                table.add_row(f"[bold]{escape(name)}", escape(text))
-            self._out.print(table, "")
+                table.add_row(escape(name), escape(text))
+            out.print(table, "")
+
+    def say(self, line: str) -> None:
+        """A line for people."""
+        if self._show:
+            self._out.print(line, markup=False, soft_wrap=True)
 
     def wrote(self, path: Path) -> None:
         """Where to look."""
@@ -151,7 +165,7 @@ def _ranking(case: str, rows: Sequence[Row], metric: str) -> Table:
 def _compared(pair: Pair) -> Table:
     """One line per method, of the first metric that is judged."""
     from eval.report import ranking
-    from eval.report.comparison import interval_text, signed
+    from eval.report.compare.differences import interval_text, signed
 
     metric = pair.headline[0].metric if pair.headline else ""
     found = [one for one in pair.headline if one.metric == metric]
@@ -165,7 +179,7 @@ def _compared(pair: Pair) -> Table:
         table.add_column(escape(name), justify="right")
     table.add_column("verdict")
     for one in found:
-        values = [ranking.shown(value, one.unit) for value in (one.first, one.other)]
+        values = [shown(value, one.unit) for value in (one.first, one.other)]
         cells = (one.method, *values, signed(one.change, one.unit), interval_text(one), one.brief)
         table.add_row(*map(escape, cells))
     return table
@@ -203,7 +217,7 @@ def map_tables(stored: StoredMap) -> Iterator[Table | str]:
     yield _counts(title, counts)
     yield _points(points)
     for camera, hot in info.hot_pixels.items():
-        yield f"{camera}: {len(hot.pixels)} hot pixels dropped, with {hot.events:,} events"
+        yield f"{camera}: {len(hot.pixels):,} hot pixels dropped, with {hot.events:,} events"
     for camera, events in info.without_pose.items():
         if events:
             yield f"{camera}: {events:,} events before the first or after the last pose left out"

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import Group, Parameter
+from cyclopts import Parameter
 
 from emvs.errors import InputError
+from eval.cli.app import JOBS
+from eval.cli.help import RARE
 
 if TYPE_CHECKING:
     from eval.jobs.scheduler import Workers
@@ -17,9 +19,8 @@ if TYPE_CHECKING:
     from eval.suite.definition import Suite
     from eval.suite.results import SuiteResult
 
-_GROUP = Group("Where jobs run")
-_JobFlag = Parameter(group=_GROUP)
-_JobSwitch = Parameter(group=_GROUP, negative=())
+_JobFlag = Parameter(group=JOBS)
+_JobSwitch = Parameter(group=JOBS, negative=())
 
 
 @Parameter(name="*")
@@ -28,25 +29,40 @@ class JobFlags:
     """Where the jobs of a suite run."""
 
     workers: Annotated[int | None, _JobFlag] = None
-    "Worker processes; by default one for each processor."
+    "Worker processes; by default one per processor."
 
     cache: Annotated[Path | None, _JobFlag] = None
-    "Folder that keeps what jobs made; by default $EVENTSWEEP_CACHE or the user's cache folder."
+    "Folder where results of jobs are kept; by default $EVENTSWEEP_CACHE or your cache folder."
 
-    scheduler: Annotated[str | None, _JobFlag] = None
-    "Address of a Dask scheduler, tcp://127.0.0.1:8786 or tls://HOST:8786, to run there instead."
+    scheduler: Annotated[str | None, _JobFlag, RARE] = None
+    "Address of a Dask scheduler to run the jobs on, such as tls://HOST:8786."
 
-    remote: Annotated[bool, _JobSwitch] = False
-    "Let --scheduler be another machine over tcp://, neither encrypted nor authenticated."
+    remote: Annotated[bool, _JobSwitch, RARE] = False
+    "Allow another machine over tcp://, which is neither encrypted nor authenticated."
 
-    tls_ca: Annotated[Path | None, _JobFlag] = None
-    "Certificate of the authority, for tls://."
+    tls_ca: Annotated[Path | None, _JobFlag, RARE] = None
+    "Certificate of the certificate authority, for tls://."
 
-    tls_cert: Annotated[Path | None, _JobFlag] = None
+    tls_cert: Annotated[Path | None, _JobFlag, RARE] = None
     "Certificate of this side, for tls://."
 
-    tls_key: Annotated[Path | None, _JobFlag] = None
+    tls_key: Annotated[Path | None, _JobFlag, RARE] = None
     "Key of that certificate."
+
+    def check(self) -> None:
+        """Refuses flags of a cluster without one, and of this machine where there is one.
+
+        Raises:
+            InputError: says which.
+        """
+        if self.scheduler is not None and self.workers is not None:
+            raise InputError("--workers with --scheduler: the cluster has its own; leave it out")
+        if self.scheduler is None and (self.remote or self.tls_ca or self.tls_cert or self.tls_key):
+            raise InputError(
+                "--remote and --tls-... without --scheduler: they say how to reach one; add it"
+            )
+        if self.workers is not None and self.workers < 1:
+            raise InputError(f"--workers {self.workers}: must be 1 or greater")
 
     def cache_folder(self) -> Path:
         """The cache's folder, absolute."""
@@ -58,10 +74,12 @@ class JobFlags:
         """Starts workers, or connects to those of a cluster.
 
         Raises:
-            InputError: no workers asked for, or a scheduler that is not there.
+            InputError: no workers asked for, flags that say nothing together, or a scheduler that
+                is not there.
         """
         from emvs.utils.cache import Cache
 
+        self.check()
         folder = self.cache_folder()
         if self.scheduler is not None:
             from eval.jobs.dask import Cluster, dask_workers
@@ -71,8 +89,6 @@ class JobFlags:
         from eval.jobs.local import default_workers, local_workers
 
         count = default_workers() if self.workers is None else self.workers
-        if count < 1:
-            raise InputError(f"--workers {count}: must be 1 or greater")
         return local_workers(count, Cache(folder).folder)
 
 

@@ -13,13 +13,14 @@ from emvs.parameters import explain
 from eval import config
 from eval.cli.app import app
 from eval.cli.exit_codes import exit_code
+from eval.cli.help import refusal
 
 VERBS = (
-    "compare", "convert", "fuse", "gate", "info", "list", "map", "report", "run", "score",
-    "simulate", "study", "suite",
+    "compare", "completion", "convert", "fuse", "gate", "info", "list", "map", "report", "run",
+    "score", "simulate", "study", "suite",
 )  # fmt: skip
 for _verb in VERBS:  # importing its module registers a verb
-    import_module(f"eval.cli.{_verb}")
+    import_module(f"eval.cli.verbs.{_verb}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -45,8 +46,7 @@ def _one_line(error: CycloptsError) -> str:
     cause = error.__cause__
     if isinstance(cause, ValidationError):
         return explain(cause, config.Settings)
-    text = " ".join(str(error).split())
-    return f"{text} (`eventsweep --help` shows what there is)"
+    return refusal(error, app.name[0])
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from xml.etree import ElementTree as xml
 
 from emvs.utils.files import atomic_path
 from eval.gate.compare import COMPARED, INPUT, Verdict, is_red
+from eval.numbers import in_shown_unit, shown_unit, significant
 from eval.suite.results import EVENTS
 
 HEADINGS = ("verdict", "case", "method", "metric", "baseline", "now", "change", "allowed", "why")
@@ -61,13 +62,11 @@ def sentence(one: Verdict) -> str:
     what = " ".join(part for part in one.key if part)
     if one.why:
         return f"{what} {one.status}: {one.why}"
-    unit = f" {one.unit}" if one.unit else ""
+    value, baseline = _with_unit(one.value, one.unit), _with_unit(one.baseline, one.unit)
     if one.status == "new":
-        return f"{what} new: {_number(one.value)}{unit}"
-    return (
-        f"{what} {one.status}: {_number(one.value)}{unit} against {_number(one.baseline)}{unit}, "
-        f"± {_number(one.tolerance)}{unit} allowed"
-    )
+        return f"{what} new: {value}"
+    allowed = _with_unit(one.tolerance, one.unit)
+    return f"{what} {one.status}: {value} against {baseline}, ± {allowed} allowed"
 
 
 def lines(verdicts: Sequence[Verdict]) -> list[VerdictLine]:
@@ -120,19 +119,19 @@ def _shown(verdicts: Sequence[Verdict]) -> list[Verdict]:
 
 
 def _cells(one: Verdict) -> VerdictLine:
-    change = f"{one.change:+.3g}" if math.isfinite(one.change) else ""
-    allowed = f"± {_number(one.tolerance)}" if math.isfinite(one.tolerance) else ""
+    change = f"{in_shown_unit(one.change, one.unit):+.3g}" if math.isfinite(one.change) else ""
+    allowed = f"± {_number(one.tolerance, one.unit)}" if math.isfinite(one.tolerance) else ""
     numbers = (_with_unit(one.baseline, one.unit), _with_unit(one.value, one.unit))
     status = one.status if one.decides else f"({one.status})"
     return (status, *one.key, *numbers, change, allowed, one.why)
 
 
 def _with_unit(value: float, unit: str) -> str:
-    return f"{_number(value)} {unit}".strip() if math.isfinite(value) else ""
+    return f"{_number(value, unit)} {shown_unit(unit)}".strip() if math.isfinite(value) else ""
 
 
-def _number(value: float) -> str:
-    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
+def _number(value: float, unit: str) -> str:
+    return significant(in_shown_unit(value, unit))
 
 
 def _row(cells: Sequence[str]) -> str:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
+from pathlib import Path
 from typing import Literal
 
 import jinja2
@@ -78,7 +79,7 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A whole page."""
+    """A whole page; `files` lie beside it and are linked."""
 
     title: str
     subtitle: str
@@ -88,6 +89,7 @@ class Page:
     findings: tuple[str, ...] = ()
     note: str = ""
     version: str = ""
+    files: tuple[str, ...] = ()
 
 
 def page_text(page: Page) -> str:
@@ -95,7 +97,8 @@ def page_text(page: Page) -> str:
     return environment().get_template("tables.html.j2").render(
         title=page.title, subtitle=page.subtitle, sections=page.sections, note=page.note,
         provenance=page.provenance, overview=page.overview, findings=page.findings,
-        version=page.version, most=max((len(s.names) for s in page.sections), default=0),
+        most=max((len(s.names) for s in page.sections), default=0),
+        version=page.version, files=page.files,
         css=inline("report.css"), tables_css=inline("tables.css"), js=inline("report.js"),
     )  # fmt: skip
 
@@ -109,6 +112,11 @@ def versions_grid(names: Sequence[str], versions: Sequence[Mapping[str, str]]) -
         kind: Kind = "worse" if len(set(found)) > 1 else ""
         lines.append((GridCell(library), *(GridCell(text, kind=kind) for text in found)))
     return Grid((Head("version of"), *(Head(name) for name in names)), tuple(lines))
+
+
+def files_in(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
+    """Those of the names that are files in a folder: what a page beside them can link to."""
+    return tuple(name for name in names if (folder / name).is_file())
 
 
 def plural(count: int, noun: str) -> str:

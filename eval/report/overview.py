@@ -24,19 +24,22 @@ _PANEL_INCHES, _DPI, _MOST_OTHERS = 4.2, 90, 2
 Drawing = Callable[[Axes], None]
 
 
-def overview_png(case: CaseData, title: str = "") -> bytes:
-    """Draws the first window of a case with Alg. 1's depth; what is not known is left out.
+def overview_png(case: CaseData, title: str = "", ranked: Sequence[str] = ()) -> bytes:
+    """Draws the first window of a case with its best depth; what is not known is left out.
 
     Args:
-        case: the case; without the harmonic mean, its first method is drawn, and with it the
-            depth maps of others that were scored beside it.
+        case: the case, with the depth maps of others that were scored beside it.
         title: above the picture, where a page shows more cases than this one.
+        ranked: methods, the best first: of those that have a map the first is drawn; where none
+            is ranked, the harmonic mean.
 
     Returns:
         The picture, as a PNG file's bytes.
     """
     window = case.windows[0]
-    chosen = next((m for m in window.methods if m.name == REFERENCE), window.methods[0])
+    by_name = {method.name: method for method in window.methods}
+    wished = (by_name[name] for name in (*ranked, REFERENCE) if name in by_name)
+    chosen = next(wished, window.methods[0])
     others = [m for m in window.methods if m.name.startswith(FAMILY) and m is not chosen]
     drawings = _drawings(window, [chosen, *others[:_MOST_OTHERS]])
     height_px, width_px = chosen.depth_m.shape

@@ -8,6 +8,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from eval.numbers import shown, shown_unit
 from eval.scoring.method_scores import ALL_METRICS, BAD_POINTS, CAUSE_PREFIX
 from eval.scoring.metrics import Better
 from eval.scoring.outlier_causes import CAUSES
@@ -36,8 +37,6 @@ RANKING_COLUMNS = (
 )
 DIRECTIONS = {"lower": "lower is better", "higher": "higher is better", "none": "no better end"}
 _SINGLE = re.compile(r"/cam\d+\b")
-# Read in centimetres, stored in metres.
-_SHOWN = {"m": ("cm", 100.0)}
 _CONTEXT = {
     "truth_points": ("ground truth", "px", "number of pixels with g"),
     BAD_POINTS: ("outlier points", "px", "number of pixels with |e - g| / g > 0.10"),
@@ -99,8 +98,7 @@ def column(name: str) -> Column:
         return Column(name, title, "%", "none", f"share of the outliers: {CAUSES[cause]}")
     region = _region(name)
     metric = ALL_METRICS[name.removeprefix(f"{region}_")]
-    unit, _ = _SHOWN.get(metric.unit, (metric.unit, 1.0))
-    unit = unit.replace("x100", "×100")
+    unit = shown_unit(metric.unit).replace("x100", "×100")
     if not region:
         return Column(name, metric.title, unit, metric.better, metric.formula)
     formula = f"{metric.formula}, over {_REGIONS[region]}"
@@ -204,25 +202,9 @@ def _mean(rows: Sequence[Row], cases: int, label: str) -> Row:
     return replace(rows[0], case=label, value=value, points=points, low=None, high=None)
 
 
-def shown(value: float, unit: str) -> str:
-    """A value as tables print it: metres as centimetres, counts with thin spaces."""
-    if math.isnan(value):
-        return "–"
-    if unit == "px":
-        return thousands(value)
-    _, factor = _SHOWN.get(unit, (unit, 1.0))
-    return f"{factor * value:.2f}"
-
-
-def thousands(count: float) -> str:
-    """A count with a thin space between thousands, without decimals."""
-    return f"{count:,.0f}".replace(",", "\u202f")
-
-
 def with_unit(row: Row) -> str:
     """A value and its unit as text prints them."""
-    unit, _ = _SHOWN.get(row.unit, (row.unit, 1.0))
-    return f"{shown(row.value, row.unit)} {unit}"
+    return f"{shown(row.value, row.unit)} {shown_unit(row.unit)}"
 
 
 def findings(rows: Sequence[Row], metric: str, cases: int = 1) -> list[str]:

@@ -20,7 +20,7 @@ from emvs.geometry.camera import Camera
 from emvs.maps.folder import StoredMap, StoredWindow
 from eval.config import EvalConfig
 from eval.figures.plots import DsiSlice
-from eval.report.ranking import thousands
+from eval.numbers import thousands
 from eval.scoring.pairing import Truth
 from eval.scoring.results import JSON_NAME, Results, Row, read_results
 from eval.scoring.run_folder import (

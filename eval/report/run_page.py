@@ -38,16 +38,15 @@ from eval.figures.images import (
     point_size_px,
 )
 from eval.figures.plots import causes_svg, curves_svg, outlier_causes, slice_svg
-from eval.report.html import REPORT_NAME, environment, inline, plural
+from eval.numbers import shown, thousands
+from eval.report.html import REPORT_NAME, environment, files_in, inline, plural
 from eval.report.overview import overview_png
 from eval.report.ranking import (
     column,
     findings,
     mean_over_cases,
     ranked_methods,
-    shown,
     table,
-    thousands,
     with_unit,
 )
 from eval.report.run_data import CaseData, MethodData, RunData, WindowData, load_run
@@ -67,7 +66,9 @@ def case_context(
 ) -> dict[str, Any]:
     """What the template shows of one case."""
     rows, metric = data.rows_of(case.name, POOLED), data.ranking_metric
-    methods = list(dict.fromkeys(m.name for window in case.windows for m in window.methods))
+    drawn = dict.fromkeys(m.name for window in case.windows for m in window.methods)
+    first = [name for name in ranked_methods(rows, metric) if name in drawn]
+    methods = list(dict.fromkeys([*first, *drawn]))
     identity = f"case{position}"
     by_method = [row for row in rows if row.method != RIG]
     every = [n for n in _names(by_method) if not n.startswith(("precision", "recall", "f1"))]
@@ -297,19 +298,28 @@ def write_report(run_dir: Path) -> Path:
     run_dir = Path(run_dir)
     check_files(run_dir, (REPORT_NAME, OVERVIEW_NAME), force=True)
     data = load_run(run_dir)
-    page = render(data)
+    page = render(data, _files(run_dir, data))
     with atomic_path(run_dir / REPORT_NAME) as path:
         path.write_text(page, encoding="utf-8")
     with atomic_path(run_dir / OVERVIEW_NAME) as path:
         first = data.cases[0]
-        path.write_bytes(overview_png(first, first.name if len(data.cases) > 1 else ""))
+        rows = data.rows_of(first.name, POOLED)
+        title = first.name if len(data.cases) > 1 else ""
+        path.write_bytes(overview_png(first, title, ranked_methods(rows, data.ranking_metric)))
     return run_dir / REPORT_NAME
 
 
-def render(data: RunData) -> str:
+def _files(run_dir: Path, data: RunData) -> tuple[str, ...]:
+    """What lies beside the page: numbers, the configuration, and what each map says of itself."""
+    maps = ["map.json", *(f"{case.name}/map/map.json" for case in data.cases)]
+    found = files_in(run_dir, ("results.json", "results.csv", "config.toml", *maps))
+    return (*found, OVERVIEW_NAME)
+
+
+def render(data: RunData, files: Sequence[str] = ()) -> str:
     """The page as text; the same data give the same bytes."""
     template = environment().get_template("report.html.j2")
-    return template.render(_page_context(data))
+    return template.render(_page_context(data), files=files)
 
 
 def _page_context(data: RunData) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from emvs.utils.files import atomic_path
 from emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
 from emvs.utils.outputs import check_files
 from eval.figures.colormaps import INK, line_style
+from eval.numbers import shown
 from eval.report.html import (
     REPORT_NAME,
     Grid,
@@ -20,11 +21,12 @@ from eval.report.html import (
     Head,
     Page,
     Section,
+    files_in,
     page_text,
     plural,
     versions_grid,
 )
-from eval.report.ranking import column, definition, shown
+from eval.report.ranking import column, definition
 from eval.scoring.results import Value, read_json
 from eval.studies.curves import BREAKS_AT
 
@@ -106,12 +108,14 @@ def write_study_report(folder: Path) -> Path:
     check_files(folder, (REPORT_NAME,), force=True)
     studies = [read_study(path) for path in paths]
     figures = [_figure(path.with_suffix(".svg")) for path in paths]
+    names = [f"{path.stem}{end}" for path in paths for end in (".json", ".csv", ".svg")]
+    files = files_in(folder, names)
     with atomic_path(folder / REPORT_NAME) as path:
-        path.write_text(page_text(study_page(studies, figures)), encoding="utf-8")
+        path.write_text(page_text(study_page(studies, figures, files)), encoding="utf-8")
     return folder / REPORT_NAME
 
 
-def study_page(studies: list[StoredStudy], figures: list[str]) -> Page:
+def study_page(studies: list[StoredStudy], figures: list[str], files: tuple[str, ...] = ()) -> Page:
     """What the page shows."""
     names = [one.study for one in studies]
     return Page(
@@ -124,6 +128,7 @@ def study_page(studies: list[StoredStudy], figures: list[str]) -> Page:
         provenance=versions_grid(names, [one.versions for one in studies]),
         overview=_overview(studies),
         version=studies[0].versions.get("eventsweep", ""),
+        files=files,
     )
 
 

@@ -22,6 +22,7 @@ from emvs.utils.runtime import versions
 from eval.config import EvalConfig
 from eval.jobs.job import Done, Failed, Job, Outcome
 from eval.jobs.scheduler import Open, run_jobs
+from eval.numbers import shown, shown_unit
 from eval.pipeline import check_case
 from eval.progress import Progress
 from eval.scoring.results import POOLED
@@ -184,16 +185,17 @@ def show_study(result: StudyResult, *, as_json: bool, quiet: bool) -> None:
     if quiet:
         return
     study, breaking = result.study, result.breaking()
-    shown = [curve for curve in result.curves if curve.metric == METRICS[0]]
-    title = f"{study.name}: mean error [{shown[0].unit}] against {study.axis} [{study.unit}]"
+    mean_errors = [curve for curve in result.curves if curve.metric == METRICS[0]]
+    unit = shown_unit(mean_errors[0].unit)
+    title = f"{study.name}: mean error [{unit}] against {study.axis} [{study.unit}]"
     table = Table(title=Text(title), title_justify="left", box=None)
     table.add_column("method")
     for amount in study.amounts:
         table.add_column(f"{amount:g}", justify="right")
     table.add_column(f"x{BREAKS_AT:g} at", justify="right")
-    for curve in shown:
+    for curve in mean_errors:
         at = breaking[curve.method]
-        cells = [f"{value:.3g}" for value in curve.mean]
+        cells = [shown(value, curve.unit) for value in curve.mean]
         table.add_row(curve.method, *cells, "never" if at is None else f"{at:.3g}")
     Console().print(table)
 

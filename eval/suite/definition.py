@@ -185,6 +185,21 @@ def load(name: str) -> tuple[Suite, str]:
     return suite, subset or ALL
 
 
+def overview() -> dict[str, str]:
+    """Every suite and subset as `load` takes it, and one line on each."""
+    found = {}
+    for suite in map(read, sorted(FOLDER.glob("*.toml"))):
+        found[suite.name] = f"{suite.summary.partition(':')[0]} ({_extent(suite.subset(ALL))})"
+        for name, subset in suite.subsets.items():
+            short = name if suite.name == NEWEST else f"{suite.name}:{name}"
+            found[short] = f"part of {suite.name} ({_extent(subset)})"
+    return found
+
+
+def _extent(subset: Subset) -> str:
+    return f"{len(subset.cases)} cases, {len(subset.seeds)} seeds"
+
+
 def read(path: Path) -> Suite:
     """Reads a suite's definition.
 

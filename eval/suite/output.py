@@ -13,8 +13,9 @@ from rich.console import Console as RichConsole
 from rich.table import Table
 
 from emvs.utils.cache import Cache
-from emvs.utils.files import atomic_path
+from emvs.utils.files import atomic_path, bytes_text
 from emvs.utils.outputs import check_files, output_folder
+from eval.numbers import shown, shown_unit
 from eval.suite.results import FILE_NAME, SuiteResult, write_suite
 from eval.suite.series import Series, of_suite
 
@@ -82,7 +83,8 @@ def show(result: SuiteResult, cache: Path, *, as_json: bool, quiet: bool) -> Non
     made = sum(not job.found for job in result.jobs if not job.failure)
     out.print(
         f"{result.suite} {result.subset}: {len(result.jobs)} jobs, {made} done now, "
-        f"{len(result.failures)} failed; the cache {cache} holds {_megabytes(cache)}",
+        f"{len(result.failures)} failed; the cache {cache} holds "
+        f"{bytes_text(Cache(cache).size_bytes())}",
         markup=False,
         soft_wrap=True,
     )
@@ -94,7 +96,7 @@ def _table(case: str, series: Iterable[Series], seeds: Sequence[int]) -> Table:
     for one in series:
         if one.metric in _SHOWN:
             cells.setdefault(one.method, {})[one.metric] = _mean_and_spread(one)
-            units[one.metric] = one.unit
+            units[one.metric] = shown_unit(one.unit)
     many = f"mean over {len(seeds)} seeds ± standard deviation"
     title = f"{case}: {many if len(seeds) > 1 else 'one seed'}"
     table = Table(title=title, title_justify="left")
@@ -108,18 +110,8 @@ def _table(case: str, series: Iterable[Series], seeds: Sequence[int]) -> Table:
 
 
 def _mean_and_spread(one: Series) -> str:
-    values, mean = list(one.values.values()), one.mean
-    if math.isnan(mean):
-        return "–"
-    text = f"{mean:.0f}" if one.metric == "points" else f"{mean:.3f}"
-    if len(values) < 2:
-        return text
-    spread = math.sqrt(sum((value - mean) ** 2 for value in values) / (len(values) - 1))
-    return f"{text} ± {spread:.0f}" if one.metric == "points" else f"{text} ± {spread:.3f}"
-
-
-def _megabytes(cache: Path) -> str:
-    return f"{Cache(cache).size_bytes() / 1e6:.0f} MB"
+    mean, spread = shown(one.mean, one.unit), one.spread
+    return mean if math.isnan(spread) else f"{mean} ± {shown(spread, one.unit)}"
 
 
 def show_cache(cache: Path, size: int, freed: int, *, as_json: bool, quiet: bool) -> None:
@@ -131,5 +123,5 @@ def show_cache(cache: Path, size: int, freed: int, *, as_json: bool, quiet: bool
         facts = {"cache": str(cache), "bytes": size, "freed_bytes": freed}
         out.out(json.dumps(facts, indent=2), highlight=False)
         return
-    words = f"; freed {freed / 1e6:.0f} MB" if freed else ""
-    out.print(f"{cache}: {size / 1e6:.0f} MB{words}", markup=False, soft_wrap=True)
+    words = f"; freed {bytes_text(freed)}" if freed else ""
+    out.print(f"{cache}: {bytes_text(size)}{words}", markup=False, soft_wrap=True)

@@ -61,6 +61,14 @@ class Series(BaseModel):
         values = list(self.values.values())
         return sum(values) / len(values) if values else math.nan
 
+    @property
+    def spread(self) -> float:
+        """Standard deviation over all seeds; NaN of fewer than two."""
+        values, mean = list(self.values.values()), self.mean
+        if len(values) < 2:
+            return math.nan
+        return math.sqrt(sum((value - mean) ** 2 for value in values) / (len(values) - 1))
+
 
 @dataclass(frozen=True)
 class Measured:

@@ -106,7 +106,7 @@ def along(points_m: ArrayLike) -> tuple[Array, tuple[tuple[float, float], ...]]:
 def _style(name: str, parameters: dict[str, Any]) -> HeadStyle:
     if name not in STYLES:
         raise InputError(f"no way of moving named {name!r}: choose from {', '.join(STYLES)}")
-    known = [field.name for field in fields(HeadStyle)]
+    known = [field.name for field in fields(HeadStyle) if field.name != "summary"]
     unknown = sorted(set(parameters) - set(known))
     if unknown:
         raise InputError(f"{name} has no parameter {unknown[0]!r}: it has {', '.join(known)}")

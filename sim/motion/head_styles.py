@@ -16,6 +16,7 @@ class HeadStyle:
     """A way of moving the head. Lengths are forward, left, up; angles pitch, yaw, roll.
 
     Attributes:
+        summary: how the head moves, in a few words.
         speed_m_s: along the way.
         path_m: corners (x, y) of the way, from the head's start; straight on after the last.
         corner_s: time over which a corner is rounded.
@@ -40,6 +41,7 @@ class HeadStyle:
         vibration_hz: band of both.
     """
 
+    summary: str = ""
     speed_m_s: float = 0.0
     path_m: tuple[tuple[float, float], ...] = ((0.0, 0.0), (1.0, 0.0))
     corner_s: float = 1.5
@@ -66,6 +68,7 @@ class HeadStyle:
 
 STYLES: dict[str, HeadStyle] = {
     "seated": HeadStyle(
+        summary="somebody sits and looks around",
         gaze_hz=0.45,
         gaze_deg=(7, 18),
         drift_m=(0.02, 0.025, 0.008),
@@ -75,6 +78,7 @@ STYLES: dict[str, HeadStyle] = {
         vibration_hz=(1.5, 5.0),
     ),
     "translate_1d": HeadStyle(
+        summary="from side to side, hardly turning",
         drift_m=(0.004, 0.12, 0.004),
         drift_deg=(0.6, 0.8, 0.6),
         drift_hz=(0.25, 0.4),
@@ -83,6 +87,7 @@ STYLES: dict[str, HeadStyle] = {
         vibration_hz=(1.5, 5.0),
     ),
     "translate_3d": HeadStyle(
+        summary="along all three axes, hardly turning",
         drift_m=(0.09, 0.12, 0.08),
         drift_deg=(1, 1.3, 1),
         drift_hz=(0.2, 0.4),
@@ -91,6 +96,7 @@ STYLES: dict[str, HeadStyle] = {
         vibration_hz=(1.5, 5.0),
     ),
     "six_dof": HeadStyle(
+        summary="along and about all axes, as in a motion-capture room",
         drift_m=(0.1, 0.12, 0.07),
         drift_deg=(4, 6.5, 3.5),
         drift_hz=(0.22, 0.42),
@@ -101,9 +107,14 @@ STYLES: dict[str, HeadStyle] = {
         vibration_hz=(1.5, 5.0),
     ),
     "shake": HeadStyle(
-        drift_m=(0.012, 0.012, 0.008), drift_deg=(5, 16, 4), drift_hz=(1.4, 2.6), unevenness=0.1
+        summary="quick turns left and right on the spot",
+        drift_m=(0.012, 0.012, 0.008),
+        drift_deg=(5, 16, 4),
+        drift_hz=(1.4, 2.6),
+        unevenness=0.1,
     ),
     "walk": HeadStyle(
+        summary="walking at 1.4 m/s, two steps a second",
         speed_m_s=1.4,
         step_hz=2.0,
         bob_m=0.045,
@@ -119,6 +130,7 @@ STYLES: dict[str, HeadStyle] = {
         drift_deg=(1.2, 2, 0.8),
     ),
     "run": HeadStyle(
+        summary="running at 3 m/s, hard foot strikes",
         speed_m_s=3.0,
         step_hz=2.8,
         bob_m=0.08,
@@ -136,6 +148,7 @@ STYLES: dict[str, HeadStyle] = {
         vibration_hz=(6.0, 12.0),
     ),
     "skate": HeadStyle(
+        summary="gliding at 2.6 m/s, one push a second",
         speed_m_s=2.6,
         step_hz=1.0,
         bob_m=0.04,
@@ -153,6 +166,7 @@ STYLES: dict[str, HeadStyle] = {
         vibration_deg=(0.08, 0.05, 0.05),
     ),
     "bike": HeadStyle(
+        summary="cycling at 4.8 m/s over a shaking road",
         speed_m_s=4.8,
         corner_s=2.5,
         step_hz=2.4,

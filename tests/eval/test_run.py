@@ -17,7 +17,7 @@ from emvs.mapper import map_window
 from emvs.maps.folder import read_map
 from emvs.utils.ownership import strangers
 from eval.cli.main import main
-from eval.report.ranking import thousands
+from eval.numbers import thousands
 from eval.scoring.metrics import METRICS
 from eval.scoring.results import read_results
 from eval.scoring.score import RIG
@@ -69,6 +69,11 @@ def test_every_documented_file_is_there(desk_run):
     page = (desk_run / "report.html").read_text(encoding="utf-8")
     assert not re.findall(r"""(?:src|href)=["']?https?:|url\(https?:|@import""", page)
     assert (desk_run / "overview.png").read_bytes()[:4] == b"\x89PNG"
+    links = [one for one in re.findall(r'href="([^"]*)"', page) if one[:1] != "#"]
+    links = [one for one in links if not one.startswith("data:")]
+    numbers = ["results.json", "results.csv", "config.toml", "desk/map/map.json"]
+    assert links == [*numbers, "overview.png"]
+    assert all((desk_run / link).is_file() for link in links)
 
 
 def test_results_are_complete_and_say_where_they_come_from(desk_run):

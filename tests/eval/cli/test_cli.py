@@ -218,10 +218,10 @@ def test_windows_that_poses_do_not_cover_are_refused_with_the_distance(tmp_path,
 def test_list_and_version(capsys):
     assert main(["list", "--json"]) == 0
     kinds = json.loads(capsys.readouterr().out)
-    assert {"desk", "boxes", "planes"} <= set(kinds["cases"])
+    assert {"desk", "boxes", "planes"} <= set(kinds["scenes"])
     assert {"davis346", "tumvie"} <= set(kinds["rigs"])
     assert main(["list"]) == 0
-    assert "|e - g| [m]" in capsys.readouterr().out
+    assert "mean |e - g|" in capsys.readouterr().out
     assert main(["--version"]) == 0
     assert capsys.readouterr().out.startswith("eventsweep 0.")
 

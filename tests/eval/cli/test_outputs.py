@@ -179,7 +179,7 @@ def test_own_files_in_a_folder_are_written_anew_and_others_are_not(tmp_path, cap
         assert main([*map(str, words), "--quiet"]) == 0
     (tmp_path / "out" / "compare.html").write_text("mine")
     before = contents(tmp_path)
-    assert "compare.html" in refused(capsys, *words, "--force")
+    assert "compare.html" in refused(capsys, *words)
     assert contents(tmp_path) == before
 
 

@@ -192,7 +192,7 @@ def test_a_mixed_result_says_which_metric_decides():
     )
     assert report.summary(verdicts).startswith(
         "gate: red (1 worse, 1 better; deciding nothing: 1 worse); decided by mean_error (1); "
-        "first: desk Alg1/H mean_error worse: 2 m against 1 m"
+        "first: desk Alg1/H mean_error worse: 200 cm against 100 cm"
     )
 
 
@@ -383,13 +383,13 @@ def test_junit_has_a_case_for_each_number(tmp_path):
     assert len(suite.findall("testcase")) == 5
     failures = suite.findall("testcase/failure")
     assert [one.get("type") for one in failures] == ["worse", "failed"]
-    assert "0.2 m against 0.1 m, ± 0.01 m allowed" in failures[0].get("message")
+    assert "20 cm against 10 cm, ± 1 cm allowed" in failures[0].get("message")
 
 
 def test_the_table_names_the_culprit_first_and_leaves_out_what_is_the_same():
     text = report.markdown(VERDICTS, "title")
     rows = [line for line in text.splitlines() if line.startswith("| ")]
-    assert "worse | desk | Alg1/H | mean_error | 0.1 m | 0.2 m | +0.1 | ± 0.01 |" in rows[2]
+    assert "worse | desk | Alg1/H | mean_error | 10 cm | 20 cm | +10 | ± 1 |" in rows[2]
     assert "a\\|b" in text
     assert "Alg1/min" not in text
     assert report.summary(VERDICTS).startswith("gate: red (1 worse, 1 failed")

@@ -11,7 +11,9 @@ import pytest
 
 from emvs.data.image_stores import Photo
 from emvs.errors import InputError
-from eval.report.ranking import findings, fusion_order, mean_over_cases, order, shown, table
+from eval.numbers import shown
+from eval.report.overview import overview_png
+from eval.report.ranking import findings, fusion_order, mean_over_cases, order, table
 from eval.report.run_data import _range_s
 from eval.report.run_page import render, write_report
 from eval.scoring.results import Row
@@ -36,8 +38,16 @@ def test_same_data_same_page(one_case):
 
 def test_the_method_of_rank_1_is_shown_first(one_case):
     page = WellFormed(one_case)
-    assert page.checked == ["case0-m1"]
+    assert page.checked == ["case0-m0"]
+    assert 'for="case0-m0">Alg1/H</label>' in one_case
     assert page.ids.index("ranking") < page.ids.index("case0") < page.ids.index("provenance")
+
+
+def test_the_overview_draws_the_first_of_the_ranked_methods_that_has_a_map():
+    case = report_data("desk").cases[0]
+    unranked, best = overview_png(case), overview_png(case, ranked=("Given/none", "Alg1/max"))
+    assert overview_png(case, ranked=("Alg1/H",)) == unranked
+    assert best != unranked
 
 
 def test_every_picture_of_every_method_is_there(one_case):
@@ -63,8 +73,9 @@ def test_the_page_opens_on_whoever_has_rank_1_and_never_on_a_single_camera(name)
     rows = [r for r in data.results.rows if r.method != name]
     case = replace(data.cases[0], windows=windows)
     page = render(replace(data, cases=(case,), results=replace(data.results, rows=(*rows, *best))))
-    shown = list(METHODS).index("Alg1/H") if name.startswith("EMVS") else len(METHODS)
-    assert WellFormed(page).checked == [f"case0-m{shown}"]
+    shown = "Alg1/H" if name.startswith("EMVS") else name
+    assert WellFormed(page).checked == ["case0-m0"]
+    assert f'for="case0-m0">{shown}</label>' in page
 
 
 def test_a_method_that_does_not_say_how_sure_it_is_has_all_pictures_but_that():
@@ -99,7 +110,7 @@ def test_a_method_scored_of_whom_no_map_is_left_has_curves_but_no_pictures():
 
 
 def test_numbers_units_counts_and_provenance_are_printed(one_case):
-    assert "1\u202f234\u202f567" in one_case
+    assert "1,234,567" in one_case
     assert "planes = 12" in one_case
     assert "ab" * 32 in one_case
     assert "3 px·m" in one_case
@@ -296,7 +307,7 @@ def test_counts_of_a_mean_are_of_all_its_cases():
 def test_pixels_of_a_mean_are_said_to_be_a_cases():
     text = render(report_data("desk", "boxes"))
     ranking = text[text.index('id="ranking"') : text.index('id="case0"')]
-    assert re.search(r"On the [\d\u202f]+ px a case that all methods of the map report", ranking)
+    assert re.search(r"On the [\d,]+ px a case that all methods of the map report", ranking)
     assert " px a case" not in text[text.index('id="case0"') :]
 
 
@@ -316,5 +327,5 @@ def test_the_mean_over_cases_weighs_cases_and_keeps_undefined():
 
 def test_numbers_are_shown_in_units_that_people_read():
     assert shown(0.0625, "m") == "6.25"
-    assert shown(1234567.0, "px") == "1\u202f234\u202f567"
+    assert shown(1234567.0, "px") == "1,234,567"
     assert shown(math.nan, "%") == "–"

@@ -14,15 +14,15 @@ from scipy import stats
 from emvs.config import MapperConfig
 from emvs.errors import InputError
 from eval.cli.main import main
-from eval.report import side_by_side
-from eval.report.compare_page import (
+from eval.report.compare import pictures as side_by_side
+from eval.report.compare.page import (
     compare,
     page_text,
     sections_of,
     settings_text,
     write_comparison,
 )
-from eval.report.compared_results import read_compared
+from eval.report.compare.results import read_compared
 from eval.report.html import Section
 from eval.scoring.metrics import PRIMARY
 from eval.scoring.results import Results, Row, write_results
@@ -476,7 +476,9 @@ def test_the_page_is_whole_and_loads_nothing(tmp_path):
     write_comparison(folders, tmp_path / "out")
     text = (tmp_path / "out/compare.html").read_text()
     page = WellFormed(text)
-    assert all(source.startswith(("data:", "#")) for source in page.sources)
+    links = [source for source in page.sources if not source.startswith(("data:", "#"))]
+    found = [(tmp_path / "out" / link).resolve() for link in links]
+    assert found == [folder.resolve() / "results.json" for folder in folders]
     assert not re.search(r"https?://", text)
     assert len(page.ids) == len(set(page.ids))
 
@@ -538,6 +540,20 @@ def test_maps_lie_side_by_side_on_one_scale(tmp_path, monkeypatch):
     assert error.pictures[0].uri != error.pictures[1].uri
     seen = {row.title: row.same for row in shown.seen}
     assert seen == {"Frame": True, "Events": True, "True depth [m]": True}, "drawn once"
+
+
+def test_pictures_and_tables_begin_with_the_best_of_the_first_result(tmp_path, monkeypatch):
+    data = report_data("desk")
+    worse = {"Alg1/H": 3.0, "Alg1/max": 0.5}
+    rows = tuple(
+        replace(row, value=worse.get(row.method, 1.0)) if row.metric == "mean_error" else row
+        for row in data.results.rows
+    )
+    swapped = replace(data, results=replace(data.results, rows=rows))
+    picture_data(monkeypatch, a=swapped, b=swapped)
+    results = read_compared([run_folder(tmp_path / "a"), run_folder(tmp_path / "b")])
+    (drawn,), _ = side_by_side.pictures_of(results, ["desk"])
+    assert drawn.methods[drawn.chosen] == "Alg1/max"
 
 
 def test_pictures_are_on_the_page_or_it_says_why_not(tmp_path, monkeypatch):

@@ -104,6 +104,8 @@ def test_a_damaged_study_is_refused_in_a_line(tmp_path, changes, words):
 def test_the_command_finds_out_what_a_folder_holds(tmp_path, capsys):
     _write(tmp_path)
     assert main(["report", str(tmp_path)]) == 0
-    assert (tmp_path / "report.html").is_file()
+    page = WellFormed((tmp_path / "report.html").read_text(encoding="utf-8"))
+    links = [source for source in page.sources if not source.startswith(("#", "data:"))]
+    assert links == ["pose-noise.json"]  # of what a study leaves, what lies there
     assert main(["report", str(tmp_path), "--tables"]) == 2
     assert "for runs" in capsys.readouterr().err

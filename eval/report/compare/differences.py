@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError
-from eval.report.comparability import (
+from eval.numbers import shown
+from eval.report.compare.comparability import (
     apart,
     not_comparable,
     nothing_in_common,
@@ -19,8 +20,8 @@ from eval.report.comparability import (
     same_data,
     same_time,
 )
-from eval.report.compared_results import CaseResult, ComparedResult, Number
-from eval.report.ranking import RANKING_COLUMNS, shown
+from eval.report.compare.results import CaseResult, ComparedResult, Number
+from eval.report.ranking import RANKING_COLUMNS
 from eval.scoring.metrics import PRIMARY, Better
 from eval.scoring.significance import ALPHA, holm, intervals, stratified_interval, stratified_p
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from eval.cli.app import COMMON, NO_NEGATIVE, Common, app
+from eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, SuiteName, app
 from eval.cli.job_flags import JOB_FLAGS, JobFlags, run_with_flags, seed_numbers
 
 _FAILED = 1
@@ -13,13 +13,14 @@ _FAILED = 1
 
 @app.command
 def suite(
-    name: str,
+    name: SuiteName,
     /,
     *,
     out: Path,
     seeds: str | None = None,
     case: Annotated[tuple[str, ...], NO_NEGATIVE] = (),
     speed: bool = True,
+    force: Force = False,
     job_flags: JobFlags = JOB_FLAGS,
     common: Common = COMMON,
 ) -> int:
@@ -38,11 +39,11 @@ def suite(
     chosen, subset = load(name)
     chosen_seeds = seed_numbers(seeds, "--seeds")
     console = common.console()
-    with output.prepare_folder(out, force=common.force, inputs=(Path(name),)) as folder:
+    with output.prepare_folder(out, force=force, inputs=(Path(name),)) as folder:
         result = run_with_flags(
             chosen, subset, job_flags, console.progress, seeds=chosen_seeds, cases=case, speed=speed
         )
-        output.write(folder, result, force=common.force)
+        output.write(folder, result, force=force)
     output.show(result, job_flags.cache_folder(), as_json=common.json, quiet=common.quiet)
     console.wrote(folder / "suite.json")
     return _FAILED if result.failures else 0

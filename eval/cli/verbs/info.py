@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from emvs.errors import InputError
 from emvs.utils.outputs import check_output, output_file
-from eval.cli.app import COMMON, Common, app
+from eval.cli.app import COMMON, Common, Force, app
 
 
 @app.command
@@ -14,6 +15,7 @@ def info(
     /,
     *,
     picture: Path | None = None,
+    force: Force = False,
     common: Common = COMMON,
 ) -> None:
     """Say what lies at a path: cameras, times, event counts and faults, and what poses cover.
@@ -24,9 +26,11 @@ def info(
     """
     from eval.inspect import facts, inspect
 
+    if force and picture is None:
+        raise InputError("--force without --picture: nothing is written")
     read = (path,)
     if picture is not None:
-        check_output(picture, force=common.force, inputs=read, folder=False)
+        check_output(picture, force=force, inputs=read, folder=False)
     console = common.console()
     readable, counts = inspect(path, console.progress)
     description = facts(readable, counts)
@@ -39,6 +43,6 @@ def info(
 
         names = [name for name, _ in readable.streams]
         title = f"{readable.path.resolve().name}: {readable.what}"
-        with output_file(picture, force=common.force, inputs=read) as place:
+        with output_file(picture, force=force, inputs=read) as place:
             draw(place, title, names, counts)
         console.wrote(picture)

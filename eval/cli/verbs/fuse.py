@@ -8,6 +8,7 @@ from typing import Annotated
 from cyclopts import Group, Parameter
 
 from emvs.config import FuseConfig
+from emvs.errors import InputError
 from eval.cli.app import COMMON, Common, app
 
 FuseFlags = Annotated[FuseConfig, Parameter(name="*", group=Group("Fusion parameters"))]
@@ -23,15 +24,17 @@ def fuse(
     common: Common = COMMON,
     config: FuseFlags = _DEFAULT,
 ) -> None:
-    """Join the windows of a map: one point cloud in the world, and on request a mesh.
+    """Join the windows of a map into one point cloud and, on request, a mesh.
 
     Args:
-        folder: What `map` wrote; global/METHOD in it is written anew.
-        method: Whose depth maps; by default Alg1/H.
+        folder: Folder that `map` wrote; global/METHOD in it is replaced.
+        method: Method whose depth maps are joined; by default Alg1/H.
     """
     from emvs.maps.folder import read_map
     from emvs.maps.merge import fuse_windows
 
+    if not config.mesh and config.model_fields_set & {"mesh_truncation", "mesh_part"}:
+        raise InputError("--mesh-truncation and --mesh-part say nothing without --mesh: add it")
     console = common.console()
     stored = read_map(folder)
     with console.progress.stage("fuse", len(stored.windows)) as update:

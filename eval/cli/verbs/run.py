@@ -9,32 +9,38 @@ from emvs.config import DeviceName
 from eval.cli.app import (
     CONFIGURED,
     MAP,
-    NO_NEGATIVE,
     SCORE,
     SIM,
+    AllowSkipped,
     Configured,
+    Force,
     MapFlags,
     Methods,
+    RigName,
+    Scenes,
     ScoreFlags,
     SimFlags,
     app,
+    check_skipping,
     with_values,
 )
+from eval.cli.help import RARE
 
 
 @app.command
 def run(
-    case: Annotated[tuple[str, ...], NO_NEGATIVE],
+    case: Scenes,
     /,
     *,
     out: Path,
-    rig: str | None = None,
+    rig: RigName = None,
     seconds: float | None = None,
     seed: int = 0,
     workers: int = 1,
     method: Methods = (),
-    device: DeviceName | None = None,
-    allow_skipped: Annotated[bool, NO_NEGATIVE] = False,
+    device: Annotated[DeviceName | None, RARE] = None,
+    allow_skipped: AllowSkipped = False,
+    force: Force = False,
     common: Configured = CONFIGURED,
     sim: SimFlags = SIM,
     map: MapFlags = MAP,  # noqa: A002 - the name is the flag's prefix
@@ -43,19 +49,19 @@ def run(
     """Simulate, map and score cases, and write one report.
 
     Args:
-        case: Cases to run; see `eventsweep list`.
-        out: Folder to write: results.json, results.csv, report.html, and a folder per case.
-        rig: Rig to use instead of each scene's own.
-        seconds: Length of the sequence; as --sim.duration-s.
-        seed: Seed of the head motion and the sensor's noise.
-        workers: Rendering processes.
-        method: Method to map with, repeatable; as --map.methods.
-        device: Where the mapper's sweep runs; as --map.device.
-        allow_skipped: End with 0 although some of the sliding windows could not be mapped.
+        case: Scenes to run; `eventsweep list scenes` names them.
+        out: Folder to write: report.html, results.json, results.csv and a folder per case.
+        rig: Rig to use instead of each scene's own; `eventsweep list rigs`.
+        seconds: Length of each sequence, s; same as --sim.duration-s.
+        seed: Seed of head motion and sensor noise.
+        workers: Processes that render.
+        method: Method to map with, repeatable; `eventsweep list methods`.
+        device: Where the mapper's sweep runs; same as --map.device.
+        allow_skipped: Exit with 0 even if some of the sliding windows could not be mapped.
     """
     from emvs.maps.folder import read_info
     from eval.cli.exit_codes import incomplete
-    from eval.cli.report import report_stage
+    from eval.cli.verbs.report import report_stage
     from eval.pipeline import run_cases
     from eval.scoring.run_folder import MAP_FOLDER
 
@@ -64,7 +70,8 @@ def run(
         map=with_values(map, methods=method or None, device=device),
         score=score,
     )
-    common.check(out)
+    check_skipping(wanted.map, allowed=allow_skipped)
+    common.check(out, force=force)
     console = common.console()
     results = run_cases(
         case,
@@ -72,7 +79,7 @@ def run(
         wanted,
         rig,
         seed,
-        force=common.force,
+        force=force,
         workers=workers,
         finish=report_stage(console.progress),
         progress=console.progress,

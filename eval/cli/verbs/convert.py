@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from eval.cli.app import COMMON, Common, app
+from emvs.errors import InputError
+from eval.cli.app import QUIET, Force, Quiet, app
 
 
 @app.command
@@ -21,7 +22,8 @@ def convert(
     width_px: int | None = None,
     height_px: int | None = None,
     baseline_m: float | None = None,
-    common: Common = COMMON,
+    force: Force = False,
+    common: Quiet = QUIET,
 ) -> None:
     """Convert a recording, events, poses, a calibration, a depth map or a point cloud.
 
@@ -41,6 +43,8 @@ def convert(
     """
     from eval.convert import Options, convert_file
 
+    if shift_us and from_zero:
+        raise InputError("--shift-us and --from-zero: leave one of them out")
     console = common.console()
     options = Options(
         to=to,
@@ -50,7 +54,7 @@ def convert(
         width_px=width_px,
         height_px=height_px,
         baseline_m=baseline_m,
-        force=common.force,
+        force=force,
     )
     written = convert_file(source, out, options, console.progress)
     console.progress.say(written.what)

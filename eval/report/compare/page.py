@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,14 +12,23 @@ from typing import Any
 from emvs.utils.files import atomic_path
 from emvs.utils.outputs import output_folder
 from eval.figures.colormaps import line_style
-from eval.report.compared_results import ComparedResult, read_compared
-from eval.report.comparison import Difference, Pair, compare_results, counts_of, signed
+from eval.numbers import shown
+from eval.report.compare.differences import (
+    Difference,
+    Pair,
+    compare_results,
+    counts_of,
+    signed,
+)
+from eval.report.compare.pictures import pictures_of
+from eval.report.compare.results import ComparedResult, read_compared
+from eval.report.compare.settings import Setting, settings_of
 from eval.report.html import Grid, GridCell, Head, Kind, Section, environment, inline, plural
-from eval.report.ranking import RANKING_COLUMNS, column, definition, shown
-from eval.report.settings_difference import Setting, settings_of
-from eval.report.side_by_side import pictures_of
+from eval.report.ranking import RANKING_COLUMNS, column, definition
 from eval.report.tables import TABLES_FOLDER, TextCell, TextTable, in_unit, write_tables
 from eval.scoring.metrics import PRIMARY
+from eval.scoring.results import JSON_NAME
+from eval.suite.results import FILE_NAME
 
 HTML_NAME = "compare.html"
 VERDICT = "verdict"
@@ -72,7 +82,7 @@ def write_comparison(paths: Sequence[Path], out: Path) -> Comparison:
     """
     with output_folder(out, (HTML_NAME, TABLES_FOLDER), force=True):
         comparison = compare(read_compared(paths))
-        text = page_text(comparison)
+        text = page_text(comparison, _result_files(comparison, out))
         with atomic_path(out / HTML_NAME) as path:
             path.write_text(text, encoding="utf-8")
         write_tables(out / TABLES_FOLDER, comparison_tables(comparison))
@@ -88,9 +98,20 @@ def compare(results: Sequence[ComparedResult]) -> Comparison:
     return Comparison(tuple(results), compare_results(results), settings_of(results))
 
 
-def page_text(comparison: Comparison) -> str:
+def _result_files(comparison: Comparison, out: Path) -> list[str]:
+    """What was compared, as seen from the page's folder."""
+    names = (FILE_NAME, JSON_NAME)
+    found = [result.folder / name for result in comparison.results for name in names]
+    return [
+        Path(os.path.relpath(path, out.resolve())).as_posix() for path in found if path.is_file()
+    ]
+
+
+def page_text(comparison: Comparison, files: Sequence[str] = ()) -> str:
     """The page as HTML; names from files are escaped, and nothing is loaded from elsewhere."""
-    return environment().get_template("compare.html.j2").render(page_context(comparison))
+    return (
+        environment().get_template("compare.html.j2").render(page_context(comparison), files=files)
+    )
 
 
 def page_context(comparison: Comparison) -> dict[str, Any]:
@@ -250,10 +271,17 @@ def _grid(comparison: Comparison, metric: str, found: Sequence[Sequence[Differen
     heads += [Head(title, head.unit) for title in ("Δ", "Δ from", "Δ to")]
     heads += [Head("Δ", "%"), Head("seeds"), Head("p", "Holm"), Head(VERDICT, text=True)]
     named = [(one, name) for name, of_one in zip(others, found, strict=True) for one in of_one]
-    methods = list(dict.fromkeys(one.method for one, _ in named))
-    named.sort(key=lambda pair: methods.index(pair[0].method))
+    order = _best_first([one for one, _ in named])
+    named.sort(key=lambda pair: order.index(pair[0].method))
     lines = tuple(_line(one, name if len(others) > 1 else "") for one, name in named)
     return Grid(tuple(heads), lines, definition(metric))
+
+
+def _best_first(found: Sequence[Difference]) -> list[str]:
+    """The methods by the first result's value; of a metric without a better end, as they come."""
+    sign = {"lower": 1.0, "higher": -1.0}.get(found[0].better if found else "", 0.0)
+    ordered = sorted(found, key=lambda o: (math.isnan(o.first), sign and sign * o.first))
+    return list(dict.fromkeys(one.method for one in ordered))
 
 
 def _line(one: Difference, name: str) -> tuple[GridCell, ...]:

@@ -22,7 +22,7 @@ def compare(
         results: Folders of `run`, `score` or `suite`, or their results.json or suite.json.
         out: Folder to write: compare.html and tables/.
     """
-    from eval.report.compare_page import HTML_NAME, write_comparison
+    from eval.report.compare.page import HTML_NAME, write_comparison
 
     console = common.console()
     console.compared(write_comparison(results, out))

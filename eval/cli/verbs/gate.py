@@ -13,7 +13,8 @@ from cyclopts import Parameter
 from emvs.errors import InputError
 from emvs.utils.outputs import check_output, output_file
 from emvs.utils.ownership import is_our_file
-from eval.cli.app import COMMON, NO_NEGATIVE, Common, app
+from eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, SuiteName, app
+from eval.cli.help import RARE
 from eval.cli.job_flags import JOB_FLAGS, JobFlags, run_with_flags, seed_numbers
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from eval.suite.series import Measured
 
 GREEN, RED = 0, 1
+_SUITE = "quick"
 _SUMMARY = "GITHUB_STEP_SUMMARY"
 
 
@@ -37,28 +39,30 @@ class GateFlags:
     baseline: Path
     "The file to hold against, or to write with --update."
 
-    suite: str = "quick"
-    "What to run, as `eventsweep suite` takes it."
+    suite: SuiteName | None = None
+    "Suite to run, as `eventsweep suite` takes it; by default quick."
 
     result: Path | None = None
     "Take this suite.json or results.json instead of running anything."
 
-    seeds: str | None = None
+    seeds: Annotated[str | None, RARE] = None
     "Seeds instead of the suite's own, such as 0,1,2 or 100-109."
+
+    force: Force = False
 
     out: Path | None = None
     "Folder for suite.json and suite.csv of what was run."
 
     metric: Annotated[tuple[str, ...], NO_NEGATIVE] = ()
-    "Let only this metric decide, repeatable; by default those that docs/gate.md lists."
+    "Let only this metric decide, repeatable; by default the few that its documentation lists."
 
     tolerance: float | None = None
     "Share of the baseline, such as 0.05, up to which a number is the same however seeds spread."
 
-    case: Annotated[tuple[str, ...], NO_NEGATIVE] = ()
+    case: Annotated[tuple[str, ...], NO_NEGATIVE, RARE] = ()
     "Ask for this case of the baseline only, repeatable."
 
-    method: Annotated[tuple[str, ...], NO_NEGATIVE] = ()
+    method: Annotated[tuple[str, ...], NO_NEGATIVE, RARE] = ()
     "Ask for this method of the baseline only, repeatable."
 
     junit: Path | None = None
@@ -67,7 +71,7 @@ class GateFlags:
     markdown: Path | None = None
     "File for the summary; it also goes to $GITHUB_STEP_SUMMARY where that is set."
 
-    strict: Annotated[bool, NO_NEGATIVE] = False
+    strict: Annotated[bool, NO_NEGATIVE, RARE] = False
     "Let numbers that decide nothing fail too where they are missing or cannot be compared."
 
     update: Annotated[bool, NO_NEGATIVE] = False
@@ -76,7 +80,7 @@ class GateFlags:
     reason: str = ""
     "Why there is a new baseline; kept in it."
 
-    def check(self) -> None:
+    def check(self, jobs: JobFlags) -> None:
         """Refuses flags that contradict each other, before anything runs.
 
         Raises:
@@ -87,8 +91,11 @@ class GateFlags:
             raise InputError("--update needs --reason: why may the numbers change?")
         if self.reason and not self.update:
             raise InputError("--reason without --update: nothing is written")
-        if self.result is not None and (self.seeds or self.out):
-            raise InputError("--result runs nothing: leave --seeds and --out out")
+        if self.result is not None and (self.seeds or self.out or self.suite or jobs != JOB_FLAGS):
+            raise InputError(
+                "--result runs nothing: leave --suite, --seeds, --out, --workers, --cache and "
+                "--scheduler out"
+            )
         if self.update and (self.case or self.method):
             raise InputError("--update writes a whole baseline: leave --case and --method out")
         if self.tolerance is not None and not 0 <= self.tolerance < 1:
@@ -98,7 +105,7 @@ class GateFlags:
         """The files that are read, and must not be written as well."""
         result = self.result
         inside = () if result is None else (result / "suite.json", result / "results.json", result)
-        files = (self.baseline, Path(self.suite), *inside)
+        files = (self.baseline, Path(self.suite or ""), *inside)
         return tuple(path for path in files if path.is_file())
 
     def check_files(self, *, force: bool) -> None:
@@ -141,8 +148,8 @@ def gate(*, flags: GateFlags, job_flags: JobFlags = JOB_FLAGS, common: Common = 
     from eval.gate.baseline import make_baseline, write_baseline
     from eval.gate.compare import compare, is_red
 
-    flags.check()
-    flags.check_files(force=common.force)
+    flags.check(job_flags)
+    flags.check_files(force=flags.force)
     before = _before(flags)
     if before is not None:
         flags.choice().check(before.by_key())
@@ -171,7 +178,7 @@ def _measured(flags: GateFlags, job_flags: JobFlags, common: Common) -> Measured
 
     if flags.result is not None:
         return read_measured(flags.result)
-    suite, subset = load(flags.suite)
+    suite, subset = load(flags.suite or _SUITE)
     # A baseline needs more seeds than a run: they are what the tolerances are made of.
     seeds = flags.seed_numbers() or (suite.spread_seeds if flags.update else None)
 
@@ -182,9 +189,9 @@ def _measured(flags: GateFlags, job_flags: JobFlags, common: Common) -> Measured
 
     if flags.out is None:
         return of_suite(run())
-    with output.prepare_folder(flags.out, force=common.force, inputs=flags.read()) as folder:
+    with output.prepare_folder(flags.out, force=flags.force, inputs=flags.read()) as folder:
         result = run()
-        output.write(folder, result, force=common.force)
+        output.write(folder, result, force=flags.force)
     return of_suite(result)
 
 
@@ -195,7 +202,7 @@ def _report(
     from eval.gate.report import write_junit
 
     # Checked before; what came meanwhile is checked again.
-    flags.check_files(force=common.force)
+    flags.check_files(force=flags.force)
     if flags.junit is not None:
         with output_file(flags.junit, force=True) as path:
             write_junit(path, verdicts)

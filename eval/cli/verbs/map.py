@@ -9,13 +9,16 @@ from emvs.config import DeviceName
 from eval.cli.app import (
     CONFIGURED,
     MAP,
-    NO_NEGATIVE,
+    AllowSkipped,
     Configured,
+    Force,
     MapFlags,
     Methods,
     app,
+    check_skipping,
     with_values,
 )
+from eval.cli.help import RARE
 
 
 @app.command
@@ -25,8 +28,9 @@ def map(  # noqa: A001 - the verb's name
     *,
     out: Path,
     method: Methods = (),
-    device: DeviceName | None = None,
-    allow_skipped: Annotated[bool, NO_NEGATIVE] = False,
+    device: Annotated[DeviceName | None, RARE] = None,
+    allow_skipped: AllowSkipped = False,
+    force: Force = False,
     common: Configured = CONFIGURED,
     map: MapFlags = MAP,  # noqa: A002 - the name is the flag's prefix
 ) -> int:
@@ -37,22 +41,23 @@ def map(  # noqa: A001 - the verb's name
 
     Args:
         recording: A sequence of eventsweep, or a recording in its publisher's layout.
-        out: Folder to write: map.json, report.html, and a folder per window and method.
-        method: Method to map with, repeatable; as --map.methods.
-        device: Where the sweep runs; as --map.device.
-        allow_skipped: End with 0 although some of the sliding windows could not be mapped.
+        out: Folder to write: map.json, report.html and a folder per window and method.
+        method: Method to map with, repeatable; `eventsweep list methods`.
+        device: Where the sweep runs; same as --map.device.
+        allow_skipped: Exit with 0 even if some of the sliding windows could not be mapped.
     """
     from eval.cli.exit_codes import incomplete
-    from eval.cli.report import report_stage
+    from eval.cli.verbs.report import report_stage
     from eval.pipeline import map_recording
 
     flags = with_values(map, methods=method or None, device=device)
     wanted = common.settings(map=flags)
-    common.check(out, recording)
+    check_skipping(wanted.map, allowed=allow_skipped)
+    common.check(out, recording, force=force)
     console = common.console()
     finish = report_stage(console.progress)
     stored = map_recording(
-        recording, out, wanted, force=common.force, finish=finish, progress=console.progress
+        recording, out, wanted, force=force, finish=finish, progress=console.progress
     )
     console.mapped(stored)
     console.wrote(out / "report.html")

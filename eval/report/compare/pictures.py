@@ -21,12 +21,15 @@ from eval.figures.images import (
     frame_image,
     point_size_px,
 )
-from eval.report.compared_results import ComparedResult, Number
-from eval.report.ranking import column, shown
+from eval.numbers import shown
+from eval.report.compare.results import ComparedResult, Number
+from eval.report.ranking import column, ranked_methods
 from eval.report.run_data import MethodData, RunData, WindowData, load_run
+from eval.scoring.pairing import REFERENCE
+from eval.scoring.results import POOLED
 
 ALL = "all results"
-_CAPTION, _SHOWN_FIRST = "mean_error", "Alg1/H"
+_CAPTION = "mean_error"
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +131,9 @@ def _case(
     methods = _shared_methods(view for group in groups for view in group)
     if not methods:
         return None
-    chosen = methods.index(_SHOWN_FIRST) if _SHOWN_FIRST in methods else 0
+    first = runs[results[0].name]
+    wished = [*ranked_methods(first.rows_of(case, POOLED), first.ranking_metric), REFERENCE]
+    chosen = next((methods.index(name) for name in wished if name in methods), 0)
     drawn = tuple(_window(group, methods) for group in groups)
     return ComparedPictures(case, methods, chosen, drawn)
 

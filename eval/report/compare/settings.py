@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from eval.config import Settings
-from eval.report.compared_results import ComparedResult, windows_text
+from eval.report.compare.results import ComparedResult, windows_text
 
 ABSENT = "–"
 _UNIT = re.compile(r"\[([^\]]+)\][.;]")

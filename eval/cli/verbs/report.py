@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from emvs.errors import InputError
-from eval.cli.app import COMMON, NO_NEGATIVE, Common, app
+from eval.cli.app import NO_NEGATIVE, QUIET, Quiet, app
 from eval.progress import Progress
 
 
@@ -46,27 +46,33 @@ def report_stage(progress: Progress) -> Callable[[Path], None]:
 
 
 @app.command
-def report(folder: Path, /, *, flags: ReportFlags = _PAGE_ONLY, common: Common = COMMON) -> None:
-    """Write report.html from the maps and results, or from the studies, of a folder.
+def report(folder: Path, /, *, flags: ReportFlags = _PAGE_ONLY, common: Quiet = QUIET) -> None:
+    """Write report.html for what `run`, `map`, `suite` or `study` left in a folder.
 
     Args:
-        folder: What `run`, `map` or `study` wrote; report.html in it is written anew.
+        folder: The folder; report.html in it is replaced.
     """
-    from eval.report.study_page import find_studies
+    from eval.report.study_page import find_studies, write_study_report
+    from eval.report.suite_page import is_suite_folder, write_suite_report
 
-    written = _of_studies if find_studies(folder) else _of_run
-    for path in written(folder, flags):
+    if is_suite_folder(folder):
+        written = _page_only(write_suite_report, folder, flags, "suite")
+    elif find_studies(folder):
+        written = _page_only(write_study_report, folder, flags, "study")
+    else:
+        written = _of_run(folder, flags)
+    for path in written:
         common.console().wrote(path)
 
 
-def _of_studies(folder: Path, flags: ReportFlags) -> list[Path]:
-    from eval.report.study_page import write_study_report
-
+def _page_only(
+    write: Callable[[Path], Path], folder: Path, flags: ReportFlags, verb: str
+) -> list[Path]:
     if flags != _PAGE_ONLY:
         raise InputError(
-            f"{folder}: --tables, --figures and --rrd are for runs; `study` writes its own files"
+            f"{folder}: --tables, --figures and --rrd are for runs; `{verb}` writes its own files"
         )
-    return [write_study_report(folder)]
+    return [write(folder)]
 
 
 def _of_run(folder: Path, flags: ReportFlags) -> list[Path]:

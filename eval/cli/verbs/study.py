@@ -5,8 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+from cyclopts import Parameter
+
 from emvs.utils.outputs import output_folder
-from eval.cli.app import COMMON, NO_NEGATIVE, Common, Methods, app
+from eval.cli import names
+from eval.cli.app import COMMON, Common, Methods, Scenes, app
 from eval.cli.job_flags import JOB_FLAGS, JobFlags, seed_numbers
 from eval.studies.definitions import CASES, METHODS, SECONDS, SEEDS
 
@@ -15,11 +18,11 @@ _FAILED = 1
 
 @app.command
 def study(
-    name: Annotated[tuple[str, ...], NO_NEGATIVE],
+    name: Annotated[tuple[str, ...], Parameter(negative=(), completer=names.studies)],
     /,
     *,
     out: Path,
-    case: Annotated[tuple[str, ...], NO_NEGATIVE] = (),
+    case: Scenes = (),
     seeds: str | None = None,
     seconds: float = SECONDS,
     method: Methods = (),
@@ -29,7 +32,7 @@ def study(
     """Perturb one thing by growing amounts and see where each method breaks.
 
     Args:
-        name: Studies to run, such as pose-noise; `all` runs all that `eventsweep list` names.
+        name: Studies to run, such as pose-noise, or `all`; `eventsweep list studies`.
         out: Folder to write: NAME.png, .svg, .csv and .json for each study.
         case: Scene to run instead of boxes, desk and planes, repeatable.
         seeds: Seeds instead of 0,1,2, such as 0-9.
@@ -39,8 +42,8 @@ def study(
     from eval.studies.definitions import STUDIES, study_named
     from eval.studies.run import file_names, run_study, show_study, write_study
 
-    names = tuple(STUDIES) if name == ("all",) else name
-    studies = [study_named(one) for one in names]
+    chosen = tuple(STUDIES) if name == ("all",) else name
+    studies = [study_named(one) for one in chosen]
     samples = (method or METHODS, case or CASES, seed_numbers(seeds, "--seeds") or SEEDS)
     console, failed = common.console(), 0
     files = [name for one in studies for name in file_names(one)]

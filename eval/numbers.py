@@ -1,0 +1,38 @@
+"""Numbers as people read them, in terminal and pages alike; files for programs hold plain ones.
+
+Lengths and errors are stored in metres and read in centimetres; thousands are set apart by commas.
+"""
+
+from __future__ import annotations
+
+import math
+
+# Per unit as stored: the unit as shown, and the factor between them.
+_SHOWN = {"m": ("cm", 100.0)}
+
+
+def thousands(count: float) -> str:
+    """A count, with commas between thousands and without decimals."""
+    return f"{count:,.0f}"
+
+
+def shown_unit(unit: str) -> str:
+    """The unit in which values of a stored unit are shown."""
+    return _SHOWN.get(unit, (unit, 1.0))[0]
+
+
+def in_shown_unit(value: float, unit: str) -> float:
+    """A stored value in the unit in which it is shown."""
+    return _SHOWN.get(unit, (unit, 1.0))[1] * value
+
+
+def shown(value: float, unit: str) -> str:
+    """A value as tables show it: metres as centimetres, counts without decimals, NaN as a dash."""
+    if math.isnan(value):
+        return "–"
+    return thousands(value) if unit == "px" else f"{in_shown_unit(value, unit):,.2f}"
+
+
+def significant(value: float, digits: int = 4) -> str:
+    """A value to so many digits, but never with fewer digits than it has before the point."""
+    return f"{value:,.0f}" if abs(value) >= 10 ** (digits - 1) else f"{value:.{digits}g}"

@@ -1,0 +1,146 @@
+"""The page of a suite's run: the mean over its cases, and every case, over all seeds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from emvs.utils.files import atomic_path
+from emvs.utils.outputs import check_files
+from eval.config import EvalConfig
+from eval.figures.colormaps import line_style
+from eval.numbers import shown
+from eval.report.html import (
+    REPORT_NAME,
+    Grid,
+    GridCell,
+    Head,
+    Page,
+    Section,
+    files_in,
+    page_text,
+    plural,
+    versions_grid,
+)
+from eval.report.ranking import (
+    RANKING_COLUMNS,
+    RankingLine,
+    RankingTable,
+    column,
+    findings,
+    mean_over_cases,
+    table,
+)
+from eval.scoring.results import POOLED, Row
+from eval.suite.output import CSV_NAME
+from eval.suite.results import FILE_NAME, SuiteResult, read_suite
+from eval.suite.series import Series, of_suite
+
+_ABOUT = (
+    "Of each case: means over the seeds ± their standard deviation, where there is more than one; "
+    "the best of each column is marked. Single cameras have no rank: they are the baseline of all "
+    "others."
+)
+_OVER_CASES = (
+    "Every case weighs the same, and pixels are the mean of a case. A method that lacks one of "
+    "the cases has no mean."
+)
+
+
+def is_suite_folder(folder: Path) -> bool:
+    """Whether a suite's run lies in a folder."""
+    return (folder / FILE_NAME).is_file()
+
+
+def write_suite_report(folder: Path) -> Path:
+    """Writes `report.html` for the suite's run in a folder and returns its path.
+
+    Raises:
+        InputError: the folder holds none, or a damaged one.
+    """
+    result = read_suite(folder)
+    check_files(folder, (REPORT_NAME,), force=True)
+    page = page_text(suite_page(result, files_in(folder, (FILE_NAME, CSV_NAME))))
+    with atomic_path(folder / REPORT_NAME) as path:
+        path.write_text(page, encoding="utf-8")
+    return folder / REPORT_NAME
+
+
+def suite_page(result: SuiteResult, files: Sequence[str] = ()) -> Page:
+    """What the page shows."""
+    metric = EvalConfig.model_validate(result.definition.get("score", {})).ranking_metric
+    series = of_suite(result).series
+    by_case = {
+        case: [one for one in series.values() if one.case == case and _is_shown(one)]
+        for case in result.cases
+    }
+    measured = {case: found for case, found in by_case.items() if found}
+    return Page(
+        title=f"{result.suite}, {result.subset}",
+        subtitle=f"A suite's run: {plural(len(measured), 'case')}, "
+        f"{plural(len(result.seeds), 'seed')} ({', '.join(map(str, result.seeds))}).",
+        sections=tuple(
+            _section(k, case, found, metric) for k, (case, found) in enumerate(measured.items())
+        ),
+        provenance=versions_grid([result.platform or "here"], [result.versions]),
+        overview=_overview(measured, metric),
+        findings=tuple(f"failed: {job.name}: {job.failure}" for job in result.failures),
+        note=_ABOUT,
+        version=result.versions.get("eventsweep", ""),
+        files=tuple(files),
+    )
+
+
+def _is_shown(one: Series) -> bool:
+    return one.metric in RANKING_COLUMNS
+
+
+def _overview(by_case: Mapping[str, Sequence[Series]], metric: str) -> Grid | None:
+    """The mean over cases; None of fewer than two, which would repeat the case."""
+    if len(by_case) < 2:
+        return None
+    rows = [row for found in by_case.values() for row in _rows(found)]
+    about = f"Mean of {len(by_case)} cases, by {column(metric).title}. {_OVER_CASES}"
+    return _grid(table(mean_over_cases(rows, "mean"), metric), {}, about)
+
+
+def _section(position: int, case: str, found: Sequence[Series], metric: str) -> Section:
+    rows = _rows(found)
+    about = f"By {column(metric).title}."
+    spreads = {(one.method, one.metric): shown(one.spread, one.unit) for one in found}
+    return Section(
+        id=f"case{position}",
+        title=case,
+        names=("ranking",),
+        tables=(_grid(table(rows, metric), spreads, about),),
+        text=" ".join(findings(rows, metric)[:1]),
+    )
+
+
+def _rows(found: Sequence[Series]) -> list[Row]:
+    return [
+        Row(one.case, POOLED, one.method, one.metric, one.mean, one.unit, one.better)
+        for one in found
+    ]
+
+
+def _grid(ranking: RankingTable, spreads: Mapping[tuple[str, str], str], about: str) -> Grid:
+    heads = (Head("method", text=True), Head("rank"), *_heads(ranking))
+    return Grid(heads, tuple(_line(line, ranking, spreads) for line in ranking.lines), about)
+
+
+def _heads(ranking: RankingTable) -> list[Head]:
+    return [Head(one.title, one.unit, one.better, arrow=True) for one in ranking.columns]
+
+
+def _line(
+    line: RankingLine, ranking: RankingTable, spreads: Mapping[tuple[str, str], str]
+) -> tuple[GridCell, ...]:
+    rank = GridCell("" if line.rank is None else str(line.rank), line.rank or math.nan)
+    cells = [GridCell(line.method, colour=line_style(line.method).css), rank]
+    for head, cell in zip(ranking.columns, line.cells, strict=True):
+        spread = spreads.get((line.method, head.name), "–")
+        text = cell.text if spread == "–" else f"{cell.text} ± {spread}"
+        cells.append(GridCell(text, cell.value, "best" if cell.best else ""))
+    return tuple(cells)

@@ -1,0 +1,95 @@
+"""Completion, as the shells do it: verbs, flags, and names from the registries."""
+
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from eval.cli.main import main
+from places import ROOT
+
+ASKED = {
+    "ru": {"run"},
+    "run --map.pl": {"--map.planes"},
+    "run desk --sim.sensor.pre": {"--sim.sensor.preset"},
+    "run rpg-m": {"rpg-monitor"},
+    "map x --device cu": {"cuda"},
+    "map x --method Alg1/m": {"Alg1/min", "Alg1/max"},
+    "run desk --rig tumvie-": {"tumvie-kb4"},
+    "suite qui": {"quick"},
+    "study pose-r": {"pose-rate"},
+    "list su": {"suites"},
+}
+BASH = """
+. ~/.bashrc
+while read -r -a COMP_WORDS; do
+    COMP_CWORD=$((${#COMP_WORDS[@]} - 1)) COMPREPLY=()
+    _eventsweep
+    echo "${COMPREPLY[*]}"
+done
+"""
+FISH = """
+while read line
+    echo (complete -C "$line" | string split -f 1 \\t)
+end
+"""
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    """A home in which completion is installed for every shell, with `eventsweep` on the path."""
+    home = tmp_path_factory.mktemp("home")
+    program = home / "bin" / "eventsweep"
+    program.parent.mkdir()
+    program.write_text(f'#!/bin/sh\nPYTHONPATH={ROOT} exec {sys.executable} -m eventsweep "$@"\n')
+    program.chmod(0o755)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HOME", str(home))
+        for shell in ("bash", "zsh", "fish"):
+            for _ in range(2):  # the second time changes nothing
+                assert main(["completion", shell, "--quiet"]) == 0
+    return home
+
+
+def shell_in(home, *command, asked=""):
+    found = shutil.which(command[0])
+    if found is None:
+        pytest.skip(f"no {command[0]} here")
+    path = f"{home / 'bin'}{os.pathsep}{os.environ['PATH']}"
+    return subprocess.run(
+        [found, *command[1:]], input=asked, env={**os.environ, "HOME": str(home), "PATH": path},
+        capture_output=True, text=True, check=True, timeout=120,
+    ).stdout  # fmt: skip
+
+
+@pytest.mark.parametrize("command", [("bash", "--norc", "-c", BASH), ("fish", "-c", FISH)])
+def test_a_shell_completes_verbs_flags_and_names(home, command):
+    asked = "".join(f"eventsweep {words}\n" for words in ASKED)
+    answers = shell_in(home, *command, asked=asked).splitlines()
+    found = {words: set(answer.split()) for words, answer in zip(ASKED, answers, strict=True)}
+    assert found == ASKED
+
+
+def test_zsh_knows_the_program_once_its_completion_is_on(home):
+    said = shell_in(home, "zsh", "-f", "-c", ". ~/.zshrc; autoload -Uz compinit; compinit -u -D; "
+        "echo $_comps[eventsweep]; autoload +X _cyclopts_eventsweep")  # fmt: skip
+    assert said.strip() == "_cyclopts_eventsweep"
+
+
+def test_installing_twice_adds_one_line(home):
+    for name in (".bashrc", ".zshrc"):
+        lines = [line for line in (home / name).read_text().splitlines() if line[:1] != "#"]
+        assert len(lines) == 1
+
+
+def test_the_script_can_be_printed_and_the_shell_is_found(home, monkeypatch, capsys):
+    monkeypatch.setenv("HOME", str(home))
+    assert main(["completion", "fish", "--print"]) == 0
+    assert "complete -c eventsweep" in capsys.readouterr().out
+    for name in ("BASH_VERSION", "ZSH_VERSION", "FISH_VERSION"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("cyclopts.completion.detect.detect_shell", lambda: "powershell")
+    assert main(["completion"]) == 2
+    assert "none of bash, zsh and fish" in capsys.readouterr().err

@@ -1,0 +1,119 @@
+"""Help: the flags that matter, all of them on request, in words; refusals that lead there."""
+
+import re
+
+import pytest
+from rich.console import Console
+
+from eval.cli.help import ALL, readable
+from eval.cli.main import VERBS, app, main
+
+EVERY = sorted({*VERBS, "cache"})
+MOST_FLAGS = 16
+
+
+@pytest.fixture(autouse=True)
+def wide(monkeypatch):
+    """A terminal in which names fit on a line."""
+    monkeypatch.setattr(app, "console", Console(width=200))
+
+
+def printed(capsys, *words):
+    assert main(list(words)) == 0
+    return capsys.readouterr().out
+
+
+def flags_in(text):
+    """The flags that a help page has a line for."""
+    lines = [line.strip("│ *") for line in text.splitlines() if line.startswith("│")]
+    return set(re.findall(r"^(--[a-z][\w-]*(?:\.[\w-]+)*)(?= |$)", "\n".join(lines), re.MULTILINE))
+
+
+def taken_by(verb):
+    found = app[verb].assemble_argument_collection()
+    return {one.name for one in found if not one.children and one.name.startswith("--")}
+
+
+@pytest.mark.parametrize("verb", EVERY)
+def test_help_shows_what_matters_and_help_all_the_rest(capsys, verb):
+    brief, whole = printed(capsys, verb, "--help"), printed(capsys, verb, ALL)
+    assert flags_in(whole) == taken_by(verb)
+    assert flags_in(brief) <= flags_in(whole)
+    assert len(flags_in(brief)) <= MOST_FLAGS
+    hidden = len(flags_in(whole) - flags_in(brief))
+    assert (f"{hidden} more flags: eventsweep {verb} {ALL}\n" in brief) == (hidden > 0)
+    assert "more flags" not in whole
+
+
+def test_the_longest_help_fits_a_screen_or_two(capsys, monkeypatch):
+    monkeypatch.setattr(app, "console", Console(width=80))
+    assert len(printed(capsys, "run", "--help").splitlines()) < 60
+    assert len(taken_by("run")) > 100
+
+
+@pytest.mark.parametrize("verb", EVERY)
+def test_every_flag_is_explained_in_words_and_no_default_is_python(capsys, verb):
+    whole = printed(capsys, verb, ALL)
+    for ugly in ("()", "('", "',)", "None", "[default: False]", "[default: True]", '[default: ""]'):
+        assert ugly not in whole
+    for one in app[verb]._described[1]:
+        if not one.children:
+            assert one.show
+            assert one.parameter.help, one.name
+            assert one.parameter.help.endswith((".", "?", "!"))
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, None),
+        (False, None),
+        ((), None),
+        ("", None),
+        (True, "on"),
+        (("all",), "all"),
+        ((0.0, 0.5), "0, 0.5"),
+        (1e-6, "1e-06"),
+        (4500, "4500"),
+    ],
+)
+def test_defaults_read_well(value, text):
+    assert readable(value) == text
+
+
+def test_groups_come_in_the_order_of_the_work(capsys):
+    whole = printed(capsys, "run", ALL)
+    titles = re.findall(r"^╭─ (.*?) ─", whole, re.MULTILINE)
+    kinds = ("Simulator", "Mapper", "Score")
+    assert titles == ["Arguments", "Parameters", *(f"{k} parameters" for k in kinds), "Common"]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["run", "desk", "--out", "o", "--methd", "H"], "run takes no flag --methd; did you mean"),
+        (["run", "desk", "--out", "o", "--planes", "5"], "did you mean --map.planes?"),
+        (["map", "x", "--out", "o", "--threshod-c", "5"], "did you mean --map.threshold-c?"),
+        (["suite", "quick", "--out", "o", "--sedes", "5"], "did you mean --seeds?"),
+        (["score", "x", "--force"], "score takes no flag --force ("),
+        (["run", "desk", "--out", "o", "--fast"], "run takes no flag --fast ("),
+    ],
+)
+def test_an_unknown_flag_leads_to_its_own_verb(tmp_path, monkeypatch, capsys, words, told):
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert told in said
+    assert f"(`eventsweep {words[0]} --help` shows what there is)\n" in said
+
+
+def test_a_word_that_is_no_verb_leads_to_the_program(capsys):
+    for words in (["mop"], ["mop", "--help"]):
+        assert main(words) == 2
+        said = capsys.readouterr().err
+        assert 'Did you mean "map"?' in said
+        assert "(`eventsweep --help` shows what there is)" in said
+
+
+def test_a_verb_named_help_is_help_wherever_it_stands(capsys):
+    assert printed(capsys, "run", "--out", "o", "--help") == printed(capsys, "run", "-h")

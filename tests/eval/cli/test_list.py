@@ -1,0 +1,62 @@
+"""`eventsweep list`: all that is chosen by name, from the registries, for eyes and programs."""
+
+import json
+
+import pytest
+
+import scenes
+from emvs import methods
+from eval.cli.main import main
+from eval.cli.names import KINDS
+from eval.scoring.method_scores import ALL_METRICS
+from eval.studies.definitions import STUDIES
+from eval.suite import definition
+from sim.motion.head_styles import STYLES
+from sim.rigs import RIGS
+from sim.sensor_presets import PRESETS
+
+
+def listed(capsys, *words):
+    assert main(["list", *words, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_every_registry_is_listed_whole(capsys):
+    found = {kind: set(lines) for kind, lines in listed(capsys).items()}
+    assert list(found) == list(KINDS)
+    assert found["scenes"] == set(scenes.names())
+    assert found["rigs"] == set(RIGS)
+    assert found["sensors"] == set(PRESETS)
+    assert found["head-styles"] == set(STYLES)
+    assert found["methods"] == set(methods.overview())
+    assert found["metrics"] == set(ALL_METRICS)
+    assert found["studies"] == set(STUDIES)
+    for name in found["suites"]:
+        definition.load(name)
+    assert {"quick", definition.NEWEST} <= found["suites"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_one_kind_is_a_line_for_each_name_with_what_it_is(capsys, kind):
+    lines = listed(capsys, kind)[kind]
+    assert all(text and "\n" not in text for text in lines.values())
+    assert main(["list", kind]) == 0
+    title, *printed = capsys.readouterr().out.strip().splitlines()
+    assert title.strip() == kind
+    assert [line.split("  ")[0].strip() for line in printed] == list(lines)  # fits `grep`
+    told = zip(printed, lines.items(), strict=True)
+    assert all(line.strip().endswith(text) for line, (_, text) in told)
+
+
+def test_several_kinds_come_as_they_are_asked_for(capsys):
+    assert list(listed(capsys, "rigs", "scenes")) == ["rigs", "scenes"]
+
+
+def test_a_method_of_ones_own_is_listed(capsys):
+    from emvs.dsi.method import Method
+
+    methods.register(Method.from_function("Mine/listed", lambda votes: votes[:, 0].min(0), "mine"))
+    try:
+        assert listed(capsys, "methods")["methods"]["Mine/listed"] == "mine"
+    finally:
+        methods.unregister("Mine/listed")

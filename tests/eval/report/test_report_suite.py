@@ -1,0 +1,95 @@
+"""The page of a suite's run: means over seeds and cases, the best method first, files linked."""
+
+import math
+import re
+
+import pytest
+
+from emvs.utils.ownership import strangers
+from eval.cli.main import main
+from eval.scoring.results import POOLED, Row
+from eval.suite import output
+from eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult
+from report_data import WellFormed
+
+# Mean error by case, method and seed, m.
+ERRORS_M = {
+    "a": {"Alg1/H": (0.2, 0.4), "Focus/H": (0.1, 0.1), "EMVS/cam0": (0.01, 0.01)},
+    "b": {"Alg1/H": (0.05, 0.07), "Focus/H": (0.3, 0.5), "EMVS/cam0": (0.6, 0.6)},
+}
+
+
+def sample(case, seed):
+    rows = []
+    for method, errors in ERRORS_M[case].items():
+        rows.append(Row(case, POOLED, method, "mean_error", errors[seed], "m", "lower"))
+        rows.append(Row(case, POOLED, method, "points", 12345.0, "px", "higher"))
+    rows.append(Row(case, POOLED, "events", "events", 9.0, "", "none"))
+    return Sample(case, seed, tuple(rows), SampleFacts("s", "t", "n", "osmesa", {}, {}, {}))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    samples = tuple(sample(case, seed) for case in ERRORS_M for seed in (0, 1))
+    failed = JobNote("map/<b>", failure="it <broke>")
+    result = SuiteResult(
+        "mine-v1", "all", "digest", {"metrics": ["mean_error", "points", "events"]},
+        dict.fromkeys(ERRORS_M, "hash"), (0, 1), samples, (failed,),
+    )  # fmt: skip
+    (tmp_path / "out").mkdir()
+    output.write(tmp_path / "out", result)
+    return tmp_path / "out"
+
+
+def tables(text):
+    """Every table's lines as texts of their cells."""
+    return [
+        [
+            [re.sub("<[^>]+>", "", cell) for cell in re.findall(r"<td.*?</td>", line)]
+            for line in re.findall(r"<tr><td.*?</tr>", table)
+        ]
+        for table in re.findall(r"<tbody>.*?</tbody>", text, re.DOTALL)
+    ]
+
+
+def test_a_suites_folder_gets_a_page_with_the_best_method_first(folder):
+    assert main(["report", str(folder), "--quiet"]) == 0
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    mean, a, b, _versions = tables(text)
+    # (20 + 40 + 5 + 7) / 4 cm and so on; a single camera has no rank.
+    assert mean == [
+        ["Alg1/H", "1", "12,345", "18.00"],
+        ["Focus/H", "2", "12,345", "25.00"],
+        ["EMVS/cam0", "", "12,345", "30.50"],
+    ]
+    spread_cm = f"{20 / math.sqrt(2):.2f}"
+    assert [line[:2] for line in a] == [["EMVS/cam0", ""], ["Focus/H", "1"], ["Alg1/H", "2"]]
+    assert a[2] == ["Alg1/H", "2", "12,345 ± 0", f"30.00 ± {spread_cm}"]
+    assert [line[:2] for line in b] == [["Alg1/H", "1"], ["Focus/H", "2"], ["EMVS/cam0", ""]]
+
+
+def test_its_page_links_its_files_and_escapes_names(folder):
+    assert main(["report", str(folder), "--quiet"]) == 0
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    page = WellFormed(text)
+    links = [source for source in page.sources if not source.startswith(("#", "data:"))]
+    assert links == ["suite.json", "suite.csv"]
+    assert "it &lt;broke&gt;" in text
+    assert "<broke>" not in text
+    assert strangers(folder) == []
+
+
+def test_what_is_for_runs_is_refused(folder, capsys):
+    assert main(["report", str(folder), "--tables"]) == 2
+    assert "`suite` writes its own files" in capsys.readouterr().err
+    assert not (folder / "report.html").exists()
+
+
+def test_one_case_has_no_mean_over_cases(tmp_path):
+    samples = tuple(sample("a", seed) for seed in (0, 1))
+    result = SuiteResult(
+        "mine-v1", "all", "d", {"metrics": ["mean_error"]}, {"a": "h"}, (0, 1), samples
+    )
+    output.write(tmp_path, result)
+    assert main(["report", str(tmp_path), "--quiet"]) == 0
+    assert len(tables((tmp_path / "report.html").read_text(encoding="utf-8"))) == 2
