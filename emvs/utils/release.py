@@ -38,4 +38,4 @@ def page(name: str, section: str = "") -> str:
         name: the page's file in `docs/`, without its ending.
         section: the heading's anchor.
     """
-    return f"{DOCUMENTATION}/{name}/" + (f"#{section}" if section else "")
+    return f"{DOCUMENTATION}/{name}.html" + (f"#{section}" if section else "")
