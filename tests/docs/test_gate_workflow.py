@@ -1,7 +1,8 @@
 """The workflow for others runs: its own steps, in its own order, with a small mapper of one's own.
 
 Only the step that installs is left out, since what it installs is what is being tested:
-`eventsweep` is the checkout's. Its list of system libraries is held against that of the page on installing.
+`eventsweep` is the checkout's. Its list of system libraries is held against that of
+`docs/install.md`.
 """
 
 import os

@@ -2,9 +2,9 @@
 
 Run: python tests/benchmarks install_page --page docs/install.md [--python PYTHON ...]
 
-For each interpreter: a virtual environment, `pip install` of a wheel made of this checkout, the size
-(`install_size`), and `eventsweep run planes`, which must leave a report. The first interpreter installs
-the extra `mesh` as well, and makes a mesh. Lines of the page that other machines wrote stay.
+For each interpreter: a virtual environment, `pip install` of a wheel made of this checkout, the
+size (`install_size`), and `eventsweep run planes`, which must leave a report. The first interpreter
+installs the extra `mesh` as well, and makes a mesh. Lines that other machines wrote stay.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from emvs.errors import InputError
 from emvs.utils.release import install
 from eval.cli.exit_codes import exit_code
 from markdown_blocks import into_page
-from places import ROOT
 
-SIZE = ROOT / "tests" / "benchmarks" / "checkout" / "install_size.py"
+ROOT = Path(__file__).resolve().parents[3]
+SIZE = Path(__file__).with_name("install_size.py")
 LAST_LINE = re.compile(
     r"Python (?P<python>\S+): (?P<count>\d+) distributions, (?P<mb>\d+) MB; "
     r"never imported: (?P<unused>\d+)"
@@ -82,7 +82,7 @@ def read_size(printed: str) -> tuple[str, int, int, int]:
 
 def tried(python: str, wheel: Path, extra: str, folder: Path) -> Trial:
     """Installs a wheel into an empty environment, weighs that and runs the main job in it."""
-    home = folder / f"env-{Path(python).name}-{extra}"
+    home = Path(tempfile.mkdtemp(prefix="env-", dir=folder))
     done(python, "-m", "venv", home)
     wanted = f"{wheel}[{extra}]" if extra else str(wheel)
     done(home / "bin/pip", "install", "--quiet", wanted)
@@ -101,7 +101,8 @@ def tried(python: str, wheel: Path, extra: str, folder: Path) -> Trial:
 
 def install_block() -> str:
     """The commands, from the one place that says where a release is."""
-    return f"```sh\n{install()}          # all but meshes\n{install('mesh')}    # with meshes\n```\n"
+    whole, mesh = install(), install("mesh")
+    return f"```sh\n{whole:{len(mesh)}}  # all but meshes\n{mesh}  # with meshes\n```\n"
 
 
 def size_block(trials: list[Trial], before: str) -> str:
@@ -118,8 +119,7 @@ def size_block(trials: list[Trial], before: str) -> str:
         row = f"| {one.python} | {system} | {extra} | {one.count} | {one.size_mb} | {one.unused} |"
         rows[key_of(row)] = row
     head = (
-        "| Python | System | Extra | Packages | MB | Never imported |\n"
-        "|---|---|---|--:|--:|--:|\n"
+        "| Python | System | Extra | Packages | MB | Never imported |\n|---|---|---|--:|--:|--:|\n"
     )
     return head + "\n".join(rows[key] for key in sorted(rows)) + "\n"
 

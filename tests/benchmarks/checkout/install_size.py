@@ -80,12 +80,12 @@ def _named(node: ast.AST) -> list[str]:
     if isinstance(node, ast.ImportFrom) and node.module and not node.level:
         return [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
     if isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
-        return [one.value for one in node.args if isinstance(one, ast.Constant)]
+        return [str(one.value) for one in node.args if isinstance(one, ast.Constant)]
     return []
 
 
 def load(names: Iterable[str]) -> None:
-    """Imports what there is of these modules; names of functions and classes among them are none."""
+    """Imports what there is of these modules; names of functions and classes are none."""
     for name in sorted(names):
         try:
             importlib.import_module(name)
