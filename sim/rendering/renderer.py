@@ -380,8 +380,8 @@ def sharpen_textures(context: Any) -> None:
     """Takes textures one step finer than a sample is wide, in the current graphics context.
 
     The mean over a pixel's samples removes what that leaves too sharp; the blur that it takes away
-    costs 5 % of the events (the page `simulator`). For the same reason the nearest size of a texture
-    does, where software would spend a fifth of its time on the mean of two.
+    costs 5 % of the events (the page `simulator`). For the same reason the nearest size of a
+    texture does, where software would spend a fifth of its time on the mean of two.
     """
     # Only now: importing it earlier would fix the platform before MuJoCo chooses it.
     gl: Any = importlib.import_module("OpenGL.GL")
