@@ -16,6 +16,7 @@ import re
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -95,8 +96,15 @@ def tried(python: str, wheel: Path, extra: str, folder: Path) -> Trial:
     if not (run / "report.html").is_file():
         raise InputError(f"{home}: the main job left no report")
     if extra == "mesh":
-        done(home / "bin/eventsweep", "fuse", run / "planes" / "map", "--mesh")
+        make_mesh(home / "bin/eventsweep", run / "planes" / "sequence", folder / "windows")
     return Trial(size[0], extra, *size[1:])
+
+
+def make_mesh(program: Path, sequence: Path, out: Path) -> None:
+    """Joins several windows, since one alone has no surface."""
+    windows = ("--map.window-s", "0.04", "--map.stride-s", "0.02", "--method", "Alg1/H")
+    done(program, "map", sequence, "--out", out, "--quiet", *windows)
+    done(program, "fuse", out, "--mesh", "--voxel-m", "0.02")
 
 
 def install_block() -> str:
@@ -105,19 +113,18 @@ def install_block() -> str:
     return f"```sh\n{whole:{len(mesh)}}  # all but meshes\n{mesh}  # with meshes\n```\n"
 
 
-def size_block(trials: list[Trial], before: str) -> str:
+def size_block(one: Trial, before: str) -> str:
     """The table of what was tried; lines of other interpreters and systems stay as they are.
 
     Args:
-        trials: of this machine.
+        one: what was tried here.
         before: the page.
     """
     system = f"{platform.system()} {platform.machine()}"
     rows = {key_of(row): row for row in ROW.findall(before)}
-    for one in trials:
-        extra = f"`{one.extra}`" if one.extra else "–"
-        row = f"| {one.python} | {system} | {extra} | {one.count} | {one.size_mb} | {one.unused} |"
-        rows[key_of(row)] = row
+    extra = f"`{one.extra}`" if one.extra else "–"
+    row = f"| {one.python} | {system} | {extra} | {one.count} | {one.size_mb} | {one.unused} |"
+    rows[key_of(row)] = row
     head = (
         "| Python | System | Extra | Packages | MB | Never imported |\n|---|---|---|--:|--:|--:|\n"
     )
@@ -140,19 +147,19 @@ def main() -> int:
     with exit_code() as code:
         into_page(asked.page, "commands", install_block())
         if not asked.commands_only:
-            trials = all_trials(asked.python or [sys.executable])
-            into_page(asked.page, "sizes", size_block(trials, asked.page.read_text("utf-8")))
+            for trial in trials(asked.python or [sys.executable]):
+                into_page(asked.page, "sizes", size_block(trial, asked.page.read_text("utf-8")))
     return code.value
 
 
-def all_trials(pythons: list[str]) -> list[Trial]:
-    """Every interpreter without extras, and the first one with `mesh`."""
+def trials(pythons: list[str]) -> Iterator[Trial]:
+    """The first interpreter with `mesh`, then every one without extras."""
     with tempfile.TemporaryDirectory(prefix="install-page-") as name:
         folder = Path(name)
         done(sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "-w", folder, ROOT)
         (wheel,) = folder.glob("*.whl")
-        wanted = [(python, "") for python in pythons] + [(pythons[0], "mesh")]
-        return [tried(python, wheel, extra, folder) for python, extra in wanted]
+        for python, extra in [(pythons[0], "mesh"), *((python, "") for python in pythons)]:
+            yield tried(python, wheel, extra, folder)
 
 
 if __name__ == "__main__":
