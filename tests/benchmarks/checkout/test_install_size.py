@@ -1,7 +1,12 @@
 """What an environment weighs, on environments that one can see through."""
 
+import platform
 from importlib import metadata
 
+import pytest
+
+from emvs.errors import InputError
+from install_page import Trial, read_size, size_block
 from install_size import Weighed, imported, lines, named_modules, normal, weigh
 
 
@@ -52,3 +57,23 @@ def test_what_nothing_imports_is_told_from_what_is_imported_later(tmp_path):
     }  # fmt: skip
     table = list(lines(found, how, brief=True))
     assert table[2:] == ["| web | 30.0 | never | used |", "| stray | 0.0 | never |  |"]
+
+
+def test_a_page_keeps_what_other_machines_wrote():
+    system = f"{platform.system()} {platform.machine()}"
+    others = [
+        "| 3.14.2 | Other arm64 | – | 40 | 900 | 0 |",
+        f"| 3.12.1 | {system} | – | 9 | 9 | 9 |",
+    ]
+    first = size_block(Trial("3.11.7", "", 44, 1084, 0), "\n".join(others))
+    again = size_block(Trial("3.11.9", "", 45, 1085, 0), first)
+    assert f"| 3.11.9 | {system} | – | 45 | 1085 | 0 |" in again
+    assert "3.11.7" not in again
+    assert all(one in again for one in others)
+
+
+def test_what_the_size_prints_is_what_the_page_reads():
+    printed = "...\nPython 3.11.7: 44 distributions, 1084 MB; never imported: 2, 35 MB\n"
+    assert read_size(printed) == ("3.11.7", 44, 1084, 2)
+    with pytest.raises(InputError, match="no sum"):
+        read_size("Traceback")
