@@ -126,6 +126,6 @@ def load_open3d() -> Any:
     except (ImportError, OSError) as error:
         heed_interrupt(error)
         missing = isinstance(error, ModuleNotFoundError) and error.name == "open3d"
-        cure = f"is not installed: {install('mesh')}" if missing else f"fails: {error}; {_LIBRARIES}"
-        raise InputError(f"meshes and point clouds of others need open3d, which {cure}") from error
+        why = f"is not installed: {install('mesh')}" if missing else f"fails: {error}; {_LIBRARIES}"
+        raise InputError(f"meshes and point clouds of others need open3d, which {why}") from error
     return open3d

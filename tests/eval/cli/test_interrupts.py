@@ -65,7 +65,7 @@ def converting(sequence, out):
     """A cloud: mapping does without open3d."""
     cloud = sequence.parent / "cloud.ply"
     write_ply(cloud, PointCloud(np.eye(3), np.zeros((3, 3), np.uint8)))
-    return ("convert", cloud, out.with_suffix(".pcd"), "--to", "pcd")
+    return ("convert", cloud, out.with_suffix(".pcd"), "--to", "pcd", "--quiet")
 
 
 def simulating(_sequence, out):
