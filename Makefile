@@ -2,7 +2,7 @@
 BIN := .venv/bin
 SEED ?= 0
 
-.PHONY: demo test slow lint gate bench setup clean
+.PHONY: demo test slow lint gate bench site setup clean
 .PHONY: pictures pictures-code pictures-scenes pictures-simulator pictures-methods tables measurements studies
 .DEFAULT_GOAL := demo
 
@@ -28,6 +28,15 @@ gate: setup
 
 bench: setup
 	$(BIN)/python -m pytest tests/benchmarks/speed/bench_*.py --benchmark-only -p no:xdist
+
+# The documentation as a site, in out/site: opened as files, or served from anywhere. Warnings are errors.
+site: .venv/docs
+	$(BIN)/mkdocs build --quiet
+	@echo "Open out/site/index.html"
+
+.venv/docs: .venv/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	touch .venv/docs
 
 # The pictures in the documentation, all but those of the measurements below. A line that draws under
 # fixed names has them behind it. SLIDER=FOLDER: slider_depth of the Event Camera Dataset.
@@ -80,11 +89,13 @@ endif
 
 # Tables in the documentation: of the code, in seconds; and measured, in hours on a quiet machine.
 tables: setup
+	$(BIN)/python tests/benchmarks install_page --page docs/install.md --commands-only
 	$(BIN)/python tests/benchmarks settings_table
 	$(BIN)/python tests/benchmarks readme_table
 	$(BIN)/python tests/benchmarks format_table docs/event_formats.md
 
 measurements: setup studies
+	$(BIN)/python tests/benchmarks install_page --page docs/install.md
 	$(BIN)/python tests/benchmarks scene_tables docs/scenes.md docs/twins.md docs/twins_outdoor.md docs/twins_hard.md
 	$(BIN)/python tests/benchmarks study_extraction --sets development held-out --page docs/extraction.md \
 		--picture docs/images/extraction.png

@@ -272,12 +272,12 @@ def _focal_px(source: Path) -> float:
 
 
 def _cloud(source: Path, out: Path, to: str) -> str:
-    import open3d as o3d
-
+    from emvs.depth.tsdf import load_open3d
     from emvs.utils.files import atomic_path
 
     if source.suffix not in (".ply", ".pcd") or not source.is_file():
         raise InputError(f"{source}: no point cloud; needs a .ply or .pcd file")
+    o3d = load_open3d()
     cloud = o3d.io.read_point_cloud(source)
     if not cloud.has_points():
         raise InputError(f"{source}: no points in it, or damaged; make it again")

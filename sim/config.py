@@ -11,7 +11,7 @@ from emvs.parameters import ParameterGroup
 from sim.sensor_presets import PRESETS, SensorConfig
 
 TruthName = Literal["flow", "segmentation", "boundary", "twist", "event_depth"]
-"""Ground truth on request, see docs/truth.md."""
+"""Ground truth on request, see the page `truth`."""
 Density = Annotated[float, Field(ge=0)]
 Vector3 = tuple[float, float, float]
 LightRenderer = Literal["auto", "classic", "float"]
@@ -71,7 +71,7 @@ class FramesConfig(ParameterGroup):
 
 
 class ImuConfig(ParameterGroup):
-    """An IMU on the body, of the order of Bosch's BMI160; docs/motion.md says what is known."""
+    """An IMU on the body, of the order of Bosch's BMI160; the page `motion` says what is known."""
 
     model_config = ConfigDict(allow_inf_nan=False)
 
@@ -220,16 +220,16 @@ class SimConfig(ParameterGroup):
     needs at the rig's focal lengths, and 2 where it is `linear`."""
 
     light: LightConfig = LightConfig()
-    """How the pictures' light is measured, see docs/light.md."""
+    """How the pictures' light is measured, see the page `light`."""
 
     frames: FramesConfig = FramesConfig()
-    """Pictures of an ordinary camera in each event camera's place, see docs/light.md."""
+    """Pictures of an ordinary camera in each event camera's place, see the page `light`."""
 
     imu: ImuConfig = ImuConfig()
-    """Inertial samples, see docs/motion.md."""
+    """Inertial samples, see the page `motion`."""
 
     replay: ReplayConfig = ReplayConfig()
-    """A recorded trajectory instead of the scene's own motion, see docs/motion.md."""
+    """A recorded trajectory instead of the scene's own motion, see the page `motion`."""
 
     pose_rate_hz: Annotated[float, Field(gt=0)] = 1000.0
     """Stored poses per second, Hz."""

@@ -17,6 +17,7 @@ from emvs.geometry import se3
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 from emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
+from emvs.utils.release import page
 
 FILE_NAME = "recording.toml"
 
@@ -96,7 +97,8 @@ def read_descriptor(path: Path) -> Descriptor:
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"{path}: {key}: {first['msg']}; see docs/datasets.md") from error
+        where = page("datasets", "any-other-recording-recordingtoml")
+        raise InputError(f"{path}: {key}: {first['msg']}; see {where}") from error
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as TOML ({error}); correct it") from error
 

@@ -37,7 +37,7 @@ class FocusConfig:
     `tests/benchmarks/extraction/study_extraction.py` is what chose them.
 
     Lengths in px are pixels of the view, disparities those of the rig's baseline: both keep their
-    meaning for other sensors, baselines and depth planes (`docs/extraction.md`).
+    meaning for other sensors, baselines and depth planes (the page `extraction`).
 
     Attributes:
         measure: focus measure, by its name in `emvs.dsi.focus_measures.MEASURES`.

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from emvs.depth.depth_map import DepthMap
-from emvs.errors import InputError, heed_interrupt
+from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.utils.files import atomic_path
 
@@ -80,18 +80,16 @@ def _palette(values: NDArray[np.floating], low: float, high: float) -> NDArray[n
 
 
 def without_outliers(cloud: PointCloud, radius_m: float, neighbours: int) -> PointCloud:
-    """Drops points that have fewer than `neighbours` other points within `radius_m`.
-
-    Raises:
-        InputError: open3d cannot be loaded.
-    """
+    """Drops points that have fewer than `neighbours` other points nearer than `radius_m`."""
     if neighbours == 0 or len(cloud) == 0:
         return cloud
-    o3d = load_open3d()
-    points = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(cloud.points_world))
-    # open3d counts the point itself, and wants more than nb_points
-    _, kept = points.remove_radius_outlier(nb_points=neighbours, radius=radius_m)
-    chosen = np.asarray(kept, np.int64)
+    from scipy.spatial import cKDTree  # loaded by those who ask for clouds only
+
+    # The nearest is the point itself; one that is too far counts as infinitely far.
+    nearest = [neighbours + 1]
+    tree = cKDTree(cloud.points_world)
+    distance_m, _ = tree.query(cloud.points_world, nearest, distance_upper_bound=radius_m)
+    chosen = np.isfinite(distance_m[:, 0])
     return PointCloud(cloud.points_world[chosen], cloud.colours[chosen])
 
 
@@ -236,20 +234,3 @@ class _Sums:
         columns = ("sums", "points", "windows")
         values = (np.concatenate([getattr(part, name) for part in parts]) for name in columns)
         return cls(unique, *(np.add.reduceat(column[order], starts, axis=0) for column in values))
-
-
-def load_open3d() -> Any:
-    """The library.
-
-    Raises:
-        InputError: it cannot be loaded.
-    """
-    try:
-        import open3d
-    except (ImportError, OSError) as error:
-        heed_interrupt(error)
-        raise InputError(
-            f"open3d cannot be loaded ({error}): install its system libraries, on Debian: "
-            "apt-get install libegl1 libgl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0 libgomp1"
-        ) from error
-    return open3d

@@ -13,13 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.depth.point_cloud import load_open3d
-from emvs.errors import InputError
+from emvs.errors import InputError, heed_interrupt
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.utils.files import atomic_path
+from emvs.utils.release import install
 
 _BLOCK_VOXELS, _FIRST_BLOCKS = 8, 10_000
+_LIBRARIES = (
+    "install its system libraries, on Debian: "
+    "apt-get install libegl1 libgl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0 libgomp1"
+)
 _CHANNELS = (("tsdf", (1,)), ("weight", (1,)), ("color", (3,)))
 
 
@@ -109,3 +113,19 @@ def write_mesh(path: Path, mesh: Any) -> None:
     with atomic_path(path) as partial:
         if not load_open3d().io.write_triangle_mesh(str(partial), mesh, write_ascii=False):
             raise OSError(f"{path}: the mesh could not be written")
+
+
+def load_open3d() -> Any:
+    """The library.
+
+    Raises:
+        InputError: it cannot be loaded.
+    """
+    try:
+        import open3d
+    except (ImportError, OSError) as error:
+        heed_interrupt(error)
+        missing = isinstance(error, ModuleNotFoundError) and error.name == "open3d"
+        why = f"is not installed: {install('mesh')}" if missing else f"fails: {error}; {_LIBRARIES}"
+        raise InputError(f"meshes and point clouds of others need open3d, which {why}") from error
+    return open3d

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from emvs.errors import InputError, heed_interrupt, said
 from emvs.utils.files import atomic_path
 from emvs.utils.inputs import TABLE_BYTES, check_file
+from emvs.utils.release import install
 
 if TYPE_CHECKING:
     from PIL.PngImagePlugin import PngImageFile
@@ -89,7 +90,7 @@ def write_depth_exr(path: Path, depth_m: NDArray[np.float32]) -> None:
         import OpenEXR
     except ImportError as error:
         heed_interrupt(error)
-        raise InputError(f"{path}: needs the package OpenEXR: pip install OpenEXR") from error
+        raise InputError(f"{path}: writing EXR needs OpenEXR: {install('exr')}") from error
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with atomic_path(path) as partial:
         OpenEXR.File(header, {"Z": np.ascontiguousarray(depth_m, np.float32)}).write(str(partial))

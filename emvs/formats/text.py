@@ -21,6 +21,7 @@ from emvs.formats.base import FileWriter
 from emvs.formats.blocks import BlockReader
 from emvs.formats.prophesee import STREAM, opened
 from emvs.formats.text_kernels import format_rows, parse_rows
+from emvs.utils.release import page
 
 _BLOCK_BYTES = 1 << 22
 _HEAD_BYTES = 1 << 16
@@ -125,7 +126,7 @@ def text_layout(path: Path, head: bytes) -> TextLayout:
     if b"\0" in head or not head.isascii():
         raise InputError(
             f"{path}: neither text nor a known binary event format; "
-            "docs/event_formats.md lists what can be opened"
+            f"{page('event_formats')} lists what can be opened"
         )
     lines = head.splitlines(keepends=True)
     skip = 0

@@ -134,7 +134,7 @@ def write_window(
         result: the mapped window.
         config: radius filter of the clouds.
         camera_names: one per camera, for the counts.
-        clouds: whether to write `cloud.ply` (loads open3d).
+        clouds: whether to write `cloud.ply`.
         name: of the window, where its folder has another one for now.
 
     Returns:

@@ -15,17 +15,11 @@ from emvs.utils.kernel_cache import use_kernel_cache
 
 # progress(stage, done, total)
 Progress = Callable[[str, int, int], None]
-_LIBRARIES = (
-    "eventsweep",
-    "numpy",
-    "numba",
-    "scipy",
-    "opencv-python-headless",
-    "h5py",
-    "mujoco",
-    "open3d",
-    "numba-cuda",
-)
+# What the numbers of a result depend on -> the distribution that carries it.
+_LIBRARIES = {
+    name: name
+    for name in ("eventsweep", "numpy", "numba", "scipy", "opencv-python-headless", "h5py")
+} | {"mujoco": "mujoco-core", "numba-cuda": "numba-cuda"}
 
 
 def silent(_stage: str, _done: int, _total: int) -> None:
@@ -83,7 +77,9 @@ def use_threads(count: int) -> int:
 
 def versions() -> dict[str, str]:
     """Python's and each library's version; "absent" where one is not installed."""
-    return {"python": platform.python_version()} | {name: _version(name) for name in _LIBRARIES}
+    return {"python": platform.python_version()} | {
+        name: _version(distribution) for name, distribution in _LIBRARIES.items()
+    }
 
 
 def _version(name: str) -> str:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from emvs.errors import InputError, heed_interrupt
+from emvs.utils.release import install
 from eval.jobs.job import Failed, Job, Outcome, code_of, do
 
 if TYPE_CHECKING:
@@ -79,7 +80,7 @@ class Cluster:
         except ImportError as error:
             heed_interrupt(error)
             raise InputError(
-                "--scheduler needs the library distributed: pip install 'eventsweep[cluster]'"
+                f"--scheduler needs the library distributed: {install('cluster')}"
             ) from error
 
         class Leaving(Client):

@@ -1,6 +1,6 @@
 """A run as a recording for the Rerun viewer: camera, frames, depth and clouds in one world.
 
-Needs the package `rerun-sdk`, `pip install eventsweep[rerun]`. Windows are written one after
+Needs the package `rerun-sdk`, the extra `rerun`. Windows are written one after
 another, so a recording may be larger than memory.
 """
 
@@ -20,6 +20,7 @@ from emvs.dsi.method import file_name
 from emvs.errors import InputError, heed_interrupt
 from emvs.maps.folder import StoredMap, StoredWindow
 from emvs.utils.files import atomic_path
+from emvs.utils.release import install
 from eval.config import EvalConfig
 from eval.scoring.regions import on_view
 from eval.scoring.run_folder import (
@@ -69,9 +70,7 @@ def _library() -> Any:
         return import_module("rerun")
     except ImportError as error:
         heed_interrupt(error)
-        raise InputError(
-            "recordings for the Rerun viewer need it: `pip install eventsweep[rerun]`"
-        ) from error
+        raise InputError(f"recordings for the Rerun viewer need it: {install('rerun')}") from error
 
 
 @dataclass(frozen=True)

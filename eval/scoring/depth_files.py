@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import DAMAGED_NPY, InputError, heed_interrupt
+from emvs.utils.release import install
 
 Image = NDArray[np.float64]
 
@@ -124,7 +125,7 @@ def _exr(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
         import OpenEXR
     except ImportError as error:
         heed_interrupt(error)
-        raise InputError(f"{path}: reading EXR needs `pip install OpenEXR`") from error
+        raise InputError(f"{path}: reading EXR needs OpenEXR: {install('exr')}") from error
     try:
         with OpenEXR.File(str(path)) as file:
             channels = {name: one.pixels for name, one in file.channels().items()}

@@ -16,6 +16,7 @@ from numba import cuda
 from numba.cuda.cudadrv.driver import CudaAPIError
 
 from emvs.errors import InputError
+from emvs.utils.release import install
 
 # The simulator runs kernels as plain Python on the CPU, for tests on tiny inputs: a Python thread
 # for each of theirs.
@@ -66,7 +67,7 @@ def missing() -> str | None:
     if SIMULATED:
         return None
     if find_spec("numba_cuda") is None:
-        return "numba-cuda is not installed; pip install 'eventsweep[cuda]', or choose device cpu"
+        return f"numba-cuda is not installed: {install('cuda')}, or choose device cpu"
     if not cuda.is_available():
         reason = " ".join(str(cuda.cuda_error() or "CUDA finds no GPU").split()).rstrip(".")
         return f"{reason}; check that nvidia-smi shows a GPU, or choose device cpu"

@@ -54,7 +54,7 @@ class GateFlags:
     "Folder for suite.json and suite.csv of what was run."
 
     metric: Annotated[tuple[str, ...], NO_NEGATIVE] = ()
-    "Let only this metric decide, repeatable; by default the few that its documentation lists."
+    "Let only this metric decide, repeatable; by default those that the page `gate` lists."
 
     tolerance: float | None = None
     "Share of the baseline, such as 0.05, up to which a number is the same however seeds spread."

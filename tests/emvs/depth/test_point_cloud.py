@@ -9,6 +9,7 @@ from emvs.depth.depth_map import DepthMap
 from emvs.depth.point_cloud import PointCloud, back_project_map, without_outliers, write_ply
 from emvs.geometry import se3
 from emvs.reference_view import inverse_depth_planes
+from emvs.utils.release import install
 from point_world import pinhole
 
 POSE = se3.from_rotation(Rotation.from_rotvec([0.1, -0.3, 0.2]), [1.0, -2.0, 0.5])
@@ -90,6 +91,30 @@ def test_ply_holds_what_was_written(tmp_path, points):
     np.testing.assert_allclose(np.asarray(read.points).reshape(-1, 3), cloud.points_world)
     got = np.rint(np.asarray(read.colors).reshape(-1, 3) * 255)
     np.testing.assert_array_equal(got, cloud.colours)
+
+
+WITHOUT_OPEN3D = """
+import sys
+import numpy as np
+sys.modules["open3d"] = None  # as if it were not installed
+from emvs.depth.point_cloud import PointCloud, without_outliers
+from emvs.depth.tsdf import SurfaceFusion
+from emvs.errors import InputError
+cloud = PointCloud(np.zeros((5, 3)), np.zeros((5, 3), np.uint8))
+assert len(without_outliers(cloud, 0.1, 4)) == 5
+assert len(without_outliers(cloud, 0.1, 5)) == 0
+try:
+    SurfaceFusion(0.1)
+except InputError as error:
+    print(error)
+"""
+
+
+def test_clouds_need_no_open3d_and_a_mesh_says_how_to_install_it():
+    command = [sys.executable, "-c", WITHOUT_OPEN3D]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert install("mesh") in done.stdout
+    assert done.stdout.count("\n") == 1
 
 
 def test_mapping_never_loads_open3d():

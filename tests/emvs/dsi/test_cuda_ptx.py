@@ -1,6 +1,6 @@
 """Every GPU kernel passes the GPU's compiler, without a GPU.
 
-Needs what `pip install 'eventsweep[cuda]'` brings; skipped where that is not installed. The
+Needs what the extra `cuda` brings; skipped where that is not installed. The
 translation runs in a process of its own, since it pretends a GPU to numba.
 """
 
@@ -23,7 +23,7 @@ KERNELS = sorted(CUDA.glob("*_kernels.py"))
 
 needs_compiler = pytest.mark.skipif(
     find_spec("numba_cuda") is None or find_spec("nvidia") is None,
-    reason="numba-cuda with NVIDIA's compiler is not installed: pip install 'eventsweep[cuda]'",
+    reason="numba-cuda with NVIDIA's compiler is not installed: the extra cuda",
 )
 
 

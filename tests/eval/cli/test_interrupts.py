@@ -6,9 +6,11 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from cost_stream import MovingEdges
+from emvs.depth.point_cloud import PointCloud, write_ply
 from emvs.errors import InputError, heed_interrupt
 from eval.cli import exit_codes
 from places import ROOT
@@ -59,6 +61,13 @@ def mapping(sequence, out):
     return ("map", sequence, "--out", out, "--method", "Alg1/H", *windows, "--quiet")
 
 
+def converting(sequence, out):
+    """A cloud: mapping does without open3d."""
+    cloud = sequence.parent / "cloud.ply"
+    write_ply(cloud, PointCloud(np.eye(3), np.zeros((3, 3), np.uint8)))
+    return ("convert", cloud, out.with_suffix(".pcd"), "--to", "pcd", "--quiet")
+
+
 def simulating(_sequence, out):
     return ("simulate", "planes", "--out", out, "--seconds", "1", "--quiet")
 
@@ -69,7 +78,7 @@ def scheduling(_sequence, out):
 
 
 LOADED = {
-    "open3d": mapping,
+    "open3d": converting,
     "h5py": mapping,
     "hdf5plugin": mapping,
     "numba": mapping,
@@ -162,7 +171,7 @@ def test_an_error_made_of_an_interrupt_is_told_from_others(links, heeded):
 
 def test_users_of_the_library_get_the_interrupt(monkeypatch):
     """Not an error that says to install open3d."""
-    from emvs.depth.point_cloud import load_open3d
+    from emvs.depth.tsdf import load_open3d
 
     class Lost:
         def find_spec(self, name, path=None, target=None):

@@ -13,6 +13,7 @@ import pytest
 import scenes
 from emvs.config import MapperConfig
 from emvs.maps.folder import read_map
+from emvs.utils.release import install
 from eval.cli.main import main
 from eval.config import EvalConfig, Settings
 from eval.pipeline import map_recording, score_folder
@@ -131,7 +132,7 @@ def test_without_the_library_one_line_says_how_to_get_it(folder, monkeypatch, ca
     (folder / "recording.rrd").unlink(missing_ok=True)  # another test's, which no library wrote
     assert main(["report", str(folder), "--rrd"]) == 2
     err = capsys.readouterr().err
-    assert "pip install eventsweep[rerun]" in err
+    assert install("rerun") in err
     assert err.count("\n") == 1
 
 

@@ -1,0 +1,139 @@
+"""What the documentation site gets from elsewhere, when mkdocs builds it.
+
+- The front page and the pages on the project are the files at the top of the repository.
+- Links that leave `docs/` lead to such a page, or else into the repository.
+- The reference lists every public name with its docstring, and the example of it that `docs/api.md`
+  has and the tests run.
+- A page can name how to install, which depends on where a release is: `install.md` has it.
+"""
+
+from __future__ import annotations
+
+import ast
+import posixpath
+import re
+import runpy
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mkdocs.exceptions import PluginError
+from mkdocs.structure.files import File
+
+if TYPE_CHECKING:
+    from mkdocs.config.defaults import MkDocsConfig
+    from mkdocs.structure.files import Files
+    from mkdocs.structure.pages import Page
+
+ROOT = Path(__file__).parents[2]
+RELEASE = runpy.run_path(str(ROOT / "emvs" / "utils" / "release.py"))
+# Files at the top of the repository -> pages of the site.
+TOP = {
+    "README.md": "index.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "CHANGELOG.md": "changelog.md",
+    "SECURITY.md": "security.md",
+    "SUPPORT.md": "support.md",
+}
+LINK = re.compile(r"(\]\()(?!https?:|mailto:|#)([^)\s]+)(\))")
+FENCE = re.compile(r"^(```.*?^```)", re.MULTILINE | re.DOTALL)
+BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+HERE = "<!-- reference -->"
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Addresses, from the one place that has them."""
+    config.site_url = RELEASE["DOCUMENTATION"] + "/"
+    config.repo_url = RELEASE["REPOSITORY"]
+    config.repo_name = "Repository"
+    return config
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Adds the pages that lie outside of `docs/`."""
+    for name, page in TOP.items():
+        text = with_site_links((ROOT / name).read_text("utf-8"), "")
+        files.append(File.generated(config, page, content=text))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
+    """Turns links that leave `docs/` into the site's, and fills in the reference."""
+    if page.file.src_uri in TOP.values():
+        return markdown
+    if HERE in markdown:
+        api = (ROOT / "docs" / "api.md").read_text("utf-8")
+        markdown = markdown.replace(HERE, reference(api))
+    return with_site_links(markdown, "docs")
+
+
+def with_site_links(text: str, folder: str) -> str:
+    """A page's text with links that work on the site; code is left alone.
+
+    Args:
+        text: Markdown.
+        folder: where its file is, from the top of the repository.
+    """
+
+    def moved(found: re.Match[str]) -> str:
+        path, mark, section = found[2].partition("#")
+        target = posixpath.normpath(posixpath.join(folder, path))
+        return f"{found[1]}{address(target)}{mark}{section}{found[3]}"
+
+    pieces = FENCE.split(text)
+    return "".join(one if one.startswith("```") else LINK.sub(moved, one) for one in pieces)
+
+
+def address(target: str) -> str:
+    """Where a path of the repository is found on the site."""
+    if target in TOP:
+        return TOP[target]
+    inside = target.removeprefix("docs/")
+    if inside != target and Path(inside).suffix in (".md", ".png", ".svg", ".ipynb"):
+        return inside
+    return f"{RELEASE['REPOSITORY']}/blob/main/{target}"
+
+
+def reference(api: str) -> str:
+    """Every public name under the heading that `docs/api.md` has for it.
+
+    Raises:
+        PluginError: a name has no example there.
+    """
+    places = public_names()
+    sections = re.split(r"^## ", api, flags=re.MULTILINE)[1:]
+    written: list[str] = []
+    for section in sections:
+        title, _, body = section.partition("\n")
+        rows = re.findall(r"^\| (`.*?) \|", body, re.MULTILINE)
+        named = dict.fromkeys(name for row in rows for name in re.findall(r"`(\w+)", row))
+        if listed := [name for name in named if name in places]:
+            written.append(f"## {title}\n")
+            written += [entry(name, places.pop(name), body + api) for name in listed]
+    missing = sorted(places)
+    if missing:
+        raise PluginError(f"docs/api.md has no row and example for {', '.join(missing)}")
+    return "\n".join(written)
+
+
+def entry(name: str, place: str, body: str) -> str:
+    """A name's docstring, and the first example of it in a text."""
+    examples = [block for block in BLOCK.findall(body) if re.search(rf"\bes\.{name}\b", block)]
+    if not examples:
+        raise PluginError(f"docs/api.md has no example of {name}")
+    example = f'??? example "Example"\n\n    ```python\n{indented(examples[0])}    ```\n'
+    options = f"    options:\n      heading: es.{name}\n      toc_label: {name}\n"
+    return f"::: {place.replace(':', '.')}\n{options}\n{example}"
+
+
+def indented(code: str) -> str:
+    """Code inside a block of Markdown."""
+    return "".join(f"    {line}" if line.strip() else line for line in code.splitlines(True))
+
+
+def public_names() -> dict[str, str]:
+    """The names for users of the library, and where each is defined: without importing it."""
+    tree = ast.parse((ROOT / "eventsweep" / "__init__.py").read_text("utf-8"))
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_PLACES":
+            return dict(ast.literal_eval(node.value))
+    raise PluginError("eventsweep/__init__.py has no table of public names")

@@ -1,0 +1,194 @@
+"""The documentation site: its pages, links and addresses; and, slowly, the site itself."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import os
+import re
+import runpy
+import subprocess
+import sys
+import tomllib
+import types
+from html.parser import HTMLParser
+
+import pytest
+import yaml
+
+import eventsweep as es
+from emvs.utils import release
+from places import ROOT
+
+DOCS = ROOT / "docs"
+FENCE = re.compile(r"^( *)```.*?^\1```", re.MULTILINE | re.DOTALL)
+PAGES = [*(ROOT / name for name in ("README.md", "CONTRIBUTING.md")), *sorted(DOCS.glob("*.md"))]
+# Texts that people read, and may copy a command from.
+TEXTS = [
+    *ROOT.glob("*.md"), *ROOT.glob("*.toml"), *ROOT.glob("*.cff"), ROOT / "Makefile",
+    *DOCS.glob("*.md"), *DOCS.glob("*.yml"), *(ROOT / ".github").rglob("*.yml"),
+    *(path for name in ("emvs", "sim", "scenes", "eval", "eventsweep", "tests")
+      for path in (ROOT / name).rglob("*.py")),
+]  # fmt: skip
+
+
+def prose(page):
+    """A page's text without its code."""
+    return FENCE.sub("", page.read_text(encoding="utf-8"))
+
+
+def anchors(page):
+    """Of all headings, as GitHub and the site make them."""
+    heads = re.findall(r"^#+ (.*)", prose(page), re.MULTILINE)
+    plain = (re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", head) for head in heads)
+    return {re.sub(r"[^\w\- ]", "", head).strip().lower().replace(" ", "-") for head in plain}
+
+
+def settings():
+    """mkdocs.yml, but for what only mkdocs can construct."""
+    text = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    return yaml.safe_load(re.sub(r"!!python/\S+ \{.*\}", "none", text))
+
+
+def listed(entry):
+    """The pages of a part of the navigation."""
+    if isinstance(entry, str):
+        return [entry]
+    parts = entry.values() if isinstance(entry, dict) else entry
+    return [page for part in parts for page in listed(part)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_to_headings_that_exist(page):
+    links = re.findall(r"\]\(([^)\s#]*)#([^)\s]+)\)", prose(page))
+    local = [(path, anchor) for path, anchor in links if not path.startswith("http")]
+    targets = [(page if not path else page.parent / path, anchor) for path, anchor in local]
+    assert [f"{path.name}#{a}" for path, a in targets if a not in anchors(path)] == []
+
+
+def test_every_page_is_in_the_navigation_once():
+    found = listed(settings()["nav"])
+    pages = {path.name for path in DOCS.glob("*.md")}
+    top = {"index.md", "contributing.md", "changelog.md", "security.md", "support.md"}
+    assert sorted(found) == sorted(pages | top)
+
+
+def test_every_public_name_has_its_row():
+    """The reference is made of the tables in api.md and of what `_PLACES` says."""
+    rows = re.findall(r"^\| (`.*?) \|", (DOCS / "api.md").read_text("utf-8"), re.MULTILINE)
+    named = {name for row in rows for name in re.findall(r"`(\w+)", row)}
+    assert set(es.__all__) <= named
+
+
+def product_strings():
+    """All strings in the product's code, pieces of f-strings included."""
+    for package in ("emvs", "sim", "scenes", "eval", "eventsweep"):
+        for path in (ROOT / package).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+                if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                    yield node.value
+
+
+def test_errors_in_troubleshooting_are_errors_of_the_product():
+    lines = re.findall(r"^### `(.*)`", (DOCS / "troubleshooting.md").read_text("utf-8"), re.M)
+    assert len(lines) > 20
+    told = "\n".join(product_strings())
+    pieces = {piece.strip() for line in lines for piece in line.split("…")}
+    assert sorted(piece for piece in pieces if piece not in told) == []
+
+
+def test_nothing_says_that_an_index_has_it_while_none_does():
+    """Where one has it, `release.ON_INDEX` changes every command; no text has one of its own."""
+    wrong = re.compile(r"pip install '?eventsweep(?!\S* @)")
+    here = {ROOT / "tests" / "emvs" / "utils" / "test_release.py"}
+    found = [path for path in TEXTS if path not in here and wrong.search(path.read_text("utf-8"))]
+    assert release.ON_INDEX or found == []
+
+
+def test_the_page_on_installing_has_the_release_s_commands():
+    page = (DOCS / "install.md").read_text(encoding="utf-8")
+    assert release.install() in page, "python tests/benchmarks install_page --commands-only"
+    assert release.install("mesh") in page
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    extras = set(project["optional-dependencies"]) - {"dev", "docs"}
+    assert set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)) == extras
+
+
+def test_whoever_cites_it_names_this_version():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text("utf-8"))
+    assert cited["version"] == project["version"]
+    assert cited["repository-code"] == release.REPOSITORY
+    assert cited["license"] == project["license"]
+
+
+def test_the_long_description_has_whole_addresses(monkeypatch):
+    """Pictures of a package index cannot be relative."""
+    interface = types.SimpleNamespace(MetadataHookInterface=object)
+    monkeypatch.setitem(sys.modules, "hatchling.metadata.plugin.interface", interface)
+    for name in ("hatchling", "hatchling.metadata", "hatchling.metadata.plugin"):
+        monkeypatch.setitem(sys.modules, name, types.ModuleType(name))
+    hook = runpy.run_path(str(ROOT / "hatch_build.py"))["ReleaseMetadata"]()
+    metadata: dict[str, object] = {}
+    hook.update(metadata)
+    text = metadata["readme"]["text"]
+    targets = re.findall(r"\]\(([^)]+)\)", text)
+    assert len(targets) > 20
+    assert [one for one in targets if not one.startswith("https://")] == []
+    assert f"{release.REPOSITORY}/raw/main/docs/images/desk.png" in targets
+    assert metadata["urls"]["Documentation"] == release.DOCUMENTATION
+
+
+class Loaded(HTMLParser):
+    """What a page loads by itself."""
+
+    def __init__(self):
+        super().__init__()
+        self.addresses = []
+
+    def handle_starttag(self, tag, attributes):
+        named = dict(attributes)
+        if tag in ("script", "img", "iframe", "source"):
+            self.addresses.append(named.get("src") or "")
+        if tag == "link" and named.get("rel") in ("stylesheet", "icon", "preload", "preconnect"):
+            self.addresses.append(named.get("href") or "")
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    if importlib.util.find_spec("mkdocs") is None:
+        pytest.skip("mkdocs is not installed: make site installs it")
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False,
+        env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.mark.slow
+def test_the_site_is_built_without_a_warning_and_loads_nothing_from_elsewhere(site):
+    pages = list(site.rglob("*.html"))
+    assert len(pages) > 50
+    for page in pages:
+        loaded = Loaded()
+        loaded.feed(page.read_text(encoding="utf-8"))
+        away = [one for one in loaded.addresses if re.match(r"(https?:)?//", one)]
+        assert away == [], page.name
+
+
+@pytest.mark.slow
+def test_the_reference_has_every_public_name_with_an_example(site):
+    text = (site / "reference.html").read_text(encoding="utf-8")
+    names = set(es.__all__) - {"__version__"}
+    assert [name for name in names if f"es.{name}" not in text] == []
+    assert text.count("<summary>Example") == len(names)
+
+
+@pytest.mark.slow
+def test_addresses_in_errors_are_pages_of_the_site(site):
+    for name in ("event_formats", "datasets", "gate"):
+        address = release.page(name)
+        assert (site / address.removeprefix(release.DOCUMENTATION + "/")).is_file()

@@ -1,0 +1,74 @@
+"""Addresses come from one place, and lead to pages that exist."""
+
+import ast
+import re
+
+import pytest
+
+from emvs.utils import release
+from places import ROOT
+
+SOURCES = [
+    path for name in ("emvs", "sim", "scenes", "eval", "eventsweep")
+    for path in (ROOT / name).rglob("*.py")
+]  # fmt: skip
+# Help is made of these modules' docstrings.
+SHOWN = ("eval/cli/", "/config.py")
+
+
+def anchors(page):
+    """Of a page's headings, as the site makes them."""
+    heads = re.findall(r"^#+ (.*)", (ROOT / "docs" / f"{page}.md").read_text("utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head).strip().lower().replace(" ", "-") for head in heads}
+
+
+def pages_named_by_calls():
+    """What the code gives to `release.page`."""
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "page":
+                yield tuple(ast.literal_eval(argument) for argument in node.args)
+
+
+def strings(tree):
+    """All that may reach a user: strings but docstrings."""
+    told = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in told:
+            yield node.value
+
+
+def test_errors_name_pages_and_sections_that_exist():
+    found = list(pages_named_by_calls())
+    assert len(found) >= 2
+    for name, *section in found:
+        assert set(section) <= anchors(name), name
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_no_message_names_a_file_that_the_wheel_does_not_hold(path):
+    code = path.read_text("utf-8")
+    shown = any(part in path.as_posix() for part in SHOWN)
+    texts = [node.value for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Constant)]
+    texts = [text for text in texts if isinstance(text, str)] if shown else strings(ast.parse(code))
+    named = [text for text in texts if re.search(r"\bdocs/\w+\.md", text)]
+    if path.name == "config.py":
+        module = ast.get_docstring(ast.parse(code), clean=False)
+        named = [text for text in named if text != module]
+    assert named == []
+
+
+def test_pages_that_help_mentions_exist():
+    texts = [path.read_text("utf-8") for path in SOURCES]
+    named = {name for text in texts for name in re.findall(r"the page\s+`(\w+)`", text)}
+    assert len(named) > 3
+    assert [name for name in named if not (ROOT / "docs" / f"{name}.md").exists()] == []
+
+
+def test_commands_change_with_the_one_place(monkeypatch):
+    assert release.install() == f"pip install 'eventsweep @ git+{release.REPOSITORY}'"
+    monkeypatch.setattr(release, "ON_INDEX", True)
+    assert release.install() == "pip install eventsweep"
+    assert release.install("mesh") == "pip install 'eventsweep[mesh]'"
+    monkeypatch.setattr(release, "DOCUMENTATION", "https://elsewhere")
+    assert release.page("gate", "tolerances") == "https://elsewhere/gate.html#tolerances"
