@@ -6,13 +6,12 @@ import os
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from cost_stream import MovingEdges
-from emvs.depth.point_cloud import PointCloud, write_ply
 from emvs.errors import InputError, heed_interrupt
 from eval.cli import exit_codes
+from eval.cli.main import main
 from places import ROOT
 
 # Sends an interrupt to itself so many seconds after the import of a library begins.
@@ -61,11 +60,14 @@ def mapping(sequence, out):
     return ("map", sequence, "--out", out, "--method", "Alg1/H", *windows, "--quiet")
 
 
-def converting(sequence, out):
-    """A cloud: mapping does without open3d."""
-    cloud = sequence.parent / "cloud.ply"
-    write_ply(cloud, PointCloud(np.eye(3), np.zeros((3, 3), np.uint8)))
-    return ("convert", cloud, out.with_suffix(".pcd"), "--to", "pcd", "--quiet")
+def meshing(sequence, _out):
+    """Of many windows: it goes on for seconds after the import."""
+    maps = sequence.parent / "maps"
+    if not maps.exists():
+        windows = ("--map.window-s", "0.1", "--map.stride-s", "0.1", "--map.planes", "20")
+        asked = ("map", str(sequence), "--out", str(maps), "--method", "Alg1/H", *windows)
+        assert main([*asked, "--quiet"]) == 0
+    return ("fuse", maps, "--mesh", "--mesh-part", "1", "--quiet")
 
 
 def simulating(_sequence, out):
@@ -78,7 +80,7 @@ def scheduling(_sequence, out):
 
 
 LOADED = {
-    "open3d": converting,
+    "open3d": meshing,
     "h5py": mapping,
     "hdf5plugin": mapping,
     "numba": mapping,
