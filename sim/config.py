@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
@@ -16,11 +16,28 @@ Density = Annotated[float, Field(ge=0)]
 Vector3 = tuple[float, float, float]
 LightRenderer = Literal["auto", "classic", "float"]
 SamplingName = Literal["accurate", "fast", "linear"]
-# Furthest motion between two pictures, px, and longest time between them, µs.
-_SPACING: dict[SamplingName, tuple[float, int]] = {
-    "accurate": (8.0, 50_000),
-    "fast": (8.0, 50_000),
-    "linear": (0.5, 10_000),
+
+
+class Sampling(NamedTuple):
+    """What a name of `sampling` stands for, unless single settings override it.
+
+    Attributes:
+        spacing_px: furthest motion of any pixel between two frames, px.
+        longest_interval_us: longest time between them, µs.
+        samples_per_rad: samples per angle; 0 leaves it at the fewest.
+        fewest: least number of samples per pixel and axis.
+    """
+
+    spacing_px: float
+    longest_interval_us: int
+    samples_per_rad: float
+    fewest: int
+
+
+SAMPLINGS: dict[SamplingName, Sampling] = {
+    "accurate": Sampling(8.0, 50_000, 1300.0, 3),
+    "fast": Sampling(8.0, 50_000, 850.0, 2),
+    "linear": Sampling(0.5, 10_000, 0.0, 2),
 }
 Positive = Annotated[float, Field(gt=0)]
 # Far above what counts as a tie (sim.sensor.esim_kernels), mismatched pixels included.
@@ -264,12 +281,12 @@ class SimConfig(ParameterGroup):
     @property
     def spacing_px(self) -> float:
         """Furthest motion of any pixel between two frames, px."""
-        return self.max_displacement_px or _SPACING[self.sampling][0]
+        return self.max_displacement_px or SAMPLINGS[self.sampling].spacing_px
 
     @property
     def longest_interval_us(self) -> int:
         """Longest time between two frames, µs."""
-        return self.max_frame_interval_us or _SPACING[self.sampling][1]
+        return self.max_frame_interval_us or SAMPLINGS[self.sampling].longest_interval_us
 
     @model_validator(mode="after")
     def _ordered_intervals(self) -> SimConfig:

@@ -11,14 +11,11 @@ from typing import Any
 
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
-from sim.config import SamplingName, SimConfig
+from sim.config import SAMPLINGS, SimConfig
 from sim.rendering import lens
 from sim.scene import Scene
 
-_SAMPLES_PER_RAD: dict[SamplingName, float] = {"accurate": 1300.0, "fast": 850.0}
-# Fewer leave steps at edges that are seen whatever the angle.
-_FEWEST: dict[SamplingName, int] = {"accurate": 3, "fast": 2}
-_MOST, _LINEAR = 8, 2
+_MOST = 8
 # What carried light may touch beyond the furthest motion.
 _BESIDE_PX = 2
 
@@ -39,17 +36,14 @@ def with_sampling(config: SimConfig, rig: Rig, why_plain: str = "") -> SimConfig
     """
     if why_plain:
         plain = config.model_copy(update={"sampling": "linear"})
-        limit_px = SimConfig(sampling="linear").spacing_px
-        near = {"max_displacement_px": min(plain.spacing_px, limit_px)}
+        near = {"max_displacement_px": min(plain.spacing_px, SAMPLINGS["linear"].spacing_px)}
         config = plain.model_copy(update=near)
-    number = config.supersample
-    if number is None and config.sampling == "linear":
-        number = _LINEAR
+    number, border = config.supersample, border_px(config)
     if number is None:
+        chosen = SAMPLINGS[config.sampling]
         focal_px = min(min(camera.fx_px, camera.fy_px) for camera in rig.cameras)
-        wanted = math.ceil(_SAMPLES_PER_RAD[config.sampling] / focal_px)
-        number = min(max(wanted, _FEWEST[config.sampling]), _MOST)
-        while number > 1 and not _drawable(rig, border_px(config) or 0, number):
+        number = min(max(math.ceil(chosen.samples_per_rad / focal_px), chosen.fewest), _MOST)
+        while border is not None and number > 1 and not _drawable(rig, border, number):
             number -= 1
     filled = {
         "supersample": number,
