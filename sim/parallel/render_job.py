@@ -178,10 +178,10 @@ class ChunkRenderer:
         for rig_frame in adaptive_frames(
             self._renderer, self._motion, stops_us, self._config, known, self._bodies
         ):
-            self._last = rig_frame
             if begins or rig_frame.t_us > stops_us[0]:
                 yield self._rendered(chunk, before, rig_frame)
-            before = rig_frame
+            before = self._last = rig_frame.without_light()
+            del rig_frame  # or its light would stay while the next is drawn
 
     def _order(self, chunk: int) -> None:
         """Draws near surfaces first, in an order that depends on the chunk alone.

@@ -234,6 +234,7 @@ def _work(
                 for chunk in chunks:
                     for frame in rendered.frames(chunk, begins=chunk == first_chunk):
                         _send(frame, pipe, slots, free)
+                        del frame  # or its light would stay while the next is drawn
         except (InputError, MemoryError) as error:
             pipe.send(error)
 

@@ -59,6 +59,10 @@ class RigFrame(NamedTuple):
     frames: tuple[Frame, ...]
     bodies: tuple[BodyPixels, ...] = ()
 
+    def without_light(self) -> RigFrame:
+        """What is needed to foresee motion from here: a fine frame's light is large."""
+        return self._replace(frames=tuple(frame._replace(light=None) for frame in self.frames))
+
 
 def truth_times_us(duration_us: int, interval_us: int, more_us: Sequence[int] = ()) -> list[int]:
     """Times of ground truth: every `interval_us` from 0, the middle, the end, and `more_us`, µs.
@@ -104,6 +108,7 @@ def adaptive_frames(
     view = _View(source, motion, bodies)
     now = first or view.rig_frame(int(stops[0]))
     yield now
+    now = now.without_light()
     step_us = config.min_frame_interval_us * 8
     while now.t_us < stops[-1]:
         next_stop_us = int(stops[np.searchsorted(stops, now.t_us, side="right")])
@@ -112,6 +117,7 @@ def adaptive_frames(
         now = _advance(view, now, step_us, longest_us, config)
         step_us = now.t_us - before_us
         yield now
+        now = now.without_light()
 
 
 class _View(NamedTuple):

@@ -192,14 +192,19 @@ def row(area, counts):
 
 def shares(total):
     """In per cent of the mutations that change anything."""
-    changing = total["quick"] + total["tests"] + total["missed"]
+    seen, changing = total["quick"] + total["tests"], sum(total.values())
+    changing -= total["equivalent"] + total["unreachable"]
     if not changing:
         return "Nothing was judged yet."
-    quick, both = 100 * total["quick"] / changing, 100 - 100 * total["missed"] / changing
-    left = f"; {total[None]} are not judged yet" if total[None] else ""
+    quick, both = 100 * total["quick"] / changing, 100 * seen / changing
+    if left := total[None]:
+        return (
+            f"Seed {SEED}. Of {changing} that may change something, `quick` sees {quick:.0f} %; "
+            f"{left} of the others have not met the unit tests yet."
+        )
     return (
         f"Seed {SEED}. Of {changing} that change anything, `quick` sees {quick:.0f} %, with the "
-        f"unit tests {both:.0f} %{left}."
+        f"unit tests {both:.0f} %."
     )
 
 
