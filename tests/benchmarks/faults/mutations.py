@@ -10,6 +10,7 @@ import hashlib
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 from planted_faults import ROOT
@@ -109,6 +110,7 @@ def _lot(seed: int, one: Mutation) -> str:
     return hashlib.sha256(f"{seed} {one.digest}".encode()).hexdigest()
 
 
+@cache
 def candidates(name: str) -> list[Mutation]:
     """Every mutation of a file that still is Python."""
     text = (ROOT / name).read_text(encoding="utf-8")

@@ -66,6 +66,7 @@ def run_chain(folder, count, chain=CHAIN):
         said = f"{count / 1e6:5.0f} M {chain[k - 1]:>9} to {to:9} {peaks[-1]:5.0f} MB of memory"
         sys.stderr.write(f"{said}, {took_s:5.0f} s, {size_mb:6.0f} MB on disk\n")
     compare(source, count)
+    source.unlink()
     return peaks
 
 
