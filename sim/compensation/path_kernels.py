@@ -83,6 +83,19 @@ def bent(whole: float, half: float) -> tuple[float, float]:
     return whole - b, b
 
 
+@numba.njit(cache=True, nogil=True, inline="always")
+def path_through(
+    au: float, av: float, bu: float, bv: float, ahu: float, ahv: float, bhu: float, bhv: float
+) -> Path:
+    """A path from its ways, px: into both frames, the whole ones and those at half-time."""
+    au1, au2 = bent(au, ahu)
+    av1, av2 = bent(av, ahv)
+    bu1, bu2 = bent(bu, bhu)
+    bv1, bv2 = bent(bv, bhv)
+    longest = math.sqrt(max(au * au + av * av, bu * bu + bv * bv))
+    return au1, au2, av1, av2, bu1, bu2, bv1, bv2, longest
+
+
 @numba.njit(cache=True, nogil=True, fastmath=_FAST)
 def straight_paths(
     bearing: NDArray[np.float32],
@@ -113,12 +126,12 @@ def straight_paths(
         bu, bv = turned(b_start, a, b, ra)
         ahu, ahv = turned(a_middle, a, b, r)
         bhu, bhv = turned(b_middle, a, b, r)
-        au, av, bu, bv = fx * (au - a), fy * (av - b), fx * (bu - a), fy * (bv - b)
-        paths[0, x], paths[1, x] = bent(au, fx * (ahu - a))
-        paths[2, x], paths[3, x] = bent(av, fy * (ahv - b))
-        paths[4, x], paths[5, x] = bent(bu, fx * (bhu - a))
-        paths[6, x], paths[7, x] = bent(bv, fy * (bhv - b))
-        paths[8, x] = math.sqrt(max(au * au + av * av, bu * bu + bv * bv))
+        path = path_through(
+            fx * (au - a), fy * (av - b), fx * (bu - a), fy * (bv - b),
+            fx * (ahu - a), fy * (ahv - b), fx * (bhu - a), fy * (bhv - b),
+        )  # fmt: skip
+        for n in range(9):
+            paths[n, x] = path[n]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -168,12 +181,7 @@ def path_of(
         ahu, ahv = 0.5 * (ahu + u), 0.5 * (ahv + v)
         u, v = carried(other[TO_SECOND_MIDDLE], a, b, rb, lens)
         bhu, bhv = 0.5 * (bhu + u), 0.5 * (bhv + v)
-    way2 = max((au - x) ** 2 + (av - y) ** 2, (bu - x) ** 2 + (bv - y) ** 2)
-    au1, au2 = bent(au - x, ahu - x)
-    av1, av2 = bent(av - y, ahv - y)
-    bu1, bu2 = bent(bu - x, bhu - x)
-    bv1, bv2 = bent(bv - y, bhv - y)
-    return au1, au2, av1, av2, bu1, bu2, bv1, bv2, math.sqrt(way2)
+    return path_through(au - x, av - y, bu - x, bv - y, ahu - x, ahv - y, bhu - x, bhv - y)
 
 
 @numba.njit(cache=True, nogil=True)

@@ -87,13 +87,16 @@ def light_between(
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
-def steepest_at(
+def rate_at(
     slope_a: NDArray[np.float32],
     slope_b: NDArray[np.float32],
     places: tuple[float, float, float, float],
+    way_px: float,
+    apart: float,
 ) -> float:
-    """Steepest light around some places of both frames, per px."""
-    return max(slope_at(slope_a, places[0], places[1]), slope_at(slope_b, places[2], places[3]))
+    """How fast light can change from here on: by motion, and by how far the frames are apart."""
+    a, b = slope_at(slope_a, places[0], places[1]), slope_at(slope_b, places[2], places[3])
+    return max(a, b) * way_px + apart + 1e-9
 
 
 @numba.njit(cache=True, nogil=True, fastmath=_FAST)
@@ -118,9 +121,8 @@ def begin_row(
         row[_RISE, x], row[_FALL, x] = rise_light[x], fall_light[x]
         row[_PER_PX, x] = 1.0 / max(row[_WAY, x], 1e-6)
         places = places_on(np.float64(x + border), y0, row, x, 0.0)
-        steepest = steepest_at(slope_a, slope_b, places)
         apart = abs(row[_LAST, x] - row[_LIGHT, x])
-        row[_RATE, x] = steepest * row[_WAY, x] + apart + 1e-9
+        row[_RATE, x] = rate_at(slope_a, slope_b, places, row[_WAY, x], apart)
 
 
 @numba.njit(cache=True, nogil=True, fastmath=_FAST)
@@ -146,8 +148,7 @@ def step_of_row(
         if then < 1.0 - 0.5 * least:
             places = places_on(np.float64(x + border), y0, row, x, then)
             light, apart = light_between(light_a, light_b, grid, places, then)
-            steepest = steepest_at(slope_a, slope_b, places)
-            row[_RATE, x] = steepest * row[_WAY, x] + apart + 1e-9
+            row[_RATE, x] = rate_at(slope_a, slope_b, places, row[_WAY, x], apart)
         else:
             then = 1.0
         row[_THEN, x], row[_SEEN, x] = then, light
@@ -303,8 +304,8 @@ def events_between(
         lens: ...
         reference: in and out, (P,) as in `sim.sensor.esim_kernels.find`.
         memory: in and out, (P,) records of `sim.sensor.esim_kernels.PIXEL`.
-        rise_light: in and out, (P,) of `thresholds`.
-        fall_light: in and out, (P,).
+        rise_light: (P,) of `thresholds`.
+        fall_light: (P,) likewise.
         c_pos: threshold C+.
         c_neg: threshold C-.
         log_eps: added to light before the logarithm.
@@ -316,7 +317,7 @@ def events_between(
         (N,) pixels; times after `before_us`, 1 to `step_us`, 0 where suppressed, µs; polarities.
     """
     height, width = rho_a.shape
-    row, chosen, reached = np.empty((_ROWS, width)), np.arange(width + 1), np.arange(width + 1)
+    row, chosen, reached = np.empty((_ROWS, width)), np.arange(width), np.arange(width)
     pixel, event = np.empty(_FIRST_ROOM, np.int64), np.empty(_FIRST_ROOM, np.int64)
     columns, found = np.empty(_FIRST_ROOM, np.int64), np.empty(_FIRST_ROOM, np.int64)
     ends, total = np.empty(width + 1, np.int64), 0
