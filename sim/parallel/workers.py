@@ -31,6 +31,7 @@ from sim.graphics.choice import DEVICE
 from sim.parallel.checkpoint import Stopped
 from sim.parallel.render_job import ChunkRenderer, RenderedFrame, RenderJob, TruthImages
 from sim.rendering import lens
+from sim.rendering.fine_light import light_shape
 from sim.rendering.renderer import StereoRenderer
 from sim.sampling import border_px
 
@@ -90,8 +91,8 @@ def _shapes(job: RenderJob) -> list[tuple[int, int]]:
 
 def light_shapes(job: RenderJob) -> list[tuple[int, int]]:
     """Rows and columns of the light of each camera's fine frames."""
-    wide, n = lens.widened(job.rig, border_px(job.config) or 0), job.supersample
-    return [(n * (c.height_px - 1) + 1, n * (c.width_px - 1) + 1) for c in wide.cameras]
+    wide = lens.widened(job.rig, border_px(job.config) or 0)
+    return [light_shape(camera, job.supersample) for camera in wide.cameras]
 
 
 def slot_bytes(job: RenderJob) -> int:

@@ -19,6 +19,12 @@ from sim.rendering.lens import LensMap
 Image = NDArray[np.float32]
 
 
+def light_shape(drawn: Camera, supersample: int) -> tuple[int, int]:
+    """Rows and columns of the light of what is drawn: of boxes of S x S samples."""
+    n = supersample
+    return n * (drawn.height_px - 1) + 1, n * (drawn.width_px - 1) + 1
+
+
 @dataclass(frozen=True, eq=False)
 class FineView:
     """One camera's share in fine frames: what is drawn for it and what becomes of that.
@@ -54,8 +60,7 @@ class FineView:
     @property
     def light_shape(self) -> tuple[int, int]:
         """Rows and columns of boxes of S x S samples."""
-        rows, columns = self.samples_shape
-        return rows - self.supersample + 1, columns - self.supersample + 1
+        return light_shape(self.drawn, self.supersample)
 
     @property
     def border_px(self) -> int:
