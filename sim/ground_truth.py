@@ -27,6 +27,8 @@ BOUNDARY_JUMP = 0.02
 _TWIST_STEP_S = 1e-4
 # Within half a pixel of motion, inverse depth of one surface changes by less than this share.
 _SAME_SURFACE = 0.02
+_BAND_ROWS = 32
+"""Rows at once, so that a large sensor's flow takes little memory beside it."""
 
 
 def flow_px(
@@ -49,8 +51,13 @@ def flow_px(
         is not in front of the camera any more, or the lens gives the pixel no ray. Points that
         leave the sensor have a flow as well.
     """
-    columns, rows = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
-    return _moved_px(camera, np.stack([columns, rows], axis=-1), bearing, depth_m, T_later_now)
+    flow = np.empty((*depth_m.shape, 2), np.float32)
+    for first in range(0, camera.height_px, _BAND_ROWS):
+        some = slice(first, min(first + _BAND_ROWS, camera.height_px))
+        columns, rows = np.meshgrid(np.arange(camera.width_px), np.arange(some.start, some.stop))
+        pixels = np.stack([columns, rows], axis=-1)
+        flow[some] = _moved_px(camera, pixels, bearing[some], depth_m[some], T_later_now)
+    return flow
 
 
 def body_flow_px(

@@ -137,7 +137,7 @@ def simulate(
         else:
             drawing.close()
             frames = frames_from_workers(job, folder.next_chunk, workers)
-        _run(job, frames, folder, commit_s, progress)
+        _run(job, frames, folder, commit_s, progress, drawn_elsewhere=workers > 1)
         try:
             _assemble(job, folder, described, out, force=force)
         except InputError as error:
@@ -171,8 +171,14 @@ def _run(
     folder: CheckpointFolder,
     commit_s: float,
     progress: Progress,
+    *,
+    drawn_elsewhere: bool,
 ) -> None:
-    """Turns all remaining frames into checkpoints."""
+    """Turns all remaining frames into checkpoints.
+
+    Where this process draws them, sensors work while it does; else it asks for the next one only
+    when they are done, and so holds one frame less.
+    """
     done = sum(checkpoint.events for checkpoint in folder.finished)
     state = folder.finished[-1].state() if folder.finished else None
     committed_s = time.monotonic()
@@ -195,7 +201,10 @@ def _run(
                     state = cameras.state() | frame_camera.state()
                     folder.commit(state, frame.chunk + 1, counts)
                     committed_s = time.monotonic()
+            if drawn_elsewhere:
+                done += _write_events(folder.writer, cameras.collect())
             progress(frame.t_us, job.duration_us, done)
+            del frame  # or its truth would stay while the next comes
 
 
 def _exposed(

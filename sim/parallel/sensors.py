@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from emvs.data.events import Events
 from sim.compensation.fine_frame import FineFrame
-from sim.compensation.interval import Passage
+from sim.compensation.interval import Passage, lens_of
 from sim.ground_truth import event_depth_m
 from sim.parallel.checkpoint import State
 from sim.parallel.render_job import RenderedFrame, RenderJob
@@ -48,6 +48,8 @@ class Cameras:
         self._t_us: int | None = None
         self._before: RenderedFrame | None = None
         self._fine: tuple[FineFrame, ...] = ()
+        for camera in job.rig.cameras if job.fine else ():
+            lens_of(camera)  # one after the other, before there are frames: it takes memory
         if state is not None:
             self._restore(state)
 
@@ -66,15 +68,15 @@ class Cameras:
                 self._pool.submit(self._step, k, frame, self._before)
                 for k in range(len(self._sensors))
             ]
-        self._t_us, self._before, self._fine = frame.t_us, frame, fine
+        self._t_us, self._before, self._fine = frame.t_us, frame._replace(truth=()), fine
 
     passages: tuple[Passage, ...] = ()
-    """Per camera, the way to the frame taken last; none of plain frames."""
+    """Per camera, the way to the frame taken last, until `collect`; none of plain frames."""
 
     def collect(self) -> list[Packet]:
         """One packet per camera, of the pictures handed over last; none if there were none."""
         packets = [step.result() for step in self._pending]
-        self._pending = []
+        self._pending, self.passages = [], ()
         return packets
 
     def finish(self) -> list[dict[str, int]]:

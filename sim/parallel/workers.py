@@ -185,6 +185,7 @@ class _RenderWorker:
             yield self._frame(chunk, sent, images)
             if sent.t_us == self._end_us[chunk + 1]:
                 return
+            del sent, images  # or they would stay while the next ones come
 
     def _frame(self, chunk: int, sent: _Sent, images: Images) -> RenderedFrame:
         cameras = len(self._job.rig)

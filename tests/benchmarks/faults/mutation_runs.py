@@ -41,7 +41,9 @@ def main():
     parser.add_argument("--page", type=Path, help="write the table there, and run nothing")
     asked = parser.parse_args()
     if asked.page is not None:
-        into_page(asked.page, "mutations", table(read(VERDICTS), json.loads(REASONS.read_text())))
+        verdicts, names = read(VERDICTS), {one.digest for _, one in drawn()}
+        of_today = {name: one for name, one in verdicts.items() if name in names}
+        into_page(asked.page, "mutations", table(of_today, json.loads(REASONS.read_text())))
         return
     if asked.work is None:
         parser.error("needs --work or --page")

@@ -2,11 +2,12 @@
 
 A mutation is one operator, constant, index or statement of one line, changed. What is drawn from
 is what shapes a number of `quick`: not the readers of other formats, the GPU's code, the baselines,
-pages, caches and processes, and not lines that only word an error.
+pages, caches and processes, and not lines that only refuse, notify or take the time.
 """
 
 import ast
 import hashlib
+import re
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -40,6 +41,9 @@ LEFT_OUT = (
     "emvs/geometry/warp.py",
 )  # fmt: skip
 """Pictures, inertial samples, labels, GPUs and other data sets' truth: no part of `quick`."""
+
+_GUARDS = re.compile(r"_*(check|available_memory|notice|lap)")
+"""Functions that refuse bad input or too large a job, tell the user something, or take the time."""
 
 _BINARY = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.FloorDiv: "/"}
 _COMPARE = {
@@ -136,7 +140,7 @@ def _is_python(text: str) -> bool:
 
 def _changes(tree: ast.Module, lines: list[str]) -> Iterator[_Change]:
     for function in ast.walk(tree):
-        if isinstance(function, ast.FunctionDef):
+        if isinstance(function, ast.FunctionDef) and not _GUARDS.match(function.name):
             for statement in function.body:
                 yield from _inside(statement, lines)
 
@@ -146,6 +150,9 @@ def _inside(node: ast.AST, lines: list[str]) -> Iterator[_Change]:
         return
     if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
         return  # a doc string
+    statement = node.value if isinstance(node, ast.Expr) else None
+    if isinstance(statement, ast.Call) and _GUARDS.match(_name(statement.func)):
+        return
     yield from _of_node(node, lines)
     for name, value in ast.iter_fields(node):
         inner = value if isinstance(value, list) else [value]
@@ -211,10 +218,14 @@ def _constant(node: ast.Constant) -> Iterator[_Change]:
 
 
 def _call(function: ast.expr) -> Iterator[_Change]:
-    name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+    name = _name(function)
     if name in _SWAPPED and function.lineno == function.end_lineno:
         end = function.end_col_offset or 0
         yield _Change(function.lineno, end - len(name), end, _SWAPPED[name])
+
+
+def _name(function: ast.expr) -> str:
+    return function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
 
 
 def _dropped(node: ast.Expr | ast.Assign | ast.AugAssign) -> Iterator[_Change]:

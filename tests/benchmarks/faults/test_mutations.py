@@ -46,6 +46,10 @@ def test_every_operator_is_known(tmp_path, monkeypatch):
     )
     monkeypatch.setattr("mutations.ROOT", tmp_path)
     found = {(one.before.strip(), one.after.strip()) for one in candidates("m.py")}
+    (tmp_path / "guards.py").write_text(
+        "def check_size(a):\n    return a < 1\n\n\ndef f(a):\n    self._check(a, 1)\n    lap(1)\n"
+    )
+    assert candidates("guards.py") == []
     assert found == {*((f"c = {a}", f"c = {b}") for a, b in lines.items()), ("f(c)", "pass")}
 
 
