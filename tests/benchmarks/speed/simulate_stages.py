@@ -169,10 +169,10 @@ def _begun(clock: Stopwatch) -> Callable[..., Any]:
     """`simulate._run`, which forgets what was measured before."""
     inner = simulate._run
 
-    def run(*args: Any) -> None:
+    def run(*args: Any, **named: Any) -> None:
         clock._turn(REST)
         clock.spent_s.clear()
-        inner(*args)
+        inner(*args, **named)
 
     return run
 
