@@ -7,6 +7,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
+from emvs.errors import InputError, shown
 from emvs.parameters import ParameterGroup
 from sim.sensor_presets import PRESETS, SensorConfig
 
@@ -296,3 +297,22 @@ class SimConfig(ParameterGroup):
                 f"max_frame_interval_us={self.longest_interval_us}: lower the first"
             )
         return self
+
+    def check_heeded(self) -> None:
+        """Refuses details of pictures, inertial samples or a recorded motion that there are not.
+
+        Not a validator: a scene has a frame rate of its own, and a file and flags come in parts.
+
+        Raises:
+            InputError: names the first of them.
+        """
+        for group, switch in (("frames", "rate_hz"), ("imu", "rate_hz"), ("replay", "trajectory")):
+            settings: ParameterGroup = getattr(self, group)
+            if getattr(settings, switch):
+                continue
+            for name, value in settings.__repr_args__():
+                if name != switch:
+                    raise InputError(
+                        f"{group}.{name} {shown(value)} has no effect without {group}.{switch}: "
+                        "set that one too, or leave this one out"
+                    )

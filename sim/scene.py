@@ -75,13 +75,19 @@ class Scene:
         )
 
     def configured(self, config: SimConfig) -> SimConfig:
-        """Returns `config` with the scene's own defaults for what its user did not set."""
+        """Returns `config` with the scene's own defaults for what its user did not set.
+
+        Raises:
+            InputError: a setting that has no effect, see `SimConfig.check_heeded`.
+        """
         own: dict[str, object] = {}
         if self.log_eps is not None and "log_eps" not in config.model_fields_set:
             own["log_eps"] = self.log_eps
         if config.frames.rate_hz is None:
             own["frames"] = config.frames.model_copy(update={"rate_hz": self.frames_rate_hz})
-        return config.model_copy(update=own)
+        full = config.model_copy(update=own)
+        full.check_heeded()
+        return full
 
     def spec(self) -> mujoco.MjSpec:
         """Returns the scene as an editable MuJoCo specification, textures in place.

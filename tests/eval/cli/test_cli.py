@@ -144,6 +144,8 @@ def test_flag_beats_file_beats_default(tmp_path, capsys, sequence):
         ("(resume=False discards them)", "(--fresh discards them)"),
         ("simulate with frames.rate_hz above 0", "simulate with --sim.frames.rate-hz above 0"),
         ("simulate with imu.rate_hz above 0", "simulate with --sim.imu.rate-hz above 0"),
+        ("replay.imu_cam without replay", "--sim.replay.imu-cam without replay"),
+        ("a/frames.gain and imu.csv", "a/frames.gain and imu.csv"),
         ("map with inpaint=True to fill", "map with --map.inpaint to fill"),
         ("planes is 1: needs 2", "planes is 1: needs 2"),
     ],
