@@ -104,7 +104,7 @@ class Scene:
             spec = mujoco.MjSpec.from_file(str(self.mjcf))
         except ValueError as error:
             reason = " ".join(str(error).split())
-            raise InputError(f"{self.mjcf} is no usable MJCF ({reason}): correct it") from error
+            raise InputError(f"{self.mjcf} is not usable MJCF ({reason}): correct it") from error
         for name, pixels in self.textures().items():
             put_texture(spec, name, pixels)
         if self.edit is not None:
@@ -122,7 +122,7 @@ def put_texture(spec: mujoco.MjSpec, name: str, pixels: NDArray[np.uint8]) -> No
         )
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8:
         raise InputError(
-            f"texture {name!r} came as {pixels.dtype} {pixels.shape}: need uint8 (H, W, 3)"
+            f"texture {name!r} is {pixels.dtype} {pixels.shape}: needs uint8 (H, W, 3)"
         )
     texture.height, texture.width, texture.nchannel = pixels.shape
     texture.data = np.ascontiguousarray(pixels).tobytes()

@@ -346,7 +346,7 @@ def started() -> es.EventSimulator:
         (lambda: es.methods("x"), "n_cameras is 'x': needs a whole number"),
         (lambda: es.open_recording(5), "path is 5: needs a path"),
         (lambda: es.Sequence(None), "path is None: needs a path"),
-        (lambda: es.map_window(5), "recording is 5: needs a path, what open_recording gave"),
+        (lambda: es.map_window(5), "recording is 5: needs a path, what open_recording returned"),
         (lambda: es.map_windows(CAMERA, "o"), "with name, rig, trajectory, depth_range_m"),
         (lambda: es.map_windows("r", 5), "out is 5: needs a path"),
         (lambda: es.load_scene(5), "unknown scene 5"),

@@ -157,7 +157,7 @@ def test_no_link_in_a_sequence_leads_out_of_it(sequence, name, listed):
         index.write_text(json.dumps(content))
     place.rename(outside) if place.exists() else outside.write_text("[]")
     place.symlink_to(outside)
-    refused(Sequence, sequence, match=f"{name} is no file of this folder.*instead of a link")
+    refused(Sequence, sequence, match=f"{name} is not a file in this folder.*instead of a link")
 
 
 def test_links_in_a_circle_are_refused(sequence):
