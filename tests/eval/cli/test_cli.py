@@ -198,7 +198,7 @@ def test_a_view_of_its_own_is_reported_but_not_scored(tmp_path, capsys, sequence
     page = (tmp_path / "o" / "report.html").read_text(encoding="utf-8")
     assert "Alg1/H" in page
     assert "Ground truth" not in page
-    assert "view of its own" in refused(capsys, ["score", out])
+    assert "reference view is not camera 0's" in refused(capsys, ["score", out])
 
 
 def test_a_changed_sequence_is_not_scored(tmp_path, capsys):

@@ -311,7 +311,7 @@ BAD = {
         ],
         "it may hold name",
     ),
-    "no TOML": (lambda folder: (folder / "prediction.toml").write_text("= 1"), "no TOML"),
+    "no TOML": (lambda folder: (folder / "prediction.toml").write_text("= 1"), "not TOML"),
     "list too short": (
         lambda folder: [
             np.save(folder / "a.npy", depths()),
