@@ -115,7 +115,7 @@ def unread(file: Path | None, groups: Sequence[str]) -> list[str]:
     """
     reads = ", ".join(f"[{name}]" for name in groups)
     return [
-        f"{file}: [{name}] ({_names(table)}) says nothing here: this command reads {reads}"
+        f"{file}: [{name}] ({_names(table)}) has no effect here: this command reads {reads}"
         for name, table in _read(file).items()
         if name not in groups and table
     ]

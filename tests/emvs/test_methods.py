@@ -463,8 +463,8 @@ def test_functions_cannot_change_the_votes():
     ("values", "words"),
     [
         ({"reference": "end", "reference_s": 0.1}, "leave one of them out"),
-        ({"compatibility": "mcemvs", "spacing": "linear"}, "inverse and both only"),
-        ({"compatibility": "mcemvs", "polarity": "separate"}, "inverse and both only"),
+        ({"compatibility": "mcemvs", "spacing": "linear"}, "only inverse and both"),
+        ({"compatibility": "mcemvs", "polarity": "separate"}, "only inverse and both"),
         ({"reference_shift": 1.5}, "reference_shift"),
         ({"spacing": "log"}, "spacing"),
     ],

@@ -101,7 +101,7 @@ def test_settings_that_a_command_does_not_read_are_said(tmp_path, capsys, sequen
     arguments = ["map", str(sequence), "--config", str(file), "--method", "EMVS/cam0"]
     for flags, lines in (((), 1), (("--json",), 1), (("--quiet",), 0)):
         assert main([*arguments, "--out", str(tmp_path / f"o{flags}"), *flags]) == 0
-        told = [x for x in capsys.readouterr().err.splitlines() if "says nothing here" in x]
+        told = [x for x in capsys.readouterr().err.splitlines() if "has no effect here" in x]
         assert len(told) == lines
         assert all("[sim] (contrast_threshold_pos)" in x and "reads [map]" in x for x in told)
 
