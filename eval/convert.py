@@ -100,7 +100,7 @@ def _refuse_unused(options: Options) -> None:
     }
     for flag, is_useless in useless.items():
         if is_useless:
-            raise InputError(f"{flag} with --to {options.to}: says nothing there; leave it out")
+            raise InputError(f"{flag} with --to {options.to}: has no effect there; leave it out")
 
 
 def _file(source: Path, out: Path, options: Options) -> str:

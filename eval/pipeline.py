@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from eval.scoring.pairing import Estimate
     from eval.scoring.predictions import Prediction, TargetView
     from eval.scoring.results import Results, Row
+    from sim.config import SimConfig
 
 _SILENT = Silent()
 _RESULTS = ("results.json", "results.csv")
@@ -239,14 +240,17 @@ def _check_run(cases: Sequence[str], settings: Settings, rig: str | None) -> Non
     if len(set(cases)) != len(cases) or not cases:
         raise InputError(f"cases {', '.join(cases) or '(none)'}: name at least one, each once")
     for case in cases:
-        check_case(case, rig, settings.map)
+        check_case(case, rig, settings.map, settings.sim)
 
 
-def check_case(scene: str, rig: str | None, config: MapperConfig) -> None:
-    """Refuses, before a scene is simulated, what could not be mapped after.
+def check_case(
+    scene: str, rig: str | None, config: MapperConfig, sim: SimConfig | None = None
+) -> None:
+    """Refuses, before a scene is simulated, what could not be simulated or mapped.
 
     Raises:
-        InputError: an unknown scene, rig or method, a GPU that is not there, or no OpenMP.
+        InputError: an unknown scene, rig or method, a setting of the simulator that has no effect,
+            a GPU that is not there, or no OpenMP.
     """
     import scenes
     from emvs import methods
@@ -255,7 +259,10 @@ def check_case(scene: str, rig: str | None, config: MapperConfig) -> None:
     from sim.rigs import rig as named_rig
 
     check_openmp()
-    chosen = named_rig(rig or scenes.load(scene).rig)
+    loaded = scenes.load(scene)
+    if sim is not None:
+        loaded.configured(sim)
+    chosen = named_rig(rig or loaded.rig)
     methods.methods_by_name(config.methods, len(chosen), mcemvs=config.is_mcemvs)
     check_device(config.device)
 

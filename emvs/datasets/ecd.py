@@ -69,7 +69,7 @@ class EventCameraDataset:
 
     def _events(self, camera: int) -> SortedText:
         if camera != 0:
-            raise InputError(f"{self.path}: camera {camera} asked for, there is one, camera 0")
+            raise InputError(f"{self.path}: no camera {camera}, there is only camera 0")
         return self._text
 
     @cached_property
@@ -85,7 +85,7 @@ class EventCameraDataset:
             raise InputError(f"{path}: needs lines `t_s file` ({said(error)})") from error
         for _, name in frames:
             if not name.isprintable() or name.startswith("/") or ".." in name:
-                raise InputError(f"{path}: {name[:60]!a} is no file of this folder; correct it")
+                raise InputError(f"{path}: {name[:60]!a} is not a file in this folder; correct it")
         return frames
 
     @cached_property

@@ -68,7 +68,7 @@ def _poses(path: Path) -> Trajectory:
     wrong = np.abs(turned @ turned.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
     if not np.isfinite(T_world_cam).all() or not (wrong < 1e-3).all():
         bad = int(np.argmax(~(wrong < 1e-3)))
-        raise InputError(f"{path}: pose {bad} is no rigid motion; fetch the file again")
+        raise InputError(f"{path}: pose {bad} is not a rigid motion; fetch the file again")
     try:
         return Trajectory.from_matrices(t_us, T_world_cam)
     except InputError as error:

@@ -172,9 +172,7 @@ class PosedRecording:
 
     def _source(self, camera: int) -> EventSource:
         if not 0 <= camera < len(self.sources):
-            raise InputError(
-                f"{self.path}: camera {camera} asked for, there are {len(self.sources)}"
-            )
+            raise InputError(f"{self.path}: no camera {camera}, there are {len(self.sources)}")
         return self.sources[camera]
 
 

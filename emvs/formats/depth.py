@@ -49,7 +49,7 @@ def read_depth(path: Path) -> NDArray[np.float32]:
         raise
     except Exception as error:  # numpy ends in many kinds of exception on damaged files
         reason = " ".join(str(error).split())[:120]
-        raise InputError(f"{path}: no depth map ({reason}); needs depth.npz or a npy") from error
+        raise InputError(f"{path}: not a depth map ({reason}); needs depth.npz or a npy") from error
     return np.asarray(np.where(depth_m > 0, depth_m, np.nan), np.float32)
 
 
@@ -99,7 +99,7 @@ def write_depth_exr(path: Path, depth_m: NDArray[np.float32]) -> None:
 def _encoded(path: Path, suffix: str, image: NDArray[np.uint16] | NDArray[np.float32]) -> None:
     done, data = cv2.imencode(suffix, image)
     if not done:
-        raise InputError(f"{path}: cannot be coded as {suffix}; choose depth-npy")
+        raise InputError(f"{path}: cannot be encoded as {suffix}; choose depth-npy")
     with atomic_path(path) as partial:
         partial.write_bytes(data.tobytes())
 
@@ -159,7 +159,9 @@ def _checked(path: Path) -> PngImageFile:
     except InputError:
         raise
     except _DAMAGE as error:
-        raise InputError(f"{path}: no whole PNG image ({said(error)}); fetch it again") from error
+        raise InputError(
+            f"{path}: not a complete PNG image ({said(error)}); fetch it again"
+        ) from error
 
 
 def _check(path: Path, data: bytes) -> None:

@@ -182,7 +182,7 @@ def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
         raise
     except Exception as error:  # of zipfile, of four decompressors, and of damaged names
         raise InputError(
-            f"{path}: not a whole npz archive ({said(error)}); make it again"
+            f"{path}: not a complete npz archive ({said(error)}); make it again"
         ) from error
 
 

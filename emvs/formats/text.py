@@ -112,7 +112,7 @@ class TextReader(BlockReader):
             raise InputError(
                 f"{self.path}, line {self.line_at(offset + bad)}: {line!r} is no event; needs "
                 f"`{fields}`, t >= 0 ({times}, as the file begins), whole pixels 0 to 65535, p 0 "
-                "or 1 or -1: mend or remove the line"
+                "or 1 or -1: correct or remove the line"
             )
         return Events(x, y, t_us, p).slice(0, count)
 
@@ -134,7 +134,7 @@ def text_layout(path: Path, head: bytes) -> TextLayout:
         skip += len(lines.pop(0))
     if not lines:
         raise InputError(
-            f"{path}: no line beside blank ones and remarks in the first {len(head)} bytes; needs "
+            f"{path}: only blank lines and comments in the first {len(head)} bytes; needs "
             "lines `t x y p`: the file is cut off or empty, fetch it again"
         )
     words = lines[0].decode("ascii").replace(",", " ").split()

@@ -94,7 +94,7 @@ class Configured(Common):
     """What every command takes that has settings: all others refuse a file of them."""
 
     config: Annotated[Path | None, Parameter(group=COMMON_GROUP)] = None
-    "TOML file with the tables [sim], [map] and [score]; a flag beats the file."
+    "TOML file with the tables [sim], [map] and [score]; flags override it."
 
     def settings(self, **flags: BaseModel) -> Settings:
         """The file joined with flags, by the tables' names; says what in the file is not read.

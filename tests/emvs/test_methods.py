@@ -444,7 +444,7 @@ def test_names_that_are_taken_or_no_names_are_refused(name):
 @pytest.mark.parametrize("function", [lambda v: v[0, 0] - 1, lambda v: v[0]])
 def test_functions_that_give_no_volume_are_refused(function):
     method = Method.from_function("Own/bad", function, "x")
-    with pytest.raises(InputError, match="function of Own/bad gave shape"):
+    with pytest.raises(InputError, match="function of Own/bad returned shape"):
         fuse_by(method, votes(1, 2, 1))
 
 
@@ -463,8 +463,8 @@ def test_functions_cannot_change_the_votes():
     ("values", "words"),
     [
         ({"reference": "end", "reference_s": 0.1}, "leave one of them out"),
-        ({"compatibility": "mcemvs", "spacing": "linear"}, "inverse and both only"),
-        ({"compatibility": "mcemvs", "polarity": "separate"}, "inverse and both only"),
+        ({"compatibility": "mcemvs", "spacing": "linear"}, "only inverse and both"),
+        ({"compatibility": "mcemvs", "polarity": "separate"}, "only inverse and both"),
         ({"reference_shift": 1.5}, "reference_shift"),
         ({"spacing": "log"}, "spacing"),
     ],

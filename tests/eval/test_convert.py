@@ -277,7 +277,7 @@ def test_every_target_is_named_in_the_docs():
 def test_kitti_refuses_what_is_no_rotation(tmp_path):
     path = tmp_path / "k.txt"
     path.write_text("2 0 0 0 0 1 0 0 0 0 1 0\n")
-    with pytest.raises(InputError, match="line 1 is no rigid motion"):
+    with pytest.raises(InputError, match="line 1 is not a rigid motion"):
         read_kitti(path, np.array([0]))
     T = from_quat_xyzw(np.zeros(3), np.array([0, 0, 0, 1.0]))
     np.savetxt(path, T[:3].reshape(1, 12))

@@ -346,7 +346,7 @@ def started() -> es.EventSimulator:
         (lambda: es.methods("x"), "n_cameras is 'x': needs a whole number"),
         (lambda: es.open_recording(5), "path is 5: needs a path"),
         (lambda: es.Sequence(None), "path is None: needs a path"),
-        (lambda: es.map_window(5), "recording is 5: needs a path, what open_recording gave"),
+        (lambda: es.map_window(5), "recording is 5: needs a path, what open_recording returned"),
         (lambda: es.map_windows(CAMERA, "o"), "with name, rig, trajectory, depth_range_m"),
         (lambda: es.map_windows("r", 5), "out is 5: needs a path"),
         (lambda: es.load_scene(5), "unknown scene 5"),
@@ -414,7 +414,7 @@ def test_what_does_not_fit_together_is_refused(recording, result, folder):
     assert "call map_windows" in refused(lambda: es.map_window(recording, sliding))
     other_view = es.MapperConfig(methods=METHODS, planes=20, reference_shift=0.5)
     shifted = es.map_window(recording, other_view)
-    assert "view of its own" in refused(lambda: es.score(shifted, recording))
+    assert "reference view is not camera 0's" in refused(lambda: es.score(shifted, recording))
     world = fronto_parallel(1.5)
     assert "without ground truth" in refused(lambda: es.score(result, world))
     assert "no ground truth at" in refused(

@@ -28,17 +28,17 @@ def convert(
     """Convert a recording, events, poses, a calibration, a depth map or a point cloud.
 
     Args:
-        source: What to read; `eventsweep info` says what it is.
-        out: File or folder to write, whole or not at all.
+        source: File or folder to read; `eventsweep info` describes it.
+        out: File or folder to write.
         to: A data set's layout or event format, tum, kitti, kalibr, basalt, opencv, rig,
             depth-png, depth-npy, depth-tiff, depth-exr, disparity-png, ply or pcd.
         stream: The only stream to convert into one file, of an event file with several or of a
             recording, whose cameras are its streams.
-        shift_us: Added to all times, µs.
+        shift_us: Shift of all times, µs.
         from_zero: Shift all times so that the first event or pose is at 0.
-        unit: Unit of time in a text of poses: s, ms, us or ns.
-        width_px: Sensor width, where the input does not say it.
-        height_px: Sensor height, likewise.
+        unit: Unit of time in a text file of poses: s, ms, us or ns.
+        width_px: Sensor width, if the input does not contain it.
+        height_px: Sensor height, if the input does not contain it.
         baseline_m: Distance between the cameras, for disparity-png.
     """
     from eval.convert import Options, convert_file

@@ -18,7 +18,7 @@ def info(
     force: Force = False,
     common: Common = COMMON,
 ) -> None:
-    """Say what lies at a path: cameras, times, event counts and faults, and what poses cover.
+    """Describe a recording: cameras, times, event counts, faults, and what poses cover.
 
     Args:
         path: A sequence, a data set's folder, a recording.toml, an event file or a bag.

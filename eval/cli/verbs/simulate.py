@@ -45,7 +45,7 @@ def simulate(
         trajectory: Poses in TUM format for the head to follow; same as --sim.replay.trajectory.
         seed: Seed of head motion and sensor noise.
         workers: Processes that render.
-        fresh: Discard what an interrupted run left instead of continuing it.
+        fresh: Discard the work of an interrupted run instead of continuing it.
     """
     from eval.pipeline import simulate_scene
 
