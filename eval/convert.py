@@ -13,6 +13,7 @@ from emvs.datasets.posed import EventSource
 from emvs.datasets.raw_streams import Readable, open_readable
 from emvs.errors import InputError
 from emvs.formats import FORMATS, calibration_writers, depth, write_events
+from emvs.formats.columns import ColumnMap
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 from emvs.utils.outputs import check_output, inputs_of, output_file
@@ -35,6 +36,7 @@ class Options:
         height_px: sensor height, likewise.
         baseline_m: distance between the cameras, for disparity.
         force: whether to replace an existing output.
+        columns: which column of an event file is what, and what its times count, if stated.
         inputs: other files that the output must not replace, such as a configuration.
     """
 
@@ -46,6 +48,7 @@ class Options:
     height_px: int | None = None
     baseline_m: float | None = None
     force: bool = False
+    columns: ColumnMap | None = None
     inputs: tuple[Path, ...] = ()
 
 
@@ -96,6 +99,7 @@ def _refuse_unused(options: Options) -> None:
         "--unit": options.unit != "s" and not poses,
         "--width-px": options.width_px is not None and not events,
         "--height-px": options.height_px is not None and not events,
+        "--columns and --time-unit": options.columns is not None and not events,
         "--baseline-m": options.baseline_m is not None and options.to != "disparity-png",
     }
     for flag, is_useless in useless.items():
@@ -119,7 +123,7 @@ def _file(source: Path, out: Path, options: Options) -> str:
 def _events(
     source: Path, out: Path, options: Options, inputs: tuple[Path, ...], progress: Progress
 ) -> Written:
-    readable = open_readable(source)
+    readable = open_readable(source, options.columns)
     whole = readable.recording is not None and not options.stream
     check_output(out, force=options.force, inputs=inputs, folder=whole)
     shift_us = options.shift_us if options.shift_us is not None else -_start_us(readable)

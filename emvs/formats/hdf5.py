@@ -1,10 +1,11 @@
-"""Events in HDF5, read and written in the layouts of DSEC, TUM-VIE, MVSEC and Prophesee."""
+"""Events in HDF5: the layouts of DSEC, TUM-VIE and MVSEC, read and written, and others, read only."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +17,19 @@ from numpy.typing import NDArray
 from emvs.data.event_store import EventStoreWriter, indexed_slice, with_neighbours
 from emvs.data.events import Events
 from emvs.data.hdf5 import COMPRESSION, Hdf5Writer, check_dataset, open_hdf5
-from emvs.errors import InputError, quoted, said
+from emvs.errors import InputError, quoted, said, shown
 from emvs.formats.base import GatheringWriter, StreamWriter
-from emvs.formats.blocks import BlockReader, IndexedBlock, times_us, to_events
+from emvs.formats.blocks import BlockReader, IndexedBlock, checked_times, times_us, to_events
+from emvs.formats.columns import CURE, ColumnMap, address_of, nameless_unit_s, order_of
 from emvs.formats.hdf5_kernels import convert_rows
+from emvs.formats.prophesee import STREAM
 
 Streams = dict[str, tuple[str, ...]]
 _DAVIS = ("davis/left/events", "davis/right/events")
 _CD = "CD/events"
+_EVENTS = {name: f"events/{name}" for name in "xytp"}
 _BLOCK_ROWS = 1 << 19
+_SAMPLE_ROWS = 1 << 12
 _CHUNK_ROWS = 1 << 16
 _COLUMNS = {"x": np.uint16, "y": np.uint16, "t": np.int64, "p": np.uint8}
 
@@ -55,6 +60,8 @@ class Hdf5Layout:
         events: reads rows `start` to `stop` of a stream.
         times: reads their times only, µs.
         size_px: width and height, where the file says them.
+        columns: addresses of x, y, t and p, where the layout is one of columns.
+        matrices: data sets of several columns, two axes each.
     """
 
     format: str
@@ -62,37 +69,114 @@ class Hdf5Layout:
     events: Callable[[h5py.File, str, str, int, int], Events]
     times: Callable[[h5py.File, str, str, int, int], NDArray[np.int64]]
     size_px: tuple[int, int] | None = None
+    columns: Mapping[str, str] = field(default_factory=dict)
+    matrices: tuple[str, ...] = ()
 
 
-def hdf5_layout(path: Path) -> Hdf5Layout:
-    """Recognises the layout of a file by its data sets.
+def hdf5_layout(path: Path, columns: ColumnMap | None = None) -> Hdf5Layout:
+    """Recognises the layout of a file by its data sets, or takes it as stated.
 
     Raises:
-        InputError: a damaged file, or one without events in a known place.
+        InputError: a damaged file, or one without events in a known or the stated place.
     """
     with opened_hdf5(path) as file:
-        if _CD in file:
-            return Hdf5Layout("prophesee-hdf5", {"events": (_CD,)}, _cd, _cd_times, _size(file))
-        davis: Streams = {name.removesuffix("/events"): (name,) for name in _DAVIS if name in file}
-        if davis:
-            return Hdf5Layout("mvsec", davis, _matrix, _matrix_times)
-        columns = tuple(f"events/{name}" for name in "xytp")
-        there = [name for name in columns if name in file]
-        if len(there) == len(columns):
-            kind = "dsec" if "t_offset" in file else "tumvie"
-            return Hdf5Layout(kind, {"events": columns}, _columns, _column_times)
-        found = quoted(*sorted(file)) or "nothing"
+        if columns is not None and columns.x:
+            return _stated(path, file, columns)
+        layout = _known(path, file)
+    if columns is None:
+        return layout
+    if layout.format not in ("e2calib", "v2e", "hdf5"):
+        raise InputError(f"{path}: is {layout.format}, which says its unit; leave time_unit out")
+    return _in_columns("hdf5", layout.columns, columns.unit_s or 1e-6)
+
+
+def _stated(path: Path, file: h5py.File, columns: ColumnMap) -> Hdf5Layout:
+    layout = _in_columns("hdf5", columns.addresses, columns.unit_s or 1e-6)
+    missing = [name for name in layout.streams[STREAM] if not isinstance(file.get(name), h5py.Dataset)]
+    if missing:
+        there: list[str] = []
+        file.visit(there.append)
+        raise InputError(f"{path}: no data set {quoted(*missing)}; holds {quoted(*sorted(there))}")
+    return layout
+
+
+def _known(path: Path, file: h5py.File) -> Hdf5Layout:
+    if _CD in file:
+        fields = {name: f"{_CD}[{name}]" for name in "xytp"}
+        return _in_columns("prophesee-hdf5", fields, 1e-6, _size(file))
+    davis: Streams = {name.removesuffix("/events"): (name,) for name in _DAVIS if name in file}
+    if davis:
+        return Hdf5Layout("mvsec", davis, _matrix, _matrix_times, matrices=_DAVIS)
+    if isinstance(file.get("events"), h5py.Dataset):
+        return _nameless(path, file)
+    there = [name for name in _EVENTS.values() if name in file]
+    if len(there) == len(_EVENTS):
+        return _from_offset() if "t_offset" in file else _in_columns("tumvie", _EVENTS, 1e-6)
     if there:
-        missing = ", ".join(sorted(set(columns) - set(there)))
-        raise InputError(f"{path}: lacks {missing}; needs all of {', '.join(columns)}")
+        missing = ", ".join(sorted(set(_EVENTS.values()) - set(there)))
+        raise InputError(f"{path}: lacks {missing}; needs all of {', '.join(_EVENTS.values())}")
+    if all(isinstance(file.get(name), h5py.Dataset) for name in "xytp"):
+        if file["t"].dtype.kind not in "iu":
+            raise InputError(f"{path}: t of type {file['t'].dtype}; state `time_unit`")
+        return _in_columns("e2calib", {name: name for name in "xytp"}, 1e-6)
     raise InputError(
-        f"{path}: holds {found}; needs events/x, y, t, p (DSEC, TUM-VIE), {' or '.join(_DAVIS)} "
-        f"(MVSEC) or {_CD} (Prophesee)"
+        f"{path}: holds {quoted(*sorted(file)) or 'nothing'}; needs events/x, y, t, p (DSEC, "
+        f"TUM-VIE), {' or '.join(_DAVIS)} (MVSEC), {_CD} (Prophesee), events of (N, 4) (v2e), or "
+        f"x, y, t, p (e2calib); or {CURE}"
     )
 
 
+def _from_offset() -> Hdf5Layout:
+    """DSEC's: columns whose times count from `t_offset`."""
+    plain = _in_columns("dsec", _EVENTS, 1e-6)
+
+    def times(file: h5py.File, *rows: Any) -> NDArray[np.int64]:
+        return plain.times(file, *rows) + offset_us(file)
+
+    def events(file: h5py.File, where: str, *rows: Any) -> Events:
+        e = plain.events(file, where, *rows)
+        return checked_times(Events(e.x, e.y, e.t_us + offset_us(file), e.p), where)
+
+    return replace(plain, events=events, times=times)
+
+
+def _nameless(path: Path, file: h5py.File) -> Hdf5Layout:
+    """Rows of four: v2e's where they are of its type, else what their values alone allow."""
+    data = file["events"]
+    check_dataset(path, data)
+    if data.ndim != 2 or data.shape[1] != 4 or data.dtype.kind not in "iuf":
+        raise InputError(
+            f"{path}, data set events: {shown(data.dtype)} of shape {data.shape}; needs numbers of "
+            f"shape (N, 4), or {CURE}"
+        )
+    order, kind, unit_s = "txyp", "v2e", 1e-6
+    if data.dtype != np.uint32:
+        rows = data[-_SAMPLE_ROWS:]
+        order, kind = order_of(str(path), list(rows.T)), "hdf5"
+        unit_s = nameless_unit_s(str(path), rows[:, order.index("t")])
+    return _in_columns(kind, {name: f"events[{order.index(name)}]" for name in "xytp"}, unit_s)
+
+
+def _in_columns(
+    kind: str,
+    columns: Mapping[str, str],
+    unit_s: float,
+    size_px: tuple[int, int] | None = None,
+) -> Hdf5Layout:
+    """A layout whose columns lie at addresses."""
+    places = [address_of(address) for address in columns.values()]
+    names = tuple(dict.fromkeys(name for name, _ in places))
+    matrices = tuple(name for name, key in places if key.isdecimal())
+    read, times = (partial(one, columns, unit_s) for one in (_events_at, _times_at))
+    return Hdf5Layout(kind, {STREAM: names}, read, times, size_px, columns, matrices)
+
+
 def check_columns(
-    path: Path, file: h5py.File, names: tuple[str, ...], axes: int | None = None
+    path: Path,
+    file: h5py.File,
+    names: tuple[str, ...],
+    axes: int = 1,
+    matrices: tuple[str, ...] = (),
 ) -> int:
     """Rows of a stream; refuses data sets that do not match or whose bytes are not all there.
 
@@ -100,14 +184,15 @@ def check_columns(
         path: the file, for the error's sake.
         file: open.
         names: data sets that must be as long as each other.
-        axes: how many each must have; by default what the layouts of events say.
+        axes: how many each must have.
+        matrices: those that must have two.
 
     Raises:
         InputError: as said, or a filter that is not installed.
     """
     counts = {name: check_dataset(path, file[name]) for name in names}
     for name in names:
-        if file[name].ndim != (axes or (2 if name in _DAVIS else 1)):
+        if file[name].ndim != (2 if name in matrices else axes):
             raise InputError(f"{path}, data set {name}: shape {file[name].shape}; of no known kind")
     if len(set(counts.values())) != 1:
         raise InputError(f"{path}: data sets of lengths {counts}; needs one length")
@@ -131,15 +216,46 @@ def offset_us(file: h5py.File) -> int:
     return offset
 
 
-def _columns(file: h5py.File, where: str, stream: str, start: int, stop: int) -> Events:
-    x, y, p = (file[f"{stream}/{name}"][start:stop] for name in "xyp")
-    return to_events(where, x, y, _column_times(file, where, stream, start, stop), p, 1e-6)
+def _events_at(
+    columns: Mapping[str, str], unit_s: float, file: h5py.File, where: str, stream: str,
+    start: int, stop: int,
+) -> Events:  # fmt: skip
+    del stream
+    rows: dict[str, Any] = {}
+    x, y, t, p = (_column(file, columns[name], where, start, stop, rows) for name in "xytp")
+    return to_events(where, x, y, times_us(where, t, unit_s), p, 1e-6)
 
 
-def _column_times(
-    file: h5py.File, where: str, stream: str, start: int, stop: int
-) -> NDArray[np.int64]:
-    return times_us(where, file[f"{stream}/t"][start:stop], 1e-6) + offset_us(file)
+def _times_at(
+    columns: Mapping[str, str], unit_s: float, file: h5py.File, where: str, stream: str,
+    start: int, stop: int,
+) -> NDArray[np.int64]:  # fmt: skip
+    del stream
+    return times_us(where, _column(file, columns["t"], where, start, stop, {}), unit_s)
+
+
+def _column(
+    file: h5py.File, address: str, where: str, start: int, stop: int, rows: dict[str, Any]
+) -> NDArray[Any]:
+    """One column of some rows; `rows` keeps data sets that hold several."""
+    name, key = address_of(address)
+    data = file[name]
+    if not key:
+        return _numbers(where, data[start:stop])
+    fields = data.dtype.names
+    if fields is None and not (key.isdecimal() and data.ndim == 2 and int(key) < data.shape[1]):
+        raise InputError(f"{where}: shape {data.shape} has no column {quoted(key)}")
+    if fields is not None and key not in fields:
+        raise InputError(f"{where}: fields {quoted(*fields)}; needs {quoted(key)}")
+    if name not in rows:
+        rows[name] = data[start:stop]
+    return _numbers(where, np.ascontiguousarray(rows[name][key if fields else (slice(None), int(key))]))
+
+
+def _numbers(where: str, values: NDArray[Any]) -> NDArray[Any]:
+    if values.dtype.kind not in "iufb" or values.dtype.itemsize > 8 or values.ndim != 1:
+        raise InputError(f"{where}: {shown(values.dtype)}; needs a column of plain numbers, damaged")
+    return values
 
 
 def _matrix(file: h5py.File, where: str, stream: str, start: int, stop: int) -> Events:
@@ -167,22 +283,8 @@ def _matrix_times(
     return _matrix(file, where, stream, start, stop).t_us
 
 
-def _cd(file: h5py.File, where: str, stream: str, start: int, stop: int) -> Events:
-    del stream
-    data = file[_CD]
-    if data.dtype.names is None or not {"x", "y", "t", "p"} <= set(data.dtype.names):
-        raise InputError(f"{where}: fields {quoted(*(data.dtype.names or ()))}; needs x, y, p, t")
-    rows = data[start:stop]
-    x, y, t, p = (np.ascontiguousarray(rows[name]) for name in "xytp")
-    return to_events(where, x, y, t, p, 1e-6)
-
-
-def _cd_times(file: h5py.File, where: str, stream: str, start: int, stop: int) -> NDArray[np.int64]:
-    return _cd(file, where, stream, start, stop).t_us
-
-
 class Hdf5Reader(BlockReader):
-    """A file of events in any of the known layouts.
+    """A file of events in any of the known layouts, or one whose columns are stated.
 
     Where the file has `ms_to_idx`, a time slice costs two look-ups; its rows and their neighbours
     are checked against it. Otherwise one pass over the times builds an index.
@@ -191,18 +293,18 @@ class Hdf5Reader(BlockReader):
         InputError: a missing or damaged file, another layout, or a filter that is not installed.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, columns: ColumnMap | None = None) -> None:
         path = Path(path)
-        self._layout = hdf5_layout(path)
+        self._layout = hdf5_layout(path, columns)
         super().__init__(path, tuple(self._layout.streams))
         self.format = self._layout.format
         self.width_px, self.height_px = self._layout.size_px or (None, None)
         with opened_hdf5(path) as file:
             self._count = {
-                stream: check_columns(path, file, names)
+                stream: check_columns(path, file, names, matrices=self._layout.matrices)
                 for stream, names in self._layout.streams.items()
             }
-            self._has_index = "ms_to_idx" in file and len(self.streams) == 1
+            self._has_index = "ms_to_idx" in file and self.format in ("dsec", "tumvie")
             if self._has_index:
                 self._offset_us = offset_us(file)
                 check_columns(path, file, ("ms_to_idx",))

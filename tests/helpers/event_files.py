@@ -7,7 +7,9 @@ than 2^31 µs from a first one below 2^32 µs, as its 32 bits demand.
 
 from __future__ import annotations
 
+import importlib.util
 import struct
+from functools import partial
 
 import h5py
 import numpy as np
@@ -18,9 +20,13 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from emvs.data.events import Events
 from emvs.formats import FORMATS, write_events
 
-ALL = list(FORMATS)
+HAS_PARQUET = importlib.util.find_spec("pyarrow") is not None
+# Formats that open without more words; `hdf5` is any file whose columns somebody states
+ALL = [name for name in FORMATS if name != "hdf5" and (HAS_PARQUET or name != "parquet")]
 WRITTEN = [name for name, entry in FORMATS.items() if entry.writes]
 READ_ONLY = [name for name in FORMATS if name not in WRITTEN]
+# Those whose events a test puts together from whole columns
+COLUMNS = {"v2e", "e2calib", "npy", "parquet"}
 CD = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
 ROS2_EVENT = np.dtype(
     {
@@ -64,6 +70,7 @@ def write_any(path, kind, size_px, packets):
         "dat": write_dat,
         "rosbag2": write_rosbag2,
         "prophesee-hdf5": write_prophesee_hdf5,
+        **dict.fromkeys(COLUMNS, partial(write_columns, kind)),
     }
     if kind in writers:
         writers[kind](path, size_px, filter(len, packets))
@@ -125,6 +132,40 @@ def write_prophesee_hdf5(path, size_px, packets):
             rows["x"], rows["y"], rows["t"], rows["p"] = e.x, e.y, e.t_us, e.p
             data.resize(len(data) + len(e), axis=0)
             data[-len(e) :] = rows
+
+
+def write_columns(kind, path, size_px, packets):
+    """As h5py, NumPy and pyarrow write them for v2e, e2calib and people."""
+    del size_px
+    e = Events.concat(list(packets))
+    columns = {"t": e.t_us, "x": e.x, "y": e.y, "p": e.p}
+    match kind:
+        case "v2e":
+            rows = np.stack(list(columns.values()), axis=1).astype(np.uint32)
+            with h5py.File(path, "w") as file:
+                shape = {"maxshape": (None, 4), "compression": "gzip", "compression_opts": 1}
+                file.create_dataset("events", data=rows, chunks=(1 << 14, 4), **shape)
+        case "e2calib":
+            with h5py.File(path, "w") as file:
+                for name, values in columns.items():
+                    shape = {"maxshape": (None,), "compression": "lzf"}
+                    file.create_dataset(name, data=values, chunks=(1 << 16,), **shape)
+        case "npy":
+            with path.open("wb") as file:
+                np.save(file, fields_of(e))
+        case "parquet":
+            import pyarrow
+            import pyarrow.parquet
+
+            table = pyarrow.table({"t_us": e.t_us, **dict(list(columns.items())[1:])})
+            pyarrow.parquet.write_table(table, path, row_group_size=1 << 19, write_page_checksum=True)
+
+
+def fields_of(e):
+    """Events as one array with fields."""
+    rows = np.empty(len(e), [("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "?")])
+    rows["t"], rows["x"], rows["y"], rows["p"] = e.t_us, e.x, e.y, e.p
+    return rows
 
 
 def write_rosbag2(path, size_px, packets, storage=StoragePlugin.SQLITE3, package="dvs_msgs"):

@@ -18,6 +18,8 @@ def convert(
     stream: str = "",
     shift_us: int = 0,
     from_zero: bool = False,
+    columns: str = "",
+    time_unit: str = "",
     unit: str = "s",
     width_px: int | None = None,
     height_px: int | None = None,
@@ -36,11 +38,15 @@ def convert(
             recording, whose cameras are its streams.
         shift_us: Added to all times, µs.
         from_zero: Shift all times so that the first event or pose is at 0.
+        columns: Which column of an HDF5, NumPy, Parquet or text file of events is what, such as
+            "x=ev/xs,y=ev/ys,t=ev/ts,p=ev/on"; with --time-unit.
+        time_unit: What times of such a file count: s, ms, us or ns.
         unit: Unit of time in a text of poses: s, ms, us or ns.
         width_px: Sensor width, where the input does not say it.
         height_px: Sensor height, likewise.
         baseline_m: Distance between the cameras, for disparity-png.
     """
+    from emvs.formats.columns import column_map
     from eval.convert import Options, convert_file
 
     if shift_us and from_zero:
@@ -55,6 +61,7 @@ def convert(
         height_px=height_px,
         baseline_m=baseline_m,
         force=force,
+        columns=column_map(columns, time_unit),
     )
     written = convert_file(source, out, options, console.progress)
     console.progress.say(written.what)
