@@ -13,7 +13,7 @@ from emvs.datasets.posed import EventSource
 from emvs.datasets.raw_streams import Readable, open_readable
 from emvs.errors import InputError
 from emvs.formats import FORMATS, calibration_writers, depth, write_events
-from emvs.formats.columns import ColumnMap
+from emvs.formats.tables.columns import ColumnMap
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 from emvs.utils.outputs import check_output, inputs_of, output_file

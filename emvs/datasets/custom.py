@@ -12,8 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from emvs.data.poses import read_poses
 from emvs.datasets.posed import EventSource, PosedRecording, on_first_camera
 from emvs.errors import InputError
-from emvs.formats.columns import ColumnMap
 from emvs.formats.calibration import matrix, parsed, pose_of, read_imu_cam, read_rig
+from emvs.formats.tables.columns import ColumnMap
 from emvs.geometry import se3
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
@@ -31,7 +31,7 @@ class _Table(BaseModel):
 
 
 class ColumnsTable(_Table):
-    """Addresses of the columns of a file, as `emvs.formats.columns` explains them."""
+    """Addresses of the columns of a file, as `emvs.formats.tables.columns` explains them."""
 
     x: str = Field(min_length=1)
     y: str = Field(min_length=1)
@@ -59,7 +59,9 @@ class EventsTable(_Table):
     def source(self, folder: Path) -> EventSource:
         """The events, of a file relative to a folder."""
         stated = {} if self.columns is None else self.columns.model_dump()
-        columns = ColumnMap(**stated, time_unit=self.time_unit) if stated or self.time_unit else None
+        columns = (
+            ColumnMap(**stated, time_unit=self.time_unit) if stated or self.time_unit else None
+        )
         return EventSource(folder / self.file, self.stream, self.time_offset_us, columns)
 
 

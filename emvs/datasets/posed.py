@@ -19,7 +19,7 @@ from emvs.data.recording import summary
 from emvs.errors import InputError
 from emvs.formats import open_events
 from emvs.formats.base import EventReader
-from emvs.formats.columns import ColumnMap
+from emvs.formats.tables.columns import ColumnMap
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 

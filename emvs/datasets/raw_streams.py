@@ -12,7 +12,7 @@ from emvs.datasets.ecd import EventCameraDataset
 from emvs.datasets.posed import EventSource, PosedRecording
 from emvs.errors import InputError
 from emvs.formats import FORMATS, open_events
-from emvs.formats.columns import ColumnMap
+from emvs.formats.tables.columns import ColumnMap
 from emvs.geometry.rig import Rig
 
 
@@ -46,7 +46,9 @@ def open_readable(path: Path, columns: ColumnMap | None = None) -> Readable:
     """
     path = Path(path)
     if columns is not None and (path.is_dir() or path.suffix == ".toml"):
-        raise InputError(f"{path}: columns are stated of an event file; in a recording.toml, by keys")
+        raise InputError(
+            f"{path}: columns are stated of an event file; in a recording.toml, by keys"
+        )
     if path.is_dir() and not (path / "metadata.yaml").exists():
         return _recording(path)
     if path.suffix == ".toml":

@@ -25,8 +25,8 @@ from emvs.formats.base import (
     StreamWriter,
     only_stream,
 )
-from emvs.formats.columns import ColumnMap
 from emvs.formats.prophesee import opened
+from emvs.formats.tables.columns import ColumnMap
 from emvs.utils.files import atomic_path
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -254,20 +254,20 @@ def _table(head: bytes) -> Callable[[Path, ColumnMap | None], EventReader] | Non
     """What opens a file of columns, by its first bytes; None for other formats."""
     # Each import waits until its format is met: together they cost half a second.
     if head.startswith(_HDF5):
-        from emvs.formats.hdf5 import Hdf5Reader
+        from emvs.formats.tables.hdf5 import Hdf5Reader
 
         return Hdf5Reader
     if head.startswith((b"PK\x03\x04", b"\x93NUMPY")):
-        from emvs.formats.npz import NpyReader, NpzReader
+        from emvs.formats.tables.npz import NpyReader, NpzReader
 
         return NpyReader if head.startswith(b"\x93") else NpzReader
     if head.startswith(b"PAR1"):
-        from emvs.formats.parquet import ParquetReader
+        from emvs.formats.tables.parquet import ParquetReader
 
         return ParquetReader
     if head.startswith((b"#ROSBAG V", _OLD_AEDAT, b"%")):
         return None
-    from emvs.formats.text import TextReader
+    from emvs.formats.tables.text import TextReader
 
     return TextReader
 
@@ -360,7 +360,8 @@ def _writer(
     height_px: int,
     names: Sequence[str],
 ) -> StreamWriter:
-    from emvs.formats import hdf5, npz, prophesee, text
+    from emvs.formats import prophesee
+    from emvs.formats.tables import hdf5, npz, text
 
     match kind:
         case "evt2" | "evt3":

@@ -33,7 +33,7 @@ import naive_formats as naive
 from emvs.data.events import Events
 from emvs.errors import InputError
 from emvs.formats import open_events
-from emvs.formats.columns import ColumnMap
+from emvs.formats.tables.columns import ColumnMap
 
 SIZE_PX = (1280, 720)
 # A line of what a run prints.
@@ -63,6 +63,8 @@ def sound(folder, kind):
                 whole.visititems(lambda key, node: plain(out, key, node))
         case "npy+rows" | "npz+rows" | "hdf5+rows" | "hdf5+stated" | "csv+stated":
             write_table(path, kind, events[0])
+        case "parquet+plain":
+            event_files.write_parquet(path, events[0], compression="none", use_dictionary=False)
         case "aedat4+plain":
             event_files.write_any(path, name, SIZE_PX, events)
             path.write_bytes(uncompressed(path.read_bytes()))
@@ -82,7 +84,7 @@ def write_table(path, kind, e):
             case "npz+rows":
                 np.savez(file, events=np.stack([e.x, e.y, e.t_us, e.p], axis=1))
             case "csv+stated":
-                head = "\"ev/ts\",\"ev/xs\",\"ev/ys\",\"ev/on\""
+                head = '"ev/ts","ev/xs","ev/ys","ev/on"'
                 np.savetxt(file, named, "%d", ",", header=head, comments="")
     if kind.startswith("hdf5"):
         with h5py.File(path, "w") as out:
@@ -121,6 +123,7 @@ def uncompressed(data):
 KINDS = [
     *event_files.ALL, "rosbag2+mcap", "dsec+plain", "mvsec+plain", "aedat4+plain", "npz+members",
     "npy+rows", "npz+rows", "hdf5+rows", "hdf5+stated", "csv+stated",
+    *(["parquet+plain"] if event_files.HAS_PARQUET else []),
 ]  # fmt: skip
 
 

@@ -154,11 +154,15 @@ def write_columns(kind, path, size_px, packets):
             with path.open("wb") as file:
                 np.save(file, fields_of(e))
         case "parquet":
-            import pyarrow
-            import pyarrow.parquet
+            write_parquet(path, e, write_page_checksum=True)
 
-            table = pyarrow.table({"t_us": e.t_us, **dict(list(columns.items())[1:])})
-            pyarrow.parquet.write_table(table, path, row_group_size=1 << 19, write_page_checksum=True)
+
+def write_parquet(path, e, **settings):
+    import pyarrow
+    import pyarrow.parquet
+
+    table = pyarrow.table({"t_us": e.t_us, "x": e.x, "y": e.y, "p": e.p})
+    pyarrow.parquet.write_table(table, path, row_group_size=1 << 19, **settings)
 
 
 def fields_of(e):

@@ -46,7 +46,7 @@ def convert(
         height_px: Sensor height, likewise.
         baseline_m: Distance between the cameras, for disparity-png.
     """
-    from emvs.formats.columns import column_map
+    from emvs.formats.tables.columns import column_map
     from eval.convert import Options, convert_file
 
     if shift_us and from_zero:

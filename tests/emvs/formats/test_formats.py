@@ -19,7 +19,7 @@ from format_table import table
 from places import ROOT
 
 SORTED_ONLY = [name for name in WRITTEN if not FORMATS[name].limits.keeps_order]
-# In a DAT file time that runs backwards by half its 32 bits or more is a loop; v2e has 32 bits, too.
+# In a DAT file time that runs backwards by half its 32 bits or more is a loop; v2e has 32, too.
 SHORT = ("dat", "v2e")
 FREE = [name for name in ALL if FORMATS[name].limits.keeps_order and name not in SHORT]
 SIZE_PX = (1280, 720)

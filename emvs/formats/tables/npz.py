@@ -1,8 +1,8 @@
 """Events as NumPy arrays, in an npz archive or an npy file; nothing is ever unpickled.
 
-Columns are members of the archive, fields of one array, or columns of an (N, 4) one, in C or Fortran
-order; `emvs.formats.columns` says which is what. They are read as streams, so that memory holds a block
-of them, compressed or not. What is written are `x`, `y`, `t_us`, `p`, `width_px` and `height_px`.
+Columns are members of the archive, fields of one array, or columns of an (N, 4) one, in C or
+Fortran order; `emvs.formats.tables.columns` says which is what. They are read as streams: memory
+holds a block, compressed or not. Written are `x`, `y`, `t_us`, `p`, `width_px` and `height_px`.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.data.events import Events
-from emvs.errors import InputError, quoted, said, shown
+from emvs.errors import DAMAGED_NPY, InputError, quoted, said, shown
 from emvs.formats.base import StreamWriter
 from emvs.formats.blocks import BlockReader, Numbers, to_events
-from emvs.formats.columns import (
+from emvs.formats.prophesee import STREAM, opened
+from emvs.formats.tables.columns import (
     CURE,
     ColumnMap,
     address_of,
@@ -32,11 +33,11 @@ from emvs.formats.columns import (
     nameless_unit_s,
     order_of,
 )
-from emvs.formats.prophesee import STREAM, opened
 
 _ROWS = 1 << 18
 _SAMPLE_ROWS = 1 << 12
 _MOST_HEADER = 1 << 14
+_FAULTS: tuple[type[Exception], ...] = (*DAMAGED_NPY, TypeError, RecursionError)
 _MOST_ROW = 1 << 10
 _SIZES = ("width_px", "height_px")
 _COLUMNS: dict[str, type[np.generic]] = {
@@ -153,7 +154,7 @@ class NpzReader(BlockReader):
         self._count = next(iter(counts.values()))
         self._unit_s = unit_s if columns is None or columns.unit_s is None else columns.unit_s
         if addresses["p"].endswith("[3]") and not (columns and columns.x):
-            self._find_order(addresses)
+            self._find_order()
 
     def _chosen(
         self, arrays: Mapping[str, _Array], columns: ColumnMap | None
@@ -168,10 +169,12 @@ class NpzReader(BlockReader):
             found, unit_s = by_names(str(self.path), array.kind.names)
             return {name: f"{array.name}[{key}]" for name, key in found.addresses.items()}, unit_s
         if len(array.shape) != 2 or array.shape[1] != 4:
-            raise InputError(f"{self.path}: one array of shape {array.shape}; needs (N, 4), or {CURE}")
+            raise InputError(
+                f"{self.path}: one array of shape {array.shape}; needs (N, 4), or {CURE}"
+            )
         return {name: f"{array.name}[{k}]" for k, name in enumerate("xytp")}, None
 
-    def _find_order(self, addresses: Mapping[str, str]) -> None:
+    def _find_order(self) -> None:
         """Tells the order and the unit of four nameless columns from their last rows."""
         start = max(0, self._count - _SAMPLE_ROWS)
         with self._opened_at(start) as files:
@@ -207,7 +210,7 @@ class NpzReader(BlockReader):
             data = file.read(size)
             if len(data) != size:
                 raise InputError(
-                    f"{self.path}, column {run.name}: ends before row {stop} of {self._count}; "
+                    f"{_where(self.path, run.name)}: ends before row {stop} of {self._count}; "
                     "the file is damaged, fetch it again"
                 )
             rows.append(np.frombuffer(data, run.row))
@@ -220,7 +223,8 @@ class NpzReader(BlockReader):
     def _events(self, files: list[IO[bytes]], start: int, stop: int) -> Events:
         values = self._values(files, start, stop)
         where = f"{self.path}, rows {start} to {stop}"
-        return to_events(where, *(values[name] for name in "xytp"), self._unit_s)
+        x, y, t, p = (values[name] for name in "xytp")
+        return to_events(where, x, y, t, p, self._unit_s)
 
 
 class NpyReader(NpzReader):
@@ -237,19 +241,19 @@ class NpyReader(NpzReader):
         return {"": array}
 
 
-def _run_of(
-    path: Path, arrays: Mapping[str, _Array], address: str
-) -> tuple[_Array, _Run, str]:
+def _run_of(path: Path, arrays: Mapping[str, _Array], address: str) -> tuple[_Array, _Run, str]:
     """The array that an address names, its run of rows, and which field of them is meant."""
     name, key = address_of(address)
     if name not in arrays and not key and "" in arrays:
         name, key = "", address  # the columns of an npy file
     if name not in arrays:
         raise InputError(f"{path}: no column {quoted(name)}; there are {quoted(*sorted(arrays))}")
-    array, where = arrays[name], f"{path}, column {name}"
+    array, where = arrays[name], _where(path, name)
     fields = array.kind.names
     if array.kind.hasobject:
-        raise InputError(f"{where}: of type {shown(array.kind)}; needs plain numbers of up to 8 bytes")
+        raise InputError(
+            f"{where}: of type {shown(array.kind)}; needs plain numbers of up to 8 bytes"
+        )
     if fields:
         if key not in fields or len(array.shape) != 1:
             raise InputError(f"{where}: fields {quoted(*fields)}, not {quoted(key)}; {CURE}")
@@ -271,6 +275,10 @@ def _run_of(
     return array, _Run(name, row, array.head, array.place), key
 
 
+def _where(path: Path, name: str) -> str:
+    return f"{path}, column {name}" if name else str(path)
+
+
 def _check_number(where: str, kind: np.dtype[Any]) -> None:
     if kind.kind not in "iufb" or kind.itemsize > 8:
         raise InputError(f"{where}: of type {kind}; needs plain numbers of up to 8 bytes")
@@ -286,21 +294,24 @@ def _array_of(path: Path, archive: zipfile.ZipFile, member_name: str) -> _Array:
     if info.compress_type == zipfile.ZIP_STORED:
         place = _content_at(path, info.header_offset) + head
     array = _Array(name, shape, kind, by_columns, head, place)
-    if not kind.hasobject:
+    if not kind.hasobject:  # refused where it is asked for
         _check_size(path, array, info.file_size - head)
     return array
 
 
 def _check_size(path: Path, array: _Array, size: int) -> None:
     """Refuses an array whose bytes are not all there, or with more of them."""
+    where = _where(path, array.name)
+    if array.kind.hasobject:
+        raise InputError(f"{where}: of type {shown(array.kind)}; needs plain numbers")
     needed = int(np.prod([1, *array.shape], dtype=object)) * array.kind.itemsize
     if size != needed or min(array.shape, default=0) < 0:
         raise InputError(
-            f"{path}, column {array.name}: shape {shown(array.shape)} of {array.kind.itemsize} "
+            f"{where}: shape {shown(array.shape)} of {array.kind.itemsize} "
             f"bytes declared, {size} bytes there; the file is damaged, fetch it again"
         )
     if array.kind.itemsize > _MOST_ROW:
-        raise InputError(f"{path}, column {array.name}: rows of {array.kind.itemsize} bytes")
+        raise InputError(f"{where}: rows of {array.kind.itemsize} bytes")
 
 
 def _content_at(path: Path, header_at: int) -> int:
@@ -340,9 +351,9 @@ def _header(
             else np.lib.format.read_array_header_2_0
         )
         return read(io.BytesIO(size + member.read(length)))
-    except (ValueError, TypeError, SyntaxError, OSError, RecursionError) as error:
+    except _FAULTS as error:
         raise InputError(
-            f"{path}, column {name}: no npy header ({said(error)}); make the file again"
+            f"{_where(path, name)}: no npy header ({said(error)}); make the file again"
         ) from error
 
 

@@ -1,8 +1,8 @@
 """Which column of a table of events is what: by name, as stated, or by what the values can be.
 
-A column's address is its name (`ev/x` of HDF5, `x` of a header), with a field or a number in brackets
-where several lie in one data set (`CD/events[x]`, `events[0]`); a bare number counts from 0 where
-columns have no names.
+A column's address is its name (`ev/x` of HDF5, `x` of a header), with a field or a number in
+brackets where several lie in one data set (`CD/events[x]`, `events[0]`); a bare number counts from
+0 where columns have no names.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class ColumnMap:
     """What somebody states of a file's columns.
 
     Attributes:
-        x: address of the column of pixel columns; empty, as all four, where only the unit is stated.
+        x: address of pixel columns; empty, as all four, where only the unit is stated.
         y: that of pixel rows.
         t: that of times.
         p: that of polarity: 0 or -1 for darker, 1 for brighter, or false and true.
@@ -140,7 +140,9 @@ def order_of(where: str, columns: Sequence[NDArray[Any]]) -> str:
         if all(_may_be(name, values) for name, values in zip(order, columns, strict=True))
     ]
     if len(possible) != 1:
-        both = "either t, x, y, p or x, y, t, p" if possible else "neither t, x, y, p nor x, y, t, p"
+        both = (
+            "either t, x, y, p or x, y, t, p" if possible else "neither t, x, y, p nor x, y, t, p"
+        )
         raise InputError(f"{where}: four columns without names, {both} by their values; {CURE}")
     return possible[0]
 
@@ -150,7 +152,8 @@ def _may_be(name: str, values: NDArray[Any]) -> bool:
         return bool((values >= 0).all())
     if name == "p":
         return bool(np.isin(values, (-1, 0, 1)).all())
-    return bool(((values >= 0) & (values <= 65535) & (values == np.floor(values))).all())
+    inside = (values >= 0) & (values <= 65535)
+    return bool(inside.all() and (values == np.floor(values)).all())
 
 
 def nameless_unit_s(where: str, t: NDArray[Any]) -> float:

@@ -12,8 +12,8 @@ import numpy as np
 from emvs.data.events import Events
 from emvs.errors import InputError, heed_interrupt, quoted, said, shown
 from emvs.formats.blocks import BlockReader, Numbers, to_events
-from emvs.formats.columns import UNITS_S, ColumnMap, by_names
 from emvs.formats.prophesee import STREAM, opened
+from emvs.formats.tables.columns import UNITS_S, ColumnMap, by_names
 from emvs.utils.release import install
 
 _ROWS = 1 << 18
@@ -93,8 +93,8 @@ class ParquetReader(BlockReader):
             yield to_events(where, x, y, t, p, self._unit_of(batch))
         if done != self._groups[group]:
             raise InputError(
-                f"{self.path}, row group {group}: {done} rows of {self._groups[group]}; the file is "
-                "damaged, fetch it again"
+                f"{self.path}, row group {group}: {done} rows of {self._groups[group]}; the file "
+                "is damaged, fetch it again"
             )
 
     def _unit_of(self, batch: Any) -> float | None:
@@ -106,7 +106,7 @@ class ParquetReader(BlockReader):
         column.validate(full=True)
         if column.null_count:
             raise InputError(f"{where}: {column.null_count} values of {quoted(name)} are missing")
-        values = column.to_numpy(zero_copy_only=False)
+        values: Numbers = column.to_numpy(zero_copy_only=False)
         return values.astype(np.int64) if values.dtype.kind == "M" else values
 
     def _check(self, schema: Any, name: str) -> None:
@@ -143,7 +143,7 @@ _NUMBERS = {
 
 
 def load_parquet(path: Path) -> Any:
-    """pyarrow's reader of Parquet.
+    """The library's reader of Parquet.
 
     Raises:
         InputError: it cannot be loaded.
@@ -152,7 +152,7 @@ def load_parquet(path: Path) -> Any:
         import pyarrow.parquet
     except (ImportError, OSError) as error:
         heed_interrupt(error)
-        missing = isinstance(error, ModuleNotFoundError) and error.name == "pyarrow"
+        missing = isinstance(error, ModuleNotFoundError)
         why = f"is not installed: {install('parquet')}" if missing else f"fails: {said(error)}"
         raise InputError(f"{path}: Parquet needs pyarrow, which {why}") from error
     return pyarrow.parquet

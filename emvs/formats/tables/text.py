@@ -19,9 +19,9 @@ from emvs.data.events import Events
 from emvs.errors import InputError, quoted
 from emvs.formats.base import FileWriter
 from emvs.formats.blocks import BlockReader
-from emvs.formats.columns import CURE, POLARITIES, TIMES, ColumnMap
 from emvs.formats.prophesee import STREAM, opened
-from emvs.formats.text_kernels import format_rows, parse_rows
+from emvs.formats.tables.columns import CURE, POLARITIES, TIMES, ColumnMap
+from emvs.formats.tables.text_kernels import format_rows, parse_rows
 from emvs.utils.release import page
 
 _BLOCK_BYTES = 1 << 22

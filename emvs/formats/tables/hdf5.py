@@ -1,0 +1,223 @@
+"""Events in HDF5: in the layouts of DSEC, TUM-VIE, MVSEC, Prophesee and others, or in any columns.
+
+The first three are written, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import h5py
+import hdf5plugin
+import numpy as np
+
+from emvs.data.event_store import EventStoreWriter, indexed_slice, with_neighbours
+from emvs.data.events import Events
+from emvs.data.hdf5 import COMPRESSION, Hdf5Writer
+from emvs.errors import InputError
+from emvs.formats.base import GatheringWriter, StreamWriter
+from emvs.formats.blocks import BlockReader, IndexedBlock
+from emvs.formats.tables.columns import ColumnMap
+from emvs.formats.tables.hdf5_layouts import check_columns, hdf5_layout, offset_us, opened_hdf5
+
+_BLOCK_ROWS = 1 << 19
+_CHUNK_ROWS = 1 << 16
+_COLUMNS = {"x": np.uint16, "y": np.uint16, "t": np.int64, "p": np.uint8}
+
+
+class Hdf5Reader(BlockReader):
+    """A file of events in any of the known layouts, or one whose columns are stated.
+
+    Where the file has `ms_to_idx`, a time slice costs two look-ups; its rows and their neighbours
+    are checked against it. Otherwise one pass over the times builds an index.
+
+    Raises:
+        InputError: a missing or damaged file, another layout, or a filter that is not installed.
+    """
+
+    def __init__(self, path: Path, columns: ColumnMap | None = None) -> None:
+        path = Path(path)
+        self._layout = hdf5_layout(path, columns)
+        super().__init__(path, tuple(self._layout.streams))
+        self.format = self._layout.format
+        self.width_px, self.height_px = self._layout.size_px or (None, None)
+        with opened_hdf5(path) as file:
+            self._count = {
+                stream: check_columns(path, file, names, matrices=self._layout.matrices)
+                for stream, names in self._layout.streams.items()
+            }
+            self._has_index = "ms_to_idx" in file and self.format in ("dsec", "tumvie")
+            if self._has_index:
+                self._offset_us = offset_us(file)
+                check_columns(path, file, ("ms_to_idx",))
+
+    def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
+        """Reads the rows from front to back."""
+        for start in range(0, self._count[stream], _BLOCK_ROWS):
+            place = (start, min(start + _BLOCK_ROWS, self._count[stream]))
+            yield place, self.load(stream, place)
+
+    def load(self, stream: str, place: Any) -> Events:
+        """Reads a range of rows."""
+        with opened_hdf5(self.path) as file:
+            return self._layout.events(file, self._where(stream, *place), stream, *place)
+
+    def share_before(self, stream: str, place: Any) -> float:
+        """Which share of the rows ends with a block."""
+        return float(place[1] / max(1, self._count[stream]))
+
+    def span_us(self, stream: str) -> tuple[int, int]:
+        """Earliest and latest time stamp, µs."""
+        self.check_stream(stream)
+        count = self._count[stream]
+        if not self._has_index or not count:
+            return super().span_us(stream)
+        with opened_hdf5(self.path) as file:
+            rows = 0, self._last_indexed(file, stream), count - 1
+            times = [self._time(file, stream, row) for row in rows]
+        if times != sorted(times):  # the ends are not the earliest and the latest
+            return super().span_us(stream)
+        return times[0], times[2]
+
+    def between(self, stream: str, t0_us: int, t1_us: int) -> Events:
+        """Events with `t0_us <= t < t1_us`, in file order."""
+        self.check_stream(stream)
+        if not self._has_index:
+            return super().between(stream, t0_us, t1_us)
+        with opened_hdf5(self.path) as file:
+            first = self._first_at(file, stream, (t0_us - self._offset_us) // 1000)
+            after = self._first_at(file, stream, -((self._offset_us - t1_us) // 1000))
+            rows, count = (first, max(first, after)), self._count[stream]
+            start, stop = with_neighbours(rows, count)
+            where = self._where(stream, start, stop)
+            events = self._layout.events(file, where, stream, start, stop)
+        slice_us, offset_us = (t0_us, t1_us), self._offset_us
+        found = indexed_slice(str(self.path), events.t_us, rows, count, slice_us, offset_us)
+        return events.slice(*found)
+
+    def _index(self, stream: str) -> list[IndexedBlock]:
+        """Reads the times alone."""
+        self.check_stream(stream)
+        if stream not in self._entries:
+            self._entries[stream] = list(self._times(stream))
+        return self._entries[stream]
+
+    def _times(self, stream: str) -> Iterator[IndexedBlock]:
+        for start in range(0, self._count[stream], _BLOCK_ROWS):
+            place = (start, min(start + _BLOCK_ROWS, self._count[stream]))
+            with opened_hdf5(self.path) as file:
+                t_us = self._layout.times(file, self._where(stream, *place), stream, *place)
+            yield IndexedBlock(place, int(t_us.min()), int(t_us.max()), len(t_us))
+
+    def _time(self, file: h5py.File, stream: str, row: int) -> int:
+        where = self._where(stream, row, row + 1)
+        return int(self._layout.times(file, where, stream, row, row + 1)[0])
+
+    def _first_at(self, file: h5py.File, stream: str, ms: int) -> int:
+        """The row that `ms_to_idx` gives for a (relative) millisecond."""
+        index, count = file["ms_to_idx"], self._count[stream]
+        if ms <= 0:
+            return 0
+        row = int(index[ms]) if ms < len(index) else count
+        if not 0 <= row <= count:
+            raise InputError(
+                f"{self.path}, data set ms_to_idx, entry {ms}: row {row} of {count}; the index is "
+                "damaged, make it again"
+            )
+        return row
+
+    def _last_indexed(self, file: h5py.File, stream: str) -> int:
+        """The row that the last entry of `ms_to_idx` gives, or the last one there is."""
+        entries = len(file["ms_to_idx"])
+        last = self._first_at(file, stream, entries - 1) if entries else 0
+        return min(last, self._count[stream] - 1)
+
+    def _where(self, stream: str, start: int, stop: int) -> str:
+        return f"{self.path}, data set {stream}, rows {start} to {stop}"
+
+
+class DsecWriter(StreamWriter):
+    """The layout of this project's own sequences, too."""
+
+    packet = 1 << 20
+
+    def __init__(self, path: Path, width_px: int, height_px: int) -> None:
+        self._writer = EventStoreWriter(path, width_px, height_px)
+
+    def _put(self, stream: str, events: Events) -> None:
+        del stream
+        self._writer.append(events)
+
+    def _close(self) -> None:
+        self._writer.close()
+
+
+class TumvieWriter(GatheringWriter):
+    """Columns with `ms_to_idx`, and no offset: times count from the recording's zero."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._hdf5 = Hdf5Writer(path)
+        self._count = self._next_ms = 0
+        for name, kind in _COLUMNS.items():
+            _create(self._hdf5, f"events/{name}", kind, (0,))
+        _create(self._hdf5, "ms_to_idx", np.int64, (0,))
+
+    def _put(self, stream: str, events: Events) -> None:
+        """Writes a packet and its part of the index."""
+        del stream
+        for name, kind in _COLUMNS.items():
+            column = getattr(events, "t_us" if name == "t" else name)
+            _extend(self._hdf5, f"events/{name}", column.astype(kind, copy=False))
+        after_ms = int(events.t_us[-1]) // 1000 + 1
+        for first_ms in range(self._next_ms, after_ms, 1 << 20):
+            stamps = np.arange(first_ms, min(first_ms + (1 << 20), after_ms)) * 1000
+            rows = self._count + np.searchsorted(events.t_us, stamps, side="left")
+            _extend(self._hdf5, "ms_to_idx", rows.astype(np.int64))
+        self._next_ms = max(self._next_ms, after_ms)
+        self._count += len(events)
+
+    def _close(self) -> None:
+        self._hdf5.close()
+
+
+class MvsecWriter(GatheringWriter):
+    """`davis/left/events` and `davis/right/events`: rows of x, y, t in seconds, p as -1 or 1."""
+
+    def __init__(self, path: Path, names: Sequence[str]) -> None:
+        super().__init__()
+        sides = {name: name.rpartition("/")[2] for name in names}
+        if set(sides.values()) - {"left", "right"}:
+            sides = dict(zip(names, ("left", "right"), strict=False))
+        if len(set(sides.values())) < len(names):
+            raise InputError(f"{path}: streams {', '.join(names)}; needs a left and a right one")
+        self._names = {name: f"davis/{side}/events" for name, side in sides.items()}
+        self._hdf5 = Hdf5Writer(path)
+        for name in self._names.values():
+            _create(self._hdf5, name, np.float64, (0, 4))
+
+    def _put(self, stream: str, events: Events) -> None:
+        rows = np.empty((len(events), 4), np.float64)
+        rows[:, 0], rows[:, 1], rows[:, 2] = events.x, events.y, events.t_us / 1e6
+        rows[:, 3] = np.where(events.p > 0, 1.0, -1.0)
+        _extend(self._hdf5, self._names[stream], rows)
+
+    def _close(self) -> None:
+        self._hdf5.close()
+
+
+def _create(hdf5: Hdf5Writer, name: str, kind: Any, shape: tuple[int, ...]) -> None:
+    kept = COMPRESSION.get(np.dtype(kind)) or hdf5plugin.Blosc(cname="lz4", clevel=5)
+    hdf5.create(
+        name, shape, kind, maxshape=(None, *shape[1:]), chunks=(_CHUNK_ROWS, *shape[1:]), **kept
+    )
+
+
+def _extend(hdf5: Hdf5Writer, name: str, rows: Any) -> None:
+    with hdf5.opened(name) as data:
+        count = data.shape[0]
+        data.resize(count + len(rows), axis=0)
+        data[count:] = rows
+    hdf5.check()
