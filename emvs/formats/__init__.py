@@ -140,7 +140,7 @@ _ALL = (
     ),
     Format(
         "rosbag1",
-        "ROS1 bag, dvs_msgs (reads prophesee_event_msgs, too)",
+        "ROS1 bag, dvs_msgs (reads prophesee_event_msgs and event_camera_msgs, too)",
         ".bag",
         True,
         Limits(ANY_PX, ANY_PX, (1 << 32) * 10**6 - 1, "s + ns", True, MANY, "32-bit seconds"),
@@ -148,7 +148,7 @@ _ALL = (
     ),
     Format(
         "rosbag2",
-        "ROS2 bag, dvs_msgs or prophesee_event_msgs",
+        "ROS2 bag, dvs_msgs, prophesee_event_msgs or event_camera_msgs",
         "",
         False,
         Limits(ANY_PX, ANY_PX, (1 << 32) * 10**6 - 1, "s + ns", True, MANY, "32-bit seconds"),

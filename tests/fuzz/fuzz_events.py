@@ -57,6 +57,12 @@ def sound(folder, kind):
     match kind:
         case "rosbag2+mcap":
             event_files.write_rosbag2(path, SIZE_PX, events, event_files.StoragePlugin.MCAP)
+        case "rosbag2+evt3":
+            payloads = event_files.evt3_payloads(rows(), range(100, 3000, 251))
+            event_files.write_packets(path, SIZE_PX, payloads, "evt3")
+        case "rosbag2+mono":
+            payloads, storage = event_files.mono_payloads(rows()), event_files.StoragePlugin.MCAP
+            event_files.write_packets(path, SIZE_PX, payloads, "mono", storage)
         case "dsec+plain" | "mvsec+plain":
             event_files.write_any(folder / "whole", name, SIZE_PX, events)
             with h5py.File(folder / "whole") as whole, h5py.File(path, "w") as out:
@@ -123,6 +129,7 @@ def uncompressed(data):
 KINDS = [
     *event_files.ALL, "rosbag2+mcap", "dsec+plain", "mvsec+plain", "aedat4+plain", "npz+members",
     "npy+rows", "npz+rows", "hdf5+rows", "hdf5+stated", "csv+stated",
+    "rosbag2+evt3", "rosbag2+mono",
     *(["parquet+plain"] if event_files.HAS_PARQUET else []),
 ]  # fmt: skip
 

@@ -24,7 +24,7 @@ HAS_PARQUET = importlib.util.find_spec("pyarrow") is not None
 # Formats that open without more words; `hdf5` is any file whose columns somebody states
 ALL = [name for name in FORMATS if name != "hdf5" and (HAS_PARQUET or name != "parquet")]
 WRITTEN = [name for name, entry in FORMATS.items() if entry.writes]
-READ_ONLY = [name for name in FORMATS if name not in WRITTEN]
+READ_ONLY = [name for name in ALL if name not in WRITTEN]
 # Those whose events a test puts together from whole columns
 COLUMNS = {"v2e", "e2calib", "npy", "parquet"}
 CD = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
@@ -182,6 +182,60 @@ def write_rosbag2(path, size_px, packets, storage=StoragePlugin.SQLITE3, package
                 part = e.slice(start, min(start + ROS2_MESSAGE, len(e)))
                 last_us = max(last_us, int(part.t_us.max()))
                 bag.write(topic, last_us * 1000, ros2_message(part, size_px))
+
+
+PACKET = (
+    "std_msgs/Header header\nuint32 height\nuint32 width\nuint64 seq\nuint64 time_base\n"
+    "string encoding\nbool is_bigendian\nuint8[] events\n"
+)
+
+
+def write_packets(path, size_px, payloads, encoding, storage=StoragePlugin.SQLITE3, **changes):
+    """A ROS2 bag of EventPackets, by the library's typed encoder: (stamp ns, time base, bytes)."""
+    kind = changes.pop("kind", "event_camera_msgs/msg/EventPacket")
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(PACKET, kind))
+    types = store.types
+    with Ros2Writer(path, version=9, storage_plugin=storage) as bag:
+        topic = bag.add_connection("/events", kind, typestore=store)
+        for seq, (stamp_ns, base_ns, payload) in enumerate(payloads):
+            stamp = types["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9)
+            fields = {
+                "header": types["std_msgs/msg/Header"](stamp, "cam" + "x" * (seq % 5)),
+                "height": size_px[1], "width": size_px[0], "seq": seq, "time_base": base_ns,
+                "encoding": encoding, "is_bigendian": False,
+                "events": np.frombuffer(payload, np.uint8),
+            } | changes  # fmt: skip
+            bag.write(topic, stamp_ns, store.serialize_cdr(types[kind](**fields), kind))
+    return path
+
+
+def evt3_payloads(rows, cuts):
+    """The words of a sensor, one or more for each event, cut into messages at any of them."""
+    words, high, low, row = [], None, None, None
+    for t_us, x, y, p in rows:
+        if t_us >> 12 != high:
+            high, low = t_us >> 12, None
+            words.append(0x8000 | high & 0xFFF)
+        if t_us & 0xFFF != low:
+            low = t_us & 0xFFF
+            words.append(0x6000 | low)
+        if y != row:
+            row = y
+            words.append(y)
+        words.append(0x2000 | p << 11 | x)
+    pieces = np.split(np.array(words, "<u2"), [cut % len(words) for cut in sorted(cuts)])
+    return [(10**9 + 1000 * k, 0, piece.tobytes()) for k, piece in enumerate(pieces)]
+
+
+def mono_payloads(rows, step=100):
+    """A word per event, its ns from the packet's base."""
+    out = []
+    for start in range(0, len(rows), step):
+        part, base_ns = rows[start : start + step], 1000 * rows[start][0]
+        words = [(1000 * t - base_ns) | x << 32 | y << 48 | p << 63 for t, x, y, p in part]
+        out.append((base_ns, base_ns, np.array(words, "<u8").tobytes()))
+    return out
 
 
 def ros2_types(package="dvs_msgs"):
