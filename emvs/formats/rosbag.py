@@ -24,6 +24,7 @@ from emvs.formats.rosbag_kernels import decode_array, encode_array
 
 _BLOCK_EVENTS = 1 << 18
 _MOST_NS = 1 << 62
+_CURE = "the bag is damaged, reindex or record it again"
 TYPES = ("dvs_msgs/msg/EventArray", "prophesee_event_msgs/msg/EventArray")
 EVENT_BYTES = 13
 _EVENT = "uint16 x\nuint16 y\ntime ts\nbool polarity\n"
@@ -77,7 +78,7 @@ class RosbagReader(BlockReader):
         if messages != self._counts[stream]:
             raise InputError(
                 f"{self.path}, topic {quoted(stream)}: {messages} messages found, its index says "
-                f"{self._counts[stream]}; the bag is damaged, reindex or record it again"
+                f"{self._counts[stream]}; {_CURE}"
             )
 
     def load(self, stream: str, place: Any) -> Events:
@@ -104,14 +105,16 @@ class RosbagReader(BlockReader):
         self, stream: str, start_ns: int, stop_ns: int, before: State
     ) -> Iterator[tuple[int, State, Events]]:
         """Stamp, what a decoder knows before it, and events of each message, from `before` on."""
-        state, is_packed = before.copy(), stream in self._packed
+        state, is_packed, last_ns = before.copy(), stream in self._packed, start_ns
         with opened_bag(self.path) as bag:
             wanted = [c for c in bag.connections if c.topic == stream]
             for number, (_, stamp_ns, data) in enumerate(
                 bag.messages(wanted, start=start_ns, stop=stop_ns)
             ):
                 where = f"{self.path}, topic {quoted(stream)}, message {number} at {stamp_ns} ns"
-                before = state.copy()
+                if stamp_ns < last_ns:  # slices, which are found by these times, would lose it
+                    raise InputError(f"{where}: recorded before the one in front of it; {_CURE}")
+                before, last_ns = state.copy(), stamp_ns
                 if is_packed:
                     events = event_packets.packet_events(data, self._ros2, where, state)
                 else:

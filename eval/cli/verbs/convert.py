@@ -24,6 +24,8 @@ def convert(
     width_px: int | None = None,
     height_px: int | None = None,
     baseline_m: float | None = None,
+    window_s: float | None = None,
+    stride_s: float | None = None,
     force: Force = False,
     common: Quiet = QUIET,
 ) -> None:
@@ -33,7 +35,8 @@ def convert(
         source: What to read; `eventsweep info` says what it is.
         out: File or folder to write, whole or not at all.
         to: A data set's layout or event format, tum, kitti, kalibr, basalt, opencv, rig,
-            depth-png, depth-npy, depth-tiff, depth-exr, disparity-png, ply or pcd.
+            depth-png, depth-npy, depth-tiff, depth-exr, disparity-png, ply, pcd or
+            windows (events and depth to learn from).
         stream: The only stream to convert into one file, of an event file with several or of a
             recording, whose cameras are its streams.
         shift_us: Added to all times, µs.
@@ -45,6 +48,9 @@ def convert(
         width_px: Sensor width, where the input does not say it.
         height_px: Sensor height, likewise.
         baseline_m: Distance between the cameras, for disparity-png.
+        window_s: Length of windows of events, each with the depth at its end, s; by default 0.05.
+        stride_s: Least time from the end of one window to the next one's, s; by default each time
+            with ground truth ends one.
     """
     from emvs.formats.tables.columns import column_map
     from eval.convert import Options, convert_file
@@ -60,6 +66,8 @@ def convert(
         width_px=width_px,
         height_px=height_px,
         baseline_m=baseline_m,
+        window_s=window_s,
+        stride_s=stride_s,
         force=force,
         columns=column_map(columns, time_unit),
     )
