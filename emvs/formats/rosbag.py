@@ -93,12 +93,21 @@ class RosbagReader(BlockReader):
 
     def between(self, stream: str, t0_us: int, t1_us: int) -> Events:
         """Events with `t0_us <= t < t1_us`, in file order: one pass over the blocks that matter."""
-        entries = [e for e in self._index(stream) if e.last_us >= t0_us and e.first_us < t1_us]
-        if not entries:
+        entries = self._index(stream)
+        wanted = [k for k, e in enumerate(entries) if e.last_us >= t0_us and e.first_us < t1_us]
+        if not wanted:
             return Events.empty()
+        entries = entries[wanted[0] : wanted[-1] + 1]
         (start_ns, _, before), stop_ns = entries[0].place, entries[-1].place[1]
-        messages = self._messages(stream, start_ns, stop_ns, before)
-        parts = (within(events, t0_us, t1_us) for _, _, events in messages)
+        parts, count = [], 0
+        for _, _, events in self._messages(stream, start_ns, stop_ns, before):
+            parts.append(within(events, t0_us, t1_us))
+            count += len(events)
+        if count != (known := sum(e.count for e in entries)):
+            raise InputError(
+                f"{self.path}, topic {quoted(stream)}: {count} of {known} events between the times "
+                f"of recording {start_ns} and {stop_ns} ns are found by its index; {_CURE}"
+            )
         return Events.concat([part for part in parts if len(part)])
 
     def _messages(

@@ -336,7 +336,5 @@ def test_parquet_without_its_library_says_how_to_get_it(tmp_path, monkeypatch):
     (tmp_path / "f").write_bytes(b"PAR1" + bytes(90))
     monkeypatch.delitem(sys.modules, "pyarrow.parquet", raising=False)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(
-        InputError, match=r"needs pyarrow, which .*pip install .*\[parquet\]"
-    ):
+    with pytest.raises(InputError, match=r"needs pyarrow, which .*pip install .*\[parquet\]"):
         open_events(tmp_path / "f")
