@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -13,7 +15,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 import naive_formats as naive
 from emvs.data.events import Events
 from emvs.errors import InputError
-from emvs.formats import open_events
+from emvs.formats import open_events, rosbag
 from emvs.formats.event_packets import TYPES, packet_events
 from emvs.formats.prophesee_kernels import initial_state
 from event_files import PACKET, evt3_payloads, mono_payloads, write_packets
@@ -136,3 +138,44 @@ def test_nanoseconds_are_rounded():
     words = np.array([1499 | 3 << 32 | 4 << 48 | 1 << 63, 1500], "<u8")
     found = packet_events(message(words.tobytes(), "mono"), True, "here", initial_state())
     assert naive.rows_of(found) == [(1, 3, 4, 1), (2, 0, 0, 0)]
+
+
+class Misled:
+    """A bag whose index says other times of recording than its messages have."""
+
+    def __init__(self, bag, stamps):
+        self._bag, self._stamps = bag, stamps
+
+    def __getattr__(self, name):
+        return getattr(self._bag, name)
+
+    def messages(self, *wanted, start=0, stop=1 << 62):
+        for number, (topic, _, data) in enumerate(self._bag.messages(*wanted)):
+            stamp_ns = self._stamps(number, start)
+            if start <= stamp_ns < stop:
+                yield topic, stamp_ns, data
+
+
+@pytest.mark.parametrize(
+    ("stamps", "message_"),
+    [
+        (lambda number, start: 500 - number, "recorded before the one in front of it"),
+        (lambda number, start: number if number < 9 or not start else -1, "found by its index"),
+    ],
+)
+def test_a_bag_whose_index_misleads_is_refused(tmp_path, monkeypatch, stamps, message_):
+    """Otherwise slices, which are found by times of recording, would lose events in silence."""
+    path = write_packets(tmp_path / "bag", SIZE_PX, PAYLOADS["mono"], "mono")
+    opened = rosbag.opened_bag
+
+    @contextmanager
+    def misled(path):
+        with opened(path) as bag:
+            yield Misled(bag, stamps)
+
+    monkeypatch.setattr(rosbag, "opened_bag", misled)
+    monkeypatch.setattr(rosbag, "_BLOCK_EVENTS", 300)
+    reader = open_events(path)
+    with pytest.raises(InputError, match=message_) as error:
+        reader.between("/events", ROWS[1000][0], ROWS[2000][0])
+    assert str(path) in str(error.value)
