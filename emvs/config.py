@@ -21,6 +21,7 @@ DeviceName = Literal["cpu", "cuda", "auto"]
 OddPixels = Annotated[int, Field(ge=1, le=99)]
 FocusMeasure = Literal["variance", "mean-square", "gradient", "laplacian", "dog"]
 Count = Annotated[int, Field(ge=1)]
+Pixel = Annotated[FiniteFloat, Field(ge=-32768, le=65536)]
 
 
 class FuseConfig(ParameterGroup):
@@ -285,6 +286,16 @@ class MapperConfig(ParameterGroup):
     view_focal_px: Positive | None = Field(
         default=None, description="focal length of the reference view, px; by default camera 0's"
     )
+    view_focal_y_px: Positive | None = Field(
+        default=None,
+        description="that of its rows, px; by default to view_focal_px as camera 0's are",
+    )
+    view_cx_px: Pixel | None = Field(
+        default=None,
+        description="column of its principal point, px; by default as far from the middle as "
+        "camera 0's",
+    )
+    view_cy_px: Pixel | None = Field(default=None, description="row of its principal point, px")
     polarity: Literal["both", "separate"] = Field(
         default="both", description="separate: fuse the polarities separately, then sum"
     )
@@ -424,5 +435,6 @@ class MapperConfig(ParameterGroup):
     @property
     def is_camera_0_view(self) -> bool:
         """Whether the reference view is camera 0's own, in which ground truth is stored."""
-        own_size = (self.view_width_px, self.view_height_px, self.view_focal_px)
-        return self.reference_shift == 0 and own_size == (None, None, None)
+        size = (self.view_width_px, self.view_height_px)
+        lens = (self.view_focal_px, self.view_focal_y_px, self.view_cx_px, self.view_cy_px)
+        return self.reference_shift == 0 and {*size, *lens} == {None}

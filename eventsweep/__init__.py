@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from emvs.data.recording import Recording
     from emvs.data.sequence import Sequence
     from emvs.datasets import open_recording
+    from emvs.datasets.training import TrainingWindows
     from emvs.depth.depth_map import DepthMap
     from emvs.dsi.method import Method
     from emvs.errors import InputError
@@ -57,6 +58,7 @@ __all__ = [
     "Rig",
     "Sequence",
     "SimConfig",
+    "TrainingWindows",
     "Trajectory",
     "WindowResult",
     "__version__",
@@ -87,6 +89,7 @@ _PLACES = {
     "Rig": "emvs.geometry.rig:Rig",
     "Sequence": "emvs.data.sequence:Sequence",
     "SimConfig": "sim.config:SimConfig",
+    "TrainingWindows": "emvs.datasets.training:TrainingWindows",
     "Trajectory": "emvs.geometry.trajectory:Trajectory",
     "WindowResult": "emvs.window_result:WindowResult",
     "load_scene": "scenes:load",

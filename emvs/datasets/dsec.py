@@ -27,7 +27,7 @@ from emvs.errors import InputError
 from emvs.formats.calibration import camera_of, entry_of, numbers_of, parsed
 from emvs.formats.calibration_writers import kalibr_camera
 from emvs.formats.depth import read_png
-from emvs.formats.hdf5 import opened_hdf5
+from emvs.formats.tables.hdf5_layouts import opened_hdf5
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig

@@ -20,7 +20,7 @@ from emvs.data.recording import summary
 from emvs.errors import InputError, said
 from emvs.formats.depth import read_grey
 from emvs.formats.prophesee import STREAM
-from emvs.formats.text import TextLayout, TextReader
+from emvs.formats.tables.text import TextLayout, TextReader
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
@@ -103,7 +103,7 @@ class SortedText(TextReader):
     """
 
     def __init__(self, path: Path, camera: Camera) -> None:
-        super().__init__(path, _LINES)
+        super().__init__(path, layout=_LINES)
         self.width_px, self.height_px = self._size_px = camera.width_px, camera.height_px
 
     def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:

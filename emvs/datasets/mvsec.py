@@ -15,7 +15,7 @@ from emvs.datasets.files import find_one
 from emvs.datasets.posed import EventSource, PosedRecording
 from emvs.errors import InputError
 from emvs.formats.calibration import read_rig
-from emvs.formats.hdf5 import check_columns, opened_hdf5
+from emvs.formats.tables.hdf5_layouts import check_columns, opened_hdf5
 from emvs.geometry.camera import Camera
 from emvs.geometry.trajectory import Trajectory
 

@@ -191,7 +191,9 @@ def test_a_map_is_scored_and_reported_from_its_folder(tmp_path, capsys, sequence
     assert "Alg1/H" in (out / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("flag", [["--map.view-width-px", "64"], ["--map.reference-shift", "0.5"]])
+@pytest.mark.parametrize("flag", [
+    ["--map.view-width-px", "64"], ["--map.view-cx-px", "30.5"], ["--map.reference-shift", "0.5"],
+])  # fmt: skip
 def test_a_view_of_its_own_is_reported_but_not_scored(tmp_path, capsys, sequence, flag):
     out = str(tmp_path / "o")
     assert main(["map", str(sequence), "--out", out, "--quiet", *flag]) == 0
