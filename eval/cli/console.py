@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from eval.report.compare.differences import Pair
     from eval.report.compare.page import Comparison
     from eval.scoring.results import Results, Row
-    from sim.video.record import Recorded
+    from sim.video.record import RecordedVideo
 
 _MOST_SKIPPED_SHOWN = 5
 _NAME_WIDTH = 30
@@ -98,7 +98,7 @@ class Console:
             drawn_by = f"drawn by {sequence.manifest.renderer}"
             self._out.print(drawn_by, style="dim", markup=False, soft_wrap=True)
 
-    def recorded(self, recorded: Recorded) -> None:
+    def recorded(self, recorded: RecordedVideo) -> None:
         """What became of a video, and what to know of it."""
         self._dump(recorded.facts())
         if self._show:
@@ -111,7 +111,7 @@ class Console:
             )  # fmt: skip
             self._out.print(
                 f"times: {recorded.time_base}; values: {recorded.encoding}; "
-                f"{recorded.thresholds_per_change:.1f} thresholds per change",
+                f"{recorded.lost_at_half_rate:.0%} fewer events at half the frame rate",
                 style="dim", markup=False, soft_wrap=True,
             )  # fmt: skip
         for note in recorded.notes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import chain
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,9 @@ from sim.video.light import Light
 from sim.video.upsampling import find_upsampler, upsampled
 
 Item = TypeVar("Item")
-TOO_FAST = 3.0
-"""Beyond this many thresholds per change frames are too far apart, see `Pace`."""
+TOO_FAST = 0.2
+"""Frames are too far apart where half their rate would lose a larger share of events, see `Pace`.
+"""
 _SAMPLED_PIXELS = 1 << 14
 
 
@@ -42,7 +43,7 @@ class Film:
         count: frames so far, those in between included.
         events: events so far.
         span_us: times of the first frame and of the latest.
-        pace: how much pixels change from frame to frame.
+        pace: whether frames are close enough together.
 
     Raises:
         InputError: no frame that can be read, or no function of the name to put frames in between.
@@ -70,7 +71,7 @@ class Film:
             InputError: a frame that cannot be read, does not fit the others, or is no light.
         """
         for frame, light in ahead(self._lit()):
-            self.pace.take(light, frame.t_us)
+            self.pace.take(light)
             if not self.count:
                 self.sensor.start(light, frame.t_us)
             else:
@@ -104,58 +105,41 @@ def ahead(items: Iterator[Item]) -> Iterator[Item]:
             yield item  # type: ignore[misc]
 
 
-class Change(NamedTuple):
-    """How much pixels changed between two frames.
-
-    Attributes:
-        t_us: when the later one was taken, µs.
-        thresholds: mean number of thresholds that pixels passed which passed any.
-    """
-
-    t_us: int
-    thresholds: float
-
-
 class Pace:
-    """How far apart frames are, in what pixels pass between two of them.
+    """Whether frames are close enough together for straight lines between them.
 
-    The measure is the number of contrast thresholds that a pixel's logarithm passes from one frame
-    to the next, averaged over the pixels that pass at least one. Where an edge moves by less than
-    its own width between frames, a pixel takes several frames over it, and passes one or two at a
-    time; where it jumps, pixels pass the whole contrast at once, all over the stretch that it
-    jumped, and the straight line between the frames is not what they would have seen. About 2^14
-    pixels, evenly spread, are looked at.
+    Of every three frames in a row: how much less a pixel's logarithm would have moved, in all, had
+    the middle one been missing. Summed over all pixels that moved by at least a contrast threshold,
+    this is the share of the events that half the frame rate would have lost. It is 0 where every
+    pixel only rises or only falls within three frames, and 1/2 where frames have nothing to do with
+    one another; what the full rate itself loses is less, and of the same order. About 2^14 pixels,
+    evenly spread, are looked at.
     """
 
     def __init__(self, pixels: PixelConfig) -> None:
-        self._thresholds = pixels.contrast_threshold_pos, pixels.contrast_threshold_neg
+        self._threshold = min(pixels.contrast_threshold_pos, pixels.contrast_threshold_neg)
         self._log_eps = np.float32(pixels.log_eps)
-        self._before: NDArray[np.float32] | None = None
-        self._passed = self._changed = 0
-        self.largest = Change(0, 0.0)
+        self._latest: list[NDArray[np.float32]] = []
+        self._moved = self._lost = 0.0
 
     @property
-    def thresholds_per_change(self) -> float:
-        """The measure over all frames; 0 where nothing changed."""
-        return self._passed / self._changed if self._changed else 0.0
+    def lost_at_half_rate(self) -> float:
+        """Share of the events that would be missing without every second frame, 0 to 1."""
+        return max(0.0, self._lost / self._moved) if self._moved else 0.0
 
     @property
     def too_fast(self) -> bool:
         """Whether a camera would have seen something else."""
-        return self.thresholds_per_change > TOO_FAST
+        return self.lost_at_half_rate > TOO_FAST
 
-    def take(self, light: NDArray[np.float32], t_us: int) -> None:
+    def take(self, light: NDArray[np.float32]) -> None:
         """Looks at the next frame (H, W)."""
         stride = max(1, int((light.size / _SAMPLED_PIXELS) ** 0.5))
         log = np.log(light[::stride, ::stride] + self._log_eps)
-        if self._before is not None:
-            rise = log - self._before
-            number = np.where(rise > 0, rise / self._thresholds[0], -rise / self._thresholds[1])
-            passed = np.floor(number[number >= 1])
-            self._add(int(passed.sum()), len(passed), t_us)
-        self._before = log
-
-    def _add(self, passed: int, changed: int, t_us: int) -> None:
-        self._passed, self._changed = self._passed + passed, self._changed + changed
-        if changed and passed / changed > self.largest.thresholds:
-            self.largest = Change(t_us, passed / changed)
+        if len(self._latest) == 2:
+            first, middle = self._latest
+            moved = np.abs(middle - first) + np.abs(log - middle)
+            events = moved >= self._threshold
+            self._moved += float(moved[events].sum())
+            self._lost += float((moved - np.abs(log - first))[events].sum())
+        self._latest = [*self._latest[-1:], log]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from emvs.formats.depth import check_png
 from emvs.utils.inputs import check_file
 from emvs.utils.release import install
 
-Image = NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32]
+Image = NDArray[Any]
 """(H, W) grey levels or (H, W, 3) red, green, blue; uint8, uint16 or float32."""
 
 _DAMAGED: tuple[type[Exception], ...] = (*DAMAGED_NPY, TypeError)
@@ -109,7 +110,11 @@ def _exr(path: Path) -> Image:
         heed_interrupt(error)
         raise InputError(f"{path}: reading EXR needs OpenEXR: {install('exr')}") from error
     try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
+        # It prints what it finds damaged, which would stand among the numbers of a summary.
+        with (
+            redirect_stdout(io.StringIO()),
+            OpenEXR.File(str(path), separate_channels=True) as file,
+        ):
             planes = {name: channel.pixels for name, channel in file.channels().items()}
         names = "RGB" if {*"RGB"} <= planes.keys() else "Y"
         chosen = [planes[name] for name in (*names, *("A" * ("A" in planes and names == "RGB")))]

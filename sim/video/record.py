@@ -53,7 +53,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class RecordedVideo:
     """What became of a video.
 
     Attributes:
@@ -66,7 +66,7 @@ class Recorded:
         span_us: times of the first and the last frame, µs.
         time_base: where the times come from.
         encoding: what values were taken to stand for.
-        thresholds_per_change: how far apart frames are, see `sim.video.film.Pace`.
+        lost_at_half_rate: whether frames are close enough together, see `sim.video.film.Pace`.
         notes: what a user should know, a line each.
     """
 
@@ -79,7 +79,7 @@ class Recorded:
     span_us: tuple[int, int]
     time_base: str
     encoding: str
-    thresholds_per_change: float
+    lost_at_half_rate: float
     notes: tuple[str, ...]
 
     def facts(self) -> dict[str, Any]:
@@ -118,7 +118,7 @@ def record(
     to: str | None = None,
     force: bool = False,
     progress: Progress = _unseen,
-) -> Recorded:
+) -> RecordedVideo:
     """Turns a folder of images or a video file into events.
 
     Args:
@@ -145,9 +145,9 @@ def record(
     film = Film(frames, pixels, video, seed)
     task = _Task(source, out, pixels, video, seed, film, frames, inputs, force, progress)
     notes = task.to_sequence(view) if kind == SEQUENCE else task.to_file(kind)
-    return Recorded(
+    return RecordedVideo(
         out, kind, film.width_px, film.height_px, film.count, film.events, film.span_us,
-        frames.time_base, film.light.said, film.pace.thresholds_per_change,
+        frames.time_base, film.light.said, film.pace.lost_at_half_rate,
         (*notes, *frames.notes(), *_pace_note(film)),
     )  # fmt: skip
 
@@ -254,9 +254,8 @@ def _pace_note(film: Film) -> list[str]:
     if not pace.too_fast:
         return []
     return [
-        f"{film.frames.path}: pixels that change pass {pace.thresholds_per_change:.1f} thresholds "
-        f"from frame to frame on average ({pace.largest.thresholds:.1f} before "
-        f"{pace.largest.t_us} µs), more than {TOO_FAST:g}: images move too fast for this frame "
-        "rate, and times between frames are a guess; film faster, or put frames in between "
-        "(upsample)"
+        f"{film.frames.path}: without every second frame {pace.lost_at_half_rate:.0%} of the "
+        f"events would be missing, more than {TOO_FAST:.0%}: images move too far from frame to "
+        "frame, and a camera would have seen more in between; film faster, or put frames in "
+        "between (upsample)"
     ]
