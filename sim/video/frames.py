@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -16,16 +17,15 @@ from numpy.typing import NDArray
 from emvs.errors import InputError, quoted
 from emvs.utils.inputs import check_file
 from sim.config import VideoConfig
-from sim.video.images import READERS, Image, read_image
+from sim.video.images import READERS, Image, quiet_opencv, read_image
 from sim.video.stamps import STAMP_FILES, Stamps, read_stamps
 
 IMAGE_FOLDERS = ("imgs", "images")
 """Where images lie beside the file of their times, in the layouts of vid2e and others."""
-# FFmpeg tells of damage on the error stream by itself, and would follow a playlist to other hosts.
-_FFMPEG = {
-    "OPENCV_FFMPEG_LOGLEVEL": "-8",
-    "OPENCV_FFMPEG_CAPTURE_OPTIONS": "protocol_whitelist;file",
-}
+# FFmpeg tells of damage on the error stream by itself. Only its first use in a process heeds this.
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
+_BARE = re.compile(rb"\xff\xd8\xff|\0{2,3}\x01(?!\xba|ftyp)")
 
 
 class Frame(NamedTuple):
@@ -179,10 +179,9 @@ def _folder(path: Path, video: VideoConfig) -> ImageFolder:
 def _listing(path: Path) -> tuple[list[Path], list[str]]:
     """The images by name, numbers counted as such, and what else lies beside them."""
     images = _images(path)
-    beside = next((path / name for name in IMAGE_FOLDERS if (path / name).is_dir()), None)
-    if not images and beside is not None:
-        images = _images(beside)
-        path = beside
+    below = [path / name for name in IMAGE_FOLDERS if (path / name).is_dir()]
+    if not images and below:
+        images = _images(below[0])
     known = {*STAMP_FILES, *(image.name for image in images)}
     files = (one.name for one in path.iterdir() if one.name[0] != "." and not one.is_dir())
     return images, sorted(name for name in files if name not in known)
@@ -267,6 +266,8 @@ class VideoFile:
 
     def __init__(self, path: Path, video: VideoConfig) -> None:
         check_file(path)
+        if video.rate_hz is None and _is_bare(path):
+            raise InputError(f"{path}: a video stream without time base; set rate_hz")
         self.path, self._video = path, video
         capture = self._opened()
         self._declared = int(max(0, capture.get(cv2.CAP_PROP_FRAME_COUNT)))
@@ -293,7 +294,8 @@ class VideoFile:
             for k, (image, t_ms) in enumerate(_decoded(capture)):
                 self._read += 1
                 playing_us = k * 1e6 / self._video.rate_hz if self._video.rate_hz else t_ms * 1e3
-                self._check_time(k, playing_us)
+                if not np.isfinite(playing_us):
+                    raise InputError(f"{self.path}: frame {k} has no time; set rate_hz")
                 yield Frame(round(playing_us / self._video.slow_motion), image, f"frame {k}")
         finally:
             capture.release()
@@ -310,19 +312,9 @@ class VideoFile:
             "may be missing"
         ]
 
-    def _check_time(self, k: int, playing_us: float) -> None:
-        if not np.isfinite(playing_us) or (k == 1 and playing_us <= 0):
-            raise InputError(f"{self.path}: a video without time base; set rate_hz")
-
     def _opened(self) -> cv2.VideoCapture:
-        for name, value in _FFMPEG.items():
-            os.environ.setdefault(name, value)
-        level = cv2.utils.logging.getLogLevel()
-        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-        try:
+        with quiet_opencv(), _local_files_only():
             capture = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
-        finally:
-            cv2.utils.logging.setLogLevel(level)
         if not capture.isOpened():
             raise InputError(f"{self.path}: is no video that can be opened; {_CURE}")
         return capture
@@ -332,6 +324,27 @@ _CURE = (
     "it is damaged, or OpenCV has no codec for it: convert it, ffmpeg -i IN -c:v ffv1 OUT.mkv, or "
     "into a folder of images"
 )
+
+
+@contextmanager
+def _local_files_only() -> Iterator[None]:
+    """Keeps FFmpeg from other hosts that a playlist may name; it reads the environment."""
+    before = os.environ.get(_OPTIONS)
+    os.environ[_OPTIONS] = "protocol_whitelist;file"
+    try:
+        yield
+    finally:
+        os.environ.pop(_OPTIONS)
+        os.environ.update({} if before is None else {_OPTIONS: before})
+
+
+def _is_bare(path: Path) -> bool:
+    """Whether a file is a stream without container: FFmpeg makes up 25 Hz for it.
+
+    JPEG after JPEG, or MPEG's start codes of anything but a program stream's pack.
+    """
+    with path.open("rb") as file:
+        return _BARE.match(file.read(8)) is not None
 
 
 def _decoded(capture: cv2.VideoCapture) -> Iterator[tuple[NDArray[np.uint8], float]]:

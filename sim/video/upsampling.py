@@ -78,7 +78,7 @@ def _between(before: Frame, after: Frame, upsample: Upsampler, name: str) -> Ite
     where = f"upsample {name} between {before.name} and {after.name}"
     seen, now = np.ascontiguousarray(before.image), np.ascontiguousarray(after.image)
     last_us = before.t_us
-    made = iter(_guarded(lambda: upsample(seen, now, before.t_us, after.t_us), where))
+    made = _guarded(lambda: iter(upsample(seen, now, before.t_us, after.t_us)), where)
     while (pair := _guarded(lambda: next(made, None), where)) is not None:
         t_us, image = _checked(pair, after, where)
         if not last_us < t_us < after.t_us:
