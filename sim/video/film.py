@@ -37,6 +37,7 @@ class Film:
         seed: of all that the sensor draws.
 
     Attributes:
+        frames, pixels, video, seed: what it was made of.
         light: what turns frames into light.
         width_px: columns.
         height_px: rows.
@@ -50,7 +51,7 @@ class Film:
     """
 
     def __init__(self, frames: Frames, pixels: PixelConfig, video: VideoConfig, seed: int) -> None:
-        self.frames = frames
+        self.frames, self.pixels, self.video, self.seed = frames, pixels, video, seed
         sources: Iterable[Frame] = checked(frames, frames.path)
         if video.upsample is not None:
             sources = upsampled(sources, find_upsampler(video.upsample), video.upsample)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from emvs.geometry.trajectory import Trajectory
 from emvs.utils.outputs import check_output, output_file
 from sim.config import PixelConfig, VideoConfig
 from sim.video.film import TOO_FAST, Film
-from sim.video.frames import Frames, open_frames
+from sim.video.frames import open_frames
 
 Progress = Callable[[float, int], None]
 """Called with the share of the video that is done, 0 to 1, and the events so far."""
@@ -141,76 +141,73 @@ def record(
         raise InputError(f"{out}: a file of events holds no calibration or poses; leave them out")
     inputs = tuple(p for p in (source, view.calibration, view.poses, video.stamps) if p is not None)
     check_output(out, force=force, inputs=inputs, folder=kind == SEQUENCE)
-    frames = open_frames(source, video)
-    film = Film(frames, pixels, video, seed)
-    task = _Task(source, out, pixels, video, seed, film, frames, inputs, force, progress)
-    notes = task.to_sequence(view) if kind == SEQUENCE else task.to_file(kind)
+    film = Film(open_frames(source, video), pixels, video, seed)
+    place = _Place(out, force, inputs)
+    if kind == SEQUENCE:
+        notes = _to_sequence(film, place, view, progress)
+    else:
+        notes = _to_file(film, place, kind, progress)
     return RecordedVideo(
         out, kind, film.width_px, film.height_px, film.count, film.events, film.span_us,
-        frames.time_base, film.light.said, film.pace.lost_at_half_rate,
-        (*notes, *frames.notes(), *_pace_note(film)),
+        film.frames.time_base, film.light.said, film.pace.lost_at_half_rate,
+        (*notes, *film.frames.notes(), *_pace_note(film)),
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _Task:
-    source: Path
+class _Place(NamedTuple):
+    """Where to write, whether to replace what is there, and what not to."""
+
     out: Path
-    pixels: PixelConfig
-    video: VideoConfig
-    seed: int
-    film: Film
-    frames: Frames
-    inputs: tuple[Path, ...]
     force: bool
-    progress: Progress
+    inputs: tuple[Path, ...]
 
-    def to_file(self, kind: str) -> list[str]:
-        """Writes a file of events."""
-        film, out = self.film, self.out
-        with (
-            output_file(out, force=self.force, inputs=self.inputs) as place,
-            closing(iter(film)) as packets,
-        ):
-            streams = {"cam0": (labelled.events for labelled in packets)}
-            write_events(
-                place, kind, film.width_px, film.height_px, streams,
-                lambda count: self.progress(self.frames.share, count),
-            )  # fmt: skip
-        return []
 
-    def to_sequence(self, view: View) -> list[str]:
-        """Writes a sequence; returns what is to be said of its rig and poses."""
-        film = self.film
-        rig = _rig(view, film)
-        poses = None if view.poses is None else read_poses(view.poses)
-        labelled_kind = self.pixels.sensor.resolved()
-        ideal = labelled_kind.ideal_pixels and labelled_kind.ideal_readout
-        with (
-            SequenceWriter(
-                self.out, name=self.source.resolve().stem, rig=rig, trajectory=poses,
-                config=self._configuration(), seed=self.seed, renderer=f"video {self.source.name}",
-                force=self.force, inputs=self.inputs,
-            ) as writer,
-            closing(iter(film)) as packets,
-        ):  # fmt: skip
-            for labelled in packets:
-                writer.append_events(0, labelled.events, None if ideal else labelled.label)
-                self.progress(self.frames.share, film.events)
-            writer.span_us = film.span_us
-            writer.sensor_counts = None if ideal else [film.sensor.counts]
-            return _pose_notes(view, poses, film.span_us)
+def _to_file(film: Film, place: _Place, kind: str, progress: Progress) -> list[str]:
+    with (
+        output_file(place.out, force=place.force, inputs=place.inputs) as file,
+        closing(iter(film)) as packets,
+    ):
+        streams = {"cam0": (labelled.events for labelled in packets)}
+        write_events(
+            file, kind, film.width_px, film.height_px, streams,
+            lambda count: progress(film.frames.share, count),
+        )  # fmt: skip
+    return []
 
-    def _configuration(self) -> dict[str, Any]:
-        return {
-            **self.pixels.model_dump(mode="json", include=set(PixelConfig.model_fields)),
-            "video": {
-                **self.video.model_dump(mode="json"),
-                "encoding": self.film.light.encoding,
-                "full_scale": self.film.light.full_scale,
-                "time_base": self.frames.time_base,
-            },
-        }
+
+def _to_sequence(film: Film, place: _Place, view: View, progress: Progress) -> list[str]:
+    """Writes a sequence; returns what is to be said of its poses."""
+    poses = None if view.poses is None else read_poses(view.poses)
+    parameters = film.pixels.sensor.resolved()
+    ideal = parameters.ideal_pixels and parameters.ideal_readout
+    source = film.frames.path.resolve()
+    with (
+        SequenceWriter(
+            place.out, name=source.stem, rig=_rig(view, film), trajectory=poses,
+            config=_configuration(film), seed=film.seed, renderer=f"video {source.name}",
+            force=place.force, inputs=place.inputs,
+        ) as writer,
+        closing(iter(film)) as packets,
+    ):  # fmt: skip
+        for labelled in packets:
+            writer.append_events(0, labelled.events, None if ideal else labelled.label)
+            progress(film.frames.share, film.events)
+        writer.span_us = film.span_us
+        writer.sensor_counts = None if ideal else [film.sensor.counts]
+        return _pose_notes(view, poses, film.span_us)
+
+
+def _configuration(film: Film) -> dict[str, Any]:
+    """What made the events, for the manifest."""
+    return {
+        **film.pixels.model_dump(mode="json", include=set(PixelConfig.model_fields)),
+        "video": {
+            **film.video.model_dump(mode="json"),
+            "encoding": film.light.encoding,
+            "full_scale": film.light.full_scale,
+            "time_base": film.frames.time_base,
+        },
+    }
 
 
 def _rig(view: View, film: Film) -> Rig:
@@ -221,18 +218,20 @@ def _rig(view: View, film: Film) -> Rig:
         focal_px = float(max(size_px))
         return Rig(UNCALIBRATED, (Camera(*size_px, focal_px, focal_px, *centre),), (np.eye(4),))
     rig = read_rig(view.calibration, () if view.camera is None else (view.camera,))
-    if len(rig) != 1:
+    names = rig.camera_names
+    name = view.camera or (names[0] if len(rig) == 1 else None)
+    if name not in names:
         raise InputError(
-            f"{view.calibration}: {len(rig)} cameras, {', '.join(rig.camera_names)}; say which of "
-            "them took the video (camera)"
+            f"{view.calibration}: cameras {', '.join(names)}; say which of them took the video "
+            "(camera)"
         )
-    seen = rig.cameras[0]
+    seen = rig.cameras[names.index(name)]
     if (seen.width_px, seen.height_px) != size_px:
         raise InputError(
             f"{view.calibration}: a camera of {seen.width_px}x{seen.height_px} px, the frames have "
             f"{width_px}x{height_px}: needs the calibration of this size"
         )
-    return rig
+    return Rig(rig.name, (seen,), (np.eye(4),), (name,))  # poses are the camera's own
 
 
 def _pose_notes(view: View, poses: Trajectory | None, span_us: tuple[int, int]) -> list[str]:
