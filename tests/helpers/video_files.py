@@ -8,6 +8,7 @@ import numpy as np
 from emvs.data.events import Events
 from emvs.data.sequence import Sequence
 from emvs.formats import open_events
+from sim.video import frames as _quiet  # noqa: F401 - FFmpeg heeds it at its first use alone
 
 
 def drifting(count, width_px=40, height_px=30, step_px=0.7, colour=False):
@@ -79,3 +80,18 @@ def rows(events):
     """Rows (t_us, y, x, p)."""
     columns = (events.t_us, events.y, events.x, events.p)
     return list(zip(*(column.tolist() for column in columns), strict=True))
+
+
+def grey_video(count, height, width):
+    """A smooth random texture that swings to and fro, in 8 bits."""
+    rng = np.random.default_rng(7)
+    waves = rng.uniform(-0.5, 0.5, (12, 2))
+    phase = rng.uniform(0, 2 * np.pi, 12)
+    y, x = np.mgrid[:height, :width]
+    frames = []
+    for k in range(count):
+        shift = 8 * np.sin(2 * np.pi * k / 80)
+        angle = waves[:, 0, None, None] * (x + shift) + waves[:, 1, None, None] * y
+        picture = np.sin(angle + phase[:, None, None]).sum(axis=0)
+        frames.append(np.rint(127.5 + 127.5 * np.tanh(picture / 4)) / 255)
+    return np.asarray(frames, np.float32)

@@ -12,7 +12,7 @@ from eval.cli.help import RARE
 from sim.config import PixelConfig, VideoConfig
 
 _VIDEO = Group.create_ordered("Video")
-VideoFlags = Annotated[VideoConfig, Parameter(name="*", group=_VIDEO)]
+VideoFlags = Annotated[VideoConfig, Parameter(name="*", group=_VIDEO), RARE]
 PixelFlags = Annotated[PixelConfig, Parameter(group=SIM_GROUP), RARE]
 
 
@@ -24,7 +24,7 @@ def events(
     out: Path,
     to: str | None = None,
     calibration: Path | None = None,
-    camera: str | None = None,
+    camera: Annotated[str | None, RARE] = None,
     poses: Path | None = None,
     seed: int = 0,
     force: Force = False,

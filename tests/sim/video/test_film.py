@@ -21,11 +21,13 @@ from sim.sensor_presets import SensorConfig
 from sim.video.film import Film, Pace, ahead
 from sim.video.frames import open_frames
 from sim.video.record import record
-from video_files import decoded, drifting, events_of, rows, write_folder, write_video
+from video_files import decoded, drifting, events_of, grey_video, rows, write_folder, write_video
 
 LINEAR = VideoConfig(encoding="linear")
 # What esim_py is called with in its own examples: values over 255 taken as light.
-ESIM_PY = PixelConfig(contrast_threshold_pos=0.2, contrast_threshold_neg=0.2, log_eps=1e-3)
+ESIM_PY = PixelConfig(
+    contrast_threshold_pos=0.2, contrast_threshold_neg=0.2, refractory_period_us=100, log_eps=1e-3
+)
 
 
 def recorded(source, out, pixels=None, video=None, **options):
@@ -81,14 +83,17 @@ def test_ramps_of_grey_levels_fire_as_often_as_whole_thresholds_fit(tmp_path):
         assert mine.tolist() == [int(ratio > 1)] * number, level
 
 
-def test_esim_pys_settings_give_what_its_law_gives(tmp_path):
-    frames = drifting(12)
-    times_us = (np.arange(12) * 33_333).tolist()
-    folder = write_folder(tmp_path / "in", frames, [f"{t * 1e-6:.6f}" for t in times_us])
+def test_esim_pys_settings_give_the_events_of_its_law(tmp_path):
+    """By its float32 reference, whose drift loses some, and by exact sums, all of them."""
+    light, times_us = grey_video(61, 18, 24), list(range(0, 61_000, 1000))
+    levels = np.rint(light * 255).astype(np.uint8)
+    folder = write_folder(tmp_path / "in", levels, [f"{t * 1e-6:.6f}" for t in times_us])
     recorded(folder, tmp_path / "out", ESIM_PY, LINEAR)
-    light = (frames.astype(np.float64) / 255).astype(np.float32)
     found = rows(events_of(tmp_path / "out"))
-    assert len(found) > 3000
+    theirs = naive_esim.published(np.log(light + np.float32(1e-3)), times_us, 0.2, 100)
+    near = {(t_us + off_us, *where) for t_us, *where in found for off_us in (-1, 0, 1)}
+    assert len(theirs) > 1500
+    assert len(theirs & near) / len(theirs) > 0.995
     assert found == naive_esim.simulate(light, times_us, ESIM_PY)
 
 
