@@ -358,9 +358,9 @@ class VideoConfig(ParameterGroup):
     @model_validator(mode="after")
     def _of_use(self) -> VideoConfig:
         if self.gamma is not None and self.encoding != "gamma":
-            raise ValueError(f"gamma={self.gamma:g} says nothing unless encoding is gamma")
+            raise ValueError(f"gamma={self.gamma:g} has no effect unless encoding is gamma")
         if self.encoding == "log" and self.full_scale is not None:
-            raise ValueError("full_scale says nothing of logarithms: leave it out")
+            raise ValueError("full_scale has no effect on logarithms: leave it out")
         if self.rate_hz is not None and (self.stamps is not None or self.unit is not None):
             raise ValueError("rate_hz with stamps or unit: two time bases, leave one out")
         return self

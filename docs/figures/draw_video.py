@@ -70,7 +70,7 @@ def main() -> None:
             events = es.Sequence(told.path).events(0, t_us - WINDOW_US, t_us)
             title = f"{preset}: {len(events):,} events of the {WINDOW_US // 1000} ms before"
             panels[title] = over(frames[SHOWN], events)
-    figure, axes = plt.subplots(1, 3, figsize=(13, 3.45), layout="constrained")
+    figure, axes = plt.subplots(1, 3, figsize=(13, 3.6), layout="constrained")
     for axis, (title, picture) in zip(axes, panels.items(), strict=True):
         axis.imshow(picture, cmap="gray", vmin=0, vmax=1, interpolation="nearest")
         axis.set_title(title, fontsize=10)

@@ -139,7 +139,9 @@ def textures() -> dict[str, NDArray[np.float32]]:
         "smooth, strong (σ 3 px, 0.3)": cloudy(3, 0.3),
         "fine, strong (σ 1.5 px, 0.5)": cloudy(1.5, 0.5),
         "fine, weak (σ 1.5 px, 0.15)": cloudy(1.5, 0.15),
-        "bars of 30 px, 5 : 1": np.asarray(cv2.GaussianBlur(bars, (0, 0), 0.7), np.float32),
+        "bars of 30 px, 5 : 1": np.asarray(
+            cv2.GaussianBlur(bars.repeat(400, axis=0), (0, 0), 0.7), np.float32
+        ),
     }
 
 

@@ -210,8 +210,8 @@ def test_logarithms_in_whole_numbers_are_refused():
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"gamma": 2.0}, "says nothing unless encoding is gamma"),
-        ({"encoding": "log", "full_scale": 2.0}, "says nothing of logarithms"),
+        ({"gamma": 2.0}, "has no effect unless encoding is gamma"),
+        ({"encoding": "log", "full_scale": 2.0}, "has no effect on logarithms"),
         ({"encoding": "rec709"}, "encoding"),
         ({"rate_hz": 30, "unit": "s"}, "two time bases"),
         ({"rate_hz": 0}, "rate_hz"),
