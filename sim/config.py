@@ -323,7 +323,6 @@ class SimConfig(PixelConfig):
                     )
 
 
-
 class VideoConfig(ParameterGroup):
     """When the frames of a video were taken, and what light their values stand for."""
 
