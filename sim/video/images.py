@@ -46,7 +46,7 @@ def read_image(path: Path) -> Image:
         raise
     except OSError as error:
         reason = error.strerror or said(error)
-        raise InputError(f"{path}: cannot be read ({reason}); needs a whole image") from error
+        raise InputError(f"{path}: cannot be read ({reason}); needs a complete image") from error
     return _checked(path, image)
 
 
@@ -67,7 +67,7 @@ def _jpeg(path: Path) -> Image:
     except InputError:
         raise
     except Exception as error:  # Pillow ends in many kinds of exception on damaged files
-        raise InputError(f"{path}: no whole JPEG image ({said(error)}); make it again") from error
+        raise InputError(f"{path}: not a complete JPEG ({said(error)}); make it again") from error
 
 
 def _tiff(path: Path) -> NDArray[Any]:
@@ -80,9 +80,9 @@ def _decoded(path: Path, data: bytes) -> NDArray[Any]:
         with quiet_opencv():
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
-        raise InputError(f"{path}: no whole image ({said(error)}); make it again") from error
+        raise InputError(f"{path}: not a complete image ({said(error)}); make it again") from error
     if image is None:
-        raise InputError(f"{path}: no whole {path.suffix[1:].upper()} image; make it again")
+        raise InputError(f"{path}: not a complete {path.suffix[1:].upper()} image; make it again")
     if image.ndim == 3 and image.shape[2] >= 3:
         image = image[..., [2, 1, 0, *range(3, image.shape[2])]]
     return np.asarray(image)
@@ -108,7 +108,7 @@ def _npy(path: Path) -> NDArray[Any]:
     except InputError:
         raise
     except _DAMAGED as error:
-        raise InputError(f"{path}: no whole npy array ({said(error)}); make it again") from error
+        raise InputError(f"{path}: not a complete npy ({said(error)}); make it again") from error
 
 
 def _exr(path: Path) -> Image:
@@ -130,7 +130,7 @@ def _exr(path: Path) -> Image:
     except KeyError:
         raise InputError(f"{path}: channels {', '.join(planes)}; needs Y, or R, G and B") from None
     except Exception as error:  # whatever the library raises for damage
-        raise InputError(f"{path}: no whole EXR image ({said(error)}); make it again") from error
+        raise InputError(f"{path}: not a complete EXR ({said(error)}); make it again") from error
 
 
 READERS: dict[str, Callable[[Path], NDArray[Any]]] = {

@@ -50,7 +50,7 @@ REFUSED = [
     (["short"], "5 times for 6 images"),
     (["single"], "1 images; events need two or more"),
     (["void", "--rate-hz", "30"], "0 images"),
-    (["damaged"], "3.png: no whole PNG image"),
+    (["damaged"], "3.png: not a complete PNG image"),
     (["sizes"], "3.png is 40x9 grey uint8"),
     (["empty"], "4x0 pixels"),
     (["one.avi"], "1 frame; events need two"),

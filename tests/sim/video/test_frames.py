@@ -152,7 +152,7 @@ def missing(folder):
         (repeated, r"10\.png is at 900000 µs and 9\.png at 900000 µs"),
         (another_size, r"7\.png is 40x29 grey uint8 and 6\.png 40x30 grey uint8"),
         (another_kind, r"7\.png is 40x30 grey uint16"),
-        (truncated, r"7\.png: no whole PNG"),
+        (truncated, r"7\.png: not a complete PNG"),
         (outside, "no times|no image of this folder"),
         (missing, r"nope\.png is no image of this folder"),
     ],

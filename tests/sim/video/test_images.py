@@ -83,7 +83,7 @@ def test_a_truncated_image_is_refused_and_named(tmp_path, capfd, suffix, share):
         ("a.npy", np.zeros((5, 4, 2), np.uint8), r"shape \(5, 4, 2\)"),
         ("a.npy", np.zeros((5, 4), np.int32), "values of int32"),
         ("a.npy", np.zeros((5, 4), np.complex64), "values of complex64"),
-        ("a.npy", np.array([[None]]), "no whole npy"),
+        ("a.npy", np.array([[None]]), "not a complete npy"),
         ("a.tiff", np.zeros((5, 4), np.int32), "values of int32"),
     ],
 )
