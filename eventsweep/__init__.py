@@ -35,11 +35,12 @@ if TYPE_CHECKING:
     from eval.scoring.results import Results
     from eventsweep.mapping import map_window, map_windows
     from eventsweep.scoring import score
-    from eventsweep.simulation import simulate
+    from eventsweep.simulation import simulate, video_to_events
     from scenes import load as load_scene
     from scenes import names as scenes
-    from sim.config import SimConfig
+    from sim.config import PixelConfig, SimConfig, VideoConfig
     from sim.sensor.esim import EventSimulator
+    from sim.video.record import RecordedVideo
 
     __version__: str
 
@@ -53,6 +54,8 @@ __all__ = [
     "InputError",
     "MapperConfig",
     "Method",
+    "PixelConfig",
+    "RecordedVideo",
     "Recording",
     "Results",
     "Rig",
@@ -60,6 +63,7 @@ __all__ = [
     "SimConfig",
     "TrainingWindows",
     "Trajectory",
+    "VideoConfig",
     "WindowResult",
     "__version__",
     "load_scene",
@@ -71,6 +75,7 @@ __all__ = [
     "scenes",
     "score",
     "simulate",
+    "video_to_events",
 ]
 
 # The name -> where it is.
@@ -84,6 +89,8 @@ _PLACES = {
     "InputError": "emvs.errors:InputError",
     "MapperConfig": "emvs.config:MapperConfig",
     "Method": "emvs.dsi.method:Method",
+    "PixelConfig": "sim.config:PixelConfig",
+    "RecordedVideo": "sim.video.record:RecordedVideo",
     "Recording": "emvs.data.recording:Recording",
     "Results": "eval.scoring.results:Results",
     "Rig": "emvs.geometry.rig:Rig",
@@ -91,6 +98,7 @@ _PLACES = {
     "SimConfig": "sim.config:SimConfig",
     "TrainingWindows": "emvs.datasets.training:TrainingWindows",
     "Trajectory": "emvs.geometry.trajectory:Trajectory",
+    "VideoConfig": "sim.config:VideoConfig",
     "WindowResult": "emvs.window_result:WindowResult",
     "load_scene": "scenes:load",
     "map_window": "eventsweep.mapping:map_window",
@@ -101,6 +109,7 @@ _PLACES = {
     "scenes": "scenes:names",
     "score": "eventsweep.scoring:score",
     "simulate": "eventsweep.simulation:simulate",
+    "video_to_events": "eventsweep.simulation:video_to_events",
 }
 
 

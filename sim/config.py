@@ -16,6 +16,8 @@ TruthName = Literal["flow", "segmentation", "boundary", "twist", "event_depth"]
 Density = Annotated[float, Field(ge=0)]
 Vector3 = tuple[float, float, float]
 LightRenderer = Literal["auto", "classic", "float"]
+Encoding = Literal["srgb", "gamma", "linear", "log"]
+"""How values of an image stand for light."""
 SamplingName = Literal["accurate", "fast", "linear"]
 
 
@@ -200,8 +202,8 @@ class ReplayConfig(ParameterGroup):
     """TUM-VIE's camera calibration, with `T_imu_cam`, see `hand_eye`."""
 
 
-class SimConfig(ParameterGroup):
-    """How frames are sampled and turned into events; defaults are the benchmark's."""
+class PixelConfig(ParameterGroup):
+    """How light becomes events, wherever the light comes from."""
 
     model_config = ConfigDict(allow_inf_nan=False)
 
@@ -222,6 +224,18 @@ class SimConfig(ParameterGroup):
 
     sensor: SensorConfig = SensorConfig()
     """Noise, mismatch, bandwidth, latency and read-out; a preset sets thresholds not given."""
+
+    @model_validator(mode="after")
+    def _thresholds_of_preset(self) -> PixelConfig:
+        for name, value in PRESETS[self.sensor.preset].thresholds.items():
+            if name not in self.model_fields_set:
+                # Not marked as set: a file's own value still beats a flag's preset.
+                self.__dict__[name] = value
+        return self
+
+
+class SimConfig(PixelConfig):
+    """How frames are sampled and turned into events; defaults are the benchmark's."""
 
     sampling: SamplingName = "accurate"
     """Light between two frames: `accurate` and `fast` move the light of fine frames along the image
@@ -270,14 +284,6 @@ class SimConfig(ParameterGroup):
     """Longest time between frames, µs, however slow the motion; by default 50 000, and 10 000 if
     `sampling` is `linear`."""
 
-    @model_validator(mode="after")
-    def _thresholds_of_preset(self) -> SimConfig:
-        for name, value in PRESETS[self.sensor.preset].thresholds.items():
-            if name not in self.model_fields_set:
-                # Not marked as set: a file's own value still beats a flag's preset.
-                self.__dict__[name] = value
-        return self
-
     @property
     def spacing_px(self) -> float:
         """Furthest motion of any pixel between two frames, px."""
@@ -315,3 +321,45 @@ class SimConfig(ParameterGroup):
                         f"{group}.{name} {shown(value)} has no effect without {group}.{switch}: "
                         "set that one too, or leave this one out"
                     )
+
+
+class VideoConfig(ParameterGroup):
+    """When the frames of a video were taken, and what light their values stand for."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+    rate_hz: Positive | None = None
+    """Frames per second, Hz, instead of the times that the video or the folder states."""
+
+    slow_motion: Positive = 1.0
+    """How many times slower than life the video file plays: its times are divided by this."""
+
+    stamps: Path | None = None
+    """File of the images' times, lines `t` or `t name`, instead of the folder's own."""
+
+    unit: Literal["s", "ms", "us", "ns"] | None = None
+    """What these times count; without it a decimal point or a header must say so."""
+
+    encoding: Encoding | None = None
+    """What light values stand for: `srgb`, `gamma`, `linear`, or `log`, its natural logarithm; by
+    default `srgb` where they are whole numbers, and `linear` where they are floats."""
+
+    gamma: Positive | None = None
+    """Exponent of the encoding `gamma`: light is value ** gamma; by default 2.2."""
+
+    full_scale: Positive | None = None
+    """Value of intensity 1; by default 255, 65535, or 1 of floats. 12 bits in 16 need 4095."""
+
+    upsample: str | None = None
+    """What puts frames between frames: MODULE:FUNCTION, FILE.py:FUNCTION, or the name under which a
+    package registered one."""
+
+    @model_validator(mode="after")
+    def _of_use(self) -> VideoConfig:
+        if self.gamma is not None and self.encoding != "gamma":
+            raise ValueError(f"gamma={self.gamma:g} has no effect unless encoding is gamma")
+        if self.encoding == "log" and self.full_scale is not None:
+            raise ValueError("full_scale has no effect on logarithms: leave it out")
+        if self.rate_hz is not None and (self.stamps is not None or self.unit is not None):
+            raise ValueError("rate_hz with stamps or unit: two time bases, leave one out")
+        return self

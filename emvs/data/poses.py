@@ -12,6 +12,8 @@ from emvs.geometry.trajectory import Trajectory
 from emvs.utils.files import atomic_path
 from emvs.utils.inputs import TABLE_BYTES, read_text
 
+POSES_FILE = "poses.txt"
+"""Of a sequence."""
 PER_UNIT_US = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
 _LARGEST_US = 2.0**62
 

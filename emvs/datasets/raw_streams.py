@@ -38,8 +38,8 @@ class Readable:
 def open_readable(path: Path, columns: ColumnMap | None = None) -> Readable:
     """Opens a recording, or else an event file, whose columns may be stated.
 
-    A ROS bag without calibration or poses is opened for its events alone, and `what` says why; one
-    whose calibration or poses are damaged is refused.
+    A ROS bag without calibration or poses, or a sequence without poses, is opened for its events
+    alone, and `what` says why; one whose calibration or poses are damaged is refused.
 
     Raises:
         InputError: nothing there or nothing known, or a damaged file.
@@ -73,7 +73,10 @@ def _recording(path: Path) -> Readable:
     recording = open_recording(path)
     what, sources = _sources(recording)
     streams = tuple(zip(recording.rig.camera_names, sources, strict=True))
-    return Readable(path, what, recording, streams, sensor_sizes(recording.rig))
+    sizes_px = sensor_sizes(recording.rig)
+    if isinstance(recording, Sequence) and not recording.has_poses:
+        return Readable(path, f"{what}; events alone: no poses", None, streams, sizes_px)
+    return Readable(path, what, recording, streams, sizes_px)
 
 
 def sensor_sizes(rig: Rig) -> tuple[tuple[int, int], ...]:

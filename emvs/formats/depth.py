@@ -6,7 +6,8 @@ import io
 import struct
 import warnings
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -152,10 +153,26 @@ def _checked(path: Path) -> PngImageFile:
         data = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); needs a PNG image") from error
+    check_png(path, data)
+    with _names_damage(path):
+        return _decoded(data)
+
+
+def check_png(path: Path, data: bytes) -> None:
+    """Refuses bytes of a PNG file that is damaged, has lost its end, or declares too many pixels.
+
+    Raises:
+        InputError: says what is damaged, or how many pixels it declares.
+    """
+    with _names_damage(path):
+        _check_chunks(path, data)
+
+
+@contextmanager
+def _names_damage(path: Path) -> Iterator[None]:
     try:
         with warnings.catch_warnings(action="error", category=UserWarning):
-            _check(path, data)
-            return _decoded(data)
+            yield
     except InputError:
         raise
     except _DAMAGE as error:
@@ -164,7 +181,7 @@ def _checked(path: Path) -> PngImageFile:
         ) from error
 
 
-def _check(path: Path, data: bytes) -> None:
+def _check_chunks(path: Path, data: bytes) -> None:
     """Refuses impossible sizes and wrong check sums; what is raised says which."""
     from PIL.PngImagePlugin import PngImageFile  # recordings without images need not wait for it
 

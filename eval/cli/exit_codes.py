@@ -43,6 +43,9 @@ _FLAGS = {
     "set resume=False": "add --fresh",
     "resume=False": "--fresh",
     "inpaint=True": "--map.inpaint",
+    "set rate_hz": "add --rate-hz",
+    "set unit to": "say --unit",
+    "with calibration and poses": "with --calibration and --poses",
 }
 _SIM_SETTING = re.compile(r"(?<![\w./-])(frames|imu|replay)\.(\w+)")
 
