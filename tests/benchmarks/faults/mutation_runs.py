@@ -142,7 +142,7 @@ def first_of(verdicts):
 
 
 def tests_of(file):
-    """What to run, the nearest first: tests named after the file, its folder's, its package's."""
+    """What to run, the nearest first: named after the file, its folder's, and wider and wider."""
     folder = ROOT / "tests" / Path(file).parent
     while not folder.is_dir():
         folder = folder.parent
@@ -152,7 +152,8 @@ def tests_of(file):
     )
     package = "/".join(("tests", *Path(file).parts[:-1][:2]))
     whole = package if (ROOT / package).is_dir() else folder.relative_to(ROOT).as_posix()
-    return [what for what in (own, every, whole) if what]
+    widest = f"tests/{Path(file).parts[0]}"
+    return [what for what in dict.fromkeys((own, every, whole, widest)) if what]
 
 
 def kind(verdict, reasons):

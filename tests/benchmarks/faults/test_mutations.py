@@ -63,10 +63,11 @@ def test_a_copy_has_the_mutation_and_what_else_is_asked_for(tmp_path, some):
 
 
 def test_the_nearest_unit_tests_come_first():
-    own, every, whole = mutation_runs.tests_of("sim/sensor/pixels_kernels.py")
+    own, every, whole, widest = mutation_runs.tests_of("sim/sensor/pixels_kernels.py")
     assert (own, whole) == ("tests/sim/sensor/test_pixels.py", "tests/sim/sensor")
+    assert widest == "tests/sim"
     assert {own, "tests/sim/sensor/test_sensor.py"} <= set(every.split())
-    assert mutation_runs.tests_of("eval/suite/stages/map.py")[-1] == "tests/eval/suite"
+    assert mutation_runs.tests_of("eval/suite/stages/map.py")[-2:] == ["tests/eval/suite", "tests/eval"]
     every, whole = mutation_runs.tests_of("emvs/reference_view.py")
     assert "tests/emvs/test_methods.py" in every.split()
     assert whole == "tests/emvs"
