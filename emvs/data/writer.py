@@ -31,7 +31,7 @@ class SequenceWriter:
         path: the folder to make.
         name: what the sequence is called.
         rig: its cameras.
-        trajectory: `T_world_body`.
+        trajectory: `T_world_body`; None where `end` gives it.
         config: the configuration that made it, plain values.
         seed: the seed that made it.
         renderer: what rendered it.
@@ -53,7 +53,7 @@ class SequenceWriter:
         *,
         name: str,
         rig: Rig,
-        trajectory: Trajectory,
+        trajectory: Trajectory | None,
         config: dict[str, Any],
         seed: int = 0,
         renderer: str = "none",
@@ -75,7 +75,7 @@ class SequenceWriter:
             "seed": seed,
             "renderer": renderer,
             "depth_range_m": depth_range_m,
-            "span_us": span_us or trajectory.span_us,
+            "span_us": span_us,
         }
         self._folder_stack, self._file_stack = ExitStack(), ExitStack()
 
@@ -97,6 +97,7 @@ class SequenceWriter:
         try:
             self._file_stack.close()
             if error is None:
+                self._write_tables()
                 manifest.write(self._folder, self._manifest())
         except BaseException as failure:
             self._folder_stack.__exit__(type(failure), failure, failure.__traceback__)
@@ -153,17 +154,21 @@ class SequenceWriter:
             self._frames[camera] = self._file_stack.enter_context(writer)
         self._frames[camera].append(photo)
 
+    def end(
+        self, trajectory: Trajectory, sensor_counts: Collection[dict[str, int]] | None = None
+    ) -> None:
+        """Says what is known only when all events are there.
+
+        Args:
+            trajectory: `T_world_body`.
+            sensor_counts: per camera, what became of its events.
+        """
+        self._trajectory = trajectory
+        self._sensor_counts = self._sensor_counts if sensor_counts is None else sensor_counts
+
     def _open_files(self) -> None:
         rig_text = json.dumps(self._rig.to_json(), indent=2) + "\n"
         (self._folder / "rig.json").write_text(rig_text, encoding="utf-8")
-        write_tum(self._folder / "poses.txt", self._trajectory)
-        if self._geoms is not None:
-            write_geoms(self._folder, self._geoms)
-        if self._sensor_counts is not None:
-            counts_text = json.dumps(list(self._sensor_counts), indent=1) + "\n"
-            (self._folder / "sensor.json").write_text(counts_text, encoding="utf-8")
-        if self._imu is not None:
-            write_imu(self._folder / IMU_FILE, self._imu)
         self._frames: dict[int, FrameWriter] = {}
         self._events: list[EventStoreWriter] = []
         self._truth: list[TruthWriter] = []
@@ -177,6 +182,18 @@ class SequenceWriter:
             self._truth.append(
                 self._file_stack.enter_context(TruthWriter(folder / "truth.h5", *size))
             )
+
+    def _write_tables(self) -> None:
+        assert self._trajectory is not None, "say where the rig was: `end`"
+        write_tum(self._folder / "poses.txt", self._trajectory)
+        self._facts["span_us"] = self._facts["span_us"] or self._trajectory.span_us
+        if self._geoms is not None:
+            write_geoms(self._folder, self._geoms)
+        if self._sensor_counts is not None:
+            counts_text = json.dumps(list(self._sensor_counts), indent=1) + "\n"
+            (self._folder / "sensor.json").write_text(counts_text, encoding="utf-8")
+        if self._imu is not None:
+            write_imu(self._folder / IMU_FILE, self._imu)
 
     def _manifest(self) -> manifest.Manifest:
         return manifest.Manifest(
