@@ -115,7 +115,7 @@ def simulate(
         raise InputError(f"seed {seed}: must be 0 or greater")
     if workers < 1:
         raise InputError(f"{workers} workers: must be 1 or greater")
-    check_output(out, force=force, inputs=(config.replay.trajectory,))
+    check_output(out, force=force, inputs=(config.replay.trajectory, scene.mjcf))
     job = make_job(scene, rig, config, seed)
     check_disk(job, out)
     check_memory(job, workers)
@@ -246,7 +246,8 @@ def _assemble(
 ) -> None:
     """Streams all checkpoints into the sequence."""
     counts = folder.finished[-1].counts if job.labelled else None
-    read = [path for path in (job.config.replay.trajectory,) if path is not None]
+    recorded = job.config.replay.trajectory
+    read = [job.scene.mjcf] if recorded is None else [job.scene.mjcf, recorded]
     with SequenceWriter(
         out, **described.arguments, sensor_counts=counts, force=force, inputs=read
     ) as writer:

@@ -150,7 +150,8 @@ def _place_of(mj: Any, model: Any, name: str, path: Path) -> int:
             f"{path}: no joint {name!r} in the model: it has {', '.join(joints) or 'none'}"
         )
     joint = model.joint(name)
-    if joint.type[0] not in (mj.mjtJoint.mjJNT_HINGE, mj.mjtJoint.mjJNT_SLIDE):
+    kinds = mj.mjtJoint
+    if int(joint.type[0]) not in (int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)):
         raise InputError(f"{path}: joint {name!r} is free or a ball: give hinges and slides")
     return int(joint.qposadr[0])
 

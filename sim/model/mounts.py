@@ -81,6 +81,11 @@ def first_camera(model: Any) -> str:
     return f"camera:{names[0]}" if names else ""
 
 
+def has_resolution(model: Any, name: str) -> bool:
+    """Whether a model's camera says how many pixels it has."""
+    return bool((model.cam_resolution[model.camera(name).id] > 1).all())
+
+
 def rig_of_cameras(model: Any, names: tuple[str, ...]) -> Rig:
     """The rig that some of a model's cameras are, with their resolution and intrinsics.
 
@@ -113,7 +118,7 @@ def rig_of_cameras(model: Any, names: tuple[str, ...]) -> Rig:
 def _intrinsics(model: Any, name: str) -> Camera:
     k = model.camera(name).id
     width_px, height_px = (int(n) for n in model.cam_resolution[k])
-    if width_px < 2 or height_px < 2:
+    if not has_resolution(model, name):
         raise InputError(
             f"camera {name!r} of the model has a resolution of {width_px} x {height_px}: give it "
             '`resolution="346 260"` there, or name a rig'

@@ -18,7 +18,7 @@ from emvs.geometry.rig import Rig
 from sim.config import SimConfig
 from sim.mjcf import compiled, read_spec
 from sim.model.drives import at_rest, initial_data, load_controller, read_joints, run_dynamics
-from sim.model.mounts import Mount, find_mount, first_camera
+from sim.model.mounts import Mount, find_mount, first_camera, has_resolution, rig_of_cameras
 from sim.model.survey import survey
 from sim.model.tracks import CarriedMotion, StateTrack
 from sim.motion import Motion
@@ -26,11 +26,13 @@ from sim.motion.animation import moving_geoms
 from sim.motion.curves import CurveMotion
 from sim.motion.head_motion import generate, placed
 from sim.motion.head_styles import STYLES
+from sim.rigs import rig as named_rig
 from sim.scene import Scene
 
 Array = NDArray[np.float64]
 DYNAMICS = "dynamics"
 _DURATION_S = 1.0
+_OWN, _USUAL_RIG = "model:", "davis346"
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +105,30 @@ def scene_of(
         carrier=drive.carrier,
     )
     return survey(scene, rig, config, seed, notice), config
+
+
+def rig_on(path: Path, rig: str | None, mount: str) -> Rig:
+    """The cameras that look at a model.
+
+    Args:
+        path: of the model.
+        rig: name or calibration of a rig, or `model:NAME,NAME` for the model's own cameras; by
+            default the camera that the rig is mounted on if it has a resolution, else `davis346`.
+        mount: of `config.model`.
+
+    Raises:
+        InputError: an unusable model, or an unknown rig or camera.
+    """
+    if rig is not None and not rig.startswith(_OWN):
+        return named_rig(rig)
+    model = compiled(read_spec(path))
+    if rig is not None:
+        return rig_of_cameras(model, tuple(rig.removeprefix(_OWN).split(",")))
+    name = mount or first_camera(model)
+    found = find_mount(model, name) if name else None
+    if found and found.kind == "camera" and has_resolution(model, found.name):
+        return rig_of_cameras(model, (found.name,))
+    return named_rig(_USUAL_RIG)
 
 
 def _no_textures() -> Mapping[str, NDArray[np.uint8]]:

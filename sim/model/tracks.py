@@ -122,4 +122,3 @@ def carried(model: Any, data: Any, track: Animation, mount: Mount, t_s: float) -
         mj.mj_comPos(model, data)
         mj.mj_camlight(model, data)
     return mount.T_world_body(model, data)
-
