@@ -61,6 +61,7 @@ pictures-simulator: setup
 	$(BIN)/python docs/figures/draw_motion.py docs/images # docs/images/motion-*.png
 	$(BIN)/python docs/figures/draw_lenses_and_light.py # docs/images/lenses.png docs/images/light.png
 	$(BIN)/python docs/figures/draw_truth.py # docs/images/truth.png
+	$(BIN)/python docs/figures/draw_video.py # docs/images/video.png
 
 pictures-methods: pictures-scenes
 	$(BIN)/eventsweep run desk --seconds 0.5 --sim.frames.rate-hz 20 --method Alg1/H \
@@ -107,6 +108,7 @@ measurements: setup studies
 	$(BIN)/python tests/benchmarks sampling_depth --out out/sampling-depth --page docs/simulator.md
 	$(BIN)/python tests/benchmarks first_picture --page docs/performance.md
 	$(BIN)/python tests/benchmarks simulate_stages --page docs/performance.md
+	$(BIN)/python tests/benchmarks video_speed --page docs/howto_video.md
 	$(BIN)/python tests/benchmarks cost_methods --page docs/methods.md
 	$(BIN)/python tests/benchmarks fault_runs --page docs/gate.md
 	$(BIN)/python tests/benchmarks mutation_runs --work out/mutations

@@ -1,9 +1,9 @@
 """Parameters of the mapper and of the baselines, with defaults that work; imports no numpy.
 
 Zhou, Gallego, Shen, TRO 2021, and the configuration that they published with their program;
-docs/baselines_esvo.md lists both beside ours. No numpy is imported.
+the page `baselines_esvo` lists both beside ours. No numpy is imported.
 
-Defaults are the published values where there are any; docs/baselines.md says which those are.
+Defaults are the published values where there are any; the page `baselines` says which those are.
 """
 
 from __future__ import annotations
@@ -21,26 +21,27 @@ DeviceName = Literal["cpu", "cuda", "auto"]
 OddPixels = Annotated[int, Field(ge=1, le=99)]
 FocusMeasure = Literal["variance", "mean-square", "gradient", "laplacian", "dog"]
 Count = Annotated[int, Field(ge=1)]
+Pixel = Annotated[FiniteFloat, Field(ge=-32768, le=65536)]
 
 
 class FuseConfig(ParameterGroup):
     """What joining the windows of a map can be told."""
 
     voxel_m: FiniteFloat = Field(
-        default=0.01, gt=0, description="edge of a voxel, m: one point of the global cloud each"
+        default=0.01, gt=0, description="edge of a voxel, m; the cloud has one point per voxel"
     )
     min_windows: int = Field(
-        default=1, ge=1, description="windows that must have a point in a voxel for it to be kept"
+        default=1, ge=1, description="least number of windows with a point in a voxel"
     )
     mesh: bool = Field(
         default=False,
-        description="also make a surface, of depth whose gaps are filled: partly a guess",
+        description="also make a mesh, from depth whose gaps are filled: partly a guess",
     )
     mesh_truncation: FiniteFloat = Field(
-        default=4.0, ge=1, description="how far from a surface the mesh counts distances, voxels"
+        default=4.0, ge=1, description="truncation distance of the mesh, voxels"
     )
     mesh_part: int = Field(
-        default=100, ge=1, description="triangles that a connected part of the mesh needs"
+        default=100, ge=1, description="least number of triangles of a connected part of the mesh"
     )
 
 
@@ -78,7 +79,7 @@ class SgmParameters(ParameterGroup):
     decay_s: Positive = Field(default=0.03, description="time constant of the time surfaces, s")
     median_px: MedianPixels = Field(default=3, description="median over them, 1 (none), 3 or 5 px")
     active_s: Positive = Field(
-        default=0.01, description="how lately a pixel must have fired to report depth, s"
+        default=0.01, description="how recently a pixel must have fired to get a depth, s"
     )
     rate_hz: Positive = Field(default=20.0, description="how often SGM/window matches, Hz")
     matcher: SemiGlobal = SemiGlobal()
@@ -115,9 +116,9 @@ class GtsParameters(ParameterGroup):
     """Event coincidence: `GTS/events`. All ours: the published ones belong to another sensor."""
 
     radius_px: Count = Field(
-        default=3, description="half a side of the neighbourhood whose times tell the motion, px"
+        default=3, description="radius of the neighbourhood from which motion is estimated, px"
     )
-    memory_s: Positive = Field(default=0.03, description="how old a neighbour may be, s")
+    memory_s: Positive = Field(default=0.03, description="largest age of a neighbour, s")
     coincidence: Coincidence = Coincidence()
 
 
@@ -219,10 +220,10 @@ class MapperConfig(ParameterGroup):
         default="inverse", description="planes uniform in inverse depth, or in depth"
     )
     min_depth_m: Positive | None = Field(
-        default=None, description="nearest plane, m; by default what the recording knows, else 0.2"
+        default=None, description="nearest depth plane, m; by default the recording's own, else 0.2"
     )
     max_depth_m: Positive | None = Field(
-        default=None, description="farthest plane, m; by default what the recording knows, else 5"
+        default=None, description="farthest depth plane, m; by default the recording's own, else 5"
     )
     start_s: NotNegative | None = Field(
         default=None,
@@ -235,22 +236,22 @@ class MapperConfig(ParameterGroup):
         default=None, description="map sliding windows of this length, s, over the whole recording"
     )
     stride_s: Positive | None = Field(
-        default=None, description="from the begin of one window to the next, s; by default window_s"
+        default=None, description="time from one window's start to the next, s; by default window_s"
     )
     window_events: int | None = Field(
-        default=None, ge=1, description="map sliding windows of so many events of camera 0"
+        default=None, ge=1, description="map sliding windows of this many events of camera 0"
     )
     stride_events: int | None = Field(
         default=None,
         ge=1,
-        description="from one window to the next, events; by default window_events",
+        description="events from one window's start to the next; by default window_events",
     )
     min_events: int = Field(
-        default=1, ge=1, description="events that can vote which every camera needs in a window"
+        default=1, ge=1, description="least number of voting events of every camera in a window"
     )
     max_pose_gap_s: Positive | None = Field(
         default=None,
-        description="longest time between two poses, s; by default 10 usual ones, >= 0.05",
+        description="longest gap between poses, s; by default 10 typical steps, >= 0.05",
     )
     hot_pixels: NotNegative = Field(
         default=0.0,
@@ -258,17 +259,17 @@ class MapperConfig(ParameterGroup):
     )
     reference_s: NotNegative | None = Field(
         default=None,
-        description="time of the reference view, s after the first event; default: middle",
+        description="time of the reference view, s after the first event; by default the middle",
     )
     reference: Literal["middle", "end"] = Field(
         default="middle",
-        description="place of the reference view in the window, without reference_s",
+        description="time of the reference view in the window, without reference_s",
     )
     reference_shift: float = Field(
         default=0.0,
         ge=0,
         le=1,
-        description="its place on the baseline: 0 at camera 0, 1 at camera 1",
+        description="position of the reference view on the baseline: 0 at camera 0, 1 at camera 1",
     )
     view_width_px: int | None = Field(
         default=None,
@@ -285,8 +286,18 @@ class MapperConfig(ParameterGroup):
     view_focal_px: Positive | None = Field(
         default=None, description="focal length of the reference view, px; by default camera 0's"
     )
+    view_focal_y_px: Positive | None = Field(
+        default=None,
+        description="that of its rows, px; by default to view_focal_px as camera 0's are",
+    )
+    view_cx_px: Pixel | None = Field(
+        default=None,
+        description="column of its principal point, px; by default as far from the middle as "
+        "camera 0's",
+    )
+    view_cy_px: Pixel | None = Field(default=None, description="row of its principal point, px")
     polarity: Literal["both", "separate"] = Field(
-        default="both", description="separate: fuse darker and brighter events apart, then sum"
+        default="both", description="separate: fuse the polarities separately, then sum"
     )
     voting: Literal["bilinear", "nearest"] = Field(
         default="bilinear", description="bilinear: exact; nearest: the fast variant, coarser depth"
@@ -298,10 +309,10 @@ class MapperConfig(ParameterGroup):
     )
     extraction: Literal["votes", FocusMeasure] = Field(
         default="votes",
-        description="what depth maximises along a ray: the votes, or a focus measure",
+        description="what depth maximises along a viewing ray: the votes, or a focus measure",
     )
     focus_measure: FocusMeasure = Field(
-        default="variance", description="what the depth of the Focus methods maximises along a ray"
+        default="variance", description="what the Focus methods maximise along a viewing ray"
     )
     focus_sigma_px: Positive = Field(
         default=2.5, le=50, description="scale of the focus measures, px of the reference view"
@@ -313,13 +324,13 @@ class MapperConfig(ParameterGroup):
         description="window of the Focus methods' adaptive threshold, px, odd",
     )
     focus_threshold_c: FiniteFloat = Field(
-        default=2.0, description="threshold_c of the Focus methods, which reliability follows"
+        default=2.0, description="threshold_c of the Focus methods, applied before reliability"
     )
     focus_reliability: float = Field(
-        default=0.03, ge=0, le=1, description="reliability that a point of the Focus methods needs"
+        default=0.03, ge=0, le=1, description="least reliability of a point of the Focus methods"
     )
     inpaint: bool = Field(
-        default=False, description="also fill the gaps between points, marked as filled in"
+        default=False, description="also fill the gaps between points, marked as filled"
     )
     interpolate: bool = Field(
         default=True, description="refine the maximum between planes by a parabola"
@@ -333,12 +344,10 @@ class MapperConfig(ParameterGroup):
     median_px: OddPixels = Field(
         default=5, description="window of the masked median, px, odd; 1: none"
     )
-    border_px: int = Field(
-        default=2, ge=0, description="rim of the image that reports no depth, px"
-    )
+    border_px: int = Field(default=2, ge=0, description="border of the image without depth, px")
     max_confidence: NotNegative = Field(
         default=0.0,
-        description="votes that make full confidence, unless a pixel has more; 0: its maximum",
+        description="votes for full confidence, unless a pixel has more; 0: the maximum",
     )
     radius_m: Positive = Field(
         default=0.05, description="radius of the point cloud's outlier filter, m"
@@ -383,7 +392,7 @@ class MapperConfig(ParameterGroup):
         if self.is_mcemvs and (self.spacing, self.polarity) != ("inverse", "both"):
             raise ValueError(
                 f"compatibility mcemvs with spacing {self.spacing} and polarity {self.polarity}: "
-                "it knows inverse and both only"
+                "it supports only inverse and both"
             )
         if self.is_mcemvs and self.voting != "bilinear":
             raise ValueError(f"compatibility mcemvs with voting {self.voting}: needs bilinear")
@@ -426,5 +435,6 @@ class MapperConfig(ParameterGroup):
     @property
     def is_camera_0_view(self) -> bool:
         """Whether the reference view is camera 0's own, in which ground truth is stored."""
-        own_size = (self.view_width_px, self.view_height_px, self.view_focal_px)
-        return self.reference_shift == 0 and own_size == (None, None, None)
+        size = (self.view_width_px, self.view_height_px)
+        lens = (self.view_focal_px, self.view_focal_y_px, self.view_cx_px, self.view_cy_px)
+        return self.reference_shift == 0 and {*size, *lens} == {None}

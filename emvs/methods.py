@@ -184,7 +184,7 @@ def load() -> None:
             package = point.dist.name if point.dist else "a package"
             raise InputError(
                 f"{package}: its methods ({point.name} = {point.value}) cannot be registered "
-                f"({reason}): mend or uninstall it"
+                f"({reason}): fix or uninstall it"
             ) from error
 
 
@@ -324,7 +324,7 @@ def _baseline(name: str, mcemvs: bool) -> BaselineEstimator:
         known = ", ".join(one.name for one in baselines.BASELINES)
         raise InputError(f"unknown method {name!r}: the baselines are {known}")
     if mcemvs:
-        raise InputError(f"{name} does not know the mcemvs setting: choose compatibility none")
+        raise InputError(f"{name} does not support the mcemvs setting: choose compatibility none")
     return baseline
 
 

@@ -60,20 +60,23 @@ def _T_body_rv(recording: Recording, shift: float) -> NDArray[np.float64]:
 
 
 def _camera(camera: Camera, config: MapperConfig) -> Camera:
-    """The view's own size and focal length; its axis keeps its place relative to the middle."""
+    """The view's own size and lens; unless told, its axis keeps its place to the middle."""
+    if config.is_camera_0_view:
+        return camera
     width_px, height_px = config.view_width_px, config.view_height_px
     width_px = camera.width_px if width_px is None else width_px
     height_px = camera.height_px if height_px is None else height_px
     zoom = 1.0 if config.view_focal_px is None else config.view_focal_px / camera.fx_px
-    if (width_px, height_px, zoom) == (camera.width_px, camera.height_px, 1.0):
-        return camera
+    zoom_y = zoom if config.view_focal_y_px is None else config.view_focal_y_px / camera.fy_px
+    cx_px = (width_px - 1) / 2 + zoom * (camera.cx_px - (camera.width_px - 1) / 2)
+    cy_px = (height_px - 1) / 2 + zoom_y * (camera.cy_px - (camera.height_px - 1) / 2)
     return Camera(
         width_px,
         height_px,
         camera.fx_px * zoom,
-        camera.fy_px * zoom,
-        (width_px - 1) / 2 + zoom * (camera.cx_px - (camera.width_px - 1) / 2),
-        (height_px - 1) / 2 + zoom * (camera.cy_px - (camera.height_px - 1) / 2),
+        camera.fy_px * zoom_y,
+        cx_px if config.view_cx_px is None else config.view_cx_px,
+        cy_px if config.view_cy_px is None else config.view_cy_px,
     )
 
 

@@ -25,25 +25,25 @@ class EvalConfig(ParameterGroup):
     """Which ground truth counts, and which number ranks the methods."""
 
     min_truth_depth_m: float | None = Field(
-        default=None, gt=0, description="Nearer ground truth is left out [m]; unset: no limit."
+        default=None, gt=0, description="Nearer ground truth is left out, m; by default no limit."
     )
     max_truth_depth_m: float | None = Field(
-        default=None, gt=0, description="Farther ground truth is left out [m]; unset: no limit."
+        default=None, gt=0, description="Farther ground truth is left out, m; by default no limit."
     )
     truth_tolerance_s: float = Field(
         default=0,
         ge=0,
-        description="A data set's ground truth this close to a reference view is carried into it "
-        "by the poses [s]; 0: only truth of the same time.",
+        description="A data set's ground truth this close in time to a reference view, s, is "
+        "reprojected into it by the poses; 0: only ground truth of the same time.",
     )
     border_px: int = Field(
-        default=0, ge=0, description="Pixels this close to the image border are left out [px]."
+        default=0, ge=0, description="Pixels this close to the image border are left out, px."
     )
     boundary_px: int = Field(
-        default=2, ge=1, le=100, description="How far a depth boundary reaches to each side [px]."
+        default=2, ge=1, le=100, description="Width of a depth boundary to each side, px."
     )
     edge_contrast: float = Field(
-        default=0.1, gt=0, description="Gradient of log intensity that makes an edge [1/px]."
+        default=0.1, gt=0, description="Least gradient of log intensity at an edge, 1/px."
     )
     ranking_metric: RankingMetric = Field(
         default="mean_error", description="The metric that orders the methods; lower is better."
@@ -115,7 +115,7 @@ def unread(file: Path | None, groups: Sequence[str]) -> list[str]:
     """
     reads = ", ".join(f"[{name}]" for name in groups)
     return [
-        f"{file}: [{name}] ({_names(table)}) says nothing here: this command reads {reads}"
+        f"{file}: [{name}] ({_names(table)}) has no effect here: this command reads {reads}"
         for name, table in _read(file).items()
         if name not in groups and table
     ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from emvs.data.events import Events
 from emvs.data.poses import write_tum
@@ -13,6 +14,7 @@ from emvs.datasets.posed import EventSource
 from emvs.datasets.raw_streams import Readable, open_readable
 from emvs.errors import InputError
 from emvs.formats import FORMATS, calibration_writers, depth, write_events
+from emvs.formats.tables.columns import ColumnMap
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 from emvs.utils.outputs import check_output, inputs_of, output_file
@@ -20,6 +22,7 @@ from eval.progress import Progress
 
 POSES = ("tum", "kitti")
 CLOUDS = ("ply", "pcd")
+WINDOWS = "windows"
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,10 @@ class Options:
         width_px: sensor width, where the input does not say it.
         height_px: sensor height, likewise.
         baseline_m: distance between the cameras, for disparity.
+        window_s: length of windows to learn from, s.
+        stride_s: least time from the end of one to the next one's, s.
         force: whether to replace an existing output.
+        columns: which column of an event file is what, and what its times count, if stated.
         inputs: other files that the output must not replace, such as a configuration.
     """
 
@@ -45,7 +51,10 @@ class Options:
     width_px: int | None = None
     height_px: int | None = None
     baseline_m: float | None = None
+    window_s: float | None = None
+    stride_s: float | None = None
     force: bool = False
+    columns: ColumnMap | None = None
     inputs: tuple[Path, ...] = ()
 
 
@@ -53,7 +62,7 @@ def targets() -> list[str]:
     """Every format that can be written."""
     disparity = ["disparity-png"]
     rigs, depths = list(calibration_writers.WRITERS), list(depth.WRITERS)
-    return [*kinds(), *POSES, *rigs, *depths, *disparity, *CLOUDS]
+    return [*kinds(), *POSES, *rigs, *depths, *disparity, *CLOUDS, WINDOWS]
 
 
 @dataclass(frozen=True)
@@ -81,6 +90,8 @@ def convert_file(source: Path, out: Path, options: Options, progress: Progress) 
     _refuse_unused(options)
     inputs = (*inputs_of(source), *options.inputs)
     check_output(out, force=options.force, inputs=inputs, folder=out.is_dir())
+    if to == WINDOWS:
+        return _windows(source, out, options, inputs, progress)
     if to in kinds():
         return _events(source, out, options, inputs, progress)
     with output_file(out, force=options.force, inputs=inputs) as place:
@@ -90,17 +101,21 @@ def convert_file(source: Path, out: Path, options: Options, progress: Progress) 
 def _refuse_unused(options: Options) -> None:
     """Refuses options that say nothing about the format asked for."""
     events, poses = options.to in kinds(), options.to in POSES
+    windows = options.to == WINDOWS
+    lengths = (options.window_s, options.stride_s)
     useless = {
-        "--stream": bool(options.stream) and not events,
+        "--stream": bool(options.stream) and not (events or windows),
+        "--window-s and --stride-s": lengths != (None, None) and not windows,
         "--shift-us and --from-zero": options.shift_us != 0 and not (events or poses),
         "--unit": options.unit != "s" and not poses,
         "--width-px": options.width_px is not None and not events,
         "--height-px": options.height_px is not None and not events,
+        "--columns and --time-unit": options.columns is not None and not events,
         "--baseline-m": options.baseline_m is not None and options.to != "disparity-png",
     }
     for flag, is_useless in useless.items():
         if is_useless:
-            raise InputError(f"{flag} with --to {options.to}: says nothing there; leave it out")
+            raise InputError(f"{flag} with --to {options.to}: has no effect there; leave it out")
 
 
 def _file(source: Path, out: Path, options: Options) -> str:
@@ -119,7 +134,7 @@ def _file(source: Path, out: Path, options: Options) -> str:
 def _events(
     source: Path, out: Path, options: Options, inputs: tuple[Path, ...], progress: Progress
 ) -> Written:
-    readable = open_readable(source)
+    readable = open_readable(source, options.columns)
     whole = readable.recording is not None and not options.stream
     check_output(out, force=options.force, inputs=inputs, folder=whole)
     shift_us = options.shift_us if options.shift_us is not None else -_start_us(readable)
@@ -142,6 +157,30 @@ def _events(
             what = f"{count:,} events as {options.to}"
     moved = f", all times shifted by {shift_us} µs" if shift_us else ", times as they were"
     return Written(what + moved, tuple(_notes(chosen)))
+
+
+def _windows(
+    source: Path, out: Path, options: Options, inputs: tuple[Path, ...], progress: Progress
+) -> Written:
+    """Events and the depth at their end, a file per window."""
+    from emvs.datasets import open_recording
+    from emvs.datasets.training import WINDOW_S, TrainingWindows, write_windows
+
+    recording: Any = open_recording(source)
+    names = list(recording.rig.camera_names)
+    if options.stream and options.stream not in names:
+        raise InputError(f"{source}: no stream {options.stream}; there are {names}")
+    windows = TrainingWindows(
+        recording,
+        window_s=WINDOW_S if options.window_s is None else options.window_s,
+        stride_s=options.stride_s or 0.0,
+        camera=names.index(options.stream) if options.stream else 0,
+    )
+    with progress.stage("write windows", len(windows)) as update:
+        count = write_windows(
+            windows, out, force=options.force, inputs=inputs, told=lambda done: update(done, "")
+        )
+    return Written(f"{count:,} windows of {windows.window_s:g} s with depth")
 
 
 def _notes(streams: Sequence[tuple[str, EventSource]]) -> Iterator[str]:

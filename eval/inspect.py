@@ -16,6 +16,7 @@ from rich.table import Table
 from emvs.data.recording import Recording
 from emvs.datasets.posed import PosedRecording
 from emvs.datasets.raw_streams import Readable, open_readable
+from emvs.formats.tables.columns import ColumnMap
 from emvs.utils.files import atomic_path
 from eval.event_statistics import StreamCount, count_stream
 from eval.figures.plots import ESTIMATE_COLOUR, TRUTH_COLOUR
@@ -40,13 +41,20 @@ _ROWS = {
 }
 
 
-def inspect(path: Path, progress: Progress) -> tuple[Readable, list[StreamCount]]:
+def inspect(
+    path: Path, progress: Progress, columns: ColumnMap | None = None
+) -> tuple[Readable, list[StreamCount]]:
     """Opens anything readable and counts its events, one pass per stream.
+
+    Args:
+        path: what to open.
+        progress: told of each stream.
+        columns: which column of an event file is what, if stated.
 
     Raises:
         InputError: nothing readable, or a damaged file.
     """
-    readable = open_readable(path)
+    readable = open_readable(path, columns)
     counts = []
     for (name, source), size_px in zip(readable.streams, readable.sizes_px, strict=True):
         with progress.stage(f"read {name.strip('/')}", 1.0) as update:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from eval.scoring.pairing import Estimate
     from eval.scoring.predictions import Prediction, TargetView
     from eval.scoring.results import Results, Row
+    from sim.config import SimConfig
 
 _SILENT = Silent()
 _RESULTS = ("results.json", "results.csv")
@@ -252,18 +253,23 @@ def _inputs(cases: Sequence[str], settings: Settings) -> list[Path]:
 def check_case(
     scene: str, rig: str | None, config: MapperConfig, sim: SimConfig | None = None
 ) -> None:
-    """Refuses, before a scene is simulated, what could not be mapped after.
+    """Refuses, before a scene is simulated, what could not be simulated or mapped.
 
     Raises:
-        InputError: an unknown scene, rig or method, a GPU that is not there, or no OpenMP.
+        InputError: an unknown scene, rig or method, a setting of the simulator that has no effect,
+            a GPU that is not there, or no OpenMP.
     """
     import scenes
     from emvs import methods
     from emvs.dsi.device import check_device
     from emvs.utils.runtime import check_openmp
+    from sim.mjcf import is_model_file
 
     check_openmp()
-    chosen = scenes.rig_for(scene, rig, sim or SimConfig())
+    configured = sim or SimConfig()
+    if not is_model_file(scene):
+        scenes.load(scene).configured(configured)
+    chosen = scenes.rig_for(scene, rig, configured)
     methods.methods_by_name(config.methods, len(chosen), mcemvs=config.is_mcemvs)
     check_device(config.device)
 

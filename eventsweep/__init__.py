@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from emvs.data.recording import Recording
     from emvs.data.sequence import Sequence
     from emvs.datasets import open_recording
+    from emvs.datasets.training import TrainingWindows
     from emvs.depth.depth_map import DepthMap
     from emvs.dsi.method import Method
     from emvs.errors import InputError
@@ -34,11 +35,12 @@ if TYPE_CHECKING:
     from eval.scoring.results import Results
     from eventsweep.mapping import map_window, map_windows
     from eventsweep.scoring import score
-    from eventsweep.simulation import simulate
+    from eventsweep.simulation import simulate, video_to_events
     from scenes import load as load_scene
     from scenes import names as scenes
-    from sim.config import SimConfig
+    from sim.config import PixelConfig, SimConfig, VideoConfig
     from sim.sensor.esim import EventSimulator
+    from sim.video.record import RecordedVideo
 
     __version__: str
 
@@ -52,12 +54,16 @@ __all__ = [
     "InputError",
     "MapperConfig",
     "Method",
+    "PixelConfig",
+    "RecordedVideo",
     "Recording",
     "Results",
     "Rig",
     "Sequence",
     "SimConfig",
+    "TrainingWindows",
     "Trajectory",
+    "VideoConfig",
     "WindowResult",
     "__version__",
     "load_scene",
@@ -69,6 +75,7 @@ __all__ = [
     "scenes",
     "score",
     "simulate",
+    "video_to_events",
 ]
 
 # The name -> where it is.
@@ -82,12 +89,16 @@ _PLACES = {
     "InputError": "emvs.errors:InputError",
     "MapperConfig": "emvs.config:MapperConfig",
     "Method": "emvs.dsi.method:Method",
+    "PixelConfig": "sim.config:PixelConfig",
+    "RecordedVideo": "sim.video.record:RecordedVideo",
     "Recording": "emvs.data.recording:Recording",
     "Results": "eval.scoring.results:Results",
     "Rig": "emvs.geometry.rig:Rig",
     "Sequence": "emvs.data.sequence:Sequence",
     "SimConfig": "sim.config:SimConfig",
+    "TrainingWindows": "emvs.datasets.training:TrainingWindows",
     "Trajectory": "emvs.geometry.trajectory:Trajectory",
+    "VideoConfig": "sim.config:VideoConfig",
     "WindowResult": "emvs.window_result:WindowResult",
     "load_scene": "scenes:load",
     "map_window": "eventsweep.mapping:map_window",
@@ -98,6 +109,7 @@ _PLACES = {
     "scenes": "scenes:names",
     "score": "eventsweep.scoring:score",
     "simulate": "eventsweep.simulation:simulate",
+    "video_to_events": "eventsweep.simulation:video_to_events",
 }
 
 

@@ -103,7 +103,7 @@ def opened(recording: Recording | str | Path) -> Recording:
     lacks = [name for name in _MEMBERS if not hasattr(recording, name)]
     if lacks:
         raise InputError(
-            f"recording is {shown(recording)}: needs a path, what open_recording gave, or a class "
-            f"of your own with {', '.join(lacks)}"
+            f"recording is {shown(recording)}: needs a path, what open_recording returned, or a "
+            f"class of your own with {', '.join(lacks)}"
         )
     return recording

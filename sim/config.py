@@ -7,6 +7,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
+from emvs.errors import InputError, shown
 from emvs.parameters import ParameterGroup
 from sim.sensor_presets import PRESETS, SensorConfig
 
@@ -15,6 +16,8 @@ TruthName = Literal["flow", "segmentation", "boundary", "twist", "event_depth"]
 Density = Annotated[float, Field(ge=0)]
 Vector3 = tuple[float, float, float]
 LightRenderer = Literal["auto", "classic", "float"]
+Encoding = Literal["srgb", "gamma", "linear", "log"]
+"""How values of an image stand for light."""
 SamplingName = Literal["accurate", "fast", "linear"]
 
 
@@ -56,7 +59,7 @@ class ShutterConfig(ParameterGroup):
     """Pixel value per mean light: 1 saturates at intensity 1."""
 
     bits: Annotated[int, Field(ge=1, le=8)] = 8
-    """Resolution of the converter."""
+    """Bits per pixel."""
 
 
 class FramesConfig(ParameterGroup):
@@ -71,24 +74,24 @@ class FramesConfig(ParameterGroup):
     """How long the shutter is open, µs."""
 
     gain: Annotated[float, Field(gt=0)] | None = None
-    """Pixel value per mean light: 1 saturates at intensity 1; by default each is exposed by itself.
-    """
+    """Pixel value per mean light: 1 saturates at intensity 1; by default automatic for each
+    picture."""
 
     bits: Annotated[int, Field(ge=1, le=8)] = 8
-    """Resolution of the converter."""
+    """Bits per pixel."""
 
     auto_percentile: Annotated[float, Field(ge=0, le=100)] = 50.0
-    """Automatic gain looks at this percentile of a picture's light ..."""
+    """Automatic gain brings this percentile of a picture's light ..."""
 
     auto_level: Annotated[float, Field(gt=0, le=1)] = 0.18
-    """... and puts it at this share of full scale (a grey card has 0.18) ..."""
+    """... to this share of full scale (a grey card has 0.18) ..."""
 
     auto_max_gain: Annotated[float, Field(gt=0)] = 256.0
-    """... unless that takes a gain beyond this one: dark scenes stay dark."""
+    """... but never uses a larger gain than this: dark scenes stay dark."""
 
 
 class ImuConfig(ParameterGroup):
-    """An IMU on the body, of the order of Bosch's BMI160; the page `motion` says what is known."""
+    """An IMU on the body, of the order of Bosch's BMI160; see the page `motion`."""
 
     model_config = ConfigDict(allow_inf_nan=False)
 
@@ -108,16 +111,16 @@ class ImuConfig(ParameterGroup):
     """Random walk of the accelerometer's bias, m/s^3/sqrt(Hz)."""
 
     gyro_bias: Vector3 = (0.0, 0.0, 0.0)
-    """At the start, rad/s."""
+    """Bias of the gyroscope at the start, rad/s."""
 
     accel_bias: Vector3 = (0.0, 0.0, 0.0)
-    """At the start, m/s^2."""
+    """Bias of the accelerometer at the start, m/s^2."""
 
     position_m: Vector3 = (0.0, 0.0, 0.0)
-    """Where the IMU sits in the body's axes (those of camera 0: right, down, forward), m."""
+    """Position of the IMU in the body's axes (those of camera 0: right, down, forward), m."""
 
     quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
-    """How it is turned: unit quaternion of R_body_imu."""
+    """Orientation of the IMU: unit quaternion of R_body_imu."""
 
     @field_validator("quat_xyzw")
     @classmethod
@@ -135,13 +138,13 @@ class ImuConfig(ParameterGroup):
 
 
 class LightConfig(ParameterGroup):
-    """The picture's light."""
+    """How light is rendered."""
 
     model_config = ConfigDict(allow_inf_nan=False)
 
     renderer: LightRenderer = "auto"
-    """`classic` draws 8 bits per channel and sample, cut at 1; `float` draws 32-bit linear light
-    without end; `auto` takes `float` for scenes that say `hdr`, else `classic`."""
+    """`classic` renders 8 bits per channel and sample, clipped at 1; `float` renders unbounded
+    32-bit linear light; `auto` chooses `float` for `hdr` scenes, otherwise `classic`."""
 
     def floats(self, hdr: bool) -> bool:
         """Whether a scene is drawn in floating point; `hdr` is what the scene asks for."""
@@ -154,21 +157,20 @@ class ReplayConfig(ParameterGroup):
     model_config = ConfigDict(allow_inf_nan=False)
 
     trajectory: Path | None = None
-    """Poses in TUM format, `t_s x y z qx qy qz qw`; by default the head moves as the scene says."""
+    """Poses in TUM format, `t_s x y z qx qy qz qw`; by default the scene's own motion."""
 
     sha256: str = ""
-    """Hash of the file: written by the simulation, and checked where it is given."""
+    """SHA-256 of the file: recorded by the simulation; if given, any other file is refused."""
 
     place: Literal["start", "level", "world"] = "start"
-    """Where it goes: `start` puts its first pose onto the scene's; `level` as well, but keeps the
-    recording's tilt (its world's z must be up); `world` takes the recorded world for the scene's.
-    """
+    """Placement: `start` puts its first pose onto the scene's; `level` does, too, but keeps the
+    recording's tilt (its world's z must be up); `world` uses the recorded world as the scene's."""
 
     shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Added to the positions afterwards, in the scene's axes, m."""
+    """Shift of the placed positions, in the scene's axes, m."""
 
     heading_deg: float = 0.0
-    """Turns the whole way about the vertical through its start, counter-clockwise from above."""
+    """Turns the path about the vertical through its start, deg, counter-clockwise from above."""
 
     scale: Positive = 1.0
     """Factor on the recorded positions."""
@@ -183,17 +185,17 @@ class ReplayConfig(ParameterGroup):
     """Smoothing of rotations: -3 dB at this frequency, Hz."""
 
     max_gap_s: Positive = 0.05
-    """Refuse a longer time without a pose; what lies within a gap is interpolated, not recorded."""
+    """Refuse longer gaps between poses, s; shorter ones are interpolated."""
 
     max_speed_m_s: Positive = 12.0
-    """Refuse a faster step between two poses, before scaling."""
+    """Refuse faster motion between two poses, m/s, before scaling."""
 
     max_rate_rad_s: Positive = 20.0
-    """Refuse a faster turn between two poses."""
+    """Refuse faster rotation between two poses, rad/s."""
 
     hand_eye: Path | None = None
-    """What turns the recorded body's poses into camera 0's: JSON or YAML with `T_body_cam`, or
-    TUM-VIE's mocap-imu calibration, together with `imu_cam`. By default the poses are camera 0's.
+    """Hand-eye calibration from the recorded body to camera 0: JSON or YAML with `T_body_cam`, or
+    TUM-VIE's mocap-imu calibration together with `imu_cam`; by default the poses are camera 0's.
     """
 
     imu_cam: Path | None = None
@@ -224,8 +226,8 @@ class ModelConfig(ParameterGroup):
     """Hash of the file: written by the simulation."""
 
 
-class SimConfig(ParameterGroup):
-    """How frames are sampled and turned into events; defaults are the benchmark's."""
+class PixelConfig(ParameterGroup):
+    """How light becomes events, wherever the light comes from."""
 
     model_config = ConfigDict(allow_inf_nan=False)
 
@@ -236,7 +238,7 @@ class SimConfig(ParameterGroup):
     """C-: fall of log intensity per negative event, natural logarithm."""
 
     refractory_period_us: Annotated[int, Field(ge=0)] = 0
-    """A pixel stays silent this long after an event that it emitted, µs."""
+    """A pixel stays silent this long after an emitted event, µs."""
 
     log_eps: Annotated[float, Field(gt=0)] = 0.02
     """Added to linear intensity (full scale 1) before the logarithm: bounds contrast in the dark.
@@ -247,18 +249,30 @@ class SimConfig(ParameterGroup):
     sensor: SensorConfig = SensorConfig()
     """Noise, mismatch, bandwidth, latency and read-out; a preset sets thresholds not given."""
 
+    @model_validator(mode="after")
+    def _thresholds_of_preset(self) -> PixelConfig:
+        for name, value in PRESETS[self.sensor.preset].thresholds.items():
+            if name not in self.model_fields_set:
+                # Not marked as set: a file's own value still beats a flag's preset.
+                self.__dict__[name] = value
+        return self
+
+
+class SimConfig(PixelConfig):
+    """How frames are sampled and turned into events; defaults are the benchmark's."""
+
     sampling: SamplingName = "accurate"
-    """What pixels see between two frames: `accurate` and `fast` carry the light of fine frames
-    along the image motion, `linear` blends frames that are close together.
+    """Light between two frames: `accurate` and `fast` move the light of fine frames along the image
+    motion, `linear` blends frames that are close together.
     """
 
     max_displacement_px: Annotated[float, Field(gt=0, le=64)] | None = None
-    """No pixel of any camera moves further than this between two frames, px; by default 8,
-    and 0.5 where `sampling` is `linear`."""
+    """Largest motion of any pixel between two frames, px; by default 8, and 0.5 if `sampling` is
+    `linear`."""
 
     supersample: Annotated[int, Field(ge=1, le=8)] | None = None
-    """Each pixel is the mean of this many squared render samples; by default as many as `sampling`
-    needs at the rig's focal lengths, and 2 where it is `linear`."""
+    """Render samples per pixel and axis; by default as many as `sampling` needs at the rig's focal
+    lengths, and 2 if it is `linear`."""
 
     light: LightConfig = LightConfig()
     """How the pictures' light is measured, see the page `light`."""
@@ -283,31 +297,23 @@ class SimConfig(ParameterGroup):
     """Stored poses per second, Hz."""
 
     truth_interval_s: Annotated[float, Field(gt=0)] = 0.05
-    """Depth and a frame are stored this often, and at the start, middle and end, s."""
+    """Time between stored depth maps and frames, s; also stored at the start, middle and end."""
 
     truth_times_s: tuple[Annotated[float, Field(ge=0)], ...] = ()
-    """More times at which ground truth is stored, s."""
+    """Additional times at which ground truth is stored, s."""
 
     truth: tuple[TruthName, ...] = ()
-    """Ground truth beside depth: at the stored times, and `event_depth` for every event."""
+    """Ground truth other than depth: at the stored times, and `event_depth` for every event."""
 
     duration_s: Annotated[float, Field(gt=0)] | None = None
     """Length of the sequence, s; by default the scene's own."""
 
     min_frame_interval_us: Annotated[int, Field(ge=1)] = 20
-    """Frames are never closer than this, µs, but for truth times; faster motion is refused."""
+    """Least time between frames, µs, except at truth times; faster motion is refused."""
 
     max_frame_interval_us: Annotated[int, Field(ge=1)] | None = None
-    """Frames are never further apart than this, µs, however slow the motion; by default 50 000,
-    and 10 000 where `sampling` is `linear`."""
-
-    @model_validator(mode="after")
-    def _thresholds_of_preset(self) -> SimConfig:
-        for name, value in PRESETS[self.sensor.preset].thresholds.items():
-            if name not in self.model_fields_set:
-                # Not marked as set: a file's own value still beats a flag's preset.
-                self.__dict__[name] = value
-        return self
+    """Longest time between frames, µs, however slow the motion; by default 50 000, and 10 000 if
+    `sampling` is `linear`."""
 
     @property
     def spacing_px(self) -> float:
@@ -326,4 +332,65 @@ class SimConfig(ParameterGroup):
                 f"min_frame_interval_us={self.min_frame_interval_us} exceeds "
                 f"max_frame_interval_us={self.longest_interval_us}: lower the first"
             )
+        return self
+
+    def check_heeded(self) -> None:
+        """Refuses details of pictures, inertial samples or a recorded motion that there are not.
+
+        Not a validator: a scene has a frame rate of its own, and a file and flags come in parts.
+
+        Raises:
+            InputError: names the first of them.
+        """
+        for group, switch in (("frames", "rate_hz"), ("imu", "rate_hz"), ("replay", "trajectory")):
+            settings: ParameterGroup = getattr(self, group)
+            if getattr(settings, switch):
+                continue
+            for name, value in settings.__repr_args__():
+                if name != switch:
+                    raise InputError(
+                        f"{group}.{name} {shown(value)} has no effect without {group}.{switch}: "
+                        "set that one too, or leave this one out"
+                    )
+
+
+class VideoConfig(ParameterGroup):
+    """When the frames of a video were taken, and what light their values stand for."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+    rate_hz: Positive | None = None
+    """Frames per second, Hz, instead of the times that the video or the folder states."""
+
+    slow_motion: Positive = 1.0
+    """How many times slower than life the video file plays: its times are divided by this."""
+
+    stamps: Path | None = None
+    """File of the images' times, lines `t` or `t name`, instead of the folder's own."""
+
+    unit: Literal["s", "ms", "us", "ns"] | None = None
+    """What these times count; without it a decimal point or a header must say so."""
+
+    encoding: Encoding | None = None
+    """What light values stand for: `srgb`, `gamma`, `linear`, or `log`, its natural logarithm; by
+    default `srgb` where they are whole numbers, and `linear` where they are floats."""
+
+    gamma: Positive | None = None
+    """Exponent of the encoding `gamma`: light is value ** gamma; by default 2.2."""
+
+    full_scale: Positive | None = None
+    """Value of intensity 1; by default 255, 65535, or 1 of floats. 12 bits in 16 need 4095."""
+
+    upsample: str | None = None
+    """What puts frames between frames: MODULE:FUNCTION, FILE.py:FUNCTION, or the name under which a
+    package registered one."""
+
+    @model_validator(mode="after")
+    def _of_use(self) -> VideoConfig:
+        if self.gamma is not None and self.encoding != "gamma":
+            raise ValueError(f"gamma={self.gamma:g} has no effect unless encoding is gamma")
+        if self.encoding == "log" and self.full_scale is not None:
+            raise ValueError("full_scale has no effect on logarithms: leave it out")
+        if self.rate_hz is not None and (self.stamps is not None or self.unit is not None):
+            raise ValueError("rate_hz with stamps or unit: two time bases, leave one out")
         return self

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from emvs.data.events import Events
 from emvs.data.writer import SequenceWriter
 from emvs.errors import InputError, check_type
+from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
@@ -280,6 +281,11 @@ class EventCamera:
         return self._rig.step(data)[0]
 
     @property
+    def camera(self) -> Camera:
+        """Its lens and size."""
+        return self._rig.rig.cameras[0]
+
+    @property
     def T_world_cam(self) -> Pose:
         """Pose (4, 4) at the last call, axes right, down, forward."""
         return self._rig.T_world_body
@@ -317,6 +323,8 @@ def _camera_name(model: Any, mount: str) -> str:
 
 
 def _pose(T: Pose | None) -> Pose:
+    if T is not None and not se3.is_rigid(np.asarray(T)):
+        raise InputError("T_mount_body is no rigid (4, 4) motion: give a rotation and a shift")
     return np.eye(4) if T is None else np.asarray(T, np.float64)
 
 
@@ -395,7 +403,8 @@ class _Recorder:
         elif kind is None:
             poses = Trajectory.from_matrices(np.array(self._t_us), np.array(self._T_world_body))
             counts = self._cameras.finish()
-            self._writer.end(poses, counts if self._labelled else None)
+            self._writer.trajectory = poses
+            self._writer.sensor_counts = counts if self._labelled else None
         self._writer.__exit__(kind, error, trace)
         if trace is None and error is not None:
             raise error

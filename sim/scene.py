@@ -84,13 +84,19 @@ class Scene:
         )
 
     def configured(self, config: SimConfig) -> SimConfig:
-        """Returns `config` with the scene's own defaults for what its user did not set."""
+        """Returns `config` with the scene's own defaults for what its user did not set.
+
+        Raises:
+            InputError: a setting that has no effect, see `SimConfig.check_heeded`.
+        """
         own: dict[str, object] = {}
         if self.log_eps is not None and "log_eps" not in config.model_fields_set:
             own["log_eps"] = self.log_eps
         if config.frames.rate_hz is None:
             own["frames"] = config.frames.model_copy(update={"rate_hz": self.frames_rate_hz})
-        return config.model_copy(update=own)
+        full = config.model_copy(update=own)
+        full.check_heeded()
+        return full
 
     def spec(self) -> mujoco.MjSpec:
         """Returns the scene as an editable MuJoCo specification, textures in place.
@@ -98,6 +104,8 @@ class Scene:
         Raises:
             InputError: the MJCF cannot be parsed, or lacks a texture that `textures` provides.
         """
+        if not self.mjcf.is_file():
+            raise InputError(f"scene {self.name} has no file {self.mjcf}: create it or fix `mjcf`")
         spec = read_spec(self.mjcf)
         for name, pixels in self.textures().items():
             put_texture(spec, name, pixels)
@@ -116,7 +124,7 @@ def put_texture(spec: mujoco.MjSpec, name: str, pixels: NDArray[np.uint8]) -> No
         )
     if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8:
         raise InputError(
-            f"texture {name!r} came as {pixels.dtype} {pixels.shape}: need uint8 (H, W, 3)"
+            f"texture {name!r} is {pixels.dtype} {pixels.shape}: needs uint8 (H, W, 3)"
         )
     texture.height, texture.width, texture.nchannel = pixels.shape
     texture.data = np.ascontiguousarray(pixels).tobytes()

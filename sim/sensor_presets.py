@@ -1,4 +1,4 @@
-"""What is imperfect about a sensor, and named sensors; docs/sensor.md gives the sources."""
+"""What is imperfect about a sensor, and named sensors; the page `sensor` gives sources."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class SensorConfig(ParameterGroup):
     model_config = ConfigDict(allow_inf_nan=False)
 
     preset: PresetName = "ideal"
-    """Named sensor that all other values override; it also sets thresholds that are not given."""
+    """Named sensor, whose values other settings override; it also sets thresholds not given."""
 
     threshold_sigma: _Level = None
     """Standard deviation of every pixel's own C+ and C-, natural logarithm; drawn once."""
@@ -33,37 +33,37 @@ class SensorConfig(ParameterGroup):
     """Poles of the photoreceptor, all at its cut-off."""
 
     dark_level: Annotated[float, Field(gt=0)] | None = None
-    """Intensity below which the dark current keeps cut-off and latency from changing further."""
+    """Intensity below which the dark current keeps cut-off and latency constant."""
 
     leak_rate_hz: _Level = None
     """Leak events of a pixel in constant light, Hz."""
 
     leak_jitter: Annotated[float, Field(ge=0, le=0.5)] | None = None
-    """Standard deviation of the time from leak event to leak event, share of its mean."""
+    """Standard deviation of the time between leak events, relative to its mean."""
 
     shot_rate_dark_hz: _Level = None
     """Shot noise events of a pixel in the dark, both polarities together, Hz."""
 
     shot_rate_bright_hz: _Level = None
-    """The same at full-scale intensity and above; linear in between, Hz."""
+    """Shot noise events of a pixel at full-scale intensity and above, Hz; linear in between."""
 
     hot_pixel_fraction: _Share = None
     """Share of the pixels that are hot; drawn once."""
 
     hot_pixel_rate_hz: _Level = None
-    """Events of a hot pixel beside all others, Hz."""
+    """Additional events of a hot pixel, Hz."""
 
     latency_us: _Level = None
     """Mean time from crossing to read-out request at full-scale intensity, µs; more in the dark."""
 
     latency_jitter: _Share = None
-    """Standard deviation of the latency, share of its mean."""
+    """Standard deviation of the latency, relative to its mean."""
 
     readout_events_per_s: _Level = None
     """Events that the read-out passes on, 1/s; 0: unlimited."""
 
     readout_rows_per_s: _Level = None
-    """Rows that the arbiter selects, 1/s, on top of the time for their events; 0: unlimited."""
+    """Rows that the arbiter selects, 1/s, besides the time for their events; 0: unlimited."""
 
     readout_queue_events: Annotated[int, Field(ge=1)] | None = None
     """Requests that may wait for the read-out; more are dropped."""

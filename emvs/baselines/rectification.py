@@ -133,7 +133,7 @@ def _check_pair(rig: Rig, i: int, j: int) -> None:
         )
     if rig.baseline_m(i, j) == 0:
         raise InputError(
-            f"rig {rig.name}: cameras {i} and {j} have one centre: stereo matching needs a baseline"
+            f"rig {rig.name}: cameras {i} and {j} are at one point: stereo needs a baseline"
         )
 
 

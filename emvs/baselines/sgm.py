@@ -214,7 +214,7 @@ def photos_at(recording: Recording, window: Window, cameras: tuple[int, int]) ->
     photos = [recording.photo(camera, window.t_ref_us) for camera in cameras]
     if photos[0][:2] != photos[1][:2]:
         raise InputError(
-            f"{name}: frames at {photos[0].t_us} and {photos[1].t_us} µs are no stereo "
+            f"{name}: frames at {photos[0].t_us} and {photos[1].t_us} µs are not a stereo "
             "pair: Frames/sgm needs cameras that expose at the same time"
         )
     if not window.t0_us <= photos[0].t_us <= window.t1_us:

@@ -50,13 +50,13 @@ def open_hdf5(path: Path) -> Iterator[h5py.File]:
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
     except OSError as error:
-        raise InputError(f"{path}: not a whole HDF5 file ({error}); make it again") from error
+        raise InputError(f"{path}: not a complete HDF5 file ({error}); make it again") from error
     with file:
         try:
             _check_own(path, file)
             yield file
         except (KeyError, OSError, RuntimeError, IndexError, TypeError, AttributeError) as error:
-            raise InputError(f"{path}: damaged or of another layout ({error})") from error
+            raise InputError(f"{path}: damaged, or not in the expected layout ({error})") from error
 
 
 def _check_own(path: Path, file: h5py.File) -> None:
@@ -268,5 +268,5 @@ def _check_storage(where: str, data: h5py.Dataset) -> None:
         unit = "bytes" if data.chunks is None else "chunks"
         raise InputError(
             f"{where}: {data.shape[0]} rows need {needed} {unit}, {stored} are there; the file "
-            "is not whole, fetch it again"
+            "is incomplete, fetch it again"
         )

@@ -114,7 +114,7 @@ def _check_inside(folder: Path, name: str) -> None:
         inside = False
     if not inside:
         raise InputError(
-            f"{folder / FILE_NAME}: {quoted(name)} is no file of this folder; make the sequence "
+            f"{folder / FILE_NAME}: {quoted(name)} is not a file in this folder; make the sequence "
             "again, or put the file itself there instead of a link"
         )
 

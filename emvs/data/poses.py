@@ -12,6 +12,8 @@ from emvs.geometry.trajectory import Trajectory
 from emvs.utils.files import atomic_path
 from emvs.utils.inputs import TABLE_BYTES, read_text
 
+POSES_FILE = "poses.txt"
+"""Of a sequence."""
 PER_UNIT_US = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
 _LARGEST_US = 2.0**62
 
@@ -70,7 +72,9 @@ def read_kitti(path: Path, t_us: NDArray[np.int64]) -> Trajectory:
     turned = T_world_body[:, :3, :3]
     error = np.abs(turned @ turned.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
     if not np.isfinite(rows).all() or not (error < 1e-3).all():
-        raise InputError(f"{path}: line {int(np.argmax(~(error < 1e-3))) + 1} is no rigid motion")
+        raise InputError(
+            f"{path}: line {int(np.argmax(~(error < 1e-3))) + 1} is not a rigid motion"
+        )
     return Trajectory.from_matrices(t_us, T_world_body)
 
 
@@ -80,7 +84,9 @@ def _rows(path: Path, columns: int, needs: str) -> NDArray[np.float64]:
         lines = text.replace(",", " ").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not ASCII text"
-        raise InputError(f"{path}: cannot be read ({reason}); needs a text of poses") from error
+        raise InputError(
+            f"{path}: cannot be read ({reason}); needs a text file of poses"
+        ) from error
     rows = []
     for number, line in enumerate(lines, start=1):
         words = line.split("#", 1)[0].split()

@@ -13,7 +13,7 @@ from emvs.data import manifest
 from emvs.data.event_store import EventStoreReader
 from emvs.data.events import Events
 from emvs.data.image_stores import FRAMES_FILE, FrameReader, Photo, TruthReader
-from emvs.data.poses import read_tum
+from emvs.data.poses import POSES_FILE, read_tum
 from emvs.data.recording import summary
 from emvs.data.tables import IMU_FILE, Geom, ImuSamples, read_geoms, read_imu
 from emvs.errors import InputError, check_path
@@ -31,7 +31,6 @@ class Sequence:
         path: the folder.
         manifest: what made the sequence.
         rig: its cameras.
-        trajectory: `T_world_body`.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -39,7 +38,7 @@ class Sequence:
         self.path = Path(path)
         self.manifest = manifest.read(self.path)
         self.rig = _read_rig(self.path / "rig.json")
-        self.trajectory: Trajectory = read_tum(self.path / "poses.txt")
+        self._trajectory = read_tum(self.path / POSES_FILE) if self.has_poses else None
 
     @classmethod
     def open(cls, path: str | Path) -> Sequence:
@@ -52,12 +51,31 @@ class Sequence:
 
     def __repr__(self) -> str:
         events = " + ".join(map(str, self.manifest.event_counts))
-        return f"Sequence({summary(self)}, {events} events)"
+        what = summary(self) if self.has_poses else f"{self.name!r}, {self.rig.sizes()}, no poses"
+        return f"Sequence({what}, {events} events)"
 
     @property
     def name(self) -> str:
         """What the sequence is called."""
         return self.manifest.name
+
+    @property
+    def has_poses(self) -> bool:
+        """Whether poses are stored: events of somebody's video may have none."""
+        return POSES_FILE in self.manifest.files
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """`T_world_body`.
+
+        Raises:
+            InputError: no poses are stored.
+        """
+        if self._trajectory is None:
+            raise InputError(
+                f"{self.path}: has no poses: make it again with calibration and poses of the video"
+            )
+        return self._trajectory
 
     @property
     def depth_range_m(self) -> tuple[float, float] | None:

@@ -16,8 +16,9 @@ from emvs.data import manifest
 from emvs.data.event_store import EventStoreWriter
 from emvs.data.events import Events
 from emvs.data.image_stores import FRAMES_FILE, FrameWriter, Photo, TruthWriter
-from emvs.data.poses import write_tum
+from emvs.data.poses import POSES_FILE, write_tum
 from emvs.data.tables import IMU_FILE, GeomTable, ImuSamples, write_geoms, write_imu
+from emvs.errors import InputError
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 from emvs.utils.outputs import atomic_dir, check_output
@@ -31,14 +32,16 @@ class SequenceWriter:
         path: the folder to make.
         name: what the sequence is called.
         rig: its cameras.
-        trajectory: `T_world_body`; None where `end` gives it.
+        trajectory: `T_world_body`; None where nobody knows it.
         config: the configuration that made it, plain values.
         seed: the seed that made it.
         renderer: what rendered it.
         depth_range_m: nearest and farthest depth, if known.
-        span_us: first and last instant of the recording; by default those of the trajectory.
+        span_us: first and last instant of the recording; by default those of the trajectory. What
+            is known only at the end may be set as an attribute until then.
         geoms: what the ids in a segmentation mean, if there is one.
-        sensor_counts: per camera, what became of its events: sent by cause, dropped by reason.
+        sensor_counts: per camera, what became of its events: sent by cause, dropped by reason;
+            may be set as an attribute, too.
         imu: inertial samples, if there is an IMU.
         force: whether an existing sequence is replaced.
         inputs: files and folders that it is made from, which it never replaces.
@@ -68,14 +71,15 @@ class SequenceWriter:
         check_output(Path(path), force=force, inputs=inputs)
         self._path = Path(path)
         self._output = atomic_dir(self._path, force=force, inputs=inputs)
-        self._name, self._rig, self._trajectory = name, rig, trajectory
-        self._geoms, self._sensor_counts, self._imu = geoms, sensor_counts, imu
+        self._name, self._rig, self.trajectory = name, rig, trajectory
+        self._geoms, self._imu = geoms, imu
+        self.sensor_counts = sensor_counts
+        self.span_us = span_us
         self._facts: dict[str, Any] = {
             "configuration": config,
             "seed": seed,
             "renderer": renderer,
             "depth_range_m": depth_range_m,
-            "span_us": span_us,
         }
         self._folder_stack, self._file_stack = ExitStack(), ExitStack()
 
@@ -97,8 +101,7 @@ class SequenceWriter:
         try:
             self._file_stack.close()
             if error is None:
-                self._write_tables()
-                manifest.write(self._folder, self._manifest())
+                self._write_end()
         except BaseException as failure:
             self._folder_stack.__exit__(type(failure), failure, failure.__traceback__)
             raise
@@ -154,18 +157,6 @@ class SequenceWriter:
             self._frames[camera] = self._file_stack.enter_context(writer)
         self._frames[camera].append(photo)
 
-    def end(
-        self, trajectory: Trajectory, sensor_counts: Collection[dict[str, int]] | None = None
-    ) -> None:
-        """Says what is known only when all events are there.
-
-        Args:
-            trajectory: `T_world_body`.
-            sensor_counts: per camera, what became of its events.
-        """
-        self._trajectory = trajectory
-        self._sensor_counts = self._sensor_counts if sensor_counts is None else sensor_counts
-
     def _open_files(self) -> None:
         rig_text = json.dumps(self._rig.to_json(), indent=2) + "\n"
         (self._folder / "rig.json").write_text(rig_text, encoding="utf-8")
@@ -183,23 +174,27 @@ class SequenceWriter:
                 self._file_stack.enter_context(TruthWriter(folder / "truth.h5", *size))
             )
 
-    def _write_tables(self) -> None:
-        assert self._trajectory is not None, "say where the rig was: `end`"
-        write_tum(self._folder / "poses.txt", self._trajectory)
-        self._facts["span_us"] = self._facts["span_us"] or self._trajectory.span_us
+    def _write_end(self) -> None:
+        if self.trajectory is not None:
+            write_tum(self._folder / POSES_FILE, self.trajectory)
+            self.span_us = self.span_us or self.trajectory.span_us
         if self._geoms is not None:
             write_geoms(self._folder, self._geoms)
-        if self._sensor_counts is not None:
-            counts_text = json.dumps(list(self._sensor_counts), indent=1) + "\n"
-            (self._folder / "sensor.json").write_text(counts_text, encoding="utf-8")
         if self._imu is not None:
             write_imu(self._folder / IMU_FILE, self._imu)
+        if self.sensor_counts is not None:
+            counts_text = json.dumps(list(self.sensor_counts), indent=1) + "\n"
+            (self._folder / "sensor.json").write_text(counts_text, encoding="utf-8")
+        if self.span_us is None:
+            raise InputError(f"{self._path}: a sequence without trajectory needs span_us")
+        manifest.write(self._folder, self._manifest(self.span_us))
 
-    def _manifest(self) -> manifest.Manifest:
+    def _manifest(self, span_us: tuple[int, int]) -> manifest.Manifest:
         return manifest.Manifest(
             schema_version=manifest.SCHEMA_VERSION,
             name=self._name,
             versions=versions(),
+            span_us=span_us,
             event_counts=tuple(writer.count for writer in self._events),
             files=manifest.entries(self._folder),
             **self._facts,

@@ -13,6 +13,7 @@ from emvs.data.poses import read_poses
 from emvs.datasets.posed import EventSource, PosedRecording, on_first_camera
 from emvs.errors import InputError
 from emvs.formats.calibration import matrix, parsed, pose_of, read_imu_cam, read_rig
+from emvs.formats.tables.columns import ColumnMap
 from emvs.geometry import se3
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
@@ -29,6 +30,15 @@ class _Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
+class ColumnsTable(_Table):
+    """Addresses of the columns of a file, as `emvs.formats.tables.columns` explains them."""
+
+    x: str = Field(min_length=1)
+    y: str = Field(min_length=1)
+    t: str = Field(min_length=1)
+    p: str = Field(min_length=1)
+
+
 class EventsTable(_Table):
     """One camera's events.
 
@@ -36,11 +46,23 @@ class EventsTable(_Table):
         file: event file or ROS2 folder, any format of `emvs.formats`.
         stream: which stream, where the file has several.
         time_offset_us: added to the file's times.
+        columns: which column is what, where neither names nor values say it.
+        time_unit: what its times count: `s`, `ms`, `us` or `ns`; needed with `columns`.
     """
 
     file: FileName
     stream: str = ""
     time_offset_us: int = 0
+    columns: ColumnsTable | None = None
+    time_unit: Literal["", "s", "ms", "us", "ns"] = ""
+
+    def source(self, folder: Path) -> EventSource:
+        """The events, of a file relative to a folder."""
+        stated = {} if self.columns is None else self.columns.model_dump()
+        columns = (
+            ColumnMap(**stated, time_unit=self.time_unit) if stated or self.time_unit else None
+        )
+        return EventSource(folder / self.file, self.stream, self.time_offset_us, columns)
 
 
 class CalibrationTable(_Table):
@@ -123,9 +145,7 @@ def assembled(folder: Path, what: Descriptor, layout: str) -> PosedRecording:
     if what.poses.hand_eye is not None:
         imu_cam = None if what.poses.imu_cam is None else folder / what.poses.imu_cam
         poses = on_first_camera(poses, read_hand_eye(folder / what.poses.hand_eye, imu_cam))
-    sources = tuple(
-        EventSource(folder / one.file, one.stream, one.time_offset_us) for one in what.events
-    )
+    sources = tuple(one.source(folder) for one in what.events)
     return PosedRecording(
         path=folder,
         layout=layout,

@@ -27,7 +27,7 @@ from emvs.errors import InputError
 from emvs.formats.calibration import camera_of, entry_of, numbers_of, parsed
 from emvs.formats.calibration_writers import kalibr_camera
 from emvs.formats.depth import read_png
-from emvs.formats.hdf5 import opened_hdf5
+from emvs.formats.tables.hdf5_layouts import opened_hdf5
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
@@ -199,7 +199,7 @@ def _rows(values: Any, shape: tuple[int, int], key: str) -> NDArray[np.float64]:
     try:
         found = np.array(values, np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{key} holds something that is no number: correct it") from error
+        raise InputError(f"{key} holds something that is not a number: correct it") from error
     if found.shape != shape or not np.isfinite(found).all():
         raise InputError(f"{key} has shape {found.shape}: needs {shape} finite numbers")
     return found
@@ -294,5 +294,5 @@ def write_disparity(path: Path, depth_m: NDArray[np.float32], focal_baseline_px_
         raise InputError(f"{path}: a disparity of {units.max() / 256:.1f} px; 16 bits hold 255.99")
     done, data = cv2.imencode(".png", units.astype(np.uint16))
     if not done:
-        raise InputError(f"{path}: cannot be coded as PNG")
+        raise InputError(f"{path}: cannot be encoded as PNG")
     path.write_bytes(data.tobytes())

@@ -20,7 +20,7 @@ from emvs.data.recording import summary
 from emvs.errors import InputError, said
 from emvs.formats.depth import read_grey
 from emvs.formats.prophesee import STREAM
-from emvs.formats.text import TextLayout, TextReader
+from emvs.formats.tables.text import TextLayout, TextReader
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
@@ -69,7 +69,7 @@ class EventCameraDataset:
 
     def _events(self, camera: int) -> SortedText:
         if camera != 0:
-            raise InputError(f"{self.path}: camera {camera} asked for, there is one, camera 0")
+            raise InputError(f"{self.path}: no camera {camera}, there is only camera 0")
         return self._text
 
     @cached_property
@@ -85,7 +85,7 @@ class EventCameraDataset:
             raise InputError(f"{path}: needs lines `t_s file` ({said(error)})") from error
         for _, name in frames:
             if not name.isprintable() or name.startswith("/") or ".." in name:
-                raise InputError(f"{path}: {name[:60]!a} is no file of this folder; correct it")
+                raise InputError(f"{path}: {name[:60]!a} is not a file in this folder; correct it")
         return frames
 
     @cached_property
@@ -103,7 +103,7 @@ class SortedText(TextReader):
     """
 
     def __init__(self, path: Path, camera: Camera) -> None:
-        super().__init__(path, _LINES)
+        super().__init__(path, layout=_LINES)
         self.width_px, self.height_px = self._size_px = camera.width_px, camera.height_px
 
     def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:

@@ -46,7 +46,7 @@ def nearest_truth_us(recording: TruthRecording, t_ref_us: int, tolerance_us: int
     if abs(off_us) > tolerance_us:
         raise InputError(
             f"{recording.name}: no ground truth within {tolerance_us} µs of the reference time "
-            f"{t_ref_us} µs, the nearest lies {off_us:+d} µs beside it ({nearest_us} µs): map with "
+            f"{t_ref_us} µs, the nearest is {off_us:+d} µs away ({nearest_us} µs): map with "
             "reference_s there, or raise truth_tolerance_s"
         )
     return nearest_us

@@ -15,7 +15,7 @@ from emvs.datasets.files import find_one
 from emvs.datasets.posed import EventSource, PosedRecording
 from emvs.errors import InputError
 from emvs.formats.calibration import read_rig
-from emvs.formats.hdf5 import check_columns, opened_hdf5
+from emvs.formats.tables.hdf5_layouts import check_columns, opened_hdf5
 from emvs.geometry.camera import Camera
 from emvs.geometry.trajectory import Trajectory
 
@@ -68,7 +68,7 @@ def _poses(path: Path) -> Trajectory:
     wrong = np.abs(turned @ turned.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
     if not np.isfinite(T_world_cam).all() or not (wrong < 1e-3).all():
         bad = int(np.argmax(~(wrong < 1e-3)))
-        raise InputError(f"{path}: pose {bad} is no rigid motion; fetch the file again")
+        raise InputError(f"{path}: pose {bad} is not a rigid motion; fetch the file again")
     try:
         return Trajectory.from_matrices(t_us, T_world_cam)
     except InputError as error:

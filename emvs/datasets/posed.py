@@ -19,6 +19,7 @@ from emvs.data.recording import summary
 from emvs.errors import InputError
 from emvs.formats import open_events
 from emvs.formats.base import EventReader
+from emvs.formats.tables.columns import ColumnMap
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 
@@ -42,19 +43,21 @@ class EventSource:
         path: the file.
         stream: its stream; the only one where it is empty.
         shift_us: added to the file's times, µs.
+        columns: which of its columns is what, where somebody states it.
         late: events earlier than one before them, in what `chunks` has given.
     """
 
     path: Path
     stream: str = ""
     shift_us: int = 0
+    columns: ColumnMap | None = None
     late: int = field(default=0, init=False)
     _span_us: tuple[int, int] | None = field(default=None, init=False, repr=False)
 
     @cached_property
     def reader(self) -> EventReader:
         """The open file."""
-        reader = open_events(self.path)
+        reader = open_events(self.path, self.columns)
         self.stream = self.stream or _only(self.path, reader.streams)
         if self.stream not in reader.streams:
             raise InputError(
@@ -172,9 +175,7 @@ class PosedRecording:
 
     def _source(self, camera: int) -> EventSource:
         if not 0 <= camera < len(self.sources):
-            raise InputError(
-                f"{self.path}: camera {camera} asked for, there are {len(self.sources)}"
-            )
+            raise InputError(f"{self.path}: no camera {camera}, there are {len(self.sources)}")
         return self.sources[camera]
 
 

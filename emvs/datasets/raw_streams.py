@@ -12,6 +12,7 @@ from emvs.datasets.ecd import EventCameraDataset
 from emvs.datasets.posed import EventSource, PosedRecording
 from emvs.errors import InputError
 from emvs.formats import FORMATS, open_events
+from emvs.formats.tables.columns import ColumnMap
 from emvs.geometry.rig import Rig
 
 
@@ -34,21 +35,25 @@ class Readable:
     sizes_px: tuple[tuple[int, int] | None, ...]
 
 
-def open_readable(path: Path) -> Readable:
-    """Opens a recording, or else an event file.
+def open_readable(path: Path, columns: ColumnMap | None = None) -> Readable:
+    """Opens a recording, or else an event file, whose columns may be stated.
 
-    A ROS bag without calibration or poses is opened for its events alone, and `what` says why; one
-    whose calibration or poses are damaged is refused.
+    A ROS bag without calibration or poses, or a sequence without poses, is opened for its events
+    alone, and `what` says why; one whose calibration or poses are damaged is refused.
 
     Raises:
         InputError: nothing there or nothing known, or a damaged file.
     """
     path = Path(path)
+    if columns is not None and (path.is_dir() or path.suffix == ".toml"):
+        raise InputError(
+            f"{path}: columns are stated of an event file; in a recording.toml, by keys"
+        )
     if path.is_dir() and not (path / "metadata.yaml").exists():
         return _recording(path)
     if path.suffix == ".toml":
         return _recording(path)
-    reader, why = open_events(path), ""
+    reader, why = open_events(path, columns), ""
     if reader.format.startswith("rosbag"):
         from emvs.datasets.rosbag import lacks
 
@@ -56,7 +61,7 @@ def open_readable(path: Path) -> Readable:
         if not why:
             return _recording(path)
     size_px = _size(reader.width_px, reader.height_px)
-    streams = tuple((name, EventSource(path, name)) for name in reader.streams)
+    streams = tuple((name, EventSource(path, name, 0, columns)) for name in reader.streams)
     what = f"{FORMATS[reader.format].what} ({reader.format})" + (
         f"; events alone: {why}" * bool(why)
     )
@@ -68,7 +73,10 @@ def _recording(path: Path) -> Readable:
     recording = open_recording(path)
     what, sources = _sources(recording)
     streams = tuple(zip(recording.rig.camera_names, sources, strict=True))
-    return Readable(path, what, recording, streams, sensor_sizes(recording.rig))
+    sizes_px = sensor_sizes(recording.rig)
+    if isinstance(recording, Sequence) and not recording.has_poses:
+        return Readable(path, f"{what}; events alone: no poses", None, streams, sizes_px)
+    return Readable(path, what, recording, streams, sizes_px)
 
 
 def sensor_sizes(rig: Rig) -> tuple[tuple[int, int], ...]:

@@ -127,5 +127,7 @@ def load_open3d() -> Any:
         heed_interrupt(error)
         missing = isinstance(error, ModuleNotFoundError) and error.name == "open3d"
         why = f"is not installed: {install('mesh')}" if missing else f"fails: {error}; {_LIBRARIES}"
-        raise InputError(f"meshes and point clouds of others need open3d, which {why}") from error
+        raise InputError(
+            f"meshes and conversions of point clouds need open3d, which {why}"
+        ) from error
     return open3d

@@ -48,7 +48,7 @@ def _by_function(method: Method, function: Fusion, volumes: Volume, polarities: 
     for out in fused:
         if out.shape != volumes.shape[1:] or not np.all(out >= 0):
             raise InputError(
-                f"the function of {method.name} gave shape {out.shape}: it must give "
+                f"the function of {method.name} returned shape {out.shape}: it must return "
                 f"{volumes.shape[1:]}, every value at least 0 and none NaN"
             )
     total = np.sum(fused, axis=0) if len(fused) > 1 else fused[0]

@@ -6,7 +6,7 @@ refuses what the format cannot hold. `FORMATS` says what that is.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +26,7 @@ from emvs.formats.base import (
     only_stream,
 )
 from emvs.formats.prophesee import opened
+from emvs.formats.tables.columns import ColumnMap
 from emvs.utils.files import atomic_path
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -98,6 +99,30 @@ _ALL = (
         "1/0",
     ),
     Format(
+        "v2e",
+        "HDF5 of v2e (`events`, N x 4)",
+        ".h5",
+        False,
+        Limits(ANY_PX, ANY_PX, ANY_US, "µs, 32 bits", True, 1, "32-bit numbers"),
+        "1/0",
+    ),
+    Format(
+        "e2calib",
+        "HDF5 of e2calib (`x`, `y`, `t`, `p` in the root)",
+        ".h5",
+        False,
+        Limits(ANY_PX, ANY_PX, ANY_US, "µs", True, 1, _COLUMNS),
+        "1/0",
+    ),
+    Format(
+        "hdf5",
+        "any HDF5, by its columns",
+        ".h5",
+        False,
+        Limits(ANY_PX, ANY_PX, ANY_US, "as stated", True, 1, _COLUMNS),
+        "1/0, 1/-1",
+    ),
+    Format(
         "mvsec",
         "HDF5 as MVSEC lays it out",
         ".hdf5",
@@ -115,7 +140,7 @@ _ALL = (
     ),
     Format(
         "rosbag1",
-        "ROS1 bag, dvs_msgs (reads prophesee_event_msgs, too)",
+        "ROS1 bag, dvs_msgs (reads prophesee_event_msgs and event_camera_msgs, too)",
         ".bag",
         True,
         Limits(ANY_PX, ANY_PX, (1 << 32) * 10**6 - 1, "s + ns", True, MANY, "32-bit seconds"),
@@ -123,7 +148,7 @@ _ALL = (
     ),
     Format(
         "rosbag2",
-        "ROS2 bag, dvs_msgs or prophesee_event_msgs",
+        "ROS2 bag, dvs_msgs, prophesee_event_msgs or event_camera_msgs",
         "",
         False,
         Limits(ANY_PX, ANY_PX, (1 << 32) * 10**6 - 1, "s + ns", True, MANY, "32-bit seconds"),
@@ -155,25 +180,47 @@ _ALL = (
     ),
     Format(
         "npz",
-        "NumPy archive of columns",
+        "NumPy archive of columns (reads (N, 4) and fields, too)",
         ".npz",
         True,
         Limits(ANY_PX, ANY_PX, ANY_US, "µs", True, 1, _COLUMNS),
         "1/0",
     ),
+    Format(
+        "npy",
+        "NumPy array: (N, 4), or with fields",
+        ".npy",
+        False,
+        Limits(ANY_PX, ANY_PX, ANY_US, "µs, s, or as stated", True, 1, _COLUMNS),
+        "1/0, 1/-1",
+    ),
+    Format(
+        "parquet",
+        "Parquet table, by its columns",
+        ".parquet",
+        False,
+        Limits(ANY_PX, ANY_PX, ANY_US, "as typed or stated", True, 1, _COLUMNS),
+        "1/0, 1/-1",
+    ),
 )
 FORMATS = {entry.name: entry for entry in _ALL}
 
 
-def open_events(path: Path) -> EventReader:
+def open_events(path: Path, columns: ColumnMap | None = None) -> EventReader:
     """Opens an event file, or the folder of a ROS2 bag; reads no events yet.
 
+    Args:
+        path: the file.
+        columns: which of its columns is what and what its times count, where neither its names nor
+            its values say so: of HDF5, NumPy, Parquet and text.
+
     Raises:
-        InputError: nothing there, nothing known, or a file that is damaged.
+        InputError: nothing there, nothing known, a file that is damaged, or columns stated for a
+            format that has none.
     """
     path = Path(path)
     if path.is_dir():
-        return _folder(path)
+        return _plain(path, _folder(path), columns)
     if not path.exists():
         raise InputError(f"{path}: no such file; needs a file of events")
     if not path.is_file():
@@ -182,7 +229,17 @@ def open_events(path: Path) -> EventReader:
         head = file.read(16)
     if not head:
         raise InputError(f"{path}: is empty; fetch it again")
-    return _file(path, head)
+    table = _table(head)
+    return _plain(path, _file(path, head), columns) if table is None else table(path, columns)
+
+
+def _plain(path: Path, reader: EventReader, columns: ColumnMap | None) -> EventReader:
+    if columns is not None:
+        raise InputError(
+            f"{path}: is {reader.format}, which says itself what it holds; leave `columns` and "
+            "`time_unit` out"
+        )
+    return reader
 
 
 def _folder(path: Path) -> EventReader:
@@ -193,12 +250,29 @@ def _folder(path: Path) -> EventReader:
     return RosbagReader(path)
 
 
-def _file(path: Path, head: bytes) -> EventReader:
+def _table(head: bytes) -> Callable[[Path, ColumnMap | None], EventReader] | None:
+    """What opens a file of columns, by its first bytes; None for other formats."""
     # Each import waits until its format is met: together they cost half a second.
     if head.startswith(_HDF5):
-        from emvs.formats.hdf5 import Hdf5Reader
+        from emvs.formats.tables.hdf5 import Hdf5Reader
 
-        return Hdf5Reader(path)
+        return Hdf5Reader
+    if head.startswith((b"PK\x03\x04", b"\x93NUMPY")):
+        from emvs.formats.tables.npz import NpyReader, NpzReader
+
+        return NpyReader if head.startswith(b"\x93") else NpzReader
+    if head.startswith(b"PAR1"):
+        from emvs.formats.tables.parquet import ParquetReader
+
+        return ParquetReader
+    if head.startswith((b"#ROSBAG V", _OLD_AEDAT, b"%")):
+        return None
+    from emvs.formats.tables.text import TextReader
+
+    return TextReader
+
+
+def _file(path: Path, head: bytes) -> EventReader:
     if head.startswith(b"#ROSBAG V"):
         from emvs.formats.rosbag import RosbagReader
 
@@ -207,17 +281,9 @@ def _file(path: Path, head: bytes) -> EventReader:
         from emvs.formats.aedat4 import Aedat4Reader
 
         return Aedat4Reader(path)
-    if head.startswith(b"PK\x03\x04"):
-        from emvs.formats.npz import NpzReader
+    from emvs.formats.prophesee import RawReader
 
-        return NpzReader(path)
-    if head.startswith(b"%"):
-        from emvs.formats.prophesee import RawReader
-
-        return RawReader(path)
-    from emvs.formats.text import TextReader
-
-    return TextReader(path)
+    return RawReader(path)
 
 
 def write_events(
@@ -294,7 +360,8 @@ def _writer(
     height_px: int,
     names: Sequence[str],
 ) -> StreamWriter:
-    from emvs.formats import hdf5, npz, prophesee, text
+    from emvs.formats import prophesee
+    from emvs.formats.tables import hdf5, npz, text
 
     match kind:
         case "evt2" | "evt3":

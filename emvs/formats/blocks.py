@@ -229,10 +229,10 @@ def times_us(where: str, t: Numbers, unit_s: float) -> NDArray[np.int64]:
     whole = t.astype(np.int64, copy=False)
     if unit_s == 1e-9:
         return (whole + 500) // 1000
-    if unit_s == 1.0:
-        _refuse(where, "t", t, np.abs(whole) >= 1 << 42, "times below 2^42 s")
-        return whole * 1_000_000
-    return whole
+    if unit_s == 1e-6:
+        return whole
+    _refuse(where, "t", t, np.abs(whole) >= 1 << 42, "times below 2^42")
+    return whole * round(unit_s * 1e6)
 
 
 def _pixels(where: str, name: str, values: Numbers) -> NDArray[np.uint16]:

@@ -192,7 +192,7 @@ def parsed(path: Path) -> dict[str, Any]:
         _check_plain(values)
     except (ValueError, RecursionError, yaml.YAMLError) as error:
         reason = said(error, 120)
-        raise InputError(f"{path}: no usable JSON or YAML ({reason}): correct the file") from error
+        raise InputError(f"{path}: not usable JSON or YAML ({reason}): correct the file") from error
     if not isinstance(values, dict):
         raise InputError(f"{path}: holds no calibration: needs Basalt JSON or Kalibr YAML")
     return values
@@ -254,9 +254,11 @@ def matrix(rows: Any, key: str) -> NDArray[np.float64]:
     try:
         T = np.array(rows, np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{key} holds something that is no number: needs 4x4 numbers") from error
+        raise InputError(
+            f"{key} holds something that is not a number: needs 4x4 numbers"
+        ) from error
     if T.shape != (4, 4) or not se3.is_rigid(T):
-        raise InputError(f"{key} is no rigid motion: needs a 4x4 matrix with a rotation")
+        raise InputError(f"{key} is not a rigid motion: needs a 4x4 matrix with a rotation")
     return T
 
 

@@ -6,7 +6,8 @@ import io
 import struct
 import warnings
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -49,7 +50,7 @@ def read_depth(path: Path) -> NDArray[np.float32]:
         raise
     except Exception as error:  # numpy ends in many kinds of exception on damaged files
         reason = " ".join(str(error).split())[:120]
-        raise InputError(f"{path}: no depth map ({reason}); needs depth.npz or a npy") from error
+        raise InputError(f"{path}: not a depth map ({reason}); needs depth.npz or a npy") from error
     return np.asarray(np.where(depth_m > 0, depth_m, np.nan), np.float32)
 
 
@@ -99,7 +100,7 @@ def write_depth_exr(path: Path, depth_m: NDArray[np.float32]) -> None:
 def _encoded(path: Path, suffix: str, image: NDArray[np.uint16] | NDArray[np.float32]) -> None:
     done, data = cv2.imencode(suffix, image)
     if not done:
-        raise InputError(f"{path}: cannot be coded as {suffix}; choose depth-npy")
+        raise InputError(f"{path}: cannot be encoded as {suffix}; choose depth-npy")
     with atomic_path(path) as partial:
         partial.write_bytes(data.tobytes())
 
@@ -152,17 +153,35 @@ def _checked(path: Path) -> PngImageFile:
         data = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); needs a PNG image") from error
+    check_png(path, data)
+    with _names_damage(path):
+        return _decoded(data)
+
+
+def check_png(path: Path, data: bytes) -> None:
+    """Refuses bytes of a PNG file that is damaged, has lost its end, or declares too many pixels.
+
+    Raises:
+        InputError: says what is damaged, or how many pixels it declares.
+    """
+    with _names_damage(path):
+        _check_chunks(path, data)
+
+
+@contextmanager
+def _names_damage(path: Path) -> Iterator[None]:
     try:
         with warnings.catch_warnings(action="error", category=UserWarning):
-            _check(path, data)
-            return _decoded(data)
+            yield
     except InputError:
         raise
     except _DAMAGE as error:
-        raise InputError(f"{path}: no whole PNG image ({said(error)}); fetch it again") from error
+        raise InputError(
+            f"{path}: not a complete PNG image ({said(error)}); fetch it again"
+        ) from error
 
 
-def _check(path: Path, data: bytes) -> None:
+def _check_chunks(path: Path, data: bytes) -> None:
     """Refuses impossible sizes and wrong check sums; what is raised says which."""
     from PIL.PngImagePlugin import PngImageFile  # recordings without images need not wait for it
 

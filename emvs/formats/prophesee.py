@@ -110,17 +110,39 @@ class RawReader(BlockReader):
         return self._decode(words, state.copy(), offset)[1]
 
     def _decode(self, words: NDArray[Any], state: State, offset: int) -> tuple[int, Events]:
-        room = min(_ROOM, prophesee_kernels.MOST_PER_WORD * len(words))
-        x, y = np.empty(room, np.uint16), np.empty(room, np.uint16)
-        t_us, p = np.empty(room, np.int64), np.empty(room, np.uint8)
-        used, count, unknown = self._coding.decode(words, state, x, y, t_us, p)
-        if unknown:
-            place = offset + used * self._coding.word.itemsize
-            raise InputError(
-                f"{self.path}, byte {place}: {int(words[used]):#x} is no word of "
-                f"{self.format.upper()}; the file is damaged or of another format, fetch it again"
-            )
-        return used, Events(x, y, t_us, p).slice(0, count)
+        size = self._coding.word.itemsize
+        return decode_words(
+            self._coding, words, state, lambda k: f"{self.path}, byte {offset + k * size}"
+        )
+
+
+def decode_words(
+    coding: _Coding, words: NDArray[Any], state: State, where: Callable[[int], str]
+) -> tuple[int, Events]:
+    """Decodes words until they end or a block is full.
+
+    Args:
+        coding: an entry of `CODINGS`.
+        words: (N,) what comes next in the stream.
+        state: what the decoder knows of the stream so far; updated.
+        where: file and place of a word by its number, for the error's sake.
+
+    Returns:
+        How many words were used, and their events.
+
+    Raises:
+        InputError: a word of no known kind.
+    """
+    room = min(_ROOM, prophesee_kernels.MOST_PER_WORD * len(words))
+    x, y = np.empty(room, np.uint16), np.empty(room, np.uint16)
+    t_us, p = np.empty(room, np.int64), np.empty(room, np.uint8)
+    used, count, unknown = coding.decode(words, state, x, y, t_us, p)
+    if unknown:
+        raise InputError(
+            f"{where(used)}: {int(words[used]):#x} is no word of {coding.name.upper()}; the file "
+            "is damaged or of another format, fetch it again"
+        )
+    return used, Events(x, y, t_us, p).slice(0, count)
 
 
 def opened(path: Path) -> BinaryIO:

@@ -1,4 +1,4 @@
-"""Events in ROS1 and ROS2 bags without ROS: one stream per topic of event arrays."""
+"""Events in ROS1 and ROS2 bags without ROS: one stream per topic of event arrays or packets."""
 
 from __future__ import annotations
 
@@ -16,12 +16,15 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from emvs.data.events import Events
 from emvs.errors import InputError, quoted, said
+from emvs.formats import event_packets
 from emvs.formats.base import StreamWriter
 from emvs.formats.blocks import BlockReader, BoundedPath, unpacked, within
+from emvs.formats.prophesee_kernels import State, initial_state
 from emvs.formats.rosbag_kernels import decode_array, encode_array
 
 _BLOCK_EVENTS = 1 << 18
 _MOST_NS = 1 << 62
+_CURE = "the bag is damaged, reindex or record it again"
 TYPES = ("dvs_msgs/msg/EventArray", "prophesee_event_msgs/msg/EventArray")
 EVENT_BYTES = 13
 _EVENT = "uint16 x\nuint16 y\ntime ts\nbool polarity\n"
@@ -44,10 +47,12 @@ class RosbagReader(BlockReader):
         self.format = "rosbag2" if self._ros2 else "rosbag1"
         with opened_bag(path) as bag:
             kinds = {c.topic: c.msgtype for c in bag.connections}
-            super().__init__(path, tuple(t for t, kind in kinds.items() if kind in TYPES))
+            known = (*TYPES, *event_packets.TYPES)
+            super().__init__(path, tuple(t for t, kind in kinds.items() if kind in known))
             if not self.streams:
                 shown = quoted(*(f"{t} ({kind})" for t, kind in kinds.items())) or "none"
-                raise InputError(f"{path}: topics {shown}; needs one of {' or '.join(TYPES)}")
+                raise InputError(f"{path}: topics {shown}; needs one of {', '.join(known)}")
+            self._packed = {t for t in self.streams if kinds[t] in event_packets.TYPES}
             self._counts = {
                 t: sum(c.msgcount for c in bag.connections if c.topic == t) for t in self.streams
             }
@@ -58,27 +63,27 @@ class RosbagReader(BlockReader):
         """Reads a topic's messages in the order of their recording."""
         waiting: list[Events] = []
         messages = 0
-        count, first_ns, last_ns = 0, 0, -1
-        for stamp_ns, events in self._messages(stream, 0, _MOST_NS):
+        count, first_ns, last_ns, before = 0, 0, -1, initial_state()
+        for stamp_ns, state, events in self._messages(stream, 0, _MOST_NS, before):
             messages += 1
             if count >= _BLOCK_EVENTS and stamp_ns != last_ns:
-                yield (first_ns, last_ns + 1), Events.concat(waiting)
+                yield (first_ns, last_ns + 1, before), Events.concat(waiting)
                 waiting, count = [], 0
             if not waiting:
-                first_ns = stamp_ns
+                first_ns, before = stamp_ns, state
             waiting.append(events)
             count, last_ns = count + len(events), stamp_ns
-        if waiting:
-            yield (first_ns, last_ns + 1), Events.concat(waiting)
+        if count:
+            yield (first_ns, last_ns + 1, before), Events.concat(waiting)
         if messages != self._counts[stream]:
             raise InputError(
                 f"{self.path}, topic {quoted(stream)}: {messages} messages found, its index says "
-                f"{self._counts[stream]}; the bag is damaged, reindex or record it again"
+                f"{self._counts[stream]}; {_CURE}"
             )
 
     def load(self, stream: str, place: Any) -> Events:
         """Reads one run of messages."""
-        return Events.concat([events for _, events in self._messages(stream, *place)])
+        return Events.concat([events for _, _, events in self._messages(stream, *place)])
 
     def share_before(self, stream: str, place: Any) -> float:
         """Which share of the time of recording ends with a block."""
@@ -88,27 +93,51 @@ class RosbagReader(BlockReader):
 
     def between(self, stream: str, t0_us: int, t1_us: int) -> Events:
         """Events with `t0_us <= t < t1_us`, in file order: one pass over the blocks that matter."""
-        entries = [e for e in self._index(stream) if e.last_us >= t0_us and e.first_us < t1_us]
-        if not entries:
+        entries = self._index(stream)
+        wanted = [k for k, e in enumerate(entries) if e.last_us >= t0_us and e.first_us < t1_us]
+        if not wanted:
             return Events.empty()
-        messages = self._messages(stream, entries[0].place[0], entries[-1].place[1])
-        parts = (within(events, t0_us, t1_us) for _, events in messages)
+        entries = entries[wanted[0] : wanted[-1] + 1]
+        (start_ns, _, before), stop_ns = entries[0].place, entries[-1].place[1]
+        parts, count = [], 0
+        for _, _, events in self._messages(stream, start_ns, stop_ns, before):
+            parts.append(within(events, t0_us, t1_us))
+            count += len(events)
+        if count != (known := sum(e.count for e in entries)):
+            raise InputError(
+                f"{self.path}, topic {quoted(stream)}: {count} of {known} events between the times "
+                f"of recording {start_ns} and {stop_ns} ns are found by its index; {_CURE}"
+            )
         return Events.concat([part for part in parts if len(part)])
 
-    def _messages(self, stream: str, start_ns: int, stop_ns: int) -> Iterator[tuple[int, Events]]:
+    def _messages(
+        self, stream: str, start_ns: int, stop_ns: int, before: State
+    ) -> Iterator[tuple[int, State, Events]]:
+        """Stamp, what a decoder knows before it, and events of each message, from `before` on."""
+        state, is_packed, last_ns = before.copy(), stream in self._packed, start_ns
         with opened_bag(self.path) as bag:
             wanted = [c for c in bag.connections if c.topic == stream]
             for number, (_, stamp_ns, data) in enumerate(
                 bag.messages(wanted, start=start_ns, stop=stop_ns)
             ):
                 where = f"{self.path}, topic {quoted(stream)}, message {number} at {stamp_ns} ns"
-                yield stamp_ns, array_events(data, self._ros2, where)
+                if stamp_ns < last_ns:  # slices, which are found by these times, would lose it
+                    raise InputError(f"{where}: recorded before the one in front of it; {_CURE}")
+                before, last_ns = state.copy(), stamp_ns
+                if is_packed:
+                    events = event_packets.packet_events(data, self._ros2, where, state)
+                else:
+                    events = array_events(data, self._ros2, where)
+                yield stamp_ns, before, events
 
     def _first_size(self, bag: Any) -> None:
         """Takes the sensor's size from the first message of the first stream."""
         wanted = [c for c in bag.connections if c.topic == self.streams[0]]
         for _, _, data in bag.messages(wanted):
-            head = array_head(data, self._ros2, f"{self.path}, topic {quoted(self.streams[0])}")
+            where = f"{self.path}, topic {quoted(self.streams[0])}"
+            is_packed = self.streams[0] in self._packed
+            read = event_packets.packet_head if is_packed else array_head
+            head: Any = read(data, self._ros2, where)
             if head.width_px and head.height_px:
                 self.width_px, self.height_px = head.width_px, head.height_px
             return

@@ -78,7 +78,28 @@ def undistort_depth(depth_m: NDArray[np.float32], camera: Camera) -> NDArray[np.
     """
     if camera.model == "pinhole":
         return depth_m
-    bearing = camera.undistorted().bearing_table()
+    return _looked_up(depth_m, camera.undistorted().bearing_table(), camera)
+
+
+def distort_depth(depth_m: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
+    """Looks up z-depth of the undistorted view for each pixel of the distorted sensor.
+
+    Args:
+        depth_m: (H, W) z-depth in `camera.undistorted()`, m.
+        camera: the sensor with its lens.
+
+    Returns:
+        (H, W) z-depth at the sensor's pixels, of the nearest one of the view; NaN off the view.
+    """
+    if camera.model == "pinhole":
+        return depth_m
+    return _looked_up(depth_m, camera.bearing_table(), camera.undistorted())
+
+
+def _looked_up(
+    depth_m: NDArray[np.float32], bearing: NDArray[np.float64], camera: Camera
+) -> NDArray[np.float32]:
+    """Depth as a camera has it at the pixels nearest to bearings; a view of the same place."""
     uv = camera.project(np.concatenate([bearing, np.ones((*bearing.shape[:2], 1))], axis=-1))
     uv_px = np.rint(np.where(np.abs(uv) < 1e6, uv, -1)).astype(np.int64)
     inside = (

@@ -293,7 +293,7 @@ def read_info(directory: Path) -> MapInfo:
         text = read_text(index, TABLE_BYTES)
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) and error.strerror else error
-        raise InputError(f"{directory} is no map, map.json cannot be read ({why})") from error
+        raise InputError(f"{directory} is not a map: map.json cannot be read ({why})") from error
     return _parse(index, text)
 
 

@@ -69,7 +69,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
     """
     path = Path(path)
     if path.is_dir():
-        raise InputError(f"{path} is a folder, a file is to be written: choose another output")
+        raise InputError(f"{path} is a folder, but the output is a file: choose another output")
     with made_parent(path), names_full_disk(path), _partial(path) as partial:
         yield partial
         partial.chmod(0o666 & ~umask())

@@ -34,7 +34,9 @@ def check_file(path: Path, most_bytes: int | None = None) -> None:
     try:
         seen = Path(path).stat()
     except ValueError as error:
-        raise InputError(f"{str(path)!r}: is no name of a file ({error}); correct it") from error
+        raise InputError(
+            f"{str(path)!r}: is not a valid file name ({error}); correct it"
+        ) from error
     if not stat.S_ISREG(seen.st_mode):
         kind = "a folder" if stat.S_ISDIR(seen.st_mode) else "a pipe, device or socket"
         raise InputError(f"{path}: is {kind}; needs a regular file")

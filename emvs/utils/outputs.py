@@ -225,7 +225,7 @@ def real(path: Path) -> Path:
         return Path(path).resolve()
     except (OSError, RuntimeError, ValueError) as error:
         shown = str(path) if str(path).isprintable() else ascii(str(path))
-        raise InputError(f"{shown} is no name that a file can have: {_ANOTHER}") from error
+        raise InputError(f"{shown} is not a valid file name: {_ANOTHER}") from error
 
 
 def inputs_of(path: Path) -> tuple[Path, ...]:

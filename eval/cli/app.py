@@ -23,11 +23,11 @@ from eval.cli.help import HELP_FLAGS, RARE, Program, readable
 from eval.config import EvalConfig, Settings, load, unread
 from sim.config import SimConfig
 
-_SIM, _MAP, _SCORE, JOBS, COMMON_GROUP = map(
+SIM_GROUP, _MAP, _SCORE, JOBS, COMMON_GROUP = map(
     Group.create_ordered,
     ("Simulator parameters", "Mapper parameters", "Score parameters", "Where jobs run", "Common"),
 )
-SimFlags = Annotated[SimConfig, Parameter(group=_SIM), RARE]
+SimFlags = Annotated[SimConfig, Parameter(group=SIM_GROUP), RARE]
 MapFlags = Annotated[MapperConfig, Parameter(group=_MAP), RARE]
 ScoreFlags = Annotated[EvalConfig, Parameter(group=_SCORE), RARE]
 NO_NEGATIVE = Parameter(negative=())
@@ -94,7 +94,7 @@ class Configured(Common):
     """What every command takes that has settings: all others refuse a file of them."""
 
     config: Annotated[Path | None, Parameter(group=COMMON_GROUP)] = None
-    "TOML file with the tables [sim], [map] and [score]; a flag beats the file."
+    "TOML file with the tables [sim], [map] and [score]; flags override it."
 
     def settings(self, **flags: BaseModel) -> Settings:
         """The file joined with flags, by the tables' names; says what in the file is not read.

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from eval.report.compare.differences import Pair
     from eval.report.compare.page import Comparison
     from eval.scoring.results import Results, Row
+    from sim.video.record import RecordedVideo
 
 _MOST_SKIPPED_SHOWN = 5
 _NAME_WIDTH = 30
@@ -82,7 +83,7 @@ class Console:
 
         sequence = EventSequence.open(path)
         counts = sequence.manifest.event_counts
-        t0_us, t1_us = sequence.trajectory.span_us
+        t0_us, t1_us = sequence.manifest.span_us
         facts = {
             "sequence": str(path),
             "events": list(counts),
@@ -96,6 +97,25 @@ class Console:
             self._out.print(f"{sequence.name}: {each} events in {facts['duration_s']:g} s, {path}")
             drawn_by = f"drawn by {sequence.manifest.renderer}"
             self._out.print(drawn_by, style="dim", markup=False, soft_wrap=True)
+
+    def recorded(self, recorded: RecordedVideo) -> None:
+        """What became of a video, and what to know of it."""
+        self._dump(recorded.facts())
+        if self._show:
+            size = f"{recorded.width_px}x{recorded.height_px} px"
+            lasting_s = (recorded.span_us[1] - recorded.span_us[0]) * 1e-6
+            self._out.print(
+                f"{recorded.events:,} events of {recorded.frames:,} frames, {size}, in "
+                f"{lasting_s:g} s, {recorded.path}",
+                markup=False, soft_wrap=True,
+            )  # fmt: skip
+            self._out.print(
+                f"times: {recorded.time_base}; values: {recorded.encoding}; "
+                f"{recorded.lost_at_half_rate:.0%} fewer events at half the frame rate",
+                style="dim", markup=False, soft_wrap=True,
+            )  # fmt: skip
+        for note in recorded.notes:
+            self.warn(with_flags(note))
 
     def compared(self, comparison: Comparison) -> None:
         """Which settings differ, and the verdict of each method's ranking number."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sys
 import threading
@@ -16,6 +17,7 @@ from emvs.errors import InputError
 
 if TYPE_CHECKING:
     from emvs.maps.folder import MapInfo
+    from emvs.parameters import ParameterGroup
 
 OK, INCOMPLETE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -40,11 +42,12 @@ _FLAGS = {
     "set force=True": "add --force",
     "set resume=False": "add --fresh",
     "resume=False": "--fresh",
-    "frames.rate_hz": "--sim.frames.rate-hz",
-    "imu.rate_hz": "--sim.imu.rate-hz",
     "inpaint=True": "--map.inpaint",
+    "set rate_hz": "add --rate-hz",
+    "set unit to": "say --unit",
+    "with calibration and poses": "with --calibration and --poses",
 }
-
+_SIM_SETTING = re.compile(r"(?<![\w./-])(frames|imu|replay)\.(\w+)")
 
 _came: list[int] = []
 """Interrupts since the command began: if it ends otherwise, a library lost one."""
@@ -127,7 +130,17 @@ def with_flags(words: str) -> str:
     """What a library says of its parameters, as the command line's flags."""
     for parameter, flag in _FLAGS.items():
         words = words.replace(parameter, flag)
-    return words
+    return _SIM_SETTING.sub(_sim_flag, words)
+
+
+def _sim_flag(found: re.Match[str]) -> str:
+    """The flag of a setting in a group of the simulator's; a file such as `imu.csv` is none."""
+    from sim.config import SimConfig
+
+    group, name = found.groups()
+    settings: ParameterGroup = getattr(SimConfig(), group)
+    known = name in type(settings).model_fields
+    return f"--sim.{group}.{name.replace('_', '-')}" if known else found.group()
 
 
 def _send_again(lost: sys.UnraisableHookArgs) -> None:

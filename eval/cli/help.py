@@ -27,6 +27,11 @@ RARE = Parameter(show=False)
 # Of several hundred settings, all of them rare, those that a first map is likely to need.
 _COMMON_SETTINGS = frozenset(
     {
+        "--rate-hz",
+        "--slow-motion",
+        "--unit",
+        "--encoding",
+        "--upsample",
         "--sim.sensor.preset",
         "--map.min-depth-m",
         "--map.max-depth-m",

@@ -44,7 +44,7 @@ class JobFlags:
     "Certificate of the certificate authority, for tls://."
 
     tls_cert: Annotated[Path | None, _JobFlag, RARE] = None
-    "Certificate of this side, for tls://."
+    "Certificate of this machine, for tls://."
 
     tls_key: Annotated[Path | None, _JobFlag, RARE] = None
     "Key of that certificate."

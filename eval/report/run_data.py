@@ -298,7 +298,7 @@ def _facts(stored: StoredMap, recording: Recording | None) -> list[tuple[str, st
     infos = [one.info for one in stored.windows]
     spans = _range_s([one.t1_us - one.t0_us for one in infos])
     references = _range_s([one.t_ref_us - one.t0_us for one in infos])
-    when = f"{spans}, reference view {references} after its begin"
+    when = f"{spans}, reference view {references} after its start"
     return [*facts, ("window", when), ("planes", str(config.planes))]
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
+from typing import get_args
 
 from emvs.utils.files import atomic_path
 from emvs.utils.outputs import check_files
-from eval.config import EvalConfig
+from eval.config import EvalConfig, RankingMetric
 from eval.figures.colormaps import line_style
 from eval.numbers import shown
 from eval.report.html import (
@@ -69,8 +70,8 @@ def write_suite_report(folder: Path) -> Path:
 
 def suite_page(result: SuiteResult, files: Sequence[str] = ()) -> Page:
     """What the page shows."""
-    metric = EvalConfig.model_validate(result.definition.get("score", {})).ranking_metric
     series = of_suite(result).series
+    metric = _ordering_metric(result, {one.metric for one in series.values()})
     by_case = {
         case: [one for one in series.values() if one.case == case and _is_shown(one)]
         for case in result.cases
@@ -90,6 +91,13 @@ def suite_page(result: SuiteResult, files: Sequence[str] = ()) -> Page:
         version=result.versions.get("eventsweep", ""),
         files=tuple(files),
     )
+
+
+def _ordering_metric(result: SuiteResult, measured: Set[str]) -> str:
+    """The suite's ranking metric, or the first that it measures: it need not measure all."""
+    chosen = EvalConfig.model_validate(result.definition.get("score", {})).ranking_metric
+    others = (*get_args(RankingMetric), *RANKING_COLUMNS)
+    return next((name for name in (chosen, *others) if name in measured), chosen)
 
 
 def _is_shown(one: Series) -> bool:

@@ -147,7 +147,9 @@ def _points(path: Path, shape: tuple[int, int]) -> NDArray[Any]:
     except (OSError, ValueError) as error:
         raise _damaged(path, error) from error
     if table.shape[1] != 3:
-        raise InputError(f"{path}: has {table.shape[1]} numbers a line, needs 3: column row depth")
+        raise InputError(
+            f"{path}: has {table.shape[1]} numbers per line, needs 3: column row depth"
+        )
     columns, rows = table[:, 0], table[:, 1]
     whole = (columns == np.floor(columns)) & (rows == np.floor(rows))
     inside = (columns >= 0) & (columns < shape[1]) & (rows >= 0) & (rows < shape[0])

@@ -2,8 +2,8 @@
 
 e is the estimate and g the ground truth, over the pixels where both are valid. The definitions
 follow Ghosh & Gallego (Adv. Intell. Syst. 2022) and the tables published since; where the field
-uses a different one by the same name, both are here under names of their own. `docs/scores.md`
-discusses each.
+uses a different one by the same name, both are here under names of their own. The page
+`scores` discusses each.
 """
 
 from __future__ import annotations

@@ -65,7 +65,7 @@ def read_description(path: Path) -> PredictionFacts:
         known = ", ".join(PredictionFacts.model_fields)
         raise InputError(f"{path}: {where}: {first['msg']}; it may hold {known}") from error
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: no TOML ({error}): correct it") from error
+        raise InputError(f"{path}: not TOML ({error}): correct it") from error
 
 
 def timed_files(folder: Path, description: PredictionFacts) -> dict[int, Path]:
@@ -108,8 +108,8 @@ def _listed(path: Path, files: Sequence[Path]) -> list[str]:
     if bad or len(times) != len(files):
         reason = f"{bad[0]!r} is no time" if bad else f"it has {len(times)} of them"
         raise InputError(
-            f"{path}: needs one time a line for each of {len(files)} files in order of names, but "
-            f"{reason}"
+            f"{path}: needs one time per line for each of {len(files)} files in order of names, "
+            f"but {reason}"
         )
     return times
 
@@ -187,8 +187,8 @@ class Prediction:
         near_us = self._nearest_us(missing[0])
         raise InputError(
             f"{self.name}: {len(missing)} of {len(views)} reference views have no depth map; the "
-            f"first is that at {missing[0]} µs, the nearest file, {self.files[near_us].name}, lies "
-            f"{near_us - missing[0]:+d} µs beside it: add files, or set time_unit, time_offset_us "
+            f"first is that at {missing[0]} µs, the nearest file, {self.files[near_us].name}, is "
+            f"{near_us - missing[0]:+d} µs away: add files, or set time_unit, time_offset_us "
             f"or tolerance_us in {DESCRIPTION}"
         )
 

@@ -180,7 +180,9 @@ def _rows_of(frame: pd.DataFrame) -> tuple[Row, ...]:
     import pandas as pd
 
     if not isinstance(frame, pd.DataFrame):
-        raise InputError(f"a {type(frame).__name__}: needs a DataFrame as `to_dataframe` gives it")
+        raise InputError(
+            f"a {type(frame).__name__}: needs a DataFrame as `to_dataframe` returns it"
+        )
     known, given = [column.name for column in fields(Row)], frame.columns.tolist()
     missing = [name for name in known if name not in given and name not in _OPTIONAL]
     unknown = [name for name in given if name not in known or given.count(name) > 1]

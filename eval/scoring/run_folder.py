@@ -98,7 +98,7 @@ def check_view(config: MapperConfig, what: str) -> None:
     """Refuses maps, named by `what`, of another view than camera 0's."""
     if not config.is_camera_0_view:
         raise InputError(
-            f"{what}: mapped from a view of its own, but ground truth is camera 0's: map "
+            f"{what}: its reference view is not camera 0's, which ground truth is for: map "
             "with reference_shift 0 and without view_* to score"
         )
 

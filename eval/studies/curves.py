@@ -130,6 +130,8 @@ def sample_words(cases: Sequence[str], seeds: Sequence[int]) -> str:
 def draw(study: Study, curves: Sequence[RobustnessCurve], path: Path, samples: str) -> None:
     """Draws three panels with 95 % bands, and a cross where a method breaks; writes PNG or SVG.
 
+    A band is left out where it is as wide as its panel.
+
     Args:
         study: what was perturbed.
         curves: all methods and metrics.
@@ -159,9 +161,20 @@ def _figure(study: Study, curves: Sequence[RobustnessCurve], samples: str) -> Fi
 
 def _draw_panel(axes: Axes, study: Study, curves: Sequence[RobustnessCurve]) -> None:
     places = study.amounts
+    highest = max((float(m) for curve in curves for m in curve.mean if np.isfinite(m)), default=0)
     for curve in curves:
         style = line_style(curve.method)
-        axes.fill_between(places, curve.low, curve.high, color=style.colour, alpha=0.13, lw=0)
+        # A band as wide as the panel, as few seeds have, would hide the curves and say nothing.
+        known = curve.high - curve.low < highest
+        axes.fill_between(
+            places,
+            curve.low,
+            curve.high,
+            where=known.tolist(),
+            color=style.colour,
+            alpha=0.13,
+            lw=0,
+        )
         axes.plot(
             places, curve.mean, color=style.colour, linestyle=style.dash, lw=1.5,
             marker=style.marker or ".", markersize=4.5, label=curve.method,
@@ -170,7 +183,6 @@ def _draw_panel(axes: Axes, study: Study, curves: Sequence[RobustnessCurve]) -> 
         if broken is not None:
             axes.plot([broken], [BREAKS_AT * curve.mean[0]], "x", color=style.colour, ms=8, mew=2)
     _label(axes, study, curves[0])
-    highest = max((float(m) for curve in curves for m in curve.mean if np.isfinite(m)), default=0)
     axes.set_ylim(0, _ROOM * highest or None)
 
 

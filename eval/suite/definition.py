@@ -112,7 +112,7 @@ class Suite(_Definition):
         for name, mapper in self.mappers.items():
             if mapper.get("device") == "auto":
                 raise ValueError(
-                    f"mappers.{name}.device is 'auto', which is another one on another machine: "
+                    f"mappers.{name}.device is 'auto', which differs between machines: "
                     "choose cpu or cuda"
                 )
         for settings in self._settings():

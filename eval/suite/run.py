@@ -29,6 +29,7 @@ from eval.suite.definition import Suite
 from eval.suite.results import JobNote, Sample, SuiteResult, sample_from
 from eval.suite.speed_kernels import calibration
 from eval.suite.stages.simulate import scene_digest, sequence_parameters
+from sim.config import SimConfig
 
 REPEATS = 3
 _VOTES, _CELLS = 60_000_000, 1 << 17
@@ -114,7 +115,8 @@ def _check(suite: Suite, case: str) -> None:
     """Refuses before the first job what would fail in the last."""
     spec = suite.cases[case]
     for mapper in spec.mappers:
-        check_case(spec.scene, spec.rig, MapperConfig.model_validate(suite.mappers[mapper]))
+        config = MapperConfig.model_validate(suite.mappers[mapper])
+        check_case(spec.scene, spec.rig, config, SimConfig.model_validate(suite.sim_of(spec)))
 
 
 def _score_job(suite: Suite, case: str, seed: int, digest: str) -> Job:

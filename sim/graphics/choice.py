@@ -116,7 +116,7 @@ def choose(installed: tuple[str, ...], root: Path = Path("/")) -> Choice:
     if "osmesa" in installed:
         return Choice("osmesa", note=f"EGL does not start ({first}), so software draws")
     raise InputError(
-        f"EGL does not start ({first}): mend the GPU's driver, or draw in software, on Debian: "
+        f"EGL does not start ({first}): fix the GPU's driver, or render in software, on Debian: "
         "apt-get install libosmesa6"
     )
 

@@ -135,8 +135,8 @@ def _controlled(control: Controller | None, model: Any, data: Any) -> None:
 
 
 def _check_stable(mj: Any, data: Any) -> None:
-    for warning in (mj.mjtWarning.mjWARN_BADQPOS, mj.mjtWarning.mjWARN_BADQACC):
-        if data.warning[warning].number:
+    for name in ("QPOS", "QVEL", "QACC"):
+        if data.warning[getattr(mj.mjtWarning, f"mjWARN_BAD{name}")].number:
             raise InputError(
                 f"the model becomes unstable at {data.time:g} s: lower its timestep, or mend its "
                 "contacts or controller"
@@ -157,12 +157,17 @@ def _place_of(mj: Any, model: Any, name: str, path: Path) -> int:
 
 
 def _table(path: Path) -> tuple[list[str], NDArray[np.float64]]:
-    rows = list(csv.reader(io.StringIO(read_text(path, _TABLE_BYTES))))
+    rows = [row for row in csv.reader(io.StringIO(read_text(path, _TABLE_BYTES))) if row]
     names = [name.strip() for name in rows[0]] if rows else []
     try:
-        table = np.array([[float(cell) for cell in row] for row in rows[1:] if row], np.float64)
+        table = np.array([_numbers(row, len(names)) for row in rows[1:]], np.float64)
     except ValueError as error:
-        raise InputError(f"{path}: {error}: needs a header and rows of numbers") from error
-    if table.ndim != 2 or table.shape[1] != len(names) or not np.isfinite(table).all():
-        raise InputError(f"{path}: needs a header and rows of as many finite numbers")
-    return names, table
+        raise InputError(f"{path}: {error}: needs a header and rows of as many numbers") from error
+    return names, table.reshape(len(table), len(names))
+
+
+def _numbers(row: list[str], count: int) -> list[float]:
+    values = [float(cell) for cell in row]
+    if len(values) != count or not np.isfinite(values).all():
+        raise ValueError(f"row {','.join(row)[:60]!r}")
+    return values

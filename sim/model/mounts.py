@@ -127,8 +127,8 @@ def _intrinsics(model: Any, name: str) -> Camera:
     if model.cam_sensorsize[k].any():
         per_m = model.cam_resolution[k] / model.cam_sensorsize[k]
         focal_px, shift_px = model.cam_intrinsic[k, :2] * per_m, model.cam_intrinsic[k, 2:] * per_m
-        # MuJoCo moves the picture's middle against the axis: right and up.
-        centre_px = middle_px[0] - shift_px[0], middle_px[1] + shift_px[1]
+        # MuJoCo says where the picture's middle lies from the axis, to the right and down.
+        centre_px = middle_px[0] - shift_px[0], middle_px[1] - shift_px[1]
     else:
         focal = 0.5 * height_px / np.tan(0.5 * np.radians(model.cam_fovy[k]))
         focal_px, centre_px = (focal, focal), middle_px

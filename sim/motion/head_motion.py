@@ -2,7 +2,7 @@
 
 `walk(duration_s, seed, **parameters)` and its sisters return a smooth motion from a neutral head
 at the origin of a world whose z is up, looking along +x; `placed` puts it into a scene. The
-parameters are the fields of `HeadStyle`; docs/motion.md gives the sources of their values.
+parameters are the fields of `HeadStyle`; the page `motion` gives the sources of their values.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def along(points_m: ArrayLike) -> tuple[Array, tuple[tuple[float, float], ...]]:
     """
     points = np.asarray(points_m, float)
     if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2:
-        raise InputError(f"a way through points of shape {points.shape}: need (N, 3), N >= 2")
+        raise InputError(f"a path through points of shape {points.shape}: need (N, 3), N >= 2")
     first = points[1] - points[0]
     start = look_at(points[0], points[0] + (first[0], first[1], 0.0))
     forward, left = start[:3, 2], -start[:3, 0]
@@ -105,7 +105,7 @@ def along(points_m: ArrayLike) -> tuple[Array, tuple[tuple[float, float], ...]]:
 
 def _style(name: str, parameters: dict[str, Any]) -> HeadStyle:
     if name not in STYLES:
-        raise InputError(f"no way of moving named {name!r}: choose from {', '.join(STYLES)}")
+        raise InputError(f"no head motion named {name!r}: choose from {', '.join(STYLES)}")
     known = [field.name for field in fields(HeadStyle) if field.name != "summary"]
     unknown = sorted(set(parameters) - set(known))
     if unknown:
@@ -257,16 +257,16 @@ def way_along(
 
 def _legs(path_m: Array) -> tuple[Array, Array]:
     if path_m.ndim != 2 or path_m.shape[1] != 2 or len(path_m) < 2:
-        raise InputError(f"a way with corners of shape {path_m.shape}: need (N, 2), N >= 2")
+        raise InputError(f"a path with corners of shape {path_m.shape}: need (N, 2), N >= 2")
     legs = np.diff(path_m, axis=0)
     if (np.linalg.norm(legs, axis=1) < 1e-6).any():
-        raise InputError("a way with a corner twice in a row: remove the repeated one")
+        raise InputError("a path with a corner twice in a row: remove the repeated one")
     headings = np.unwrap(np.arctan2(legs[:, 1], legs[:, 0]))
     turns = np.abs(np.diff(headings))
     if (turns > np.radians(170)).any():
         k = int(np.argmax(turns)) + 1
         raise InputError(
-            f"the way turns by {np.degrees(turns[k - 1]):.0f} degrees at corner {k}: "
-            "a person walks a bend, put more corners there (170 degrees at most)"
+            f"the path turns by {np.degrees(turns[k - 1]):.0f} degrees at corner {k}: "
+            "people walk in a curve, add corners there (170 degrees at most)"
         )
     return legs, headings

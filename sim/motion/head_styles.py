@@ -1,4 +1,4 @@
-"""Ways of moving the head: their parameters, and the values of each; sources in docs/motion.md."""
+"""How heads move: the parameters, and the values of each style; sources on the page `motion`."""
 
 from __future__ import annotations
 

@@ -122,7 +122,9 @@ class Replay:
         for name in ("T_scene_world", "T_body_cam"):
             pose = getattr(self, name)
             if pose is not None and not se3.is_rigid(np.asarray(pose)):
-                raise InputError(f"{name} is no rigid (4, 4) motion: give a rotation and a shift")
+                raise InputError(
+                    f"{name} is not a rigid (4, 4) motion: give a rotation and a shift"
+                )
 
     def _check_steps(self, recorded: Trajectory, t_s: Array, near: slice) -> None:
         if len(recorded) < 2 * _ORDER:
@@ -183,7 +185,7 @@ def hand_eye(T_imu_marker: Array, T_imu_cam: Array) -> Array:
     """
     for name, pose in (("T_imu_marker", T_imu_marker), ("T_imu_cam", T_imu_cam)):
         if not se3.is_rigid(np.asarray(pose)):
-            raise InputError(f"{name} is no rigid (4, 4) motion: check the calibration")
+            raise InputError(f"{name} is not a rigid (4, 4) motion: check the calibration")
     T_marker_cam: Array = se3.inverse(T_imu_marker) @ T_imu_cam
     return T_marker_cam
 

@@ -206,7 +206,7 @@ class _RenderWorker:
             self._process.join()
             raise Stopped(
                 f"a rendering process ended with exit code {self._process.exitcode}: if memory ran "
-                "out, use fewer workers; run again to go on from what is done"
+                "out, use fewer workers; run again to continue"
             ) from None
         if isinstance(message, BaseException):
             raise message

@@ -91,7 +91,7 @@ def sharpen_textures(context: Any) -> None:
     """Takes textures one step finer than a sample is wide, in the current graphics context.
 
     The mean over a pixel's samples removes what that leaves too sharp; the blur that it takes away
-    costs 5 % of the events (docs/simulator.md). For the same reason the nearest size of a texture
+    costs 5 % of the events (page `simulator`). For the same reason the nearest size of a texture
     does, where software would spend a fifth of its time on the mean of two.
     """
     gl = opengl()

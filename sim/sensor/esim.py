@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from emvs.data.events import Events
 from emvs.errors import InputError, check_array, check_whole
 from sim.compensation.interval import Passage
-from sim.config import SimConfig
+from sim.config import PixelConfig
 from sim.sensor import compensated_kernels
 from sim.sensor import esim_kernels as kernels
 
@@ -35,13 +35,13 @@ class EventSimulator:
     References are kept as counts of crossings from the first frame, so they carry no drift.
     """
 
-    def __init__(self, width_px: int, height_px: int, config: SimConfig | None = None) -> None:
+    def __init__(self, width_px: int, height_px: int, config: PixelConfig | None = None) -> None:
         check_whole("width_px", width_px)
         check_whole("height_px", height_px)
         if width_px < 1 or height_px < 1:
             raise InputError(f"a sensor of {width_px} x {height_px} px: both must be at least 1")
         self._shape = (height_px, width_px)
-        self._config = SimConfig.or_default(config)
+        self._config = PixelConfig.or_default(config)
         self._t_us: int | None = None
         self.suppressed = 0
         """Crossings so far that fell into a refractory period."""

@@ -1,7 +1,7 @@
 """One camera's sensor: frames in, labelled events out, with everything that is wrong with it.
 
 The chain, in this order: photoreceptor (bandwidth), leak and comparator (mismatch), shot noise and
-hot pixels, refractory period, latency, row arbiter, clock. docs/sensor.md has models and sources.
+hot pixels, refractory period, latency, row arbiter, clock. The page `sensor` has the sources.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from emvs.data.events import Events
 from sim.compensation.interval import Passage
-from sim.config import SimConfig
+from sim.config import PixelConfig
 from sim.sensor import pixels_kernels
 from sim.sensor.esim import NEVER_US, EventSimulator, time_before
 from sim.sensor.frame_camera import DENSE_PX
@@ -50,7 +50,7 @@ class Sensor:
         camera_index: int,
         width_px: int,
         height_px: int,
-        config: SimConfig,
+        config: PixelConfig,
         seed: int,
         *,
         always_full: bool = False,
@@ -156,7 +156,7 @@ class _FullChain:
     """The whole chain; parts that are ideal are passed by."""
 
     def __init__(
-        self, shape: tuple[int, int], config: SimConfig, randomness: Randomness, number: int
+        self, shape: tuple[int, int], config: PixelConfig, randomness: Randomness, number: int
     ) -> None:
         p = config.sensor.resolved()
         thresholds = config.contrast_threshold_pos, config.contrast_threshold_neg

@@ -357,6 +357,51 @@ def test_a_view_of_its_own_focal_length():
     assert np.median(np.abs(depth.depth_m - 1.23)[depth.mask]) < 0.1
 
 
+def test_a_view_of_its_own_principal_point():
+    """Its axis moved to the right and below, the same votes lie as far to the right and below."""
+    recording = fronto_parallel(1.5)
+    own = recording.rig.cameras[0].undistorted()
+    moved = {"view_cx_px": own.cx_px + 10, "view_cy_px": own.cy_px + 3}
+    here, there = (
+        mapped(recording, "EMVS/cam0", **view, slice_row=row)
+        for view, row in (({}, 30), (moved, 33))
+    )
+    camera = there.view.camera
+    assert (camera.cx_px, camera.cy_px) == (own.cx_px + 10, own.cy_px + 3)
+    assert (camera.width_px, camera.fx_px) == (own.width_px, own.fx_px)
+    before, after = here.slices.values["EMVS/cam0"], there.slices.values["EMVS/cam0"]
+    np.testing.assert_allclose(after[:, 11:-1], before[:, 1:-11], atol=2e-3)
+    assert before[:, 1:-11].max() > 1
+
+
+def test_a_view_of_another_program():
+    """As EMVS programs state theirs: one focal length, the principal point at half the size."""
+    view = {
+        "view_width_px": 80, "view_height_px": 60, "view_focal_px": 55.0, "view_focal_y_px": 55.0,
+        "view_cx_px": 40.0, "view_cy_px": 30.0,
+    }  # fmt: skip
+    result = mapped(fronto_parallel(1.23), "Alg1/A", **view)
+    camera = result.view.camera
+    assert (camera.width_px, camera.height_px) == (80, 60)
+    assert camera.K.tolist() == [[55, 0, 40], [0, 55, 30], [0, 0, 1]]
+    depth = result.depth_maps["Alg1/A"]
+    assert depth.mask.any()
+    assert np.median(np.abs(depth.depth_m - 1.23)[depth.mask]) < 0.1
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"view_cx_px": float("nan")}, {"view_cy_px": float("inf")}, {"view_cx_px": 1e9},
+        {"view_focal_y_px": 0}, {"view_focal_y_px": -5}, {"view_width_px": 1},
+    ],
+)  # fmt: skip
+def test_views_that_cannot_be_are_refused(values):
+    (name,) = values
+    with pytest.raises(ValueError, match=name):
+        MapperConfig(**values)
+
+
 # Names
 
 
@@ -444,7 +489,7 @@ def test_names_that_are_taken_or_no_names_are_refused(name):
 @pytest.mark.parametrize("function", [lambda v: v[0, 0] - 1, lambda v: v[0]])
 def test_functions_that_give_no_volume_are_refused(function):
     method = Method.from_function("Own/bad", function, "x")
-    with pytest.raises(InputError, match="function of Own/bad gave shape"):
+    with pytest.raises(InputError, match="function of Own/bad returned shape"):
         fuse_by(method, votes(1, 2, 1))
 
 
@@ -463,8 +508,8 @@ def test_functions_cannot_change_the_votes():
     ("values", "words"),
     [
         ({"reference": "end", "reference_s": 0.1}, "leave one of them out"),
-        ({"compatibility": "mcemvs", "spacing": "linear"}, "inverse and both only"),
-        ({"compatibility": "mcemvs", "polarity": "separate"}, "inverse and both only"),
+        ({"compatibility": "mcemvs", "spacing": "linear"}, "only inverse and both"),
+        ({"compatibility": "mcemvs", "polarity": "separate"}, "only inverse and both"),
         ({"reference_shift": 1.5}, "reference_shift"),
         ({"spacing": "log"}, "spacing"),
     ],
@@ -481,7 +526,8 @@ def test_a_baseline_needs_two_cameras():
 
 def test_only_camera_0s_view_has_ground_truth():
     assert MapperConfig(reference="end").is_camera_0_view
-    for values in ({"reference_shift": 0.5}, {"view_width_px": 100}, {"view_focal_px": 50.0}):
+    for values in ({"reference_shift": 0.5}, {"view_width_px": 100}, {"view_focal_px": 50.0},
+                   {"view_focal_y_px": 50.0}, {"view_cx_px": 0}, {"view_cy_px": 0}):  # fmt: skip
         assert not MapperConfig(**values).is_camera_0_view
 
 

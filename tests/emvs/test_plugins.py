@@ -52,4 +52,4 @@ def test_a_package_that_fails_is_named(tmp_path, module):
     install(tmp_path, module)
     error = methods(tmp_path, "Theirs/last").stderr.splitlines()[-1]
     assert error.startswith("emvs.errors.InputError: theirs: its methods (last = theirs:offer)")
-    assert error.endswith("mend or uninstall it")
+    assert error.endswith("fix or uninstall it")

@@ -294,7 +294,7 @@ def test_settings_that_suit_no_window_are_refused_before_anything_is_lost(tmp_pa
 def test_a_folder_that_is_no_map_is_refused(tmp_path):
     (tmp_path / "map").mkdir()
     (tmp_path / "map" / "mine.txt").write_text("precious")
-    with pytest.raises(InputError, match="is no map"):
+    with pytest.raises(InputError, match="is not a map"):
         run(tmp_path / "map")
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="is a file"):

@@ -295,7 +295,11 @@ def refused(call) -> str:
         (lambda: es.register_method(es.Method.from_function("x", len, "y")), "method name 'x'"),
         (lambda: es.score("nowhere"), "nowhere: no maps"),
         (lambda: es.EventSimulator(0, 3), "a sensor of 0 x 3 px"),
-        (lambda: es.EventSimulator(4, 3, es.MapperConfig()), "needs SimConfig(...)"),
+        (lambda: es.EventSimulator(4, 3, es.MapperConfig()), "needs PixelConfig(...)"),
+        (lambda: es.video_to_events("nowhere", "o"), "nowhere: no such file or folder"),
+        (lambda: es.video_to_events("x", "o", es.MapperConfig()), "needs PixelConfig(...)"),
+        (lambda: es.video_to_events("x", "o", seed=0.5), "seed is 0.5"),
+        (lambda: es.VideoConfig(rate_hz=-1), "rate_hz is -1"),
         (lambda: es.METRICS["mean_eror"], "no metric 'mean_eror': did you mean mean_error?"),
         (lambda: es.METRICS["x"], "no metric 'x': there are points, completeness"),
         (lambda: es.Camera(0, 3, 1, 1, 1, 1), "camera of 0x3 px"),
@@ -346,7 +350,7 @@ def started() -> es.EventSimulator:
         (lambda: es.methods("x"), "n_cameras is 'x': needs a whole number"),
         (lambda: es.open_recording(5), "path is 5: needs a path"),
         (lambda: es.Sequence(None), "path is None: needs a path"),
-        (lambda: es.map_window(5), "recording is 5: needs a path, what open_recording gave"),
+        (lambda: es.map_window(5), "recording is 5: needs a path, what open_recording returned"),
         (lambda: es.map_windows(CAMERA, "o"), "with name, rig, trajectory, depth_range_m"),
         (lambda: es.map_windows("r", 5), "out is 5: needs a path"),
         (lambda: es.load_scene(5), "unknown scene 5"),
@@ -414,7 +418,7 @@ def test_what_does_not_fit_together_is_refused(recording, result, folder):
     assert "call map_windows" in refused(lambda: es.map_window(recording, sliding))
     other_view = es.MapperConfig(methods=METHODS, planes=20, reference_shift=0.5)
     shifted = es.map_window(recording, other_view)
-    assert "view of its own" in refused(lambda: es.score(shifted, recording))
+    assert "reference view is not camera 0's" in refused(lambda: es.score(shifted, recording))
     world = fronto_parallel(1.5)
     assert "without ground truth" in refused(lambda: es.score(result, world))
     assert "no ground truth at" in refused(

@@ -33,6 +33,7 @@ import naive_formats as naive
 from emvs.data.events import Events
 from emvs.errors import InputError
 from emvs.formats import open_events
+from emvs.formats.tables.columns import ColumnMap
 
 SIZE_PX = (1280, 720)
 # A line of what a run prints.
@@ -40,7 +41,7 @@ LINE = re.compile(r"(\S+) +(\d+) done, +(\d+) refused, slowest +\d+ ms, +(\d+) M
 ROOM = 512 << 20
 PATIENCE_S = 20
 # A prefix of these is a whole file of its own, where it ends between two words or lines.
-PREFIXES = {"evt2", "evt3", "evt21", "dat", "text", "esim-text", "csv"}
+PREFIXES = {"evt2", "evt3", "evt21", "dat", "text", "esim-text", "csv", "csv+stated"}
 
 
 def rows(count=1500):
@@ -56,16 +57,53 @@ def sound(folder, kind):
     match kind:
         case "rosbag2+mcap":
             event_files.write_rosbag2(path, SIZE_PX, events, event_files.StoragePlugin.MCAP)
+        case "rosbag2+evt3":
+            payloads = event_files.evt3_payloads(rows(), range(100, 3000, 251))
+            event_files.write_packets(path, SIZE_PX, payloads, "evt3")
+        case "rosbag2+mono":
+            payloads, storage = event_files.mono_payloads(rows()), event_files.StoragePlugin.MCAP
+            event_files.write_packets(path, SIZE_PX, payloads, "mono", storage)
         case "dsec+plain" | "mvsec+plain":
             event_files.write_any(folder / "whole", name, SIZE_PX, events)
             with h5py.File(folder / "whole") as whole, h5py.File(path, "w") as out:
                 whole.visititems(lambda key, node: plain(out, key, node))
+        case "npy+rows" | "npz+rows" | "hdf5+rows" | "hdf5+stated" | "csv+stated":
+            write_table(path, kind, events[0])
+        case "parquet+plain":
+            event_files.write_parquet(path, events[0], compression="none", use_dictionary=False)
         case "aedat4+plain":
             event_files.write_any(path, name, SIZE_PX, events)
             path.write_bytes(uncompressed(path.read_bytes()))
         case _:
             event_files.write_any(path, name, SIZE_PX, events)
     return path
+
+
+def write_table(path, kind, e):
+    """Columns side by side without names, or with names that only `STATED` explains."""
+    columns = {"ev/ts": 1000 * e.t_us, "ev/xs": e.x, "ev/ys": e.y, "ev/on": 2 * e.p.astype(int) - 1}
+    named = np.stack([1000 * e.t_us, e.x, e.y, e.p], axis=1)
+    with path.open("wb") as file:
+        match kind:
+            case "npy+rows":
+                np.save(file, np.asfortranarray(named / [1e9, 1, 1, 1]))
+            case "npz+rows":
+                np.savez(file, events=np.stack([e.x, e.y, e.t_us, e.p], axis=1))
+            case "csv+stated":
+                head = '"ev/ts","ev/xs","ev/ys","ev/on"'
+                np.savetxt(file, named, "%d", ",", header=head, comments="")
+    if kind.startswith("hdf5"):
+        with h5py.File(path, "w") as out:
+            for name, values in columns.items() if kind == "hdf5+stated" else ():
+                out[name] = values
+            if kind == "hdf5+rows":
+                out["events"] = np.stack([e.x, e.y, e.t_us / 1e6, e.p], axis=1)
+
+
+STATED = {
+    kind: ColumnMap("ev/xs", "ev/ys", "ev/ts", "ev/on", "ns")
+    for kind in ("hdf5+stated", "csv+stated")
+}
 
 
 def plain(out, key, node):
@@ -90,6 +128,9 @@ def uncompressed(data):
 
 KINDS = [
     *event_files.ALL, "rosbag2+mcap", "dsec+plain", "mvsec+plain", "aedat4+plain", "npz+members",
+    "npy+rows", "npz+rows", "hdf5+rows", "hdf5+stated", "csv+stated",
+    "rosbag2+evt3", "rosbag2+mono",
+    *(["parquet+plain"] if event_files.HAS_PARQUET else []),
 ]  # fmt: skip
 
 
@@ -204,7 +245,7 @@ def assert_proper(error, path):
 
 
 def read_all(path, kind, only_cut):
-    reader = open_events(path)
+    reader = open_events(path, STATED.get(kind))
     parts = []
     for name in reader.streams:
         own = list(reader.chunks(name))

@@ -7,7 +7,9 @@ than 2^31 µs from a first one below 2^32 µs, as its 32 bits demand.
 
 from __future__ import annotations
 
+import importlib.util
 import struct
+from functools import partial
 
 import h5py
 import numpy as np
@@ -18,9 +20,13 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from emvs.data.events import Events
 from emvs.formats import FORMATS, write_events
 
-ALL = list(FORMATS)
+HAS_PARQUET = importlib.util.find_spec("pyarrow") is not None
+# Formats that open without more words; `hdf5` is any file whose columns somebody states
+ALL = [name for name in FORMATS if name != "hdf5" and (HAS_PARQUET or name != "parquet")]
 WRITTEN = [name for name, entry in FORMATS.items() if entry.writes]
-READ_ONLY = [name for name in FORMATS if name not in WRITTEN]
+READ_ONLY = [name for name in ALL if name not in WRITTEN]
+# Those whose events a test puts together from whole columns
+COLUMNS = {"v2e", "e2calib", "npy", "parquet"}
 CD = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
 ROS2_EVENT = np.dtype(
     {
@@ -64,6 +70,7 @@ def write_any(path, kind, size_px, packets):
         "dat": write_dat,
         "rosbag2": write_rosbag2,
         "prophesee-hdf5": write_prophesee_hdf5,
+        **dict.fromkeys(COLUMNS, partial(write_columns, kind)),
     }
     if kind in writers:
         writers[kind](path, size_px, filter(len, packets))
@@ -127,6 +134,44 @@ def write_prophesee_hdf5(path, size_px, packets):
             data[-len(e) :] = rows
 
 
+def write_columns(kind, path, size_px, packets):
+    """As h5py, NumPy and pyarrow write them for v2e, e2calib and people."""
+    del size_px
+    e = Events.concat(list(packets))
+    columns = {"t": e.t_us, "x": e.x, "y": e.y, "p": e.p}
+    match kind:
+        case "v2e":
+            rows = np.stack(list(columns.values()), axis=1).astype(np.uint32)
+            with h5py.File(path, "w") as file:
+                shape = {"maxshape": (None, 4), "compression": "gzip", "compression_opts": 1}
+                file.create_dataset("events", data=rows, chunks=(1 << 14, 4), **shape)
+        case "e2calib":
+            with h5py.File(path, "w") as file:
+                for name, values in columns.items():
+                    shape = {"maxshape": (None,), "compression": "lzf"}
+                    file.create_dataset(name, data=values, chunks=(1 << 16,), **shape)
+        case "npy":
+            with path.open("wb") as file:
+                np.save(file, fields_of(e))
+        case "parquet":
+            write_parquet(path, e, write_page_checksum=True)
+
+
+def write_parquet(path, e, **settings):
+    import pyarrow
+    import pyarrow.parquet
+
+    table = pyarrow.table({"t_us": e.t_us, "x": e.x, "y": e.y, "p": e.p})
+    pyarrow.parquet.write_table(table, path, row_group_size=1 << 19, **settings)
+
+
+def fields_of(e):
+    """Events as one array with fields."""
+    rows = np.empty(len(e), [("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("p", "?")])
+    rows["t"], rows["x"], rows["y"], rows["p"] = e.t_us, e.x, e.y, e.p
+    return rows
+
+
 def write_rosbag2(path, size_px, packets, storage=StoragePlugin.SQLITE3, package="dvs_msgs"):
     """Messages of up to 16384 events, recorded when their latest event happened."""
     kind, last_us = f"{package}/msg/EventArray", 0
@@ -137,6 +182,60 @@ def write_rosbag2(path, size_px, packets, storage=StoragePlugin.SQLITE3, package
                 part = e.slice(start, min(start + ROS2_MESSAGE, len(e)))
                 last_us = max(last_us, int(part.t_us.max()))
                 bag.write(topic, last_us * 1000, ros2_message(part, size_px))
+
+
+PACKET = (
+    "std_msgs/Header header\nuint32 height\nuint32 width\nuint64 seq\nuint64 time_base\n"
+    "string encoding\nbool is_bigendian\nuint8[] events\n"
+)
+
+
+def write_packets(path, size_px, payloads, encoding, storage=StoragePlugin.SQLITE3, **changes):
+    """A ROS2 bag of EventPackets, by the library's typed encoder: (stamp ns, time base, bytes)."""
+    kind = changes.pop("kind", "event_camera_msgs/msg/EventPacket")
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(PACKET, kind))
+    types = store.types
+    with Ros2Writer(path, version=9, storage_plugin=storage) as bag:
+        topic = bag.add_connection("/events", kind, typestore=store)
+        for seq, (stamp_ns, base_ns, payload) in enumerate(payloads):
+            stamp = types["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9)
+            fields = {
+                "header": types["std_msgs/msg/Header"](stamp, "cam" + "x" * (seq % 5)),
+                "height": size_px[1], "width": size_px[0], "seq": seq, "time_base": base_ns,
+                "encoding": encoding, "is_bigendian": False,
+                "events": np.frombuffer(payload, np.uint8),
+            } | changes  # fmt: skip
+            bag.write(topic, stamp_ns, store.serialize_cdr(types[kind](**fields), kind))
+    return path
+
+
+def evt3_payloads(rows, cuts):
+    """The words of a sensor, one or more for each event, cut into messages at any of them."""
+    words, high, low, row = [], None, None, None
+    for t_us, x, y, p in rows:
+        if t_us >> 12 != high:
+            high, low = t_us >> 12, None
+            words.append(0x8000 | high & 0xFFF)
+        if t_us & 0xFFF != low:
+            low = t_us & 0xFFF
+            words.append(0x6000 | low)
+        if y != row:
+            row = y
+            words.append(y)
+        words.append(0x2000 | p << 11 | x)
+    pieces = np.split(np.array(words, "<u2"), [cut % len(words) for cut in sorted(cuts)])
+    return [(10**9 + 1000 * k, 0, piece.tobytes()) for k, piece in enumerate(pieces)]
+
+
+def mono_payloads(rows, step=100):
+    """A word per event, its ns from the packet's base."""
+    out = []
+    for start in range(0, len(rows), step):
+        part, base_ns = rows[start : start + step], 1000 * rows[start][0]
+        words = [(1000 * t - base_ns) | x << 32 | y << 48 | p << 63 for t, x, y, p in part]
+        out.append((base_ns, base_ns, np.array(words, "<u8").tobytes()))
+    return out
 
 
 def ros2_types(package="dvs_msgs"):

@@ -54,3 +54,25 @@ def awake(found, refractory_us):
         if silent_until_us is None or row[1] >= silent_until_us:
             silent_until_us = row[1] + refractory_us
             yield row
+
+
+def published(logs, times_us, c, refractory_us):
+    """Events (t_us, y, x, p) by the law as its authors run it: a float32 reference that moves.
+
+    A level counts where it lies in the stretch from the value before, without it, to the value now.
+    """
+    found = set()
+    for y, x in np.ndindex(logs.shape[1:]):
+        reference, last_us = logs[0, y, x], -np.inf
+        for k in range(1, len(logs)):
+            before, now = logs[k - 1, y, x], logs[k, y, x]
+            step = np.float32(c) if now > before else np.float32(-c)
+            level = reference + step
+            while before < level <= now or now <= level < before:
+                share = float(level - before) / float(now - before)
+                t_us = times_us[k - 1] + share * (times_us[k] - times_us[k - 1])
+                if t_us - last_us >= refractory_us:
+                    found.add((round(t_us), y, x, int(step > 0)))
+                    last_us = t_us
+                reference, level = level, level + step
+    return found

@@ -185,7 +185,7 @@ def test_hand_eye_files(folder, scene, tum):
     ("text", "message"),
     [
         ("{}", "T_body_cam"),
-        ("[", "no usable JSON"),
+        ("[", "not usable JSON"),
         ('{"T_body_cam": [[1, 2], [3]]}', "T_body_cam"),
         (json.dumps({"T_body_cam": (2 * np.eye(4)).tolist()}), "rigid"),
         ('{"value0": {"T_imu_marker": {"px": 0}}}', "T_imu_marker"),

@@ -16,7 +16,7 @@ def compare(
     out: Path,
     common: Common = COMMON,
 ) -> None:
-    """Say what differs between two or more results, and how sure that is; write compare.html.
+    """Compare two or more results: what differs, and how sure that is; writes compare.html.
 
     Args:
         results: Folders of `run`, `score` or `suite`, or their results.json or suite.json.

@@ -51,5 +51,5 @@ def _present_shell() -> Shell:
     except ShellDetectionError:
         found = "powershell"
     if found == "powershell":
-        raise InputError("your shell is none of bash, zsh and fish, or cannot be told: name it")
+        raise InputError("your shell is not bash, zsh or fish, or is unknown: name one")
     return found

@@ -18,29 +18,41 @@ def convert(
     stream: str = "",
     shift_us: int = 0,
     from_zero: bool = False,
+    columns: str = "",
+    time_unit: str = "",
     unit: str = "s",
     width_px: int | None = None,
     height_px: int | None = None,
     baseline_m: float | None = None,
+    window_s: float | None = None,
+    stride_s: float | None = None,
     force: Force = False,
     common: Quiet = QUIET,
 ) -> None:
     """Convert a recording, events, poses, a calibration, a depth map or a point cloud.
 
     Args:
-        source: What to read; `eventsweep info` says what it is.
-        out: File or folder to write, whole or not at all.
+        source: File or folder to read; `eventsweep info` describes it.
+        out: File or folder to write.
         to: A data set's layout or event format, tum, kitti, kalibr, basalt, opencv, rig,
-            depth-png, depth-npy, depth-tiff, depth-exr, disparity-png, ply or pcd.
+            depth-png, depth-npy, depth-tiff, depth-exr, disparity-png, ply, pcd or
+            windows (events and depth to learn from).
         stream: The only stream to convert into one file, of an event file with several or of a
             recording, whose cameras are its streams.
-        shift_us: Added to all times, µs.
+        shift_us: Shift of all times, µs.
         from_zero: Shift all times so that the first event or pose is at 0.
-        unit: Unit of time in a text of poses: s, ms, us or ns.
-        width_px: Sensor width, where the input does not say it.
-        height_px: Sensor height, likewise.
+        columns: Which column of an HDF5, NumPy, Parquet or text file of events is what, such as
+            "x=ev/xs,y=ev/ys,t=ev/ts,p=ev/on"; with --time-unit.
+        time_unit: What times of such a file count: s, ms, us or ns.
+        unit: Unit of time in a text file of poses: s, ms, us or ns.
+        width_px: Sensor width, if the input does not contain it.
+        height_px: Sensor height, if the input does not contain it.
         baseline_m: Distance between the cameras, for disparity-png.
+        window_s: Length of windows of events, each with the depth at its end, s; by default 0.05.
+        stride_s: Least time from the end of one window to the next one's, s; by default each time
+            with ground truth ends one.
     """
+    from emvs.formats.tables.columns import column_map
     from eval.convert import Options, convert_file
 
     if shift_us and from_zero:
@@ -54,7 +66,10 @@ def convert(
         width_px=width_px,
         height_px=height_px,
         baseline_m=baseline_m,
+        window_s=window_s,
+        stride_s=stride_s,
         force=force,
+        columns=column_map(columns, time_unit),
     )
     written = convert_file(source, out, options, console.progress)
     console.progress.say(written.what)

@@ -34,7 +34,7 @@ def fuse(
     from emvs.maps.merge import fuse_windows
 
     if not config.mesh and config.model_fields_set & {"mesh_truncation", "mesh_part"}:
-        raise InputError("--mesh-truncation and --mesh-part say nothing without --mesh: add it")
+        raise InputError("--mesh-truncation and --mesh-part have no effect without --mesh: add it")
     console = common.console()
     stored = read_map(folder)
     with console.progress.stage("fuse", len(stored.windows)) as update:

@@ -37,7 +37,7 @@ class GateFlags:
     """What to hold against what, and where to say how it came out."""
 
     baseline: Path
-    "The file to hold against, or to write with --update."
+    "Baseline to compare with, or to write with --update."
 
     suite: SuiteName | None = None
     "Suite to run, as `eventsweep suite` takes it; by default quick."
@@ -54,16 +54,16 @@ class GateFlags:
     "Folder for suite.json and suite.csv of what was run."
 
     metric: Annotated[tuple[str, ...], NO_NEGATIVE] = ()
-    "Let only this metric decide, repeatable; by default those that the page `gate` lists."
+    "Let only this metric decide, repeatable; by default those on the page `gate`."
 
     tolerance: float | None = None
-    "Share of the baseline, such as 0.05, up to which a number is the same however seeds spread."
+    "Relative difference up to which a number is the same, such as 0.05, whatever its spread."
 
     case: Annotated[tuple[str, ...], NO_NEGATIVE, RARE] = ()
-    "Ask for this case of the baseline only, repeatable."
+    "Compare only this case of the baseline, repeatable."
 
     method: Annotated[tuple[str, ...], NO_NEGATIVE, RARE] = ()
-    "Ask for this method of the baseline only, repeatable."
+    "Compare only this method of the baseline, repeatable."
 
     junit: Path | None = None
     "File for the verdicts as JUnit XML."
@@ -72,13 +72,13 @@ class GateFlags:
     "File for the summary; it also goes to $GITHUB_STEP_SUMMARY where that is set."
 
     strict: Annotated[bool, NO_NEGATIVE, RARE] = False
-    "Let numbers that decide nothing fail too where they are missing or cannot be compared."
+    "Also fail if numbers that do not decide are missing or cannot be compared."
 
     update: Annotated[bool, NO_NEGATIVE] = False
     "Write the result as the new baseline."
 
     reason: str = ""
-    "Why there is a new baseline; kept in it."
+    "Reason for the new baseline; stored in it."
 
     def check(self, jobs: JobFlags) -> None:
         """Refuses flags that contradict each other, before anything runs.

@@ -15,15 +15,21 @@ def info(
     /,
     *,
     picture: Path | None = None,
+    columns: str = "",
+    time_unit: str = "",
     force: Force = False,
     common: Common = COMMON,
 ) -> None:
-    """Say what lies at a path: cameras, times, event counts and faults, and what poses cover.
+    """Describe a recording: cameras, times, event counts, faults, and what poses cover.
 
     Args:
         path: A sequence, a data set's folder, a recording.toml, an event file or a bag.
         picture: PNG to draw: events per pixel and polarity, and their rate over time.
+        columns: Which column of an HDF5, NumPy, Parquet or text file of events is what, such as
+            "x=ev/xs,y=ev/ys,t=ev/ts,p=ev/on"; with --time-unit.
+        time_unit: What times of such a file count: s, ms, us or ns.
     """
+    from emvs.formats.tables.columns import column_map
     from eval.inspect import facts, inspect
 
     if force and picture is None:
@@ -32,7 +38,7 @@ def info(
     if picture is not None:
         check_output(picture, force=force, inputs=read, folder=False)
     console = common.console()
-    readable, counts = inspect(path, console.progress)
+    readable, counts = inspect(path, console.progress, column_map(columns, time_unit))
     description = facts(readable, counts)
     if not common.quiet:
         from eval.inspect import show

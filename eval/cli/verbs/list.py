@@ -18,7 +18,7 @@ def list_names(
     *,
     json: Annotated[bool, Parameter(group="Common", negative=())] = False,
 ) -> None:
-    """List scenes, rigs, methods, metrics and whatever else is chosen by name.
+    """List scenes, rigs, methods, metrics and everything else that is chosen by name.
 
     Args:
         kind: What to list; by default everything.

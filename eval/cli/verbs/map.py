@@ -37,10 +37,10 @@ def map(  # noqa: A001 - the verb's name
     """Map a recording: depth, confidence and point cloud per method.
 
     With --map.window-s or --map.window-events it maps sliding windows over the whole recording; the
-    same command goes on where it was stopped.
+    same command continues where it was stopped.
 
     Args:
-        recording: A sequence of eventsweep, or a recording in its publisher's layout.
+        recording: A sequence, a data set in its publisher's layout, a ROS bag or a recording.toml.
         out: Folder to write: map.json, report.html and a folder per window and method.
         method: Method to map with, repeatable; `eventsweep list methods`.
         device: Where the sweep runs; same as --map.device.

@@ -47,7 +47,7 @@ def report_stage(progress: Progress) -> Callable[[Path], None]:
 
 @app.command
 def report(folder: Path, /, *, flags: ReportFlags = _PAGE_ONLY, common: Quiet = QUIET) -> None:
-    """Write report.html for what `run`, `map`, `suite` or `study` left in a folder.
+    """Write report.html for a folder that `run`, `map`, `suite` or `study` wrote.
 
     Args:
         folder: The folder; report.html in it is replaced.

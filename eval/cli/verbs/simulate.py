@@ -54,7 +54,7 @@ def simulate(
             `walk`, or poses in TUM format; same as --sim.model.motion and --trajectory.
         seed: Seed of head motion and sensor noise.
         workers: Processes that render.
-        fresh: Discard what an interrupted run left instead of continuing it.
+        fresh: Discard the work of an interrupted run instead of continuing it.
     """
     from eval.pipeline import simulate_scene
 

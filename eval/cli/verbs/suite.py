@@ -24,7 +24,7 @@ def suite(
     job_flags: JobFlags = JOB_FLAGS,
     common: Common = COMMON,
 ) -> int:
-    """Run a suite of cases, or a subset of one; what was done before is not done again.
+    """Run a suite of cases, or a subset; what is in the cache is not done again.
 
     Args:
         name: Such as quick, suite-v2, suite-v2:quick, or FILE.toml.
@@ -53,11 +53,11 @@ def suite(
 def cache(
     *, cache: Path | None = None, prune: float | None = None, common: Common = COMMON
 ) -> None:
-    """Say how much the suite's cache holds, and make it smaller.
+    """Show how much the suite's cache holds, and shrink it on request.
 
     Args:
-        cache: The cache's folder; by default $EVENTSWEEP_CACHE or the user's cache folder.
-        prune: Gigabytes to keep; what was not used for longest goes. 0 empties it.
+        cache: The cache's folder; by default $EVENTSWEEP_CACHE or your cache folder.
+        prune: Gigabytes to keep; the least recently used entries are removed; 0: all.
     """
     from emvs.errors import InputError
     from emvs.utils.cache import Cache, default_cache

@@ -58,8 +58,8 @@ def simulate_scene(scene: Scene, rig: Rig, parameters: Mapping[str, Any], out: P
     """
     if drawn_by() != parameters["graphics"]:
         raise InputError(
-            f"the suite was planned for pictures by {parameters['graphics']}, this worker draws by "
-            f"{drawn_by()}: set MUJOCO_GL=osmesa everywhere, or use machines that draw alike"
+            f"the suite was planned for the renderer {parameters['graphics']}, this worker has "
+            f"{drawn_by()}: set MUJOCO_GL=osmesa everywhere, or use machines with the same renderer"
         )
     config = SimConfig.model_validate(parameters["sim"])
     simulate(scene, rig, config, parameters["seed"], out / SEQUENCE)

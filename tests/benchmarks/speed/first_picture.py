@@ -45,7 +45,7 @@ ORDER = (IMPORTS, TEXTURES, *dict.fromkeys(stage for *_, stage in STAGES), REST)
 
 
 class Cost(NamedTuple):
-    """What one run took, s: of processors by stage, and on the clock in all."""
+    """What one run took, s: CPU time by stage, and wall-clock time in all."""
 
     stages_s: dict[str, float]
     wall_s: float
@@ -171,7 +171,7 @@ def table(costs: dict[tuple[str, str], Cost]) -> str:
         lines.append(f"| {stage} |{row}")
     sums = "".join(f" **{sum(cost.stages_s.values()):.2f}** |" for cost in costs.values())
     walls = "".join(f" {cost.wall_s:.2f} |" for cost in costs.values())
-    return "\n".join([*lines, f"| **together** |{sums}", f"| on the clock, s |{walls}"])
+    return "\n".join([*lines, f"| **together** |{sums}", f"| wall-clock time, s |{walls}"])
 
 
 def main() -> None:

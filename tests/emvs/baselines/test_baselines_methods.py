@@ -64,7 +64,7 @@ def test_names_that_no_baseline_has_are_refused():
         methods_by_name(("SGM/x",), 2)
     with pytest.raises(InputError, match="SGM/ts matches two cameras, this rig has 1"):
         methods_by_name(("SGM/ts",), 1)
-    with pytest.raises(InputError, match="does not know the mcemvs setting"):
+    with pytest.raises(InputError, match="does not support the mcemvs setting"):
         methods_by_name(("SGM/ts",), 2, mcemvs=True)
 
 

@@ -181,5 +181,5 @@ def test_pairs_that_are_none_are_refused():
         Rectified.of(stereo_rig(camera, cameras=1))
     with pytest.raises(InputError, match="cameras 0 and 2"):
         Rectified.of(stereo_rig(camera), 0, 2)
-    with pytest.raises(InputError, match="one centre"):
+    with pytest.raises(InputError, match="at one point"):
         Rectified.of(stereo_rig(camera, 0.0))

@@ -11,7 +11,7 @@ import pytest
 from emvs.data.event_store import EventStoreWriter
 from emvs.data.events import Events
 from emvs.data.image_stores import FrameWriter, Photo, TruthWriter
-from emvs.formats.hdf5 import MvsecWriter, TumvieWriter
+from emvs.formats.tables.hdf5 import MvsecWriter, TumvieWriter
 
 SHAPE = (48, 64)
 

@@ -122,7 +122,7 @@ def test_only_regular_files_are_opened(tmp_path, name, plant):
 def test_only_regular_files_are_opened_in_a_sequence(sequence, name, plant):
     (sequence / name).unlink()
     plant(sequence / name)
-    refused(Sequence, sequence, match="pipe, device or socket|no file of this folder")
+    refused(Sequence, sequence, match="pipe, device or socket|not a file in this folder")
 
 
 @pytest.mark.parametrize("name", ["/etc/hostname", "../secret", "cam0/../../secret", "a\0b", ""])
@@ -132,7 +132,7 @@ def test_a_manifest_names_only_what_is_inside(sequence, name):
     content = json.loads(index.read_text())
     content["files"][name] = {"sha256": "0" * 64, "bytes": 1}
     index.write_text(json.dumps(content))
-    refused(Sequence, sequence, match="no file of this folder")
+    refused(Sequence, sequence, match="not a file in this folder")
 
 
 def test_a_link_that_leaves_a_sequence_is_refused_and_one_that_stays_is_followed(sequence):
@@ -143,7 +143,7 @@ def test_a_link_that_leaves_a_sequence_is_refused_and_one_that_stays_is_followed
     (sequence / "kept.txt").rename(sequence.parent / "kept.txt")
     poses.unlink()
     poses.symlink_to(sequence.parent / "kept.txt")
-    refused(Sequence, sequence, match="no file of this folder.*instead of a link")
+    refused(Sequence, sequence, match="not a file in this folder.*instead of a link")
 
 
 @pytest.mark.parametrize("name", ["manifest.json", "poses.txt", "rig.json", "cam0", "sensor.json"])
@@ -157,7 +157,7 @@ def test_no_link_in_a_sequence_leads_out_of_it(sequence, name, listed):
         index.write_text(json.dumps(content))
     place.rename(outside) if place.exists() else outside.write_text("[]")
     place.symlink_to(outside)
-    refused(Sequence, sequence, match=f"{name} is no file of this folder.*instead of a link")
+    refused(Sequence, sequence, match=f"{name} is not a file in this folder.*instead of a link")
 
 
 def test_links_in_a_circle_are_refused(sequence):

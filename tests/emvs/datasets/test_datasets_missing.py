@@ -170,7 +170,7 @@ def test_yaml_that_stands_for_more_than_memory_holds_is_refused(tmp_path):
     with pytest.raises(InputError, match="more than 100000 values"):
         read_rig(path)
     path.write_text("[" * 5000)
-    with pytest.raises(InputError, match="no usable JSON or YAML"):
+    with pytest.raises(InputError, match="not usable JSON or YAML"):
         read_rig(path)
     path.write_text(yaml.safe_dump({"cam0": {"camera_model": "x" * 10_000}}))
     with pytest.raises(InputError, match="a word of 10000 letters"):

@@ -65,7 +65,7 @@ def test_truth_beside_the_reference_time_needs_a_tolerance(pair, tmp_path, capsy
     _, theirs = pair
     assert scored(theirs, tmp_path / "off", 260_000) == 2
     said = capsys.readouterr().err
-    assert "nearest lies -10000 µs beside it (250000 µs)" in said
+    assert "nearest is -10000 µs away (250000 µs)" in said
     assert len(said.strip().splitlines()) == 1
     assert run("score", tmp_path / "off", "--score.truth-tolerance-s", 0.02) == 0
     assert scores(tmp_path / "off")["points"] > 100

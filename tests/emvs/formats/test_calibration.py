@@ -135,8 +135,8 @@ def test_basalt_names_the_file_and_the_key_of_what_is_wrong(tmp_path, change, me
     ("change", "message"),
     [
         (lambda v: v["cam2"].pop("T_cn_cnm1"), "cam2.T_cn_cnm1 is missing"),
-        (lambda v: v["cam1"].update(T_cn_cnm1=[[1, 0], [0, 1]]), "cam1.T_cn_cnm1 is no rigid"),
-        (lambda v: v["cam1"]["T_cn_cnm1"][0].__setitem__(0, 2.0), "no rigid motion"),
+        (lambda v: v["cam1"].update(T_cn_cnm1=[[1, 0], [0, 1]]), "cam1.T_cn_cnm1 is not a rigid"),
+        (lambda v: v["cam1"]["T_cn_cnm1"][0].__setitem__(0, 2.0), "not a rigid motion"),
         (lambda v: v["cam0"].update(distortion_coeffs=[0.1]), "1 distortion terms"),
         (lambda v: v["cam0"].update(distortion_coeffs=[0, 0, 0, float("nan")]), "finite numbers"),
         (lambda v: v["cam0"].update(distortion_model="fov"), "distortion_model is 'fov'"),
@@ -152,7 +152,7 @@ def test_kalibr_names_the_file_and_the_key_of_what_is_wrong(tmp_path, change, me
 
 
 @pytest.mark.parametrize(
-    ("text", "message"), [("{", "no usable JSON"), ("[1, 2]", "holds no calibration")]
+    ("text", "message"), [("{", "not usable JSON"), ("[1, 2]", "holds no calibration")]
 )
 def test_refuses_files_that_are_no_calibration(tmp_path, text, message):
     path = tmp_path / "odd.json"

@@ -167,7 +167,7 @@ def test_rows_that_are_declared_but_not_stored_are_no_zeros(tmp_path):
     with h5py.File(path, "a") as file:
         for name in "xytp":
             file.create_dataset(f"events/{name}", (10**13,), np.int64, chunks=(1 << 16,))
-    with pytest.raises(InputError, match="not whole"):
+    with pytest.raises(InputError, match="incomplete"):
         open_events(path)
 
 

@@ -36,7 +36,7 @@ def made(width, height, *more, bits=8, colour=0, pixels=b""):
     return SIGNATURE + header + b"".join(more) + chunk(b"IDAT", pixels) + chunk(b"IEND")
 
 
-def refused(path, data, message="no whole PNG image", read=read_png):
+def refused(path, data, message="not a complete PNG image", read=read_png):
     path.write_bytes(data)
     with pytest.raises(InputError, match=message) as caught:
         read(path)

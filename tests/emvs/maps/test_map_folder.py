@@ -142,7 +142,7 @@ def test_damaged_index_is_refused(folder, edit, words):
 
 
 def test_no_map_and_no_method(folder, tmp_path):
-    with pytest.raises(InputError, match="is no map"):
+    with pytest.raises(InputError, match="is not a map"):
         read_map(tmp_path / "nothing")
     with pytest.raises(InputError, match=r"no method 'Alg1/G', it has Alg1/H, EMVS/cam0"):
         read_map(folder).windows[0].depth_map("Alg1/G")

@@ -92,4 +92,4 @@ def test_the_script_can_be_printed_and_the_shell_is_found(home, monkeypatch, cap
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr("cyclopts.completion.detect.detect_shell", lambda: "powershell")
     assert main(["completion"]) == 2
-    assert "none of bash, zsh and fish" in capsys.readouterr().err
+    assert "not bash, zsh or fish" in capsys.readouterr().err

@@ -4,7 +4,7 @@ import pytest
 
 from eval.cli.main import VERBS, app, main
 
-REPLACE = {"run", "simulate", "map", "convert", "suite", "gate", "info"}
+REPLACE = {"run", "simulate", "map", "convert", "events", "suite", "gate", "info"}
 NO_FACTS = {"convert", "report", "completion"}
 
 
@@ -55,6 +55,22 @@ IGNORED = {
     "a baseline of events": (
         ["convert", "x", "o", "--to", "npz", "--baseline-m", "0.1"],
         "--baseline-m",
+    ),
+    "no pictures": (
+        ["run", "planes", "--out", "o", "--sim.frames.gain", "2"],
+        "--sim.frames.gain 2.0 has no effect without --sim.frames.rate-hz",
+    ),
+    "no pictures in one of two scenes": (
+        ["run", "hdr-window", "planes", "--out", "o", "--sim.frames.bits", "6"],
+        "without --sim.frames.rate-hz",
+    ),
+    "no inertial samples": (
+        ["simulate", "planes", "--out", "o", "--sim.imu.rate-hz", "0", "--sim.imu.gyro-walk", "0"],
+        "--sim.imu.gyro-walk 0.0 has no effect without --sim.imu.rate-hz",
+    ),
+    "no recorded motion": (
+        ["simulate", "planes", "--out", "o", "--sim.replay.scale", "2"],
+        "--sim.replay.scale 2.0 has no effect without --sim.replay.trajectory",
     ),
     "nothing to list": (["list", "cars"], "scenes"),
 }

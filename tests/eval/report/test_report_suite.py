@@ -19,21 +19,22 @@ ERRORS_M = {
 }
 
 
-def sample(case, seed):
+def sample(case, seed, metric="mean_error"):
     rows = []
     for method, errors in ERRORS_M[case].items():
-        rows.append(Row(case, POOLED, method, "mean_error", errors[seed], "m", "lower"))
+        rows.append(Row(case, POOLED, method, metric, errors[seed], "m", "lower"))
         rows.append(Row(case, POOLED, method, "points", 12345.0, "px", "higher"))
     rows.append(Row(case, POOLED, "events", "events", 9.0, "", "none"))
     return Sample(case, seed, tuple(rows), SampleFacts("s", "t", "n", "osmesa", {}, {}, {}))
 
 
-@pytest.fixture
-def folder(tmp_path):
-    samples = tuple(sample(case, seed) for case in ERRORS_M for seed in (0, 1))
+@pytest.fixture(params=["mean_error"])
+def folder(tmp_path, request):
+    metric = request.param
+    samples = tuple(sample(case, seed, metric) for case in ERRORS_M for seed in (0, 1))
     failed = JobNote("map/<b>", failure="it <broke>")
     result = SuiteResult(
-        "mine-v1", "all", "digest", {"metrics": ["mean_error", "points", "events"]},
+        "mine-v1", "all", "digest", {"metrics": [metric, "points", "events"]},
         dict.fromkeys(ERRORS_M, "hash"), (0, 1), samples, (failed,),
     )  # fmt: skip
     (tmp_path / "out").mkdir()
@@ -93,3 +94,10 @@ def test_one_case_has_no_mean_over_cases(tmp_path):
     output.write(tmp_path, result)
     assert main(["report", str(tmp_path), "--quiet"]) == 0
     assert len(tables((tmp_path / "report.html").read_text(encoding="utf-8"))) == 2
+
+
+@pytest.mark.parametrize("folder", ["median_error", "delta_1"], indirect=True)
+def test_a_suite_without_the_ranking_metric_is_ordered_by_one_that_it_has(folder):
+    assert main(["report", str(folder), "--quiet"]) == 0
+    mean, a, b, _versions = tables((folder / "report.html").read_text(encoding="utf-8"))
+    assert [len(table) for table in (mean, a, b)] == [3, 3, 3]

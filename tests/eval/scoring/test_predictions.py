@@ -138,7 +138,7 @@ def test_a_time_within_the_tolerance_counts_and_others_are_named_as_unused(tmp_p
 
 def test_a_missing_time_is_refused_with_the_nearest_one(tmp_path):
     np.save(tmp_path / "249900.npy", depths())
-    with pytest.raises(InputError, match=r"1 of 1 reference views .* 250000 .* -100 µs beside"):
+    with pytest.raises(InputError, match=r"1 of 1 reference views .* 250000 .* -100 µs away"):
         Prediction.open(tmp_path, "desk").check([VIEW])
 
 
@@ -311,7 +311,7 @@ BAD = {
         ],
         "it may hold name",
     ),
-    "no TOML": (lambda folder: (folder / "prediction.toml").write_text("= 1"), "no TOML"),
+    "no TOML": (lambda folder: (folder / "prediction.toml").write_text("= 1"), "not TOML"),
     "list too short": (
         lambda folder: [
             np.save(folder / "a.npy", depths()),

@@ -207,7 +207,7 @@ def test_a_worker_that_draws_otherwise_refuses_the_job(tmp_path, stage):
         **stage_simulate.sequence_parameters("planes", None, 0, {}),
         "change": {"light": 0.5},
     }
-    with pytest.raises(InputError, match="planned for pictures by softpipe") as caught:
+    with pytest.raises(InputError, match="planned for the renderer softpipe") as caught:
         stage.run({**planned, "graphics": "softpipe, 1.0"}, [], tmp_path)
     assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())

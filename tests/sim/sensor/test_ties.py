@@ -17,6 +17,7 @@ from sensor_runs import rows_of
 from sensor_runs import run as run_sensor
 from sim.config import SimConfig
 from sim.sensor.esim import EventSimulator
+from video_files import grey_video
 
 H, W = 2, 3
 GREY = [0, 20, 50, 51, 130, 255]
@@ -110,48 +111,11 @@ def test_what_rises_from_a_value_falls_back_to_it(grey, start, threshold, ratio)
         assert not len(there) or back.t_us[-1] % 1000 == 0
 
 
-def grey_video(count, height, width):
-    """A smooth random texture that swings to and fro, in 8 bits."""
-    rng = np.random.default_rng(7)
-    waves = rng.uniform(-0.5, 0.5, (12, 2))
-    phase = rng.uniform(0, 2 * np.pi, 12)
-    y, x = np.mgrid[:height, :width]
-    frames = []
-    for k in range(count):
-        shift = 8 * np.sin(2 * np.pi * k / 80)
-        angle = waves[:, 0, None, None] * (x + shift) + waves[:, 1, None, None] * y
-        picture = np.sin(angle + phase[:, None, None]).sum(axis=0)
-        frames.append(np.rint(127.5 + 127.5 * np.tanh(picture / 4)) / 255)
-    return np.asarray(frames, np.float32)
-
-
-def published(logs, times_us, c, refractory_us):
-    """Events (t_us, y, x, p) by the law as its authors run it: a float32 reference that moves.
-
-    A level counts where it lies in the stretch from the value before, without it, to the value now.
-    """
-    found = set()
-    for y, x in np.ndindex(logs.shape[1:]):
-        reference, last_us = logs[0, y, x], -np.inf
-        for k in range(1, len(logs)):
-            before, now = logs[k - 1, y, x], logs[k, y, x]
-            step = np.float32(c) if now > before else np.float32(-c)
-            level = reference + step
-            while before < level <= now or now <= level < before:
-                share = float(level - before) / float(now - before)
-                t_us = times_us[k - 1] + share * (times_us[k] - times_us[k - 1])
-                if t_us - last_us >= refractory_us:
-                    found.add((round(t_us), y, x, int(step > 0)))
-                    last_us = t_us
-                reference, level = level, level + step
-    return found
-
-
 def test_a_video_of_8_bits_gives_the_events_of_the_published_law():
     """Its float32 reference drifts, so the last thousandths cannot agree."""
     config = SimConfig(log_eps=1e-3, refractory_period_us=100)
     frames, times_us = grey_video(161, 18, 24), list(range(0, 161_000, 1000))
-    theirs = published(
+    theirs = naive_esim.published(
         np.log(frames + np.float32(1e-3)), times_us, 0.2, config.refractory_period_us
     )
     mine = set(rows(Events.concat(run(frames, times_us, config))))

@@ -8,7 +8,7 @@ and the sensor (`x@1280`, `y@720`, as faery writes it).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,17 +20,14 @@ from emvs.errors import InputError, quoted
 from emvs.formats.base import FileWriter
 from emvs.formats.blocks import BlockReader
 from emvs.formats.prophesee import STREAM, opened
-from emvs.formats.text_kernels import format_rows, parse_rows
+from emvs.formats.tables.columns import CURE, POLARITIES, TIMES, ColumnMap
+from emvs.formats.tables.text_kernels import format_rows, parse_rows
 from emvs.utils.release import page
 
 _BLOCK_BYTES = 1 << 22
 _HEAD_BYTES = 1 << 16
 _POWERS = {"t_s": 6, "t_ms": 3, "t_us": 0, "t_ns": -3}
-
-_NAMES = {"t": 0, "ts": 0, "time": 0, "timestamp": 0, "timestamps": 0} | dict.fromkeys(_POWERS, 0)
-
-
-_NAMES |= {"x": 1, "y": 2, "p": 3, "pol": 3, "polarity": 3, "on": 3}
+_NAMES = dict.fromkeys(TIMES, 0) | {"x": 1, "y": 2} | dict.fromkeys(POLARITIES, 3)
 
 
 @dataclass(frozen=True)
@@ -59,16 +56,19 @@ class TextReader(BlockReader):
 
     Args:
         path: the file.
+        columns: which field of a line is what; by default what a header says, or `t x y p`.
         layout: how its lines are read; found from its first lines where not given.
 
     Raises:
         InputError: a missing file, a header without the columns, or a line that is no event.
     """
 
-    def __init__(self, path: Path, layout: TextLayout | None = None) -> None:
+    def __init__(
+        self, path: Path, columns: ColumnMap | None = None, layout: TextLayout | None = None
+    ) -> None:
         super().__init__(Path(path), (STREAM,))
         with opened(self.path) as file:
-            self._layout = layout or text_layout(self.path, file.read(_HEAD_BYTES))
+            self._layout = layout or text_layout(self.path, file.read(_HEAD_BYTES), columns)
         self.format = self._layout.format
         self.width_px, self.height_px = self._layout.size_px or (None, None)
 
@@ -109,16 +109,17 @@ class TextReader(BlockReader):
             line = text[bad : bad + 60].split(b"\n")[0].decode("ascii", "replace")
             fields = " ".join("txyp"[what] if what >= 0 else "..." for what in layout.order)
             times = "a whole number of µs" if layout.whole_times else "seconds"
+            times = f"{times}, as the file begins" if layout.power in (0, 6) else "in its unit"
             raise InputError(
                 f"{self.path}, line {self.line_at(offset + bad)}: {line!r} is no event; needs "
-                f"`{fields}`, t >= 0 ({times}, as the file begins), whole pixels 0 to 65535, p 0 "
-                "or 1 or -1: mend or remove the line"
+                f"`{fields}`, t >= 0 ({times}), whole pixels 0 to 65535, p 0 or 1 or -1: "
+                "correct or remove the line"
             )
         return Events(x, y, t_us, p).slice(0, count)
 
 
-def text_layout(path: Path, head: bytes) -> TextLayout:
-    """Recognises the layout from the first bytes of a file.
+def text_layout(path: Path, head: bytes, columns: ColumnMap | None = None) -> TextLayout:
+    """Recognises the layout from the first bytes of a file, or takes it as stated.
 
     Raises:
         InputError: binary content, or a header that lacks a column.
@@ -134,20 +135,46 @@ def text_layout(path: Path, head: bytes) -> TextLayout:
         skip += len(lines.pop(0))
     if not lines:
         raise InputError(
-            f"{path}: no line beside blank ones and remarks in the first {len(head)} bytes; needs "
+            f"{path}: only blank lines and comments in the first {len(head)} bytes; needs "
             "lines `t x y p`: the file is cut off or empty, fetch it again"
         )
     words = lines[0].decode("ascii").replace(",", " ").split()
-    if words and words[0][0].isalpha():
-        body = lines[1:]
-        return _csv_layout(path, words, skip + len(lines[0]), body)
+    is_header = bool(words) and words[0].strip("\"'")[:1].isalpha()
+    if columns is not None and columns.x:
+        return _stated_layout(path, columns, words, skip + is_header * len(lines[0]), is_header)
+    if is_header:
+        layout = _csv_layout(path, words, skip + len(lines[0]), lines[1:])
+        return layout if columns is None else _in_unit(layout, columns)
     size = None
     if len(words) == 2 and all(word.isdigit() and len(word) < 6 for word in words):
         size = (int(words[0]), int(words[1]))
         skip += len(lines.pop(0))
     seconds = _has_points(lines, 0)
     name = "esim-text" if size else "text"
-    return TextLayout(name, skip, (0, 1, 2, 3), 6 if seconds else 0, not seconds, size)
+    layout = TextLayout(name, skip, (0, 1, 2, 3), 6 if seconds else 0, not seconds, size)
+    return layout if columns is None else _in_unit(layout, columns)
+
+
+def _in_unit(layout: TextLayout, columns: ColumnMap) -> TextLayout:
+    return replace(layout, power=_POWERS[f"t_{columns.time_unit}"], whole_times=False)
+
+
+def _stated_layout(
+    path: Path, columns: ColumnMap, words: list[str], skip: int, is_header: bool
+) -> TextLayout:
+    """The fields that are stated, by their names in the header or by their numbers."""
+    names = [word.strip("\"'") for word in words] if is_header else []
+    order = [-1] * len(words)
+    for what, address in enumerate((columns.t, columns.x, columns.y, columns.p)):
+        place = names.index(address) if address in names else -1
+        if place < 0 and address.isdecimal() and int(address) < len(words):
+            place = int(address)
+        if place < 0 or order[place] >= 0:
+            there = quoted(*names) or f"0 to {len(words) - 1}"
+            raise InputError(f"{path}: no column {quoted(address)} of its own; there are {there}")
+        order[place] = what
+    layout = TextLayout("csv", skip, tuple(order), 0, False)
+    return _in_unit(layout, columns)
 
 
 def _csv_layout(path: Path, words: list[str], skip: int, body: list[bytes]) -> TextLayout:
@@ -158,7 +185,7 @@ def _csv_layout(path: Path, words: list[str], skip: int, body: list[bytes]) -> T
     if sorted(what for what in order if what >= 0) != [0, 1, 2, 3]:
         raise InputError(
             f"{path}, byte 0: columns {quoted(*names)}; needs x, y, p (or polarity) and one of "
-            f"t, {', '.join(_POWERS)}: rename them in the header"
+            f"t, {', '.join(_POWERS)}: rename them in the header, or {CURE}"
         )
     place = order.index(0)
     seconds = names[place] == "t_s" or (names[place] not in _POWERS and _has_points(body, place))

@@ -1,0 +1,144 @@
+"""Packed events in ROS messages: `event_camera_msgs/EventPacket` and its predecessor.
+
+A packet is a head and the bytes of an encoding. `evt3` is the sensor's own stream, cut into
+messages: what one says of times and rows holds in the next, and times are the sensor's, as
+event_camera_codecs takes them. `mono` has a word per event, whose 32 bits of ns count from the
+packet's `time_base`.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+
+from emvs.data.events import Events
+from emvs.errors import InputError, quoted
+from emvs.formats.prophesee import CODINGS, decode_words
+from emvs.formats.prophesee_kernels import State
+
+TYPES = ("event_camera_msgs/msg/EventPacket", "event_array_msgs/msg/EventArray")
+ENCODINGS = ("evt3", "mono")
+_MOST_NS = 1 << 62
+
+
+@dataclass(frozen=True, slots=True)
+class PacketHead:
+    """What stands before the bytes of a packet.
+
+    Attributes:
+        width_px: sensor width.
+        height_px: sensor height.
+        time_base_ns: what the times of `mono` count from, ns.
+        encoding: how the events are coded.
+        is_bigendian: whether they were written by a machine of the other byte order.
+        start: where the bytes begin.
+        size: how many there are.
+    """
+
+    width_px: int
+    height_px: int
+    time_base_ns: int
+    encoding: str
+    is_bigendian: bool
+    start: int
+    size: int
+
+
+class _Fields:
+    """Reads a message field by field, aligned as ROS2 does (CDR) or packed as ROS1 does."""
+
+    def __init__(self, data: bytes | memoryview, ros2: bool) -> None:
+        self._data, self._ros2 = data, ros2
+        self.at = 4 if ros2 else 0  # behind the encapsulation, from which CDR aligns
+
+    def number(self, code: str) -> int:
+        size = struct.calcsize(code)
+        self.at += -(self.at - 4) % size if self._ros2 else 0
+        (value,) = struct.unpack_from(f"<{code}", self._data, self.at)
+        self.at += size
+        return int(value)
+
+    def text(self) -> str:
+        size = self.number("I")
+        if self.at + size > len(self._data):
+            raise struct.error(f"a text of {size} bytes")
+        word = bytes(self._data[self.at : self.at + size])
+        self.at += size
+        return word.rstrip(b"\0").decode("ascii", "replace")
+
+
+def packet_head(data: bytes | memoryview, ros2: bool, where: str) -> PacketHead:
+    """Reads the fields before the events, and checks that the events are all there.
+
+    Args:
+        data: a message, as the bag holds it.
+        ros2: whether it is coded as ROS2 does (CDR), else as ROS1 does.
+        where: file and place, for the error's sake.
+
+    Raises:
+        InputError: a message that is not as long as it declares.
+    """
+    if ros2 and bytes(data[:2]) != b"\x00\x01":
+        raise InputError(f"{where}: coded other than little-endian CDR; record the bag again")
+    fields = _Fields(data, ros2)
+    try:
+        for _ in range(2 if ros2 else 3):  # ROS1 counts messages before the stamp
+            fields.number("I")
+        fields.text()
+        height, width = fields.number("I"), fields.number("I")
+        fields.number("Q")
+        time_base_ns, encoding = fields.number("Q"), fields.text()
+        is_bigendian, size = bool(fields.number("B")), fields.number("I")
+    except struct.error as error:
+        raise InputError(f"{where}: message ends before its events ({error}); damaged") from error
+    excess = len(data) - fields.at - size
+    if excess < 0 or (excess and not ros2) or excess > 3:  # CDR may pad to four bytes
+        raise InputError(
+            f"{where}: {size} bytes of events declared, {len(data) - fields.at} are there; the "
+            "message is damaged, record the bag again"
+        )
+    return PacketHead(width, height, time_base_ns, encoding, is_bigendian, fields.at, size)
+
+
+def packet_events(data: bytes | memoryview, ros2: bool, where: str, state: State) -> Events:
+    """The events of a packet; nanoseconds are rounded to µs.
+
+    Args:
+        data: a message, as the bag holds it.
+        ros2: whether it is coded as ROS2 does.
+        where: file and place, for the error's sake.
+        state: what the decoder knows of the stream so far; updated.
+
+    Raises:
+        InputError: a damaged message, or an encoding that is not read.
+    """
+    head = packet_head(data, ros2, where)
+    if head.encoding not in ENCODINGS or head.is_bigendian:
+        order = ", big-endian" * head.is_bigendian
+        raise InputError(
+            f"{where}: events coded as {quoted(head.encoding)}{order}; known are "
+            f"{' and '.join(ENCODINGS)}, little-endian: convert the bag with event_camera_tools"
+        )
+    word = 8 if head.encoding == "mono" else 2
+    if head.size % word:
+        raise InputError(f"{where}: {head.size} bytes of {head.encoding}, words of {word}; damaged")
+    payload = data[head.start : head.start + head.size]
+    if word == 8:
+        return _mono(np.frombuffer(payload, "<u8"), head.time_base_ns, where)
+    words, parts = np.frombuffer(payload, "<u2"), []
+    while len(words):
+        used, events = decode_words(CODINGS["EVT3"], words, state, lambda k: f"{where}, word {k}")
+        parts.append(events)
+        words = words[used:]
+    return Events.concat(parts)
+
+
+def _mono(words: np.ndarray, base_ns: int, where: str) -> Events:
+    if base_ns >= _MOST_NS:
+        raise InputError(f"{where}: time_base {base_ns} ns; needs less than 2^62 ns, damaged")
+    t_ns = (words & 0xFFFFFFFF).astype(np.int64) + base_ns
+    x, y = (words >> 32) & 0xFFFF, (words >> 48) & 0x7FFF
+    columns = x.astype(np.uint16), y.astype(np.uint16), (t_ns + 500) // 1000
+    return Events(*columns, (words >> 63).astype(np.uint8))

@@ -1,0 +1,1 @@
+"""Events as columns of tables: HDF5, NumPy, Parquet and text."""

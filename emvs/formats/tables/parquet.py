@@ -1,0 +1,158 @@
+"""Events as columns of a Parquet table, read by pyarrow (extra `parquet`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from emvs.data.events import Events
+from emvs.errors import InputError, heed_interrupt, quoted, said, shown
+from emvs.formats.blocks import BlockReader, Numbers, to_events
+from emvs.formats.prophesee import STREAM, opened
+from emvs.formats.tables.columns import UNITS_S, ColumnMap, by_names
+from emvs.utils.release import install
+
+_ROWS = 1 << 18
+
+
+class ParquetReader(BlockReader):
+    """A Parquet file: one stream, `events`.
+
+    A block is a batch of a row group; a row group is read from its start to find one again.
+
+    Args:
+        path: the file.
+        columns: which column is what; by default what their names say. Time stamps of Arrow's own
+            type say their unit.
+
+    Raises:
+        InputError: pyarrow is not installed, a damaged file, missing columns, or columns of
+            anything but numbers.
+    """
+
+    format = "parquet"
+
+    def __init__(self, path: Path, columns: ColumnMap | None = None) -> None:
+        super().__init__(Path(path), (STREAM,))
+        self._parquet = load_parquet(self.path)
+        with self._opened() as table:
+            schema, self._rows = table.schema_arrow, table.metadata.num_rows
+            self._groups = [
+                table.metadata.row_group(k).num_rows for k in range(table.num_row_groups)
+            ]
+        if columns is None or not columns.x:
+            chosen, unit_s = by_names(str(self.path), schema.names)
+        else:
+            chosen, unit_s = columns, columns.unit_s
+        self._names = chosen.addresses
+        self._unit_s = unit_s if columns is None else columns.unit_s
+        for name in self._names.values():
+            self._check(schema, name)
+        if sum(self._groups) != self._rows:
+            raise InputError(
+                f"{self.path}: {self._rows} rows declared, {sum(self._groups)} in its groups; the "
+                "file is damaged, fetch it again"
+            )
+
+    def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
+        """Reads the row groups from front to back."""
+        del stream
+        before = 0
+        with self._opened() as table:
+            for group, rows in enumerate(self._groups):
+                for k, events in enumerate(self._batches(table, group)):
+                    yield (group, k, min(before + (k + 1) * _ROWS, before + rows)), events
+                before += rows
+
+    def load(self, stream: str, place: Any) -> Events:
+        """Reads one batch."""
+        del stream
+        with self._opened() as table:
+            for k, events in enumerate(self._batches(table, place[0])):
+                if k == place[1]:
+                    return events
+        raise InputError(f"{self.path}: changed while it was read; open it again")
+
+    def share_before(self, stream: str, place: Any) -> float:
+        """Which share of the rows ends with a block."""
+        del stream
+        return float(place[2] / max(1, self._rows))
+
+    def _batches(self, table: Any, group: int) -> Iterator[Events]:
+        """The events of a row group; all rows that it declares must be there."""
+        names = list(dict.fromkeys(self._names.values()))
+        done = 0
+        for batch in table.iter_batches(_ROWS, [group], names, use_threads=False):
+            where = f"{self.path}, row group {group}, rows {done} to {done + batch.num_rows}"
+            done += batch.num_rows
+            x, y, t, p = (self._numbers(where, batch, self._names[name]) for name in "xytp")
+            yield to_events(where, x, y, t, p, self._unit_of(batch))
+        if done != self._groups[group]:
+            raise InputError(
+                f"{self.path}, row group {group}: {done} rows of {self._groups[group]}; the file "
+                "is damaged, fetch it again"
+            )
+
+    def _unit_of(self, batch: Any) -> float | None:
+        kind = batch.schema.field(self._names["t"]).type
+        return UNITS_S[kind.unit] if str(kind).startswith("timestamp") else self._unit_s
+
+    def _numbers(self, where: str, batch: Any, name: str) -> Numbers:
+        column = batch.column(batch.schema.get_field_index(name))
+        column.validate(full=True)
+        if column.null_count:
+            raise InputError(f"{where}: {column.null_count} values of {quoted(name)} are missing")
+        values: Numbers = column.to_numpy(zero_copy_only=False)
+        return values.astype(np.int64) if values.dtype.kind == "M" else values
+
+    def _check(self, schema: Any, name: str) -> None:
+        if schema.names.count(name) != 1:
+            raise InputError(
+                f"{self.path}: {schema.names.count(name)} columns {quoted(name)}; needs one; there "
+                f"are {quoted(*schema.names)}"
+            )
+        kind = str(schema.field(name).type)
+        time = kind.startswith("timestamp[") and name == self._names["t"]
+        if not (time or kind in _NUMBERS):
+            raise InputError(
+                f"{self.path}, column {quoted(name)}: of type {shown(kind)}; needs plain numbers"
+            )
+
+    @contextmanager
+    def _opened(self) -> Iterator[Any]:
+        """The table; what the library says of damage becomes one line."""
+        try:
+            with opened(self.path) as file:
+                yield self._parquet.ParquetFile(file, page_checksum_verification=True)
+        except InputError:
+            raise
+        except Exception as error:  # of the library, of its codecs, and of damaged names
+            raise InputError(
+                f"{self.path}: not a whole Parquet file ({said(error)}); make it again"
+            ) from error
+
+
+_NUMBERS = {
+    *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
+    *("bool", "halffloat", "float", "double"),
+}
+
+
+def load_parquet(path: Path) -> Any:
+    """The library's reader of Parquet.
+
+    Raises:
+        InputError: it cannot be loaded.
+    """
+    try:
+        import pyarrow.parquet
+    except (ImportError, OSError) as error:
+        heed_interrupt(error)
+        missing = isinstance(error, ModuleNotFoundError)
+        why = f"is not installed: {install('parquet')}" if missing else f"fails: {said(error)}"
+        raise InputError(f"{path}: Parquet needs pyarrow, which {why}") from error
+    return pyarrow.parquet

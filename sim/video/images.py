@@ -1,0 +1,160 @@
+"""One image file as an array, whole or refused: PNG, JPEG, TIFF, OpenEXR, npy."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.errors import DAMAGED_NPY, InputError, heed_interrupt, said
+from emvs.formats.depth import check_png
+from emvs.utils.inputs import check_file
+from emvs.utils.release import install
+
+Image = NDArray[Any]
+"""(H, W) grey levels or (H, W, 3) red, green, blue; uint8, uint16 or float32."""
+
+_DAMAGED: tuple[type[Exception], ...] = (*DAMAGED_NPY, TypeError)
+_MOST_PIXELS = 1 << 26
+_MOST_BYTES = 1 << 30
+_OPAQUE = {np.dtype(np.uint8): 255, np.dtype(np.uint16): 65535, np.dtype(np.float32): 1}
+
+
+def read_image(path: Path) -> Image:
+    """Reads an image file as it is; nothing is scaled.
+
+    Args:
+        path: named .png, .jpg, .jpeg, .tif, .tiff, .exr or .npy.
+
+    Returns:
+        (H, W) or (H, W, 3), of uint8, uint16 or float32.
+
+    Raises:
+        InputError: unreadable, truncated, damaged, empty, larger than 2^26 pixels, transparent, or
+            values of another kind.
+    """
+    try:
+        check_file(path, _MOST_BYTES)
+        image = READERS[path.suffix.lower()](path)
+    except InputError:
+        raise
+    except OSError as error:
+        reason = error.strerror or said(error)
+        raise InputError(f"{path}: cannot be read ({reason}); needs a complete image") from error
+    return _checked(path, image)
+
+
+def _png(path: Path) -> NDArray[Any]:
+    data = path.read_bytes()
+    check_png(path, data)
+    return _decoded(path, data)
+
+
+def _jpeg(path: Path) -> Image:
+    # Pillow refuses a truncated file; OpenCV may fill it with grey.
+    from PIL import Image as Pillow
+
+    try:
+        with Pillow.open(io.BytesIO(path.read_bytes()), formats=("JPEG", "MPO")) as image:
+            _check_size(path, *image.size)
+            return np.asarray(image if image.mode == "L" else image.convert("RGB"))
+    except InputError:
+        raise
+    except Exception as error:  # Pillow ends in many kinds of exception on damaged files
+        raise InputError(f"{path}: not a complete JPEG ({said(error)}); make it again") from error
+
+
+def _tiff(path: Path) -> NDArray[Any]:
+    return _decoded(path, path.read_bytes())
+
+
+def _decoded(path: Path, data: bytes) -> NDArray[Any]:
+    """What OpenCV decodes: it keeps 16 bits and floats."""
+    try:
+        with quiet_opencv():
+            image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise InputError(f"{path}: not a complete image ({said(error)}); make it again") from error
+    if image is None:
+        raise InputError(f"{path}: not a complete {path.suffix[1:].upper()} image; make it again")
+    if image.ndim == 3 and image.shape[2] >= 3:
+        image = image[..., [2, 1, 0, *range(3, image.shape[2])]]
+    return np.asarray(image)
+
+
+@contextmanager
+def quiet_opencv() -> Iterator[None]:
+    """Keeps OpenCV from telling of damage on the error stream: who asked gets an error."""
+    level = cv2.utils.logging.getLogLevel()
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        yield
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+
+
+def _npy(path: Path) -> NDArray[Any]:
+    try:
+        stored = np.load(path, mmap_mode="r", allow_pickle=False)
+        kind = np.float32 if stored.dtype.kind == "f" else stored.dtype
+        _check_size(path, *stored.shape[1::-1])
+        return np.asarray(stored, kind)
+    except InputError:
+        raise
+    except _DAMAGED as error:
+        raise InputError(f"{path}: not a complete npy ({said(error)}); make it again") from error
+
+
+def _exr(path: Path) -> Image:
+    try:
+        import OpenEXR
+    except ImportError as error:
+        heed_interrupt(error)
+        raise InputError(f"{path}: reading EXR needs OpenEXR: {install('exr')}") from error
+    try:
+        # It prints what it finds damaged, which would stand among the numbers of a summary.
+        with (
+            redirect_stdout(io.StringIO()),
+            OpenEXR.File(str(path), separate_channels=True) as file,
+        ):
+            planes = {name: channel.pixels for name, channel in file.channels().items()}
+        names = "RGB" if {*"RGB"} <= planes.keys() else "Y"
+        chosen = [planes[name] for name in (*names, *("A" * ("A" in planes and names == "RGB")))]
+        return np.stack(chosen, axis=-1).astype(np.float32)
+    except KeyError:
+        raise InputError(f"{path}: channels {', '.join(planes)}; needs Y, or R, G and B") from None
+    except Exception as error:  # whatever the library raises for damage
+        raise InputError(f"{path}: not a complete EXR ({said(error)}); make it again") from error
+
+
+READERS: dict[str, Callable[[Path], NDArray[Any]]] = {
+    ".png": _png, ".jpg": _jpeg, ".jpeg": _jpeg, ".tif": _tiff, ".tiff": _tiff, ".exr": _exr,
+    ".npy": _npy,
+}  # fmt: skip
+"""End of a file's name -> what reads it."""
+
+
+def _check_size(path: Path, *sides: int) -> None:
+    if not 0 < int(np.prod(sides, dtype=np.float64)) <= _MOST_PIXELS or len(sides) != 2:
+        size = "x".join(map(str, sides))
+        raise InputError(f"{path}: an image of {size} pixels; needs at least 1, at most 2^26")
+
+
+def _checked(path: Path, image: NDArray[Any]) -> Image:
+    """The image without an opaque alpha channel, or a single one's axis."""
+    if image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] not in (1, 3, 4)):
+        raise InputError(f"{path}: shape {image.shape}; needs (H, W) or (H, W, 3)")
+    _check_size(path, *image.shape[1::-1])
+    if image.dtype not in _OPAQUE:
+        raise InputError(f"{path}: values of {image.dtype}; needs 8 or 16 bits, or float32")
+    if image.ndim == 3 and image.shape[2] == 4:
+        if (image[..., 3] != _OPAQUE[image.dtype]).any():
+            raise InputError(f"{path}: has transparent pixels; put it onto a background first")
+        image = image[..., :3]
+    return image[..., 0] if image.ndim == 3 and image.shape[2] == 1 else image

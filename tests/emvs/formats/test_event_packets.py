@@ -1,0 +1,181 @@
+"""ROS2 bags of event_camera_msgs: written by the library's typed encoder, read without ROS."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+import naive_formats as naive
+from emvs.data.events import Events
+from emvs.errors import InputError
+from emvs.formats import open_events, rosbag
+from emvs.formats.event_packets import TYPES, packet_events
+from emvs.formats.prophesee_kernels import initial_state
+from event_files import PACKET, evt3_payloads, mono_payloads, write_packets
+
+SIZE_PX = (640, 480)
+ROWS = [(5000 * k + 17 * (k % 3), k % 640, k // 7 % 480, k % 2) for k in range(4000)]
+WORDS = st.sampled_from([0x8001, 0x8002, 0x6005, 0x0011, 0x2003, 0x2804, 0x3802, 0x4A05, 0x5081])
+PAYLOADS = {
+    "evt3": evt3_payloads(ROWS, range(1, 12_000, 37)),
+    "mono": mono_payloads(ROWS),
+}
+
+
+def read(path):
+    reader = open_events(path)
+    assert (reader.format, reader.streams) == ("rosbag2", ("/events",))
+    return naive.rows_of(Events.concat(list(reader.chunks("/events", 77))))
+
+
+@pytest.mark.parametrize("storage", list(StoragePlugin))
+@pytest.mark.parametrize("encoding", PAYLOADS)
+@pytest.mark.parametrize("kind", TYPES)
+def test_packets_of_both_storages(tmp_path, storage, encoding, kind):
+    path = write_packets(
+        tmp_path / "bag", SIZE_PX, PAYLOADS[encoding], encoding, storage, kind=kind
+    )
+    reader = open_events(path)
+    assert (reader.width_px, reader.height_px) == SIZE_PX
+    assert read(path) == ROWS
+    assert reader.span_us("/events") == (ROWS[0][0], ROWS[-1][0])
+
+
+def test_slices_take_up_the_stream_where_its_clock_wrapped(tmp_path, monkeypatch):
+    """Times go beyond the 16.8 s of EVT3's counter; a block knows what those before it said."""
+    monkeypatch.setattr("emvs.formats.rosbag._BLOCK_EVENTS", 300)
+    path = write_packets(tmp_path / "bag", SIZE_PX, PAYLOADS["evt3"], "evt3")
+    reader = open_events(path)
+    assert ROWS[-1][0] > 1 << 24
+    for t0_us in range(0, ROWS[-1][0], 1_700_000):
+        expected = [row for row in ROWS if t0_us <= row[0] < t0_us + 900_000]
+        assert naive.rows_of(reader.between("/events", t0_us, t0_us + 900_000)) == expected
+
+
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    words=st.lists(WORDS, max_size=40),
+    cuts=st.lists(st.integers(0, 40), max_size=6),
+)  # fmt: skip
+def test_messages_are_one_stream_wherever_it_is_cut(words, cuts):
+    whole = np.array(words, "<u2")
+    state, found = initial_state(), []
+    for part in np.split(whole, sorted(cuts)):
+        (_, _, data), *_ = [(0, 0, message(part.tobytes()))]
+        found += naive.rows_of(packet_events(data, True, "here", state))
+    assert found == naive.decode_evt3(words)
+
+
+def message(payload, encoding="evt3", **changes):
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kind = "event_camera_msgs/msg/EventPacket"
+    store.register(get_types_from_msg(PACKET, kind))
+    types = store.types
+    fields = {
+        "header": types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](0, 0), "cam"),
+        "height": 480, "width": 640, "seq": 0, "time_base": 0, "encoding": encoding,
+        "is_bigendian": False, "events": np.frombuffer(payload, np.uint8),
+    } | changes  # fmt: skip
+    return bytes(store.serialize_cdr(types[kind](**fields), kind))
+
+
+def test_ros1_bags_hold_packets_too(tmp_path):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    kind = "event_camera_msgs/msg/EventPacket"
+    store.register(get_types_from_msg(PACKET, kind))
+    types, path = store.types, tmp_path / "f.bag"
+    with Ros1Writer(path) as bag:
+        topic = bag.add_connection("/events", kind, typestore=store)
+        for seq, (stamp_ns, base_ns, payload) in enumerate(PAYLOADS["mono"]):
+            stamp = types["builtin_interfaces/msg/Time"](0, 0)
+            head = types["std_msgs/msg/Header"](seq, stamp, "cam" + "x" * (seq % 5))
+            events = np.frombuffer(payload, np.uint8)
+            one = types[kind](head, 480, 640, seq, base_ns, "mono", False, events)
+            bag.write(topic, stamp_ns, store.serialize_ros1(one, kind))
+    reader = open_events(path)
+    assert reader.format == "rosbag1"
+    assert naive.rows_of(Events.concat(list(reader.chunks("/events")))) == ROWS
+
+
+@pytest.mark.parametrize(
+    ("payload", "changes", "message_"),
+    [
+        (b"", {"encoding": "libcaer_cmp"}, "coded as libcaer_cmp; known are evt3 and mono"),
+        (b"", {"encoding": "trigger"}, "coded as trigger; known are evt3 and mono"),
+        (b"", {"is_bigendian": True}, "evt3, big-endian; known"),
+        (bytes(7), {}, "7 bytes of evt3, words of 2"),
+        (bytes(12), {"encoding": "mono"}, "12 bytes of mono, words of 8"),
+        (bytes(8), {"encoding": "mono", "time_base": 1 << 63}, "time_base"),
+        (b"\x00\x11", {}, "word 0: 0x1100 is no word of EVT3"),
+    ],
+)
+def test_what_is_no_packet_is_refused_by_name(tmp_path, payload, changes, message_):
+    encoding = changes.pop("encoding", "evt3")
+    path = write_packets(tmp_path / "bag", SIZE_PX, [(5, 0, payload)], encoding, **changes)
+    with pytest.raises(InputError, match=message_) as error:
+        list(open_events(path).chunks("/events"))
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_packets_that_declare_too_much():
+    whole = message(bytes(40))
+    for cut in range(len(whole)):
+        with pytest.raises(InputError, match=r"here: (message ends|40 bytes|coded other)"):
+            packet_events(whole[:cut], True, "here", initial_state())
+    with pytest.raises(InputError, match="are there"):
+        packet_events(whole + bytes(4), True, "here", initial_state())
+
+
+def test_nanoseconds_are_rounded():
+    words = np.array([1499 | 3 << 32 | 4 << 48 | 1 << 63, 1500], "<u8")
+    found = packet_events(message(words.tobytes(), "mono"), True, "here", initial_state())
+    assert naive.rows_of(found) == [(1, 3, 4, 1), (2, 0, 0, 0)]
+
+
+class Misled:
+    """A bag whose index says other times of recording than its messages have."""
+
+    def __init__(self, bag, stamps):
+        self._bag, self._stamps = bag, stamps
+
+    def __getattr__(self, name):
+        return getattr(self._bag, name)
+
+    def messages(self, *wanted, start=0, stop=1 << 62):
+        for number, (topic, _, data) in enumerate(self._bag.messages(*wanted)):
+            stamp_ns = self._stamps(number, start)
+            if start <= stamp_ns < stop:
+                yield topic, stamp_ns, data
+
+
+@pytest.mark.parametrize(
+    ("stamps", "message_"),
+    [
+        (lambda number, start: 500 - number, "recorded before the one in front of it"),
+        (lambda number, start: number if number < 9 or not start else -1, "found by its index"),
+    ],
+)
+def test_a_bag_whose_index_misleads_is_refused(tmp_path, monkeypatch, stamps, message_):
+    """Otherwise slices, which are found by times of recording, would lose events in silence."""
+    path = write_packets(tmp_path / "bag", SIZE_PX, PAYLOADS["mono"], "mono")
+    opened = rosbag.opened_bag
+
+    @contextmanager
+    def misled(path):
+        with opened(path) as bag:
+            yield Misled(bag, stamps)
+
+    monkeypatch.setattr(rosbag, "opened_bag", misled)
+    monkeypatch.setattr(rosbag, "_BLOCK_EVENTS", 300)
+    reader = open_events(path)
+    with pytest.raises(InputError, match=message_) as error:
+        reader.between("/events", ROWS[1000][0], ROWS[2000][0])
+    assert str(path) in str(error.value)

@@ -1,0 +1,147 @@
+"""`eventsweep events`: what it takes, what it prints, what it refuses in one line."""
+
+from __future__ import annotations
+
+import json
+import os
+
+import numpy as np
+import pytest
+
+from eval.cli.main import main
+from video_files import drifting, events_of, rows, write_folder, write_image, write_video
+
+SECONDS = [f"{k / 20:.2f}" for k in range(6)]
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A folder with a video, images with times, and much that is wrong."""
+    monkeypatch.chdir(tmp_path)
+    frames, colour = drifting(6), drifting(6, 64, 48, colour=True)
+    write_folder(tmp_path / "images", frames, SECONDS)
+    write_folder(tmp_path / "timeless", frames)
+    write_folder(tmp_path / "whole", frames, range(6))
+    write_folder(tmp_path / "falling", frames, SECONDS[::-1])
+    write_folder(tmp_path / "short", frames, SECONDS[:5])
+    write_folder(tmp_path / "single", frames[:1], SECONDS[:1])
+    write_folder(tmp_path / "damaged", frames, SECONDS)
+    os.truncate(tmp_path / "damaged" / "3.png", 200)
+    write_folder(tmp_path / "sizes", frames, SECONDS)
+    write_image(tmp_path / "sizes" / "3.png", frames[0][:9])
+    write_folder(tmp_path / "empty", [np.zeros((0, 4), np.uint8)] * 6, SECONDS, ".npy")
+    (tmp_path / "void").mkdir()
+    write_video(tmp_path / "v.avi", colour)
+    write_video(tmp_path / "one.avi", colour[:1])
+    (tmp_path / "broken.mp4").write_bytes(b"\0\0\0\x18ftypmp42" + bytes(300))
+    (tmp_path / "zero.mp4").write_bytes(b"")
+    (tmp_path / "stream.mjpeg").write_bytes(b"\xff\xd8\xff\xe0" + bytes(100))
+    (tmp_path / "poses.txt").write_text("0 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n")
+    return tmp_path
+
+
+REFUSED = [
+    (["nowhere"], "nowhere: no such file or folder"),
+    (["images/0.png"], "is one image"),
+    (["timeless"], "no times; add timestamps.txt"),
+    (["timeless"], "add --rate-hz"),
+    (["whole"], "say --unit s, ms, us or ns"),
+    (["falling"], "times must rise"),
+    (["short"], "5 times for 6 images"),
+    (["single"], "1 images; events need two or more"),
+    (["void", "--rate-hz", "30"], "0 images"),
+    (["damaged"], "3.png: not a complete PNG image"),
+    (["sizes"], "3.png is 40x9 grey uint8"),
+    (["empty"], "4x0 pixels"),
+    (["one.avi"], "1 frame; events need two"),
+    (["broken.mp4"], "no codec"),
+    (["zero.mp4"], "no codec"),
+    (["stream.mjpeg"], "without time base; add --rate-hz"),
+    (["images", "--encoding", "rec709"], "rec709"),
+    (["images", "--encoding", "log"], "no logarithms"),
+    (["images", "--gamma", "2"], "unless encoding is gamma"),
+    (["images", "--rate-hz", "0"], "rate_hz"),
+    (["images", "--rate-hz", "30", "--unit", "s"], "two time bases"),
+    (["images", "--slow-motion", "4"], "slow_motion is for video files"),
+    (["images", "--upsample", "nothing"], "MODULE:FUNCTION"),
+    (["images", "--poses", "poses.txt"], "without calibration"),
+    (["images", "--calibration", "v.avi"], "v.avi"),
+    (["images", "--to", "dat"], "cannot be written"),
+    (["images", "--seed", "-1"], "seed -1"),
+    (["images", "--sim.sensor.preset", "gen5"], "gen5"),
+    (["images", "--sim.supersample", "2"], "--sim.supersample"),
+    (["images", "--workers", "2"], "--workers"),
+]
+
+
+@pytest.mark.parametrize(("words", "message"), REFUSED)
+def test_bad_input_is_one_line_and_code_2(here, capfd, words, message):
+    before = sorted(here.rglob("*"))
+    assert main(["events", *words, "--out", "o"]) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err.startswith("eventsweep: ")
+    assert err.count("\n") == 1, err
+    assert message in err
+    assert sorted(here.rglob("*")) == before
+
+
+def test_the_summary_for_people_says_what_was_taken_for_granted(here, capsys):
+    assert main(["events", "v.avi", "--out", "o"]) == 0
+    out = capsys.readouterr().out.splitlines()
+    count = len(events_of(here / "o"))
+    assert out[0] == f"{count:,} events of 6 frames, 64x48 px, in 0.2 s, o"
+    assert out[1].startswith("times: the file's own, 25 Hz on average; values: srgb; ")
+    assert out[1].endswith("% fewer events at half the frame rate")
+
+
+def test_the_summary_for_programs(here, capsys):
+    words = ["events", "images", "--out", "o.npz", "--json", "--encoding", "gamma", "--gamma", "2"]
+    assert main(words) == 0
+    out, err = capsys.readouterr()
+    facts = json.loads(out)
+    assert facts["format"] == "npz"
+    assert facts["encoding"] == "gamma 2"
+    assert facts["events"] == len(events_of(here / "o.npz"))
+    assert facts["span_us"] == [0, 250_000]
+    assert err == ""
+
+
+def test_notes_are_told_however_quiet(here, capsys):
+    write_folder(here / "fast", drifting(16, step_px=9), np.arange(16) + 0.5)
+    (here / "fast" / "readme.md").write_text("x")
+    assert main(["events", "fast", "--out", "o", "--quiet"]) == 0
+    out, err = capsys.readouterr()
+    assert out == ""
+    first, second = err.splitlines()
+    assert first == "note: fast: no images, left out: readme.md"
+    assert second.startswith("note: fast: without every second frame ")
+
+
+def test_sensor_flags_files_and_seeds_are_heeded(here):
+    """As of `simulate`: a flag beats the file, and a preset sets thresholds not given."""
+    (here / "s.toml").write_text("[sim]\ncontrast_threshold_pos = 0.3\n[sim.sensor]\npreset='gen4'")
+    made = {}
+    for name, words in {
+        "file": ["--config", "s.toml"],
+        "flags": ["--sim.contrast-threshold-pos", "0.3", "--sim.sensor.preset", "gen4"],
+        "both": ["--config", "s.toml", "--sim.contrast-threshold-pos", "0.15"],
+        "seed": ["--config", "s.toml", "--seed", "7"],
+    }.items():
+        assert main(["events", "images", "--out", name, "--quiet", *words]) == 0
+        made[name] = rows(events_of(here / name))
+    assert made["file"] == made["flags"]
+    assert len(made["both"]) > len(made["file"])
+    assert made["seed"] != made["file"]
+    manifest = json.loads((here / "both" / "manifest.json").read_text())
+    assert manifest["configuration"]["contrast_threshold_pos"] == 0.15
+    assert manifest["configuration"]["refractory_period_us"] == 100
+
+
+def test_an_interpolator_of_ones_own(here, capsys):
+    (here / "mine.py").write_text(
+        "def middle(a, b, t0_us, t1_us):\n    yield (t0_us + t1_us) // 2, a // 2 + b // 2\n"
+    )
+    words = ["events", "v.avi", "--out", "o", "--upsample", "mine.py:middle", "--json"]
+    assert main(words) == 0
+    assert json.loads(capsys.readouterr().out)["frames"] == 11
