@@ -18,6 +18,8 @@ from emvs.errors import InputError
 from emvs.utils.outputs import atomic_dir, check_files, output_folder
 from eval.config import EvalConfig, Settings
 from eval.progress import MapBars, Progress, Silent
+from scenes import case_name
+from sim.config import SimConfig
 
 if TYPE_CHECKING:
     from emvs.maps.folder import StoredMap, StoredWindow
@@ -67,14 +69,13 @@ def run_cases(
     from eval.scoring import run_folder
 
     _check_run(cases, settings, rig)
-    with atomic_dir(out, force=force, inputs=(settings.sim.replay.trajectory,)) as folder:
+    with atomic_dir(out, force=force, inputs=_inputs(cases, settings)) as folder:
         (folder / run_folder.CONFIG_FILE).write_text(settings.to_toml(), encoding="utf-8")
         for case in cases:
-            sequence = folder / case / run_folder.SEQUENCE_FOLDER
+            of_case = folder / case_name(case)
+            sequence = of_case / run_folder.SEQUENCE_FOLDER
             simulate_scene(case, sequence, settings, rig, seed, workers=workers, progress=progress)
-            map_recording(
-                sequence, folder / case / run_folder.MAP_FOLDER, settings, progress=progress
-            )
+            map_recording(sequence, of_case / run_folder.MAP_FOLDER, settings, progress=progress)
         results = score_folder(folder, settings.score)
         finish(folder)
     return results
@@ -99,20 +100,19 @@ def simulate_scene(
     Raises:
         InputError: an unknown scene or rig, or what `sim.simulate.simulate` refuses.
     """
-    with progress.stage(f"simulate {scene}", 1) as update, _collection_paused() as resume:
+    with (
+        progress.stage(f"simulate {case_name(scene)}", 1) as update,
+        _collection_paused() as resume,
+    ):
         import scenes
-        from sim.rigs import rig as named_rig
         from sim.simulate import simulate
 
         def show(done_us: int, total_us: int, events: int) -> None:
             resume()  # the first picture is there: nothing is imported any more
             update(done_us / total_us, f"{done_us / 1e3:.0f} ms, {events:,} events")
 
-        loaded = scenes.load(scene)
         simulate(
-            loaded,
-            named_rig(rig or loaded.rig),
-            settings.sim,
+            *scenes.prepared(scene, rig, settings.sim, seed, progress.say),
             seed,
             out,
             force=force,
@@ -237,10 +237,17 @@ def _scored(maps: Mapping[str, StoredMap], config: EvalConfig, others: _Predicti
 
 def _check_run(cases: Sequence[str], settings: Settings, rig: str | None) -> None:
     """Refuses before the first frame what would fail after the last."""
-    if len(set(cases)) != len(cases) or not cases:
+    if len(set(map(case_name, cases))) != len(cases) or not cases:
         raise InputError(f"cases {', '.join(cases) or '(none)'}: name at least one, each once")
     for case in cases:
         check_case(case, rig, settings.map, settings.sim)
+
+
+def _inputs(cases: Sequence[str], settings: Settings) -> list[Path]:
+    """Files that a run is made from."""
+    models = [Path(case) for case in cases if Path(case).is_file()]
+    recorded = settings.sim.replay.trajectory
+    return models if recorded is None else [*models, recorded]
 
 
 def check_case(
@@ -256,13 +263,13 @@ def check_case(
     from emvs import methods
     from emvs.dsi.device import check_device
     from emvs.utils.runtime import check_openmp
-    from sim.rigs import rig as named_rig
+    from sim.mjcf import is_model_file
 
     check_openmp()
-    loaded = scenes.load(scene)
-    if sim is not None:
-        loaded.configured(sim)
-    chosen = named_rig(rig or loaded.rig)
+    configured = sim or SimConfig()
+    if not is_model_file(scene):
+        scenes.load(scene).configured(configured)
+    chosen = scenes.rig_for(scene, rig, configured)
     methods.methods_by_name(config.methods, len(chosen), mcemvs=config.is_mcemvs)
     check_device(config.device)
 

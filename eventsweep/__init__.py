@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     from eventsweep.simulation import simulate, video_to_events
     from scenes import load as load_scene
     from scenes import names as scenes
-    from sim.config import PixelConfig, SimConfig, VideoConfig
+    from sim.config import ModelConfig, PixelConfig, SimConfig, VideoConfig
+    from sim.event_camera import EventCamera, EventRig
     from sim.sensor.esim import EventSimulator
     from sim.video.record import RecordedVideo
 
@@ -49,11 +50,14 @@ __all__ = [
     "Camera",
     "DepthMap",
     "EvalConfig",
+    "EventCamera",
+    "EventRig",
     "EventSimulator",
     "Events",
     "InputError",
     "MapperConfig",
     "Method",
+    "ModelConfig",
     "PixelConfig",
     "RecordedVideo",
     "Recording",
@@ -84,10 +88,13 @@ _PLACES = {
     "Camera": "emvs.geometry.camera:Camera",
     "DepthMap": "emvs.depth.depth_map:DepthMap",
     "EvalConfig": "eval.config:EvalConfig",
+    "EventCamera": "sim.event_camera:EventCamera",
+    "EventRig": "sim.event_camera:EventRig",
     "EventSimulator": "sim.sensor.esim:EventSimulator",
     "Events": "emvs.data.events:Events",
     "InputError": "emvs.errors:InputError",
     "MapperConfig": "emvs.config:MapperConfig",
+    "ModelConfig": "sim.config:ModelConfig",
     "Method": "emvs.dsi.method:Method",
     "PixelConfig": "sim.config:PixelConfig",
     "RecordedVideo": "sim.video.record:RecordedVideo",

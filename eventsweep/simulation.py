@@ -35,7 +35,8 @@ def simulate(
     """Renders a scene and simulates its events, with exact depth and poses.
 
     Args:
-        scene: a scene, or the name of one; `scenes` lists them.
+        scene: a scene, the name of one (`scenes` lists them), or the path of a model in MJCF or
+            URDF, with `config.model`.
         out: the folder to write; it appears when it is complete. What an interrupted call left
             beside it is taken up by the next one.
         config: every parameter; by default the benchmark's.
@@ -55,12 +56,11 @@ def simulate(
     check_path("out", out)
     check_whole("seed", seed)
     check_whole("workers", workers)
-    scene = scenes.load(scene) if isinstance(scene, str) else scene
-    check_type("scene", scene, Scene, "a scene's name or what load_scene gave")
-    rig = named_rig(rig or scene.rig) if rig is None or isinstance(rig, str) else rig
-    check_type("rig", rig, Rig, "a rig's name, a calibration's path or a Rig")
     config, out = SimConfig.or_default(config), Path(out)
-    simulate_to_disk(scene, rig, config, seed, out, force=force, workers=workers, progress=progress)
+    made, cameras, config = _prepared(scene, rig, config, seed)
+    simulate_to_disk(
+        made, cameras, config, seed, out, force=force, workers=workers, progress=progress
+    )
     return Sequence.open(out)
 
 
@@ -113,3 +113,14 @@ def video_to_events(
         Path(source), Path(out), pixels, video,
         seed=seed, view=view, to=to, force=force, progress=progress,
     )  # fmt: skip
+
+
+def _prepared(
+    scene: Scene | str, rig: Rig | str | None, config: SimConfig, seed: int
+) -> tuple[Scene, Rig, SimConfig]:
+    if rig is not None and not isinstance(rig, str):
+        check_type("rig", rig, Rig, "a rig's name, a calibration's path or a Rig")
+    if isinstance(scene, str):
+        return scenes.prepared(scene, rig, config, seed)
+    check_type("scene", scene, Scene, "a scene's name, a model's path or what load_scene gave")
+    return scene, rig if isinstance(rig, Rig) else named_rig(rig or scene.rig), config

@@ -2,41 +2,170 @@
 
 A module of this package that does not begin with an underscore is a scene and defines `SCENE`; what
 scenes share lies in the packages `scenes.parts` and `scenes.textures`. A scene is called what its
-module is called, with dashes for underscores; both spellings are taken.
+module is called, with dashes for underscores; both spellings are taken. Other packages add scenes
+by an entry point of the group `eventsweep.scenes`, `NAME = "MODULE:ATTRIBUTE"`; and the path of a
+model (MJCF or URDF) stands for a scene in `prepared`.
 """
 
 from __future__ import annotations
 
 import importlib
 import pkgutil
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 from emvs.errors import InputError, shown
 
 if TYPE_CHECKING:
+    from emvs.geometry.rig import Rig
+    from sim.config import SimConfig
     from sim.scene import Scene
+
+GROUP = "eventsweep.scenes"
+
+
+class Prepared(NamedTuple):
+    """What a simulation needs of a scene.
+
+    Attributes:
+        scene: geometry and motion.
+        rig: the cameras.
+        config: the parameters, with what the scene says of them.
+    """
+
+    scene: Scene
+    rig: Rig
+    config: SimConfig
 
 
 def names() -> tuple[str, ...]:
     """Returns the names of all scenes, sorted, without importing them."""
-    found = pkgutil.iter_modules(__path__)
-    modules = [m.name for m in found if not m.ispkg and not m.name.startswith("_")]
-    return tuple(sorted(module.replace("_", "-") for module in modules))
+    return tuple(sorted({*_own(), *_points()}))
 
 
 def load(name: str) -> Scene:
     """Returns the scene called `name`, with dashes or underscores.
 
     Raises:
-        InputError: there is no such scene.
+        InputError: there is no such scene, or the package that it comes from fails.
     """
-    if not isinstance(name, str) or name.replace("_", "-") not in names():
-        raise InputError(f"unknown scene {shown(name)}: choose one of {', '.join(names())}")
-    module = importlib.import_module(f"{__name__}.{name.replace('-', '_')}")
-    scene: Scene = module.SCENE
-    return scene
+    known = name.replace("_", "-") if isinstance(name, str) else ""
+    if known in _own():
+        scene: Scene = importlib.import_module(module_of(known)).SCENE
+        return scene
+    if known in _points():
+        return _of_point(_points()[known])
+    raise InputError(f"unknown scene {shown(name)}: choose one of {', '.join(names())}")
+
+
+def module_of(name: str) -> str:
+    """Name of the module that a scene is defined in."""
+    known = name.replace("_", "-")
+    if known in _own():
+        return f"{__name__}.{known.replace('-', '_')}"
+    return _points()[known].module
 
 
 def summaries() -> dict[str, str]:
     """Returns one sentence for each scene."""
     return {name: load(name).summary for name in names()}
+
+
+def case_name(scene: str) -> str:
+    """What results call a scene: its name, or that of a model's file."""
+    from sim.mjcf import is_model_file
+
+    return Path(scene).stem if is_model_file(scene) else scene
+
+
+def rig_for(scene: str, rig: Rig | str | None, config: SimConfig) -> Rig:
+    """The cameras that look at a scene: a rig's, its own, or those of a model.
+
+    Raises:
+        InputError: an unknown scene, rig or camera.
+    """
+    if rig is not None and not isinstance(rig, str):
+        return rig
+    from sim.mjcf import is_model_file
+    from sim.rigs import rig as named_rig
+
+    if is_model_file(scene):
+        from sim.model.scenes import rig_on
+
+        return rig_on(Path(scene), rig, config.model.mount)
+    return named_rig(rig or load(scene).rig)
+
+
+def prepared(
+    scene: str,
+    rig: Rig | str | None,
+    config: SimConfig,
+    seed: int,
+    notice: Callable[[str], None] = lambda _line: None,
+) -> Prepared:
+    """A scene by its name, or made of a model's file; with the cameras that look at it.
+
+    Args:
+        scene: name, or path of a model in MJCF or URDF.
+        rig: a rig, its name or calibration, or `model:NAME,NAME` for a model's own cameras; by
+            default the scene's.
+        config: the parameters.
+        seed: of the motion.
+        notice: told in one line what may be unwanted.
+
+    Raises:
+        InputError: an unknown scene, rig or camera, or an unusable model.
+    """
+    from sim.mjcf import is_model_file
+
+    chosen = rig_for(scene, rig, config)
+    if not is_model_file(scene):
+        _refuse_model(scene, config)
+        return Prepared(load(scene), chosen, config)
+    from sim.model.scenes import scene_of
+
+    made, noted = scene_of(Path(scene), config, chosen, seed, notice)
+    return Prepared(made, chosen, noted)
+
+
+def _refuse_model(scene: str, config: SimConfig) -> None:
+    asked = sorted(config.model.model_fields_set - {"sha256"})
+    if asked:
+        raise InputError(
+            f"{', '.join(asked)} given for scene {scene}, which is no model's file: leave it out, "
+            "or name a file in MJCF (.xml) or URDF (.urdf)"
+        )
+
+
+def _own() -> frozenset[str]:
+    found = pkgutil.iter_modules(__path__)
+    modules = [m.name for m in found if not m.ispkg and not m.name.startswith("_")]
+    return frozenset(module.replace("_", "-") for module in modules)
+
+
+@cache
+def _points() -> dict[str, EntryPoint]:
+    return {point.name.replace("_", "-"): point for point in entry_points(group=GROUP)}
+
+
+def _of_point(point: EntryPoint) -> Scene:
+    from sim.scene import Scene
+
+    package = point.dist.name if point.dist else "a package"
+    try:
+        found = point.load()
+    except Exception as error:  # whatever a stranger's code raises
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(
+            f"{package}: its scene ({point.name} = {point.value}) cannot be loaded ({reason}): "
+            "mend or uninstall it"
+        ) from error
+    if not isinstance(found, Scene):
+        raise InputError(
+            f"{package}: {point.name} = {point.value} is a {type(found).__name__}, no Scene: "
+            "mend or uninstall it"
+        )
+    return found

@@ -202,6 +202,30 @@ class ReplayConfig(ParameterGroup):
     """TUM-VIE's camera calibration, with `T_imu_cam`, see `hand_eye`."""
 
 
+class ModelConfig(ParameterGroup):
+    """A model's file in the place of a scene's name; see the page `Your own scene`."""
+
+    mount: str = ""
+    """What carries the rig, or where its motion begins: a body, site or camera of the model, such
+    as `head` or `site:head`; by default its first camera, where there is one."""
+
+    motion: str = ""
+    """What moves: `dynamics` for the model's own, a table (.csv) with columns `t_s` and names of
+    joints, or a head style such as `walk` from the mount on."""
+
+    controller: str = ""
+    """`MODULE:FUNCTION` called with model and data before each step of `dynamics`."""
+
+    key: str = ""
+    """Key frame of the model to begin with."""
+
+    headlight: Literal["fixed", "carried"] = "fixed"
+    """MuJoCo's headlight stays where the rig begins, or is a lamp that the rig carries."""
+
+    sha256: str = ""
+    """Hash of the file: written by the simulation."""
+
+
 class PixelConfig(ParameterGroup):
     """How light becomes events, wherever the light comes from."""
 
@@ -261,6 +285,13 @@ class SimConfig(PixelConfig):
 
     replay: ReplayConfig = ReplayConfig()
     """A recorded trajectory instead of the scene's own motion, see the page `motion`."""
+
+    model: ModelConfig = ModelConfig()
+    """Where the rig sits on a model of your own, and what moves it."""
+
+    frame_period_us: Annotated[int, Field(ge=1)] | None = None
+    """There is a frame at every multiple of this time as well, µs: as many as an event camera in a
+    running simulation takes that is asked so often."""
 
     pose_rate_hz: Annotated[float, Field(gt=0)] = 1000.0
     """Stored poses per second, Hz."""

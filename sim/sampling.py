@@ -18,6 +18,7 @@ from sim.scene import Scene
 _MOST = 8
 # What carried light may touch beyond the furthest motion.
 _BESIDE_PX = 2
+MIRRORS = "a surface mirrors"
 
 
 def border_px(config: SimConfig) -> int | None:
@@ -69,9 +70,18 @@ def why_linear(scene: Scene) -> str:
     What a mirror shows moves otherwise than the mirror, and a lamp on the head moves with it.
     """
     spec = scene.spec()
-    if any(material.reflectance > 0 for material in spec.materials):
-        return "a surface mirrors"
-    lamp: Any = spec.visual.headlight
-    if lamp.active and (any(lamp.diffuse) or any(lamp.specular)):
+    mirrors = any(material.reflectance > 0 for material in spec.materials)
+    return _reason(mirrors, None if scene.lamp_at is not None else spec.visual.headlight)
+
+
+def why_linear_model(model: Any, *, fixed: bool) -> str:
+    """The same of a compiled model; `fixed` says that its headlight stays where it is."""
+    return _reason(bool((model.mat_reflectance > 0).any()), None if fixed else model.vis.headlight)
+
+
+def _reason(mirrors: bool, lamp: Any) -> str:
+    if mirrors:
+        return MIRRORS
+    if lamp is not None and lamp.active and (any(lamp.diffuse) or any(lamp.specular)):
         return "there is a lamp on the head"
     return ""

@@ -16,6 +16,7 @@ from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.geometry.trajectory import Trajectory
 from sim.config import ReplayConfig, SimConfig
+from sim.mjcf import read_spec
 from sim.motion import Motion
 from sim.motion.animation import Animation
 from sim.motion.curves import CurveMotion, moved
@@ -51,6 +52,11 @@ class Scene:
         frames_rate_hz: pictures per second of an ordinary camera where the user's configuration
             does not say, Hz; 0 for none.
         animate: moves the bodies that move by themselves, if any.
+        clip_m: where the clipping planes lie, m; by default at half the nearest and four times the
+            farthest depth.
+        lamp_at: (4, 4) where MuJoCo's headlight stays; by default it goes with the rig.
+        carrier: the body that carries the rig; a camera may lie inside its geoms, whose back faces
+            are not drawn.
     """
 
     name: str
@@ -66,6 +72,9 @@ class Scene:
     log_eps: float | None = None
     animate: Animation | None = None
     frames_rate_hz: float = 0.0
+    clip_m: tuple[float, float] | None = None
+    lamp_at: Array | None = None
+    carrier: str = ""
 
     def __repr__(self) -> str:
         near_m, far_m = self.depth_range_m
@@ -95,16 +104,9 @@ class Scene:
         Raises:
             InputError: the MJCF cannot be parsed, or lacks a texture that `textures` provides.
         """
-        from sim.graphics import import_mujoco
-
-        mujoco = import_mujoco()
         if not self.mjcf.is_file():
             raise InputError(f"scene {self.name} has no file {self.mjcf}: create it or fix `mjcf`")
-        try:
-            spec = mujoco.MjSpec.from_file(str(self.mjcf))
-        except ValueError as error:
-            reason = " ".join(str(error).split())
-            raise InputError(f"{self.mjcf} is not usable MJCF ({reason}): correct it") from error
+        spec = read_spec(self.mjcf)
         for name, pixels in self.textures().items():
             put_texture(spec, name, pixels)
         if self.edit is not None:

@@ -115,7 +115,7 @@ def simulate(
         raise InputError(f"seed {seed}: must be 0 or greater")
     if workers < 1:
         raise InputError(f"{workers} workers: must be 1 or greater")
-    check_output(out, force=force, inputs=(config.replay.trajectory,))
+    check_output(out, force=force, inputs=(config.replay.trajectory, scene.mjcf))
     job = make_job(scene, rig, config, seed)
     check_disk(job, out)
     check_memory(job, workers)
@@ -161,7 +161,7 @@ def make_job(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> RenderJob:
     exposure_spans_us(config.frames, duration_us)
     more_us = [round(t_s * 1e6) for t_s in config.truth_times_s]
     truth_us = truth_times_us(duration_us, round(config.truth_interval_s * 1e6), more_us)
-    bounds_us = chunk_bounds_us(truth_us, longest_chunk_us(config, rig))
+    bounds_us = chunk_bounds_us(truth_us, longest_chunk_us(config, rig), config.frame_period_us)
     return RenderJob(scene, rig, config, seed, tuple(truth_us), tuple(bounds_us))
 
 
@@ -246,7 +246,8 @@ def _assemble(
 ) -> None:
     """Streams all checkpoints into the sequence."""
     counts = folder.finished[-1].counts if job.labelled else None
-    read = [path for path in (job.config.replay.trajectory,) if path is not None]
+    recorded = job.config.replay.trajectory
+    read = [job.scene.mjcf] if recorded is None else [job.scene.mjcf, recorded]
     with SequenceWriter(
         out, **described.arguments, sensor_counts=counts, force=force, inputs=read
     ) as writer:
@@ -397,6 +398,8 @@ def check_outside(job: RenderJob, model: Any) -> None:
     """
     mj = import_mujoco()
     data = mj.MjData(model)
+    if job.scene.animate is not None:
+        job.scene.animate(model, data, 0.0)
     mj.mj_forward(model, data)
     T_world_body = job.motion().T_world_body(0.0)
     for name, T_body_cam in zip(job.rig.camera_names, job.rig.T_body_cam, strict=True):
@@ -404,6 +407,8 @@ def check_outside(job: RenderJob, model: Any) -> None:
         for geom_id in range(model.ngeom):
             if _drawn(model, geom_id) and _inside(mj, model, data, geom_id, eye_m):
                 body = model.body(int(model.geom_bodyid[geom_id])).name
+                if body and body == job.scene.carrier:
+                    continue
                 label = model.geom(geom_id).name or body or f"geom{geom_id}"
                 raise InputError(
                     f"camera {name} of rig {job.rig.name} starts inside {label!r} of scene "

@@ -71,10 +71,10 @@ class SequenceWriter:
         check_output(Path(path), force=force, inputs=inputs)
         self._path = Path(path)
         self._output = atomic_dir(self._path, force=force, inputs=inputs)
-        self._name, self._rig, self._trajectory = name, rig, trajectory
+        self._name, self._rig, self.trajectory = name, rig, trajectory
         self._geoms, self._imu = geoms, imu
         self.sensor_counts = sensor_counts
-        self.span_us = span_us or (trajectory.span_us if trajectory is not None else None)
+        self.span_us = span_us
         self._facts: dict[str, Any] = {
             "configuration": config,
             "seed": seed,
@@ -160,12 +160,6 @@ class SequenceWriter:
     def _open_files(self) -> None:
         rig_text = json.dumps(self._rig.to_json(), indent=2) + "\n"
         (self._folder / "rig.json").write_text(rig_text, encoding="utf-8")
-        if self._trajectory is not None:
-            write_tum(self._folder / POSES_FILE, self._trajectory)
-        if self._geoms is not None:
-            write_geoms(self._folder, self._geoms)
-        if self._imu is not None:
-            write_imu(self._folder / IMU_FILE, self._imu)
         self._frames: dict[int, FrameWriter] = {}
         self._events: list[EventStoreWriter] = []
         self._truth: list[TruthWriter] = []
@@ -181,6 +175,13 @@ class SequenceWriter:
             )
 
     def _write_end(self) -> None:
+        if self.trajectory is not None:
+            write_tum(self._folder / POSES_FILE, self.trajectory)
+            self.span_us = self.span_us or self.trajectory.span_us
+        if self._geoms is not None:
+            write_geoms(self._folder, self._geoms)
+        if self._imu is not None:
+            write_imu(self._folder / IMU_FILE, self._imu)
         if self.sensor_counts is not None:
             counts_text = json.dumps(list(self.sensor_counts), indent=1) + "\n"
             (self._folder / "sensor.json").write_text(counts_text, encoding="utf-8")

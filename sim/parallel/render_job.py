@@ -68,10 +68,17 @@ def longest_chunk_us(config: SimConfig, rig: Rig) -> int:
     return 25_000 if large else 50_000
 
 
-def chunk_bounds_us(truth_us: Sequence[int], longest_us: int) -> list[int]:
-    """Rising times at which chunks meet, µs: every truth time, gaps split evenly where too long."""
-    bounds = [truth_us[0]]
-    for before_us, after_us in pairwise(truth_us):
+def chunk_bounds_us(
+    truth_us: Sequence[int], longest_us: int, period_us: int | None = None
+) -> list[int]:
+    """Rising times at which chunks meet, µs.
+
+    Every truth time and every multiple of a period; gaps split evenly where they are too long.
+    """
+    multiples = range(0, truth_us[-1], period_us) if period_us else ()
+    stops_us = sorted({*truth_us, *multiples})
+    bounds = [stops_us[0]]
+    for before_us, after_us in pairwise(stops_us):
         gap_us = after_us - before_us
         count = -(-gap_us // longest_us)
         bounds += [before_us + gap_us * k // count for k in range(1, count + 1)]
@@ -95,7 +102,7 @@ class RenderJob:
     rig: Rig
     config: SimConfig
     seed: int
-    truth_us: tuple[int, ...]
+    truth_us: Sequence[int]
     bounds_us: tuple[int, ...]
 
     @property
@@ -107,6 +114,11 @@ class RenderJob:
     def chunks(self) -> int:
         """How many chunks there are."""
         return len(self.bounds_us) - 1
+
+    @property
+    def border_px(self) -> int | None:
+        """Pixels that fine frames reach beyond the sensor; None of plain ones."""
+        return border_px(self.config)
 
     @property
     def event_depth(self) -> bool:
@@ -143,7 +155,9 @@ class RenderJob:
             self.scene.depth_range_m,
             floats=self.config.light.floats(self.scene.hdr),
             animate=self.scene.animate,
-            border_px=border_px(self.config),
+            border_px=self.border_px,
+            clip_m=self.scene.clip_m,
+            lamp_at=self.scene.lamp_at,
         )
 
 
@@ -171,9 +185,13 @@ class ChunkRenderer:
             chunk: its index.
             begins: the frame at the beginning as well: nobody has taken it.
         """
-        job, before = self.job, None
-        stops_us = list(job.bounds_us[chunk : chunk + 2])
-        self._order(chunk)
+        bounds_us = self.job.bounds_us
+        self.order(chunk, bounds_us[chunk - chunk % _ORDERED_ALIKE])
+        yield from self.between(list(bounds_us[chunk : chunk + 2]), chunk, begins=begins)
+
+    def between(self, stops_us: list[int], chunk: int, *, begins: bool) -> Iterator[RenderedFrame]:
+        """The same of any two times, µs; `order` comes first."""
+        before = None
         known = self._last if self._last and self._last.t_us == stops_us[0] else None
         for rig_frame in adaptive_frames(
             self._renderer, self._motion, stops_us, self._config, known, self._bodies
@@ -183,16 +201,19 @@ class ChunkRenderer:
             before = self._last = rig_frame.without_light()
             del rig_frame  # or its light would stay while the next is drawn
 
-    def _order(self, chunk: int) -> None:
+    def order(self, chunk: int, start_us: int) -> None:
         """Draws near surfaces first, in an order that depends on the chunk alone.
 
         Where the order changes, the frame at the meeting of two chunks is drawn anew, so that it
         does not matter who drew the chunk before.
+
+        Args:
+            chunk: that comes next.
+            start_us: where the first of those drawn alike begins, µs.
         """
         first = chunk - chunk % _ORDERED_ALIKE
         if self.job.fine and first != self._ordered_for:
-            start_s = self.job.bounds_us[first] * 1e-6
-            self._renderer.near_first(self._motion.T_world_body(start_s))
+            self._renderer.near_first(self._motion.T_world_body(start_us * 1e-6))
             self._ordered_for, self._last = first, None
 
     def _rendered(self, chunk: int, before: RigFrame | None, rig_frame: RigFrame) -> RenderedFrame:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from types import TracebackType
@@ -14,6 +15,7 @@ from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from sim.graphics import current_driver, import_mujoco, open_context
+from sim.mjcf import compiled
 from sim.motion.animation import Animation
 from sim.rendering import lens, pixel_kernels
 from sim.rendering.draw_target import Colours, DrawTarget, sharpen_textures
@@ -58,7 +60,7 @@ class StereoRenderer:
 
     def __init__(
         self,
-        spec: mujoco.MjSpec,
+        spec: mujoco.MjSpec | mujoco.MjModel,
         rig: Rig,
         supersample: int = 1,
         depth_range_m: tuple[float, float] = (0.1, 50.0),
@@ -67,11 +69,13 @@ class StereoRenderer:
         animate: Animation | None = None,
         border_px: int | None = None,
         shader: bool | None = None,
+        clip_m: tuple[float, float] | None = None,
+        lamp_at: Pose | None = None,
     ) -> None:
         """Compiles the scene and opens a graphics context.
 
         Args:
-            spec: the scene; compiled from a copy, not changed.
+            spec: the scene, to be compiled or compiled; a copy of it is used.
             rig: cameras and their places on the body.
             supersample: samples per pixel and axis.
             depth_range_m: what the clipping planes must enclose; they lie at half the near and
@@ -82,6 +86,8 @@ class StereoRenderer:
                 many pixels beyond the sensor's edge, as far as its lens has rays there.
             shader: work the light of fine frames out in a shader; None for where a GPU draws and
                 can. `description` says what became of it.
+            clip_m: where the clipping planes lie instead.
+            lamp_at: (4, 4) where the headlight stays; by default it goes with the body.
 
         Raises:
             InputError: no graphics, a lens too wide, a scene that does not compile, or a shader
@@ -91,7 +97,8 @@ class StereoRenderer:
         self.rig = rig
         self.supersample = supersample
         self._animate = animate
-        self._near_m, self._far_m = 0.5 * depth_range_m[0], 4.0 * depth_range_m[1]
+        self._near_m, self._far_m = clip_m or (0.5 * depth_range_m[0], 4.0 * depth_range_m[1])
+        self._lamp_at = lamp_at
         self._fine = border_px is not None
         self._as_listed: list[dict[str, Any]] = []
         self._lenses = tuple(lens.lens_of(rig, k, self._lens_samples) for k in range(len(rig)))
@@ -330,8 +337,9 @@ class StereoRenderer:
     def _render(self, view: Camera, camera: int, T_world_body: Pose, supersample: int) -> None:
         self._gl.make_current()
         self._place(view, T_world_body @ self.rig.T_body_cam[camera])
+        T_world_lamp = T_world_body if self._lamp_at is None else self._lamp_at
         for lamp in self._head_lamps:
-            lamp.pos, lamp.dir = T_world_body[:3, 3], T_world_body[:3, 2]
+            lamp.pos, lamp.dir = T_world_lamp[:3, 3], T_world_lamp[:3, 2]
         rect = self._mj.MjrRect(0, 0, view.width_px * supersample, view.height_px * supersample)
         self._mj.mjr_render(rect, self._scene, self._context)
 
@@ -349,16 +357,18 @@ class StereoRenderer:
             eye.frustum_near, eye.frustum_far = self._near_m, self._far_m
 
 
-def _compiled(spec: mujoco.MjSpec) -> Any:
-    own = spec.copy()
-    # MuJoCo's own buffer, which is not drawn into.
-    own.visual.global_.offwidth = own.visual.global_.offheight = 1
-    own.visual.quality.offsamples = 0
-    try:
-        return own.compile()
-    except ValueError as error:
-        reason = " ".join(str(error).split())
-        raise InputError(f"the scene does not compile ({reason}): correct its MJCF") from error
+def _compiled(spec: Any) -> Any:
+    """A model of the renderer's own, compiled from a copy or copied."""
+    if hasattr(spec, "compile"):
+        own = spec.copy()
+        # MuJoCo's own buffer, which is not drawn into.
+        own.visual.global_.offwidth = own.visual.global_.offheight = 1
+        own.visual.quality.offsamples = 0
+        return compiled(own)
+    model = copy.deepcopy(spec)
+    model.vis.global_.offwidth = model.vis.global_.offheight = 1
+    model.vis.quality.offsamples = 0
+    return model
 
 
 def _fields(geom: Any) -> dict[str, Any]:

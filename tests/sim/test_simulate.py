@@ -177,7 +177,7 @@ def test_textures_must_fit_the_mjcf(scene):
     with pytest.raises(InputError, match="it has: noise"):
         unknown.spec()
     grey = replace(scene, textures=lambda: {"noise": np.zeros((4, 4), np.uint8)})
-    with pytest.raises(InputError, match="need uint8"):
+    with pytest.raises(InputError, match="needs uint8"):
         grey.spec()
     with pytest.raises(InputError, match="has no file"):
         replace(scene, mjcf=scene.mjcf.with_name("none.xml")).spec()

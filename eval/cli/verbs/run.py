@@ -49,7 +49,8 @@ def run(
     """Simulate, map and score cases, and write one report.
 
     Args:
-        case: Scenes to run; `eventsweep list scenes` names them.
+        case: Scenes to run; `eventsweep list scenes` names them. Or models of your own, in MJCF
+            (.xml) or URDF (.urdf), with --sim.model.
         out: Folder to write: report.html, results.json, results.csv and a folder per case.
         rig: Rig to use instead of each scene's own; `eventsweep list rigs`.
         seconds: Length of each sequence, s; same as --sim.duration-s.
@@ -64,6 +65,7 @@ def run(
     from eval.cli.verbs.report import report_stage
     from eval.pipeline import run_cases
     from eval.scoring.run_folder import MAP_FOLDER
+    from scenes import case_name
 
     wanted = common.settings(
         sim=with_values(sim, duration_s=seconds),
@@ -86,5 +88,5 @@ def run(
     )
     console.results(results, wanted.score.ranking_metric)
     console.wrote(out / "report.html")
-    maps = [read_info(out / one / MAP_FOLDER) for one in case]
+    maps = [read_info(out / case_name(one) / MAP_FOLDER) for one in case]
     return incomplete(maps, allowed=allow_skipped)

@@ -18,6 +18,8 @@ from eval.cli.app import (
     with_values,
 )
 
+_POSES = (".txt", ".tum")
+
 
 @app.command
 def simulate(
@@ -28,6 +30,8 @@ def simulate(
     rig: RigName = None,
     seconds: float | None = None,
     trajectory: Path | None = None,
+    mount: str | None = None,
+    motion: str | None = None,
     seed: int = 0,
     workers: int = 1,
     fresh: Annotated[bool, NO_NEGATIVE] = False,
@@ -38,20 +42,29 @@ def simulate(
     """Render a scene and simulate its events, with exact depth and poses.
 
     Args:
-        scene: Scene to simulate; `eventsweep list scenes` names them.
+        scene: Scene to simulate; `eventsweep list scenes` names them. Or a model of your own, in
+            MJCF (.xml) or URDF (.urdf).
         out: Sequence folder to write.
-        rig: Rig to use instead of the scene's own; `eventsweep list rigs`.
+        rig: Rig to use instead of the scene's own; `eventsweep list rigs`. Or `model:left,right`
+            for a model's own cameras.
         seconds: Length of the sequence, s; same as --sim.duration-s.
         trajectory: Poses in TUM format for the head to follow; same as --sim.replay.trajectory.
+        mount: Body, site or camera of a model that carries the rig; same as --sim.model.mount.
+        motion: What moves in a model: `dynamics`, a table of joints (.csv), a head style such as
+            `walk`, or poses in TUM format; same as --sim.model.motion and --trajectory.
         seed: Seed of head motion and sensor noise.
         workers: Processes that render.
         fresh: Discard the work of an interrupted run instead of continuing it.
     """
     from eval.pipeline import simulate_scene
 
+    if motion and Path(motion).suffix in _POSES:
+        trajectory, motion = trajectory or Path(motion), None
     replay = with_values(sim.replay, trajectory=trajectory) if trajectory else None
-    wanted = common.settings(sim=with_values(sim, duration_s=seconds, replay=replay))
-    common.check(out, trajectory, force=force)
+    given = mount is not None or motion is not None
+    model = with_values(sim.model, mount=mount, motion=motion) if given else None
+    wanted = common.settings(sim=with_values(sim, duration_s=seconds, replay=replay, model=model))
+    common.check(out, trajectory, *([Path(scene)] if Path(scene).is_file() else []), force=force)
     console = common.console()
     simulate_scene(
         scene,

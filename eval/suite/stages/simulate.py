@@ -34,12 +34,13 @@ def sequence_parameters(
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
     """The scene's own module and files."""
     scene = str(parameters["scene"])
-    return (_module(scene),), with_includes(scenes.load(scene).mjcf)
+    return (scenes.module_of(scene),), with_includes(scenes.load(scene).mjcf)
 
 
 def scene_digest(scene: str) -> str:
     """A hash over what a scene's modules define, textures among it, and its MJCF; no simulator."""
-    modules = {name for name in closure([_module(scene)]) if name.startswith("scenes.")}
+    root = scenes.module_of(scene)
+    modules = {name for name in closure([root]) if name == root or name.startswith("scenes.")}
     return definition_digest(modules, with_includes(scenes.load(scene).mjcf))
 
 
@@ -62,7 +63,3 @@ def simulate_scene(scene: Scene, rig: Rig, parameters: Mapping[str, Any], out: P
         )
     config = SimConfig.model_validate(parameters["sim"])
     simulate(scene, rig, config, parameters["seed"], out / SEQUENCE)
-
-
-def _module(scene: str) -> str:
-    return f"scenes.{scene.replace('-', '_')}"

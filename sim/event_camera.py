@@ -1,0 +1,425 @@
+"""Event cameras in a simulation that somebody else runs: one call next to each `mj_step`.
+
+Between two calls joints move at constant velocity, see `sim.model.tracks`; frames are as many as
+the image motion asks for, and one at every call. Events are those of `simulate` for the same states
+and times (`SimConfig.frame_period_us`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from itertools import pairwise
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.data.events import Events
+from emvs.data.writer import SequenceWriter
+from emvs.errors import InputError, check_type
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
+from sim.config import SimConfig
+from sim.graphics import import_mujoco
+from sim.ground_truth import geom_table
+from sim.model.mounts import Mount, find_mount, rig_of_cameras
+from sim.model.scenes import Held, clip_of
+from sim.model.tracks import StateTrack, carried, state_of
+from sim.motion.animation import moving_geoms
+from sim.parallel.render_job import (
+    ChunkRenderer,
+    RenderedFrame,
+    RenderJob,
+    chunk_bounds_us,
+    longest_chunk_us,
+)
+from sim.parallel.sensors import Cameras, Packet
+from sim.rendering.renderer import StereoRenderer
+from sim.rigs import rig as named_rig
+from sim.sampling import why_linear_model, with_sampling
+from sim.scene import Scene
+
+Pose = NDArray[np.float64]
+_FOR_EVER_US = 1 << 62
+# Ground truth that looks ahead.
+_AHEAD = {"flow", "twist"}
+
+
+class EventRig:
+    """Event cameras on a body, site or camera of a model that somebody else steps.
+
+        rig = EventRig(model, "head", rig="davis346")
+        while data.time < 1:
+            mujoco.mj_step(model, data)
+            left, right = rig.step(data)
+
+    A rig belongs to the thread that made it, holds a graphics context, and is closed by `close` or
+    as a context.
+
+    Args:
+        model: a compiled `mujoco.MjModel`; a copy of its looks is taken, so that later changes of
+            colours, sizes or textures are not seen.
+        mount: what carries the rig: a name, or `body:NAME`, `site:NAME`, `camera:NAME`. Bodies and
+            sites look along x, z up.
+        rig: the cameras, by name or by the path of a calibration; or names of the model's own
+            cameras, all on one body.
+        config: every parameter; by default the benchmark's.
+        seed: of the sensor's noise.
+        T_mount_body: (4, 4) where the rig's body sits on the mount, axes right, down, forward.
+        record: folder of a sequence to write while it runs.
+        force: whether `record` replaces a sequence.
+
+    Raises:
+        InputError: an unknown mount, rig or camera, an impossible value, no graphics library, or a
+            folder that may not be replaced.
+    """
+
+    def __init__(
+        self,
+        model: Any,
+        mount: str,
+        rig: Rig | str | tuple[str, ...] = "davis346",
+        *,
+        config: SimConfig | None = None,
+        seed: int = 0,
+        T_mount_body: Pose | None = None,
+        record: str | Path | None = None,
+        force: bool = False,
+    ) -> None:
+        self._mj: Any = import_mujoco()
+        check_type("model", model, self._mj.MjModel, "a compiled mujoco.MjModel")
+        self.rig = rig_of(model, rig)
+        self._mount = find_mount(model, mount)
+        self._track, self._model = _LastStep(), model
+        motion = _Ridden(model, self._track, self._mount, _pose(T_mount_body))
+        self._motion = motion
+        self._config, self._seed = SimConfig.or_default(config), seed
+        if record is not None and _AHEAD & set(self._config.truth):
+            raise InputError(
+                "truth flow and twist look ahead, which a running robot cannot: leave them out"
+            )
+        self._chunk, self._start_us, self._record = -1, 0, record
+        self._force, self._held = force, ExitStack()
+        self._truth_us = round(self._config.truth_interval_s * 1e6)
+        self._recorder: _Recorder | None = None
+        self._chunks: ChunkRenderer | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._held.__exit__(kind, error, trace)
+
+    def close(self) -> None:
+        """Frees the graphics context; a sequence that is being recorded is completed."""
+        self._held.close()
+
+    def step(self, data: Any) -> tuple[Events, ...]:
+        """What the cameras send between the last call and this one.
+
+        Args:
+            data: the model's state, at a later time than in the last call.
+
+        Returns:
+            Per camera, the events, with times in µs from the first call's; none of the first call.
+
+        Raises:
+            InputError: time did not go on by 1 µs, or motion too fast.
+        """
+        if self._chunks is None:
+            self._begin(data)
+            return tuple(Events.empty() for _ in self.rig.cameras)
+        t_us = self._time_us(data)
+        sent: list[list[Events]] = [[] for _ in self.rig.cameras]
+        for frame in self._frames(self._track.push(t_us, data), t_us):
+            self._cameras.take(frame)
+            packets = self._cameras.collect()
+            for camera, packet in zip(sent, packets, strict=False):
+                camera.append(packet.events)
+            if self._recorder is not None:
+                self._recorder.add(packets, frame)
+        if self._recorder is not None:
+            self._recorder.moved(t_us, self.T_world_body)
+        return tuple(Events.concat(parts) for parts in sent)
+
+    @property
+    def t_us(self) -> int:
+        """Time of the last call, µs from the first."""
+        return self._track.now_us
+
+    @property
+    def T_world_body(self) -> Pose:
+        """Pose (4, 4) of the rig's body at the last call."""
+        return self._motion.T_world_body(1e-6 * self.t_us)
+
+    def depth_m(self, camera: int = 0) -> NDArray[np.float32]:
+        """Exact z-depth (H, W) of a camera's pixels at the last call, m; inf without a surface."""
+        self._renderer.at(1e-6 * self.t_us)
+        return self._renderer.depth(camera, self.T_world_body)
+
+    def intensity(self, camera: int = 0) -> NDArray[np.float32]:
+        """(H, W) linear light of a camera's pixels at the last call."""
+        self._renderer.at(1e-6 * self.t_us)
+        return self._renderer.frame(camera, self.T_world_body).intensity
+
+    def _frames(self, before_us: int, t_us: int) -> Iterator[RenderedFrame]:
+        """All pictures between two calls, in chunks as `simulate` has them."""
+        assert self._chunks is not None
+        job = self._chunks.job
+        first, every_us = before_us // self._truth_us + 1, self._truth_us
+        truth_us = range(first * every_us, t_us, every_us) if self._recorder is not None else ()
+        longest_us = longest_chunk_us(job.config, self.rig)
+        bounds_us = chunk_bounds_us([before_us, *truth_us, t_us], longest_us)
+        for stops_us in pairwise(bounds_us):
+            self._chunk += 1
+            self._chunks.order(self._chunk, stops_us[0])
+            yield from self._chunks.between(list(stops_us), self._chunk, begins=self._chunk == 0)
+
+    def _begin(self, data: Any) -> None:
+        self._start_s = float(data.time)
+        self._track.begin(data)
+        job = self._job()
+        self._renderer = self._held.enter_context(
+            StereoRenderer(
+                self._model, self.rig, job.supersample, job.scene.depth_range_m,
+                floats=job.config.light.floats(job.scene.hdr), animate=job.scene.animate,
+                border_px=job.border_px, clip_m=job.scene.clip_m, lamp_at=job.scene.lamp_at,
+            )
+        )  # fmt: skip
+        pool = self._held.enter_context(ThreadPoolExecutor(len(self.rig)))
+        self._cameras = Cameras(job, pool, None)
+        if self._record is not None:
+            self._recorder = self._held.enter_context(
+                _Recorder(Path(self._record), job, self._renderer, self._cameras, force=self._force)
+            )
+            self._recorder.moved(0, self.T_world_body)
+        self._chunks = ChunkRenderer(job, self._renderer)
+
+    def _job(self) -> RenderJob:
+        """What `simulate` would render, but for its times."""
+        clip_m, wanted = clip_of(self._model), self._config
+        T_start = self._motion.T_world_body(0.0)
+        fixed = wanted.model.headlight == "fixed"
+        moves = moving_geoms(self._model).any()
+        scene = Scene(
+            "robot", "a model that somebody else steps", Path(), dict, Held(self._motion),
+            clip_m, animate=self._track if moves else None, clip_m=clip_m,
+            lamp_at=T_start if fixed else None,
+        )  # fmt: skip
+        config = with_sampling(wanted, self.rig, why_linear_model(self._model, fixed=fixed))
+        wanted_us = range(0, _FOR_EVER_US, self._truth_us) if self._record is not None else ()
+        return RenderJob(scene, self.rig, config, self._seed, wanted_us, (0, 1))
+
+    def _time_us(self, data: Any) -> int:
+        t_us = round((float(data.time) - self._start_s) * 1e6)
+        if t_us <= self._track.now_us:
+            raise InputError(
+                f"step at {data.time:g} s, not later than the last one: call it after mj_step, and "
+                "make a new camera after a reset"
+            )
+        return t_us
+
+
+class EventCamera:
+    """One event camera on a model that somebody else steps; see `EventRig`.
+
+        camera = EventCamera(model, "head_left", Camera(346, 260, 226, 226, 172.5, 129.5))
+        while data.time < 1:
+            mujoco.mj_step(model, data)
+            events = camera.step(data)
+
+    Args:
+        model: a compiled `mujoco.MjModel`.
+        mount: what carries it: a camera, site or body of the model.
+        camera: its lens and size; by default those of the model's camera that it is mounted on.
+        options: of `EventRig`: `config`, `seed`, `T_mount_body`, `record`, `force`.
+
+    Raises:
+        InputError: what `EventRig` refuses, or no camera and no resolution on the mount.
+    """
+
+    def __init__(
+        self, model: Any, mount: str, camera: Camera | None = None, **options: Any
+    ) -> None:
+        rig: Rig | tuple[str, ...]
+        if camera is None:
+            check_type("model", model, import_mujoco().MjModel, "a compiled mujoco.MjModel")
+            rig = (_camera_name(model, mount),)
+        else:
+            check_type("camera", camera, Camera)
+            rig = Rig("camera", (camera,), (np.eye(4),))
+        self._rig = EventRig(model, mount, rig, **options)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._rig.__exit__(kind, error, trace)
+
+    def close(self) -> None:
+        """Frees the graphics context; a sequence that is being recorded is completed."""
+        self._rig.close()
+
+    def step(self, data: Any) -> Events:
+        """What the camera sends between the last call and this one; see `EventRig.step`."""
+        return self._rig.step(data)[0]
+
+    @property
+    def camera(self) -> Camera:
+        """Its lens and size."""
+        return self._rig.rig.cameras[0]
+
+    @property
+    def T_world_cam(self) -> Pose:
+        """Pose (4, 4) at the last call, axes right, down, forward."""
+        return self._rig.T_world_body
+
+    def depth_m(self) -> NDArray[np.float32]:
+        """Exact z-depth (H, W) at the last call, m; inf without a surface."""
+        return self._rig.depth_m()
+
+    def intensity(self) -> NDArray[np.float32]:
+        """(H, W) linear light at the last call."""
+        return self._rig.intensity()
+
+
+def rig_of(model: Any, rig: Rig | str | tuple[str, ...]) -> Rig:
+    """The cameras: as given, by name or path, or the model's own by their names.
+
+    Raises:
+        InputError: an unknown rig or camera.
+    """
+    if isinstance(rig, Rig):
+        return rig
+    if isinstance(rig, str):
+        return named_rig(rig)
+    return rig_of_cameras(model, tuple(rig))
+
+
+def _camera_name(model: Any, mount: str) -> str:
+    found = find_mount(model, mount)
+    if found.kind != "camera":
+        raise InputError(
+            f"{found.kind} {found.name!r} says nothing of a lens: give a Camera, or mount on a "
+            "camera of the model"
+        )
+    return found.name
+
+
+def _pose(T: Pose | None) -> Pose:
+    if T is not None and not se3.is_rigid(np.asarray(T)):
+        raise InputError("T_mount_body is no rigid (4, 4) motion: give a rotation and a shift")
+    return np.eye(4) if T is None else np.asarray(T, np.float64)
+
+
+class _LastStep:
+    """The states of the last two calls, as a track that forgets; an `Animation`."""
+
+    max_interval_us = StateTrack.max_interval_us
+
+    def __init__(self) -> None:
+        self._track: StateTrack | None = None
+
+    @property
+    def now_us(self) -> int:
+        return 0 if self._track is None else int(self._track.t_us[-1])
+
+    def begin(self, data: Any) -> None:
+        qpos, mocap = state_of(data)
+        self._track = StateTrack(np.zeros(1, np.int64), qpos[None], mocap[None])
+
+    def push(self, t_us: int, data: Any) -> int:
+        """Adds a state; returns the time of the one before, µs."""
+        assert self._track is not None
+        before_us, (qpos, mocap) = self.now_us, state_of(data)
+        self._track = StateTrack(
+            np.array([before_us, t_us]),
+            np.stack([self._track.qpos[-1], qpos]),
+            np.stack([self._track.mocap[-1], mocap]),
+        )
+        return before_us
+
+    def __call__(self, model: Any, data: Any, t_s: float) -> None:
+        assert self._track is not None
+        self._track(model, data, t_s)
+
+
+class _Ridden:
+    """The motion of a rig between two calls; a `Motion`."""
+
+    def __init__(self, model: Any, track: _LastStep, mount: Mount, T_mount_body: Pose) -> None:
+        self._model, self._data = model, import_mujoco().MjData(model)
+        self._track, self._mount, self._T_mount_body = track, mount, T_mount_body
+
+    def T_world_body(self, t_s: float) -> Pose:
+        T_world_mount = carried(self._model, self._data, self._track, self._mount, t_s)
+        return np.asarray(T_world_mount @ self._T_mount_body)
+
+
+class _Recorder:
+    """Writes what the cameras send, with poses of every call and truth as often as asked."""
+
+    def __init__(
+        self, out: Path, job: RenderJob, renderer: StereoRenderer, cameras: Cameras, *, force: bool
+    ) -> None:
+        self._writer = SequenceWriter(
+            out, name=out.name, rig=job.rig, trajectory=None, seed=job.seed,
+            config=job.config.model_dump(mode="json"), renderer=renderer.description,
+            depth_range_m=job.scene.depth_range_m, force=force,
+            geoms=geom_table(renderer.model) if "segmentation" in job.config.truth else None,
+        )  # fmt: skip
+        self._labelled, self._cameras = job.labelled, cameras
+        self._t_us: list[int] = []
+        self._T_world_body: list[Pose] = []
+
+    def __enter__(self) -> Self:
+        self._writer.__enter__()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None and len(self._t_us) < 2:
+            kind, error = InputError, InputError("nothing was recorded: call step at least twice")
+        elif kind is None:
+            poses = Trajectory.from_matrices(np.array(self._t_us), np.array(self._T_world_body))
+            counts = self._cameras.finish()
+            self._writer.trajectory = poses
+            self._writer.sensor_counts = counts if self._labelled else None
+        self._writer.__exit__(kind, error, trace)
+        if trace is None and error is not None:
+            raise error
+
+    def add(self, packets: list[Packet], frame: RenderedFrame) -> None:
+        """Adds events, and a frame's ground truth where it has some."""
+        for k, packet in enumerate(packets):
+            extra: Mapping[str, Any] = packet.extra
+            self._writer.append_events(k, packet.events, **extra)
+        for k, images in enumerate(frame.truth):
+            optional = dict(images)
+            depth_m, grey = optional.pop("depth_m"), optional.pop("intensity")
+            self._writer.append_truth(k, frame.t_us, depth_m, grey, optional)
+
+    def moved(self, t_us: int, T_world_body: Pose) -> None:
+        """Notes where the rig is."""
+        self._t_us.append(t_us)
+        self._T_world_body.append(T_world_body)

@@ -1,0 +1,226 @@
+"""A scene made of a model's file: where the rig sits, what moves, how near and far things are."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.data.poses import read_tum
+from emvs.errors import InputError
+from emvs.geometry.rig import Rig
+from sim.config import SimConfig
+from sim.mjcf import compiled, read_spec
+from sim.model.drives import at_rest, initial_data, load_controller, read_joints, run_dynamics
+from sim.model.mounts import Mount, find_mount, first_camera, has_resolution, rig_of_cameras
+from sim.model.survey import survey
+from sim.model.tracks import CarriedMotion, StateTrack
+from sim.motion import Motion
+from sim.motion.animation import moving_geoms
+from sim.motion.curves import CurveMotion
+from sim.motion.head_motion import generate, placed
+from sim.motion.head_styles import STYLES
+from sim.rigs import rig as named_rig
+from sim.scene import Scene
+
+Array = NDArray[np.float64]
+DYNAMICS = "dynamics"
+_DURATION_S = 1.0
+_OWN, _USUAL_RIG = "model:", "davis346"
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A motion that is what it is, whatever its duration and seed."""
+
+    motion: Motion
+
+    def __call__(self, _duration_s: float, _seed: int) -> Motion:
+        """The motion."""
+        return self.motion
+
+
+@dataclass(frozen=True, eq=False)
+class Still:
+    """A rig that stays: where a recorded trajectory may begin."""
+
+    T_start: Array
+
+    def T_world_body(self, _t_s: float) -> Array:
+        """Pose (4, 4), always the same."""
+        return self.T_start
+
+
+def clip_of(model: Any) -> tuple[float, float]:
+    """Where MuJoCo itself has the clipping planes, m."""
+    extent_m, planes = float(model.stat.extent), model.vis.map
+    return float(planes.znear) * extent_m, float(planes.zfar) * extent_m
+
+
+def scene_of(
+    path: Path, config: SimConfig, rig: Rig, seed: int, notice: Callable[[str], None]
+) -> tuple[Scene, SimConfig]:
+    """Makes a scene of a model's file, and looks around in it.
+
+    Args:
+        path: MJCF or URDF.
+        config: `config.model` says where the rig sits and what moves; a recorded trajectory
+            (`config.replay`) may move the rig instead.
+        rig: the cameras, to find out how near and far things are.
+        seed: of the motion.
+        notice: told in one line what may be unwanted.
+
+    Returns:
+        The scene, and the parameters with the file's hash noted and, for a recorded trajectory,
+        its world taken for the model's.
+
+    Raises:
+        InputError: an unusable model, an unknown mount, joint, key frame or head style, nothing
+            that moves, a controller that fails, or nothing to be seen.
+    """
+    model = compiled(read_spec(path))
+    config = _noted(path, config)
+    drive = _Drive(path, model, config)
+    clip_m = clip_of(model)
+    motion = drive.motion()
+    start = motion(drive.duration_s, seed).T_world_body(0.0)
+    scene = Scene(
+        name=path.stem,
+        summary=f"the model {path.name}",
+        mjcf=path.resolve(),
+        textures=_no_textures,
+        motion=motion,
+        depth_range_m=clip_m,
+        rig=rig.name,
+        duration_s=drive.duration_s,
+        animate=drive.animation(),
+        clip_m=clip_m,
+        lamp_at=start if config.model.headlight == "fixed" else None,
+        carrier=drive.carrier,
+    )
+    return survey(scene, rig, config, seed, notice), config
+
+
+def rig_on(path: Path, rig: str | None, mount: str) -> Rig:
+    """The cameras that look at a model.
+
+    Args:
+        path: of the model.
+        rig: name or calibration of a rig, or `model:NAME,NAME` for the model's own cameras; by
+            default the camera that the rig is mounted on if it has a resolution, else `davis346`.
+        mount: of `config.model`.
+
+    Raises:
+        InputError: an unusable model, or an unknown rig or camera.
+    """
+    if rig is not None and not rig.startswith(_OWN):
+        return named_rig(rig)
+    model = compiled(read_spec(path))
+    if rig is not None:
+        return rig_of_cameras(model, tuple(rig.removeprefix(_OWN).split(",")))
+    name = mount or first_camera(model)
+    found = find_mount(model, name) if name else None
+    if found and found.kind == "camera" and has_resolution(model, found.name):
+        return rig_of_cameras(model, (found.name,))
+    return named_rig(_USUAL_RIG)
+
+
+def _no_textures() -> Mapping[str, NDArray[np.uint8]]:
+    return {}
+
+
+def _noted(path: Path, config: SimConfig) -> SimConfig:
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    if config.model.sha256 not in ("", digest):
+        raise InputError(f"{path}: not the file of sha256 {config.model.sha256}: restore that one")
+    update: dict[str, object] = {"model": config.model.model_copy(update={"sha256": digest})}
+    replay = config.replay
+    if replay.trajectory is not None and "place" not in replay.model_fields_set:
+        update["replay"] = replay.model_copy(update={"place": "world"})
+    return config.model_copy(update=update)
+
+
+class _Drive:
+    """What moves the rig and the model."""
+
+    def __init__(self, path: Path, model: Any, config: SimConfig) -> None:
+        self._path, self._model, self._config = path, model, config.model
+        self._recorded = config.replay.trajectory
+        self._check()
+        self.duration_s = config.duration_s or _DURATION_S
+        self._track = self._states(config)
+        name = self._config.mount or first_camera(model)
+        self._mount = find_mount(model, name) if name else None
+
+    def _check(self) -> None:
+        what = self._config.motion
+        if what not in ("", DYNAMICS, *STYLES) and not what.lower().endswith(".csv"):
+            raise InputError(
+                f"motion {what!r}: give {DYNAMICS}, a table of joints (.csv), poses in TUM format, "
+                f"or one of {', '.join(STYLES)}"
+            )
+        if not what and self._recorded is None:
+            raise InputError(
+                f"{self._path}: nothing moves, so there are no events: add --motion, one of "
+                f"{DYNAMICS}, a table of joints (.csv), poses in TUM format, {', '.join(STYLES)}"
+            )
+        if self._config.controller and what != DYNAMICS:
+            raise InputError(f"a controller without --motion {DYNAMICS}: add it, or leave it out")
+        if what in STYLES and self._recorded is not None:
+            raise InputError(f"--motion {what} and a recorded trajectory: give one of the two")
+
+    def _states(self, config: SimConfig) -> StateTrack:
+        key, what = self._config.key, self._config.motion
+        if what == DYNAMICS:
+            control = self._config.controller
+            loaded = load_controller(control) if control else None
+            return run_dynamics(self._model, self.duration_s, key, loaded)
+        if what.lower().endswith(".csv"):
+            track = read_joints(Path(what), self._model, key)
+            self.duration_s = config.duration_s or float(track.t_us[-1] * 1e-6)
+            return track
+        if self._recorded is not None and config.duration_s is None:
+            first_us, last_us = read_tum(self._recorded).span_us
+            self.duration_s = (last_us - first_us) * 1e-6 - config.replay.start_s
+        return at_rest(self._model, key)
+
+    @property
+    def carrier(self) -> str:
+        """Name of the body that carries the rig; empty for the world, or none."""
+        return self._model.body(self._mount.body).name if self._mount and self._mount.body else ""
+
+    def animation(self) -> StateTrack | None:
+        """What moves the model's bodies; None where none is seen to move."""
+        if len(self._track.t_us) == 1 and self._config.key == "":
+            return None
+        return self._track if moving_geoms(self._model).any() else None
+
+    def motion(self) -> Callable[[float, int], Motion]:
+        """What moves the rig."""
+        start = self._start()
+        if self._config.motion in STYLES:
+            return partial(_styled, self._config.motion, start)
+        if self._recorded is not None:
+            return Held(Still(start))
+        return Held(CarriedMotion(self._path.resolve(), self._track, self._needed_mount()))
+
+    def _start(self) -> Array:
+        if self._mount is None:
+            if self._recorded is None:
+                self._needed_mount()
+            return np.eye(4)
+        data = initial_data(self._model, self._config.key)
+        return self._mount.T_world_body(self._model, data)
+
+    def _needed_mount(self) -> Mount:
+        return self._mount or find_mount(self._model, self._config.mount)
+
+
+def _styled(style: str, T_start: Array, duration_s: float, seed: int) -> CurveMotion:
+    return placed(generate(style, duration_s, seed), T_start)

@@ -1,0 +1,123 @@
+"""Looks around in a scene before it is simulated: how near things are, and what is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.errors import InputError
+from emvs.geometry.rig import Rig
+from sim.config import SimConfig
+from sim.motion.animation import moving_geoms
+from sim.rendering.renderer import Frame, StereoRenderer
+from sim.sampling import MIRRORS, why_linear
+from sim.scene import Scene, replayed
+
+_LOOKS = 9
+# Between neighbouring pixels, in log intensity: what a contrast threshold of 0.2 notices.
+_EDGE = 0.1
+_FEW_EDGES = 0.002
+_SIZE_STEPS = 2
+
+
+class _Seen(NamedTuple):
+    """What the cameras saw at some times.
+
+    Attributes:
+        depths_m: nearest and farthest of each picture, of all surfaces.
+        still_m: the same of surfaces that stay where they are: what a map is of.
+        edges: share of pixels on edges, of each picture.
+    """
+
+    depths_m: list[float]
+    still_m: list[float]
+    edges: list[float]
+
+
+def survey(
+    scene: Scene, rig: Rig, config: SimConfig, seed: int, notice: Callable[[str], None]
+) -> Scene:
+    """Returns the scene with the depth range that its cameras see; tells what may be unwanted.
+
+    Args:
+        scene: with clipping planes.
+        rig: the cameras.
+        config: the parameters.
+        seed: of the motion.
+        notice: told in one line each.
+
+    Raises:
+        InputError: no surface is seen.
+    """
+    seen = _looked(scene, rig, config, seed)
+    if not seen.depths_m:
+        raise InputError(
+            f"no camera of rig {rig.name} sees a surface of {scene.name}: mind where the rig is "
+            "mounted and looks (bodies and sites look along x, z up)"
+        )
+    _tell(scene, min(seen.depths_m), float(np.mean(seen.edges)), notice)
+    known_m = seen.still_m or seen.depths_m
+    return replace(
+        scene, depth_range_m=(_rounded(0.9 * min(known_m)), _rounded(1.1 * max(known_m)))
+    )
+
+
+def _looked(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> _Seen:
+    duration_s = config.duration_s or scene.duration_s
+    motion = replayed(scene, config)[0].motion(duration_s, seed)
+    seen = _Seen([], [], [])
+    with StereoRenderer(
+        scene.spec(), rig, 1, scene.depth_range_m,
+        animate=scene.animate, clip_m=scene.clip_m, lamp_at=scene.lamp_at,
+    ) as renderer:  # fmt: skip
+        moves = np.append(moving_geoms(renderer.model) & (scene.animate is not None), False)
+        for t_s in np.linspace(0, duration_s, _LOOKS).tolist():
+            renderer.at(t_s)
+            T_world_body = motion.T_world_body(t_s)
+            for k in range(len(rig)):
+                frame = renderer.frame(k, T_world_body)
+                still = ~moves[renderer.segmentation(k, T_world_body)]
+                seen.depths_m.extend(_ends(frame.nearest_depth_m))
+                seen.still_m.extend(_ends(renderer.depth(k, T_world_body)[still]))
+                seen.edges.append(_edge_share(frame, config.log_eps))
+    return seen
+
+
+def _ends(depth_m: NDArray[np.float32]) -> list[float]:
+    """Least and greatest depth; empty without a surface."""
+    finite = depth_m[np.isfinite(depth_m)]
+    return [float(finite.min()), float(finite.max())] if finite.size else []
+
+
+def _edge_share(frame: Frame, log_eps: float) -> float:
+    """Share of pixels that differ from the next one in their row or column."""
+    log = np.log(frame.intensity + log_eps)
+    across, down = np.abs(np.diff(log, axis=1)), np.abs(np.diff(log, axis=0))
+    return float(np.mean(across > _EDGE) + np.mean(down > _EDGE))
+
+
+def _tell(scene: Scene, near_m: float, edges: float, notice: Callable[[str], None]) -> None:
+    assert scene.clip_m is not None
+    if near_m < 1.5 * scene.clip_m[0]:
+        notice(
+            f"{scene.name}: a surface is {near_m:.3g} m away, at the nearer clipping plane "
+            f"({scene.clip_m[0]:.3g} m), and may be cut: lower visual/map/znear in the model"
+        )
+    if edges < _FEW_EDGES:
+        notice(
+            f"{scene.name}: {100 * edges:.2g} % of the pixels lie on edges, so there will be few "
+            "events: give surfaces textures, or add lights"
+        )
+    if why_linear(scene) == MIRRORS:
+        notice(
+            f"{scene.name}: a surface mirrors, which takes plain frames close together: set the "
+            "reflectance of its material to 0 for a simulation several times as fast"
+        )
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{_SIZE_STEPS}g}")

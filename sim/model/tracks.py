@@ -1,0 +1,124 @@
+"""States of a model over time, and what moves with them: its bodies and the rig that it carries.
+
+Between two states joints move at constant velocity, hinges and slides along a line and ball and
+free joints along a great circle: `mj_integratePos`, which is what MuJoCo's integrators do with the
+velocity of a step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.graphics import import_mujoco
+from sim.mjcf import compiled, read_spec
+from sim.model.mounts import Mount
+from sim.motion.animation import Animation
+
+Array = NDArray[np.float64]
+# Of a microsecond.
+_DIGITS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class StateTrack:
+    """Joint positions and mocap poses at rising times; an `sim.motion.animation.Animation`.
+
+    Attributes:
+        t_us: (T,) int64, from 0, µs.
+        qpos: (T, nq).
+        mocap: (T, nmocap, 7) position and quaternion w, x, y, z.
+        max_interval_us: longest time between two frames half a pixel apart, see `Animation`.
+    """
+
+    t_us: NDArray[np.int64]
+    qpos: Array
+    mocap: Array
+    max_interval_us: int = 2_000
+
+    def __call__(self, model: Any, data: Any, t_s: float) -> None:
+        """Sets `data` to the state at `t_s`, s; before the first and after the last, those."""
+        t_us = round(t_s * 1e6, _DIGITS)  # a time that is a state's own finds that state
+        after = int(np.searchsorted(self.t_us, t_us, side="right"))
+        before = min(max(after - 1, 0), len(self.t_us) - 1)
+        data.qpos[:] = self.qpos[before]
+        data.mocap_pos[:], data.mocap_quat[:] = _split(self.mocap[before])
+        if 0 < after < len(self.t_us):
+            start_us, end_us = self.t_us[after - 1 : after + 1].tolist()
+            share = (t_us - start_us) / (end_us - start_us)
+            if share > 0:
+                self._advance(model, data, after, share)
+
+    def _advance(self, model: Any, data: Any, after: int, share: float) -> None:
+        mj = import_mujoco()
+        velocity = np.empty(model.nv)
+        mj.mj_differentiatePos(model, velocity, 1.0, self.qpos[after - 1], self.qpos[after])
+        mj.mj_integratePos(model, data.qpos, velocity, share)
+        if model.nmocap:
+            place, turn = _split(self.mocap[after])
+            data.mocap_pos += share * (place - data.mocap_pos)
+            for k in range(model.nmocap):
+                _turn_towards(mj, data.mocap_quat[k], turn[k], share)
+
+
+def _split(mocap: Array) -> tuple[Array, Array]:
+    return mocap[:, :3], mocap[:, 3:]
+
+
+def _turn_towards(mj: Any, quat: Array, other: Array, share: float) -> None:
+    """Turns a quaternion in place by a share of the way to another."""
+    velocity = np.empty(3)
+    mj.mju_subQuat(velocity, other, quat)
+    mj.mju_quatIntegrate(quat, velocity, share)
+
+
+def state_of(data: Any) -> tuple[Array, Array]:
+    """Joint positions (nq,) and mocap poses (nmocap, 7), copied."""
+    return data.qpos.copy(), np.hstack([data.mocap_pos, data.mocap_quat])
+
+
+@dataclass(eq=False)
+class CarriedMotion:
+    """The motion of a rig that a model carries; a `sim.motion.Motion`.
+
+    Attributes:
+        path: the model's file; read again in every process.
+        track: the model's states.
+        mount: what carries the rig.
+        T_mount_body: (4, 4) the rig's body on it.
+    """
+
+    path: Path
+    track: StateTrack
+    mount: Mount
+    T_mount_body: Array = field(default_factory=lambda: np.eye(4))
+
+    def T_world_body(self, t_s: float) -> Array:
+        """Pose (4, 4) at `t_s`, s."""
+        model, data = self._world()
+        return carried(model, data, self.track, self.mount, t_s) @ self.T_mount_body
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_made"}
+
+    def _world(self) -> tuple[Any, Any]:
+        made: tuple[Any, Any] | None = self.__dict__.get("_made")
+        if made is None:
+            model = compiled(read_spec(self.path))
+            made = self.__dict__["_made"] = model, import_mujoco().MjData(model)
+        return made
+
+
+def carried(model: Any, data: Any, track: Animation, mount: Mount, t_s: float) -> Array:
+    """`T_world_body` (4, 4) of what a mount carries at `t_s`; leaves `data` there."""
+    mj = import_mujoco()
+    track(model, data, t_s)
+    mj.mj_kinematics(model, data)
+    if mount.kind == "camera":
+        mj.mj_comPos(model, data)
+        mj.mj_camlight(model, data)
+    return mount.T_world_body(model, data)

@@ -1,0 +1,152 @@
+"""A model's file becomes a scene: what moves in it, what its cameras see, and what is refused."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import noise_scene
+import rover
+from emvs.data.sequence import Sequence
+from emvs.errors import InputError
+from scenes import prepared
+from sim.config import ModelConfig, ReplayConfig, SimConfig
+from sim.model.scenes import scene_of
+from sim.rigs import rig as named_rig
+from sim.simulate import simulate
+
+CONFIG = SimConfig(sampling="fast", supersample=2, duration_s=0.02, truth_interval_s=0.01)
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    return rover.write(tmp_path_factory.mktemp("rover"))
+
+
+def made(path, rig="model:left,right", said=None, config=CONFIG, **model):
+    told = [] if said is None else said
+    config = config.model_copy(update={"model": ModelConfig(**model)})
+    return prepared(str(path), rig, config, 0, told.append)
+
+
+def test_dynamics_become_a_sequence_that_any_number_of_workers_makes(path, tmp_path):
+    scene, rig, config = made(path, motion="dynamics", key="go")
+    assert scene.name == "rover"
+    assert pickle.loads(pickle.dumps(scene)).name == "rover"
+    for workers in (1, 2):
+        simulate(scene, rig, config, 0, tmp_path / f"{workers}", workers=workers)
+    assert noise_scene.contents(tmp_path / "1") == noise_scene.contents(tmp_path / "2")
+    sequence = Sequence.open(tmp_path / "1")
+    assert len(sequence.events(0, 0, 20_000)) > 100
+    start, end = sequence.trajectory.at(np.array([0, 20_000]))[:, :3, 3]
+    assert end[0] - start[0] == pytest.approx(0.8 * 0.02, rel=0.05)
+    assert sequence.manifest.configuration["model"]["sha256"] == config.model.sha256 != ""
+
+
+def test_depth_is_that_of_the_walls_and_not_of_the_arm(path):
+    scene, _, _ = made(path, motion="dynamics", key="go")
+    near_m, far_m = scene.depth_range_m
+    assert 0.3 < near_m < 1.0  # the floor below; the arm begins 5 cm away
+    assert 2.6 < far_m < 3.5  # the wall
+    assert scene.carrier == "rover"
+
+
+def test_a_head_style_begins_at_the_mount(path):
+    scene, rig, _ = made(path, rig="oblique", mount="eye", motion="walk")
+    T = scene.motion(1.0, 0).T_world_body(0.0)
+    assert np.linalg.norm(T[:3, 3] - [0.22, 0, 0.35]) < 0.1
+    assert T[0, 2] > 0.9
+    assert len(rig) == 2
+    assert scene.animate is None
+
+
+def test_recorded_poses_are_in_the_models_world(path, tmp_path):
+    poses = tmp_path / "poses.txt"
+    rows = [f"{k / 100} {-0.5 + k / 100} 0 1 -0.5 0.5 -0.5 0.5" for k in range(30)]
+    poses.write_text("\n".join(rows) + "\n")
+    config = CONFIG.model_copy(
+        update={"duration_s": None, "replay": ReplayConfig(trajectory=poses)}
+    )
+    scene, _, noted = made(path, config=config)
+    assert noted.replay.place == "world"
+    assert scene.duration_s == pytest.approx(0.29)
+    simulate(scene, named_rig("oblique"), noted, 0, tmp_path / "out")
+    at = Sequence.open(tmp_path / "out").trajectory.at(np.array([150_000]))[0]
+    assert np.allclose(at[:3, 3], [-0.35, 0, 1], atol=2e-3)
+
+
+def test_a_table_of_joints_moves_a_urdf(tmp_path):
+    path, table = rover.write_urdf(tmp_path), tmp_path / "neck.csv"
+    table.write_text("t_s,neck\n0,0\n0.04,0.1\n")
+    config = CONFIG.model_copy(update={"duration_s": None})
+    scene, rig, _ = made(path, rig=None, mount="head", motion=str(table), config=config)
+    assert rig.name == "davis346"
+    assert scene.duration_s == pytest.approx(0.04)
+    poses = [scene.motion(0.04, 0).T_world_body(t_s) for t_s in (0.0, 0.04)]
+    drawn = [geom.group for geom in scene.spec().geoms]
+    assert sorted(drawn)[0] < 3 <= sorted(drawn)[-1]
+    turn = np.arccos((np.trace(poses[0][:3, :3].T @ poses[1][:3, :3]) - 1) / 2)
+    assert turn == pytest.approx(0.1, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        ({}, "nothing moves"),
+        ({"motion": "flying"}, "motion 'flying': give dynamics"),
+        ({"motion": "walk", "controller": "math:sin"}, "a controller without"),
+        ({"motion": "dynamics", "mount": "nose"}, "nothing is called 'nose'"),
+        ({"motion": "dynamics", "key": "home"}, "no key frame 'home'"),
+        ({"motion": "walk", "mount": "body:kite", "sha256": "1"}, "not the file of sha256 1"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(path, model, message):
+    with pytest.raises(InputError, match=message):
+        made(path, **model)
+
+
+def test_files_that_are_no_models_are_refused(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        made(tmp_path / "none.xml", motion="walk")
+    broken = tmp_path / "broken.xml"
+    broken.write_text("<mujoco><worldbody>")
+    with pytest.raises(InputError, match=r"broken\.xml is no usable MJCF"):
+        made(broken, motion="walk")
+    lacks = tmp_path / "lacks.xml"
+    lacks.write_text(rover.MJCF)
+    with pytest.raises(InputError, match=r"hull|leaves"):
+        made(lacks, motion="dynamics")
+    with pytest.raises(InputError, match="mount given for scene desk, which is no model's file"):
+        made("desk", rig=None, mount="eye")
+
+
+def test_a_look_around_tells_what_is_wrong(path, tmp_path):
+    bare = tmp_path / "bare.xml"
+    lens = '<camera name="c" pos="0 0 2" xyaxes="0 -1 0 .9 0 .4" resolution="64 48"/>'
+    bare.write_text(
+        f'<mujoco><worldbody><geom type="plane" size="9 9 1"/>{lens}</worldbody></mujoco>'
+    )
+    said = []
+    made(bare, rig=None, said=said, motion="shake")
+    assert any("few events" in line for line in said)
+    mirror = rover.MJCF.replace('specular="0"/>', 'specular="0" reflectance=".3"/>')
+    said = []
+    made(rover.write(tmp_path, mirror), said=said, motion="dynamics")
+    assert any("a surface mirrors" in line for line in said)
+    clipped = rover.MJCF.replace('znear="0.002"', 'znear="0.05"')
+    said = []
+    made(rover.write(tmp_path, clipped), said=said, motion="dynamics")
+    assert any("may be cut" in line for line in said)
+    said = []
+    made(path, said=said, motion="dynamics")
+    assert said == []
+
+
+def test_a_rig_that_sees_nothing_is_refused(path):
+    config = CONFIG.model_copy(update={"model": ModelConfig(motion="walk", mount="site:eye")})
+    up = named_rig("davis346")
+    turned = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+    looking_up = replace(up, T_body_cam=tuple(turned @ T for T in up.T_body_cam))
+    with pytest.raises(InputError, match="no camera of rig davis346 sees a surface"):
+        scene_of(path, config, looking_up, 0, print)

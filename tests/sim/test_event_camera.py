@@ -1,0 +1,161 @@
+"""An event camera beside mj_step sends what `simulate` makes of the same states."""
+
+import numpy as np
+import pytest
+
+import rover
+from emvs.data.events import Events
+from emvs.data.sequence import Sequence
+from emvs.errors import InputError
+from emvs.geometry.camera import Camera
+from scenes import prepared
+from sim.config import ModelConfig, SimConfig
+from sim.event_camera import EventCamera, EventRig
+from sim.graphics import import_mujoco
+from sim.model.drives import initial_data
+from sim.simulate import simulate
+
+mujoco = import_mujoco()
+STEPS = 10
+NOISY = {"preset": "davis346", "shot_rate_dark_hz": 20}
+COLUMNS = ("x", "y", "t_us", "p")
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    return rover.write(tmp_path_factory.mktemp("rover"))
+
+
+@pytest.fixture(scope="module")
+def model(path):
+    return mujoco.MjModel.from_xml_path(str(path))
+
+
+def config(**more):
+    model = ModelConfig(mount="camera:left", motion="dynamics", key="go")
+    settings = {"sampling": "fast", "supersample": 2, "truth_interval_s": 0.01, "model": model}
+    return SimConfig(**settings | {"imu": {"rate_hz": 0}} | more)
+
+
+def ridden(model, rig, steps=STEPS, every=1):
+    """Steps a model and yields what the rig's cameras send."""
+    data = initial_data(model, "go")
+    rig.step(data)
+    for k in range(1, steps + 1):
+        mujoco.mj_step(model, data)
+        if k % every == 0:
+            yield rig.step(data)
+
+
+@pytest.mark.parametrize("sensor", [{}, NOISY], ids=["ideal", "noisy"])
+def test_events_are_those_of_simulate(path, model, tmp_path, sensor):
+    wanted = config(sensor=sensor, frame_period_us=2000, duration_s=0.02)
+    simulate(*prepared(str(path), "model:left,right", wanted, 3), 3, tmp_path / "simulated")
+    live = config(sensor=sensor)
+    record = tmp_path / "recorded"
+    with EventRig(
+        model, "camera:left", ("left", "right"), config=live, seed=3, record=record
+    ) as rig:
+        packets = list(ridden(model, rig))
+    simulated, recorded = Sequence.open(tmp_path / "simulated"), Sequence.open(record)
+    for k in range(2):
+        expected = simulated.events(k, 0, 1 << 40)
+        assert len(expected) > 100
+        for found in (Events.concat([one[k] for one in packets]), recorded.events(k, 0, 1 << 40)):
+            assert all(np.array_equal(getattr(found, c), getattr(expected, c)) for c in COLUMNS)
+        for t_us in (0, 10_000, 20_000):
+            depth_m = recorded.truth_depth_m(k, t_us)
+            assert np.array_equal(depth_m, simulated.truth_depth_m(k, t_us))
+    recorded.verify()
+    T = recorded.trajectory.at(np.array([20_000]))
+    assert np.allclose(T, simulated.trajectory.at(np.array([20_000])), atol=1e-9)
+
+
+def test_depth_and_pose_are_those_of_the_last_call(model):
+    with EventCamera(model, "left", config=config()) as camera:
+        data = initial_data(model, "go")
+        assert len(camera.step(data)) == 0
+        for _ in range(5):
+            mujoco.mj_step(model, data)
+        events = camera.step(data)
+        assert 0 <= events.t_us.min() <= events.t_us.max() <= 10_000
+        mujoco.mj_forward(model, data)
+        assert np.allclose(camera.T_world_cam[:3, 3], data.camera("left").xpos)
+        u, v = 10, 40  # the floor, to the left of the arm
+        ray = np.linalg.inv(K(model)) @ [u, v, 1]
+        down = (camera.T_world_cam[:3, :3] @ ray)[2]
+        assert camera.depth_m()[v, u] == pytest.approx(-camera.T_world_cam[2, 3] / down, rel=1e-3)
+        assert camera.intensity().shape == (48, 64)
+
+
+def K(model):
+    with EventCamera(model, "left", config=config()) as camera:
+        seen = camera.camera
+    return np.array([[seen.fx_px, 0, seen.cx_px], [0, seen.fy_px, seen.cy_px], [0, 0, 1]])
+
+
+def test_rarer_calls_send_as_many_events(model):
+    counts = []
+    for every in (1, 5):
+        with EventCamera(model, "left", config=config()) as camera:
+            counts.append(sum(len(one) for one in ridden(model, camera, every=every)))
+    assert counts[0] == pytest.approx(counts[1], rel=0.03)
+
+
+def test_a_call_that_does_not_go_on_is_refused(model):
+    data = initial_data(model, "go")
+    with EventCamera(model, "left", config=config()) as camera:
+        camera.step(data)
+        with pytest.raises(InputError, match="not later than the last one"):
+            camera.step(data)
+
+
+def test_what_cannot_carry_a_camera_is_refused(model, tmp_path):
+    with pytest.raises(InputError, match="site 'eye' says nothing of a lens"):
+        EventCamera(model, "eye")
+    with pytest.raises(InputError, match="compiled"):
+        EventCamera("rover.xml", "eye")
+    with pytest.raises(InputError, match="'blind' of the model has a resolution of"):
+        EventCamera(model, "blind")
+    with pytest.raises(InputError, match="look ahead"):
+        EventRig(model, "eye", config=config(truth=("flow",)), record=tmp_path / "r")
+    lens = Camera(64, 48, 50, 50, 31.5, 23.5)
+    with pytest.raises(InputError, match="T_mount_body"):
+        EventCamera(model, "eye", lens, T_mount_body=np.ones((4, 4)))
+
+
+def test_a_recording_of_nothing_leaves_nothing(model, tmp_path):
+    with (
+        pytest.raises(InputError, match="nothing was recorded"),
+        EventCamera(model, "left", config=config(), record=tmp_path / "r") as camera,
+    ):
+        camera.step(initial_data(model, "go"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_loop_that_fails_leaves_no_recording(model, tmp_path):
+    def fall():
+        with EventCamera(model, "left", config=config(), record=tmp_path / "r") as camera:
+            for _ in ridden(model, camera, steps=3):
+                pass
+            raise KeyError("gait")
+
+    with pytest.raises(KeyError, match="gait"):
+        fall()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_free_camera_in_a_world_that_stands_still(model, tmp_path):
+    text = rover.MJCF.replace('<body name="rover" pos="0 0 .25">\n    <freejoint name="root"/>',
+                              '<body name="eyes" mocap="true"><camera name="free" '
+                              'xyaxes="0 -1 0 0 0 1" resolution="64 48"/></body>\n'
+                              '<body name="rover" pos="0 0 -2">')  # fmt: skip
+    text = text.split("<keyframe>")[0] + "</mujoco>"
+    world = mujoco.MjModel.from_xml_path(str(rover.write(tmp_path, text)))
+    data, sent = mujoco.MjData(world), []
+    with EventCamera(world, "free", config=config()) as camera:
+        for k in range(5):
+            data.time, data.mocap_pos[0] = 0.004 * k, (0, 0.01 * k, 1)
+            sent.append(len(camera.step(data)))
+    assert sent[0] == 0
+    assert min(sent[1:]) > 50
