@@ -108,6 +108,7 @@ measurements: setup studies
 	$(BIN)/python tests/benchmarks sampling_depth --out out/sampling-depth --page docs/simulator.md
 	$(BIN)/python tests/benchmarks first_picture --page docs/performance.md
 	$(BIN)/python tests/benchmarks simulate_stages --page docs/performance.md
+	$(BIN)/python tests/benchmarks step_cost --page docs/howto_robot.md
 	$(BIN)/python tests/benchmarks video_speed --page docs/howto_video.md
 	$(BIN)/python tests/benchmarks cost_methods --page docs/methods.md
 	$(BIN)/python tests/benchmarks fault_runs --page docs/gate.md

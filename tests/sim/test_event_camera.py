@@ -1,5 +1,7 @@
 """An event camera beside mj_step sends what `simulate` makes of the same states."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -159,3 +161,25 @@ def test_a_free_camera_in_a_world_that_stands_still(model, tmp_path):
             sent.append(len(camera.step(data)))
     assert sent[0] == 0
     assert min(sent[1:]) > 50
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_the_number_of_calls(tmp_path):
+    text = (
+        '<mujoco><option timestep="0.001" gravity="0 0 0"/><worldbody>'
+        '<geom type="box" pos="2 0 0" size=".1 .4 .4"/><body name="cart"><joint type="slide" '
+        'axis="0 1 0"/><geom size=".01" mass="1"/><site name="eye"/></body></worldbody></mujoco>'
+    )
+    world = mujoco.MjModel.from_xml_string(text)
+    data, sizes = mujoco.MjData(world), []
+    lens = Camera(8, 6, 8, 8, 3.5, 2.5)
+    small = SimConfig(sampling="fast", supersample=1)
+    with EventCamera(world, "site:eye", lens, config=small) as camera:
+        for k in range(100_000):
+            data.qvel[0] = 0.3 * np.sin(1e-3 * k)
+            mujoco.mj_step(world, data)
+            camera.step(data)
+            if k % 10_000 == 5_000:
+                pages = int(Path("/proc/self/statm").read_text().split()[1])
+                sizes.append(pages * 4096 / 1e6)
+    assert sizes[-1] - sizes[0] < 8

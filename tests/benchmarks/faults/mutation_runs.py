@@ -54,11 +54,14 @@ def main():
 
 
 def judge_all(order, judge, *, tests):
-    """First everything by `quick`, then what is left by unit tests."""
+    """First everything by `quick`, then what is left, but for what has its reason, by tests."""
     for area, mutation in order:
         if mutation.digest not in read(VERDICTS):
             note(area, mutation, *judge.by_quick(mutation))
+    known = json.loads(REASONS.read_text(encoding="utf-8"))
     for area, mutation in order if tests else ():
+        if mutation.digest in known:
+            continue
         if read(VERDICTS)[mutation.digest]["seen"] == "green":
             note(area, mutation, *judge.by_tests(mutation))
 

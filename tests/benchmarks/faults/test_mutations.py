@@ -67,7 +67,10 @@ def test_the_nearest_unit_tests_come_first():
     assert (own, whole) == ("tests/sim/sensor/test_pixels.py", "tests/sim/sensor")
     assert widest == "tests/sim"
     assert {own, "tests/sim/sensor/test_sensor.py"} <= set(every.split())
-    assert mutation_runs.tests_of("eval/suite/stages/map.py")[-2:] == ["tests/eval/suite", "tests/eval"]
+    assert mutation_runs.tests_of("eval/suite/stages/map.py")[-2:] == [
+        "tests/eval/suite",
+        "tests/eval",
+    ]
     every, whole = mutation_runs.tests_of("emvs/reference_view.py")
     assert "tests/emvs/test_methods.py" in every.split()
     assert whole == "tests/emvs"

@@ -151,6 +151,10 @@ def test_work_of_another_configuration_is_not_taken_up(folder, scene, whole):
     moved = replace(scene, motion=lambda duration_s, seed: motion(duration_s, seed + 1))
     with pytest.raises(InputError, match="resume=False"):
         simulate(moved, made.tiny_rig(), other, 0, out)
+    mjcf = folder / "wider.xml"
+    mjcf.write_text(scene.mjcf.read_text().replace('size=".1 .1 .1"', 'size=".1 .1 .12"'))
+    with pytest.raises(InputError, match="resume=False"):
+        simulate(replace(scene, mjcf=mjcf), made.tiny_rig(), other, 0, out)
     assert contents(checkpoint_path(out)) == kept
     simulate(scene, made.tiny_rig(), CONFIG, 0, out, resume=False)
     assert contents(out) == contents(whole)
