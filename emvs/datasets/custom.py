@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from emvs.data.poses import read_poses
+from emvs.datasets.own_truth import TruthTable, open_truth
 from emvs.datasets.posed import EventSource, PosedRecording, on_first_camera
 from emvs.errors import InputError
 from emvs.formats.calibration import matrix, parsed, pose_of, read_imu_cam, read_rig
@@ -106,6 +107,7 @@ class Descriptor(_Table):
     calibration: CalibrationTable
     poses: PosesTable
     events: tuple[EventsTable, ...] = Field(min_length=1, max_length=64)
+    truth: TruthTable | None = None
 
 
 def read_descriptor(path: Path) -> Descriptor:
@@ -146,6 +148,7 @@ def assembled(folder: Path, what: Descriptor, layout: str) -> PosedRecording:
         imu_cam = None if what.poses.imu_cam is None else folder / what.poses.imu_cam
         poses = on_first_camera(poses, read_hand_eye(folder / what.poses.hand_eye, imu_cam))
     sources = tuple(one.source(folder) for one in what.events)
+    truth = None if what.truth is None else open_truth(folder, what.truth, rig, poses)
     return PosedRecording(
         path=folder,
         layout=layout,
@@ -153,6 +156,7 @@ def assembled(folder: Path, what: Descriptor, layout: str) -> PosedRecording:
         rig=rig,
         trajectory=poses,
         sources=sources,
+        truth=truth,
         depth_range_m=what.depth_range_m,
     )
 

@@ -159,6 +159,11 @@ class PosedRecording:
         """(T,) times with ground truth, µs; none for cameras beside the first."""
         return np.empty(0, np.int64) if self.truth is None or camera else self.truth.t_us
 
+    @property
+    def truth_any_time(self) -> bool:
+        """Whether there is truth at any time that the poses cover, not only at those listed."""
+        return bool(getattr(self.truth, "any_time", False))
+
     def truth_view_depth_m(self, camera: int, t_us: int) -> NDArray[np.float32]:
         """(H, W) z-depth in the camera's undistorted view, m; not finite where unknown.
 
@@ -166,7 +171,8 @@ class PosedRecording:
             InputError: none at that time.
         """
         times_us = self.truth_times_us(camera)
-        if self.truth is None or t_us not in times_us:
+        known = t_us in times_us or (self.truth_any_time and not camera)
+        if self.truth is None or not known:
             near = "" if not len(times_us) else (
                 f"; the nearest time is {times_us[np.argmin(np.abs(times_us - t_us))]} µs"
             )  # fmt: skip

@@ -114,8 +114,8 @@ def with_ground_truth(recording: Recording) -> Scored:
     if isinstance(recording, PosedRecording) and len(recording.truth_times_us(0)):
         return recording
     raise InputError(
-        f"{recording.name}: a recording without ground truth; needs one that `simulate` made, or "
-        "DSEC's disparity or MVSEC's depth"
+        f"{recording.name}: a recording without ground truth; needs one that `simulate` made, "
+        "DSEC's disparity, MVSEC's depth, or `[truth]` in a recording.toml"
     )
 
 
@@ -146,6 +146,8 @@ def has_truth(recording: Recording | None, t_ref_us: int, config: EvalConfig) ->
     if not isinstance(recording, Scored):
         return False
     times_us = recording.truth_times_us(0)
+    if isinstance(recording, PosedRecording) and recording.truth_any_time:
+        return bool(times_us[0] <= t_ref_us <= times_us[-1])
     tolerance_us = 0 if isinstance(recording, EventSequence) else config.truth_tolerance_us
     return bool((np.abs(times_us - t_ref_us) <= tolerance_us).any())
 

@@ -1,0 +1,281 @@
+"""Ground truth that a `recording.toml` names: depth maps at some times, or a surface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from emvs.errors import InputError, heed_interrupt, said
+from emvs.formats.depth import read_depth, read_png
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
+from emvs.geometry.warp import undistort_depth
+from emvs.utils.inputs import TABLE_BYTES, read_text
+from emvs.utils.release import install
+
+_PER_US = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
+_MOST_RADIUS_PX = 32
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class TruthTable(BaseModel):
+    """The table `[truth]`: `depth` and `times`, or `surface`.
+
+    Attributes:
+        depth: pattern of depth maps of the first camera, such as `truth/*.png`, one per time, in
+            the order of their names: 16-bit PNG, npy, npz (`depth_m`, `mask`) or EXR (channel Z).
+        times: text with one time per line, or `time name`.
+        time_unit: of `times`.
+        time_offset_us: added to them.
+        unit_m: what 1 counts in the maps or the surface, m; needed for whole numbers.
+        kind: `z`, along the optical axis, or `distance`, along the ray.
+        lens: `undistorted`, a pinhole view with the calibration's intrinsics, or `sensor`, the
+            pixels as the lens gives them.
+        surface: mesh or point cloud (PLY, OBJ, STL, PCD) in the world of the poses.
+        point_radius_m: radius of a cloud's points: each hides what lies behind it.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    depth: str = ""
+    times: str = ""
+    time_unit: Literal["s", "ms", "us", "ns"] = "s"
+    time_offset_us: int = 0
+    unit_m: Positive | None = None
+    kind: Literal["z", "distance"] = "z"
+    lens: Literal["undistorted", "sensor"] = "undistorted"
+    surface: str = ""
+    point_radius_m: Positive | None = None
+
+
+def open_truth(
+    folder: Path, table: TruthTable, rig: Rig, trajectory: Trajectory
+) -> StoredTruth | SurfaceTruth:
+    """Opens what the table names.
+
+    Args:
+        folder: what file names are relative to.
+        table: `[truth]`.
+        rig: its first camera is the one with truth.
+        trajectory: `T_world_body`, for a surface.
+
+    Raises:
+        InputError: both or neither is named, files are missing, or times and maps do not match.
+    """
+    if bool(table.depth) == bool(table.surface):
+        raise InputError(f"{folder}: [truth] needs one of the keys depth and surface")
+    if table.surface:
+        return SurfaceTruth(folder / table.surface, table, rig, trajectory)
+    if not table.times:
+        raise InputError(f"{folder}: [truth] needs the key times: text with one time per line")
+    files = sorted(path for path in folder.glob(table.depth) if path.is_file())
+    times_us, names = _read_times(folder / table.times, table)
+    if names:
+        by_name = {path.name: path for path in files}
+        missing = [name for name in names if Path(name).name not in by_name]
+        if missing:
+            raise InputError(f"{folder / table.times}: no map {missing[0]!r} in {table.depth!r}")
+        files = [by_name[Path(name).name] for name in names]
+    if len(files) != len(times_us) or not files:
+        raise InputError(
+            f"{folder}: {len(files)} depth maps {table.depth!r} for {len(times_us)} times in "
+            f"{table.times}: needs one map per time"
+        )
+    return StoredTruth(times_us, files, table, rig.cameras[0])
+
+
+class StoredTruth:
+    """Depth maps in files; a `emvs.datasets.posed.DepthTruth`."""
+
+    def __init__(
+        self, t_us: NDArray[np.int64], files: list[Path], table: TruthTable, camera: Camera
+    ) -> None:
+        self.t_us = t_us
+        self._files, self._table, self._camera = files, table, camera
+
+    def view_depth_m(self, t_us: int) -> NDArray[np.float32]:
+        """(H, W) z-depth in camera 0's undistorted view at one of the times, m; else NaN."""
+        path, camera = self._files[int(np.searchsorted(self.t_us, t_us))], self._camera
+        depth = _read_map(path, self._table.unit_m)
+        if depth.shape != (camera.height_px, camera.width_px):
+            raise InputError(
+                f"{path}: {depth.shape[1]} x {depth.shape[0]} px, but the camera has "
+                f"{camera.width_px} x {camera.height_px}: give maps of the first camera's size"
+            )
+        seen = camera if self._table.lens == "sensor" else camera.undistorted()
+        if self._table.kind == "distance":
+            bearing = seen.bearing_table()
+            depth = (depth / np.sqrt(1 + np.sum(bearing * bearing, axis=-1))).astype(np.float32)
+        return undistort_depth(depth, camera) if self._table.lens == "sensor" else depth
+
+
+class SurfaceTruth:
+    """A mesh or a cloud, seen from wherever the poses are; a `emvs.datasets.posed.DepthTruth`."""
+
+    any_time = True
+
+    def __init__(self, path: Path, table: TruthTable, rig: Rig, trajectory: Trajectory) -> None:
+        if not path.is_file():
+            raise InputError(f"{path}: no such file; needs a mesh or a point cloud")
+        self._path, self._trajectory, self._rig = path, trajectory, rig
+        self._unit_m, self._radius_m = table.unit_m or 1.0, table.point_radius_m
+        self._cast: Callable[[Camera, NDArray[np.float64]], NDArray[np.float32]] | None = None
+        self.t_us = np.asarray(trajectory.t_us)
+
+    def view_depth_m(self, t_us: int) -> NDArray[np.float32]:
+        """(H, W) z-depth in camera 0's undistorted view at a time that the poses cover, m."""
+        if self._cast is None:
+            self._cast = self._opened()
+        T_world_cam = self._trajectory.at([t_us])[0] @ self._rig.T_body_cam[0]
+        return self._cast(self._rig.cameras[0].undistorted(), T_world_cam)
+
+    def _opened(self) -> Callable[[Camera, NDArray[np.float64]], NDArray[np.float32]]:
+        o3d = _open3d(self._path)
+        mesh = o3d.io.read_triangle_mesh(str(self._path))
+        if len(mesh.triangles):
+            mesh.vertices = o3d.utility.Vector3dVector(np.asarray(mesh.vertices) * self._unit_m)
+            scene = o3d.t.geometry.RaycastingScene()
+            scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(mesh))
+            return lambda view, T_world_cam: _depth_of_mesh(o3d, scene, view, T_world_cam)
+        points = np.asarray(o3d.io.read_point_cloud(str(self._path)).points) * self._unit_m
+        if not len(points) or not np.isfinite(points).all():
+            raise InputError(f"{self._path}: neither a mesh nor a cloud of finite points")
+        if self._radius_m is None:
+            raise InputError(
+                f"{self._path}: a point cloud; needs the key point_radius_m, about the distance "
+                "between its points, so that near ones hide what lies behind"
+            )
+        radius_m = self._radius_m
+        return lambda view, T_world_cam: depth_of_points(points, radius_m, view, T_world_cam)
+
+
+def depth_of_points(
+    points_m: NDArray[np.float64],
+    radius_m: float,
+    view: Camera,
+    T_world_cam: NDArray[np.float64],
+) -> NDArray[np.float32]:
+    """Depth of points that are discs facing the camera: the nearest disc of each pixel shows.
+
+    Args:
+        points_m: (N, 3) in the world.
+        radius_m: of the discs.
+        view: a pinhole camera.
+        T_world_cam: (4, 4) its pose.
+
+    Returns:
+        (H, W) float32 z-depth, m, NaN where there is none.
+    """
+    T_cam_world = se3.inverse(T_world_cam)
+    seen = points_m @ T_cam_world[:3, :3].T + T_cam_world[:3, 3]
+    seen = seen[seen[:, 2] > radius_m]
+    centre_px = np.rint(view.project(seen))
+    near = (np.abs(centre_px) < 1e6).all(axis=1)
+    centre_px, z_m = centre_px[near].astype(np.int64), seen[near, 2]
+    wide = np.minimum(view.fx_px * radius_m / z_m, _MOST_RADIUS_PX).astype(np.int64)
+    out = np.full((view.height_px, view.width_px), np.inf, np.float32)
+    for reach in np.unique(wide).tolist():
+        _stamp(out, centre_px[wide == reach], z_m[wide == reach], reach)
+    return np.where(np.isfinite(out), out, np.nan).astype(np.float32)
+
+
+def _stamp(
+    out: NDArray[np.float32], centre_px: NDArray[np.int64], z_m: NDArray[np.float64], reach: int
+) -> None:
+    height, width = out.shape
+    for dv in range(-reach, reach + 1):
+        for du in range(-reach, reach + 1):
+            u, v = centre_px[:, 0] + du, centre_px[:, 1] + dv
+            on = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+            if du * du + dv * dv <= reach * reach:
+                np.minimum.at(out, (v[on], u[on]), z_m[on].astype(np.float32))
+
+
+def _depth_of_mesh(
+    o3d: Any, scene: Any, view: Camera, T_world_cam: NDArray[np.float64]
+) -> NDArray[np.float32]:
+    bearing = view.bearing_table()
+    rays = np.concatenate([bearing, np.ones((*bearing.shape[:2], 1))], axis=-1)
+    origin = np.broadcast_to(T_world_cam[:3, 3], rays.shape)
+    both = np.concatenate([origin, rays @ T_world_cam[:3, :3].T], axis=-1).astype(np.float32)
+    # A ray whose z in the camera is 1 is met after as many of its lengths as the depth has metres.
+    depth_m = scene.cast_rays(o3d.core.Tensor(np.ascontiguousarray(both)))["t_hit"].numpy()
+    return np.where(np.isfinite(depth_m), depth_m, np.nan).astype(np.float32)
+
+
+def _open3d(path: Path) -> Any:
+    try:
+        import open3d
+    except (ImportError, OSError) as error:  # libraries of the system may be missing
+        heed_interrupt(error)
+        raise InputError(
+            f"{path}: truth from a surface needs open3d ({said(error)}): {install('mesh')}"
+        ) from error
+    return open3d
+
+
+def _read_times(path: Path, table: TruthTable) -> tuple[NDArray[np.int64], list[str]]:
+    """Rising times, µs, and names of the maps where the text has them."""
+    try:
+        text = read_text(path, TABLE_BYTES)
+    except OSError as error:
+        raise InputError(
+            f"{path}: {error.strerror}; needs a text with one time per line"
+        ) from error
+    rows = [line.split() for line in text.splitlines()]
+    rows = [row for row in rows if row and not row[0].startswith("#")]
+    if len({len(row) for row in rows}) > 1 or any(len(row) > 2 for row in rows):
+        raise InputError(f"{path}: needs lines with a time, or lines with a time and a name")
+    try:
+        times = np.array([float(row[0]) for row in rows]) * _PER_US[table.time_unit]
+    except ValueError as error:
+        raise InputError(f"{path}: {error}; needs a time in each line") from error
+    if not np.isfinite(times).all() or (np.abs(times) > 2**60).any():
+        raise InputError(f"{path}: times that are not finite, or beyond 2^60 µs; correct them")
+    t_us = np.rint(times).astype(np.int64) + table.time_offset_us
+    if not (np.diff(t_us) > 0).all():
+        raise InputError(f"{path}: times must rise from line to line")
+    return t_us, [row[1] for row in rows if len(row) == 2]
+
+
+def _read_map(path: Path, unit_m: float | None) -> NDArray[np.float32]:
+    """(H, W) depth in m, NaN where unknown."""
+    if path.suffix.lower() == ".exr":
+        return _known(_read_exr(path), unit_m or 1.0)
+    if path.suffix.lower() != ".png":
+        return np.asarray(read_depth(path) * np.float32(unit_m or 1.0))
+    image = read_png(path)
+    if image.dtype != np.uint16 or image.ndim != 2:
+        raise InputError(f"{path}: {image.ndim}D {image.dtype}; needs one channel of 16 bits")
+    if unit_m is None:
+        raise InputError(
+            f"{path}: whole numbers; needs the key unit_m: 0.001 for millimetres, 0.0002 for TUM's"
+        )
+    return _known(image.astype(np.float64), unit_m)
+
+
+def _known(values: NDArray[Any], unit_m: float) -> NDArray[np.float32]:
+    return np.where(np.isfinite(values) & (values > 0), values * unit_m, np.nan).astype(np.float32)
+
+
+def _read_exr(path: Path) -> NDArray[np.float32]:
+    try:
+        import OpenEXR
+    except ImportError as error:
+        heed_interrupt(error)
+        raise InputError(f"{path}: reading EXR needs OpenEXR: {install('exr')}") from error
+    try:
+        channels = OpenEXR.File(str(path)).channels()
+    except Exception as error:  # of a damaged file, in whatever kind
+        raise InputError(f"{path}: not a complete EXR image; make it again") from error
+    for name in ("Z", "Y", "R"):
+        if name in channels:
+            return np.asarray(channels[name].pixels, np.float32)
+    raise InputError(f"{path}: channels {', '.join(channels) or 'none'}; needs Z")
