@@ -95,4 +95,4 @@ def test_the_nearest_truth_is_taken_within_the_tolerance_only(pair):
 def test_a_data_set_without_truth_says_what_has_some(pair, tmp_path, capsys):
     bag = rewritten(pair[0], tmp_path / "bag", "rosbag1")
     assert scored(bag, tmp_path / "map", 250_000) == 2
-    assert "DSEC's disparity or MVSEC's depth" in capsys.readouterr().err
+    assert "DSEC's disparity, MVSEC's depth, or `[truth]`" in capsys.readouterr().err
