@@ -25,11 +25,13 @@ from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
+from emvs.utils.outputs import check_output
 from sim.config import SimConfig
 from sim.graphics import import_mujoco
 from sim.ground_truth import geom_table
 from sim.model.mounts import Mount, find_mount, rig_of_cameras
 from sim.model.scenes import Held, clip_of
+from sim.model.survey import ends_m, range_of
 from sim.model.tracks import StateTrack, carried, state_of
 from sim.motion.animation import moving_geoms
 from sim.parallel.render_job import (
@@ -97,15 +99,16 @@ class EventRig:
         self.rig = rig_of(model, rig)
         self._mount = find_mount(model, mount)
         self._track, self._model = _LastStep(), model
-        motion = _Ridden(model, self._track, self._mount, _pose(T_mount_body))
-        self._motion = motion
+        self._motion = _Ridden(model, self._track, self._mount, _pose(T_mount_body))
         self._config, self._seed = SimConfig.or_default(config), seed
         if record is not None and _AHEAD & set(self._config.truth):
             raise InputError(
                 "truth flow and twist look ahead, which a running robot cannot: leave them out"
             )
-        self._chunk, self._start_us, self._record = -1, 0, record
-        self._force, self._held = force, ExitStack()
+        if record is not None:
+            check_output(Path(record), force=force)
+        self._chunk, self._record, self._force = -1, record, force
+        self._held = ExitStack()
         self._truth_us = round(self._config.truth_interval_s * 1e6)
         self._recorder: _Recorder | None = None
         self._chunks: ChunkRenderer | None = None
@@ -148,7 +151,7 @@ class EventRig:
             for camera, packet in zip(sent, packets, strict=False):
                 camera.append(packet.events)
             if self._recorder is not None:
-                self._recorder.add(packets, frame)
+                self._recorder.add(packets, frame, self._motion.T_world_body(1e-6 * frame.t_us))
         if self._recorder is not None:
             self._recorder.moved(t_us, self.T_world_body)
         return tuple(Events.concat(parts) for parts in sent)
@@ -161,15 +164,18 @@ class EventRig:
     @property
     def T_world_body(self) -> Pose:
         """Pose (4, 4) of the rig's body at the last call."""
+        self._check_begun()
         return self._motion.T_world_body(1e-6 * self.t_us)
 
     def depth_m(self, camera: int = 0) -> NDArray[np.float32]:
         """Exact z-depth (H, W) of a camera's pixels at the last call, m; inf without a surface."""
+        self._check_begun()
         self._renderer.at(1e-6 * self.t_us)
         return self._renderer.depth(camera, self.T_world_body)
 
     def intensity(self, camera: int = 0) -> NDArray[np.float32]:
         """(H, W) linear light of a camera's pixels at the last call."""
+        self._check_begun()
         self._renderer.at(1e-6 * self.t_us)
         return self._renderer.frame(camera, self.T_world_body).intensity
 
@@ -203,7 +209,7 @@ class EventRig:
             self._recorder = self._held.enter_context(
                 _Recorder(Path(self._record), job, self._renderer, self._cameras, force=self._force)
             )
-            self._recorder.moved(0, self.T_world_body)
+            self._recorder.moved(0, self._motion.T_world_body(0.0))
         self._chunks = ChunkRenderer(job, self._renderer)
 
     def _job(self) -> RenderJob:
@@ -220,6 +226,10 @@ class EventRig:
         config = with_sampling(wanted, self.rig, why_linear_model(self._model, fixed=fixed))
         wanted_us = range(0, _FOR_EVER_US, self._truth_us) if self._record is not None else ()
         return RenderJob(scene, self.rig, config, self._seed, wanted_us, (0, 1))
+
+    def _check_begun(self) -> None:
+        if self._chunks is None:
+            raise InputError("nothing was seen yet: call step with the model's data first")
 
     def _time_us(self, data: Any) -> int:
         t_us = round((float(data.time) - self._start_s) * 1e6)
@@ -378,13 +388,15 @@ class _Recorder:
     def __init__(
         self, out: Path, job: RenderJob, renderer: StereoRenderer, cameras: Cameras, *, force: bool
     ) -> None:
+        segments = "segmentation" in job.config.truth
         self._writer = SequenceWriter(
             out, name=out.name, rig=job.rig, trajectory=None, seed=job.seed,
             config=job.config.model_dump(mode="json"), renderer=renderer.description,
-            depth_range_m=job.scene.depth_range_m, force=force,
-            geoms=geom_table(renderer.model) if "segmentation" in job.config.truth else None,
+            geoms=geom_table(renderer.model) if segments else None, force=force,
         )  # fmt: skip
-        self._labelled, self._cameras = job.labelled, cameras
+        self._labelled, self._cameras, self._renderer = job.labelled, cameras, renderer
+        self._moves = np.append(moving_geoms(renderer.model), False)
+        self._ends_m: list[float] = []
         self._t_us: list[int] = []
         self._T_world_body: list[Pose] = []
 
@@ -404,12 +416,13 @@ class _Recorder:
             poses = Trajectory.from_matrices(np.array(self._t_us), np.array(self._T_world_body))
             counts = self._cameras.finish()
             self._writer.trajectory = poses
+            self._writer.depth_range_m = range_of(self._ends_m)
             self._writer.sensor_counts = counts if self._labelled else None
         self._writer.__exit__(kind, error, trace)
         if trace is None and error is not None:
             raise error
 
-    def add(self, packets: list[Packet], frame: RenderedFrame) -> None:
+    def add(self, packets: list[Packet], frame: RenderedFrame, T_world_body: Pose) -> None:
         """Adds events, and a frame's ground truth where it has some."""
         for k, packet in enumerate(packets):
             extra: Mapping[str, Any] = packet.extra
@@ -417,6 +430,8 @@ class _Recorder:
         for k, images in enumerate(frame.truth):
             optional = dict(images)
             depth_m, grey = optional.pop("depth_m"), optional.pop("intensity")
+            still = ~self._moves[self._renderer.segmentation(k, T_world_body)]
+            self._ends_m += ends_m(depth_m[still])
             self._writer.append_truth(k, frame.t_us, depth_m, grey, optional)
 
     def moved(self, t_us: int, T_world_body: Pose) -> None:

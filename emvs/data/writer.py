@@ -36,7 +36,7 @@ class SequenceWriter:
         config: the configuration that made it, plain values.
         seed: the seed that made it.
         renderer: what rendered it.
-        depth_range_m: nearest and farthest depth, if known.
+        depth_range_m: nearest and farthest depth, if known; may be set as an attribute.
         span_us: first and last instant of the recording; by default those of the trajectory. What
             is known only at the end may be set as an attribute until then.
         geoms: what the ids in a segmentation mean, if there is one.
@@ -79,8 +79,8 @@ class SequenceWriter:
             "configuration": config,
             "seed": seed,
             "renderer": renderer,
-            "depth_range_m": depth_range_m,
         }
+        self.depth_range_m = depth_range_m
         self._folder_stack, self._file_stack = ExitStack(), ExitStack()
 
     def __enter__(self) -> SequenceWriter:
@@ -195,6 +195,7 @@ class SequenceWriter:
             name=self._name,
             versions=versions(),
             span_us=span_us,
+            depth_range_m=self.depth_range_m,
             event_counts=tuple(writer.count for writer in self._events),
             files=manifest.entries(self._folder),
             **self._facts,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -60,10 +60,9 @@ def survey(
             "mounted and looks (bodies and sites look along x, z up)"
         )
     _tell(scene, min(seen.depths_m), float(np.mean(seen.edges)), notice)
-    known_m = seen.still_m or seen.depths_m
-    return replace(
-        scene, depth_range_m=(_rounded(0.9 * min(known_m)), _rounded(1.1 * max(known_m)))
-    )
+    known_m = range_of(seen.still_m) or range_of(seen.depths_m)
+    assert known_m is not None
+    return replace(scene, depth_range_m=known_m)
 
 
 def _looked(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> _Seen:
@@ -81,16 +80,23 @@ def _looked(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> _Seen:
             for k in range(len(rig)):
                 frame = renderer.frame(k, T_world_body)
                 still = ~moves[renderer.segmentation(k, T_world_body)]
-                seen.depths_m.extend(_ends(frame.nearest_depth_m))
-                seen.still_m.extend(_ends(renderer.depth(k, T_world_body)[still]))
+                seen.depths_m.extend(ends_m(frame.nearest_depth_m))
+                seen.still_m.extend(ends_m(renderer.depth(k, T_world_body)[still]))
                 seen.edges.append(_edge_share(frame, config.log_eps))
     return seen
 
 
-def _ends(depth_m: NDArray[np.float32]) -> list[float]:
-    """Least and greatest depth; empty without a surface."""
+def ends_m(depth_m: NDArray[np.float32]) -> list[float]:
+    """Least and greatest of some depths, m; empty without a surface."""
     finite = depth_m[np.isfinite(depth_m)]
     return [float(finite.min()), float(finite.max())] if finite.size else []
+
+
+def range_of(depths_m: Sequence[float]) -> tuple[float, float] | None:
+    """A depth range for mappers, a tenth beyond what was seen; None where nothing was."""
+    if not depths_m:
+        return None
+    return _rounded(0.9 * min(depths_m)), _rounded(1.1 * max(depths_m))
 
 
 def _edge_share(frame: Frame, log_eps: float) -> float:

@@ -69,6 +69,9 @@ def test_events_are_those_of_simulate(path, model, tmp_path, sensor):
             depth_m = recorded.truth_depth_m(k, t_us)
             assert np.array_equal(depth_m, simulated.truth_depth_m(k, t_us))
     recorded.verify()
+    near_m, far_m = recorded.depth_range_m
+    assert 0.2 < near_m < 1  # of what stands still: the arm is nearer
+    assert 2.6 < far_m < 3.5
     T = recorded.trajectory.at(np.array([20_000]))
     assert np.allclose(T, simulated.trajectory.at(np.array([20_000])), atol=1e-9)
 
@@ -124,6 +127,17 @@ def test_what_cannot_carry_a_camera_is_refused(model, tmp_path):
     lens = Camera(64, 48, 50, 50, 31.5, 23.5)
     with pytest.raises(InputError, match="T_mount_body"):
         EventCamera(model, "eye", lens, T_mount_body=np.ones((4, 4)))
+
+
+def test_nothing_is_seen_before_the_first_call(model, tmp_path):
+    with EventCamera(model, "left", config=config()) as camera:
+        for ask in (camera.depth_m, camera.intensity, lambda: camera.T_world_cam):
+            with pytest.raises(InputError, match="call step"):
+                ask()
+    (tmp_path / "r").mkdir()
+    (tmp_path / "r" / "thesis.tex").write_text("mine")
+    with pytest.raises(InputError, match="did not write"):
+        EventCamera(model, "left", record=tmp_path / "r")
 
 
 def test_a_recording_of_nothing_leaves_nothing(model, tmp_path):
