@@ -25,7 +25,8 @@ SCENE = Scene("green-house", "Noise on a wall.", Path(__file__).with_name("wall.
               motion, (1.0, 3.0), rig="oblique", duration_s=0.02)
 WRONG = 7
 """
-MJCF = """<mujoco><visual><headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/></visual><asset>
+MJCF = """<mujoco><visual><headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/></visual>
+<asset>
 <texture name="noise" type="2d" builtin="flat" width="2" height="2"/>
 <material name="noise" texture="noise" specular="0"/></asset>
 <worldbody><geom type="box" size=".1 3 3" pos="2.5 0 1" material="noise"/></worldbody></mujoco>"""
