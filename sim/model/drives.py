@@ -6,7 +6,8 @@ import csv
 import importlib
 import io
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -70,12 +71,13 @@ def run_dynamics(
             f"most {_MOST_STATES:,} of them"
         )
     data, states, t_us = initial_data(model, key), [], []
-    for _ in range(count):
-        states.append(state_of(data))
-        t_us.append(round(data.time * 1e6))
-        _controlled(control, model, data)
-        mj.mj_step(model, data)
-        _check_stable(mj, data)
+    with _warnings_heard(mj):
+        for _ in range(count):
+            states.append(state_of(data))
+            t_us.append(round(data.time * 1e6))
+            _controlled(control, model, data)
+            mj.mj_step(model, data)
+            _check_stable(mj, data)
     qpos, mocap = (np.array(column) for column in zip(*states, strict=True))
     return StateTrack(np.array(t_us) - t_us[0], qpos, mocap)
 
@@ -122,6 +124,17 @@ def load_controller(name: str) -> Controller:
         raise InputError(f"controller {name!r} is no function: give MODULE:FUNCTION")
     control: Controller = found
     return control
+
+
+@contextmanager
+def _warnings_heard(mj: Any) -> Iterator[None]:
+    """Keeps MuJoCo from writing its warnings to a file in the working directory: we tell them."""
+    before = mj.get_mju_user_warning()
+    mj.set_mju_user_warning(lambda _text: None)
+    try:
+        yield
+    finally:
+        mj.set_mju_user_warning(before)
 
 
 def _controlled(control: Controller | None, model: Any, data: Any) -> None:

@@ -133,9 +133,11 @@ def runaway(model, data):
     data.qvel[0] = 1e12
 
 
-def test_an_unstable_model_is_told(model):
+def test_an_unstable_model_is_told(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match="becomes unstable"):
         run_dynamics(mujoco.MjModel.from_xml_string(WILD), 2.0, "", runaway)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_state_is_a_copy(model):
