@@ -116,13 +116,8 @@ class EventRig:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._held.__exit__(kind, error, trace)
+    def __exit__(self, *raised: Any) -> None:
+        self._held.__exit__(*raised)
 
     def close(self) -> None:
         """Frees the graphics context; a sequence that is being recorded is completed."""
@@ -196,13 +191,7 @@ class EventRig:
         self._start_s = float(data.time)
         self._track.begin(data)
         job = self._job()
-        self._renderer = self._held.enter_context(
-            StereoRenderer(
-                self._model, self.rig, job.supersample, job.scene.depth_range_m,
-                floats=job.config.light.floats(job.scene.hdr), animate=job.scene.animate,
-                border_px=job.border_px, clip_m=job.scene.clip_m, lamp_at=job.scene.lamp_at,
-            )
-        )  # fmt: skip
+        self._renderer = self._held.enter_context(job.renderer(self._model))
         pool = self._held.enter_context(ThreadPoolExecutor(len(self.rig)))
         self._cameras = Cameras(job, pool, None)
         if self._record is not None:
@@ -274,13 +263,8 @@ class EventCamera:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._rig.__exit__(kind, error, trace)
+    def __exit__(self, *raised: Any) -> None:
+        self._rig.__exit__(*raised)
 
     def close(self) -> None:
         """Frees the graphics context; a sequence that is being recorded is completed."""

@@ -35,22 +35,15 @@ class Mount(NamedTuple):
     name: str
     body: int
 
-    def T_world_body(self, model: Any, data: Any) -> Pose:
+    def T_world_body(self, data: Any) -> Pose:
         """Pose (4, 4) of the rig's body, axes right, down, forward, where `data` has the model.
 
         Kinematics must be up to date (`mj_kinematics`, for cameras `mj_camlight` as well).
         """
-        k = getattr(model, {"camera": "cam", "site": "site", "body": "body"}[self.kind])(
-            self.name
-        ).id
-        at_m, turn = {
-            "camera": (data.cam_xpos, data.cam_xmat),
-            "site": (data.site_xpos, data.site_xmat),
-            "body": (data.xpos, data.xmat),
-        }[self.kind]
-        pose = np.eye(4)
+        seen = getattr(data, self.kind)(self.name)
         axes = _OF_CAMERA if self.kind == "camera" else _OF_ROBOT
-        pose[:3, :3], pose[:3, 3] = turn[k].reshape(3, 3) @ axes, at_m[k]
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = seen.xmat.reshape(3, 3) @ axes, seen.xpos
         return pose
 
 
@@ -105,7 +98,7 @@ def rig_of_cameras(model: Any, names: tuple[str, ...]) -> Rig:
     data = mj.MjData(model)
     mj.mj_kinematics(model, data)
     mj.mj_camlight(model, data)
-    T_world_cam = [mount.T_world_body(model, data) for mount in mounts]
+    T_world_cam = [mount.T_world_body(data) for mount in mounts]
     T_body_world = se3.inverse(T_world_cam[0])
     return Rig(
         "+".join(names),
@@ -137,10 +130,8 @@ def _intrinsics(model: Any, name: str) -> Camera:
 
 
 def _body_of(model: Any, kind: str, name: str) -> int:
-    if kind == "body":
-        return int(model.body(name).id)
-    owners = model.cam_bodyid if kind == "camera" else model.site_bodyid
-    return int(owners[getattr(model, {"camera": "camera", "site": "site"}[kind])(name).id])
+    found = getattr(model, kind)(name)
+    return int(found.id if kind == "body" else found.bodyid[0])
 
 
 def _some(names: list[str], most: int = 12) -> str:

@@ -216,7 +216,7 @@ class _Drive:
                 self._needed_mount()
             return np.eye(4)
         data = initial_data(self._model, self._config.key)
-        return self._mount.T_world_body(self._model, data)
+        return self._mount.T_world_body(data)
 
     def _needed_mount(self) -> Mount:
         return self._mount or find_mount(self._model, self._config.mount)

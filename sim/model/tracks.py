@@ -121,4 +121,4 @@ def carried(model: Any, data: Any, track: Animation, mount: Mount, t_s: float) -
     if mount.kind == "camera":
         mj.mj_comPos(model, data)
         mj.mj_camlight(model, data)
-    return mount.T_world_body(model, data)
+    return mount.T_world_body(data)

@@ -116,11 +116,6 @@ class RenderJob:
         return len(self.bounds_us) - 1
 
     @property
-    def border_px(self) -> int | None:
-        """Pixels that fine frames reach beyond the sensor; None of plain ones."""
-        return border_px(self.config)
-
-    @property
     def event_depth(self) -> bool:
         """Whether every event gets its depth."""
         return "event_depth" in self.config.truth
@@ -146,16 +141,20 @@ class RenderJob:
         """The head's curve."""
         return self.scene.motion(self.duration_us * 1e-6, self.seed)
 
-    def renderer(self) -> StereoRenderer:
-        """Opens a graphics context of the calling process and thread."""
+    def renderer(self, model: Any = None) -> StereoRenderer:
+        """Opens a graphics context of the calling process and thread.
+
+        Args:
+            model: the scene, compiled; by default it is made of its file.
+        """
         return StereoRenderer(
-            self.scene.spec(),
+            self.scene.spec() if model is None else model,
             self.rig,
             self.supersample,
             self.scene.depth_range_m,
             floats=self.config.light.floats(self.scene.hdr),
             animate=self.scene.animate,
-            border_px=self.border_px,
+            border_px=border_px(self.config),
             clip_m=self.scene.clip_m,
             lamp_at=self.scene.lamp_at,
         )

@@ -30,7 +30,7 @@ def placed(model):
 def test_sites_and_bodies_look_along_x_with_z_up(model):
     data = placed(model)
     for name, position in (("eye", [0.22, 0, 0.35]), ("body:rover", [0, 0, 0.25])):
-        T = find_mount(model, name).T_world_body(model, data)
+        T = find_mount(model, name).T_world_body(data)
         assert np.allclose(T[:3, 3], position)
         right, down, forward = T[:3, :3].T
         assert np.allclose(forward, [1, 0, 0])
@@ -39,7 +39,7 @@ def test_sites_and_bodies_look_along_x_with_z_up(model):
 
 
 def test_a_camera_of_the_model_looks_where_mujoco_says(model):
-    T = find_mount(model, "left").T_world_body(model, placed(model))
+    T = find_mount(model, "left").T_world_body(placed(model))
     assert np.allclose(T[:3, 3], [0.22, 0.05, 0.35])
     assert np.allclose(T[:3, :3].T, [[0, -1, 0], [0, 0, -1], [1, 0, 0]])
 
@@ -105,7 +105,7 @@ def test_pixels_are_those_of_mujocos_own_picture(lens, tmp_path):
     data = placed(model)
     expected = centre(theirs(text, tmp_path))
     rig = rig_of_cameras(model, ("c",))
-    T_world_body = find_mount(model, "c").T_world_body(model, data)
+    T_world_body = find_mount(model, "c").T_world_body(data)
     with StereoRenderer(mujoco.MjSpec.from_string(text), rig, 1, (0.5, 5)) as ours:
         found = centre(ours.frame(0, T_world_body).intensity)
     assert np.abs(found - expected).max() < 0.3
