@@ -24,6 +24,7 @@ from emvs.baselines import BaselineEstimator, DepthEstimator
 from emvs.dsi import fusion_kernels
 from emvs.dsi.method import CODES, MEANS, Method, MethodName, Split, single_camera, single_cameras
 from emvs.errors import InputError, check_type, check_whole
+from emvs.utils.plugins import run_point
 
 # What a name stands for: one way to a volume, or what makes its depth map without any
 AnyMethod = Method | DepthEstimator
@@ -177,15 +178,7 @@ def load() -> None:
         InputError: one that cannot be imported, or fails.
     """
     for point in entry_points(group=GROUP):
-        try:
-            point.load()()
-        except Exception as error:  # whatever a stranger's code raises
-            reason = " ".join(str(error).split()) or type(error).__name__
-            package = point.dist.name if point.dist else "a package"
-            raise InputError(
-                f"{package}: its methods ({point.name} = {point.value}) cannot be registered "
-                f"({reason}): fix or uninstall it"
-            ) from error
+        run_point(point, "its methods {} cannot be registered", lambda register: register())
 
 
 def _find(name: str, n_cameras: int, mcemvs: bool) -> AnyMethod:

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from emvs.errors import InputError, shown
+from emvs.utils.plugins import run_point
 
 if TYPE_CHECKING:
     from emvs.geometry.rig import Rig
@@ -154,18 +155,10 @@ def _points() -> dict[str, EntryPoint]:
 def _of_point(point: EntryPoint) -> Scene:
     from sim.scene import Scene
 
-    package = point.dist.name if point.dist else "a package"
-    try:
-        found = point.load()
-    except Exception as error:  # whatever a stranger's code raises
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(
-            f"{package}: its scene ({point.name} = {point.value}) cannot be loaded ({reason}): "
-            "mend or uninstall it"
-        ) from error
+    found = run_point(point, "its scene {} cannot be loaded", lambda scene: scene)
     if not isinstance(found, Scene):
         raise InputError(
-            f"{package}: {point.name} = {point.value} is a {type(found).__name__}, no Scene: "
-            "mend or uninstall it"
+            f"{point.name} = {point.value} is a {type(found).__name__}, no Scene: fix or uninstall "
+            "its package"
         )
     return found

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import csv
-import importlib
 import io
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,8 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
+from emvs.errors import InputError, heed_interrupt
 from emvs.utils.inputs import read_text
+from emvs.utils.plugins import FUNCTION
+from emvs.utils.plugins import named as named_function
 from sim.graphics import import_mujoco
 from sim.mjcf import named
 from sim.model.tracks import StateTrack, state_of
@@ -108,20 +108,18 @@ def read_joints(path: Path, model: Any, key: str = "") -> StateTrack:
 
 
 def load_controller(name: str) -> Controller:
-    """Imports `module:function`; a module may lie in the working directory.
+    """The function that a name means, see `emvs.utils.plugins.named`.
 
     Raises:
-        InputError: no such module or function.
+        InputError: no such module, file or function, or one that fails.
     """
-    module, _, attribute = name.partition(":")
-    if "" not in sys.path:
-        sys.path.insert(0, "")
     try:
-        found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise InputError(f"controller {name!r}: {error}: give MODULE:FUNCTION") from error
+        found = named_function(name)
+    except Exception as error:  # whatever a stranger's code raises
+        heed_interrupt(error)
+        raise InputError(f"controller {name!r}: {error}: give {FUNCTION}") from error
     if not callable(found):
-        raise InputError(f"controller {name!r} is no function: give MODULE:FUNCTION")
+        raise InputError(f"controller {name!r} is no function: give {FUNCTION}")
     control: Controller = found
     return control
 

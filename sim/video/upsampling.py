@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import runpy
 from collections.abc import Callable, Iterable, Iterator
-from importlib import import_module
 from importlib.metadata import entry_points
 from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from emvs.errors import InputError, heed_interrupt, said, shown
+from emvs.utils.plugins import FUNCTION, named
 from sim.video.frames import Frame
 from sim.video.images import Image
 
@@ -29,8 +28,8 @@ def find_upsampler(name: str) -> Upsampler:
     """
     try:
         found = _found(name)
-    except InputError:
-        raise
+    except InputError as error:
+        raise InputError(f"upsample {name}: {error}") from error
     except Exception as error:  # whatever a stranger's code raises
         heed_interrupt(error)
         raise InputError(f"upsample {name}: cannot be imported ({said(error)}); mend it") from error
@@ -40,18 +39,12 @@ def find_upsampler(name: str) -> Upsampler:
 
 
 def _found(name: str) -> Any:
-    place, colon, function = name.rpartition(":")
-    if colon and place.endswith(".py"):
-        values = runpy.run_path(place, run_name="eventsweep_upsampler")
-        if function not in values:
-            raise InputError(f"upsample {name}: {place} has no function {function}")
-        return values[function]
-    if colon:
-        return getattr(import_module(place), function)
+    if ":" in name:
+        return named(name)
     points = {point.name: point for point in entry_points(group=GROUP)}
     if name not in points:
         known = f"; registered are {', '.join(sorted(points))}" if points else ""
-        raise InputError(f"upsample {name}: needs MODULE:FUNCTION or FILE.py:FUNCTION{known}")
+        raise InputError(f"needs {FUNCTION}{known}")
     return points[name].load()
 
 

@@ -1,0 +1,68 @@
+"""Code of others: functions named by the user, and what packages register by entry points."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from importlib.metadata import EntryPoint
+from typing import Any, TypeVar
+
+from emvs.errors import InputError, heed_interrupt
+
+Value = TypeVar("Value")
+FUNCTION = "MODULE:FUNCTION or FILE.py:FUNCTION"
+
+
+def run_point(point: EntryPoint, what: str, run: Callable[[Any], Value]) -> Value:
+    """Loads an entry point and makes something of it.
+
+    Args:
+        point: of an installed package.
+        what: what fails then, with a place for the entry point: `its scene {} cannot be loaded`.
+        run: takes what was loaded.
+
+    Raises:
+        InputError: it cannot be imported, or fails; names the package.
+    """
+    try:
+        return run(point.load())
+    except Exception as error:  # whatever a stranger's code raises
+        heed_interrupt(error)
+        reason = " ".join(str(error).split()) or type(error).__name__
+        package = point.dist.name if point.dist else "a package"
+        raise InputError(
+            f"{package}: {what.format(f'({point.name} = {point.value})')} ({reason}): fix or "
+            "uninstall it"
+        ) from error
+
+
+def named(name: str) -> Any:
+    """What `FUNCTION` names; a module may lie in the working directory.
+
+    Raises:
+        InputError: no name of this form, or a file without the function.
+        Exception: whatever the code raises while it is imported.
+    """
+    place, colon, attribute = name.rpartition(":")
+    if not colon or not place or not attribute:
+        raise InputError(f"needs {FUNCTION}")
+    if not place.endswith(".py"):
+        with _working_directory():
+            return getattr(import_module(place), attribute)
+    values = runpy.run_path(place, run_name="eventsweep_plugin")
+    if attribute not in values:
+        raise InputError(f"{place} has no function {attribute}")
+    return values[attribute]
+
+
+@contextmanager
+def _working_directory() -> Iterator[None]:
+    """Looks there last, so that nothing in it hides a module of the installation."""
+    sys.path.append("")
+    try:
+        yield
+    finally:
+        sys.path.remove("")
