@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from emvs.errors import InputError, heed_interrupt, said
-from emvs.formats.depth import read_depth, read_png
+from emvs.formats.depth import read_depth, read_exr, read_png
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
@@ -266,16 +266,8 @@ def _known(values: NDArray[Any], unit_m: float) -> NDArray[np.float32]:
 
 
 def _read_exr(path: Path) -> NDArray[np.float32]:
-    try:
-        import OpenEXR
-    except ImportError as error:
-        heed_interrupt(error)
-        raise InputError(f"{path}: reading EXR needs OpenEXR: {install('exr')}") from error
-    try:
-        channels = OpenEXR.File(str(path)).channels()
-    except Exception as error:  # of a damaged file, in whatever kind
-        raise InputError(f"{path}: not a complete EXR image; make it again") from error
+    channels = read_exr(path)
     for name in ("Z", "Y", "R"):
         if name in channels:
-            return np.asarray(channels[name].pixels, np.float32)
+            return channels[name]
     raise InputError(f"{path}: channels {', '.join(channels) or 'none'}; needs Z")

@@ -7,7 +7,7 @@ import struct
 import warnings
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -52,6 +52,29 @@ def read_depth(path: Path) -> NDArray[np.float32]:
         reason = " ".join(str(error).split())[:120]
         raise InputError(f"{path}: not a depth map ({reason}); needs depth.npz or a npy") from error
     return np.asarray(np.where(depth_m > 0, depth_m, np.nan), np.float32)
+
+
+def read_exr(path: Path) -> dict[str, NDArray[np.float32]]:
+    """Reads an EXR image: (H, W) of each channel, by name.
+
+    Raises:
+        InputError: a damaged file, or the OpenEXR package is not installed.
+    """
+    try:
+        import OpenEXR
+    except ImportError as error:
+        heed_interrupt(error)
+        raise InputError(f"{path}: reading EXR needs OpenEXR: {install('exr')}") from error
+    try:
+        # It prints what it finds damaged, which would stand among the numbers of a summary.
+        with (
+            redirect_stdout(io.StringIO()),
+            OpenEXR.File(str(path), separate_channels=True) as file,
+        ):
+            channels = file.channels().items()
+            return {name: np.asarray(channel.pixels, np.float32) for name, channel in channels}
+    except Exception as error:  # whatever the library raises for damage
+        raise InputError(f"{path}: not a complete EXR ({said(error)}); make it again") from error
 
 
 def write_depth_png(path: Path, depth_m: NDArray[np.float32]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import DAMAGED_NPY, InputError, heed_interrupt, said
-from emvs.formats.depth import check_png
+from emvs.errors import DAMAGED_NPY, InputError, said
+from emvs.formats.depth import check_png, read_exr
 from emvs.utils.inputs import check_file
-from emvs.utils.release import install
 
 Image = NDArray[Any]
 """(H, W) grey levels or (H, W, 3) red, green, blue; uint8, uint16 or float32."""
@@ -112,25 +111,12 @@ def _npy(path: Path) -> NDArray[Any]:
 
 
 def _exr(path: Path) -> Image:
-    try:
-        import OpenEXR
-    except ImportError as error:
-        heed_interrupt(error)
-        raise InputError(f"{path}: reading EXR needs OpenEXR: {install('exr')}") from error
-    try:
-        # It prints what it finds damaged, which would stand among the numbers of a summary.
-        with (
-            redirect_stdout(io.StringIO()),
-            OpenEXR.File(str(path), separate_channels=True) as file,
-        ):
-            planes = {name: channel.pixels for name, channel in file.channels().items()}
-        names = "RGB" if {*"RGB"} <= planes.keys() else "Y"
-        chosen = [planes[name] for name in (*names, *("A" * ("A" in planes and names == "RGB")))]
-        return np.stack(chosen, axis=-1).astype(np.float32)
-    except KeyError:
-        raise InputError(f"{path}: channels {', '.join(planes)}; needs Y, or R, G and B") from None
-    except Exception as error:  # whatever the library raises for damage
-        raise InputError(f"{path}: not a complete EXR ({said(error)}); make it again") from error
+    planes = read_exr(path)
+    names = "RGB" if {*"RGB"} <= planes.keys() else "Y"
+    if not {*names} <= planes.keys():
+        raise InputError(f"{path}: channels {', '.join(planes)}; needs Y, or R, G and B")
+    chosen = [planes[name] for name in (*names, *("A" * ("A" in planes and names == "RGB")))]
+    return np.stack(chosen, axis=-1)
 
 
 READERS: dict[str, Callable[[Path], NDArray[Any]]] = {
