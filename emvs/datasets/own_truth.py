@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from emvs.data.stamps import read_stamps
 from emvs.errors import InputError, heed_interrupt, said
 from emvs.formats.depth import read_depth, read_exr, read_png
 from emvs.geometry import se3
@@ -17,10 +18,8 @@ from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 from emvs.geometry.warp import undistort_depth
-from emvs.utils.inputs import TABLE_BYTES, read_text
 from emvs.utils.release import install
 
-_PER_US = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
 _MOST_RADIUS_PX = 32
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -221,28 +220,13 @@ def _open3d(path: Path) -> Any:
     return open3d
 
 
-def _read_times(path: Path, table: TruthTable) -> tuple[NDArray[np.int64], list[str]]:
+def _read_times(path: Path, table: TruthTable) -> tuple[NDArray[np.int64], tuple[str, ...]]:
     """Rising times, µs, and names of the maps where the text has them."""
-    try:
-        text = read_text(path, TABLE_BYTES)
-    except OSError as error:
-        raise InputError(
-            f"{path}: {error.strerror}; needs a text with one time per line"
-        ) from error
-    rows = [line.split() for line in text.splitlines()]
-    rows = [row for row in rows if row and not row[0].startswith("#")]
-    if len({len(row) for row in rows}) > 1 or any(len(row) > 2 for row in rows):
-        raise InputError(f"{path}: needs lines with a time, or lines with a time and a name")
-    try:
-        times = np.array([float(row[0]) for row in rows]) * _PER_US[table.time_unit]
-    except ValueError as error:
-        raise InputError(f"{path}: {error}; needs a time in each line") from error
-    if not np.isfinite(times).all() or (np.abs(times) > 2**60).any():
-        raise InputError(f"{path}: times that are not finite, or beyond 2^60 µs; correct them")
-    t_us = np.rint(times).astype(np.int64) + table.time_offset_us
+    stamps = read_stamps(path, table.time_unit)
+    t_us = np.array(stamps.t_us, np.int64) + table.time_offset_us
     if not (np.diff(t_us) > 0).all():
         raise InputError(f"{path}: times must rise from line to line")
-    return t_us, [row[1] for row in rows if len(row) == 2]
+    return t_us, stamps.names
 
 
 def _read_map(path: Path, unit_m: float | None) -> NDArray[np.float32]:
