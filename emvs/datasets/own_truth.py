@@ -17,10 +17,9 @@ from emvs.geometry import se3
 from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
-from emvs.geometry.warp import undistort_depth
+from emvs.geometry.warp import nearest_depth, undistort_depth
 from emvs.utils.release import install
 
-_MOST_RADIUS_PX = 32
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
@@ -173,28 +172,7 @@ def depth_of_points(
         (H, W) float32 z-depth, m, NaN where there is none.
     """
     T_cam_world = se3.inverse(T_world_cam)
-    seen = points_m @ T_cam_world[:3, :3].T + T_cam_world[:3, 3]
-    seen = seen[seen[:, 2] > radius_m]
-    centre_px = np.rint(view.project(seen))
-    near = (np.abs(centre_px) < 1e6).all(axis=1)
-    centre_px, z_m = centre_px[near].astype(np.int64), seen[near, 2]
-    wide = np.minimum(view.fx_px * radius_m / z_m, _MOST_RADIUS_PX).astype(np.int64)
-    out = np.full((view.height_px, view.width_px), np.inf, np.float32)
-    for reach in np.unique(wide).tolist():
-        _stamp(out, centre_px[wide == reach], z_m[wide == reach], reach)
-    return np.where(np.isfinite(out), out, np.nan).astype(np.float32)
-
-
-def _stamp(
-    out: NDArray[np.float32], centre_px: NDArray[np.int64], z_m: NDArray[np.float64], reach: int
-) -> None:
-    height, width = out.shape
-    for dv in range(-reach, reach + 1):
-        for du in range(-reach, reach + 1):
-            u, v = centre_px[:, 0] + du, centre_px[:, 1] + dv
-            on = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-            if du * du + dv * dv <= reach * reach:
-                np.minimum.at(out, (v[on], u[on]), z_m[on].astype(np.float32))
+    return nearest_depth(points_m @ T_cam_world[:3, :3].T + T_cam_world[:3, 3], view, radius_m)
 
 
 def _depth_of_mesh(

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from emvs.geometry.camera import Camera
 
+_MOST_RADIUS_PX = 32
+
 
 def turn_depth(
     depth_m: NDArray[np.float32],
@@ -51,19 +53,43 @@ def move_depth(
     bearing = source.unproject(np.stack([columns, rows], axis=-1).astype(np.float64))
     z_m = depth_m[rows, columns].astype(np.float64)
     points = np.column_stack([bearing, np.ones(len(bearing))]) * z_m[:, None]
-    points = points @ T_target_source[:3, :3].T + T_target_source[:3, 3]
-    uv = target.project(points)
-    good = (np.abs(uv) < 1e6).all(axis=1) & (points[:, 2] > 0)
-    uv_px, z_m = np.rint(uv[good]).astype(np.int64), points[good, 2]
-    inside = (
-        (uv_px[:, 0] >= 0)
-        & (uv_px[:, 1] >= 0)
-        & (uv_px[:, 0] < target.width_px)
-        & (uv_px[:, 1] < target.height_px)
-    )
-    out = np.full((target.height_px, target.width_px), np.inf)
-    np.minimum.at(out, (uv_px[inside, 1], uv_px[inside, 0]), z_m[inside])
+    return nearest_depth(points @ T_target_source[:3, :3].T + T_target_source[:3, 3], target)
+
+
+def nearest_depth(
+    points_m: NDArray[np.float64], view: Camera, radius_m: float = 0.0
+) -> NDArray[np.float32]:
+    """Depth of points, or of discs that face the camera: the nearest of each pixel shows.
+
+    Args:
+        points_m: (N, 3) in the view's frame.
+        view: a pinhole camera.
+        radius_m: of the discs; 0 for points.
+
+    Returns:
+        (H, W) float32 z-depth, m, NaN where there is none.
+    """
+    seen = points_m[points_m[:, 2] > radius_m]
+    uv = view.project(seen)
+    good = (np.abs(uv) < 1e6).all(axis=1)
+    uv_px, z_m = np.rint(uv[good]).astype(np.int64), seen[good, 2].astype(np.float32)
+    reach_px = np.minimum(view.fx_px * radius_m / seen[good, 2], _MOST_RADIUS_PX).astype(np.int64)
+    out = np.full((view.height_px, view.width_px), np.inf, np.float32)
+    for reach in np.unique(reach_px).tolist():
+        _stamp(out, uv_px[reach_px == reach], z_m[reach_px == reach], reach)
     return np.where(np.isfinite(out), out, np.nan).astype(np.float32)
+
+
+def _stamp(
+    out: NDArray[np.float32], centre_px: NDArray[np.int64], z_m: NDArray[np.float32], reach: int
+) -> None:
+    height, width = out.shape
+    for dv in range(-reach, reach + 1):
+        for du in range(-reach, reach + 1):
+            u, v = centre_px[:, 0] + du, centre_px[:, 1] + dv
+            on = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+            if du * du + dv * dv <= reach * reach:
+                np.minimum.at(out, (v[on], u[on]), z_m[on])
 
 
 def undistort_depth(depth_m: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
