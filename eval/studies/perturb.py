@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 from scipy.spatial.transform import Rotation
 
+from emvs.data.altered import AlteredRecording
 from emvs.data.events import Events
 from emvs.data.recording import DerivedRecording, Recording
 from emvs.geometry import se3
@@ -46,37 +47,34 @@ class Perturbation(BaseModel):
     keep_events: float = Field(1, gt=0, le=1, description="share of events that is kept")
 
 
-class PerturbedRecording(DerivedRecording):
-    """A recording as a careless user would hand it in.
+class ThinnedRecording(DerivedRecording):
+    """A recording that has lost events at random.
 
     Attributes:
-        perturbation: what is wrong, and by how much.
-        seed: of the random parts.
+        share: of the events that is kept, 0 to 1.
+        seed: which ones.
     """
 
-    def __init__(self, recording: Recording, perturbation: Perturbation, seed: int) -> None:
+    def __init__(self, recording: Recording, share: float, seed: int) -> None:
         super().__init__(recording)
-        self.perturbation, self.seed = perturbation, seed
-
-    @property
-    def rig(self) -> Rig:
-        """The calibration with its errors."""
-        return perturbed_rig(self.recording.rig, self.perturbation)
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """The poses with their errors."""
-        return perturbed_trajectory(self.recording.trajectory, self.perturbation, self.seed)
+        self.share, self.seed = share, seed
 
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
-        """Events of a camera with `t0_us <= t < t1_us` on its own clock."""
-        delay_us = self._delay_us(camera)
-        events = self.recording.events(camera, t0_us - delay_us, t1_us - delay_us)
-        kept = thinned(events, self.perturbation.keep_events, self.seed + camera)
-        return replace(kept, t_us=kept.t_us + delay_us)
+        """What is left of a camera's events with `t0_us <= t < t1_us`."""
+        events = self.recording.events(camera, t0_us, t1_us)
+        return thinned(events, self.share, self.seed + camera)
 
-    def _delay_us(self, camera: int) -> int:
-        return round(1e3 * self.perturbation.camera_delay_ms) if camera == 1 else 0
+
+def perturbed(recording: Recording, amount: Perturbation, seed: int) -> Recording:
+    """A recording as a careless user would hand it in."""
+    late_us = [0] * len(recording.rig)
+    late_us[1:2] = [round(1e3 * amount.camera_delay_ms)] * len(late_us[1:2])
+    return AlteredRecording(
+        ThinnedRecording(recording, amount.keep_events, seed),
+        rig=perturbed_rig(recording.rig, amount),
+        trajectory=perturbed_trajectory(recording.trajectory, amount, seed),
+        clock_us=late_us,
+    )
 
 
 def perturbed_rig(rig: Rig, amount: Perturbation) -> Rig:

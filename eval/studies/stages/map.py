@@ -8,7 +8,7 @@ from typing import Any
 
 from emvs.datasets import open_recording
 from eval.jobs.job import SEQUENCE
-from eval.studies.perturb import Perturbation, PerturbedRecording
+from eval.studies.perturb import Perturbation, perturbed
 from eval.suite.stages.map import map_one_window
 
 
@@ -20,8 +20,6 @@ def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
     """Maps the perturbed recording."""
-    perturbation = Perturbation.model_validate(parameters["perturb"])
-    recording = PerturbedRecording(
-        open_recording(inputs[0] / SEQUENCE), perturbation, parameters["seed"]
-    )
-    map_one_window(recording, parameters, out)
+    amount = Perturbation.model_validate(parameters["perturb"])
+    recording = open_recording(inputs[0] / SEQUENCE)
+    map_one_window(perturbed(recording, amount, parameters["seed"]), parameters, out)

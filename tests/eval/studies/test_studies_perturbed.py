@@ -7,12 +7,13 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
+from emvs.data.altered import AlteredRecording
 from emvs.data.events import Events
 from emvs.geometry import se3
 from emvs.geometry.trajectory import Trajectory
 from eval.studies.perturb import (
     Perturbation,
-    PerturbedRecording,
+    perturbed,
     perturbed_rig,
     perturbed_trajectory,
     thinned,
@@ -50,15 +51,15 @@ def random_events(n=20_000, seed=0):
 
 def test_nothing_asked_for_is_nothing_perturbed():
     sound = fronto_parallel(2.0)
-    perturbed = PerturbedRecording(sound, Perturbation(), 0)
-    np.testing.assert_array_equal(perturbed.trajectory.t_us, sound.trajectory.t_us)
+    spoilt = perturbed(sound, Perturbation(), 0)
+    np.testing.assert_array_equal(spoilt.trajectory.t_us, sound.trajectory.t_us)
     np.testing.assert_allclose(
-        perturbed.trajectory.positions_m, sound.trajectory.positions_m, atol=1e-12
+        spoilt.trajectory.positions_m, sound.trajectory.positions_m, atol=1e-12
     )
-    assert perturbed.rig.cameras == sound.rig.cameras
-    for got, true in zip(perturbed.rig.T_body_cam, sound.rig.T_body_cam, strict=True):
+    assert spoilt.rig.cameras == sound.rig.cameras
+    for got, true in zip(spoilt.rig.T_body_cam, sound.rig.T_body_cam, strict=True):
         np.testing.assert_allclose(got, true, atol=1e-15)
-    np.testing.assert_array_equal(perturbed.events(0, 0, 10**6).t_us, sound.streams[0].t_us)
+    np.testing.assert_array_equal(spoilt.events(0, 0, 10**6).t_us, sound.streams[0].t_us)
 
 
 def test_white_noise_has_the_spread_that_was_asked_for_in_every_pose():
@@ -117,16 +118,14 @@ def test_a_lower_rate_keeps_true_poses_at_that_rate_and_the_span(rate_hz, poses)
 @given(st.floats(-50, 50))
 def test_delays_shift_clocks_and_nothing_else(delay_ms):
     sound = fronto_parallel(2.0)
-    perturbed = PerturbedRecording(
-        sound, Perturbation(camera_delay_ms=delay_ms, pose_delay_ms=delay_ms), 0
-    )
+    spoilt = perturbed(sound, Perturbation(camera_delay_ms=delay_ms, pose_delay_ms=delay_ms), 0)
     shift_us = round(1e3 * delay_ms)
-    events = perturbed.events(1, -(10**6), 2 * 10**6)
+    events = spoilt.events(1, -(10**6), 2 * 10**6)
     np.testing.assert_array_equal(events.t_us, sound.streams[1].t_us + shift_us)
     np.testing.assert_array_equal(events.x, sound.streams[1].x)
-    np.testing.assert_array_equal(perturbed.events(0, 0, 10**6).t_us, sound.streams[0].t_us)
-    np.testing.assert_array_equal(perturbed.trajectory.t_us, sound.trajectory.t_us + shift_us)
-    inside = perturbed.events(1, 200_000, 300_000).t_us
+    np.testing.assert_array_equal(spoilt.events(0, 0, 10**6).t_us, sound.streams[0].t_us)
+    np.testing.assert_array_equal(spoilt.trajectory.t_us, sound.trajectory.t_us + shift_us)
+    inside = spoilt.events(1, 200_000, 300_000).t_us
     assert np.all((inside >= 200_000) & (inside < 300_000))
 
 
@@ -181,3 +180,13 @@ def test_calibration_errors_are_what_was_asked_for():
 def test_impossible_amounts_are_refused(bad):
     with pytest.raises(ValidationError):
         Perturbation(**bad)
+
+
+def test_cameras_that_are_swapped_show_each_others_events():
+    sound = fronto_parallel(2.0)
+    swapped = AlteredRecording(sound, streams=(1, 0), clock_us=(5, 0))
+    np.testing.assert_array_equal(swapped.events(1, 0, 10**6).x, sound.events(0, 0, 10**6).x)
+    late, there = swapped.events(0, 5, 10**6 + 5), sound.events(1, 0, 10**6)
+    np.testing.assert_array_equal(late.t_us, there.t_us + 5)
+    assert swapped.rig is sound.rig
+    assert swapped.trajectory is sound.trajectory

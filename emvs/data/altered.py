@@ -1,0 +1,62 @@
+"""A recording told otherwise: another calibration, other poses, other clocks, cameras swapped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.data.events import Events
+from emvs.data.recording import DerivedRecording, Recording
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
+
+
+class AlteredRecording(DerivedRecording):
+    """The same events with what is said about them altered.
+
+    Args:
+        recording: the one to alter.
+        rig: another calibration; None keeps the recording's.
+        trajectory: other poses; None keeps the recording's.
+        clock_us: how much later the events of each camera are stamped, µs.
+        streams: which camera's events each camera shows, for example (1, 0); empty: its own.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        *,
+        rig: Rig | None = None,
+        trajectory: Trajectory | None = None,
+        clock_us: Sequence[int] = (),
+        streams: Sequence[int] = (),
+    ) -> None:
+        super().__init__(recording)
+        self._rig, self._trajectory = rig, trajectory
+        self._clock_us, self._streams = tuple(clock_us), tuple(streams)
+
+    @property
+    def rig(self) -> Rig:
+        """The calibration as altered."""
+        return self.recording.rig if self._rig is None else self._rig
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The poses as altered."""
+        return self.recording.trajectory if self._trajectory is None else self._trajectory
+
+    def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
+        """Events of a camera with `t0_us <= t < t1_us` on its altered clock."""
+        late_us = self._clock_us[camera] if self._clock_us else 0
+        events = self.recording.events(self._stream(camera), t0_us - late_us, t1_us - late_us)
+        return replace(events, t_us=events.t_us + late_us)
+
+    def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
+        """(H, W) intensity image of what the camera shows nearest to a time, if any."""
+        return self.recording.frame(self._stream(camera), t_us)
+
+    def _stream(self, camera: int) -> int:
+        return self._streams[camera] if self._streams else camera
