@@ -25,6 +25,10 @@ IMAGE_FOLDERS = ("imgs", "images")
 # FFmpeg tells of damage on the error stream by itself. Only its first use in a process heeds this.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 _OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
+# FFmpeg would read what a playlist names, and wait half a minute for one of HLS to grow.
+_PLAYLIST = re.compile(rb"(\xef\xbb\xbf)?\s*(#EXTM3U|ffconcat)", re.IGNORECASE)
+# A stream without container, for which FFmpeg makes up 25 Hz: JPEG after JPEG, or MPEG's start
+# codes of anything but a program stream's pack.
 _BARE = re.compile(rb"\xff\xd8\xff|\0{2,3}\x01(?!\xba|ftyp)")
 
 
@@ -266,7 +270,9 @@ class VideoFile:
 
     def __init__(self, path: Path, video: VideoConfig) -> None:
         check_file(path)
-        if video.rate_hz is None and _is_bare(path):
+        if _starts(path, _PLAYLIST):
+            raise InputError(f"{path}: is no video, but a playlist that names others: give one")
+        if video.rate_hz is None and _starts(path, _BARE):
             raise InputError(f"{path}: a video stream without time base; set rate_hz")
         self.path, self._video = path, video
         capture = self._opened()
@@ -338,13 +344,9 @@ def _local_files_only() -> Iterator[None]:
         os.environ.update({} if before is None else {_OPTIONS: before})
 
 
-def _is_bare(path: Path) -> bool:
-    """Whether a file is a stream without container: FFmpeg makes up 25 Hz for it.
-
-    JPEG after JPEG, or MPEG's start codes of anything but a program stream's pack.
-    """
+def _starts(path: Path, pattern: re.Pattern[bytes]) -> bool:
     with path.open("rb") as file:
-        return _BARE.match(file.read(8)) is not None
+        return pattern.match(file.read(64)) is not None
 
 
 def _decoded(capture: cv2.VideoCapture) -> Iterator[tuple[NDArray[np.uint8], float]]:

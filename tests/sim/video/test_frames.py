@@ -242,18 +242,12 @@ def cut_mp4(path):
     path.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
 
 
-def playlist(path):
-    path.write_text("#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nhttp://127.0.0.1:9/x.ts\n")
-
-
 @pytest.mark.parametrize(
     ("make", "name"),
     [
         (empty, "v.mp4"),
         (text, "v.avi"),
         (cut_mp4, "v.mp4"),
-        (playlist, "v.mp4"),
-        (playlist, "v.m3u8"),
     ],
 )
 def test_files_that_are_no_video_are_refused_in_one_line(tmp_path, capfd, make, name):
@@ -262,6 +256,17 @@ def test_files_that_are_no_video_are_refused_in_one_line(tmp_path, capfd, make, 
         read(tmp_path / name)
     assert "\n" not in str(told.value)
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("name", ["v.mp4", "v.m3u8"])
+@pytest.mark.parametrize(
+    "text", ["#EXTM3U\n#EXTINF:1,\nother.ts\n", "\n#extm3u\n", "ffconcat version 1.0\nfile o.mp4\n"]
+)
+def test_a_list_of_other_videos_is_refused_unread(tmp_path, name, text):
+    write_video(tmp_path / "other.avi", COLOUR)
+    (tmp_path / name).write_text(text.replace("other.ts", "other.avi"))
+    with pytest.raises(InputError, match=rf"{name}: is no video, but a playlist"):
+        read(tmp_path / name)
 
 
 def test_a_video_of_one_frame_is_refused(tmp_path):
