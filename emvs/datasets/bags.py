@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.errors import InputError, quoted, said
-from emvs.formats.calibration import camera_of
+from emvs.formats.calibration_values import camera_of
 from emvs.formats.rosbag import opened_bag
 from emvs.geometry import se3
 from emvs.geometry.camera import Camera, Model

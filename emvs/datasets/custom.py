@@ -13,7 +13,8 @@ from emvs.data.poses import read_poses
 from emvs.datasets.own_truth import TruthTable, open_truth
 from emvs.datasets.posed import EventSource, PosedRecording, on_first_camera
 from emvs.errors import InputError
-from emvs.formats.calibration import matrix, parsed, pose_of, read_imu_cam, read_rig
+from emvs.formats.calibration import read_imu_cam, read_rig
+from emvs.formats.calibration_values import matrix, parsed, pose_of
 from emvs.formats.tables.columns import ColumnMap
 from emvs.geometry import se3
 from emvs.geometry.rig import Rig

@@ -24,7 +24,7 @@ from emvs.datasets.custom import (
 from emvs.datasets.files import find_one, find_optional
 from emvs.datasets.posed import PosedRecording
 from emvs.errors import InputError
-from emvs.formats.calibration import camera_of, entry_of, numbers_of, parsed
+from emvs.formats.calibration_values import camera_of, entry_of, numbers_of, parsed
 from emvs.formats.calibration_writers import kalibr_camera
 from emvs.formats.depth import read_png
 from emvs.formats.tables.hdf5_layouts import opened_hdf5

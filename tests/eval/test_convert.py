@@ -201,9 +201,10 @@ def test_units_of_time(tmp_path, unit, scale):
 
 
 @pytest.mark.parametrize("name", RIGS)
-@pytest.mark.parametrize("kind", ["kalibr", "basalt", "rig"])
+@pytest.mark.parametrize("kind", ["kalibr", "basalt", "opencv", "rig"])
 def test_calibrations_come_back(tmp_path, name, kind):
-    made, path = RIGS[name], tmp_path / ("rig.yaml" if kind == "kalibr" else "rig.json")
+    yaml = kind in ("kalibr", "opencv")
+    made, path = RIGS[name], tmp_path / ("rig.yaml" if yaml else "rig.json")
     if kind == "basalt" and made.cameras[0].model == "radtan":
         with pytest.raises(InputError, match="no Basalt form"):
             rigs.write_basalt(path, made)

@@ -32,6 +32,7 @@ from emvs.datasets.raw_streams import open_readable
 from emvs.errors import InputError
 from emvs.formats import calibration_writers as rigs
 from emvs.formats.calibration import read_rig
+from emvs.formats.calibration_values import parsed
 from emvs.utils.ownership import MARKER
 
 SPARE = {"rectify_map.h5", "images.txt", "frame_00000000.png", "hand_eye.yaml", MARKER}
@@ -39,7 +40,7 @@ SPARE = {"rectify_map.h5", "images.txt", "frame_00000000.png", "hand_eye.yaml", 
 MODEL = {"tumvie": "kb4", "tumvie-vio": "kb4", "mvsec": "kb4"}
 LAYOUTS = ("dsec", "tumvie", "tumvie-vio", "mvsec", "rosbag1", "evt3")
 FOLDERS = ("sequence", *LAYOUTS, "event-camera-dataset", *dataset_files.WRITERS)
-RIGS = ("kalibr", "basalt", "rig", "cam_to_cam", "hand_eye", "marker")
+RIGS = ("kalibr", "basalt", "rig", "opencv", "cam_to_cam", "hand_eye", "marker")
 POSES = ("tum", "csv", "kitti")
 KINDS = [*FOLDERS, *RIGS, *(f"{kind}+values" for kind in RIGS), *POSES]
 ODD = (
@@ -143,7 +144,7 @@ def file_begun(folder, kind):
 def with_odd_values(path, rng):
     """The file with one to three of its values, or whole branches, replaced by odd ones."""
     is_json = path.suffix == ".json"
-    values = json.loads(path.read_text()) if is_json else yaml.safe_load(path.read_text())
+    values = parsed(path)
     for _ in range(int(rng.integers(1, 4))):
         places = list(containers(values))
         inside = places[int(rng.integers(0, len(places)))]
@@ -172,7 +173,7 @@ def sound_file(folder, kind):
     trajectory = world.trajectory_of(rig)
     path = folder / ("f.json" if kind in ("basalt", "rig", "marker") else "f.yaml")
     match kind:
-        case "kalibr" | "basalt" | "rig":
+        case "kalibr" | "basalt" | "rig" | "opencv":
             rigs.WRITERS[kind](path, rig)
             return path, checked_rig
         case "cam_to_cam":

@@ -21,7 +21,7 @@ from emvs.datasets import open_recording
 from emvs.datasets.custom import read_descriptor
 from emvs.errors import InputError
 from emvs.formats import open_events
-from emvs.formats.calibration import parsed
+from emvs.formats.calibration_values import parsed
 from emvs.geometry.camera import Camera
 from emvs.maps.folder import read_info
 from emvs.reference_view import depth_range_m

@@ -142,13 +142,63 @@ def test_basalt_names_the_file_and_the_key_of_what_is_wrong(tmp_path, change, me
         (lambda v: v["cam0"].update(distortion_model="fov"), "distortion_model is 'fov'"),
         (lambda v: v["cam0"].update(camera_model="omni"), "camera_model is 'omni'"),
         (lambda v: v["cam0"].update(intrinsics=[1, 2, 3]), "4 finite numbers"),
-        (lambda v: v.pop("cam0"), "no key cam0"),
+        (lambda v: v.pop("cam0"), "no camera in it: needs a file of Kalibr"),
     ],
 )
 def test_kalibr_names_the_file_and_the_key_of_what_is_wrong(tmp_path, change, message):
     values = kalibr()
     change(values)
     refused(written(tmp_path, values, ".yaml"), message)
+
+
+ROS = """
+image_width: 240
+image_height: 180
+camera_name: dvs
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [335.4, 0., 129.9, 0., 335.3, 99.2, 0., 0., 1.]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [-0.1386, 0.0934, -0.0003, 0.0002, 0.]
+"""
+OPENCV = ROS.replace("\n  rows: 3", " !!opencv-matrix\n  rows: 3").replace(
+    "\n  rows: 1", " !!opencv-matrix\n  rows: 1"
+)
+
+
+@pytest.mark.parametrize("text", [ROS, "%YAML:1.0\n---" + OPENCV, "%YAML 1.2\n---" + ROS])
+def test_one_camera_of_opencv_or_ros(tmp_path, text):
+    path = tmp_path / "dvs.yaml"
+    path.write_text(text, encoding="utf-8")
+    (camera,) = read_rig(path).cameras
+    assert (camera.width_px, camera.height_px) == (240, 180)
+    assert (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px) == (335.4, 335.3, 129.9, 99.2)
+    assert camera.model == "radtan"
+    assert camera.distortion == (-0.1386, 0.0934, -0.0003, 0.0002)
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "message"),
+    [
+        ("335.4, 0.,", "335.4, 0.1,", "camera_matrix has skew"),
+        ("0.0002, 0.", "0, 0, 0, 0, 0.3", "8 lens terms: more than 5 cannot be represented"),
+        ("plumb_bob", "fov", "lens model 'fov'.*needs plumb_bob"),
+        ("image_height: 180", "", "image_height is missing"),
+        ("rows: 1", "rows: [", "not usable JSON or YAML"),
+        ("data: [-0", "data: [x, -0", "distortion_coefficients is .*numbers"),
+        ("data: [335.4", "data: [1, 335.4", "camera_matrix is .*needs 9 finite numbers"),
+        ("distortion_coefficients", "D", "distortion_coefficients is missing"),
+    ],
+)
+def test_opencvs_files_name_what_is_wrong(tmp_path, was, now, message):
+    path = tmp_path / "dvs.yaml"
+    assert was in OPENCV
+    path.write_text(OPENCV.replace(was, now), encoding="utf-8")
+    refused(path, message)
 
 
 @pytest.mark.parametrize(

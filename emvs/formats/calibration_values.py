@@ -1,0 +1,158 @@
+"""Values of calibration files, read without trust: plain, bounded, and named where they fail."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from emvs.errors import InputError, said
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera, Model
+from emvs.utils.inputs import SETTINGS_BYTES, read_text
+
+FORMATS = "needs a file of Kalibr, Basalt, DSEC, OpenCV or ROS, or a rig.json"
+"""What a calibration may be, for messages."""
+_LARGEST_PX = 20_000
+_MOST_VALUES = 100_000
+_MOST_DEPTH = 32
+_MOST_LETTERS = 500
+_LONG_NUMBER = re.compile(rf"[0-9_:.]{{{_MOST_LETTERS + 1}}}")
+_LARGEST = 1e100
+_OPENCV_DIRECTIVE = re.compile(r"\A\ufeff?%YAML:[0-9.]+[^\n]*")
+
+
+class _Loader(yaml.SafeLoader):
+    """Plain values, and OpenCV's matrices as mappings of rows, cols, dt and data."""
+
+
+def _matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Any, Any]:
+    return loader.construct_mapping(node, deep=True)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
+
+
+def parsed(path: Path) -> dict[str, Any]:
+    """The mapping that a JSON or YAML file holds.
+
+    Raises:
+        InputError: a file that cannot be read, or holds something else.
+    """
+    try:
+        text = read_text(path, SETTINGS_BYTES)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not a text file"
+        raise InputError(f"{path}: cannot read the calibration ({reason}): correct the path") from (
+            error
+        )
+    try:
+        if _LONG_NUMBER.search(text):  # YAML takes time by the square of a number's digits
+            raise ValueError(f"a number of more than {_MOST_LETTERS} digits")
+        values = (
+            json.loads(text)
+            if path.suffix == ".json"
+            else yaml.load(_OPENCV_DIRECTIVE.sub("", text), _Loader)
+        )
+        _check_plain(values)
+    except (ValueError, RecursionError, yaml.YAMLError) as error:
+        reason = said(error, 120)
+        raise InputError(f"{path}: not usable JSON or YAML ({reason}): correct the file") from error
+    if not isinstance(values, dict):
+        raise InputError(f"{path}: holds no calibration: {FORMATS}")
+    return values
+
+
+def _check_plain(values: Any) -> None:
+    """Refuses what no calibration holds, so that nothing behind this has to think of it.
+
+    A few lines of YAML that name each other stand for more values than memory holds, so values are
+    counted as often as they are meant.
+
+    Raises:
+        ValueError: too many or too deep values, or a number or a word beyond all bounds.
+    """
+    left, waiting = _MOST_VALUES, [(values, 0)]
+    while waiting:
+        value, depth = waiting.pop()
+        left -= len(value) + 1 if isinstance(value, dict | list) else 0
+        if left < 0 or depth > _MOST_DEPTH:
+            raise ValueError(f"more than {_MOST_VALUES} values, or deeper than {_MOST_DEPTH}")
+        if isinstance(value, dict):
+            waiting += [(inner, depth + 1) for pair in value.items() for inner in pair]
+        elif isinstance(value, list):
+            waiting += [(inner, depth + 1) for inner in value]
+        elif isinstance(value, str) and len(value) > _MOST_LETTERS:
+            raise ValueError(f"a word of {len(value)} letters")
+        elif isinstance(value, int | float) and _LARGEST < abs(value) < float("inf"):
+            raise ValueError("a number beyond 1e100")
+
+
+def pose_of(place: Any, key: str) -> NDArray[np.float64]:
+    """A rigid motion (4, 4) from px, py, pz, qx, qy, qz, qw; a fault names `key`."""
+    position = [number_of(place, name, key) for name in ("px", "py", "pz")]
+    quaternion = [number_of(place, name, key) for name in ("qx", "qy", "qz", "qw")]
+    norm = float(np.linalg.norm(quaternion))
+    if abs(norm - 1) > 1e-3:
+        raise InputError(f"{key}: the quaternion's norm is {norm:.6g}: needs 1")
+    return se3.from_quat_xyzw(np.array(position), np.array(quaternion) / norm)
+
+
+def camera_of(
+    size: Any, four: list[float], model: Model, terms: list[float], size_key: str, key: str
+) -> Camera:
+    """A camera from its size, fx, fy, cx, cy (px) and lens terms; a fault names `key`."""
+    width, height = numbers_of(size, 2, size_key)
+    if not all(1 <= n <= _LARGEST_PX and n == int(n) for n in (width, height)):
+        raise InputError(f"{size_key} is {width:g}x{height:g}: needs whole numbers above 0")
+    fx, fy, cx, cy = four
+    if not (-width < cx < 2 * width and -height < cy < 2 * height):
+        raise InputError(f"{key}: principal point ({cx:g}, {cy:g}) is far off the sensor")
+    try:
+        return Camera(int(width), int(height), fx, fy, cx, cy, model, tuple(terms))
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from error
+
+
+def matrix(rows: Any, key: str) -> NDArray[np.float64]:
+    """A rigid motion (4, 4) from four rows of four; a fault names `key`."""
+    try:
+        T = np.array(rows, np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"{key} holds something that is not a number: needs 4x4 numbers"
+        ) from error
+    if T.shape != (4, 4) or not se3.is_rigid(T):
+        raise InputError(f"{key} is not a rigid motion: needs a 4x4 matrix with a rotation")
+    return T
+
+
+def entry_of(mapping: Any, name: str, key: str, kind: type) -> Any:
+    """What stands under a name, of the given type."""
+    if not isinstance(mapping, dict) or name not in mapping:
+        raise InputError(f"{key}.{name} is missing: add it")
+    if not isinstance(mapping[name], kind):
+        raise InputError(f"{key}.{name} is {mapping[name]!r:.60}: needs a {kind.__name__}")
+    return mapping[name]
+
+
+def number_of(mapping: Any, name: str, key: str) -> float:
+    """The finite number under a name."""
+    if not isinstance(mapping, dict) or name not in mapping:
+        raise InputError(f"{key}.{name} is missing: add it")
+    return numbers_of([mapping[name]], 1, f"{key}.{name}")[0]
+
+
+def numbers_of(values: Any, count: int, key: str) -> list[float]:
+    """A list of that many finite numbers."""
+    plain = isinstance(values, list) and all(
+        isinstance(v, int | float) and not isinstance(v, bool) for v in values
+    )
+    if not plain or len(values) != count or not np.all(np.isfinite(values)):
+        raise InputError(f"{key} is {values!r:.60}: needs {count} finite numbers")
+    return [float(v) for v in values]
