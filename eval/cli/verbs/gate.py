@@ -214,10 +214,12 @@ def _report(
         with Path(os.environ[_SUMMARY]).open("a", encoding="utf-8") as stream:
             stream.write(text + "\n")
     if not common.quiet:
-        _print(verdicts, as_json=common.json)
+        first = all(verdict.status == "new" for verdict in verdicts)
+        _print(verdicts, as_json=common.json, table=not first)
 
 
-def _print(verdicts: Sequence[Verdict], *, as_json: bool) -> None:
+def _print(verdicts: Sequence[Verdict], *, as_json: bool, table: bool) -> None:
+    """Prints the verdicts; without the table where it would only list a first baseline."""
     from rich.console import Console as RichConsole
 
     from eval.gate import report
@@ -226,10 +228,10 @@ def _print(verdicts: Sequence[Verdict], *, as_json: bool) -> None:
     if as_json:
         out.out(report.as_json(verdicts), highlight=False)
         return
-    rows = report.lines(verdicts)
+    rows = report.lines(verdicts) if table else []
     if rows:
         out.print(_table(rows))
-    if report.hidden(verdicts):
+    if rows and report.hidden(verdicts):
         out.print(f"and {report.hidden(verdicts)} more")
     out.print(report.summary(verdicts), markup=False, soft_wrap=True)
 
