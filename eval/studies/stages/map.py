@@ -8,7 +8,7 @@ from typing import Any
 
 from emvs.datasets import open_recording
 from eval.jobs.job import SEQUENCE
-from eval.studies.perturb import Perturbation, perturbed
+from eval.perturbations import Perturbation, perturbed
 from eval.suite.stages.map import map_one_window
 
 

@@ -14,9 +14,9 @@ from emvs.config import MapperConfig
 from emvs.errors import InputError
 from emvs.utils.ownership import strangers
 from eval.cli.main import main
+from eval.perturbations import Perturbation
 from eval.studies.curves import METRICS, StudyValue, curves, draw
 from eval.studies.definitions import MARGIN_S, SECONDS, STUDIES, study_named
-from eval.studies.perturb import Perturbation
 from eval.studies.run import StudyResult, file_names, study_jobs, window_of, write_study
 from eval.studies.stages.simulate import WAY_M, going_straight, lit, with_baseline
 from killed import killed_at_every_step

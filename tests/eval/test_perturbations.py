@@ -11,7 +11,7 @@ from emvs.data.altered import AlteredRecording
 from emvs.data.events import Events
 from emvs.geometry import se3
 from emvs.geometry.trajectory import Trajectory
-from eval.studies.perturb import (
+from eval.perturbations import (
     Perturbation,
     perturbed,
     perturbed_rig,
