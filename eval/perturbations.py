@@ -38,6 +38,12 @@ class Perturbation(BaseModel):
     )
     pose_rate_hz: NotNegative = Field(0, description="poses are thinned to this rate; 0: all stay")
     pose_delay_ms: FiniteFloat = Field(0, description="poses come this late on the events' clock")
+    hand_eye_mm: NotNegative = Field(
+        0, description="offset of the cameras on the posed body, mm, in a random direction"
+    )
+    hand_eye_deg: NotNegative = Field(
+        0, description="turn of the cameras on the posed body, deg, about a random axis"
+    )
     camera_delay_ms: FiniteFloat = Field(0, description="events of camera 1 are stamped this late")
     focal_percent: FiniteFloat = Field(0, description="focal lengths are overestimated, %")
     centre_px: FiniteFloat = Field(0, description="principal points are shifted right, px")
@@ -143,7 +149,16 @@ def perturbed_trajectory(poses: Trajectory, amount: Perturbation, seed: int) -> 
     noise = spread * white + slope * np.cumsum(steps, axis=0)
     error = se3.from_rotation(Rotation.from_rotvec(noise[:, 3:], degrees=True), noise[:, :3] / 1e3)
     delay_us = round(1e3 * amount.pose_delay_ms)
-    return Trajectory.from_matrices(thin.t_us + delay_us, drifted @ error)
+    T_world_body = drifted @ error @ _hand_eye(amount, seed)
+    return Trajectory.from_matrices(thin.t_us + delay_us, T_world_body)
+
+
+def _hand_eye(amount: Perturbation, seed: int) -> NDArray[np.float64]:
+    """Where the cameras' body would sit on the one that has poses; (4, 4)."""
+    way, axis = np.random.default_rng([seed, 0x4E7E]).normal(size=(2, 3))
+    turn_deg = amount.hand_eye_deg * axis / np.linalg.norm(axis)
+    offset_m = amount.hand_eye_mm / 1e3 * way / np.linalg.norm(way)
+    return se3.from_rotation(Rotation.from_rotvec(turn_deg, degrees=True), offset_m)
 
 
 def _at_rate(poses: Trajectory, rate_hz: float) -> Trajectory:

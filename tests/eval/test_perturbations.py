@@ -190,3 +190,14 @@ def test_cameras_that_are_swapped_show_each_others_events():
     np.testing.assert_array_equal(late.t_us, there.t_us + 5)
     assert swapped.rig is sound.rig
     assert swapped.trajectory is sound.trajectory
+
+
+def test_a_wrong_hand_eye_is_the_same_offset_all_along_the_way():
+    sound = walk()
+    told = perturbed_trajectory(sound, Perturbation(hand_eye_mm=20, hand_eye_deg=3), 5)
+    offset_mm, turn_deg = errors(sound, told)
+    np.testing.assert_allclose(np.linalg.norm(offset_mm, axis=1), 20, rtol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(turn_deg, axis=1), 3, rtol=1e-6)
+    np.testing.assert_allclose(offset_mm, offset_mm[:1].repeat(len(offset_mm), 0), atol=1e-6)
+    other_mm, _ = errors(sound, perturbed_trajectory(sound, Perturbation(hand_eye_mm=20), 6))
+    assert np.linalg.norm(other_mm[0] - offset_mm[0]) > 1
