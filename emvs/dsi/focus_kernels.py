@@ -9,22 +9,36 @@ from numba import njit, prange
 import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 from emvs.dsi.fusion_kernels import fold_row
 
+TAPS = 5
+"""How many weights to either side are taken at once; windows are filled up with weights of 0."""
+_BLOCK = 8  # rows whose votes of one plane, and whose state of all planes, fit a core's cache
 _ZERO = np.float32(0)
 
 
 @njit(cache=True)
 def _down(plane, y, row_of, weight, mean, square):
-    """Weighted column sums of the votes and of their squares around row y; the ends stay free."""
-    radius = len(weight) - 1
-    middle, w = plane[y], weight[0]
+    """Weighted column sums of the votes and of their squares around row y."""
+    middle, w, at = plane[y], weight[0], y + len(weight) - 1
     for x in range(len(middle)):
-        mean[radius + x] = w * middle[x]
-        square[radius + x] = w * middle[x] * middle[x]
-    for k in range(1, len(weight)):
-        above, below, w = plane[row_of[y + radius - k]], plane[row_of[y + radius + k]], weight[k]
-        for x in range(len(middle)):
-            mean[radius + x] += w * (above[x] + below[x])
-            square[radius + x] += w * (above[x] * above[x] + below[x] * below[x])
+        mean[x] = w * middle[x]
+        square[x] = w * middle[x] * middle[x]
+    for k in range(1, len(weight), TAPS):
+        before, behind = row_of[at - k - 4 : at - k + 1], row_of[at + k : at + k + 5]
+        _add_rows(plane, before, behind, weight[k : k + 5], mean, square)
+
+
+@njit(cache=True)
+def _add_rows(plane, before, behind, weight, mean, square):
+    """Adds five rows to either side: both sums stay in registers meanwhile."""
+    a1, a2, a3, a4, a5 = before[4], before[3], before[2], before[1], before[0]
+    b1, b2, b3, b4, b5 = behind[0], behind[1], behind[2], behind[3], behind[4]
+    w1, w2, w3, w4, w5 = weight[0], weight[1], weight[2], weight[3], weight[4]
+    for x in range(len(mean)):
+        p, q, r, s, t = plane[a1, x], plane[a2, x], plane[a3, x], plane[a4, x], plane[a5, x]
+        u, v, f, g, h = plane[b1, x], plane[b2, x], plane[b3, x], plane[b4, x], plane[b5, x]
+        mean[x] += w1 * (p + u) + w2 * (q + v) + w3 * (r + f) + w4 * (s + g) + w5 * (t + h)
+        near = w1 * (p * p + u * u) + w2 * (q * q + v * v) + w3 * (r * r + f * f)
+        square[x] += near + (w4 * (s * s + g * g) + w5 * (t * t + h * h))
 
 
 @njit(cache=True)
@@ -34,43 +48,63 @@ def _across(padded, column_of, weight, out):
     for k in range(radius):
         padded[k] = padded[radius + column_of[k]]
         padded[radius + width + k] = padded[radius + column_of[radius + width + k]]
-    w = weight[0]
+    middle, w = padded[radius : radius + width], weight[0]
     for x in range(width):
-        out[x] = w * padded[radius + x]
-    for k in range(1, len(weight)):
-        left, right, w = padded[radius - k :], padded[radius + k :], weight[k]
-        for x in range(width):
-            out[x] += w * (left[x] + right[x])
+        out[x] = w * middle[x]
+    for k in range(1, len(weight), TAPS):
+        _add_columns(padded[radius - k - 4 :], padded[radius + k :], weight[k : k + 5], out)
+
+
+@njit(cache=True)
+def _add_columns(before, behind, weight, out):
+    """Adds five values to either side of each."""
+    a1, a2, a3, a4, a5 = before[4:], before[3:], before[2:], before[1:], before
+    b1, b2, b3, b4, b5 = behind, behind[1:], behind[2:], behind[3:], behind[4:]
+    w1, w2, w3, w4, w5 = weight[0], weight[1], weight[2], weight[3], weight[4]
+    for x in range(len(out)):
+        near = w1 * (a1[x] + b1[x]) + w2 * (a2[x] + b2[x]) + w3 * (a3[x] + b3[x])
+        out[x] += near + (w4 * (a4[x] + b4[x]) + w5 * (a5[x] + b5[x]))
 
 
 @njit(parallel=True, cache=True)
 def fold_variance(
-    value, plane, weight, row_of, column_of, padded, rows, best, index, left, right, previous
-):
-    """Folds the weighted local variance of a plane into its first maximum and both neighbours.
+    votes, step, planes, first,
+    weight, row_of, column_of, padded, rows, best, index, left, right, previous,
+):  # fmt: skip
+    """Folds the weighted local variance of planes into their first maximum and both neighbours.
 
-    No plane of it is stored.
+    No plane of it is stored, and the state of a row is read once per batch of planes.
 
     Arrays:
-        value: (H, W) float32 votes.
-        plane: its number.
-        weight: (r + 1,) float32, half a symmetric window, the middle first.
+        votes: (N,) float32; a plane of H x W votes begins every `step` of them. A plane cut from
+            contiguous votes is known to be contiguous, and only then do the loops vectorise.
+        planes: how many there are.
+        first: number of the first of them.
+        weight: (r + 1,) float32, half a symmetric window, the middle first; r a multiple of `TAPS`.
         row_of, column_of: (H + 2 r,), (W + 2 r,) int64, indices of the image mirrored at its rim.
         padded: (S, 2, W + 2 r) float32 scratch; S strips of rows.
         rows: (S, 2, W) float32 scratch.
         best, index, left, right, previous: (H, W), as in `emvs.dsi.fusion_kernels.fold`.
     """
-    height, strips = len(value), len(padded)
+    height, width = best.shape
+    strips, radius = len(padded), len(weight) - 1
     for s in prange(strips):
         mean, square = rows[s, 0], rows[s, 1]
-        for y in range(s * height // strips, (s + 1) * height // strips):
-            _down(value, y, row_of, weight, padded[s, 0], padded[s, 1])
-            _across(padded[s, 0], column_of, weight, mean)
-            _across(padded[s, 1], column_of, weight, square)
-            for x in range(len(mean)):
-                spread = square[x] - mean[x] * mean[x]
-                square[x] = spread if spread > _ZERO else _ZERO
-            fold_row(plane, square, best[y], index[y], left[y], right[y], previous[y])
+        # Cut from one row each: only so numba knows that they are contiguous.
+        means = padded[s, 0][radius : radius + width]
+        squares = padded[s, 1][radius : radius + width]
+        bottom = (s + 1) * height // strips
+        for top in range(s * height // strips, bottom, _BLOCK):
+            for k in range(planes):
+                plane = votes[k * step : k * step + height * width].reshape(height, width)
+                for y in range(top, min(top + _BLOCK, bottom)):
+                    _down(plane, y, row_of, weight, means, squares)
+                    _across(padded[s, 0], column_of, weight, mean)
+                    _across(padded[s, 1], column_of, weight, square)
+                    for x in range(width):
+                        spread = square[x] - mean[x] * mean[x]
+                        square[x] = spread if spread > _ZERO else _ZERO
+                    fold_row(first + k, square, best[y], index[y], left[y], right[y], previous[y])
 
 
 @njit(parallel=True, cache=True)

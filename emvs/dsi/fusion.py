@@ -33,12 +33,22 @@ def fuse_by(method: Method, volumes: Volume, polarities: int = 1) -> Volume:
     if method.function is not None:
         return _by_function(method, method.function, volumes, polarities)
     count, planes, height, width = volumes.shape
-    votes = np.ascontiguousarray(volumes, np.float32).reshape(count, planes, height * width)
+    votes = _in_cells(np.asarray(volumes, np.float32))
     tables = FusionTables.of((method,), count, polarities)
     out = np.empty((planes, height, width), np.float32)
     level, spare, _ = tables.scratch(height, width)
     fusion_kernels.fuse(*tables.arrays, votes, level, spare, out)  # type: ignore[call-arg]
     return out
+
+
+def _in_cells(volumes: Volume) -> Volume:
+    """(V, N, H, W) volumes as (V, N, cells), a plane first in each; copied only if need be."""
+    count, planes, height, width = volumes.shape
+    size, step = volumes.itemsize, volumes.strides[1]
+    if volumes.strides != (planes * step, step, width * size, size) or step % size:
+        return np.ascontiguousarray(volumes).reshape(count, planes, height * width)
+    shape, strides = (count, planes, step // size), (planes * step, step, size)
+    return np.lib.stride_tricks.as_strided(volumes, shape, strides)
 
 
 def _by_function(method: Method, function: Fusion, volumes: Volume, polarities: int) -> Volume:

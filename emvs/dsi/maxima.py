@@ -220,11 +220,9 @@ class FocusMaxima:
     def update(self, images: Floats) -> None:
         """Takes in the next planes of (V, P, H, W) votes, in order."""
         for method, peak in self._peaks.items():
-            for plane in self._fused(method, images):
-                peak.update(plane)
+            peak.update(self._fused(method, images))
         for camera, peak in enumerate(self._camera_peaks):
-            for plane in self._of_camera(images, camera):
-                peak.update(plane)
+            peak.update(self._of_camera(images, camera))
 
     def result(self) -> dict[str, InFocus]:
         """Where each method's rays are most in focus, over all planes so far, by its name."""
@@ -267,18 +265,33 @@ class FocusPeak:
             (AS_IT_IS,), width_px, height_px, planes=planes, lowest=-np.inf
         )
 
-    def update(self, plane: Floats) -> None:
-        """Takes in the next (H, W) plane."""
+    def update(self, planes: Floats) -> None:
+        """Takes in the next (P, H, W) planes."""
+        if not len(planes):
+            return
         if self._window is None:
-            self._maxima.update(self._measure(plane, self._sigma_px).reshape(1, 1, -1), 1)
+            for plane in planes:
+                self._maxima.update(self._measure(plane, self._sigma_px).reshape(1, 1, -1), 1)
             return
         state = (one[0] for one in self._maxima.arrays)
-        focus_kernels.fold_variance(plane, self._maxima.planes, *self._window.arrays, *state)
-        self._maxima.planes += 1
+        focus_kernels.fold_variance(
+            *_in_one_row(planes), len(planes), self._maxima.planes, *self._window.arrays, *state
+        )
+        self._maxima.planes += len(planes)
 
     def maximum(self) -> Maximum:
         """The maximum over all planes so far."""
         return self._maxima.of(0)
+
+
+def _in_one_row(planes: Floats) -> tuple[Floats, int]:
+    """(P, H, W) planes as one contiguous row, the same memory, and how far apart they begin."""
+    if planes.ndim != 3 or not planes[0].flags.c_contiguous or planes.strides[0] < 0:
+        planes = np.ascontiguousarray(planes)
+    size = planes.itemsize
+    step = planes.strides[0] // size
+    cells = (len(planes) - 1) * step + planes[0].size
+    return np.lib.stride_tricks.as_strided(planes, (cells,), (size,)), step
 
 
 class _Window:
@@ -286,11 +299,12 @@ class _Window:
 
     def __init__(self, height_px: int, width_px: int, sigma_px: float) -> None:
         weight = focus_measures.half_window(sigma_px)
+        weight = np.append(weight, np.zeros(-(len(weight) - 1) % focus_kernels.TAPS, np.float32))
         radius = len(weight) - 1
         strips = min(height_px, _STRIPS)
         self.arrays = (
             weight,
-            _mirrored(height_px, radius),
+            _mirrored(height_px, radius).astype(np.uint64),
             _mirrored(width_px, radius),
             np.empty((strips, 2, width_px + 2 * radius), np.float32),
             np.empty((strips, 2, width_px), np.float32),

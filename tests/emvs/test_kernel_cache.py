@@ -17,15 +17,10 @@ PACKAGES = ("emvs", "sim", "eval")
 
 FOLD = """
 import numpy as np
-from emvs.dsi.focus_kernels import fold_variance
-value = np.arange(12, dtype=np.float32).reshape(3, 4) ** 2
-best, left, right, previous = np.zeros((4, 3, 4), np.float32)
-weight = np.ones(2, np.float32) / 3
-rows, columns = np.array([1, 0, 1, 2, 1]), np.array([1, 0, 1, 2, 3, 2])
-scratch = np.zeros((1, 2, 6), np.float32), np.zeros((1, 2, 4), np.float32)
-maxima = best, np.zeros((3, 4), np.int32), left, right, previous
-fold_variance(value, 0, weight, rows, columns, *scratch, *maxima)
-print(best.tolist())
+from emvs.dsi.maxima import FocusPeak
+peak = FocusPeak(4, 3, "variance", 0.3)
+peak.update(np.arange(12, dtype=np.float32).reshape(1, 3, 4) ** 2)
+print(peak.maximum().value.tolist())
 """
 PIXELS = """
 import numpy as np

@@ -131,8 +131,7 @@ def found_in_volumes(
 def _sharpest(volume: Floats, config: FocusConfig) -> Floats:
     """(H, W) place between planes where a whole (N, H, W) volume is most in focus."""
     peak = FocusPeak(volume.shape[2], volume.shape[1], config.measure, config.sigma_px)
-    for plane in volume:
-        peak.update(plane)
+    peak.update(volume)
     return peak.maximum().position(gaussian=True)
 
 
