@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -123,6 +124,7 @@ def run_with_flags(
     seeds: tuple[int, ...] | None = None,
     cases: tuple[str, ...] = (),
     speed: bool = True,
+    predictions: Sequence[str] = (),
 ) -> SuiteResult:
     """Runs a suite's subset, and measures the mapper's speed on its first case.
 
@@ -134,10 +136,15 @@ def run_with_flags(
         seeds: instead of the subset's own.
         cases: some of the subset's.
         speed: whether to measure speed; on this machine, whoever did the jobs.
+        predictions: `NAME=DIR` or `DIR` with depth maps of others.
     """
+    from eval.scoring.predictions import NamedFolder
     from eval.suite.run import run_suite, with_speed
 
-    result = run_suite(suite, subset, flags.open, progress, seeds=seeds, cases=cases)
+    given = [NamedFolder.of(one) for one in predictions]
+    result = run_suite(
+        suite, subset, flags.open, progress, seeds=seeds, cases=cases, predictions=given
+    )
     if speed and result.samples:
         with progress.stage("speed", 1):
             result = with_speed(result, suite, flags.cache_folder())
