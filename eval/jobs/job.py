@@ -122,6 +122,13 @@ def find(job: Job, cache: Cache, digests: Mapping[str, str]) -> Done | None:
     return None if made is None else _done(job, made, _text(made))
 
 
+def stored(job: Job, cache: Cache) -> CacheEntry | None:
+    """What a job made, if the cache has it and all that it needs; does nothing otherwise."""
+    inputs = [stored(need, cache) for need in job.needs]
+    digests = [made.digest for made in inputs if made is not None]
+    return None if None in inputs else cache.find(key_of(_facts(job, digests)))
+
+
 def entry(job: Job, cache: Cache) -> CacheEntry:
     """Finds or makes what a job makes, and all that it needs; errors pass through."""
     inputs = [entry(need, cache) for need in job.needs]

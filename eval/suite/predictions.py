@@ -171,9 +171,7 @@ def open_predictions(
     return predictions
 
 
-def _opened(
-    given: NamedFolder, suite: Suite, assignments: Sequence[Assignment]
-) -> SuitePrediction:
+def _opened(given: NamedFolder, suite: Suite, assignments: Sequence[Assignment]) -> SuitePrediction:
     description = described(given.path)
     _check_cases(given.path, suite)
     _check_complete(given.path, assignments)
