@@ -51,7 +51,10 @@ class Stage(Protocol):
         """Modules and files that the stage reaches by computed names; itself is implied."""
 
     def run(self, parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
-        """Writes the job's files into `out`, an empty folder; `inputs` are those of `needs`, then `sources`."""
+        """Writes the job's files into `out`, an empty folder.
+
+        `inputs` are the folders of `needs`, then `sources`.
+        """
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Pictures of a suite's cases: what the camera saw, the best method's depth, and that of others."""
+"""Pictures of a suite's cases: what the camera saw, our best method's depth, that of others."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from eval.jobs.job import SEQUENCE, Job, stored
 from eval.report.overview import overview_png
 from eval.report.ranking import ranked_methods
 from eval.report.run_data import CaseData, MethodData, window_data
-from eval.scoring.predictions import NamedFolder, Prediction, TargetView
+from eval.scoring.predictions import FAMILY, NamedFolder, Prediction, TargetView
 from eval.scoring.results import POOLED
 from eval.suite.definition import Suite
 from eval.suite.output import PICTURES_FOLDER
@@ -112,7 +112,6 @@ def _drawn(suite: Suite, case: CaseData, theirs: Sequence[MethodData], sample: S
     everything = replace(case, windows=(replace(window, methods=(*window.methods, *theirs)),))
     metric = EvalConfig.model_validate(suite.score).ranking_metric
     rows = [row for row in sample.rows if row.window == POOLED]
+    ours = [name for name in ranked_methods(rows, metric) if not name.startswith(FAMILY)]
     title = f"{case.name}, seed {sample.seed}, {window.name}"
-    return overview_png(
-        everything, title, ranked_methods(rows, metric), most_others=len(theirs), columns=_COLUMNS
-    )
+    return overview_png(everything, title, ours, most_others=len(theirs), columns=_COLUMNS)

@@ -257,7 +257,7 @@ class Prediction:
         return read_confidence(self.path_of(view), view.height_px, view.width_px)
 
     def check_signs(self, view: TargetView) -> None:
-        """Refuses negative numbers, which `depth_m` takes for no depth, as far as no mask hides them.
+        """Refuses negative numbers that no mask hides: `depth_m` takes them for no depth.
 
         Raises:
             InputError: says how many, or what `depth_m` refuses of a file.
@@ -267,8 +267,8 @@ class Prediction:
         count = int(np.count_nonzero(stored < 0))
         if count:
             raise InputError(
-                f"{path}: {count} of {stored.size} numbers are negative, the least {stored.min():.3g}: "
-                "write NaN or 0 where there is no depth"
+                f"{path}: {count} of {stored.size} numbers are negative, the least "
+                f"{np.nanmin(stored):.3g}: write NaN or 0 where there is no depth"
             )
 
     def path_of(self, view: TargetView) -> Path:

@@ -218,8 +218,8 @@ def _check_complete(folder: Path, assignments: Sequence[Assignment]) -> None:
     if missing:
         first = missing[0]
         raise InputError(
-            f"{folder}: no depth maps for {len(missing)} of {len(assignments)} sequences, the first "
-            f"is {first.case} with seed {first.seed}: needs {folder / first.place}/"
+            f"{folder}: no depth maps for {len(missing)} of {len(assignments)} sequences, the "
+            f"first is {first.case} with seed {first.seed}: needs {folder / first.place}/"
             f"{first.views[0].t_us}.npz; `{LISTING}` lists all"
         )
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from emvs.data.sequence import Sequence
+from emvs.errors import InputError
 from eval.cli.main import main
 from eval.suite.results import read_suite
 from eval.suite.stages import predict as predict_stage
@@ -248,12 +249,11 @@ def test_a_suite_needs_a_folder_unless_it_is_only_listed(suite, capsys):
     assert "add --list-cases" in capsys.readouterr().err
 
 
-def test_a_file_that_changes_while_the_suite_runs_is_not_scored(theirs, suite, capsys):
+def test_a_file_that_changes_while_the_suite_runs_is_not_scored(theirs):
     """The job was planned with another file: its key would say what it is not."""
-    file, cache, _ = suite
     parameters = {
         "name": "Given/a", "description": {},
         "files": {"10000": ["wall/seed0/10000.npz", "0" * 64]},
     }  # fmt: skip
-    with pytest.raises(Exception, match="was changed while the suite ran"):
+    with pytest.raises(InputError, match="was changed while the suite ran"):
         predict_stage.opened(parameters, theirs)
