@@ -46,6 +46,8 @@ def suite(
     chosen, subset = load(name)
     chosen_seeds = seed_numbers(seeds, "--seeds")
     cache_folder = job_flags.cache_folder()
+    if list_cases and (out is not None or prediction):
+        raise InputError("--list-cases with --out or --prediction: it only lists; leave one out")
     if list_cases:
         listed = output.assignments(chosen, subset, chosen_seeds, case, cache_folder)
         output.show_assignments(listed, as_json=common.json, quiet=common.quiet)

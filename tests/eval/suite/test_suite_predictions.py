@@ -247,6 +247,8 @@ def test_what_is_asked_for_wrongly_is_one_line(
 def test_a_suite_needs_a_folder_unless_it_is_only_listed(suite, capsys):
     assert main(["suite", str(suite[0])]) == 2
     assert "add --list-cases" in capsys.readouterr().err
+    assert main(["suite", str(suite[0]), "--list-cases", "--out", "o"]) == 2
+    assert "it only lists" in capsys.readouterr().err
 
 
 def test_a_file_that_changes_while_the_suite_runs_is_not_scored(theirs):
