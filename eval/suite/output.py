@@ -149,8 +149,8 @@ def show_assignments(listed: Mapping[str, Any], *, as_json: bool, quiet: bool) -
         out.out(json.dumps(listed, indent=2, ensure_ascii=False), highlight=False)
         return
     table = Table(title=f"{listed['suite']} {listed['subset']}", title_justify="left")
-    for name in ("case", "seeds", "size", "focal length", "window [µs]", "file"):
-        table.add_column(name, no_wrap=True)
+    for name in ("case", "seeds N", "size [px]", "file"):
+        table.add_column(name, overflow="fold")
     for case in dict.fromkeys(one["case"] for one in listed["sequences"]):
         of_case = [one for one in listed["sequences"] if one["case"] == case]
         _add_assignment(table, of_case)
@@ -158,8 +158,8 @@ def show_assignments(listed: Mapping[str, Any], *, as_json: bool, quiet: bool) -
     files = sum(len(one["windows"]) for one in listed["sequences"])
     there = sum(one["sequence"] is not None for one in listed["sequences"])
     out.print(
-        f"{files} depth maps, one for each file and seed; {there} of {len(listed['sequences'])} "
-        "sequences are simulated. --json says where each is, and its whole camera.",
+        f"{files} depth maps in all; {there} of {len(listed['sequences'])} sequences are simulated. "
+        "--json says where they are, with cameras, and times of windows.",
         markup=False,
         soft_wrap=True,
     )
@@ -168,12 +168,11 @@ def show_assignments(listed: Mapping[str, Any], *, as_json: bool, quiet: bool) -
 def _add_assignment(table: Table, seeds: Sequence[Mapping[str, Any]]) -> None:
     first, numbers = seeds[0], " ".join(str(one["seed"]) for one in seeds)
     camera = first["camera"]
-    size, focal = f"{camera['width_px']}×{camera['height_px']}", f"{camera['fx_px']:.1f} px"
+    size = f"{camera['width_px']}×{camera['height_px']}"
     for number, window in enumerate(first["windows"]):
-        span = f"{window['t0_us']} to {window['t1_us']}"
         file = window["file"].replace(f"/seed{first['seed']}/", "/seedN/")
-        about = (first["case"], numbers, size, focal) if number == 0 else ("", "", "", "")
-        table.add_row(*about, span, file)
+        about = (first["case"], numbers, size) if number == 0 else ("", "", "")
+        table.add_row(*about, file)
 
 
 def show_cache(cache: Path, size: int, freed: int, *, as_json: bool, quiet: bool) -> None:
