@@ -158,7 +158,7 @@ def show_assignments(listed: Mapping[str, Any], *, as_json: bool, quiet: bool) -
     files = sum(len(one["windows"]) for one in listed["sequences"])
     there = sum(one["sequence"] is not None for one in listed["sequences"])
     out.print(
-        f"{files} depth maps in all; {there} of {len(listed['sequences'])} sequences are simulated. "
+        f"{files} depth maps; {there} of {len(listed['sequences'])} sequences are simulated. "
         "--json says where they are, with cameras, and times of windows.",
         markup=False,
         soft_wrap=True,
