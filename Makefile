@@ -62,6 +62,7 @@ pictures-simulator: setup
 	$(BIN)/python docs/figures/draw_lenses_and_light.py # docs/images/lenses.png docs/images/light.png
 	$(BIN)/python docs/figures/draw_truth.py # docs/images/truth.png
 	$(BIN)/python docs/figures/draw_video.py # docs/images/video.png
+	$(BIN)/python docs/figures/draw_model.py # docs/images/howto_model.png docs/images/howto_robot.png
 
 pictures-methods: pictures-scenes
 	$(BIN)/eventsweep run desk --seconds 0.5 --sim.frames.rate-hz 20 --method Alg1/H \

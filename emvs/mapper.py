@@ -21,7 +21,7 @@ from emvs.dsi.method import WHOLE, Method, single_cameras
 from emvs.dsi.slices import Slices
 from emvs.dsi.sweep import SweepResult, group_by_split, sweep
 from emvs.dsi.voting import VoteCounts
-from emvs.errors import InputError
+from emvs.errors import InputError, check_type
 from emvs.methods import methods_by_name, with_volume
 from emvs.reference_view import ReferenceView, reference_view
 from emvs.utils.runtime import Progress, Stopwatch, check_openmp, silent
@@ -94,7 +94,7 @@ def map_window(
     for done, estimator in enumerate(estimators, 1):
         progress(estimator.name, done, len(estimators))
         estimated = estimator.estimate(recording, window, view, config)
-        depth_maps[estimator.name] = replace(estimated, method=estimator.name)
+        depth_maps[estimator.name] = _answered(estimator.name, estimated, view)
         stopwatch.lap(estimator.name)
 
     return WindowResult(
@@ -140,6 +140,32 @@ def _extracted(
             single = [maps[one.name] for one in single_cameras(n_cameras)]
             maps[method.name] = union(method.name, single)
     return maps
+
+
+def _answered(name: str, estimated: DepthMap, view: ReferenceView) -> DepthMap:
+    """A depth map that somebody's method made, under its name; refused if it is none of the view.
+
+    Raises:
+        InputError: names the method, what it gave and what is needed.
+    """
+    check_type(f"what {name} gives", estimated, DepthMap)
+    shape = view.camera.height_px, view.camera.width_px
+    images = (estimated.depth_m, estimated.mask, estimated.confidence, estimated.argmax)
+    shapes = [np.shape(image) for image in images]
+    if any(one != shape for one in shapes):
+        raise InputError(
+            f"{name} gives depth, mask, confidence and argmax of {', '.join(map(str, shapes))}: "
+            f"the reference view has {shape}"
+        )
+    finite = np.isfinite(estimated.depth_m)
+    bad = int(np.count_nonzero(estimated.mask & ~(finite & (estimated.depth_m > 0))))
+    if bad:
+        raise InputError(
+            f"{name} gives {bad} depths that are not finite and positive: clear them in its mask"
+        )
+    # Finite everywhere, as all depth maps are.
+    depth_m = np.where(finite, estimated.depth_m, np.float32(1))
+    return replace(estimated, method=name, depth_m=depth_m.astype(np.float32, copy=False))
 
 
 def _with_empty(

@@ -18,13 +18,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import entry_points
+from pathlib import Path
 
 from emvs import baselines
 from emvs.baselines import BaselineEstimator, DepthEstimator
 from emvs.dsi import fusion_kernels
 from emvs.dsi.method import CODES, MEANS, Method, MethodName, Split, single_camera, single_cameras
 from emvs.errors import InputError, check_type, check_whole
-from emvs.utils.plugins import run_point
+from emvs.utils.plugins import files_of, run_point
 
 # What a name stands for: one way to a volume, or what makes its depth map without any
 AnyMethod = Method | DepthEstimator
@@ -48,6 +49,7 @@ FOCUS_SUMMARY = (
     "agree; camK: one camera, without agreement"
 )
 FOCUS_EXAMPLES = ("Focus/H", "Focus/cam0", "Focus/AtHc@4")
+_ALGORITHM_1 = ("Alg1", "EMVS")
 _registered: dict[str, AnyMethod] = {}
 
 
@@ -155,10 +157,11 @@ def register(method: AnyMethod) -> None:
     made = "what Method.from_function or BaselineEstimator made"
     check_type("method", method, (Method, DepthEstimator), made)
     family = MethodName.of(method.name).family
-    if not _NAME.fullmatch(method.name) or family in {"Alg1", "EMVS", *FAMILIES}:
+    ours = (*_ALGORITHM_1, *FAMILIES)
+    if not _NAME.fullmatch(method.name) or family in ours:
         raise InputError(
             f"method name {method.name!r}: needs the form Family/variant, with a family other "
-            f"than Alg1, EMVS, {', '.join(FAMILIES)}"
+            f"than {', '.join(ours)}"
         )
     if method.name in _registered:
         raise InputError(f"method {method.name!r} is registered already: choose another name")
@@ -179,6 +182,21 @@ def load() -> None:
     """
     for point in entry_points(group=GROUP):
         run_point(point, "its methods {} cannot be registered", lambda register: register())
+
+
+def files_of_others(names: Sequence[str]) -> tuple[Path, ...]:
+    """Files of the packages that offer methods, where a name is none of ours; none is loaded.
+
+    With our own code, they decide what the methods of these names make.
+    """
+    groups = ("all", *baselines.GROUPS)
+    families = {MethodName.of(name).family for name in names if name not in groups}
+    return _files() if families - {*_ALGORITHM_1, *FAMILIES} else ()
+
+
+@cache
+def _files() -> tuple[Path, ...]:
+    return tuple(files_of(entry_points(group=GROUP)))
 
 
 def _find(name: str, n_cameras: int, mcemvs: bool) -> AnyMethod:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from emvs.maps.folder import StoredMap, StoredWindow
     from eval.scoring import run_folder
     from eval.scoring.pairing import Estimate
-    from eval.scoring.predictions import Prediction, TargetView
+    from eval.scoring.predictions import NamedFolder, Prediction, TargetView
     from eval.scoring.results import Results, Row
     from sim.config import SimConfig
 
@@ -138,7 +138,9 @@ def _collection_paused() -> Iterator[Callable[[], None]]:
         resume()
 
 
-def score_folder(folder: Path, config: EvalConfig, predictions: Sequence[Path] = ()) -> Results:
+def score_folder(
+    folder: Path, config: EvalConfig, predictions: Sequence[Path | str] = ()
+) -> Results:
     """Scores every map of a run, or the one map that the folder is.
 
     Writes `results.json` and `results.csv` into the folder, and predictions beside them as they
@@ -148,21 +150,24 @@ def score_folder(folder: Path, config: EvalConfig, predictions: Sequence[Path] =
     Args:
         folder: what `run` or `map` wrote.
         config: masks and limits.
-        predictions: folders with depth maps of others, scored and ranked beside ours.
+        predictions: folders with depth maps of others, scored and ranked beside ours: `DIR`, or
+            `NAME=DIR` to name the method.
 
     Raises:
         InputError: no map there, a recording without ground truth, damaged files, or a prediction
             that is not complete.
     """
     from eval.scoring import run_folder
+    from eval.scoring.predictions import NamedFolder
     from eval.scoring.results import write_results
 
+    given = tuple(map(NamedFolder.of, predictions))
     names = (*_RESULTS, run_folder.KEPT_FOLDER) if predictions else _RESULTS
     maps = run_folder.find_maps(folder)
     check_files(folder, names, force=True)
     with output_folder(folder, names, force=True):
-        with run_folder.kept_predictions(folder, predictions) as kept:
-            results = _scored(maps, config, _Predictions(tuple(predictions), kept))
+        with run_folder.kept_predictions(folder, [one.path for one in given]) as kept:
+            results = _scored(maps, config, _Predictions(given, kept))
         write_results(folder, results)
     return results
 
@@ -171,7 +176,7 @@ def score_folder(folder: Path, config: EvalConfig, predictions: Sequence[Path] =
 class _Predictions:
     """Folders with depth maps of others, and where those are kept that were scored."""
 
-    folders: tuple[Path, ...]
+    folders: tuple[NamedFolder, ...]
     kept: Path
 
     def estimates(

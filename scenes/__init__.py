@@ -133,7 +133,7 @@ def prepared(
 
 
 def _refuse_model(scene: str, config: SimConfig) -> None:
-    asked = sorted(config.model.model_fields_set - {"sha256"})
+    asked = sorted(config.model.model_fields_set - {"files", "sha256"})
     if asked:
         raise InputError(
             f"{', '.join(asked)} given for scene {scene}, which is no model's file: leave it out, "

@@ -222,8 +222,11 @@ class ModelConfig(ParameterGroup):
     headlight: Literal["fixed", "carried"] = "fixed"
     """MuJoCo's headlight stays where the rig begins, or is a lamp that the rig carries."""
 
+    files: tuple[str, ...] = ()
+    """Hash and name of each file that the model is made of: written by the simulation."""
+
     sha256: str = ""
-    """Hash of the file: written by the simulation."""
+    """Hash over these: written by the simulation, and checked where it is given."""
 
 
 class PixelConfig(ParameterGroup):

@@ -29,10 +29,10 @@ from emvs.utils.outputs import check_output
 from sim.config import SimConfig
 from sim.graphics import import_mujoco
 from sim.ground_truth import geom_table
-from sim.model.mounts import Mount, find_mount, rig_of_cameras
+from sim.model.mounts import find_mount, rig_of_cameras
 from sim.model.scenes import Held, clip_of
 from sim.model.survey import ends_m, range_of
-from sim.model.tracks import StateTrack, carried, state_of
+from sim.model.tracks import LiveMotion, LiveTrack
 from sim.motion.animation import moving_geoms
 from sim.parallel.render_job import (
     ChunkRenderer,
@@ -98,8 +98,8 @@ class EventRig:
         check_type("model", model, self._mj.MjModel, "a compiled mujoco.MjModel")
         self.rig = rig_of(model, rig)
         self._mount = find_mount(model, mount)
-        self._track, self._model = _LastStep(), model
-        self._motion = _Ridden(model, self._track, self._mount, _pose(T_mount_body))
+        self._track, self._model = LiveTrack(), model
+        self._motion = LiveMotion(model, self._track, self._mount, _pose(T_mount_body))
         self._config, self._seed = SimConfig.or_default(config), seed
         if record is not None and _AHEAD & set(self._config.truth):
             raise InputError(
@@ -320,50 +320,6 @@ def _pose(T: Pose | None) -> Pose:
     if T is not None and not se3.is_rigid(np.asarray(T)):
         raise InputError("T_mount_body is no rigid (4, 4) motion: give a rotation and a shift")
     return np.eye(4) if T is None else np.asarray(T, np.float64)
-
-
-class _LastStep:
-    """The states of the last two calls, as a track that forgets; an `Animation`."""
-
-    max_interval_us = StateTrack.max_interval_us
-
-    def __init__(self) -> None:
-        self._track: StateTrack | None = None
-
-    @property
-    def now_us(self) -> int:
-        return 0 if self._track is None else int(self._track.t_us[-1])
-
-    def begin(self, data: Any) -> None:
-        qpos, mocap = state_of(data)
-        self._track = StateTrack(np.zeros(1, np.int64), qpos[None], mocap[None])
-
-    def push(self, t_us: int, data: Any) -> int:
-        """Adds a state; returns the time of the one before, µs."""
-        assert self._track is not None
-        before_us, (qpos, mocap) = self.now_us, state_of(data)
-        self._track = StateTrack(
-            np.array([before_us, t_us]),
-            np.stack([self._track.qpos[-1], qpos]),
-            np.stack([self._track.mocap[-1], mocap]),
-        )
-        return before_us
-
-    def __call__(self, model: Any, data: Any, t_s: float) -> None:
-        assert self._track is not None
-        self._track(model, data, t_s)
-
-
-class _Ridden:
-    """The motion of a rig between two calls; a `Motion`."""
-
-    def __init__(self, model: Any, track: _LastStep, mount: Mount, T_mount_body: Pose) -> None:
-        self._model, self._data = model, import_mujoco().MjData(model)
-        self._track, self._mount, self._T_mount_body = track, mount, T_mount_body
-
-    def T_world_body(self, t_s: float) -> Pose:
-        T_world_mount = carried(self._model, self._data, self._track, self._mount, t_s)
-        return np.asarray(T_world_mount @ self._T_mount_body)
 
 
 class _Recorder:

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
+from collections.abc import Iterator
+from functools import lru_cache
+from hashlib import sha256
+from html import unescape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +23,8 @@ _HIDDEN = 3
 _ROBOT = re.compile(r"<robot\b[^>]*>")
 _VISIBLE = '<mujoco><compiler discardvisual="false"/></mujoco>'
 _PACKAGE = "package:"
+_FILE = re.compile(r"""\bfile\w*\s*=\s*["']([^"']+)["']""")
+_FOLDER = re.compile(r"""\b(?:mesh|texture|asset)dir\s*=\s*["']([^"']+)["']""")
 _URDF_BYTES = 1 << 26
 SUFFIXES = (".xml", ".urdf", ".mjcf")
 
@@ -88,6 +95,59 @@ def compiled(spec: mujoco.MjSpec) -> Any:
         raise InputError(
             f"the scene does not compile ({_line(error)}): correct its file"
         ) from error
+
+
+def model_of(path: Path) -> Any:
+    """The compiled model of a file; not to be changed.
+
+    The last one is kept until one of its files changes: a large model takes seconds.
+
+    Raises:
+        InputError: what `read_spec` and `compiled` refuse.
+    """
+    return _model_of(path.resolve(), tuple(digests(path).items()))
+
+
+@lru_cache(maxsize=1)
+def _model_of(path: Path, _digests: tuple[tuple[str, str], ...]) -> Any:
+    return compiled(read_spec(path))
+
+
+def digests(path: Path) -> dict[str, str]:
+    """Name, as seen from a model's folder, and sha256 of each of `files_of`."""
+    folder = path.resolve().parent
+    return {
+        Path(os.path.relpath(file, folder)).as_posix(): sha256(file.read_bytes()).hexdigest()
+        for file in files_of(path)
+    }
+
+
+def files_of(path: Path) -> list[Path]:
+    """A model's file, all that it names and that is there, and what those name: sorted, absolute.
+
+    MuJoCo looks for a name beside the model or the file that includes it, or in the folder that
+    the compiler's `meshdir`, `texturedir` or `assetdir` says; of a URDF's mesh it may take the last
+    part alone. A file in any of these places counts: one too many does no harm.
+    """
+    folder = path.resolve().parent
+    texts: dict[Path, str] = {}
+    found, seen = {path.resolve()}, 0
+    while seen < len(found):  # a folder may be said in one file, and a name in another
+        seen = len(found)
+        models = {file for file in found if file.suffix.lower() in SUFFIXES and file.is_file()}
+        for file in models - texts.keys():
+            texts[file] = file.read_text(encoding="utf-8", errors="replace")
+        said = {"", *(unescape(one) for text in texts.values() for one in _FOLDER.findall(text))}
+        roots = {root / one for root in (folder, *(file.parent for file in texts)) for one in said}
+        names = {unescape(one) for text in texts.values() for one in _FILE.findall(text)}
+        found |= {file.resolve() for file in _places(names, roots, folder) if file.is_file()}
+    return sorted(file for file in found if file.is_file())
+
+
+def _places(names: set[str], roots: set[Path], folder: Path) -> Iterator[Path]:
+    for name in names:
+        known = _found(name, folder)
+        yield from (root / one for root in roots for one in {known, Path(known).name})
 
 
 def named(mj: Any, model: Any, kind: str) -> list[str]:

@@ -213,7 +213,7 @@ def _report(folder: Path) -> Patterns:
 
 def _suite(folder: Path) -> Patterns:
     if is_our_file(folder / "suite.json"):
-        yield _one_of(("suite.json", "suite.csv"))
+        yield _one_of(("suite.json", "suite.csv"))  # its pictures are marked
 
 
 def _comparison(folder: Path) -> Patterns:
@@ -228,7 +228,7 @@ def _studies(folder: Path) -> Patterns:
 
 
 def _parts(folder: Path) -> Patterns:
-    for name in ("tables", "figures", "predictions"):
+    for name in ("tables", "figures", "predictions", "pictures"):
         yield from _below(name, (_marked(folder / name),))
 
 

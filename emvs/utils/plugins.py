@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import runpy
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from importlib.metadata import EntryPoint
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, TypeVar
 
 from emvs.errors import InputError, heed_interrupt
@@ -37,6 +39,21 @@ def run_point(point: EntryPoint, what: str, run: Callable[[Any], Value]) -> Valu
             f"{package}: {what.format(f'({point.name} = {point.value})')} ({reason}): fix or "
             "uninstall it"
         ) from error
+
+
+def files_of(points: Iterable[EntryPoint]) -> list[Path]:
+    """All files of the packages that entry points lie in, but for what Python compiled of them.
+
+    None of them is imported; a package that is not there has none.
+    """
+    found: set[Path] = set()
+    for name in {point.module.partition(".")[0] for point in points}:
+        spec = find_spec(name)
+        folders = [] if spec is None else spec.submodule_search_locations or []
+        if spec is not None and spec.origin and not folders:
+            found.add(Path(spec.origin))
+        found |= {path for folder in folders for path in Path(folder).rglob("*") if path.is_file()}
+    return sorted(path for path in found if path.suffix != ".pyc")
 
 
 def named(name: str) -> Any:

@@ -37,6 +37,7 @@ Scenes = Annotated[tuple[str, ...], Parameter(negative=(), completer=names.scene
 Scene = Annotated[str, Parameter(completer=names.scenes)]
 RigName = Annotated[str | None, Parameter(completer=names.rigs)]
 SuiteName = Annotated[str, Parameter(completer=names.suites)]
+Predictions = Annotated[tuple[str, ...], Parameter(negative=())]
 AllowSkipped = Annotated[bool, NO_NEGATIVE, RARE]
 Force = Annotated[
     bool,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from eval.cli.help import RARE
 if TYPE_CHECKING:
     from eval.jobs.scheduler import Workers
     from eval.progress import Progress
+    from eval.scoring.predictions import NamedFolder
     from eval.suite.definition import Suite
     from eval.suite.results import SuiteResult
 
@@ -123,6 +125,7 @@ def run_with_flags(
     seeds: tuple[int, ...] | None = None,
     cases: tuple[str, ...] = (),
     speed: bool = True,
+    predictions: Sequence[NamedFolder] = (),
 ) -> SuiteResult:
     """Runs a suite's subset, and measures the mapper's speed on its first case.
 
@@ -134,10 +137,13 @@ def run_with_flags(
         seeds: instead of the subset's own.
         cases: some of the subset's.
         speed: whether to measure speed; on this machine, whoever did the jobs.
+        predictions: folders with depth maps of others.
     """
     from eval.suite.run import run_suite, with_speed
 
-    result = run_suite(suite, subset, flags.open, progress, seeds=seeds, cases=cases)
+    result = run_suite(
+        suite, subset, flags.open, progress, seeds=seeds, cases=cases, predictions=predictions
+    )
     if speed and result.samples:
         with progress.stage("speed", 1):
             result = with_speed(result, suite, flags.cache_folder())

@@ -9,13 +9,11 @@ from __future__ import annotations
 import ast
 import hashlib
 import importlib.util
-import re
 from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
 PACKAGES = ("emvs", "sim", "scenes", "eval")
-_FILE_ATTRIBUTE = re.compile(r'\bfile="([^"]+)"')
 _NOT_MEANING = {"ctx", "kind", "type_comment", "type_params", "lineno", "col_offset"}
 
 
@@ -62,20 +60,6 @@ def closure(roots: Iterable[str]) -> set[str]:
             found.add(name)
             waiting += _imports(name)
     return found
-
-
-def with_includes(path: Path) -> list[Path]:
-    """An MJCF file and the files that it names, and those that they name."""
-    found: list[Path] = []
-    waiting = [path]
-    while waiting:
-        file = waiting.pop()
-        if file.is_file() and file not in found:
-            found.append(file)
-            if file.suffix == ".xml":
-                names = _FILE_ATTRIBUTE.findall(file.read_text(encoding="utf-8"))
-                waiting += [file.parent / name for name in names]
-    return sorted(found)
 
 
 def _tree(name: str) -> ast.Module | None:

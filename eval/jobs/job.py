@@ -33,12 +33,15 @@ class Job:
         stage: module of the stage, see `Stage`.
         parameters: plain JSON values; with the code and the inputs, all that decides the outcome.
         needs: jobs whose files this one reads.
+        sources: paths outside the cache that the stage reads as well. Where they lie decides
+            nothing: the parameters hold the hashes of what is read.
     """
 
     name: str
     stage: str
     parameters: Mapping[str, Any]
     needs: tuple[Job, ...] = ()
+    sources: tuple[str, ...] = ()
 
 
 class Stage(Protocol):
@@ -48,7 +51,10 @@ class Stage(Protocol):
         """Modules and files that the stage reaches by computed names; itself is implied."""
 
     def run(self, parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
-        """Writes the job's files into `out`, an empty folder; `inputs` are those of `needs`."""
+        """Writes the job's files into `out`, an empty folder.
+
+        `inputs` are the folders of `needs`, then `sources`.
+        """
 
 
 @dataclass(frozen=True)
@@ -119,11 +125,18 @@ def find(job: Job, cache: Cache, digests: Mapping[str, str]) -> Done | None:
     return None if made is None else _done(job, made, _text(made))
 
 
+def stored(job: Job, cache: Cache) -> CacheEntry | None:
+    """What a job made, if the cache has it and all that it needs; does nothing otherwise."""
+    inputs = [stored(need, cache) for need in job.needs]
+    digests = [made.digest for made in inputs if made is not None]
+    return None if None in inputs else cache.find(key_of(_facts(job, digests)))
+
+
 def entry(job: Job, cache: Cache) -> CacheEntry:
     """Finds or makes what a job makes, and all that it needs; errors pass through."""
     inputs = [entry(need, cache) for need in job.needs]
     facts, stage = _facts(job, [made.digest for made in inputs]), _stage(job)
-    paths = [made.path for made in inputs]
+    paths = [*(made.path for made in inputs), *map(Path, job.sources)]
     return cache.get(key_of(facts), facts, lambda out: stage.run(job.parameters, paths, out))
 
 

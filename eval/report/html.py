@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -61,6 +62,7 @@ class Section:
         tables: as many as names.
         text: below the heading.
         figure: a picture, as an address that holds it.
+        figure_about: what it shows.
         failures: (what, why) pairs.
         choice: what the buttons choose.
         chosen: which table is shown first.
@@ -72,6 +74,7 @@ class Section:
     tables: tuple[Grid, ...]
     text: str = ""
     figure: str = ""
+    figure_about: str = "curves per method"
     failures: tuple[tuple[str, str], ...] = ()
     choice: str = "Metric"
     chosen: int = 0
@@ -122,6 +125,11 @@ def files_in(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
 def plural(count: int, noun: str) -> str:
     """A count and what is counted: 1 window, 2 windows."""
     return f"{count} {noun}{'s' * (count != 1)}"
+
+
+def png_uri(path: Path) -> str:
+    """A PNG file as an address that holds it."""
+    return f"data:image/png;base64,{b64encode(path.read_bytes()).decode('ascii')}"
 
 
 @cache

@@ -20,11 +20,18 @@ from eval.report.run_data import CaseData, MethodData, WindowData
 from eval.scoring.pairing import REFERENCE
 from eval.scoring.predictions import FAMILY
 
-_PANEL_INCHES, _DPI, _MOST_OTHERS = 4.2, 90, 2
+_PANEL_INCHES, _DPI, _MOST_OTHERS, _COLUMNS = 4.2, 90, 2, 6
 Drawing = Callable[[Axes], None]
 
 
-def overview_png(case: CaseData, title: str = "", ranked: Sequence[str] = ()) -> bytes:
+def overview_png(
+    case: CaseData,
+    title: str = "",
+    ranked: Sequence[str] = (),
+    *,
+    most_others: int = _MOST_OTHERS,
+    columns: int = _COLUMNS,
+) -> bytes:
     """Draws the first window of a case with its best depth; what is not known is left out.
 
     Args:
@@ -32,6 +39,8 @@ def overview_png(case: CaseData, title: str = "", ranked: Sequence[str] = ()) ->
         title: above the picture, where a page shows more cases than this one.
         ranked: methods, the best first: of those that have a map the first is drawn; where none
             is ranked, the harmonic mean.
+        most_others: how many depth maps of others are drawn.
+        columns: how many pictures stand side by side.
 
     Returns:
         The picture, as a PNG file's bytes.
@@ -41,17 +50,19 @@ def overview_png(case: CaseData, title: str = "", ranked: Sequence[str] = ()) ->
     wished = (by_name[name] for name in (*ranked, REFERENCE) if name in by_name)
     chosen = next(wished, window.methods[0])
     others = [m for m in window.methods if m.name.startswith(FAMILY) and m is not chosen]
-    drawings = _drawings(window, [chosen, *others[:_MOST_OTHERS]])
+    drawings = _drawings(window, [chosen, *others[:most_others]])
+    rows = -(-len(drawings) // columns)
+    columns = -(-len(drawings) // rows)
     height_px, width_px = chosen.depth_m.shape
-    height = 0.84 * _PANEL_INCHES * height_px / width_px + (1.0 if title else 0.7)
-    size = (_PANEL_INCHES * len(drawings), height)
+    height = rows * (0.84 * _PANEL_INCHES * height_px / width_px + 0.7) + (0.3 if title else 0.0)
+    size = (_PANEL_INCHES * columns, height)
     with mpl.rc_context({"font.size": 9, "axes.titlesize": 10, "axes.titlelocation": "left"}):
         figure = Figure(figsize=size, dpi=_DPI, layout="constrained")
         if title:
             figure.suptitle(title, x=0.01, ha="left")
         for k, (name, draw) in enumerate(drawings.items()):
-            axes = figure.add_subplot(1, len(drawings), k + 1, title=name, xlabel="x [px]")
-            axes.set_ylabel("y [px]" if k == 0 else "")
+            axes = figure.add_subplot(rows, columns, k + 1, title=name, xlabel="x [px]")
+            axes.set_ylabel("y [px]" if k % columns == 0 else "")
             draw(axes)
         _depth_bar(figure, depth_scale(window.depth_range_m))
         stream = io.BytesIO()

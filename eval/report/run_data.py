@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 import scenes
 from emvs.data.image_stores import Photo
 from emvs.data.recording import Recording
-from emvs.data.sequence import Sequence
+from emvs.data.sequence import Sequence as EventSequence
 from emvs.depth.depth_map import DepthMap
 from emvs.dsi.slices import Slices
 from emvs.geometry.camera import Camera
@@ -177,10 +177,12 @@ def _case(
 ) -> CaseData:
     recording = existing_recording(stored)
     windows = []
+    # Ground truth is camera 0's: it says nothing about a map from a view of its own.
+    scorable = stored.info.config.is_camera_0_view
     for window in _shown(stored.windows):
         maps = [window.depth_map(method) for method in window.info.methods]
         maps += [one for one in predicted_maps(run_dir, name, maps[0]) if one.method in scored]
-        windows.append(_window(window, maps, stored, recording, config))
+        windows.append(window_data(window, maps, recording, config, scorable=scorable))
     known = recording is not None and recording.name in scenes.names()
     return CaseData(
         name=name,
@@ -199,16 +201,27 @@ def _shown(windows: tuple[StoredWindow, ...]) -> tuple[StoredWindow, ...]:
     return tuple(windows[k] for k in chosen)
 
 
-def _window(
+def window_data(
     window: StoredWindow,
-    maps: list[DepthMap],
-    stored: StoredMap,
+    maps: Sequence[DepthMap],
     recording: Recording | None,
     config: EvalConfig,
+    *,
+    scorable: bool,
 ) -> WindowData:
+    """Reads what pages and pictures show of a window.
+
+    Args:
+        window: its map.
+        maps: depth maps of the same view.
+        recording: that was mapped; None where it is gone.
+        config: masks and limits.
+        scorable: whether the view is camera 0's.
+
+    Raises:
+        InputError: damaged files.
+    """
     t_us, truth = window.info.t_ref_us, None
-    # Ground truth is camera 0's: it says nothing about a map from a view of its own.
-    scorable = stored.info.config.is_camera_0_view
     if scorable and isinstance(recording, Scored) and has_truth(recording, t_us, config):
         truth = truth_of(recording, t_us, config)
     (darker, brighter), events_caption = _events(window, recording)
@@ -230,7 +243,7 @@ def _window(
 
 
 def _photo(recording: Recording | None, t_us: int) -> Photo | None:
-    if isinstance(recording, Sequence) and len(recording.photo_times_us(0)):
+    if isinstance(recording, EventSequence) and len(recording.photo_times_us(0)):
         return recording.photo(0, t_us)
     return None
 
@@ -291,7 +304,7 @@ def _facts(stored: StoredMap, recording: Recording | None) -> list[tuple[str, st
         apart = f", {100 * recording.rig.baseline_m(0, 1):.2f} cm apart" if cameras > 1 else ""
         named = f"{recording.rig.name}: {cameras} camera{'s' * (cameras > 1)}{apart}, {rig}"
         facts = [("rig", named)]
-    if isinstance(recording, Sequence):
+    if isinstance(recording, EventSequence):
         facts.append(("renderer", recording.manifest.renderer))
         counts = zip(recording.rig.camera_names, recording.manifest.event_counts, strict=True)
         facts.append(("events", ", ".join(f"{thousands(n)} {camera}" for camera, n in counts)))

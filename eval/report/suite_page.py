@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence, Set
+from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import get_args
 
 from emvs.utils.files import atomic_path
@@ -22,6 +24,7 @@ from eval.report.html import (
     files_in,
     page_text,
     plural,
+    png_uri,
     versions_grid,
 )
 from eval.report.ranking import (
@@ -34,10 +37,11 @@ from eval.report.ranking import (
     table,
 )
 from eval.scoring.results import POOLED, Row
-from eval.suite.output import CSV_NAME
+from eval.suite.output import CSV_NAME, PICTURES_FOLDER
 from eval.suite.results import FILE_NAME, SuiteResult, read_suite
 from eval.suite.series import Series, of_suite
 
+_NO_PICTURES: Mapping[str, str] = MappingProxyType({})
 _ABOUT = (
     "Of each case: means over the seeds ± their standard deviation, where there is more than one; "
     "the best of each column is marked. Single cameras have no rank: they are the baseline of all "
@@ -62,14 +66,18 @@ def write_suite_report(folder: Path) -> Path:
     """
     result = read_suite(folder)
     check_files(folder, (REPORT_NAME,), force=True)
-    page = page_text(suite_page(result, files_in(folder, (FILE_NAME, CSV_NAME))))
+    pictures = {case: folder / PICTURES_FOLDER / f"{case}.png" for case in result.cases}
+    shown = {case: png_uri(path) for case, path in pictures.items() if path.is_file()}
+    page = page_text(suite_page(result, files_in(folder, (FILE_NAME, CSV_NAME)), shown))
     with atomic_path(folder / REPORT_NAME) as path:
         path.write_text(page, encoding="utf-8")
     return folder / REPORT_NAME
 
 
-def suite_page(result: SuiteResult, files: Sequence[str] = ()) -> Page:
-    """What the page shows."""
+def suite_page(
+    result: SuiteResult, files: Sequence[str] = (), pictures: Mapping[str, str] = _NO_PICTURES
+) -> Page:
+    """What the page shows; `pictures` are addresses that hold one, by case."""
     series = of_suite(result).series
     metric = _ordering_metric(result, {one.metric for one in series.values()})
     by_case = {
@@ -82,15 +90,22 @@ def suite_page(result: SuiteResult, files: Sequence[str] = ()) -> Page:
         subtitle=f"A suite's run: {plural(len(measured), 'case')}, "
         f"{plural(len(result.seeds), 'seed')} ({', '.join(map(str, result.seeds))}).",
         sections=tuple(
-            _section(k, case, found, metric) for k, (case, found) in enumerate(measured.items())
+            replace(_section(k, case, found, metric), figure=pictures.get(case, ""))
+            for k, (case, found) in enumerate(measured.items())
         ),
-        provenance=versions_grid([result.platform or "here"], [result.versions]),
+        provenance=_provenance(result),
         overview=_overview(measured, metric),
         findings=tuple(f"failed: {job.name}: {job.failure}" for job in result.failures),
         note=_ABOUT,
         version=result.versions.get("eventsweep", ""),
         files=tuple(files),
     )
+
+
+def _provenance(result: SuiteResult) -> Grid:
+    grid = versions_grid([result.platform or "here"], [result.versions])
+    given = [(GridCell(name), GridCell(digest)) for name, digest in result.predictions.items()]
+    return replace(grid, lines=(*grid.lines, *given))
 
 
 def _ordering_metric(result: SuiteResult, measured: Set[str]) -> str:
@@ -123,6 +138,7 @@ def _section(position: int, case: str, found: Sequence[Series], metric: str) -> 
         names=("ranking",),
         tables=(_grid(table(rows, metric), spreads, about),),
         text=" ".join(findings(rows, metric)[:1]),
+        figure_about="what the camera saw, depth maps and true depth",
     )
 
 

@@ -15,10 +15,8 @@ from emvs.utils.release import install
 Image = NDArray[np.float64]
 
 
-def read_numbers(path: Path, height_px: int, width_px: int) -> Image:
+def read_stored(path: Path, height_px: int, width_px: int) -> Image:
     """Reads what a file stores per pixel, whatever it means; NaN where it stores nothing.
-
-    Zero, negative and infinite numbers are nothing too: neither a depth nor a disparity.
 
     Args:
         path: the file; its suffix says the format, one of `SUFFIXES`.
@@ -26,7 +24,7 @@ def read_numbers(path: Path, height_px: int, width_px: int) -> Image:
         width_px: columns that it must have.
 
     Returns:
-        (H, W) float64, finite and positive, or NaN.
+        (H, W) float64.
 
     Raises:
         InputError: an unknown suffix, a damaged file, another size, or no plain numbers.
@@ -40,8 +38,13 @@ def read_numbers(path: Path, height_px: int, width_px: int) -> Image:
             f"{path}: is {_size(image.shape)}, but the reference view has {height_px} rows and "
             f"{width_px} columns: export it at the view's own size"
         )
-    numbers = image.astype(np.float64)
-    return np.where(np.isfinite(numbers) & (numbers > 0), numbers, np.nan)
+    numbers: Image = image.astype(np.float64)
+    return numbers
+
+
+def depths_in(stored: Image) -> Image:
+    """Finite and positive numbers, else NaN: no others are a depth or a disparity."""
+    return np.where(np.isfinite(stored) & (stored > 0), stored, np.nan)
 
 
 def read_confidence(path: Path, height_px: int, width_px: int) -> Image | None:

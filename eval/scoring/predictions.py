@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,13 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from emvs.errors import InputError
 from emvs.utils.inputs import SETTINGS_BYTES, TABLE_BYTES, check_file, parse_toml, read_text
-from eval.scoring.depth_files import SUFFIXES, is_integral, read_confidence, read_numbers
+from eval.scoring.depth_files import (
+    SUFFIXES,
+    depths_in,
+    is_integral,
+    read_confidence,
+    read_stored,
+)
 from eval.scoring.pairing import Estimate
 
 UNIT_FACTOR = 30.0
@@ -25,6 +31,27 @@ FAMILY = "Given/"
 """What the names of predictions begin with, as scores call them."""
 _UNFIT = re.compile(r"[^\w.+@~-]")
 _STEM = re.compile(r"\d+(\.\d+)?")
+
+
+class NamedFolder(NamedTuple):
+    """A folder with depth maps of others, and what its user calls the method, if anything."""
+
+    path: Path
+    name: str | None = None
+
+    @classmethod
+    def of(cls, asked: str | Path) -> NamedFolder:
+        """Reads `NAME=DIR` or `DIR`; what is a folder as it stands has no name before it.
+
+        Raises:
+            InputError: nothing before or after the equals sign.
+        """
+        name, equals, place = str(asked).partition("=")
+        if isinstance(asked, Path) or not equals or "/" in name or Path(asked).is_dir():
+            return cls(Path(asked))
+        if not name.strip() or not place:
+            raise InputError(f"prediction {asked!r}: needs NAME=DIR or DIR")
+        return cls(Path(place), name.strip())
 
 
 class PredictionFacts(BaseModel):
@@ -134,7 +161,8 @@ class TargetView:
         height_px: its rows.
         focal_px: its focal length.
         baseline_m: distance of the rig's first two cameras; None for a rig of one.
-        true_depth_m: its median true depth; None where that is not known.
+        true_depth_m: the closed range that its median true depth lies in; None where that is not
+            known.
     """
 
     t_us: int
@@ -142,7 +170,7 @@ class TargetView:
     height_px: int
     focal_px: float
     baseline_m: float | None
-    true_depth_m: float | None = None
+    true_depth_m: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -160,20 +188,22 @@ class Prediction:
     description: PredictionFacts
 
     @classmethod
-    def open(cls, folder: Path, case: str) -> Prediction:
+    def open(cls, folder: Path, case: str, name: str | None = None) -> Prediction:
         """Finds the files for a case: in the folder's subfolder of that name, or in itself.
+
+        Args:
+            folder: with depth maps and perhaps `prediction.toml`.
+            case: name of the case.
+            name: of the method; by default that in `prediction.toml`, else the folder's.
 
         Raises:
             InputError: no folder, no depth map in it, times that cannot be told, or a
                 description that cannot be used.
         """
-        if not folder.is_dir():
-            raise InputError(f"{folder}: no such folder; needs one with depth maps")
-        description = read_description(folder / DESCRIPTION)
+        description = described(folder)
         own = folder / case
         files = timed_files(own if own.is_dir() else folder, description)
-        name = plain(description.name or folder.resolve().name)
-        return cls(FAMILY + name, files, description)
+        return cls(method_name(NamedFolder(folder, name), description), files, description)
 
     def check(self, views: Sequence[TargetView]) -> None:
         """Refuses a prediction that is not complete, as a submission checker does.
@@ -205,9 +235,8 @@ class Prediction:
                 numbers without the scale, baseline or focal length that give them a meaning, or
                 in another unit.
         """
-        self.check([view])
-        path = self.files[self._nearest_us(view.t_us)]
-        stored = read_numbers(path, view.height_px, view.width_px)
+        path = self.path_of(view)
+        stored = depths_in(read_stored(path, view.height_px, view.width_px))
         numbers = stored * self._scale(path)
         if self.description.quantity == "disparity":
             _check_disparity(path)
@@ -225,19 +254,42 @@ class Prediction:
         Raises:
             InputError: no file for the view, or a confidence that is no image of its size.
         """
+        return read_confidence(self.path_of(view), view.height_px, view.width_px)
+
+    def check_signs(self, view: TargetView) -> None:
+        """Refuses negative numbers that no mask hides: `depth_m` takes them for no depth.
+
+        Raises:
+            InputError: says how many, or what `depth_m` refuses of a file.
+        """
+        path = self.path_of(view)
+        stored = read_stored(path, view.height_px, view.width_px)
+        count = int(np.count_nonzero(stored < 0))
+        if count:
+            raise InputError(
+                f"{path}: {count} of {stored.size} numbers are negative, the least "
+                f"{np.nanmin(stored):.3g}: write NaN or 0 where there is no depth"
+            )
+
+    def path_of(self, view: TargetView) -> Path:
+        """The file of a view.
+
+        Raises:
+            InputError: there is none.
+        """
         self.check([view])
-        path = self.files[self._nearest_us(view.t_us)]
-        return read_confidence(path, view.height_px, view.width_px)
+        return self.files[self._nearest_us(view.t_us)]
 
     def _check_unit(self, path: Path, depth_m: NDArray[np.float32], view: TargetView) -> None:
         if self.description.scale is not None or view.true_depth_m is None or not depth_m.size:
             return
-        median_m = float(np.median(depth_m))
-        if 1 / UNIT_FACTOR <= median_m / view.true_depth_m <= UNIT_FACTOR:
+        median_m, (near_m, far_m) = float(np.median(depth_m)), view.true_depth_m
+        if near_m / UNIT_FACTOR <= median_m <= far_m * UNIT_FACTOR:
             return
+        true_m = f"{near_m:.3g}" if near_m == far_m else f"{near_m:.3g} to {far_m:.3g}"
         raise InputError(
             f"{path}: its median depth would be {median_m:.3g} m, but the true one is "
-            f"{view.true_depth_m:.3g} m: set scale in {DESCRIPTION} (0.001 for millimetres, 1 if "
+            f"{true_m} m: set scale in {DESCRIPTION} (0.001 for millimetres, 1 if "
             "the numbers are meant as they are), or quantity if they are disparities"
         )
 
@@ -281,21 +333,48 @@ def _check_disparity(path: Path) -> None:
         )
 
 
+def described(folder: Path) -> PredictionFacts:
+    """What a folder says of its numbers.
+
+    Raises:
+        InputError: no such folder, or a description that cannot be used.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; needs one with depth maps")
+    return read_description(folder / DESCRIPTION)
+
+
+def method_name(folder: NamedFolder, description: PredictionFacts) -> str:
+    """What scores call a method: by its user, its description, or its folder."""
+    return FAMILY + plain(folder.name or description.name or folder.path.resolve().name)
+
+
+def check_names(names: Sequence[str]) -> None:
+    """Refuses methods of one name.
+
+    Raises:
+        InputError: says which.
+    """
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise InputError(
+            f"two predictions are called {twice}: give them names as in NAME=DIR, or set name in "
+            f"their {DESCRIPTION}"
+        )
+
+
 def open_predictions(
-    folders: Sequence[Path], case: str, views: Sequence[TargetView]
+    folders: Sequence[NamedFolder], case: str, views: Sequence[TargetView]
 ) -> list[Prediction]:
     """Opens the predictions for a case; none may lack a view, and their names must differ.
 
     Raises:
         InputError: what `Prediction.open` and `Prediction.check` refuse, or two of one name.
     """
-    predictions = [Prediction.open(folder, case) for folder in folders]
+    predictions = [Prediction.open(folder.path, case, folder.name) for folder in folders]
     for prediction in predictions:
         prediction.check(views)
-    names = [prediction.name for prediction in predictions]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise InputError(f"two predictions are called {twice}: set name in their prediction.toml")
+    check_names([prediction.name for prediction in predictions])
     return predictions
 
 

@@ -185,13 +185,14 @@ def target_view(sequence: Scored, window: StoredWindow, config: EvalConfig) -> T
     camera, rig = sequence.rig.cameras[0], sequence.rig
     truth = truth_of(sequence, window.info.t_ref_us, config)
     known_m = truth.depth_m[truth.scored]
+    median_m = float(np.median(known_m)) if known_m.size else None
     return TargetView(
         t_us=window.info.t_ref_us,
         width_px=camera.width_px,
         height_px=camera.height_px,
         focal_px=camera.fx_px,
         baseline_m=rig.baseline_m() if len(rig) > 1 else None,
-        true_depth_m=float(np.median(known_m)) if known_m.size else None,
+        true_depth_m=None if median_m is None else (median_m, median_m),
     )
 
 

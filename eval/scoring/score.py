@@ -9,9 +9,11 @@ from itertools import repeat
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from emvs.data.sequence import Sequence as EventSequence
 from emvs.depth.depth_map import DepthMap
+from emvs.errors import InputError
 from emvs.geometry import se3
 from emvs.maps.folder import StoredWindow, WindowInfo
 from emvs.windows import Window
@@ -29,6 +31,7 @@ from eval.scoring.pairing import (
     pair_methods,
 )
 from eval.scoring.pooling import CasePool
+from eval.scoring.predictions import UNIT_FACTOR
 from eval.scoring.regions import region_masks
 from eval.scoring.results import MEAN, POOLED, RIG, Row
 from eval.scoring.run_folder import Scored, truth_of
@@ -197,6 +200,8 @@ def pairs_of_maps(
     """The same of depth maps in memory; `window` is the stretch of time that they were made of."""
     t_us = window.t_ref_us
     truth = truth_of(sequence, t_us, config)
+    if not isinstance(sequence, EventSequence):
+        _check_unit(sequence.name, truth, next(iter(maps.values())).rho)
     if isinstance(sequence, EventSequence):
         truth = replace(truth, regions=region_masks(sequence, t_us, truth.depth_m, config))
     estimates = {
@@ -217,6 +222,19 @@ def pairs_of_maps(
         )
         for method, compared in pairs.items()
     }
+
+
+def _check_unit(name: str, truth: Truth, rho: NDArray[np.floating]) -> None:
+    """Refuses truth of a data set that lies nowhere near the planes of its map."""
+    known_m = truth.depth_m[truth.valid]
+    near_m, far_m = 1 / float(rho.max()), 1 / float(rho.min())
+    median_m = float(np.median(known_m)) if known_m.size else near_m
+    if not near_m / UNIT_FACTOR <= median_m <= far_m * UNIT_FACTOR:
+        raise InputError(
+            f"{name}: its median true depth would be {median_m:.3g} m, but its map's planes lie at "
+            f"{near_m:.3g} to {far_m:.3g} m: set unit_m in [truth] (0.001 for millimetres), or map "
+            "at the depths that there are"
+        )
 
 
 def _outlier_classifier(

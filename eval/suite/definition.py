@@ -38,10 +38,11 @@ class WindowSpec(_Definition):
     start_s: Annotated[float, Field(ge=0)]
     duration_s: Annotated[float, Field(gt=0)]
 
-    def reference_s(self, mapper: Mapping[str, Any]) -> float:
-        """Time of a mapper's reference view, s, where truth is rendered."""
-        place = 1.0 if mapper.get("reference") == "end" else 0.5
-        return self.start_s + place * self.duration_s
+    def times_us(self, mapper: Mapping[str, Any]) -> tuple[int, int, int]:
+        """Begin, end and a mapper's reference view, where truth is rendered, µs."""
+        t0_us = round(self.start_s * 1e6)
+        t1_us = t0_us + round(self.duration_s * 1e6)
+        return t0_us, t1_us, t1_us if mapper.get("reference") == "end" else (t0_us + t1_us) // 2
 
 
 class CaseSpec(_Definition):
@@ -142,7 +143,7 @@ class Suite(_Definition):
         """Simulator settings of a case; truth is rendered at every mapper's reference times."""
         mappers = [self.mappers[name] for name in case.mappers]
         views = product(case.windows, mappers)
-        times_s = sorted({round(window.reference_s(mapper), 6) for window, mapper in views})
+        times_s = sorted({window.times_us(mapper)[2] / 1e6 for window, mapper in views})
         length = {"duration_s": case.seconds, "truth_times_s": times_s}
         return {**self.sim, **case.sim, **length}
 

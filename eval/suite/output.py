@@ -5,9 +5,10 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console as RichConsole
 from rich.table import Table
@@ -15,11 +16,15 @@ from rich.table import Table
 from emvs.utils.cache import Cache
 from emvs.utils.files import atomic_path, bytes_text
 from emvs.utils.outputs import check_files, output_folder
+from eval.jobs.job import SEQUENCE, stored
 from eval.numbers import shown, shown_unit
+from eval.suite.definition import Suite
+from eval.suite.predictions import assignment
 from eval.suite.results import FILE_NAME, SuiteResult, write_suite
+from eval.suite.run import extent, suite_jobs
 from eval.suite.series import Series, of_suite
 
-CSV_NAME = "suite.csv"
+CSV_NAME, PICTURES_FOLDER = "suite.csv", "pictures"
 _SHOWN = ("points", "median_error", "mean_error", "abs_rel", "bad_published", "completeness")
 
 
@@ -36,7 +41,7 @@ def prepare_folder(out: Path, *, force: bool, inputs: Iterable[Path] = ()) -> It
         InputError: it holds a result already and `force` is not set, something else of that name,
             or cannot be written to.
     """
-    names = (FILE_NAME, CSV_NAME)
+    names = (FILE_NAME, CSV_NAME, PICTURES_FOLDER)
     with output_folder(out, names, force=force, inputs=inputs) as folder:
         yield folder
 
@@ -112,6 +117,62 @@ def _table(case: str, series: Iterable[Series], seeds: Sequence[int]) -> Table:
 def _mean_and_spread(one: Series) -> str:
     mean, spread = shown(one.mean, one.unit), one.spread
     return mean if math.isnan(spread) else f"{mean} ± {shown(spread, one.unit)}"
+
+
+def assignments(
+    suite: Suite,
+    subset: str,
+    seeds: Sequence[int] | None,
+    cases: Sequence[str] | None,
+    cache: Path,
+) -> dict[str, Any]:
+    """What a prediction must hold, and where the cache has the sequences, as plain JSON values.
+
+    Raises:
+        InputError: an unknown subset or case.
+    """
+    listed = []
+    for job in suite_jobs(suite, *extent(suite, subset, seeds, cases)):
+        made = stored(job.needs[0], Cache(cache)) if cache.is_dir() else None
+        where = None if made is None else str(made.path / SEQUENCE)
+        listed.append({**assignment(suite, job).to_json(), "sequence": where})
+    about = {"suite": suite.name, "subset": subset, "digest": suite.digest}
+    return {"schema_version": 1, **about, "sequences": listed}
+
+
+def show_assignments(listed: Mapping[str, Any], *, as_json: bool, quiet: bool) -> None:
+    """Prints what a prediction must hold: a line for each case, or everything as JSON."""
+    if quiet:
+        return
+    out = RichConsole(highlight=False)
+    if as_json:
+        out.out(json.dumps(listed, indent=2, ensure_ascii=False), highlight=False)
+        return
+    table = Table(title=f"{listed['suite']} {listed['subset']}", title_justify="left")
+    for name in ("case", "seeds N", "size [px]", "file"):
+        table.add_column(name, overflow="fold")
+    for case in dict.fromkeys(one["case"] for one in listed["sequences"]):
+        of_case = [one for one in listed["sequences"] if one["case"] == case]
+        _add_assignment(table, of_case)
+    out.print(table)
+    files = sum(len(one["windows"]) for one in listed["sequences"])
+    there = sum(one["sequence"] is not None for one in listed["sequences"])
+    out.print(
+        f"{files} depth maps; {there} of {len(listed['sequences'])} sequences are simulated. "
+        "--json says where they are, with cameras, and times of windows.",
+        markup=False,
+        soft_wrap=True,
+    )
+
+
+def _add_assignment(table: Table, seeds: Sequence[Mapping[str, Any]]) -> None:
+    first, numbers = seeds[0], " ".join(str(one["seed"]) for one in seeds)
+    camera = first["camera"]
+    size = f"{camera['width_px']}×{camera['height_px']}"
+    for number, window in enumerate(first["windows"]):
+        file = window["file"].replace(f"/seed{first['seed']}/", "/seedN/")
+        about = (first["case"], numbers, size) if number == 0 else ("", "", "")
+        table.add_row(*about, file)
 
 
 def show_cache(cache: Path, size: int, freed: int, *, as_json: bool, quiet: bool) -> None:

@@ -96,6 +96,7 @@ class SuiteResult:
         seeds: that were asked for.
         samples: one per case and seed that was scored.
         jobs: the outcome of every job.
+        predictions: per method of others, the hash over its files and what their numbers mean.
         speed: per case, CPU time of the mapper over that of the calibration loop, repeated.
         versions: of everything that shapes the numbers, on the machine that collected them.
         platform: of that machine.
@@ -110,6 +111,7 @@ class SuiteResult:
     seeds: tuple[int, ...]
     samples: tuple[Sample, ...]
     jobs: tuple[JobNote, ...] = ()
+    predictions: dict[str, str] = field(default_factory=dict)
     speed: dict[str, tuple[float, ...]] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=versions)
     platform: str = field(default_factory=platform_name)

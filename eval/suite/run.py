@@ -25,7 +25,9 @@ from eval.jobs.job import SEQUENCE, Done, Failed, Job, Outcome, entry
 from eval.jobs.scheduler import Open, run_jobs
 from eval.pipeline import check_case
 from eval.progress import Progress
+from eval.scoring.predictions import NamedFolder
 from eval.suite.definition import Suite
+from eval.suite.predictions import assignment, open_predictions
 from eval.suite.results import JobNote, Sample, SuiteResult, sample_from
 from eval.suite.speed_kernels import calibration
 from eval.suite.stages.simulate import scene_digest, sequence_parameters
@@ -43,6 +45,7 @@ def run_suite(
     *,
     seeds: Sequence[int] | None = None,
     cases: Sequence[str] | None = None,
+    predictions: Sequence[NamedFolder] = (),
 ) -> SuiteResult:
     """Does all jobs of a suite's subset; failed ones are in the result.
 
@@ -53,14 +56,15 @@ def run_suite(
         progress: shown how far it is.
         seeds: seeds instead of the subset's own.
         cases: some of the subset's cases.
+        predictions: folders with depth maps of others, scored beside the suite's methods.
 
     Raises:
-        InputError: an unknown case, scene, rig or method.
+        InputError: an unknown case, scene, rig or method, or a prediction that is not complete.
     """
-    chosen = suite.subset(subset)
-    its_cases = _chosen(chosen.cases, cases)
-    its_seeds = tuple(chosen.seeds if seeds is None else seeds)
+    its_cases, its_seeds = extent(suite, subset, seeds, cases)
     jobs = suite_jobs(suite, its_cases, its_seeds)
+    others = open_predictions(predictions, suite, [assignment(suite, job) for job in jobs])
+    jobs += [other.job(job) for job in jobs for other in others]
     outcomes = run_jobs(jobs, workers, progress)
     return SuiteResult(
         suite=suite.name,
@@ -71,7 +75,20 @@ def run_suite(
         seeds=its_seeds,
         samples=tuple(_samples(jobs, outcomes)),
         jobs=tuple(_note(outcome) for outcome in outcomes.values()),
+        predictions={other.name: other.digest for other in others},
     )
+
+
+def extent(
+    suite: Suite, subset: str, seeds: Sequence[int] | None, cases: Sequence[str] | None
+) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """The cases and seeds of a run: some of a subset's cases, its seeds or others.
+
+    Raises:
+        InputError: an unknown subset or case.
+    """
+    chosen = suite.subset(subset)
+    return _chosen(chosen.cases, cases), tuple(chosen.seeds if seeds is None else seeds)
 
 
 def _chosen(known: Sequence[str], wanted: Sequence[str] | None) -> tuple[str, ...]:
@@ -83,7 +100,12 @@ def _chosen(known: Sequence[str], wanted: Sequence[str] | None) -> tuple[str, ..
 
 def _samples(jobs: Sequence[Job], outcomes: Mapping[str, Outcome]) -> list[Sample]:
     over = [outcomes[job.name] for job in jobs]
-    return [sample_from(one.text) for one in over if isinstance(one, Done) and one.text]
+    found: dict[tuple[str, int], Sample] = {}
+    for one in (sample_from(one.text) for one in over if isinstance(one, Done) and one.text):
+        known = found.setdefault((one.case, one.seed), one)
+        if known is not one:
+            found[one.case, one.seed] = replace(known, rows=(*known.rows, *one.rows))
+    return list(found.values())
 
 
 def _note(outcome: Outcome) -> JobNote:

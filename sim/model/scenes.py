@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,7 +17,7 @@ from emvs.data.poses import read_tum
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
 from sim.config import SimConfig
-from sim.mjcf import compiled, read_spec
+from sim.mjcf import digests, model_of
 from sim.model.drives import at_rest, initial_data, load_controller, read_joints, run_dynamics
 from sim.model.mounts import Mount, find_mount, first_camera, has_resolution, rig_of_cameras
 from sim.model.survey import survey
@@ -77,14 +78,14 @@ def scene_of(
         notice: told in one line what may be unwanted.
 
     Returns:
-        The scene, and the parameters with the file's hash noted and, for a recorded trajectory,
-        its world taken for the model's.
+        The scene, and the parameters with the hashes of all files of the model noted and, for a
+        recorded trajectory, its world taken for the model's.
 
     Raises:
         InputError: an unusable model, an unknown mount, joint, key frame or head style, nothing
             that moves, a controller that fails, or nothing to be seen.
     """
-    model = compiled(read_spec(path))
+    model = model_of(path)
     config = _noted(path, config)
     drive = _Drive(path, model, config)
     clip_m = clip_of(model)
@@ -121,7 +122,7 @@ def rig_on(path: Path, rig: str | None, mount: str) -> Rig:
     """
     if rig is not None and not rig.startswith(_OWN):
         return named_rig(rig)
-    model = compiled(read_spec(path))
+    model = model_of(path)
     if rig is not None:
         return rig_of_cameras(model, tuple(rig.removeprefix(_OWN).split(",")))
     name = mount or first_camera(model)
@@ -136,10 +137,14 @@ def _no_textures() -> Mapping[str, NDArray[np.uint8]]:
 
 
 def _noted(path: Path, config: SimConfig) -> SimConfig:
-    digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    if config.model.sha256 not in ("", digest):
-        raise InputError(f"{path}: not the file of sha256 {config.model.sha256}: restore that one")
-    update: dict[str, object] = {"model": config.model.model_copy(update={"sha256": digest})}
+    said, files = config.model, tuple(f"{sha256} {name}" for name, sha256 in digests(path).items())
+    digest = hashlib.sha256("\n".join(files).encode()).hexdigest()
+    if said.sha256 not in ("", digest):
+        others = [line.partition(" ")[2] for line in said.files if line not in files]
+        which = f", {others[0]} is another" if others else ""
+        raise InputError(f"{path}: not the file of sha256 {said.sha256}{which}: restore that one")
+    noted = said.model_copy(update={"sha256": digest, "files": files})
+    update: dict[str, object] = {"model": noted}
     replay = config.replay
     if replay.trajectory is not None and "place" not in replay.model_fields_set:
         update["replay"] = replay.model_copy(update={"place": "world"})
@@ -180,7 +185,9 @@ class _Drive:
         if what == DYNAMICS:
             control = self._config.controller
             loaded = load_controller(control) if control else None
-            return run_dynamics(self._model, self.duration_s, key, loaded)
+            # A controller of somebody else's may change the model that it is given.
+            model = copy(self._model) if loaded else self._model
+            return run_dynamics(model, self.duration_s, key, loaded)
         if what.lower().endswith(".csv"):
             track = read_joints(Path(what), self._model, key)
             self.duration_s = config.duration_s or float(track.t_us[-1] * 1e-6)

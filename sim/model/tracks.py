@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.graphics import import_mujoco
-from sim.mjcf import compiled, read_spec
+from sim.mjcf import model_of
 from sim.model.mounts import Mount
 from sim.motion.animation import Animation
 
@@ -108,9 +108,64 @@ class CarriedMotion:
     def _world(self) -> tuple[Any, Any]:
         made: tuple[Any, Any] | None = self.__dict__.get("_made")
         if made is None:
-            model = compiled(read_spec(self.path))
+            model = model_of(self.path)
             made = self.__dict__["_made"] = model, import_mujoco().MjData(model)
         return made
+
+
+class LiveTrack:
+    """The states of the last two steps of a simulation that goes on; an `Animation`."""
+
+    max_interval_us = StateTrack.max_interval_us
+
+    def __init__(self) -> None:
+        self._track: StateTrack | None = None
+
+    @property
+    def now_us(self) -> int:
+        """Time of the last state, µs from the first."""
+        return 0 if self._track is None else int(self._track.t_us[-1])
+
+    def begin(self, data: Any) -> None:
+        """Takes the first state."""
+        qpos, mocap = state_of(data)
+        self._track = StateTrack(np.zeros(1, np.int64), qpos[None], mocap[None])
+
+    def push(self, t_us: int, data: Any) -> int:
+        """Adds a state; returns the time of the one before, µs."""
+        assert self._track is not None
+        before_us, (qpos, mocap) = self.now_us, state_of(data)
+        self._track = StateTrack(
+            np.array([before_us, t_us]),
+            np.stack([self._track.qpos[-1], qpos]),
+            np.stack([self._track.mocap[-1], mocap]),
+        )
+        return before_us
+
+    def __call__(self, model: Any, data: Any, t_s: float) -> None:
+        """Sets `data` to the state at `t_s`, s, between the last two."""
+        assert self._track is not None
+        self._track(model, data, t_s)
+
+
+class LiveMotion:
+    """The motion of a rig on a model between its last two steps; a `sim.motion.Motion`.
+
+    Args:
+        model: that somebody steps.
+        track: its last states.
+        mount: what carries the rig.
+        T_mount_body: (4, 4) the rig's body on it.
+    """
+
+    def __init__(self, model: Any, track: LiveTrack, mount: Mount, T_mount_body: Array) -> None:
+        self._model, self._data = model, import_mujoco().MjData(model)
+        self._track, self._mount, self._T_mount_body = track, mount, T_mount_body
+
+    def T_world_body(self, t_s: float) -> Array:
+        """Pose (4, 4) at `t_s`, s."""
+        T_world_mount = carried(self._model, self._data, self._track, self._mount, t_s)
+        return np.asarray(T_world_mount @ self._T_mount_body)
 
 
 def carried(model: Any, data: Any, track: Animation, mount: Mount, t_s: float) -> Array:

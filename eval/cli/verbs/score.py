@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
-from eval.cli.app import CONFIGURED, NO_NEGATIVE, SCORE, Configured, ScoreFlags, app
+from eval.cli.app import CONFIGURED, SCORE, Configured, Predictions, ScoreFlags, app
 
 
 @app.command
@@ -13,7 +12,7 @@ def score(
     folder: Path,
     /,
     *,
-    prediction: Annotated[tuple[Path, ...], NO_NEGATIVE] = (),
+    prediction: Predictions = (),
     common: Configured = CONFIGURED,
     score: ScoreFlags = SCORE,
 ) -> None:
@@ -21,7 +20,7 @@ def score(
 
     Args:
         folder: What `run` or `map` wrote; results.json and results.csv in it are written anew.
-        prediction: Folder with depth maps of another method, scored beside ours, repeatable.
+        prediction: NAME=DIR or DIR with depth maps of another method, scored too; repeatable.
     """
     from eval.pipeline import score_folder
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, SuiteName, app
+from emvs.errors import InputError
+from eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, Predictions, SuiteName, app
 from eval.cli.job_flags import JOB_FLAGS, JobFlags, run_with_flags, seed_numbers
 
 _FAILED = 1
@@ -16,9 +17,11 @@ def suite(
     name: SuiteName,
     /,
     *,
-    out: Path,
+    out: Path | None = None,
     seeds: str | None = None,
     case: Annotated[tuple[str, ...], NO_NEGATIVE] = (),
+    prediction: Predictions = (),
+    list_cases: Annotated[bool, NO_NEGATIVE] = False,
     speed: bool = True,
     force: Force = False,
     job_flags: JobFlags = JOB_FLAGS,
@@ -28,23 +31,47 @@ def suite(
 
     Args:
         name: Such as quick, suite-v2, suite-v2:quick, or FILE.toml.
-        out: Folder to write: suite.json and suite.csv.
+        out: Folder to write: suite.json, suite.csv and pictures.
         seeds: Seeds instead of the suite's own, such as 0,1,2 or 100-109.
         case: Only this case, repeatable.
+        prediction: NAME=DIR or DIR with depth maps of another method, scored too; repeatable.
+        list_cases: Only list what a prediction must hold; nothing is run.
         speed: Whether to time the mapper at the end.
     """
+    from eval.report.suite_pictures import write_pictures
+    from eval.scoring.predictions import NamedFolder
     from eval.suite import output
     from eval.suite.definition import load
 
     chosen, subset = load(name)
     chosen_seeds = seed_numbers(seeds, "--seeds")
+    cache_folder = job_flags.cache_folder()
+    if list_cases and (out is not None or prediction):
+        raise InputError("--list-cases with --out or --prediction: it only lists; leave one out")
+    if list_cases:
+        listed = output.assignments(chosen, subset, chosen_seeds, case, cache_folder)
+        output.show_assignments(listed, as_json=common.json, quiet=common.quiet)
+        return 0
+    if out is None:
+        raise InputError("suite without --out: name a folder to write, or add --list-cases")
     console = common.console()
-    with output.prepare_folder(out, force=force, inputs=(Path(name),)) as folder:
+    given = [NamedFolder.of(one) for one in prediction]
+    inputs = (Path(name), *(one.path for one in given))
+    with output.prepare_folder(out, force=force, inputs=inputs) as folder:
         result = run_with_flags(
-            chosen, subset, job_flags, console.progress, seeds=chosen_seeds, cases=case, speed=speed
+            chosen,
+            subset,
+            job_flags,
+            console.progress,
+            seeds=chosen_seeds,
+            cases=case,
+            speed=speed,
+            predictions=given,
         )
         output.write(folder, result, force=force)
-    output.show(result, job_flags.cache_folder(), as_json=common.json, quiet=common.quiet)
+        with console.progress.stage("pictures", 1):
+            write_pictures(folder, chosen, result, given, cache_folder)
+    output.show(result, cache_folder, as_json=common.json, quiet=common.quiet)
     console.wrote(folder / "suite.json")
     return _FAILED if result.failures else 0
 
@@ -59,7 +86,6 @@ def cache(
         cache: The cache's folder; by default $EVENTSWEEP_CACHE or your cache folder.
         prune: Gigabytes to keep; the least recently used entries are removed; 0: all.
     """
-    from emvs.errors import InputError
     from emvs.utils.cache import Cache, default_cache
     from eval.suite.output import show_cache
 

@@ -9,13 +9,13 @@ from typing import Any
 from emvs.datasets import open_recording
 from eval.jobs.job import SEQUENCE
 from eval.perturbations import Perturbation, perturbed
+from eval.suite.stages.map import code as method_packages
 from eval.suite.stages.map import map_one_window
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
-    """Nothing beside what this module imports."""
-    del parameters
-    return (), ()
+    """The packages of others that its methods come from."""
+    return method_packages(parameters)
 
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:

@@ -11,13 +11,13 @@ from emvs.data.recording import Recording
 from emvs.datasets import open_recording
 from emvs.maps.sliding import map_into, one_window, without
 from emvs.maps.store import write_entry
+from emvs.methods import files_of_others
 from eval.jobs.job import SEQUENCE
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
-    """Nothing beside what this module imports."""
-    del parameters
-    return (), ()
+    """The packages of others that its methods come from."""
+    return (), files_of_others(MapperConfig.model_validate(parameters["map"]).methods)
 
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:

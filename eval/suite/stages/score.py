@@ -32,18 +32,18 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
     """Scores every window and all of them pooled, for each of the case's mappers."""
     case, config = str(parameters["case"]), EvalConfig.model_validate(parameters["score"])
     sequence = EventSequence.open(inputs[0] / SEQUENCE)
-    stored = [_window(path) for path in inputs[1:]]
+    stored = [mapped_window(path) for path in inputs[1:]]
     rows: list[Row] = []
     for mapper, windows in _by_mapper(parameters["mappers"], stored).items():
         scored = score_windows(case, sequence, windows, config)
         rows += [_named(row, mapper) for row in scored]
         rows += _event_rows(case, windows) if mapper == parameters["mappers"][0] else ()
-    facts = _facts(sequence, str(parameters["scene_digest"]))
+    facts = sample_facts(sequence, str(parameters["scene_digest"]))
     sample = Sample(case, int(parameters["seed"]), tuple(rows), facts)
     (out / RESULT).write_text(sample.to_json(), encoding="utf-8")
 
 
-def _window(mapped: Path) -> StoredWindow:
+def mapped_window(mapped: Path) -> StoredWindow:
     """The window that a mapping job made."""
     info = read_entry(mapped)
     return StoredWindow(mapped / info.name, info)
@@ -81,7 +81,8 @@ def _named(row: Row, mapper: str) -> Row:
     return replace(row, method=mapper_method(row.method, mapper))
 
 
-def _facts(sequence: EventSequence, scene_digest: str) -> SampleFacts:
+def sample_facts(sequence: EventSequence, scene_digest: str) -> SampleFacts:
+    """Where the numbers of a sequence came from."""
     manifest = sequence.manifest
     return SampleFacts(
         sequence=manifest.digest(),

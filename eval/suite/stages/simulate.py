@@ -9,10 +9,11 @@ from typing import Any
 import scenes
 from emvs.errors import InputError
 from emvs.geometry.rig import Rig
-from eval.jobs.code_version import closure, definition_digest, with_includes
+from eval.jobs.code_version import closure, definition_digest
 from eval.jobs.job import SEQUENCE
 from sim.config import SimConfig
 from sim.graphics import drawn_by
+from sim.mjcf import files_of
 from sim.rigs import rig as named_rig
 from sim.scene import Scene
 from sim.simulate import simulate
@@ -34,14 +35,14 @@ def sequence_parameters(
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
     """The scene's own module and files."""
     scene = str(parameters["scene"])
-    return (scenes.module_of(scene),), with_includes(scenes.load(scene).mjcf)
+    return (scenes.module_of(scene),), files_of(scenes.load(scene).mjcf)
 
 
 def scene_digest(scene: str) -> str:
     """A hash over what a scene's modules define, textures among it, and its MJCF; no simulator."""
     root = scenes.module_of(scene)
     modules = {name for name in closure([root]) if name == root or name.startswith("scenes.")}
-    return definition_digest(modules, with_includes(scenes.load(scene).mjcf))
+    return definition_digest(modules, files_of(scenes.load(scene).mjcf))
 
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:

@@ -17,7 +17,7 @@ from emvs.errors import InputError
 from emvs.utils.cache import Cache, key_of
 from eval.jobs import code_version as versions_of_code
 from eval.jobs import dask as schedule_dask
-from eval.jobs.code_version import closure, code_version, definition_digest, with_includes
+from eval.jobs.code_version import closure, code_version, definition_digest
 from eval.jobs.dask import Cluster, dask_workers
 from eval.jobs.job import RESULT, Done, Failed, Job, do, order
 from eval.jobs.local import ATTEMPTS, local_workers
@@ -25,6 +25,7 @@ from eval.jobs.scheduler import JobBoard, run_jobs
 from eval.progress import Silent
 from job_stages import runs
 from places import HELPERS, ROOT
+from sim.mjcf import files_of
 
 
 @pytest.fixture
@@ -241,7 +242,7 @@ def test_each_stage_reaches_its_own_code_and_no_more():
 def test_a_scene_has_the_files_that_it_includes():
     import scenes
 
-    names = {path.name for path in with_includes(scenes.load("desk").mjcf)}
+    names = {path.name for path in files_of(scenes.load("desk").mjcf)}
     assert {"desk.xml", "common.xml"} <= names
 
 

@@ -14,7 +14,7 @@ from emvs.depth.depth_map import DepthMap
 from emvs.errors import InputError
 from emvs.geometry.camera import Camera
 from emvs.utils.ownership import strangers
-from eval.scoring.depth_files import SUFFIXES, read_numbers
+from eval.scoring.depth_files import SUFFIXES, depths_in, read_stored
 from eval.scoring.pairing import Estimate
 from eval.scoring.predictions import Prediction, TargetView, estimates_of
 from eval.scoring.run_folder import keep, kept_predictions, predicted_maps
@@ -91,7 +91,8 @@ def test_zero_negative_and_infinite_numbers_are_no_depth(tmp_path):
     np.save(tmp_path / "a.npy", depth_m)
     expected = np.isfinite(depths())
     expected[1, :4] = False
-    np.testing.assert_array_equal(np.isfinite(read_numbers(tmp_path / "a.npy", *SHAPE)), expected)
+    found = depths_in(read_stored(tmp_path / "a.npy", *SHAPE))
+    np.testing.assert_array_equal(np.isfinite(found), expected)
 
 
 def test_a_mask_hides_numbers(tmp_path):
@@ -161,7 +162,7 @@ def test_a_confidence_that_is_no_image_of_numbers_is_refused(tmp_path, wrong):
         Prediction.open(tmp_path, "desk").confidence(VIEW)
 
 
-SEEN = replace(VIEW, true_depth_m=2.0)
+SEEN = replace(VIEW, true_depth_m=(2.0, 2.0))
 
 
 @pytest.mark.parametrize("factor", [1000, 0.001, 100])
@@ -357,4 +358,4 @@ def test_damaged_files_end_in_one_clear_line_or_are_read(tmp_path_factory, suffi
             content[place] ^= data.draw(st.integers(1, 255))
     path.write_bytes(bytes(content))
     with contextlib.suppress(InputError):
-        assert read_numbers(path, *SHAPE).shape == SHAPE
+        assert read_stored(path, *SHAPE).shape == SHAPE

@@ -1,0 +1,229 @@
+"""Depth maps of others in a suite: what must be predicted, and whether a folder holds all of it.
+
+Neither needs ground truth, nor a sequence: a suite's definition says both.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import scenes
+from emvs.errors import InputError
+from emvs.geometry.camera import Camera
+from eval.jobs.job import Job
+from eval.scoring.predictions import (
+    NamedFolder,
+    Prediction,
+    PredictionFacts,
+    TargetView,
+    check_names,
+    described,
+    method_name,
+    timed_files,
+)
+from eval.suite.definition import Suite
+from sim.rigs import rig as named_rig
+
+LISTING = "eventsweep suite SUITE --list-cases"
+_SEED = re.compile(r"seed(\d+)")
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """What is to be predicted for one case and seed: a depth map for each window.
+
+    Attributes:
+        case: name of the case.
+        seed: of its sequence.
+        windows: their names, and times of begin (included), end (excluded) and reference view, µs.
+        camera: the reference view: camera 0 without lens distortion, at the reference time.
+        baseline_m: distance of the rig's first two cameras; None for a rig of one.
+        depth_range_m: nearest and farthest z-depth that the cameras see.
+    """
+
+    case: str
+    seed: int
+    windows: Mapping[str, tuple[int, int, int]]
+    camera: Camera
+    baseline_m: float | None
+    depth_range_m: tuple[float, float]
+
+    @property
+    def place(self) -> str:
+        """Where a prediction has its files for it."""
+        return f"{self.case}/seed{self.seed}"
+
+    @property
+    def views(self) -> list[TargetView]:
+        """Reference views, in the order of the windows."""
+        return [
+            TargetView(
+                t_ref_us, self.camera.width_px, self.camera.height_px, self.camera.fx_px,
+                self.baseline_m, self.depth_range_m,
+            )
+            for _, _, t_ref_us in self.windows.values()
+        ]  # fmt: skip
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values: where each file belongs, and what it is of."""
+        return {
+            "case": self.case,
+            "seed": self.seed,
+            "camera": self.camera.to_json(),
+            "baseline_m": self.baseline_m,
+            "depth_range_m": list(self.depth_range_m),
+            "windows": [
+                {
+                    "window": name,
+                    "t0_us": t0_us,
+                    "t1_us": t1_us,
+                    "t_ref_us": t_ref_us,
+                    "file": f"{self.place}/{t_ref_us}.npz",
+                }
+                for name, (t0_us, t1_us, t_ref_us) in self.windows.items()
+            ],
+        }
+
+
+def assignment(suite: Suite, score: Job) -> Assignment:
+    """What a scoring job's sequence is to be predicted for: the windows of its first mapper."""
+    case, sequence = str(score.parameters["case"]), score.needs[0].parameters
+    spec = suite.cases[case]
+    mapper = suite.mappers[spec.mappers[0]]
+    rig = named_rig(sequence["rig"])
+    times = [window.times_us(mapper) for window in spec.windows]
+    return Assignment(
+        case=case,
+        seed=int(score.parameters["seed"]),
+        windows={f"w{number:03d}": one for number, one in enumerate(times)},
+        camera=rig.cameras[0].undistorted(),
+        baseline_m=rig.baseline_m() if len(rig) > 1 else None,
+        depth_range_m=scenes.load(sequence["scene"]).depth_range_m,
+    )
+
+
+@dataclass(frozen=True)
+class SuitePrediction:
+    """A method's depth maps for all that is asked for, checked as far as no truth is needed.
+
+    Attributes:
+        name: of the method, as scores call it.
+        folder: where its files lie, absolute.
+        description: what their numbers mean.
+        files: per place of an assignment, by time in µs: name below `folder`, and sha256.
+    """
+
+    name: str
+    folder: Path
+    description: PredictionFacts
+    files: Mapping[str, Mapping[int, tuple[str, str]]]
+
+    @property
+    def digest(self) -> str:
+        """A hash over all files that are scored, and what their numbers mean."""
+        facts = [self.description.model_dump(mode="json"), dict(self.files)]
+        return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+
+    def job(self, score: Job) -> Job:
+        """Scores this method on the sequence of another scoring job, beside its first mapper."""
+        place, mappers = score.name.removeprefix("score/"), score.parameters["mappers"]
+        maps = [
+            one for one, name in zip(score.needs[1:], mappers, strict=True) if name == mappers[0]
+        ]
+        parameters = {
+            **{name: score.parameters[name] for name in ("case", "seed", "score", "scene_digest")},
+            "name": self.name,
+            "description": self.description.model_dump(mode="json"),
+            "files": {str(t_us): list(one) for t_us, one in self.files[place].items()},
+        }
+        return Job(
+            f"predict/{place}/{self.name}",
+            "eval.suite.stages.predict",
+            parameters,
+            (score.needs[0], *maps),
+            (str(self.folder),),
+        )
+
+
+def open_predictions(
+    folders: Iterable[NamedFolder], suite: Suite, assignments: Sequence[Assignment]
+) -> list[SuitePrediction]:
+    """Opens depth maps of others and reads all of them, as a submission checker does.
+
+    Args:
+        folders: `DIR/CASE/seedN/TIME.npz`, as `Assignment.to_json` lists them.
+        suite: the definition, whose other cases may be there as well.
+        assignments: what is asked for.
+
+    Raises:
+        InputError: in one line: no folder, a case that the suite does not have, one that is
+            missing, a view without a file, or a file that is damaged, of another size or unit,
+            without any depth, or with negative ones.
+    """
+    predictions = [_opened(one, suite, assignments) for one in folders]
+    check_names([prediction.name for prediction in predictions])
+    return predictions
+
+
+def _opened(given: NamedFolder, suite: Suite, assignments: Sequence[Assignment]) -> SuitePrediction:
+    description = described(given.path)
+    _check_cases(given.path, suite)
+    _check_complete(given.path, assignments)
+    name, folder = method_name(given, description), given.path.resolve()
+    files = {}
+    for one in assignments:
+        found = Prediction(name, timed_files(given.path / one.place, description), description)
+        files[one.place] = {
+            view.t_us: (path.relative_to(given.path).as_posix(), _sha256(path))
+            for view, path in _read(found, one.views)
+        }
+    return SuitePrediction(name, folder, description, files)
+
+
+def _read(found: Prediction, views: Sequence[TargetView]) -> Iterable[tuple[TargetView, Path]]:
+    found.check(views)
+    for view in views:
+        found.check_signs(view)
+        found.depth_m(view)
+        found.confidence(view)
+        yield view, found.path_of(view)
+
+
+def _check_cases(folder: Path, suite: Suite) -> None:
+    for case in _folders(folder):
+        if case.name not in suite.cases:
+            raise InputError(
+                f"{case}: {suite.name} has no case {case.name!r}: rename or remove it; there are "
+                f"{', '.join(suite.cases)}"
+            )
+        for seed in _folders(case):
+            if not _SEED.fullmatch(seed.name):
+                raise InputError(f"{seed}: needs a name such as seed0, of the seed's sequence")
+
+
+def _folders(folder: Path) -> list[Path]:
+    return sorted(
+        path for path in folder.iterdir() if path.is_dir() and not path.name.startswith(".")
+    )
+
+
+def _check_complete(folder: Path, assignments: Sequence[Assignment]) -> None:
+    missing = [one for one in assignments if not (folder / one.place).is_dir()]
+    if missing:
+        first = missing[0]
+        raise InputError(
+            f"{folder}: no depth maps for {len(missing)} of {len(assignments)} sequences, the "
+            f"first is {first.case} with seed {first.seed}: needs {folder / first.place}/"
+            f"{first.views[0].t_us}.npz; `{LISTING}` lists all"
+        )
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

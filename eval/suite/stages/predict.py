@@ -1,0 +1,79 @@
+"""A stage beside the third one: depth maps of another method against ground truth."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from emvs.data.sequence import Sequence as EventSequence
+from emvs.errors import InputError
+from emvs.maps.folder import StoredWindow
+from eval.config import EvalConfig
+from eval.jobs.job import RESULT, SEQUENCE
+from eval.scoring.pairing import REFERENCE
+from eval.scoring.predictions import Prediction, PredictionFacts, estimates_of
+from eval.scoring.run_folder import target_view
+from eval.scoring.score import score_windows
+from eval.suite.results import Sample
+from eval.suite.stages.score import mapped_window, sample_facts
+
+
+def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
+    """Nothing beside what this module imports."""
+    del parameters
+    return (), ()
+
+
+def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
+    """Scores the depth map of every window and all of them pooled, beside the reference method.
+
+    Raises:
+        InputError: a file that is gone or was changed since the run was planned, or is of another
+            unit than the truth.
+    """
+    case, config = str(parameters["case"]), EvalConfig.model_validate(parameters["score"])
+    sequence = EventSequence.open(inputs[0] / SEQUENCE)
+    windows = [_reference_only(mapped_window(path)) for path in inputs[1:-1]]
+    prediction = opened(parameters, inputs[-1])
+    views = [target_view(sequence, window, config) for window in windows]
+    estimates = (estimates_of([prediction], view) for view in views)
+    scored = score_windows(case, sequence, windows, config, estimates, REFERENCE)
+    rows = tuple(row for row in scored if row.method == prediction.name)
+    facts = sample_facts(sequence, str(parameters["scene_digest"]))
+    sample = Sample(case, int(parameters["seed"]), rows, facts)
+    (out / RESULT).write_text(sample.to_json(), encoding="utf-8")
+
+
+def opened(parameters: Mapping[str, Any], folder: Path) -> Prediction:
+    """The depth maps that a job was planned with.
+
+    Raises:
+        InputError: one of them is gone or another one.
+    """
+    files = {int(t_us): folder / name for t_us, (name, _) in parameters["files"].items()}
+    for t_us, (_, sha256) in parameters["files"].items():
+        _check_unchanged(files[int(t_us)], sha256)
+    description = PredictionFacts.model_validate(parameters["description"])
+    # Files are under the views' own times already.
+    exact = description.model_copy(update={"tolerance_us": 0})
+    return Prediction(str(parameters["name"]), files, exact)
+
+
+def _check_unchanged(path: Path, sha256: str) -> None:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror}): it must be there for all workers"
+        ) from error
+    if hashlib.sha256(content).hexdigest() != sha256:
+        raise InputError(f"{path}: was changed while the suite ran: run it again")
+
+
+def _reference_only(window: StoredWindow) -> StoredWindow:
+    """The window with one method: all that a prediction is held against."""
+    methods = window.info.methods
+    kept = REFERENCE if REFERENCE in methods else methods[0]
+    return StoredWindow(window.path, window.info.model_copy(update={"methods": (kept,)}))

@@ -1,0 +1,261 @@
+"""Depth maps of others join a whole suite: listed, checked, hashed, scored, ranked and shown."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from emvs.data.sequence import Sequence
+from emvs.errors import InputError
+from eval.cli.main import main
+from eval.suite.results import read_suite
+from eval.suite.stages import predict as predict_stage
+
+SUITE = """
+name = "pair"
+summary = "two short cases"
+seeds = [0]
+spread_seeds = [0]
+metrics = ["points", "mean_error", "median_error"]
+
+[mappers.default]
+methods = ["Alg1/H", "EMVS/cam0"]
+planes = 30
+
+[mappers.coarse]
+methods = ["Alg1/H"]
+planes = 10
+reference = "end"
+
+[cases.wall]
+scene = "planes"
+rig = "rpg"
+seconds = 0.04
+windows = [{ start_s = 0.0, duration_s = 0.02 }, { start_s = 0.02, duration_s = 0.02 }]
+mappers = ["default", "coarse"]
+sim = { contrast_threshold_pos = 0.4, contrast_threshold_neg = 0.5 }
+
+[cases.late]
+scene = "planes"
+rig = "rpg"
+seconds = 0.04
+windows = [{ start_s = 0.01, duration_s = 0.02 }]
+mappers = ["coarse"]
+sim = { contrast_threshold_pos = 0.4, contrast_threshold_neg = 0.5 }
+"""
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory):
+    """A suite that ran once without predictions: its file, the cache, what must be predicted."""
+    folder = tmp_path_factory.mktemp("suite")
+    (folder / "pair.toml").write_text(SUITE)
+    cache = folder / "cache"
+    assert run(folder, cache, folder / "out") == 0
+    return folder / "pair.toml", cache, read_suite(folder / "out")
+
+
+def run(folder, cache, out, *more):
+    arguments = ["--out", str(out), "--cache", str(cache), "--workers", "1", "--no-speed"]
+    return main(["suite", str(folder / "pair.toml"), *arguments, "--quiet", *map(str, more)])
+
+
+def listed(file, cache, capsys):
+    capsys.readouterr()
+    assert main(["suite", str(file), "--list-cases", "--json", "--cache", str(cache)]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def predict(content, folder, spoil=lambda depth_m: depth_m):
+    """Writes what an outsider would, from the list alone: here the truth, a little off."""
+    for one in content["sequences"]:
+        sequence = Sequence.open(one["sequence"])
+        for window in one["windows"]:
+            path = folder / window["file"]
+            path.parent.mkdir(parents=True, exist_ok=True)
+            depth_m = sequence.truth_view_depth_m(0, window["t_ref_us"]) * 1.01
+            np.savez(path, depth_m=spoil(np.where(np.isfinite(depth_m), depth_m, np.nan)))
+    return folder
+
+
+@pytest.fixture
+def theirs(suite, tmp_path, capsys):
+    return predict(listed(suite[0], suite[1], capsys), tmp_path / "theirs")
+
+
+def test_the_list_is_that_of_the_maps_and_needs_nothing_simulated(suite, tmp_path, capsys):
+    file, cache, result = suite
+    content = listed(file, cache, capsys)
+    assert content["digest"] == result.digest
+    for one in content["sequences"]:
+        camera = Sequence.open(one["sequence"]).rig.cameras[0].undistorted()
+        assert one["camera"] == camera.to_json()
+        times_us = [window["t_ref_us"] for window in one["windows"]]
+        assert set(times_us) <= set(Sequence.open(one["sequence"]).truth_times_us(0).tolist())
+        assert [window["file"] for window in one["windows"]] == [
+            f"{one['case']}/seed{one['seed']}/{t_us}.npz" for t_us in times_us
+        ]
+    files = {window["file"] for one in content["sequences"] for window in one["windows"]}
+    assert files == {"wall/seed0/10000.npz", "wall/seed0/30000.npz", "late/seed0/30000.npz"}
+    nothing = listed(file, tmp_path / "absent", capsys)
+    assert not (tmp_path / "absent").exists()
+    assert {one["sequence"] for one in nothing["sequences"]} == {None}
+    for one in (content, nothing):
+        for sequence in one["sequences"]:
+            del sequence["sequence"]
+    assert nothing == content
+
+
+def test_the_list_for_people_has_a_line_for_each_window(suite, capsys):
+    assert main(["suite", str(suite[0]), "--list-cases", "--cache", str(suite[1])]) == 0
+    out = capsys.readouterr().out
+    assert out.count("/seedN/") == 3
+    assert "3 depth maps" in out
+    assert "2 of 2 sequences are simulated" in out
+
+
+def test_a_prediction_is_scored_ranked_and_shown(suite, theirs, tmp_path):
+    """As good as it was made: one hundredth off everywhere; built-in numbers stay the same."""
+    file, cache, before = suite
+    out = tmp_path / "out"
+    assert run(file.parent, cache, out, "--prediction", f"mine={theirs}") == 0
+    result = read_suite(out)
+    for sample, old in zip(result.samples, before.samples, strict=True):
+        mine = [row for row in sample.rows if row.method == "Given/mine"]
+        assert sample.facts == old.facts
+        assert tuple(row for row in sample.rows if row.method != "Given/mine") == old.rows
+        relative = {row.window: row.value for row in mine if row.metric == "abs_rel"}
+        assert relative == pytest.approx(dict.fromkeys(relative, 1.0), abs=1e-3)
+        assert {"shared_mean_error", "harmonic_mean_error"} <= {row.metric for row in mine}
+        assert not any(row.metric.startswith("common_") for row in mine)
+    assert set(result.predictions) == {"Given/mine"}
+    lines = (out / "suite.csv").read_text().splitlines()
+    assert any(line.startswith("wall,0,all,Given/mine,mean_error,") for line in lines)
+    assert sorted(path.name for path in (out / "pictures").glob("*.png")) == [
+        "late.png", "wall.png",
+    ]  # fmt: skip
+    assert main(["report", str(out), "--quiet"]) == 0
+    page = (out / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == 2
+    assert result.predictions["Given/mine"] in page
+    best = page.index("Given/mine")  # the first line of the table over all cases
+    assert best < page.index("Alg1/H")
+
+
+def test_several_predictions_resume_and_only_what_changed_is_scored_again(
+    suite, theirs, tmp_path, monkeypatch
+):
+    file, cache, _ = suite
+    other = shutil.copytree(theirs, tmp_path / "other")
+    given = ("--prediction", f"a={theirs}", "--prediction", other)
+    assert run(file.parent, cache, tmp_path / "one", *given) == 0
+    found = {job.name: job.found for job in read_suite(tmp_path / "one").jobs}
+    assert {name for name, done in found.items() if not done} == {
+        f"predict/{case}/seed0/Given/{name}" for case in ("wall", "late") for name in ("a", "other")
+    }
+    moved = shutil.move(other, tmp_path / "elsewhere")
+    np.savez(theirs / "late" / "seed0" / "30000.npz", depth_m=np.full((180, 240), 2.0))
+    given = ("--prediction", f"a={theirs}", "--prediction", f"other={moved}")
+    assert run(file.parent, cache, tmp_path / "two", *given) == 0
+    again = {job.name for job in read_suite(tmp_path / "two").jobs if not job.found}
+    assert again == {"predict/late/seed0/Given/a"}
+    one, two = (read_suite(tmp_path / name).predictions for name in ("one", "two"))
+    assert one["Given/other"] == two["Given/other"]
+    assert one["Given/a"] != two["Given/a"]
+
+
+def lone(text):
+    return lambda folder: (folder / "prediction.toml").write_text(text)
+
+
+def put(depth_m, name="wall/seed0/10000.npz"):
+    return lambda folder: np.savez(folder / name, depth_m=depth_m)
+
+
+def spotted(value):
+    depth_m = np.full((180, 240), 2.0)
+    depth_m[3, 4:7] = value
+    return depth_m
+
+
+WRONG = {
+    "missing case": (lambda folder: shutil.rmtree(folder / "late"), "late with seed 0"),
+    "missing seed": (lambda folder: (folder / "late/seed0").rename(folder / "late/seed1"), "late"),
+    "missing window": (lambda folder: (folder / "wall/seed0/30000.npz").unlink(), "30000 µs"),
+    "unknown case": (lambda folder: (folder / "hall").mkdir(), "no case 'hall'"),
+    "no seed": (lambda folder: (folder / "wall" / "first").mkdir(), "such as seed0"),
+    "size": (put(np.ones((180, 241))), "180 rows and 241 columns"),
+    "all NaN": (put(np.full((180, 240), np.nan)), "finite and positive"),
+    "negative": (put(spotted(-1.0)), "3 of 43200 numbers are negative"),
+    "millimetres": (put(np.full((180, 240), 2000.0)), "set scale"),
+    "time": (
+        lambda folder: (folder / "wall/seed0/10000.npz").rename(folder / "wall/seed0/9999.npz"),
+        "-1 µs away",
+    ),
+    "damaged": (
+        lambda folder: (folder / "wall/seed0/10000.npz").write_bytes(b"PK"),
+        "cannot be read",
+    ),
+    "description": (lone("unit = 1"), "it may hold name"),
+    "twice": (
+        lambda folder: shutil.copy(
+            folder / "wall/seed0/10000.npz", folder / "wall/seed0/10000_b.npz"
+        ),
+        "both for 10000",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_a_wrong_prediction_is_one_line_before_anything_is_computed(
+    suite, theirs, tmp_path, monkeypatch, capsys, kind
+):
+    """With an empty cache, where the first job would be a simulation."""
+    spoil, words = WRONG[kind]
+    spoil(theirs)
+    out, cache = tmp_path / "out", tmp_path / "cache"
+    assert run(suite[0].parent, cache, out, "--prediction", f"mine={theirs}") == 2
+    err = capsys.readouterr().err
+    assert words in err
+    assert err.count("\n") == 1
+    assert not out.exists()
+    assert not list(cache.rglob("entry.json"))
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (["nowhere"], "nowhere: no such folder"),
+        (["=theirs"], "needs NAME=DIR"),
+        (["a=theirs", "a=theirs"], "two predictions are called Given/a"),
+    ],
+)
+def test_what_is_asked_for_wrongly_is_one_line(
+    suite, theirs, tmp_path, monkeypatch, capsys, given, words
+):
+    monkeypatch.chdir(tmp_path)
+    more = [word for one in given for word in ("--prediction", one)]
+    assert run(suite[0].parent, suite[1], tmp_path / "out", *more) == 2
+    err = capsys.readouterr().err
+    assert words in err
+    assert err.count("\n") == 1
+
+
+def test_a_suite_needs_a_folder_unless_it_is_only_listed(suite, capsys):
+    assert main(["suite", str(suite[0])]) == 2
+    assert "add --list-cases" in capsys.readouterr().err
+    assert main(["suite", str(suite[0]), "--list-cases", "--out", "o"]) == 2
+    assert "it only lists" in capsys.readouterr().err
+
+
+def test_a_file_that_changes_while_the_suite_runs_is_not_scored(theirs):
+    """The job was planned with another file: its key would say what it is not."""
+    parameters = {
+        "name": "Given/a", "description": {},
+        "files": {"10000": ["wall/seed0/10000.npz", "0" * 64]},
+    }  # fmt: skip
+    with pytest.raises(InputError, match="was changed while the suite ran"):
+        predict_stage.opened(parameters, theirs)

@@ -1,0 +1,142 @@
+"""A whole method in a package outside the repository, as documented: mapped, scored, in a suite."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+import subprocess
+import sys
+import tomllib
+
+import numpy as np
+import pytest
+
+from emvs.maps.folder import read_map
+from eval.suite.results import read_suite
+from places import ROOT
+from small_pair import small_sequence
+
+SUITE = """
+name = "mine"
+summary = "one short case"
+seeds = [0]
+spread_seeds = [0]
+metrics = ["points", "mean_error"]
+
+[mappers.default]
+methods = ["Chance/middle"]
+planes = 21
+
+[cases.wall]
+scene = "planes"
+rig = "oblique"
+seconds = 0.02
+windows = [{ start_s = 0.0, duration_s = 0.02 }]
+sim = { sampling = "fast" }
+"""
+
+
+def documented():
+    """The package's pyproject.toml and module, as docs/methods.md prints them."""
+    page = (ROOT / "docs" / "methods.md").read_text(encoding="utf-8")
+    section = page.partition("### Without a volume, in a package of your own")[2]
+    return [
+        re.search(rf"```{kind}\n(.*?)```", section, re.DOTALL)[1] for kind in ("toml", "python")
+    ]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """A folder of packages with that one in it, as an installer leaves it."""
+    project, module = documented()
+    facts = tomllib.loads(project)["project"]
+    folder = tmp_path_factory.mktemp("site")
+    name, version = facts["name"], facts["version"]
+    (folder / name).mkdir()
+    (folder / name / "__init__.py").touch()
+    (folder / name / "eventsweep.py").write_text(module)
+    info = folder / f"{name}-{version}.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
+    ((group, points),) = facts["entry-points"].items()
+    lines = [f"[{group}]", *(f"{key} = {value}" for key, value in points.items())]
+    (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def eventsweep(site, folder, *words):
+    path = os.pathsep.join([str(ROOT), str(site)])
+    return subprocess.run(
+        [sys.executable, "-m", "eventsweep", *map(str, words)], cwd=folder, capture_output=True,
+        text=True, env={**os.environ, "PYTHONPATH": path}, check=False,
+    )  # fmt: skip
+
+
+def done(site, folder, *words):
+    over = eventsweep(site, folder, *words)
+    assert over.returncode == 0, over.stderr
+    return over.stdout
+
+
+def test_it_is_mapped_without_a_volume_and_scored(site, tmp_path):
+    small_sequence(tmp_path / "seq")
+    assert "Chance/middle" in done(site, tmp_path, "list", "methods")
+    done(site, tmp_path, "map", "seq", "--out", "maps", "--method", "Chance/middle", "--quiet")
+    (window,) = read_map(tmp_path / "maps").windows
+    assert window.info.methods == ("Chance/middle",)
+    assert window.slices.values["Chance/middle"].shape[0] == 0
+    depth_map = window.depth_map("Chance/middle")
+    middle_m = 1 / depth_map.rho[len(depth_map.rho) // 2]
+    np.testing.assert_array_equal(depth_map.depth_m, np.float32(middle_m))
+    assert 0 < depth_map.points < depth_map.mask.size
+    done(site, tmp_path, "score", "maps", "--quiet")
+    with (tmp_path / "maps" / "results.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["method"] == "Chance/middle"]
+    (error,) = [row for row in rows if row["metric"] == "mean_error" and row["window"] == "all"]
+    assert float(error["value"]) > 0
+
+
+def test_it_runs_in_a_suite_and_an_edit_maps_again(site, tmp_path):
+    (tmp_path / "mine.toml").write_text(SUITE)
+    words = ("mine.toml", "--cache", "cache", "--workers", "1", "--no-speed", "--quiet")
+    found = []
+    for out in ("first", "same", "edited"):
+        if out == "edited":
+            module = site / "chance" / "eventsweep.py"
+            module.write_text(module.read_text().replace("len(view.rho) // 2", "1"))
+        done(site, tmp_path, "suite", *words, "--out", out)
+        result = read_suite(tmp_path / out)
+        assert {row.method for row in result.samples[0].rows} == {"Chance/middle", "events"}
+        found.append({job.name.split("/")[0]: job.found for job in result.jobs})
+    assert [one["simulate"] for one in found] == [False, True, True]
+    assert [one["map"] for one in found] == [False, True, False]
+    assert [one["score"] for one in found] == [False, True, False]
+
+
+SPOILT = {
+    "size": ("np.full(shape, 1 /", "np.full((3, 4), 1 /", "(3, 4)"),
+    "NaN": ("1 / view.rho[plane])", "np.nan)", "not finite and positive"),
+    "negative": ("1 / view.rho[plane])", "-1.0)", "not finite and positive"),
+    "nothing": ("    return DepthMap(", "    DepthMap(", "what Chance/middle gives is None"),
+}
+
+
+@pytest.mark.parametrize("kind", SPOILT)
+def test_what_is_no_depth_map_of_the_view_is_one_line(site, tmp_path, kind):
+    old, new, words = SPOILT[kind]
+    small_sequence(tmp_path / "seq")
+    spoilt = tmp_path / "site"
+    for path in [path for path in site.rglob("*") if path.is_file() and path.suffix != ".pyc"]:
+        to = spoilt / path.relative_to(site)
+        to.parent.mkdir(parents=True, exist_ok=True)
+        to.write_text(path.read_text())
+    _, module = documented()
+    assert old in module
+    (spoilt / "chance" / "eventsweep.py").write_text(module.replace(old, new))
+    over = eventsweep(spoilt, tmp_path, "map", "seq", "--out", "maps", "--method", "Chance/middle")
+    assert over.returncode == 2, over.stderr
+    line = over.stderr.strip().splitlines()[-1]
+    assert "Chance/middle" in line
+    assert words in line
+    assert not (tmp_path / "maps").exists()
