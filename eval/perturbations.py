@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,29 @@ class Perturbation(BaseModel):
     stereo_pitch_deg: FiniteFloat = Field(0, description="pitch error of camera 1, deg")
     baseline_percent: FiniteFloat = Field(0, description="the baseline is overestimated, %", gt=-99)
     keep_events: float = Field(1, gt=0, le=1, description="share of events that is kept")
+
+
+PRESETS = {
+    # Fitted by `python tests/benchmarks fit_imperfection`: with it, the ratios of the published
+    # table of MVSEC's flights come out, see the page on studies.
+    "mvsec": Perturbation(focal_percent=1, pose_walk_mm=9, pose_walk_deg=0.94),
+}
+"""What mappers are told wrongly of real recordings, by name."""
+
+
+def amounts(given: Any) -> Any:
+    """The amounts that a preset's name stands for, or what is given as amounts, checked.
+
+    Raises:
+        ValueError: no such preset, or an amount that cannot be.
+    """
+    if isinstance(given, str):
+        if given not in PRESETS:
+            raise ValueError(f"no imperfection {given!r}: choose one of {', '.join(PRESETS)}")
+        return PRESETS[given].model_dump(exclude_defaults=True)
+    if isinstance(given, Mapping):
+        return Perturbation.model_validate(given).model_dump(exclude_defaults=True)
+    return given
 
 
 class ThinnedRecording(DerivedRecording):

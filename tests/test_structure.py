@@ -29,7 +29,6 @@ TABLES = ("scenes", "eval.cli.verbs")
 # Small modules with one importer that are an idea of their own, and which.
 SMALL = {
     "eval.cli.main": "the program: interrupts are heeded up to its frame, whoever calls it",
-    "eval.suite.stages.map": "a stage of a suite: its version is the hash of its own code",
 }
 
 # What compiled loops may import besides other kernels: how they are started, codes that they write.

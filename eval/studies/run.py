@@ -250,7 +250,7 @@ def _score_job(
         "perturb": change.perturb,
         "seed": seed,
     }
-    mapped = Job(f"map/{place}", "eval.studies.stages.map", mapping, (sequence,))
+    mapped = Job(f"map/{place}", "eval.suite.stages.map", mapping, (sequence,))
     scoring = {
         "case": case,
         "seed": seed,

@@ -13,12 +13,22 @@ from itertools import product
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationError,
+    model_serializer,
+    model_validator,
+)
 
 from emvs.errors import InputError
 from emvs.parameters import explain
 from emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
 from eval.config import Settings
+from eval.perturbations import amounts
 
 FOLDER = Path(__file__).parent / "definitions"
 NEWEST = "suite-v2"
@@ -46,7 +56,11 @@ class WindowSpec(_Definition):
 
 
 class CaseSpec(_Definition):
-    """One scene, rig and length, and how it is mapped."""
+    """One scene, rig and length, and how it is mapped.
+
+    `imperfection` is what is wrong with the calibration, the poses and the clocks that the mapper
+    is told: the name of a preset, kept as what that stands for, or amounts of a `Perturbation`.
+    """
 
     scene: str
     rig: str | None = None
@@ -54,6 +68,13 @@ class CaseSpec(_Definition):
     windows: Annotated[tuple[WindowSpec, ...], Field(min_length=1)]
     mappers: Annotated[tuple[_Name, ...], Field(min_length=1)] = ("default",)
     sim: dict[str, Any] = {}
+    imperfection: Annotated[dict[str, float] | None, BeforeValidator(amounts)] = None
+
+    @model_serializer(mode="wrap")
+    def _without_nothing(self, given: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leaves out what is not imperfect, so that the digests of older suites stay."""
+        values: dict[str, Any] = given(self)
+        return {k: v for k, v in values.items() if k != "imperfection" or v is not None}
 
     @model_validator(mode="after")
     def _windows_inside(self) -> CaseSpec:

@@ -146,12 +146,14 @@ def _score_job(suite: Suite, case: str, seed: int, digest: str) -> Job:
     sim = suite.sim_of(spec)
     facts = sequence_parameters(spec.scene, spec.rig, seed, sim)
     sequence = Job(f"simulate/{place}", "eval.suite.stages.simulate", facts)
+    # Only where there is any: the keys of other jobs stay what they were.
+    wrong = {"perturb": spec.imperfection, "seed": seed} if spec.imperfection else {}
     maps, mappers = [], []
     for mapper in spec.mappers:
         for number, window in enumerate(spec.windows):
             times = {"start_s": window.start_s, "duration_s": window.duration_s}
             name = f"w{number:03d}"
-            mapping = {"window": name, "map": {**suite.mappers[mapper], **times}}
+            mapping = {"window": name, "map": {**suite.mappers[mapper], **times}, **wrong}
             maps.append(
                 Job(f"map/{place}/{mapper}/{name}", "eval.suite.stages.map", mapping, (sequence,))
             )

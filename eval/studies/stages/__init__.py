@@ -1,1 +1,1 @@
-"""The stages of a study's jobs: a changed scene is simulated, a perturbed recording is mapped."""
+"""The first stage of a study's jobs, where it changes the scene; the others are a suite's."""

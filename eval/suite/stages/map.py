@@ -13,6 +13,7 @@ from emvs.maps.sliding import map_into, one_window, without
 from emvs.maps.store import write_entry
 from emvs.methods import files_of_others
 from eval.jobs.job import SEQUENCE
+from eval.perturbations import Perturbation, perturbed
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
@@ -21,13 +22,20 @@ def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
 
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
-    """Maps with one thread: the results do not depend on how many, and other jobs have the rest."""
-    map_one_window(open_recording(inputs[0] / SEQUENCE), parameters, out)
+    """Maps one window as `map` says, under the name `window`; its entry lies beside its folder.
 
-
-def map_one_window(recording: Recording, parameters: Mapping[str, Any], out: Path) -> None:
-    """Maps one window as `map` says, under the name `window`; its entry lies beside its folder."""
+    One thread: the results do not depend on how many, and other jobs have the rest.
+    """
+    recording = told(open_recording(inputs[0] / SEQUENCE), parameters)
     config = MapperConfig.model_validate({**parameters["map"], "threads": 1})
     folder = out / str(parameters["window"])
     window, hot = one_window(recording, config, folder)
     write_entry(out, map_into(folder, without(recording, hot), config, window, clouds=False))
+
+
+def told(recording: Recording, parameters: Mapping[str, Any]) -> Recording:
+    """What the mapper is told of a recording: the truth, or what `perturb` makes of it."""
+    if not parameters.get("perturb"):
+        return recording
+    amount = Perturbation.model_validate(parameters["perturb"])
+    return perturbed(recording, amount, parameters["seed"])

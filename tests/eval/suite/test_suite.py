@@ -13,11 +13,14 @@ from emvs.errors import InputError
 from emvs.utils.cache import Cache, default_cache, key_of
 from eval.cli.main import main
 from eval.gate.baseline import read_baseline
+from eval.perturbations import PRESETS
 from eval.scoring.metric_versions import metric_versions
 from eval.suite.definition import FOLDER, load, read
 from eval.suite.results import FILE_NAME, read_suite
 from eval.suite.run import suite_jobs
+from eval.suite.stages import map as stage
 from places import ROOT
+from point_world import fronto_parallel
 from sim.rigs import rig as named_rig
 
 TINY = """
@@ -101,6 +104,13 @@ def test_names_find_suites_and_subsets(tmp_path):
         ("contrast_threshold_pos = 0.4", "contrast_threshold_pos = -1", "contrast_threshold_pos"),
         ('speed_case = "wall"', 'speed_case = "hall"', "no 'hall'"),
         ("planes = 10", 'device = "auto"', "mappers.coarse.device is 'auto'"),
+        (
+            "sim = {",
+            'imperfection = "moon"\nsim = {',
+            "no imperfection 'moon': choose one of mvsec",
+        ),
+        ("sim = {", "imperfection = { focal_percent = 'x' }\nsim = {", "focal_percent"),
+        ("sim = {", "imperfection = { focal = 2 }\nsim = {", "focal"),
         ("[subsets.one]", "[subsets.one", "not TOML"),
     ],
 )
@@ -124,6 +134,25 @@ def test_what_does_not_exist_is_refused_before_the_first_job(tmp_path, old, new,
     suite = read(toml(tmp_path, TINY.replace(old, new)))
     with pytest.raises(InputError, match=words):
         suite_jobs(suite, ("wall",), (0,))
+
+
+def test_a_mapper_is_told_wrong_geometry_of_the_same_sequence(tmp_path):
+    """A preset is kept as its amounts, so that a suite's digest changes with them."""
+    wrong = "imperfection = { stereo_yaw_deg = 1, pose_walk_mm = 9 }\nsim = {"
+    exact = suite_jobs(read(toml(tmp_path)), ("wall",), (1,))[0]
+    told = suite_jobs(read(toml(tmp_path, TINY.replace("sim = {", wrong))), ("wall",), (1,))[0]
+    sequence, mapping = told.needs[:2]
+    assert sequence.parameters == exact.needs[0].parameters
+    assert "perturb" not in exact.needs[1].parameters
+    assert mapping.parameters["perturb"] == {"stereo_yaw_deg": 1, "pose_walk_mm": 9}
+    sound = fronto_parallel(2.0)
+    heard = stage.told(sound, mapping.parameters)
+    turn = heard.rig.T_body_cam[1][:3, :3]
+    assert np.degrees(np.arccos((np.trace(turn) - 1) / 2)) == pytest.approx(1)
+    assert not np.allclose(heard.trajectory.positions_m, sound.trajectory.positions_m, atol=1e-4)
+    assert stage.told(sound, exact.needs[1].parameters) is sound
+    named = read(toml(tmp_path, TINY.replace("sim = {", 'imperfection = "mvsec"\nsim = {')))
+    assert named.cases["wall"].imperfection == PRESETS["mvsec"].model_dump(exclude_defaults=True)
 
 
 def test_a_gpu_that_is_not_there_is_refused_before_the_first_job(tmp_path, monkeypatch):
