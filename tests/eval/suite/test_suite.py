@@ -72,7 +72,11 @@ def test_every_suite_can_be_run(path):
         assert set(subset.seeds) <= set(suite.spread_seeds)
 
 
-FROZEN = {"suite-v2": "dd29ca4991c14787", "mvsec-table-v1": "1ea46b539308529d"}
+FROZEN = {
+    "suite-v2": "dd29ca4991c14787",
+    "mvsec-table-v1": "1ea46b539308529d",
+    "mvsec-table-v2": "e91f11c179769327",
+}
 
 
 @pytest.mark.parametrize("name", FROZEN)
