@@ -1,15 +1,16 @@
 """The top of an objective near a point: a paraboloid, its summit, and how sure that summit is.
 
-The estimate maximises the sum over windows of the logarithm of sharpness, an M-estimator. Its
-covariance follows from the curvature A of the sum and from how the slopes g of single windows
-scatter at the summit (the sandwich A^-1 (sum g g^T) A^-1; Huber 1967): windows that disagree make
-it less sure, and so does a flat top.
+The estimate maximises the mean over windows of the logarithm of sharpness, an M-estimator. Two
+things make it unsure. Windows disagree: from the curvature A and the slopes g of single windows
+follows the covariance A^-1 cov(g) A^-1 / W (the sandwich; Huber 1967). And a top so flat that
+sharpness falls by less than `RIPPLE` says nothing about what lies within: what all windows share,
+pixels, planes, the sensor's lag, moves the top by as much. Both are added.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -18,6 +19,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Function = Callable[[Floats], Floats]
 """Takes (P,) parameters and gives (W,) values, one per window."""
+RIPPLE = 1e-4
+"""Of the logarithm of sharpness: a fall by so little is not seen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,13 +29,11 @@ class Paraboloid:
 
     Attributes:
         point: (P,) where it was fitted.
-        value: (W,) there.
         slopes: (W, P) first derivatives there.
         curvature: (P, P) mean second derivatives; negative definite below a summit.
     """
 
     point: Floats
-    value: Floats
     slopes: Floats
     curvature: Floats
 
@@ -49,16 +50,35 @@ class Paraboloid:
         longest = max(1.0, float(np.abs(step).max(initial=0)))
         return np.asarray(self.point + farthest * step / longest)
 
-    def covariance(self) -> Floats:
-        """(P, P) of the summit; infinite where the top is flat or not a top."""
-        windows, count = self.slopes.shape
+    def covariance(self, independent: float) -> Floats:
+        """(P, P) of the summit; infinite where the top is flat or not a top.
+
+        Args:
+            independent: how many windows do not overlap.
+        """
+        count = len(self.point)
         values = np.linalg.eigvalsh(self.curvature)
-        if windows < 2 or values.max(initial=-np.inf) >= 0:
+        if independent < 2 or values.max(initial=-np.inf) >= 0:
             return np.full((count, count), np.inf)
         inverse = np.linalg.inv(self.curvature)
         spread = self.slopes - self.slopes.mean(axis=0)
-        scatter = spread.T @ spread / (windows * (windows - 1))
-        return np.asarray(inverse @ scatter @ inverse)
+        scatter = spread.T @ spread / (len(spread) - 1) / independent
+        return np.asarray(inverse @ scatter @ inverse - 2 * RIPPLE * inverse)
+
+    def without(self, k: int, value: float) -> Paraboloid:
+        """The model of the other parameters where parameter k has a value."""
+        others = np.delete(np.arange(len(self.point)), k)
+        moved = self.curvature[others, k] * (value - self.point[k])
+        return Paraboloid(
+            self.point[others],
+            self.slopes[:, others] + moved,
+            self.curvature[np.ix_(others, others)],
+        )
+
+    def moved(self, point: Floats) -> Paraboloid:
+        """The same model told from another point."""
+        slopes = self.slopes + self.curvature @ (point - self.point)
+        return replace(self, point=point, slopes=slopes)
 
 
 def fit(function: Function, point: Floats, steps: Floats) -> Paraboloid:
@@ -75,20 +95,18 @@ def fit(function: Function, point: Floats, steps: Floats) -> Paraboloid:
         np.array([function(point + sign * one) for one in np.diag(steps)]) for sign in (1, -1)
     )
     slopes = ((plus - minus) / (2 * steps[:, None])).T
-    bend = ((plus + minus - 2 * value) / steps[:, None] ** 2).mean(axis=1)
-    curvature = np.diag(bend)
+    curvature = np.diag(((plus + minus - 2 * value) / steps[:, None] ** 2).mean(axis=1))
     for i, j in combinations(range(count), 2):
-        both = function(point + _steps(steps, i, j))
-        mixed = (both - plus[i] - plus[j] + value).mean() / (steps[i] * steps[j])
-        # Of the corner that was looked at; half of each own curvature is in `plus` already
-        curvature[i, j] = curvature[j, i] = mixed
-    return Paraboloid(point, value, slopes, curvature)
+        both = np.zeros(count)
+        both[[i, j]] = steps[[i, j]]
+        mixed = (function(point + both) - plus[i] - plus[j] + value).mean()
+        curvature[i, j] = curvature[j, i] = mixed / (steps[i] * steps[j])
+    return Paraboloid(point, slopes, curvature)
 
 
-def _steps(steps: Floats, i: int, j: int) -> Floats:
-    moved = np.zeros_like(steps)
-    moved[[i, j]] = steps[[i, j]]
-    return moved
+def evaluations(parameters: int) -> int:
+    """How often one `fit` evaluates its function."""
+    return 1 + 2 * parameters + parameters * (parameters - 1) // 2
 
 
 def climb(
@@ -106,7 +124,7 @@ def climb(
     model = fit(function, point, steps)
     for _ in range(rounds - 1):
         summit = model.summit(farthest)
-        if (np.abs(summit - model.point) < 0.15 * steps).all():
+        if (np.abs(summit - model.point) < 0.2 * steps).all():
             break
         model = fit(function, summit, steps)
     return model
