@@ -111,7 +111,9 @@ def _turning(told: Told, window: WindowEvents, rate_rad_s: Floats) -> Trajectory
     t_us = poses.t_us[part]
     T_world_body = se3.from_quat_xyzw(poses.positions_m[part], poses.quats_xyzw[part])
     seconds = (t_us - window.t_ref_us) / 1e6
-    turn = se3.from_rotation(Rotation.from_rotvec(seconds[:, None] * rate_rad_s), np.zeros((len(t_us), 3)))
+    turn = se3.from_rotation(
+        Rotation.from_rotvec(seconds[:, None] * rate_rad_s), np.zeros((len(t_us), 3))
+    )
     T_body_cam = told.rig.T_body_cam[0]
     turned = T_world_body @ T_body_cam @ turn @ se3.inverse(T_body_cam)
     return Trajectory.from_matrices(t_us, turned)
@@ -167,7 +169,9 @@ class PoseTurns:
         return camera_turn_rates(self._windows, later)
 
 
-def align(rates: TurnRates, turns: PoseTurns, most_lag_s: float, *, lag: bool, turn: bool) -> Alignment:
+def align(
+    rates: TurnRates, turns: PoseTurns, most_lag_s: float, *, lag: bool, turn: bool
+) -> Alignment:
     """Matches turn rates: lag by correlation, rotation by Kabsch, then both by least squares.
 
     Args:
@@ -188,7 +192,10 @@ def align(rates: TurnRates, turns: PoseTurns, most_lag_s: float, *, lag: bool, t
         return np.einsum("wij,wj->wi", whiten, left).ravel()
 
     far = np.r_[1e3 * most_lag_s, np.full(3, np.pi)]
-    low, high = np.maximum(-far, [1e3 * turns.lowest_s, *-far[1:]]), np.minimum(far, [1e3 * turns.highest_s, *far[1:]])
+    low, high = (
+        np.maximum(-far, [1e3 * turns.lowest_s, *-far[1:]]),
+        np.minimum(far, [1e3 * turns.highest_s, *far[1:]]),
+    )
     found = least_squares(
         residual, start[free], bounds=(low[free], high[free]), loss="soft_l1", diff_step=1e-4,
         x_scale=_SCALE[free],

@@ -136,9 +136,7 @@ class Objective:
         near = _around(told.trajectory, window, max(map(abs, told.clock_us), default=0))
         T_world_rv = near.at(window.t_ref_us) @ told.rig.T_body_cam[0]
         view = _view(told.rig.cameras[0], self.level.scale)
-        each = zip(
-            window.events, told.clock_us, told.rig.cameras, told.rig.T_body_cam, strict=True
-        )
+        each = zip(window.events, told.clock_us, told.rig.cameras, told.rig.T_body_cam, strict=True)
         return [
             event_rays(_on_clock(events, late_us), _tabulated(camera), T, near, T_world_rv, view)
             for events, late_us, camera, T in each

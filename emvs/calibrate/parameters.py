@@ -75,7 +75,7 @@ def _direction(camera: int) -> list[Parameter]:
     return [Parameter("direction", camera, way, "deg", 2.0, 1.0) for way in ("forward", "across")]
 
 
-_POSE_CLOCK = Parameter("pose clock", 0, "", "ms", 40.0, 3.0)
+_POSE_CLOCK = Parameter("pose clock", 0, "", "ms", 40.0, 2.0)
 _HAND_EYE = [
     *(Parameter("hand-eye", 0, axis, "deg", 4.0, 0.5) for axis in AXES),
     *(Parameter("lever", 0, axis, "mm", 40.0, 8.0) for axis in AXES),
@@ -197,7 +197,9 @@ class Correction:
         )
 
     def _value(self, kind: Kind, camera: int = 0, axis: str = "") -> float:
-        found = (v for p, v in self.values.items() if (p.kind, p.camera, p.axis) == (kind, camera, axis))
+        found = (
+            v for p, v in self.values.items() if (p.kind, p.camera, p.axis) == (kind, camera, axis)
+        )
         return next(found, 0.0)
 
     def _axes(self, kind: Kind, camera: int) -> Floats:

@@ -59,7 +59,9 @@ def peak_of(at: Floats, values: Floats) -> float:
         return float(at[k])
     left, top, right = values[k - 1 : k + 2]
     bend = (top - left) + (top - right)
-    return float(at[k] + (at[1] - at[0]) * 0.5 * (right - left) / bend) if bend > 0 else float(at[k])
+    return (
+        float(at[k] + (at[1] - at[0]) * 0.5 * (right - left) / bend) if bend > 0 else float(at[k])
+    )
 
 
 def steps(objective: Objective, parameters: Sequence[Parameter], at: Correction) -> Floats:

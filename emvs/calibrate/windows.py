@@ -71,7 +71,9 @@ def read_windows(
     for done, (t0_us, t1_us) in enumerate(spans, 1):
         events = [recording.events(k, t0_us, t1_us) for k in range(len(recording.rig))]
         if min(map(len, events)) >= _FEWEST_EVENTS:
-            found.append(WindowEvents(t0_us, t1_us, tuple(_thinned(e, plan.events) for e in events)))
+            found.append(
+                WindowEvents(t0_us, t1_us, tuple(_thinned(e, plan.events) for e in events))
+            )
         progress("windows", done, len(spans))
     if len(found) < 2:
         raise InputError(

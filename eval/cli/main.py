@@ -16,7 +16,7 @@ from eval.cli.exit_codes import exit_code
 from eval.cli.help import refusal
 
 VERBS = (
-    "compare", "completion", "convert", "events", "fuse", "gate", "info", "list", "map", "report",
+    "calibrate", "compare", "completion", "convert", "events", "fuse", "gate", "info", "list", "map", "report",
     "run", "score", "simulate", "study", "suite",
 )  # fmt: skip
 for _verb in VERBS:  # importing its module registers a verb
