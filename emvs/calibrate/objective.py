@@ -96,8 +96,10 @@ class Objective:
         self.evaluations = 0
 
     def at(self, level: Level) -> Objective:
-        """The same windows at another level."""
-        return Objective(self.recording, self.windows, self._depth_range_m, level)
+        """The same windows at another level; a coarse one needs fewer events."""
+        share = self.level.scale / level.scale
+        windows = [one.thinned(share) for one in self.windows]
+        return Objective(self.recording, windows, self._depth_range_m, level)
 
     def __call__(self, correction: Correction) -> Floats:
         """(W,) sharpness of every window."""

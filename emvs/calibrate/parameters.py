@@ -75,7 +75,7 @@ def _direction(camera: int) -> list[Parameter]:
     return [Parameter("direction", camera, way, "deg", 2.0, 1.0) for way in ("forward", "across")]
 
 
-_POSE_CLOCK = Parameter("pose clock", 0, "", "ms", 40.0, 2.0)
+_POSE_CLOCK = Parameter("pose clock", 0, "", "ms", 40.0, 2.5)
 _HAND_EYE = [
     *(Parameter("hand-eye", 0, axis, "deg", 4.0, 0.5) for axis in AXES),
     *(Parameter("lever", 0, axis, "mm", 40.0, 8.0) for axis in AXES),
@@ -117,7 +117,7 @@ def _of_camera(name: str, camera: int) -> list[Parameter]:
     if name == "stereo":
         return _stereo(camera)
     if name == "delay":
-        return [Parameter("clock", camera, "", "ms", 12.0, 2.0)]
+        return [Parameter("clock", camera, "", "ms", 12.0, 3.0)]
     if name == "direction":
         return _direction(camera)
     return [Parameter("baseline", camera, "", "%", 6.0, 2.0)]

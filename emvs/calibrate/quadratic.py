@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Function = Callable[[Floats], Floats]
 """Takes (P,) parameters and gives (W,) values, one per window."""
-RIPPLE = 1e-4
+RIPPLE = 5e-5
 """Of the logarithm of sharpness: a fall by so little is not seen."""
 
 

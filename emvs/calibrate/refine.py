@@ -36,8 +36,8 @@ Floats = NDArray[np.float64]
 _SURE = 0.975  # quantile of the two-sided 95 % that uncertainties state
 _POSE_KINDS = ("pose clock", "hand-eye", "lever")
 _CLIMBS, _ALIGNMENTS = 3, 3
+_CURVE_POINTS = 9
 _TURN_STEP_RAD_S = np.radians(4.0)
-_RISE = 1e-3  # of the logarithm of sharpness: less between two ends of a scan is flat
 
 
 @dataclass(frozen=True)
@@ -261,7 +261,8 @@ class _Refiner:
             if unsure[worst] <= 1 and not over[worst] and np.isfinite(joint).all():
                 break
             one = kept[worst]
-            self._refused[one] = (float(joint[worst]), self._reason(one, bool(over[worst])))
+            why = self._reason(one, float(joint[worst]), beyond=bool(over[worst]))
+            self._refused[one] = (float(joint[worst]), why)
             self._best = self._best.with_values({one: 0.0})
             model, around = model.without(worst, 0.0), np.delete(around, worst)
             kept, dropped = [*kept[:worst], *kept[worst + 1 :]], dropped + 1
@@ -286,20 +287,25 @@ class _Refiner:
             return Estimate(one, 0.0, uncertainty, why)
         return Estimate(one, self._best.values.get(one, 0.0), sure[one])
 
-    def _reason(self, one: Parameter, beyond: bool) -> str:
+    def _reason(self, one: Parameter, uncertainty: float, *, beyond: bool) -> str:
+        """Why a parameter is refused: how unsure it is, and what it would take."""
         if beyond:
             return f"the best lies beyond {one.reach:g} {one.unit}, farther than it is searched"
+        known = f"known to {uncertainty:.2g} {one.unit}" if np.isfinite(uncertainty) else "flat"
+        return f"{known}, needs {one.needed:g}: {self._lack(one)}"
+
+    def _lack(self, one: Parameter) -> str:
         told = self._objective.told(self._best)
         rates = np.degrees(camera_turn_rates(self._objective.windows, told))
-        turn, change = float(np.sqrt((rates**2).sum(1).mean())), float(np.sqrt(rates.var(0).sum()))
+        each = ", ".join(f"{rate:.2g}" for rate in np.sqrt((rates**2).mean(axis=0)))
         if one.kind == "pose clock":
-            return f"the motion is too even: the rate of turn changes by {change:.2g} deg/s only"
+            change = float(np.sqrt(rates.var(axis=0).sum()))
+            return f"the motion is too even or too short; rates of turn vary by {change:.2g} deg/s"
         if one.kind == "hand-eye":
-            across = [f"{np.sqrt((rates[:, k] ** 2).mean()):.2g}" for k in range(len(AXES))]
-            return f"too little turning: {', '.join(across)} deg/s about x, y, z"
+            return f"the camera turns too little, by {each} deg/s about x, y, z"
         if one.kind == "lever":
-            return f"it shows only where the camera turns, here by {turn:.2g} deg/s"
-        return f"too little texture, parallax or motion in {len(self._objective.windows)} windows"
+            return f"it shows only where the camera turns, here by {each} deg/s about x, y, z"
+        return "too little texture, parallax or motion in these windows"
 
     def _curves(self, sure: dict[Parameter, float]) -> dict[str, tuple[Floats, Floats]]:
         """Sharpness over each refined parameter, around the result and as far as what was given."""
@@ -307,7 +313,7 @@ class _Refiner:
         for done, one in enumerate(sure, 1):
             best = self._best.values.get(one, 0.0)
             far = max(1.3 * abs(best), 4 * sure[one], 0.2 * one.reach)
-            at = best + np.linspace(-far, far, 11)
+            at = best + np.linspace(-far, far, _CURVE_POINTS)
             values = [self._objective(self._best.with_values({one: float(x)})) for x in at]
             mean = np.exp(np.log(values).mean(axis=1))
             curves[one.name] = (at, np.asarray(mean / mean.max()))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,12 @@ class WindowEvents:
     def t_ref_us(self) -> int:
         """The time of the reference view: the middle."""
         return (self.t0_us + self.t1_us) // 2
+
+    def thinned(self, share: float) -> WindowEvents:
+        """The window with a share of its events, evenly through time."""
+        return replace(
+            self, events=tuple(_thinned(one, max(1, int(share * len(one)))) for one in self.events)
+        )
 
 
 @dataclass(frozen=True)

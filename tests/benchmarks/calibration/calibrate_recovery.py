@@ -35,7 +35,7 @@ from emvs.windows import Window
 from eval.cli.exit_codes import exit_code
 from markdown_blocks import into_page
 from sim.config import SimConfig
-from sim.rigs import load as load_rig
+from sim.rigs import rig
 from sim.sensor_presets import SensorConfig
 from sim.simulate import simulate
 
