@@ -28,6 +28,7 @@ from emvs.geometry.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 _LAG_STEP_MS = 1.0
+_SPREAD_STEPS = 4  # how far a window may turn otherwise than its poses say, 1 sigma
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +61,9 @@ def turn_rates(
     extra = np.zeros((len(objective.windows), 3))
     for _ in range(rounds):
         models = _each_window(objective, told, extra, step_rad_s)
-        extra = np.array([one.summit(np.full(3, 2 * step_rad_s)) for one in models])
+        spread = np.full(3, _SPREAD_STEPS * step_rad_s)
+        found = [one.estimate(spread, 1).point for one in models]
+        extra = np.clip(found, extra - 2 * step_rad_s, extra + 2 * step_rad_s)
     poses = camera_turn_rates(objective.windows, told)
     weight = np.array([-one.curvature for one in models])
     return TurnRates(poses + extra, poses, weight)

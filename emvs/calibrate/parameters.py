@@ -51,6 +51,11 @@ class Parameter:
     needed: float
 
     @property
+    def spread(self) -> float:
+        """How far the calibration as given is believed to be off, 1 sigma: it is searched to 2."""
+        return self.reach / 2
+
+    @property
     def name(self) -> str:
         """What tables and messages call it."""
         turn = _TURNS.get(self.axis, "")
@@ -163,7 +168,7 @@ class Correction:
         return np.array([self.values.get(one, 0.0) for one in parameters])
 
     def rig(self, rig: Rig) -> Rig:
-        """The rig with focal lengths, cameras and the first camera's place on the body corrected."""
+        """The rig with its focal lengths, its cameras and the first one's place corrected."""
         scale = 1 + self._value("focal") / 100
         cameras = tuple(_scaled(camera, scale) for camera in rig.cameras)
         first = rig.T_body_cam[0] @ self.hand_eye()
@@ -216,7 +221,7 @@ class Correction:
 
 
 def _turned_baseline(baseline_m: Floats, angles: Floats) -> Floats:
-    """A baseline turned towards the optical axis and across it, by two angles; as long as before."""
+    """A baseline turned towards the optical axis and across it by two angles, as long as before."""
     length_m = float(np.linalg.norm(baseline_m))
     if not angles.any() or length_m == 0:
         return baseline_m

@@ -1,16 +1,22 @@
 """The top of an objective near a point: a paraboloid, its summit, and how sure that summit is.
 
 The estimate maximises the mean over windows of the logarithm of sharpness, an M-estimator. Two
-things make it unsure. Windows disagree: from the curvature A and the slopes g of single windows
-follows the covariance A^-1 cov(g) A^-1 / W (the sandwich; Huber 1967). And a top so flat that
-sharpness falls by less than `RIPPLE` says nothing about what lies within: what all windows share,
-pixels, planes, the sensor's lag, moves the top by as much. Both are added.
+things make it unsure. Windows disagree: with the curvature A and the slopes g of single windows
+the covariance is A^-1 cov(g) A^-1 / W (the sandwich; Huber 1967). And a top so flat that sharpness
+falls by less than `RIPPLE` says nothing about what lies within: what all windows share, pixels,
+planes, the sensor's lag, moves the top by as much.
+
+Where parameters trade off against each other, one that the data leave open must not make another
+look sure. So all are estimated together, each with a belief that the calibration as given is right
+to within a spread, weighted against the data as ridge regression does (the weight that makes the
+error of a single parameter least). What is determined does not notice; what is open stays as given
+and as unsure as the belief, and hands its doubt on to what it trades off with.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -37,48 +43,36 @@ class Paraboloid:
     slopes: Floats
     curvature: Floats
 
-    def summit(self, farthest: Floats) -> Floats:
-        """(P,) the highest point within a box of +- `farthest` (P,) around the point.
-
-        Where the model is not curved downwards the step follows the slope to the box's edge.
-        """
-        scaled = self.curvature * farthest[:, None] * farthest
-        values, vectors = np.linalg.eigh(scaled)
-        slope = vectors.T @ (self.slopes.mean(axis=0) * farthest)
-        bend = np.maximum(-values, np.abs(slope))  # a step of 1 at most along each axis
-        step = vectors @ np.divide(slope, bend, out=np.zeros_like(slope), where=bend > 0)
-        longest = max(1.0, float(np.abs(step).max(initial=0)))
-        return np.asarray(self.point + farthest * step / longest)
-
-    def covariance(self, independent: float) -> Floats:
-        """(P, P) of the summit; infinite where the top is flat or not a top.
+    def estimate(self, spread: Floats, independent: float) -> Estimated:
+        """The summit, with the belief that (P,) 0 is right to within `spread` (1 sigma).
 
         Args:
+            spread: (P,) of the belief.
             independent: how many windows do not overlap.
         """
-        count = len(self.point)
-        values = np.linalg.eigvalsh(self.curvature)
-        if independent < 2 or values.max(initial=-np.inf) >= 0:
-            return np.full((count, count), np.inf)
-        inverse = np.linalg.inv(self.curvature)
-        spread = self.slopes - self.slopes.mean(axis=0)
-        scatter = spread.T @ spread / (len(spread) - 1) / independent
-        return np.asarray(inverse @ scatter @ inverse - 2 * RIPPLE * inverse)
+        values, vectors = np.linalg.eigh(-self.curvature)
+        bend = vectors * np.maximum(values, 0) @ vectors.T
+        centred = self.slopes - self.slopes.mean(axis=0)
+        scatter = centred.T @ centred / max(1, len(centred) - 1) / independent + 2 * RIPPLE * bend
+        own = np.maximum(np.diag(bend), 1e-12)
+        pull = np.maximum(np.diag(scatter) / own, 2 * RIPPLE) / spread**2
+        inverse = np.linalg.inv(bend + np.diag(pull))
+        step = inverse @ (self.slopes.mean(axis=0) - pull * self.point)
+        doubt = scatter + np.diag((pull * spread) ** 2)
+        return Estimated(self.point + step, inverse @ doubt @ inverse)
 
-    def without(self, k: int, value: float) -> Paraboloid:
-        """The model of the other parameters where parameter k has a value."""
-        others = np.delete(np.arange(len(self.point)), k)
-        moved = self.curvature[others, k] * (value - self.point[k])
-        return Paraboloid(
-            self.point[others],
-            self.slopes[:, others] + moved,
-            self.curvature[np.ix_(others, others)],
-        )
 
-    def moved(self, point: Floats) -> Paraboloid:
-        """The same model told from another point."""
-        slopes = self.slopes + self.curvature @ (point - self.point)
-        return replace(self, point=point, slopes=slopes)
+@dataclass(frozen=True, eq=False)
+class Estimated:
+    """A summit and how sure it is.
+
+    Attributes:
+        point: (P,) where it is.
+        covariance: (P, P).
+    """
+
+    point: Floats
+    covariance: Floats
 
 
 def fit(function: Function, point: Floats, steps: Floats) -> Paraboloid:
@@ -110,21 +104,23 @@ def evaluations(parameters: int) -> int:
 
 
 def climb(
-    function: Function, point: Floats, steps: Floats, farthest: Floats, rounds: int = 3
-) -> Paraboloid:
-    """Goes from summit to summit until the step is small, and returns the last paraboloid.
+    function: Function, point: Floats, steps: Floats, spread: Floats, independent: float,
+    rounds: int = 3,
+) -> Estimated:  # fmt: skip
+    """Goes from summit to summit until the step is small.
 
     Args:
         function: what is to be maximised.
         point: (P,) where to begin.
-        steps: (P,) for the differences.
-        farthest: (P,) how far one round may go.
+        steps: (P,) for the differences; one round goes twice as far at most.
+        spread: (P,) of the belief that 0 is right.
+        independent: how many windows do not overlap.
         rounds: of fitting, at most.
     """
-    model = fit(function, point, steps)
-    for _ in range(rounds - 1):
-        summit = model.summit(farthest)
-        if (np.abs(summit - model.point) < 0.2 * steps).all():
+    for _ in range(rounds):
+        found = fit(function, point, steps).estimate(spread, independent)
+        step = found.point - point
+        if (np.abs(step) < 0.2 * steps).all():
             break
-        model = fit(function, summit, steps)
-    return model
+        point = point + step / max(1.0, float((np.abs(step) / (2 * steps)).max()))
+    return found

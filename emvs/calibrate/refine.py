@@ -6,8 +6,8 @@
 3. Pose clock and hand-eye: angular velocities of events and poses, matched over all windows
    (`angular_velocity`), then the same paraboloid.
 4. Where both were asked for, the first once more.
-5. What the recording leaves too unsure is refused: it keeps the value that was given, and the
-   others are estimated for that value.
+5. What the recording leaves too unsure is refused: it keeps the value that was given. Its doubt is
+   in the uncertainty of what it trades off with.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from scipy.stats import t as student_t
 from emvs.calibrate.angular_velocity import PoseTurns, align, camera_turn_rates, turn_rates
 from emvs.calibrate.objective import Objective
 from emvs.calibrate.parameters import AXES, Correction, Parameter, parameters_of
-from emvs.calibrate.quadratic import Paraboloid, climb, evaluations
+from emvs.calibrate.quadratic import climb, evaluations
 from emvs.calibrate.search import approach, scans, steps
 from emvs.calibrate.windows import WindowEvents, WindowPlan, read_windows
 from emvs.config import DEFAULT_DEPTH_RANGE_M
@@ -37,6 +37,7 @@ _SURE = 0.975  # quantile of the two-sided 95 % that uncertainties state
 _POSE_KINDS = ("pose clock", "hand-eye", "lever")
 _CLIMBS, _ALIGNMENTS = 3, 3
 _CURVE_POINTS = 9
+_FAR = 1.2  # times its reach: what lies beyond is not believed
 _TURN_STEP_RAD_S = np.radians(4.0)
 
 
@@ -76,7 +77,8 @@ class Estimate:
     Attributes:
         parameter: which.
         value: the correction, in the parameter's unit; 0 where it was refused.
-        uncertainty: 95 %, plus or minus; infinite where the objective is flat.
+        uncertainty: 95 %, plus or minus; where nothing is seen, that of the belief that the
+            calibration as given is right to within half of what is searched.
         refused: why it was left as given; empty where it was refined.
     """
 
@@ -161,7 +163,7 @@ class _Refiner:
         self._parameters = tuple(parameters)
         self._objective = Objective(recording, windows, _depth_range_m(recording, config))
         self._best = Correction()
-        self._refused: dict[Parameter, tuple[float, str]] = {}
+        self._sure: dict[Parameter, float] = {}
         length_us = windows[0].t1_us - windows[0].t0_us
         span_us = windows[-1].t1_us - windows[0].t0_us
         self._independent = min(len(windows), span_us / length_us)
@@ -170,26 +172,24 @@ class _Refiner:
         shape = [one for one in self._parameters if one.kind not in _POSE_KINDS]
         pose = [one for one in self._parameters if one.kind in _POSE_KINDS]
         before = self._objective(Correction())
-        sure: dict[Parameter, float] = {}
         if shape:
             self._scan(shape)
-            sure |= self._top("stereo", shape)
+            self._top("stereo", shape)
         if pose:
             self._match_turns(pose)
-            sure |= self._top("poses", pose)
+            self._top("poses", pose)
         if shape and pose:
-            sure |= self._top("stereo again", self._kept(shape))
+            self._top("stereo again", shape)
+        estimates = tuple(self._estimate(one) for one in self._parameters)
+        self._best = Correction({one.parameter: one.value for one in estimates if not one.refused})
         after = self._objective(self._best)
         return Refinement(
-            tuple(self._estimate(one, sure) for one in self._parameters),
+            estimates,
             np.stack([before, after], axis=1),
             tuple((one.t0_us, one.t1_us) for one in self._objective.windows),
             self._config,
-            self._curves(sure),
+            self._curves([one for one in estimates if not one.refused]),
         )
-
-    def _kept(self, parameters: Sequence[Parameter]) -> list[Parameter]:
-        return [one for one in parameters if one not in self._refused]
 
     def _scan(self, parameters: Sequence[Parameter]) -> None:
         done, total = 0, scans(len(parameters))
@@ -217,16 +217,8 @@ class _Refiner:
             if turns:
                 self._best = self._best.with_values(_turned(self._best, turns, found.rotvec))
 
-    def _top(self, stage: str, parameters: Sequence[Parameter]) -> dict[Parameter, float]:
-        """Climbs jointly, refuses what stays unsure, and gives the 95 % of the rest."""
-        model, at = self._climbed(stage, parameters)
-        kept, dropped = self._without_unsure(model, list(parameters), at)
-        if dropped and kept:
-            again, _ = self._climbed(f"{stage}, {len(kept)} left", kept)
-            return self._accepted(again, kept)
-        return self._accepted(model, kept) if kept else {}
-
-    def _climbed(self, stage: str, parameters: Sequence[Parameter]) -> tuple[Paraboloid, Floats]:
+    def _top(self, stage: str, parameters: Sequence[Parameter]) -> None:
+        """Climbs in all of them jointly, and notes how sure each is."""
         around = steps(self._objective, parameters, self._best)
         done, total = 0, _CLIMBS * evaluations(len(parameters))
 
@@ -237,62 +229,26 @@ class _Refiner:
             values = dict(zip(parameters, map(float, point), strict=True))
             return np.log(self._objective(self._best.with_values(values)))
 
-        model = climb(function, self._best.vector(parameters), around, 2 * around, _CLIMBS)
+        spread = np.array([one.spread for one in parameters])
+        start = self._best.vector(parameters)
+        found = climb(function, start, around, spread, self._independent, _CLIMBS)
         self._progress(stage, total, total)
-        return model.moved(model.summit(2 * around)), around
-
-    def _uncertainties(self, model: Paraboloid) -> Floats:
-        """(P,) 95 % of each parameter."""
-        variance = np.diag(model.covariance(self._independent))
         factor = student_t.ppf(_SURE, max(1.0, self._independent - 1))
-        return np.asarray(factor * np.sqrt(variance))
+        each = factor * np.sqrt(np.diag(found.covariance))
+        self._best = self._best.with_values(
+            dict(zip(parameters, map(float, found.point), strict=True))
+        )
+        self._sure |= dict(zip(parameters, map(float, each), strict=True))
 
-    def _without_unsure(
-        self, model: Paraboloid, kept: list[Parameter], around: Floats
-    ) -> tuple[list[Parameter], int]:
-        """Fixes one parameter after the other, the least sure first, until all others are sure."""
-        dropped = 0
-        while kept:
-            each = [self._alone(model, k) for k in range(len(kept))]
-            joint = self._uncertainties(model)
-            unsure = np.where(np.isfinite(joint), joint, each) / [one.needed for one in kept]
-            over = np.abs(model.point) > [1.5 * one.reach for one in kept]
-            worst = int(np.where(over, np.inf, unsure).argmax())
-            if unsure[worst] <= 1 and not over[worst] and np.isfinite(joint).all():
-                break
-            one = kept[worst]
-            why = self._reason(one, float(joint[worst]), beyond=bool(over[worst]))
-            self._refused[one] = (float(joint[worst]), why)
-            self._best = self._best.with_values({one: 0.0})
-            model, around = model.without(worst, 0.0), np.delete(around, worst)
-            kept, dropped = [*kept[:worst], *kept[worst + 1 :]], dropped + 1
-            if kept:
-                model = model.moved(model.summit(2 * around))
-        return kept, dropped
-
-    def _alone(self, model: Paraboloid, k: int) -> float:
-        """95 % of one parameter if all others were known."""
-        others = [j for j in range(len(model.point)) if j != k]
-        for j in reversed(others):
-            model = model.without(j, float(model.point[j]))
-        return float(self._uncertainties(model)[0])
-
-    def _accepted(self, model: Paraboloid, kept: Sequence[Parameter]) -> dict[Parameter, float]:
-        self._best = self._best.with_values(dict(zip(kept, map(float, model.point), strict=True)))
-        return dict(zip(kept, map(float, self._uncertainties(model)), strict=True))
-
-    def _estimate(self, one: Parameter, sure: dict[Parameter, float]) -> Estimate:
-        if one in self._refused:
-            uncertainty, why = self._refused[one]
+    def _estimate(self, one: Parameter) -> Estimate:
+        value, uncertainty = self._best.values[one], self._sure[one]
+        if abs(value) > _FAR * one.reach:
+            why = f"the best lies beyond {one.reach:g} {one.unit}, farther than it is searched"
             return Estimate(one, 0.0, uncertainty, why)
-        return Estimate(one, self._best.values.get(one, 0.0), sure[one])
-
-    def _reason(self, one: Parameter, uncertainty: float, *, beyond: bool) -> str:
-        """Why a parameter is refused: how unsure it is, and what it would take."""
-        if beyond:
-            return f"the best lies beyond {one.reach:g} {one.unit}, farther than it is searched"
-        known = f"known to {uncertainty:.2g} {one.unit}" if np.isfinite(uncertainty) else "flat"
-        return f"{known}, needs {one.needed:g}: {self._lack(one)}"
+        if uncertainty <= one.needed:
+            return Estimate(one, value, uncertainty)
+        known = f"known to {uncertainty:.2g} {one.unit}, needs {one.needed:g}"
+        return Estimate(one, 0.0, uncertainty, f"{known}: {self._lack(one)}")
 
     def _lack(self, one: Parameter) -> str:
         told = self._objective.told(self._best)
@@ -307,17 +263,16 @@ class _Refiner:
             return f"it shows only where the camera turns, here by {each} deg/s about x, y, z"
         return "too little texture, parallax or motion in these windows"
 
-    def _curves(self, sure: dict[Parameter, float]) -> dict[str, tuple[Floats, Floats]]:
+    def _curves(self, refined: Sequence[Estimate]) -> dict[str, tuple[Floats, Floats]]:
         """Sharpness over each refined parameter, around the result and as far as what was given."""
         curves = {}
-        for done, one in enumerate(sure, 1):
-            best = self._best.values.get(one, 0.0)
-            far = max(1.3 * abs(best), 4 * sure[one], 0.2 * one.reach)
-            at = best + np.linspace(-far, far, _CURVE_POINTS)
-            values = [self._objective(self._best.with_values({one: float(x)})) for x in at]
-            mean = np.exp(np.log(values).mean(axis=1))
-            curves[one.name] = (at, np.asarray(mean / mean.max()))
-            self._progress("curves", done, len(sure))
+        for done, one in enumerate(refined, 1):
+            far = max(1.3 * abs(one.value), 4 * one.uncertainty, 0.2 * one.parameter.reach)
+            at = one.value + np.linspace(-far, far, _CURVE_POINTS)
+            each = [self._best.with_values({one.parameter: float(x)}) for x in at]
+            mean = np.exp([np.log(self._objective(told)).mean() for told in each])
+            curves[one.parameter.name] = (at, np.asarray(mean / mean.max()))
+            self._progress("curves", done, len(refined))
         return curves
 
 

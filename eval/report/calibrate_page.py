@@ -1,4 +1,4 @@
-"""The page of a refined calibration: what changed, how sure it is, and a window before and after."""
+"""The page of a refined calibration: what changed, how sure it is, a window before and after."""
 
 from __future__ import annotations
 
@@ -214,10 +214,13 @@ def _depth_range_m(side: Side) -> tuple[float, float]:
 def sentences(refinement: Refinement, sides: Sequence[Side]) -> list[str]:
     """What the page says first."""
     before, after = refinement.sharpness.mean(axis=0)
+    gain = 100 * (after / before - 1)
     windows = plural(len(refinement.windows), "window")
-    lines = [
-        f"{_summary(refinement)}; the DSI of {windows} is {100 * (after / before - 1):+.1f} % sharper."
-    ]
+    sharper = f"{gain:.1f} % sharper" if gain >= 0.05 else "as sharp as before"
+    lines = [f"{_summary(refinement)}; the DSI of {windows} is {sharper}."]
+    refined = [one for one in refinement.estimates if not one.refused]
+    if refined and all(abs(one.value) <= one.uncertainty for one in refined):
+        lines.append("No correction is larger than its uncertainty: nothing was found wrong.")
     if all(len(side.residuals_px) for side in sides):
         values = [float(np.median(np.abs(side.residuals_px))) for side in sides]
         lines.append(
