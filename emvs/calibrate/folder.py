@@ -1,4 +1,4 @@
-"""What refinement writes: a calibration in the recording's own format, and a recording that uses it.
+"""What refinement writes: a calibration in the recording's own format, and a recording to use it.
 
 Formats of calibration hold cameras and where they sit, none a clock, and few a hand-eye. So beside
 the file in the recording's own format lie `rig.json`, `poses.txt` and a `recording.toml` that names
@@ -97,7 +97,7 @@ def _path_of(recording: Recording) -> str:
 
 
 def _digest(recording: Recording) -> dict[str, str]:
-    """A hash of what was refined: a sequence's manifest, else calibration, poses and event files."""
+    """A hash of what was refined: of a manifest, else of calibration, poses and event files."""
     if isinstance(recording, Sequence):
         return {"manifest_sha256": recording.manifest.digest()}
     hasher = hashlib.sha256(json.dumps(recording.rig.to_json(), sort_keys=True).encode())
@@ -183,7 +183,7 @@ def _written_as(folder: Path, recording: Recording, rig: Rig) -> bool:
     if not isinstance(recording, PosedRecording):
         return False
     writers: dict[str, Callable[[], None]] = {
-        "DSEC": lambda: dsec.write_calibration(folder, rig),
+        "DSEC": lambda: _write_dsec(folder, rig),
         "TUM-VIE": lambda: _write_tumvie(folder / "camera-calibrationA.json", rig),
         "MVSEC": lambda: write_kalibr(folder / f"camchain-imucam-{recording.name}.yaml", rig),
         FILE_NAME: lambda: _write_described(folder, recording, rig),
@@ -192,6 +192,12 @@ def _written_as(folder: Path, recording: Recording, rig: Rig) -> bool:
         return False
     writers[recording.layout]()
     return True
+
+
+def _write_dsec(folder: Path, rig: Rig) -> None:
+    for side in ("left", "right"):
+        (folder / "events" / side).mkdir(parents=True)
+    dsec.write_calibration(folder, rig)
 
 
 def _write_ecd(path: Path, rig: Rig) -> None:

@@ -106,7 +106,11 @@ def edge_stream(camera, trajectory, n, seed=0, noise=0.1):
 
 
 def swinging(
-    turn_deg=(6.0, 8.0, 5.0), way_m=(0.12, 0.08, 0.06), duration_us=1_200_000, step_us=2000, even=False
+    turn_deg=(6.0, 8.0, 5.0),
+    way_m=(0.12, 0.08, 0.06),
+    duration_us=1_200_000,
+    step_us=2000,
+    even=False,
 ):
     """A body that swings along and about three axes, each at a rate of its own, about 1 to 2 Hz.
 
@@ -116,8 +120,16 @@ def swinging(
 
     t_us = np.arange(0, duration_us + 1, step_us)
     t_s = t_us[:, None] / 1e6
-    swing = 2 * (t_s - t_s.mean()) if even else np.sin(2 * np.pi * t_s * [1.3, 1.0, 1.7] + [0.3, 1.4, 2.2])
-    place = 2 * (t_s - t_s.mean()) if even else np.sin(2 * np.pi * t_s * [1.1, 1.5, 0.9] + [2.0, 0.1, 1.0])
+    swing = (
+        2 * (t_s - t_s.mean())
+        if even
+        else np.sin(2 * np.pi * t_s * [1.3, 1.0, 1.7] + [0.3, 1.4, 2.2])
+    )
+    place = (
+        2 * (t_s - t_s.mean())
+        if even
+        else np.sin(2 * np.pi * t_s * [1.1, 1.5, 0.9] + [2.0, 0.1, 1.0])
+    )
     quats = Rotation.from_rotvec(swing * turn_deg, degrees=True).as_quat()
     return Trajectory(t_us, place * np.array(way_m) * np.ones((1, 3)), quats)
 

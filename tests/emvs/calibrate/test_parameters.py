@@ -14,7 +14,9 @@ RECORDING = edge_points(swinging(), stereo_rig(pinhole(), 0.1, 3), points=50)
 
 def corrected(**values):
     by_name = {one.name: one for one in parameters_of(tuple(NAMES), 3)}
-    return Correction({by_name[k.replace("_", " ")]: v for k, v in values.items()}).applied(RECORDING)
+    return Correction({by_name[k.replace("_", " ")]: v for k, v in values.items()}).applied(
+        RECORDING
+    )
 
 
 def test_nothing_is_altered_by_default():

@@ -85,7 +85,12 @@ def test_the_direction_of_the_baseline_comes_back():
 
 
 def test_hand_eye_rotation_and_pose_clock_come_back_where_the_camera_turns():
-    errors = {"pose clock": -12.0, "hand-eye pitch": 1.2, "hand-eye yaw": -1.2, "hand-eye roll": 1.0}
+    errors = {
+        "pose clock": -12.0,
+        "hand-eye pitch": 1.2,
+        "hand-eye yaw": -1.2,
+        "hand-eye roll": 1.0,
+    }
     found, left = refined(("pose-delay", "hand-eye"), errors, "shaking", windows=10, window_s=0.1)
     assert abs(left["pose clock"]) < 1.5
     turns = [name for name in left if name.split()[-1] in ("pitch", "yaw", "roll")]
