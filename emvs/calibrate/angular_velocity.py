@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +102,7 @@ def _each_window(
         return cache[key][window : window + 1]
 
     steps = np.full(3, step_rad_s)
-    models = [fit(lambda x, k=k: one(k, x), np.zeros(3), steps) for k in range(len(extra))]
+    models = [fit(partial(one, k), np.zeros(3), steps) for k in range(len(extra))]
     return [replace(model, point=rate) for model, rate in zip(models, extra, strict=True)]
 
 
@@ -192,7 +193,7 @@ def align(
         whole = start.copy()
         whole[free] = x
         left = rates.events - turns.at(1e-3 * whole[0], whole[1:])
-        return np.einsum("wij,wj->wi", whiten, left).ravel()
+        return np.asarray(np.einsum("wij,wj->wi", whiten, left).ravel())
 
     far = np.r_[1e3 * most_lag_s, np.full(3, np.pi)]
     low, high = (

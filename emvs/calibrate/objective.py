@@ -128,7 +128,7 @@ class Objective:
         cameras = len(self.recording.rig)
         at = np.arange(len(rays))[:, None] * cameras + np.arange(cameras + 1)
         view = _view(self.recording.rig.cameras[0], self.level.scale)
-        objective_kernels.ray_maxima(
+        objective_kernels.ray_maxima(  # type: ignore[call-arg]
             *map(np.concatenate, columns), begin[at], self._rho, view.width_px, view.height_px,
             self._grids, self._best,
         )  # fmt: skip

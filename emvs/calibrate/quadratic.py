@@ -50,16 +50,18 @@ class Paraboloid:
             spread: (P,) of the belief.
             independent: how many windows do not overlap.
         """
-        values, vectors = np.linalg.eigh(-self.curvature)
+        # In units of the spreads: degrees and milliseconds do not compare
+        values, vectors = np.linalg.eigh(-self.curvature * spread[:, None] * spread)
         bend = vectors * np.maximum(values, 0) @ vectors.T
-        centred = self.slopes - self.slopes.mean(axis=0)
+        slopes = self.slopes * spread
+        centred = slopes - slopes.mean(axis=0)
         scatter = centred.T @ centred / max(1, len(centred) - 1) / independent + 2 * RIPPLE * bend
         own = np.maximum(np.diag(bend), 1e-12)
-        pull = np.maximum(np.diag(scatter) / own, 2 * RIPPLE) / spread**2
+        pull = np.maximum(np.diag(scatter) / own, 2 * RIPPLE)
         inverse = np.linalg.inv(bend + np.diag(pull))
-        step = inverse @ (self.slopes.mean(axis=0) - pull * self.point)
-        doubt = scatter + np.diag((pull * spread) ** 2)
-        return Estimated(self.point + step, inverse @ doubt @ inverse)
+        step = inverse @ (slopes.mean(axis=0) - pull * self.point / spread)
+        covariance = inverse @ (scatter + np.diag(pull**2)) @ inverse
+        return Estimated(self.point + spread * step, covariance * spread[:, None] * spread)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +78,9 @@ class Estimated:
 
 
 def fit(function: Function, point: Floats, steps: Floats) -> Paraboloid:
-    """Fits by differences: two evaluations per parameter and one per pair of them.
+    """Fits by differences: two evaluations per parameter and two per pair of them.
+
+    Differences are symmetric, so that a top that falls off unevenly does not seem to trade off.
 
     Args:
         function: what is to be modelled.
@@ -93,26 +97,27 @@ def fit(function: Function, point: Floats, steps: Floats) -> Paraboloid:
     for i, j in combinations(range(count), 2):
         both = np.zeros(count)
         both[[i, j]] = steps[[i, j]]
-        mixed = (function(point + both) - plus[i] - plus[j] + value).mean()
-        curvature[i, j] = curvature[j, i] = mixed / (steps[i] * steps[j])
+        along = function(point + both) + function(point - both) - 2 * value
+        own = plus[i] + minus[i] + plus[j] + minus[j] - 4 * value
+        curvature[i, j] = curvature[j, i] = (along - own).mean() / (2 * steps[i] * steps[j])
     return Paraboloid(point, slopes, curvature)
 
 
 def evaluations(parameters: int) -> int:
     """How often one `fit` evaluates its function."""
-    return 1 + 2 * parameters + parameters * (parameters - 1) // 2
+    return 1 + 2 * parameters + parameters * (parameters - 1)
 
 
 def climb(
     function: Function, point: Floats, steps: Floats, spread: Floats, independent: float,
-    rounds: int = 3,
+    rounds: int = 4,
 ) -> Estimated:  # fmt: skip
     """Goes from summit to summit until the step is small.
 
     Args:
         function: what is to be maximised.
         point: (P,) where to begin.
-        steps: (P,) for the differences; one round goes twice as far at most.
+        steps: (P,) for the differences; one round goes no farther.
         spread: (P,) of the belief that 0 is right.
         independent: how many windows do not overlap.
         rounds: of fitting, at most.
@@ -122,5 +127,14 @@ def climb(
         step = found.point - point
         if (np.abs(step) < 0.2 * steps).all():
             break
-        point = point + step / max(1.0, float((np.abs(step) / (2 * steps)).max()))
+        point = _higher(function, point, step / max(1.0, float((np.abs(step) / steps).max())))
     return found
+
+
+def _higher(function: Function, point: Floats, step: Floats) -> Floats:
+    """The point after a step, or a shorter one, that does not lead downhill."""
+    before = function(point).mean()
+    for share in (1.0, 0.5, 0.25):
+        if function(point + share * step).mean() >= before:
+            return np.asarray(point + share * step)
+    return point

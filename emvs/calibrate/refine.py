@@ -35,7 +35,8 @@ from emvs.utils.runtime import Progress, check_openmp, silent, use_threads
 Floats = NDArray[np.float64]
 _SURE = 0.975  # quantile of the two-sided 95 % that uncertainties state
 _POSE_KINDS = ("pose clock", "hand-eye", "lever")
-_CLIMBS, _ALIGNMENTS = 3, 3
+_CLIMBS, _ALIGNMENTS = 4, 3
+_TRIALS = 4  # evaluations between two fits, at most
 _CURVE_POINTS = 9
 _FAR = 1.2  # times its reach: what lies beyond is not believed
 _TURN_STEP_RAD_S = np.radians(4.0)
@@ -220,7 +221,7 @@ class _Refiner:
     def _top(self, stage: str, parameters: Sequence[Parameter]) -> None:
         """Climbs in all of them jointly, and notes how sure each is."""
         around = steps(self._objective, parameters, self._best)
-        done, total = 0, _CLIMBS * evaluations(len(parameters))
+        done, total = 0, _CLIMBS * (evaluations(len(parameters)) + _TRIALS)
 
         def function(point: Floats) -> Floats:
             nonlocal done

@@ -319,7 +319,7 @@ def _residuals_svg(sides: Sequence[Side]) -> str:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(10.5, 2.4), layout="constrained")
         axes = figure.subplots()
-        bins = np.linspace(-_ROWS_PX, _ROWS_PX, 51)
+        bins = np.linspace(-_ROWS_PX, _ROWS_PX, 51).tolist()
         for side, colour in zip(sides, ("#888888", ESTIMATE_COLOUR), strict=True):
             share = 100 * np.ones(len(side.residuals_px)) / max(1, len(side.residuals_px))
             axes.hist(side.residuals_px, bins, weights=share, histtype="stepfilled", alpha=0.55,
