@@ -1,4 +1,4 @@
-"""Calibration for users of the library: what `eventsweep calibrate` does, in memory or in a folder."""
+"""Calibration for users of the library: all that `eventsweep calibrate` does, but for the page."""
 
 from __future__ import annotations
 

@@ -227,7 +227,7 @@ def _correlated(rates: TurnRates, turns: PoseTurns, most_lag_s: float, *, turn: 
         moved = poses @ Rotation.from_rotvec(rotvec).as_matrix()
         tried.append((float(((rates.events - moved) ** 2).sum()), lag_ms, rotvec))
     _, lag_ms, rotvec = min(tried, key=lambda one: one[0])
-    return np.r_[lag_ms, rotvec]
+    return np.array([lag_ms, *rotvec])
 
 
 def _kabsch(poses: Floats, events: Floats) -> Floats:

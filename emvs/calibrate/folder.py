@@ -27,8 +27,14 @@ from emvs.datasets.custom import FILE_NAME, read_descriptor
 from emvs.datasets.ecd import EventCameraDataset
 from emvs.datasets.posed import EventSource, PosedRecording
 from emvs.errors import InputError
-from emvs.formats.calibration import parsed
-from emvs.formats.calibration_writers import write_basalt, write_kalibr, write_rig_json
+from emvs.formats.calibration_values import parsed
+from emvs.formats.calibration_writers import (
+    write_basalt,
+    write_kalibr,
+    write_opencv,
+    write_rig_json,
+)
+from emvs.formats.opencv_calibration import is_opencv
 from emvs.geometry.rig import Rig
 from emvs.utils.runtime import versions
 
@@ -217,10 +223,11 @@ def _write_tumvie(path: Path, rig: Rig) -> None:
 def _write_described(folder: Path, recording: PosedRecording, rig: Rig) -> None:
     """In the format of the file that the `recording.toml` names, under its name."""
     path = recording.path / read_descriptor(recording.path / FILE_NAME).calibration.file
-    values = parsed(path) if path.suffix in (".json", ".yaml", ".yml") else {"cameras": []}
-    if "cameras" not in values:
-        write = write_basalt if "value0" in values else write_kalibr
-        write(folder / path.name, rig)
+    values = parsed(path) if path.suffix in (".json", ".yaml", ".yml") else {}
+    if not values or "cameras" in values:
+        return
+    write = write_basalt if "value0" in values else write_kalibr
+    (write_opencv if is_opencv(values) else write)(folder / path.name, rig)
 
 
 def _lost(refinement: Refinement) -> list[str]:

@@ -128,10 +128,8 @@ class Console:
         self._out.print(_estimates(calibrated))
         for one in calibrated.refinement.estimates:
             if one.refused:
-                self._out.print(
-                    f"{one.parameter.name} stays as given: {one.refused}", style="dim", markup=False,
-                    soft_wrap=True,
-                )  # fmt: skip
+                words = f"{one.parameter.name} stays as given: {one.refused}"
+                self._out.print(words, style="dim", markup=False, soft_wrap=True)
 
     def compared(self, comparison: Comparison) -> None:
         """Which settings differ, and the verdict of each method's ranking number."""

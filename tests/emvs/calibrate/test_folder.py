@@ -11,6 +11,7 @@ from emvs.calibrate.parameters import Correction, parameters_of
 from emvs.calibrate.refine import Estimate, RefineConfig, Refinement
 from emvs.datasets import open_recording
 from emvs.formats.calibration import read_rig
+from emvs.formats.calibration_writers import write_kalibr, write_opencv
 
 NAMES = ("stereo", "delay", "focal", "pose-delay", "hand-eye")
 VALUES = {
@@ -80,6 +81,18 @@ def test_the_calibration_is_also_written_in_the_recordings_own_format(
     assert own.cameras[0].fx_px == pytest.approx(told.cameras[0].fx_px)
     ours = np.linalg.inv(told.T_body_cam[0]) @ told.T_body_cam[1]
     assert np.allclose(np.linalg.inv(own.T_body_cam[0]) @ own.T_body_cam[1], ours, atol=1e-6)
+
+
+@pytest.mark.parametrize("write", [write_kalibr, write_opencv])
+def test_a_described_recording_gets_a_file_of_the_kind_that_it_names(tmp_path, sequence, write):
+    path = rewritten(sequence, tmp_path / "npz", "npz")
+    write(path / "mine.yaml", open_recording(path).rig)
+    descriptor = path / "recording.toml"
+    descriptor.write_text(descriptor.read_text("utf-8").replace("rig.json", "mine.yaml"), "utf-8")
+    refinement = found()
+    out, recording, _ = written(tmp_path, path, refinement)
+    told, own = refinement.applied(recording).rig, read_rig(out / "mine.yaml")
+    assert own.cameras[1].fy_px == pytest.approx(told.cameras[1].fy_px)
 
 
 def test_what_a_format_cannot_hold_is_said(tmp_path, sequence):
