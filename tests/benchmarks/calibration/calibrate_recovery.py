@@ -16,6 +16,7 @@ import math
 import sys
 import time
 from collections.abc import Iterable, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -146,12 +147,8 @@ def _errors(truth: EventSequence, told: Recording, t_s: float) -> NDArray[np.flo
 
 
 def tables(results: Sequence[dict[str, Any]]) -> str:
-    """All tables as Markdown."""
-    text = ""
-    for study in dict.fromkeys(one["study"] for one in results):
-        of_study = [one for one in results if one["study"] == study]
-        text += _summary(of_study) + "\n" + _per_twin(of_study) + "\n"
-    return text
+    """What is left of each parameter, then depth and time of each twin, as Markdown."""
+    return f"{_summary(results)}\n{_per_twin(results)}"
 
 
 def _summary(results: Sequence[dict[str, Any]]) -> str:
@@ -213,16 +210,15 @@ def main(arguments: Iterable[str] | None = None) -> int:
     parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")
     chosen = parser.parse_args(None if arguments is None else list(arguments))
     with exit_code() as code:
-        results = []
         for study in chosen.study or STUDIES:
-            for seed in range(chosen.seeds):
-                for name in chosen.twin or TWINS:
-                    results.append(run(name, study, seed))
-                    sys.stderr.write(f"{study} {name} {seed}: {_brief(results[-1])}\n")
-        text = tables(results)
-        sys.stdout.write(text)
-        if chosen.page is not None:
-            into_page(chosen.page, "recovery", text)
+            results = []
+            for seed, name in product(range(chosen.seeds), chosen.twin or TWINS):
+                results.append(run(name, study, seed))
+                sys.stderr.write(f"{study} {name} {seed}: {_brief(results[-1])}\n")
+            text = tables(results)
+            sys.stdout.write(text)
+            if chosen.page is not None:
+                into_page(chosen.page, f"recovery-{study}", text)
     return code.value
 
 
