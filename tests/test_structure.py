@@ -29,11 +29,7 @@ TABLES = ("scenes", "eval.cli.verbs")
 # Small modules with one importer that are an idea of their own, and which.
 SMALL = {
     "eval.cli.main": "the program: interrupts are heeded up to its frame, whoever calls it",
-<<<<<<< HEAD
-=======
     "eventsweep.calibration": "names for users: a module per stage, as mapping and scoring are",
-    "eval.suite.stages.map": "a stage of a suite: its version is the hash of its own code",
->>>>>>> 689fc9c (calibrate: OpenCV's and Kalibr's files are written where a recording names one; types and lines)
 }
 
 # What compiled loops may import besides other kernels: how they are started, codes that they write.
