@@ -15,6 +15,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from emvs.calibrate.refine import RefineConfig, Refinement
     from emvs.config import MapperConfig
     from emvs.data.events import Events
     from emvs.data.recording import Recording
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
     from eval.config import EvalConfig
     from eval.scoring.method_scores import ALL_METRICS as METRICS
     from eval.scoring.results import Results
+    from eventsweep.calibration import calibrate
     from eventsweep.mapping import map_window, map_windows
     from eventsweep.scoring import score
     from eventsweep.simulation import simulate, video_to_events
@@ -61,6 +63,8 @@ __all__ = [
     "PixelConfig",
     "RecordedVideo",
     "Recording",
+    "RefineConfig",
+    "Refinement",
     "Results",
     "Rig",
     "Sequence",
@@ -70,6 +74,7 @@ __all__ = [
     "VideoConfig",
     "WindowResult",
     "__version__",
+    "calibrate",
     "load_scene",
     "map_window",
     "map_windows",
@@ -99,6 +104,8 @@ _PLACES = {
     "PixelConfig": "sim.config:PixelConfig",
     "RecordedVideo": "sim.video.record:RecordedVideo",
     "Recording": "emvs.data.recording:Recording",
+    "RefineConfig": "emvs.calibrate.refine:RefineConfig",
+    "Refinement": "emvs.calibrate.refine:Refinement",
     "Results": "eval.scoring.results:Results",
     "Rig": "emvs.geometry.rig:Rig",
     "Sequence": "emvs.data.sequence:Sequence",
@@ -107,6 +114,7 @@ _PLACES = {
     "Trajectory": "emvs.geometry.trajectory:Trajectory",
     "VideoConfig": "sim.config:VideoConfig",
     "WindowResult": "emvs.window_result:WindowResult",
+    "calibrate": "eventsweep.calibration:calibrate",
     "load_scene": "scenes:load",
     "map_window": "eventsweep.mapping:map_window",
     "map_windows": "eventsweep.mapping:map_windows",

@@ -29,6 +29,7 @@ TABLES = ("scenes", "eval.cli.verbs")
 # Small modules with one importer that are an idea of their own, and which.
 SMALL = {
     "eval.cli.main": "the program: interrupts are heeded up to its frame, whoever calls it",
+    "eventsweep.calibration": "names for users: a module per stage, as mapping and scoring are",
 }
 
 # What compiled loops may import besides other kernels: how they are started, codes that they write.

@@ -19,6 +19,7 @@ from eval.progress import Bars, Progress, Silent
 if TYPE_CHECKING:
     from emvs.maps.folder import StoredMap, StoredWindow
     from emvs.maps.merge import FusedInfo
+    from eval.report.calibrate_page import Calibrated
     from eval.report.compare.differences import Pair
     from eval.report.compare.page import Comparison
     from eval.scoring.results import Results, Row
@@ -117,6 +118,19 @@ class Console:
         for note in recorded.notes:
             self.warn(with_flags(note))
 
+    def calibrated(self, calibrated: Calibrated) -> None:
+        """Each parameter with its correction and uncertainty, or why it was refused."""
+        from eval.report.calibrate_page import facts_of
+
+        self._dump(facts_of(calibrated))
+        if not self._show:
+            return
+        self._out.print(_estimates(calibrated))
+        for one in calibrated.refinement.estimates:
+            if one.refused:
+                words = f"{one.parameter.name} stays as given: {one.refused}"
+                self._out.print(words, style="dim", markup=False, soft_wrap=True)
+
     def compared(self, comparison: Comparison) -> None:
         """Which settings differ, and the verdict of each method's ranking number."""
         from eval.report.compare import page as compare_page
@@ -179,6 +193,18 @@ def _ranking(case: str, rows: Sequence[Row], metric: str) -> Table:
     for line in content.lines:
         cells = (f"[bold]{cell.text}" if cell.best else cell.text for cell in line.cells)
         table.add_row(line.method, *cells)
+    return table
+
+
+def _estimates(calibrated: Calibrated) -> Table:
+    table = Table(title="calibration", title_justify="left")
+    table.add_column("parameter")
+    for name in ("correction", "95 % ±", "unit"):
+        table.add_column(name, justify="right")
+    for one in calibrated.refinement.estimates:
+        value = "refused" if one.refused else f"{one.value:+.3f}"
+        cells = (one.parameter.name, value, f"{one.uncertainty:.3f}", one.parameter.unit)
+        table.add_row(*map(escape, cells))
     return table
 
 

@@ -103,3 +103,73 @@ def edge_stream(camera, trajectory, n, seed=0, noise=0.1):
     uv[random] = rng.uniform(0, 1, (int(random.sum()), 2)) * (size - 1)
     x, y = np.rint(uv).astype(np.uint16).T
     return Events(x.copy(), y.copy(), t_us, rng.integers(0, 2, n).astype(np.uint8))
+
+
+def swinging(
+    turn_deg=(6.0, 8.0, 5.0),
+    way_m=(0.12, 0.08, 0.06),
+    duration_us=1_200_000,
+    step_us=2000,
+    even=False,
+):
+    """A body that swings along and about three axes, each at a rate of its own, about 1 to 2 Hz.
+
+    `even`: steady motion instead, whose rates never change.
+    """
+    from scipy.spatial.transform import Rotation
+
+    t_us = np.arange(0, duration_us + 1, step_us)
+    t_s = t_us[:, None] / 1e6
+    swing = (
+        2 * (t_s - t_s.mean())
+        if even
+        else np.sin(2 * np.pi * t_s * [1.3, 1.0, 1.7] + [0.3, 1.4, 2.2])
+    )
+    place = (
+        2 * (t_s - t_s.mean())
+        if even
+        else np.sin(2 * np.pi * t_s * [1.1, 1.5, 0.9] + [2.0, 0.1, 1.0])
+    )
+    quats = Rotation.from_rotvec(swing * turn_deg, degrees=True).as_quat()
+    return Trajectory(t_us, place * np.array(way_m) * np.ones((1, 3)), quats)
+
+
+def edge_points(trajectory, rig, points=300, seed=0, near_m=0.7, far_m=3.0):
+    """A recording of random points in front of a rig that moves anyhow, in memory.
+
+    An event falls at a pixel when a point's image crosses the middle of its column or row;
+    between steps of 1 ms images move in straight lines.
+    """
+    rng = np.random.default_rng(seed)
+    rho = rng.uniform(1 / far_m, 1 / near_m, points)
+    at = rng.uniform(-0.9, 0.9, (points, 2))
+    p_world = np.c_[at, np.ones(points)] / rho[:, None]
+    streams = tuple(
+        _entered(p_world, trajectory, camera, T)
+        for camera, T in zip(rig.cameras, rig.T_body_cam, strict=True)
+    )
+    return Recorded(rig, trajectory, streams, (near_m, far_m))
+
+
+def _entered(p_world, trajectory, camera, T_body_cam):
+    first_us, last_us = trajectory.span_us
+    t_us = np.arange(first_us, last_us + 1, 1000)
+    T_cam_world = np.linalg.inv(trajectory.at(t_us) @ T_body_cam)
+    p_cam = np.einsum("tij,pj->tpi", T_cam_world[:, :3, :3], p_world) + T_cam_world[:, None, :3, 3]
+    uv = np.where(p_cam[..., 2:] > 0.1, p_cam[..., :2] / np.maximum(p_cam[..., 2:], 0.1), 1e6)
+    uv = uv * [camera.fx_px, camera.fy_px] + [camera.cx_px, camera.cy_px]
+    found = []
+    for axis in (0, 1):
+        before, after = uv[:-1, :, axis], uv[1:, :, axis]
+        k, point = np.nonzero(np.floor(before) != np.floor(after))
+        edge = np.maximum(np.floor(before[k, point]), np.floor(after[k, point]))
+        share = (edge - before[k, point]) / (after[k, point] - before[k, point])
+        place = (1 - share)[:, None] * uv[k, point] + share[:, None] * uv[k + 1, point]
+        place[:, axis] = edge
+        found.append(np.c_[place, t_us[k] + 1000 * share])
+    u, v, t = np.concatenate(found).T
+    inside = (u > -0.5) & (v > -0.5) & (u < camera.width_px - 0.5) & (v < camera.height_px - 0.5)
+    u, v, t = u[inside], v[inside], np.rint(t[inside]).astype(np.int64)
+    order = np.argsort(t, kind="stable")
+    x, y = np.rint(u[order]).astype(np.uint16), np.rint(v[order]).astype(np.uint16)
+    return Events(x, y, t[order], (order % 2).astype(np.uint8))

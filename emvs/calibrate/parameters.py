@@ -1,0 +1,238 @@
+"""What can be refined: each parameter, and how a vector of them alters a recording.
+
+Values are corrections: what is to be added to the calibration that was given. All of them act in
+the frames of the cameras, so that a body's frame, which is a convention, does not matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from emvs.data.altered import AlteredRecording
+from emvs.data.recording import Recording
+from emvs.errors import InputError
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+Kind = Literal[
+    "stereo", "clock", "direction", "baseline", "focal", "pose clock", "hand-eye", "lever"
+]
+AXES = "xyz"
+_TURNS = {"x": "pitch", "y": "yaw", "z": "roll"}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of a calibration.
+
+    Attributes:
+        kind: what it belongs to.
+        camera: which camera it is of; 0 for what all cameras share.
+        axis: which axis of the camera, or empty.
+        unit: of its values.
+        reach: how far from the given calibration it is searched.
+        needed: an uncertainty beyond this says that the recording does not determine it.
+    """
+
+    kind: Kind
+    camera: int
+    axis: str
+    unit: str
+    reach: float
+    needed: float
+
+    @property
+    def spread(self) -> float:
+        """How far the calibration as given is believed to be off, 1 sigma: it is searched to 2."""
+        return self.reach / 2
+
+    @property
+    def name(self) -> str:
+        """What tables and messages call it."""
+        turn = _TURNS.get(self.axis, "")
+        names = {
+            "stereo": f"cam{self.camera} {turn}",
+            "clock": f"cam{self.camera} clock",
+            "direction": f"cam{self.camera} {self.axis}",
+            "baseline": f"cam{self.camera} baseline",
+            "focal": "focal length",
+            "pose clock": "pose clock",
+            "hand-eye": f"hand-eye {turn}",
+            "lever": f"hand-eye {self.axis}",
+        }
+        return names[self.kind]
+
+
+def _stereo(camera: int) -> list[Parameter]:
+    return [Parameter("stereo", camera, axis, "deg", 1.0, 0.15) for axis in AXES]
+
+
+def _direction(camera: int) -> list[Parameter]:
+    return [Parameter("direction", camera, way, "deg", 2.0, 1.0) for way in ("forward", "across")]
+
+
+_POSE_CLOCK = Parameter("pose clock", 0, "", "ms", 40.0, 2.5)
+_HAND_EYE = [
+    *(Parameter("hand-eye", 0, axis, "deg", 4.0, 0.5) for axis in AXES),
+    *(Parameter("lever", 0, axis, "mm", 40.0, 8.0) for axis in AXES),
+]
+
+
+def parameters_of(names: Sequence[str], cameras: int) -> tuple[Parameter, ...]:
+    """The parameters that names such as `stereo` or `delay` stand for.
+
+    Args:
+        names: keys of `NAMES`.
+        cameras: of the rig.
+
+    Raises:
+        InputError: no name, an unknown one, or one that needs a second camera where there is none.
+    """
+    if not names:
+        raise InputError(f"refine is empty: choose from {', '.join(NAMES)}")
+    unknown = [name for name in names if name not in NAMES]
+    if unknown:
+        raise InputError(f"refine {unknown[0]!r} is unknown: choose from {', '.join(NAMES)}")
+    chosen = dict.fromkeys(one for name in names for one in _named(name, cameras))
+    return tuple(sorted(chosen, key=lambda one: (_ORDER.index(one.kind), one.camera)))
+
+
+def _named(name: str, cameras: int) -> list[Parameter]:
+    if name == "focal":
+        return [Parameter("focal", 0, "", "%", 6.0, 1.5)]
+    if name == "pose-delay" or (name == "delay" and cameras == 1):
+        return [_POSE_CLOCK]
+    if name == "hand-eye":
+        return list(_HAND_EYE)
+    if cameras < 2:
+        raise InputError(f"refine {name!r} needs a rig of 2 cameras, this has 1: leave it out")
+    return [one for camera in range(1, cameras) for one in _of_camera(name, camera)]
+
+
+def _of_camera(name: str, camera: int) -> list[Parameter]:
+    if name == "stereo":
+        return _stereo(camera)
+    if name == "delay":
+        return [Parameter("clock", camera, "", "ms", 12.0, 3.0)]
+    if name == "direction":
+        return _direction(camera)
+    return [Parameter("baseline", camera, "", "%", 6.0, 2.0)]
+
+
+NAMES: Mapping[str, str] = {
+    "stereo": "rotation of each further camera to the first",
+    "delay": "clock of each further camera; with one camera, the clock of the poses",
+    "direction": "direction of the baseline",
+    "baseline": "length of the baseline, as poses give the scale",
+    "focal": "focal length of all cameras",
+    "pose-delay": "clock of the poses",
+    "hand-eye": "where the first camera sits on what was tracked",
+}
+"""What `refine` takes, and what each means."""
+
+_ORDER: tuple[Kind, ...] = (
+    "stereo", "clock", "direction", "baseline", "focal", "pose clock", "hand-eye", "lever",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What to add to a calibration; by default nothing.
+
+    Attributes:
+        values: parameter -> value in its unit; a parameter that is not there is 0.
+    """
+
+    values: Mapping[Parameter, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, parameters: Sequence[Parameter], values: Sequence[float] | Floats) -> Correction:
+        """From parameters and as many values."""
+        return cls(dict(zip(parameters, map(float, values), strict=True)))
+
+    def with_values(self, values: Mapping[Parameter, float]) -> Correction:
+        """The same with some values in place of those before."""
+        return Correction({**self.values, **values})
+
+    def vector(self, parameters: Sequence[Parameter]) -> Floats:
+        """The (P,) values of some parameters."""
+        return np.array([self.values.get(one, 0.0) for one in parameters])
+
+    def rig(self, rig: Rig) -> Rig:
+        """The rig with its focal lengths, its cameras and the first one's place corrected."""
+        scale = 1 + self._value("focal") / 100
+        cameras = tuple(_scaled(camera, scale) for camera in rig.cameras)
+        first = rig.T_body_cam[0] @ self.hand_eye()
+        T_0_cam = [se3.inverse(rig.T_body_cam[0]) @ T for T in rig.T_body_cam]
+        places = [first] + [first @ self._place(k, T_0_cam[k]) for k in range(1, len(rig))]
+        return replace(rig, cameras=cameras, T_body_cam=tuple(places))
+
+    def hand_eye(self) -> Floats:
+        """(4, 4) where the first camera sits in what was taken for its frame."""
+        turn = Rotation.from_rotvec(self._axes("hand-eye", 0), degrees=True)
+        return se3.from_rotation(turn, self._axes("lever", 0) / 1e3)
+
+    def trajectory(self, trajectory: Trajectory) -> Trajectory:
+        """The poses on their corrected clock."""
+        later_us = round(1e3 * self._value("pose clock"))
+        if not later_us:
+            return trajectory
+        return replace(trajectory, t_us=trajectory.t_us + later_us)
+
+    def clock_us(self, cameras: int) -> tuple[int, ...]:
+        """What is added to the time stamps of each camera's events, µs."""
+        return tuple(round(1e3 * self._value("clock", camera)) for camera in range(cameras))
+
+    def applied(self, recording: Recording) -> AlteredRecording:
+        """The recording as corrected; its events are read as before."""
+        return AlteredRecording(
+            recording,
+            rig=self.rig(recording.rig),
+            trajectory=self.trajectory(recording.trajectory),
+            clock_us=self.clock_us(len(recording.rig)),
+        )
+
+    def _value(self, kind: Kind, camera: int = 0, axis: str = "") -> float:
+        found = (
+            v for p, v in self.values.items() if (p.kind, p.camera, p.axis) == (kind, camera, axis)
+        )
+        return next(found, 0.0)
+
+    def _axes(self, kind: Kind, camera: int) -> Floats:
+        return np.array([self._value(kind, camera, axis) for axis in AXES])
+
+    def _place(self, camera: int, T_0_cam: Floats) -> Floats:
+        """Where a camera sits in the first one's frame."""
+        turn = Rotation.from_rotvec(self._axes("stereo", camera), degrees=True)
+        R = T_0_cam[:3, :3] @ turn.as_matrix()
+        ways = [self._value("direction", camera, way) for way in ("forward", "across")]
+        length = 1 + self._value("baseline", camera) / 100
+        position_m = length * _turned_baseline(T_0_cam[:3, 3], np.radians(ways))
+        return se3.from_rotation(Rotation.from_matrix(R), position_m)
+
+
+def _turned_baseline(baseline_m: Floats, angles: Floats) -> Floats:
+    """A baseline turned towards the optical axis and across it by two angles, as long as before."""
+    length_m = float(np.linalg.norm(baseline_m))
+    if not angles.any() or length_m == 0:
+        return baseline_m
+    along = baseline_m / length_m
+    # Towards the optical axis, or, where the cameras sit one behind the other, downwards
+    ahead = np.array([0.0, 0, 1]) if abs(along[2]) < 0.9 else np.array([0.0, 1, 0])
+    forward = ahead - along * (ahead @ along)
+    forward /= np.linalg.norm(forward)
+    turned = along + np.tan(angles[0]) * forward + np.tan(angles[1]) * np.cross(along, forward)
+    return np.asarray(length_m * turned / np.linalg.norm(turned))
+
+
+def _scaled(camera: Camera, scale: float) -> Camera:
+    return replace(camera, fx_px=camera.fx_px * scale, fy_px=camera.fy_px * scale)

@@ -1,0 +1,288 @@
+"""Refines a calibration from events and poses: what is well determined first, then the rest.
+
+1. Windows with parallax, spread over the recording, are read and thinned (`windows`).
+2. Stereo rotation, camera clocks, baseline and focal length: scans on coarse DSIs (`search`), then
+   a paraboloid through the top of the fine objective, in all of them jointly (`quadratic`).
+3. Pose clock and hand-eye: angular velocities of events and poses, matched over all windows
+   (`angular_velocity`), then the same paraboloid.
+4. Where both were asked for, the first once more.
+5. What the recording leaves too unsure is refused: it keeps the value that was given. Its doubt is
+   in the uncertainty of what it trades off with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.stats import t as student_t
+
+from emvs.calibrate.angular_velocity import PoseTurns, align, camera_turn_rates, turn_rates
+from emvs.calibrate.objective import Objective
+from emvs.calibrate.parameters import AXES, Correction, Parameter, parameters_of
+from emvs.calibrate.quadratic import climb, evaluations
+from emvs.calibrate.search import approach, scans, steps
+from emvs.calibrate.windows import WindowEvents, WindowPlan, read_windows
+from emvs.config import DEFAULT_DEPTH_RANGE_M
+from emvs.data.altered import AlteredRecording
+from emvs.data.recording import Recording
+from emvs.errors import InputError
+from emvs.utils.runtime import Progress, check_openmp, silent, use_threads
+
+Floats = NDArray[np.float64]
+_SURE = 0.975  # quantile of the two-sided 95 % that uncertainties state
+_POSE_KINDS = ("pose clock", "hand-eye", "lever")
+_CLIMBS, _ALIGNMENTS = 4, 3
+_TRIALS = 4  # evaluations between two fits, at most
+_CURVE_POINTS = 9
+_FAR = 1.2  # times its reach: what lies beyond is not believed
+_TURN_STEP_RAD_S = np.radians(4.0)
+
+
+@dataclass(frozen=True)
+class RefineConfig:
+    """How calibration is refined.
+
+    Attributes:
+        refine: keys of `emvs.calibrate.parameters.NAMES`.
+        windows: how many at most.
+        window_s: length of each, s.
+        events: kept per camera and window, at most.
+        min_depth_m, max_depth_m: depth range; by default the recording's, else 0.2 and 5 m.
+        threads: of the CPU; 0 for all. They do not change the result.
+    """
+
+    refine: tuple[str, ...] = ("stereo", "delay")
+    windows: int = 10
+    window_s: float = 0.2
+    events: int = 30_000
+    min_depth_m: float | None = None
+    max_depth_m: float | None = None
+    threads: int = 0
+
+    def __post_init__(self) -> None:
+        if not (self.windows >= 2 and self.window_s > 0 and self.events >= 1000):
+            raise InputError(
+                f"windows {self.windows}, window_s {self.window_s:g}, events {self.events}: needs "
+                "at least 2 windows longer than 0 s and 1000 events"
+            )
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter after refinement.
+
+    Attributes:
+        parameter: which.
+        value: the correction, in the parameter's unit; 0 where it was refused.
+        uncertainty: 95 %, plus or minus; where nothing is seen, that of the belief that the
+            calibration as given is right to within half of what is searched.
+        refused: why it was left as given; empty where it was refined.
+    """
+
+    parameter: Parameter
+    value: float
+    uncertainty: float
+    refused: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """What refinement found.
+
+    Attributes:
+        estimates: one per parameter that was asked for.
+        sharpness: (W, 2) of every window, as given and as refined, in votes.
+        windows: begin and end of each, µs.
+        curves: parameter -> (N,) corrections around the result and (N,) mean sharpness relative to
+            the best, for people to look at.
+        config: what was asked for.
+    """
+
+    estimates: tuple[Estimate, ...]
+    sharpness: Floats
+    windows: tuple[tuple[int, int], ...]
+    config: RefineConfig
+    curves: dict[str, tuple[Floats, Floats]] = field(default_factory=dict)
+
+    @property
+    def correction(self) -> Correction:
+        """What to add to the calibration."""
+        refined = [one for one in self.estimates if not one.refused]
+        return Correction({one.parameter: one.value for one in refined})
+
+    def applied(self, recording: Recording) -> AlteredRecording:
+        """A recording, the one that was refined, under the refined calibration."""
+        return self.correction.applied(recording)
+
+
+def refine(
+    recording: Recording, config: RefineConfig | None = None, progress: Progress = silent
+) -> Refinement:
+    """Refines the calibration of a recording from its events and poses; writes nothing.
+
+    Args:
+        recording: events, poses, the calibration as given.
+        config: what to refine; by default stereo rotation and camera clock.
+        progress: told the stage, what is done and how much there is.
+
+    Raises:
+        InputError: no poses, an unknown name, a rig of one camera where two are needed, or events
+            and poses that share too little time.
+    """
+    config = RefineConfig() if config is None else config
+    check_openmp()
+    use_threads(config.threads)
+    parameters = parameters_of(config.refine, len(recording.rig))
+    plan = WindowPlan(config.windows, config.window_s, config.events)
+    windows = read_windows(recording, plan, progress)
+    return _Refiner(recording, windows, parameters, config, progress).run()
+
+
+def _depth_range_m(recording: Recording, config: RefineConfig) -> tuple[float, float]:
+    near_m, far_m = recording.depth_range_m or DEFAULT_DEPTH_RANGE_M
+    near_m = near_m if config.min_depth_m is None else config.min_depth_m
+    far_m = far_m if config.max_depth_m is None else config.max_depth_m
+    if not 0 < near_m < far_m:
+        raise InputError(
+            f"depth range {near_m:g}..{far_m:g} m: needs 0 < min_depth_m < max_depth_m; set both"
+        )
+    return near_m, far_m
+
+
+class _Refiner:
+    """One run: the objective, and the correction as it grows."""
+
+    def __init__(
+        self, recording: Recording, windows: Sequence[WindowEvents],
+        parameters: Sequence[Parameter], config: RefineConfig, progress: Progress,
+    ) -> None:  # fmt: skip
+        self._recording, self._config, self._progress = recording, config, progress
+        self._parameters = tuple(parameters)
+        self._objective = Objective(recording, windows, _depth_range_m(recording, config))
+        self._best = Correction()
+        self._sure: dict[Parameter, float] = {}
+        length_us = windows[0].t1_us - windows[0].t0_us
+        span_us = windows[-1].t1_us - windows[0].t0_us
+        self._independent = min(len(windows), span_us / length_us)
+
+    def run(self) -> Refinement:
+        shape = [one for one in self._parameters if one.kind not in _POSE_KINDS]
+        pose = [one for one in self._parameters if one.kind in _POSE_KINDS]
+        before = self._objective(Correction())
+        if shape:
+            self._scan(shape)
+            self._top("stereo", shape)
+        if pose:
+            self._match_turns(pose)
+            self._top("poses", pose)
+        if shape and pose:
+            self._top("stereo again", shape)
+        estimates = tuple(self._estimate(one) for one in self._parameters)
+        self._best = Correction({one.parameter: one.value for one in estimates if not one.refused})
+        after = self._objective(self._best)
+        return Refinement(
+            estimates,
+            np.stack([before, after], axis=1),
+            tuple((one.t0_us, one.t1_us) for one in self._objective.windows),
+            self._config,
+            self._curves([one for one in estimates if not one.refused]),
+        )
+
+    def _scan(self, parameters: Sequence[Parameter]) -> None:
+        done, total = 0, scans(len(parameters))
+
+        def heard(_name: str) -> None:
+            nonlocal done
+            done += 1
+            self._progress("scan", done, total)
+
+        self._best = approach(self._objective, parameters, self._best, heard)
+
+    def _match_turns(self, pose: Sequence[Parameter]) -> None:
+        """Pose clock and hand-eye rotation by angular velocities, a few times over."""
+        clock = next((one for one in pose if one.kind == "pose clock"), None)
+        turns = [one for one in pose if one.kind == "hand-eye"]
+        for done in range(_ALIGNMENTS):
+            rates = turn_rates(self._objective, self._best, float(_TURN_STEP_RAD_S), 2 - (done > 0))
+            self._progress("turn rates", done + 1, _ALIGNMENTS)
+            told = PoseTurns(self._objective.windows, self._objective.told(self._best))
+            reach_s = 0.0 if clock is None else 1e-3 * clock.reach
+            found = align(rates, told, reach_s, lag=clock is not None, turn=bool(turns))
+            if clock is not None:
+                later_ms = self._best.values.get(clock, 0.0) + 1e3 * found.lag_s
+                self._best = self._best.with_values({clock: _within(later_ms, clock.reach)})
+            if turns:
+                self._best = self._best.with_values(_turned(self._best, turns, found.rotvec))
+
+    def _top(self, stage: str, parameters: Sequence[Parameter]) -> None:
+        """Climbs in all of them jointly, and notes how sure each is."""
+        around = steps(self._objective, parameters, self._best)
+        done, total = 0, _CLIMBS * (evaluations(len(parameters)) + _TRIALS)
+
+        def function(point: Floats) -> Floats:
+            nonlocal done
+            done += 1
+            self._progress(stage, done, total)
+            values = dict(zip(parameters, map(float, point), strict=True))
+            return np.log(self._objective(self._best.with_values(values)))
+
+        spread = np.array([one.spread for one in parameters])
+        start = self._best.vector(parameters)
+        found = climb(function, start, around, spread, self._independent, _CLIMBS)
+        self._progress(stage, total, total)
+        factor = student_t.ppf(_SURE, max(1.0, self._independent - 1))
+        each = factor * np.sqrt(np.diag(found.covariance))
+        self._best = self._best.with_values(
+            dict(zip(parameters, map(float, found.point), strict=True))
+        )
+        self._sure |= dict(zip(parameters, map(float, each), strict=True))
+
+    def _estimate(self, one: Parameter) -> Estimate:
+        value, uncertainty = self._best.values[one], self._sure[one]
+        if abs(value) > _FAR * one.reach:
+            why = f"the best lies beyond {one.reach:g} {one.unit}, farther than it is searched"
+            return Estimate(one, 0.0, uncertainty, why)
+        if uncertainty <= one.needed:
+            return Estimate(one, value, uncertainty)
+        known = f"known to {uncertainty:.2g} {one.unit}, needs {one.needed:g}"
+        return Estimate(one, 0.0, uncertainty, f"{known}: {self._lack(one)}")
+
+    def _lack(self, one: Parameter) -> str:
+        told = self._objective.told(self._best)
+        rates = np.degrees(camera_turn_rates(self._objective.windows, told))
+        each = ", ".join(f"{rate:.2g}" for rate in np.sqrt((rates**2).mean(axis=0)))
+        if one.kind == "pose clock":
+            change = float(np.sqrt(rates.var(axis=0).sum()))
+            return f"the motion is too even or too short; rates of turn vary by {change:.2g} deg/s"
+        if one.kind == "hand-eye":
+            return f"the camera turns too little, by {each} deg/s about x, y, z"
+        if one.kind == "lever":
+            return f"it shows only where the camera turns, here by {each} deg/s about x, y, z"
+        return "too little texture, parallax or motion in these windows"
+
+    def _curves(self, refined: Sequence[Estimate]) -> dict[str, tuple[Floats, Floats]]:
+        """Sharpness over each refined parameter, around the result and as far as what was given."""
+        curves = {}
+        for done, one in enumerate(refined, 1):
+            far = max(1.3 * abs(one.value), 4 * one.uncertainty, 0.2 * one.parameter.reach)
+            at = one.value + np.linspace(-far, far, _CURVE_POINTS)
+            each = [self._best.with_values({one.parameter: float(x)}) for x in at]
+            mean = np.exp([np.log(self._objective(told)).mean() for told in each])
+            curves[one.parameter.name] = (at, np.asarray(mean / mean.max()))
+            self._progress("curves", done, len(refined))
+        return curves
+
+
+def _within(value: float, most: float) -> float:
+    return float(np.clip(value, -most, most))
+
+
+def _turned(best: Correction, turns: Sequence[Parameter], rotvec: Floats) -> dict[Parameter, float]:
+    """The hand-eye's values after a further rotation of the camera."""
+    before = Rotation.from_matrix(best.hand_eye()[:3, :3])
+    after = (before * Rotation.from_rotvec(rotvec)).as_rotvec(degrees=True)
+    return {one: _within(after[AXES.index(one.axis)], one.reach) for one in turns}

@@ -1,0 +1,82 @@
+"""From a calibration that is far off to the neighbourhood of the best: scans, coarse to fine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.calibrate.objective import COARSE, MIDDLE, Level, Objective
+from emvs.calibrate.parameters import Correction, Parameter
+
+Floats = NDArray[np.float64]
+Heard = Callable[[str], None]
+_PASSES: tuple[tuple[Level, float, int], ...] = (
+    (COARSE, 1.0, 9), (COARSE, 0.5, 7), (MIDDLE, 0.25, 7), (MIDDLE, 0.12, 5),
+)  # fmt: skip
+"""Level, share of each parameter's reach that is scanned to either side, and points of a scan."""
+_DROP = 0.02  # by which the log of sharpness should fall a step away from the top
+_STEP_SHARES = (0.02, 0.5)  # of the reach: no step is smaller or larger
+
+
+def scans(parameters: int) -> int:
+    """How many scans `approach` makes, for its progress."""
+    return parameters * len(_PASSES)
+
+
+def approach(
+    objective: Objective, parameters: Sequence[Parameter], start: Correction, heard: Heard
+) -> Correction:
+    """Scans one parameter after the other, each around the best of those before, ever finer.
+
+    Args:
+        objective: its windows are looked at on levels of their own.
+        parameters: those to look for, the best determined first.
+        start: where to begin.
+        heard: told each parameter's name when its scan is done.
+    """
+    best = start
+    for level, share, points in _PASSES:
+        function = objective.at(level)
+        for one in parameters:
+            offsets = np.linspace(-1, 1, points) * share * one.reach
+            at = best.values.get(one, 0.0) + offsets
+            values = [_score(function, best.with_values({one: float(x)})) for x in at]
+            best = best.with_values({one: peak_of(at, np.array(values))})
+            heard(one.name)
+    return best
+
+
+def _score(function: Objective, correction: Correction) -> float:
+    return float(np.log(function(correction)).mean())
+
+
+def peak_of(at: Floats, values: Floats) -> float:
+    """The place of the maximum of (N,) values at equal steps: vertex of the parabola around it."""
+    k = int(values.argmax())
+    if not 0 < k < len(values) - 1:
+        return float(at[k])
+    left, top, right = values[k - 1 : k + 2]
+    bend = (top - left) + (top - right)
+    return (
+        float(at[k] + (at[1] - at[0]) * 0.5 * (right - left) / bend) if bend > 0 else float(at[k])
+    )
+
+
+def steps(objective: Objective, parameters: Sequence[Parameter], at: Correction) -> Floats:
+    """(P,) how far to vary each parameter so that the sharpness falls by about 2 %.
+
+    A step so long looks at the shape of the top rather than at its ripples, and one so short stays
+    where it is a parabola.
+    """
+    middle = _score(objective, at)
+    found = []
+    for one in parameters:
+        low, high = (share * one.reach for share in _STEP_SHARES)
+        tried = 0.25 * one.reach
+        moved = [at.values.get(one, 0.0) + sign * tried for sign in (1, -1)]
+        drop = middle - np.mean([_score(objective, at.with_values({one: x})) for x in moved])
+        wanted = tried * np.sqrt(_DROP / drop) if drop > 0 else high
+        found.append(float(np.clip(wanted, low, high)))
+    return np.array(found)

@@ -1,0 +1,134 @@
+"""Which stretches of a recording calibration looks at, and the events that it keeps of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.data.events import Events
+from emvs.data.recording import Recording
+from emvs.errors import InputError
+from emvs.utils.runtime import Progress, silent
+
+_CANDIDATES = 5  # of each of the stretches that a recording is cut into; one is taken
+_FEWEST_EVENTS = 1000
+
+
+@dataclass(frozen=True)
+class WindowEvents:
+    """A window, and the events of it that vote.
+
+    Attributes:
+        t0_us: begin, included.
+        t1_us: end, excluded.
+        events: per camera, as stamped, thinned evenly.
+    """
+
+    t0_us: int
+    t1_us: int
+    events: tuple[Events, ...]
+
+    @property
+    def t_ref_us(self) -> int:
+        """The time of the reference view: the middle."""
+        return (self.t0_us + self.t1_us) // 2
+
+    def thinned(self, share: float) -> WindowEvents:
+        """The window with a share of its events, evenly through time."""
+        return replace(
+            self, events=tuple(_thinned(one, max(1, int(share * len(one)))) for one in self.events)
+        )
+
+
+@dataclass(frozen=True)
+class WindowPlan:
+    """How windows are chosen.
+
+    Attributes:
+        count: how many at most.
+        length_s: of each.
+        events: kept per camera and window, at most.
+        margin_us: between windows and the first and last pose: so far clocks may move.
+    """
+
+    count: int = 10
+    length_s: float = 0.15
+    events: int = 30_000
+    margin_us: int = 60_000
+
+
+def read_windows(
+    recording: Recording, plan: WindowPlan, progress: Progress = silent
+) -> tuple[WindowEvents, ...]:
+    """Reads the windows with most parallax, spread over the recording, and thins their events.
+
+    Args:
+        recording: events and poses.
+        plan: how many, how long.
+        progress: told the stage `windows`, those read and all.
+
+    Raises:
+        InputError: poses and events that share less than a window, or windows without events.
+    """
+    spans = _chosen_spans(recording, plan)
+    found = []
+    for done, (t0_us, t1_us) in enumerate(spans, 1):
+        events = [recording.events(k, t0_us, t1_us) for k in range(len(recording.rig))]
+        if min(map(len, events)) >= _FEWEST_EVENTS:
+            found.append(
+                WindowEvents(t0_us, t1_us, tuple(_thinned(e, plan.events) for e in events))
+            )
+        progress("windows", done, len(spans))
+    if len(found) < 2:
+        raise InputError(
+            f"{recording.name}: {len(found)} of {len(spans)} windows of {plan.length_s:g} s have "
+            f"{_FEWEST_EVENTS} events of every camera: needs 2, a longer recording or more texture"
+        )
+    return tuple(found)
+
+
+def _chosen_spans(recording: Recording, plan: WindowPlan) -> list[tuple[int, int]]:
+    """Of every stretch of the recording the window in which the camera travels farthest."""
+    first_us, last_us = _covered(recording, plan)
+    length_us = round(1e6 * plan.length_s)
+    room_us = last_us - first_us - length_us
+    if room_us < 0:
+        raise InputError(
+            f"{recording.name}: events and poses share {(last_us - first_us) / 1e6:.3f} s beside "
+            f"a margin for clocks: needs at least {plan.length_s:g} s"
+        )
+    count = max(1, min(plan.count, 1 + round(2 * room_us / length_us)))
+    starts = first_us + np.linspace(0, room_us, count * _CANDIDATES).astype(np.int64)
+    way_m = _ways_m(recording, starts, length_us).reshape(count, -1)
+    best = starts.reshape(count, -1)[np.arange(count), way_m.argmax(axis=1)]
+    return [(int(t_us), int(t_us) + length_us) for t_us in best]
+
+
+def _covered(recording: Recording, plan: WindowPlan) -> tuple[int, int]:
+    spans = [recording.event_span_us(k) for k in range(len(recording.rig))]
+    pose_first_us, pose_last_us = recording.trajectory.span_us
+    first_us = max(max(first for first, _ in spans), pose_first_us + plan.margin_us)
+    last_us = min(min(last for _, last in spans), pose_last_us - plan.margin_us)
+    return first_us, last_us
+
+
+def _ways_m(
+    recording: Recording, starts_us: NDArray[np.int64], length_us: int
+) -> NDArray[np.float64]:
+    """How far the first camera travels in windows that begin at given times, m."""
+    T_body_cam = recording.rig.T_body_cam[0]
+    places = [
+        (recording.trajectory.at(starts_us + share * length_us // 4) @ T_body_cam)[:, :3, 3]
+        for share in range(5)
+    ]
+    return np.asarray(np.linalg.norm(np.diff(places, axis=0), axis=2).sum(axis=0))
+
+
+def _thinned(events: Events, most: int) -> Events:
+    """At most so many events, evenly through time."""
+    if len(events) <= most:
+        return events
+    kept = np.arange(most, dtype=np.int64) * len(events) // most
+    return Events(events.x[kept], events.y[kept], events.t_us[kept], events.p[kept])

@@ -1,0 +1,63 @@
+"""`eventsweep calibrate`: a recording's calibration, refined from its events and poses."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from eval.cli.app import COMMON, Common, Force, app
+from eval.cli.help import RARE
+
+
+@app.command
+def calibrate(
+    recording: Path,
+    /,
+    *,
+    refine: str,
+    out: Path,
+    windows: Annotated[int, RARE] = 10,
+    window_s: Annotated[float, RARE] = 0.2,
+    events: Annotated[int, Parameter(name="--events"), RARE] = 30_000,
+    min_depth_m: float | None = None,
+    max_depth_m: float | None = None,
+    threads: Annotated[int, RARE] = 0,
+    force: Force = False,
+    common: Common = COMMON,
+) -> None:
+    """Refine a calibration from events and poses alone, without a board.
+
+    What the recording does not determine is refused, with the reason. The recording is not touched.
+
+    Args:
+        recording: A sequence, a data set in its publisher's layout, a ROS bag or a recording.toml.
+        refine: What to refine, joined by commas: stereo, delay, direction, baseline, focal,
+            pose-delay, hand-eye. With one camera, delay is the clock of the poses.
+        out: Folder to write: the calibration, a recording.toml that uses it, report.html.
+        windows: How many stretches of the recording are looked at, at most.
+        window_s: Length of each, s.
+        events: Events of each camera that are kept per window, at most.
+        min_depth_m: Nearest depth; by default the recording's, else 0.2 m.
+        max_depth_m: Farthest depth; by default the recording's, else 5 m.
+        threads: Of the CPU; 0 for all. They do not change the result.
+    """
+    from emvs.calibrate.refine import RefineConfig
+    from emvs.datasets import open_recording
+    from emvs.utils.outputs import check_output
+    from eval.report.calibrate_page import calibrate_recording
+
+    check_output(out, force=force, inputs=(recording,))
+    names = tuple(name.strip() for name in refine.split(",") if name.strip())
+    config = RefineConfig(names, windows, window_s, events, min_depth_m, max_depth_m, threads)
+    console = common.console()
+    calibrated = calibrate_recording(
+        open_recording(recording), recording, out, config, console.progress, force=force,
+        command=" ".join(["eventsweep", *sys.argv[1:]]),
+    )  # fmt: skip
+    console.calibrated(calibrated)
+    for note in calibrated.notes:
+        console.warn(note)
+    console.wrote(out / "report.html")

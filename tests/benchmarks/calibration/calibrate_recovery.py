@@ -1,0 +1,234 @@
+"""How well `calibrate` recovers what was spoilt, on simulated twins with a noisy sensor.
+
+`python tests/benchmarks calibrate_recovery --page docs/calibrate.md` simulates short sequences into
+the cache, spoils their calibration by known amounts, refines it, and writes tables of what is left,
+of depth, and of how often the stated uncertainty covers the truth. Finished cases are kept: the
+same command goes on where it was stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import hashlib
+import json
+import math
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import scenes
+from emvs.calibrate.parameters import Correction, Parameter, parameters_of
+from emvs.calibrate.refine import RefineConfig, Refinement, refine
+from emvs.config import MapperConfig
+from emvs.data.recording import Recording
+from emvs.data.sequence import Sequence as EventSequence
+from emvs.mapper import map_window
+from emvs.utils.cache import default_cache
+from emvs.utils.files import atomic_path
+from emvs.windows import Window
+from eval.cli.exit_codes import exit_code
+from markdown_blocks import into_page
+from sim.config import SimConfig
+from sim.rigs import rig
+from sim.sensor_presets import SensorConfig
+from sim.simulate import simulate
+
+TWINS = (
+    "desk", "tumvie-6dof", "rpg-boxes", "boxes", "mvsec-flying", "rpg-bin", "rpg-monitor",
+    "rpg-reader", "tumvie-3d", "tumvie-desk2",
+)  # fmt: skip
+SECONDS = 1.5
+STUDIES: dict[str, tuple[tuple[str, ...], dict[str, float]]] = {
+    "stereo": (("stereo", "delay"), {"stereo": 0.5, "clock": 6.0}),
+    "poses": (("pose-delay", "hand-eye"), {"pose clock": 20.0, "hand-eye": 2.0}),
+}
+"""What is refined, and by how much the calibration is spoilt at most: deg, ms."""
+_DEPTH_AT_S = (0.35, 0.75, 1.15)
+_DEPTH_WINDOW_S = 0.3
+_CODE = Path(__file__).parents[3] / "emvs" / "calibrate"
+
+
+def twin(name: str) -> EventSequence:
+    """A short sequence of a scene, 346 x 260 px, DAVIS346 with noise; simulated once."""
+    folder = default_cache() / "calibrate_recovery" / name
+    if not folder.exists():
+        config = SimConfig(duration_s=SECONDS, sensor=SensorConfig(preset="davis346"))
+        simulate(scenes.load(name), rig("davis346"), config, 0, folder)
+    return EventSequence.open(folder)
+
+
+def spoilt(study: str, seed: int, parameters: Sequence[Parameter]) -> dict[Parameter, float]:
+    """Errors of a calibration: stereo and clocks uniform, pose clock and hand-eye of full size."""
+    rng = np.random.default_rng([seed, sorted(STUDIES).index(study)])
+    sizes = STUDIES[study][1]
+    axis = rng.normal(size=3)
+    axis *= sizes.get("hand-eye", 0.0) / np.linalg.norm(axis)
+    errors = {}
+    for one in parameters:
+        size = sizes.get(one.kind, 0.0)
+        errors[one] = float(rng.uniform(-size, size))
+        if one.kind == "hand-eye":
+            errors[one] = float(axis["xyz".index(one.axis)])
+        if one.kind == "pose clock":
+            errors[one] = size * float(rng.choice([-1, 1]))
+    return errors
+
+
+def run(name: str, study: str, seed: int) -> dict[str, Any]:
+    """Spoils one twin and refines it; plain values, kept in the cache."""
+    kept = default_cache() / "calibrate_recovery" / f".{name}-{study}-{seed}-{_version()}.json"
+    if kept.exists():
+        found: dict[str, Any] = json.loads(kept.read_text("utf-8"))
+        return found
+    sequence = twin(name)
+    names = STUDIES[study][0]
+    errors = spoilt(study, seed, parameters_of(names, 2))
+    given = Correction(errors).applied(sequence)
+    wall_s, cpu_s = time.perf_counter(), time.process_time()
+    refinement = refine(given, RefineConfig(names))
+    result = {
+        "scene": name,
+        "study": study,
+        "seed": seed,
+        "wall_s": time.perf_counter() - wall_s,
+        "cpu_s": time.process_time() - cpu_s,
+        "estimates": _compared(refinement, errors),
+        "depth": _depths(sequence, given, refinement.applied(given)),
+    }
+    with atomic_path(kept) as partial:
+        partial.write_text(json.dumps(result), encoding="utf-8")
+    return result
+
+
+def _version() -> str:
+    """Of the code that refines: comments and layout aside."""
+    trees = [ast.dump(ast.parse(path.read_text("utf-8"))) for path in sorted(_CODE.glob("*.py"))
+             if path.stem not in ("folder", "epipolar")]  # fmt: skip
+    return hashlib.sha256("".join(trees).encode()).hexdigest()[:12]
+
+
+def _compared(refinement: Refinement, errors: dict[Parameter, float]) -> list[dict[str, Any]]:
+    return [
+        {
+            "parameter": one.parameter.name,
+            "kind": one.parameter.kind,
+            "spoilt": errors[one.parameter],
+            "left": one.value + errors[one.parameter],
+            "uncertainty": one.uncertainty if math.isfinite(one.uncertainty) else None,
+            "refused": one.refused,
+        }
+        for one in refinement.estimates
+    ]
+
+
+def _depths(truth: EventSequence, *told: Recording) -> list[float]:
+    """Mean absolute relative depth error of Alg1/H with the true and with other calibrations, %."""
+    return [
+        100 * float(np.mean(np.concatenate([_errors(truth, one, t_s) for t_s in _DEPTH_AT_S])))
+        for one in (truth, *told)
+    ]
+
+
+def _errors(truth: EventSequence, told: Recording, t_s: float) -> NDArray[np.float64]:
+    t_us, half_us = round(1e6 * t_s), round(0.5e6 * _DEPTH_WINDOW_S)
+    window = Window(t_us - half_us, t_us + half_us, t_us, (0, 0))
+    mapped = map_window(told, MapperConfig(methods=("Alg1/H",)), window=window)
+    depth = mapped.depth_maps["Alg1/H"]
+    true_m = truth.truth_view_depth_m(0, t_us)
+    both = depth.mask & np.isfinite(true_m)
+    return np.asarray(np.abs(depth.depth_m[both] - true_m[both]) / true_m[both], np.float64)
+
+
+def tables(results: Sequence[dict[str, Any]]) -> str:
+    """What is left of each parameter, then depth and time of each twin, as Markdown."""
+    return f"{_summary(results)}\n{_per_twin(results)}"
+
+
+def _summary(results: Sequence[dict[str, Any]]) -> str:
+    """A line per kind of parameter: what was spoilt, what is left, coverage, refusals."""
+    lines = [
+        "| parameter | spoilt by, median | left, median | left, largest | 95 % stated, median | "
+        "truth covered | refused |",
+        "|---|--:|--:|--:|--:|--:|--:|",
+    ]
+    every = [estimate for one in results for estimate in one["estimates"]]
+    for name in dict.fromkeys(one["parameter"] for one in every):
+        mine = [one for one in every if one["parameter"] == name]
+        lines.append(_summary_line(name, mine, _unit(mine[0]["kind"])))
+    return "\n".join(lines) + "\n"
+
+
+def _summary_line(name: str, mine: Sequence[dict[str, Any]], unit: str) -> str:
+    refined = [one for one in mine if not one["refused"]]
+    refused = f"{len(mine) - len(refined)} of {len(mine)}"
+    spoilt_by = f"{np.median([abs(one['spoilt']) for one in mine]):.2f} {unit}"
+    if not refined:
+        stated = [one["uncertainty"] for one in mine if one["uncertainty"] is not None]
+        known = f"{np.median(stated):.2f} {unit}" if stated else "unknown"
+        return f"| {name} | {spoilt_by} | – | – | {known} | – | {refused} |"
+    left = np.abs([one["left"] for one in refined])
+    stated = [one["uncertainty"] for one in refined]
+    covered = sum(abs(one["left"]) <= one["uncertainty"] for one in refined)
+    return (
+        f"| {name} | {spoilt_by} | {np.median(left):.3f} {unit} | {left.max():.3f} {unit} | "
+        f"{np.median(stated):.3f} {unit} | {covered} of {len(refined)} | {refused} |"
+    )
+
+
+def _per_twin(results: Sequence[dict[str, Any]]) -> str:
+    """A line per twin: depth with the true, the spoilt and the refined calibration, and time."""
+    lines = [
+        "| twin | depth error, true calibration | spoilt | refined | CPU time | wall time |",
+        "|---|--:|--:|--:|--:|--:|",
+    ]
+    for one in results:
+        true, given, refined = one["depth"]
+        lines.append(
+            f"| {one['scene']} | {true:.2f} % | {given:.2f} % | {refined:.2f} % | "
+            f"{one['cpu_s']:.0f} s | {one['wall_s']:.0f} s |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _unit(kind: str) -> str:
+    return {"clock": "ms", "pose clock": "ms", "lever": "mm"}.get(kind, "deg")
+
+
+def main(arguments: Iterable[str] | None = None) -> int:
+    """Runs the cases, prints tables and writes them into a page; exit code 2 on bad input."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--twin", action="append", choices=TWINS, help="repeatable; default: all")
+    parser.add_argument("--study", action="append", choices=list(STUDIES), help="default: both")
+    parser.add_argument("--seeds", type=int, default=1, help="spoilt calibrations per twin")
+    parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")
+    chosen = parser.parse_args(None if arguments is None else list(arguments))
+    with exit_code() as code:
+        for study in chosen.study or STUDIES:
+            results = []
+            for seed, name in product(range(chosen.seeds), chosen.twin or TWINS):
+                results.append(run(name, study, seed))
+                sys.stderr.write(f"{study} {name} {seed}: {_brief(results[-1])}\n")
+            text = tables(results)
+            sys.stdout.write(text)
+            if chosen.page is not None:
+                into_page(chosen.page, f"recovery-{study}", text)
+    return code.value
+
+
+def _brief(result: dict[str, Any]) -> str:
+    each = [
+        f"{one['parameter']} " + ("refused" if one["refused"] else f"{one['left']:+.3f}")
+        for one in result["estimates"]
+    ]
+    return f"{', '.join(each)}; {result['cpu_s']:.0f} s CPU"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

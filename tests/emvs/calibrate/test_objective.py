@@ -1,0 +1,76 @@
+"""The objective: its kernel against a slow twin, its levels, and what it prefers."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from emvs.calibrate import objective_kernels
+from emvs.calibrate.objective import COARSE, FINE, Level, Objective
+from emvs.calibrate.parameters import Correction, parameters_of
+from emvs.calibrate.windows import WindowPlan, read_windows
+from emvs.errors import InputError
+from naive_calibrate import naive_ray_maxima
+from point_world import edge_points, pinhole, stereo_rig, swinging
+
+RECORDING = edge_points(swinging(), stereo_rig(pinhole(), 0.1), points=400)
+WINDOWS = read_windows(RECORDING, WindowPlan(4, 0.15, 2000))
+
+
+@pytest.mark.parametrize("cameras", [1, 2, 3])
+def test_the_kernel_does_what_its_slow_twin_does(cameras):
+    rng = np.random.default_rng(cameras)
+    width, height, rho = 24, 16, np.linspace(1.5, 0.2, 5).astype(np.float32)
+    rays = [
+        [(rng.uniform(-2, 25, 300)), rng.normal(0, 2, 300), rng.uniform(-2, 17, 300),
+         rng.normal(0, 2, 300), rng.uniform(-1, 1.5, 300)]
+        for _ in range(2 * cameras)
+    ]  # fmt: skip
+    rays = [[column.astype(np.float32) for column in one] for one in rays]
+    best = np.empty((2, width * height), np.float32)
+    objective_kernels.ray_maxima(
+        *map(np.concatenate, zip(*rays, strict=True)),
+        300 * (cameras * np.arange(2)[:, None] + np.arange(cameras + 1)), rho, width, height,
+        np.empty((2, cameras, width * height), np.float32), best,
+    )  # fmt: skip
+    for window in range(2):
+        of_window = rays[cameras * window : cameras * (window + 1)]
+        expected = naive_ray_maxima(of_window, rho, width, height)
+        assert np.allclose(best[window].reshape(height, width), expected, atol=1e-4)
+        assert best[window].max() > 0
+
+
+def test_the_truth_is_sharper_than_what_is_wrong():
+    objective = Objective(RECORDING, WINDOWS, RECORDING.depth_range_m)
+    for level in (FINE, Level(2, 32), COARSE):
+        function = objective.at(level)
+        truth = function(Correction())
+        for one in parameters_of(("stereo", "delay", "baseline", "pose-delay"), 2):
+            for sign in (1, -1):
+                wrong = function(Correction({one: sign * one.reach}))
+                assert wrong.mean() < truth.mean(), (level, one.name)
+
+
+def test_each_window_may_be_told_otherwise():
+    objective = Objective(RECORDING, WINDOWS, RECORDING.depth_range_m)
+    one = parameters_of(("stereo",), 2)[0]
+    right, wrong = (objective.told(Correction({one: value})) for value in (0.0, 2.0))
+    mixed = objective.sharpness([right, wrong, right, wrong])
+    assert (mixed[::2] == objective(Correction())[::2]).all()
+    assert (mixed[1::2] == objective(Correction({one: 2.0}))[1::2]).all()
+
+
+def test_windows_lie_where_the_camera_travels_farthest():
+    plan = WindowPlan(3, 0.1, 500)
+    windows = read_windows(RECORDING, plan)
+    assert len(windows) == 3
+    assert all(len(one.events[0]) <= 500 for one in windows)
+    first_us, last_us = RECORDING.trajectory.span_us
+    assert windows[0].t0_us >= first_us + plan.margin_us
+    assert windows[-1].t1_us <= last_us - plan.margin_us
+    assert all(a.t0_us < b.t0_us for a, b in pairwise(windows))
+
+
+def test_a_recording_shorter_than_a_window_is_refused():
+    with pytest.raises(InputError, match="needs at least 2 s"):
+        read_windows(RECORDING, WindowPlan(3, 2.0, 500))
