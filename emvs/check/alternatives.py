@@ -1,0 +1,357 @@
+"""What a recording may have been told wrongly: conventions, orders, units, swaps, each with its cure.
+
+Each alternative says of the same events what would be true if one thing had been mistaken. If rays
+meet more sharply under it than as the recording stands, that thing is mistaken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from emvs.data.altered import AlteredRecording
+from emvs.data.events import Events
+from emvs.data.recording import DerivedRecording, Recording
+from emvs.geometry import se3
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
+
+Matrix = NDArray[np.float64]
+Told = Callable[[Recording], Recording]
+MARGIN, MARGIN_OF_AMOUNTS = 0.04, 0.015
+"""Gains that count, in logarithms of sharpness: of alternatives, and of amounts."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """One thing that may be mistaken.
+
+    Attributes:
+        name: what is wrong if this is sharper, such as `poses inverted`.
+        told: the recording as it would be told rightly.
+        cure: what to do then.
+    """
+
+    name: str
+    told: Told
+    cure: str
+
+
+class MirroredRecording(DerivedRecording):
+    """A recording whose events are mirrored: columns counted from the right, or rows from below."""
+
+    def __init__(self, recording: Recording, *, columns: bool = False, rows: bool = False) -> None:
+        super().__init__(recording)
+        self._columns, self._rows = columns, rows
+
+    def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
+        """Events of a camera with `t0_us <= t < t1_us`, mirrored on its sensor."""
+        events, sensor = self.recording.events(camera, t0_us, t1_us), self.rig.cameras[camera]
+        x = (sensor.width_px - 1 - events.x).astype(np.uint16) if self._columns else events.x
+        y = (sensor.height_px - 1 - events.y).astype(np.uint16) if self._rows else events.y
+        return Events(x, y, events.t_us, events.p)
+
+
+def of_poses(recording: Recording) -> list[Alternative]:
+    """What may be mistaken about the poses of one camera, apart from their clock and unit."""
+    T_body_cam = recording.rig.T_body_cam[0]
+    found = [
+        Alternative(
+            "poses inverted", _poses(_inverted),
+            "the file holds T_cam_world: invert every pose, R^T and -R^T t",
+        ),
+        Alternative(
+            "rotations inverted", _poses(_rotations_inverted),
+            "the file holds R_cam_world beside positions in the world: transpose the rotations",
+        ),
+        Alternative(
+            "quaternions w first", _poses(_w_last),
+            "the file holds qw qx qy qz: write them as qx qy qz qw",
+        ),
+        Alternative(
+            "columns mirrored", lambda r: MirroredRecording(r, columns=True),
+            "count columns from the left: x = width - 1 - x",
+        ),
+        Alternative(
+            "rows mirrored", lambda r: MirroredRecording(r, rows=True),
+            "count rows from the top: y = height - 1 - y",
+        ),
+        *_axes(),
+    ]  # fmt: skip
+    if not np.allclose(T_body_cam[:3, :3], np.eye(3), atol=0.02):
+        found += [
+            Alternative(
+                "hand-eye inverted", _hand_eye(se3.inverse),
+                "the calibration holds T_cam_body where T_body_cam is meant: invert it",
+            ),
+            Alternative(
+                "hand-eye beside poses of the camera", _hand_eye(lambda T: np.eye(4)),
+                "the poses are the camera's already: leave the hand-eye transformation out",
+            ),
+        ]  # fmt: skip
+    return found
+
+
+def of_pair() -> list[Alternative]:
+    """What may be mistaken between the two cameras of a rig."""
+    return [
+        Alternative(
+            "cameras swapped", lambda r: AlteredRecording(r, streams=(1, 0)),
+            "exchange the event files of the two cameras",
+        ),
+        Alternative(
+            "extrinsics inverted", lambda r: AlteredRecording(r, rig=_between(r.rig, se3.inverse)),
+            "the calibration holds T_cam1_cam0 where T_cam0_cam1 is meant: invert it",
+        ),
+        *(
+            Alternative(
+                f"{what} in {unit}", _times(told, factor),
+                f"write the {what} in metres: {unit} are {factor:g} m",
+            )
+            for what, told in (("positions", _scaled_poses), ("baseline", _baseline))
+            for unit, factor in _UNITS.items()
+        ),
+    ]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Amount:
+    """A number that may be off.
+
+    Attributes:
+        name: what is wrong if another amount is sharper, such as `camera clock`.
+        unit: of the amounts.
+        neutral: the amount that changes nothing: 0, or 1 of a factor.
+        grid: amounts to try, among them the neutral one.
+        told: the recording with what is told of it changed by an amount.
+        hurts: from which difference a map suffers (page `studies`), in `unit`; of factors, in
+            logarithms.
+        cure: what to do, with the amount as `{amount}`.
+        margin: the least gain that counts, in logarithms.
+    """
+
+    name: str
+    unit: str
+    neutral: float
+    grid: tuple[float, ...]
+    told: Callable[[Recording, float], Recording]
+    hurts: float
+    cure: str
+    margin: float = MARGIN_OF_AMOUNTS
+
+    @property
+    def is_factor(self) -> bool:
+        """Whether amounts multiply: steps and differences are those of logarithms."""
+        return self.neutral == 1.0
+
+
+class Chosen(DerivedRecording):
+    """Some cameras of a recording, in the order given."""
+
+    def __init__(self, recording: Recording, cameras: tuple[int, ...]) -> None:
+        super().__init__(recording)
+        self._cameras = cameras
+
+    @property
+    def rig(self) -> Rig:
+        """The chosen cameras."""
+        rig = self.recording.rig
+        pick = [(rig.cameras[k], rig.T_body_cam[k], rig.camera_names[k]) for k in self._cameras]
+        cameras, T_body_cam, names = zip(*pick, strict=True)
+        return Rig(rig.name, cameras, T_body_cam, names)
+
+    def event_span_us(self, camera: int) -> tuple[int, int]:
+        """First and last instant of a chosen camera, µs."""
+        return self.recording.event_span_us(self._cameras[camera])
+
+    def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
+        """Events of a chosen camera with `t0_us <= t < t1_us`."""
+        return self.recording.events(self._cameras[camera], t0_us, t1_us)
+
+
+_UNITS = {"mm": 0.001, "cm": 0.01, "km": 1000.0}
+_FACTORS = (0.4, 0.55, 0.7, 0.85, 1.0, 1.18, 1.4, 1.8, 2.5)
+_FOCAL = (0.25, 0.35, 0.5, 0.7, 0.85, 1.0, 1.18, 1.4, 2.0, 2.8, 4.0)
+_CLOCK_MS = (320.0, 160.0, 80.0, 40.0, 20.0, 10.0)
+_ANGLES_DEG = (8.0, 5.0, 3.0, 2.0, 1.0, 0.4)
+
+
+def _both_ways(amounts: tuple[float, ...]) -> tuple[float, ...]:
+    return (*(-a for a in amounts), 0.0, *reversed(amounts))
+
+
+def amounts_of_one() -> list[Amount]:
+    """Numbers that one camera and its poses can have wrong."""
+    return [
+        Amount(
+            "pose clock", "ms", 0.0, _both_ways(_CLOCK_MS), _late_poses, 20.0,
+            "shift the times of the poses by {amount:+.0f} ms (poses.time_offset_us)",
+        ),
+        Amount(
+            "focal length", "", 1.0, _FOCAL, _focal, 0.1,
+            "the focal lengths fit when multiplied by {amount:.3g}: take the calibration of this "
+            "lens and resolution", 0.06,
+        ),
+    ]  # fmt: skip
+
+
+def amounts_of_pair() -> list[Amount]:
+    """Numbers that can be wrong between two cameras, or between them and their poses."""
+    angles = [
+        Amount(
+            f"stereo {name}", "deg", 0.0, _both_ways(_ANGLES_DEG), _turned(axis), hurts,
+            "turn the second camera by {amount:+.2f} deg about its "
+            + "xyz"[axis]
+            + " axis, or calibrate the rig again",
+        )
+        for name, axis, hurts in (("pitch", 0, 0.15), ("yaw", 1, 0.2), ("roll", 2, 0.3))
+    ]  # fmt: skip
+    return [
+        Amount(
+            "camera clock", "ms", 0.0, _both_ways(_CLOCK_MS), _late_camera, 5.0,
+            "shift the times of the second camera's events by {amount:+.1f} ms "
+            "(events.time_offset_us)",
+        ),
+        Amount(
+            "baseline", "", 1.0, _FACTORS, _baseline, 0.1,
+            "multiply the distance between the cameras by {amount:.3g}, or divide the positions of "
+            "the poses by it: their proportion is wrong",
+        ),
+        *angles,
+    ]  # fmt: skip
+
+
+def _times(told: Callable[[Recording, float], Recording], factor: float) -> Told:
+    return lambda recording: told(recording, factor)
+
+
+def _late_poses(recording: Recording, late_ms: float) -> Recording:
+    p = recording.trajectory
+    late = Trajectory(p.t_us + round(1e3 * late_ms), p.positions_m, p.quats_xyzw)
+    return AlteredRecording(recording, trajectory=late)
+
+
+def _late_camera(recording: Recording, late_ms: float) -> Recording:
+    return AlteredRecording(recording, clock_us=(0, round(1e3 * late_ms)))
+
+
+def _scaled_poses(recording: Recording, factor: float) -> Recording:
+    p = recording.trajectory
+    moved = Trajectory(p.t_us, p.positions_m * factor, p.quats_xyzw)
+    return AlteredRecording(recording, trajectory=moved)
+
+
+def _focal(recording: Recording, factor: float) -> Recording:
+    rig = recording.rig
+    cameras = tuple(
+        replace(one, fx_px=one.fx_px * factor, fy_px=one.fy_px * factor) for one in rig.cameras
+    )
+    return AlteredRecording(recording, rig=replace(rig, cameras=cameras))
+
+
+def _baseline(recording: Recording, factor: float) -> Recording:
+    def change(T_0_1: Matrix) -> Matrix:
+        longer = T_0_1.copy()
+        longer[:3, 3] *= factor
+        return longer
+
+    return AlteredRecording(recording, rig=_between(recording.rig, change))
+
+
+def _turned(axis: int) -> Callable[[Recording, float], Recording]:
+    def told(recording: Recording, angle_deg: float) -> Recording:
+        turn = Rotation.from_rotvec(np.eye(3)[axis] * angle_deg, degrees=True)
+        T_1_turned = se3.from_rotation(turn, np.zeros(3))
+        return AlteredRecording(recording, rig=_between(recording.rig, lambda T: T @ T_1_turned))
+
+    return told
+
+
+def _poses(change: Callable[[Trajectory], Trajectory]) -> Told:
+    return lambda r: AlteredRecording(r, trajectory=change(r.trajectory))
+
+
+def _inverted(poses: Trajectory) -> Trajectory:
+    return Trajectory.from_matrices(poses.t_us, se3.inverse(poses.at(poses.t_us)))
+
+
+def _rotations_inverted(poses: Trajectory) -> Trajectory:
+    turned = Rotation.from_quat(poses.quats_xyzw).inv().as_quat()
+    return Trajectory(poses.t_us, poses.positions_m, turned)
+
+
+def _w_last(poses: Trajectory) -> Trajectory:
+    return Trajectory(poses.t_us, poses.positions_m, np.roll(poses.quats_xyzw, -1, axis=1))
+
+
+def _hand_eye(change: Callable[[Matrix], Matrix]) -> Told:
+    def told(recording: Recording) -> Recording:
+        rig = recording.rig
+        inside = [se3.inverse(rig.T_body_cam[0]) @ T for T in rig.T_body_cam]
+        T_body_cam0 = change(rig.T_body_cam[0])
+        changed = replace(rig, T_body_cam=tuple(T_body_cam0 @ T for T in inside))
+        return AlteredRecording(recording, rig=changed)
+
+    return told
+
+
+def _between(rig: Rig, change: Callable[[Matrix], Matrix]) -> Rig:
+    """A rig of two whose `T_cam0_cam1` is changed."""
+    T_0_1 = se3.inverse(rig.T_body_cam[0]) @ rig.T_body_cam[1]
+    return replace(rig, T_body_cam=(rig.T_body_cam[0], rig.T_body_cam[0] @ change(T_0_1)))
+
+
+# Axes of a camera as others have them, as columns: where their x, y and z point in ours, which are
+# right, down, ahead.
+CONVENTIONS: dict[str, tuple[tuple[int, int, int], ...]] = {
+    "OpenGL axes": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),  # right, up, back
+    "ROS axes": ((0, 0, 1), (-1, 0, 0), (0, -1, 0)),  # ahead, left, up
+    "NED axes": ((0, 0, 1), (1, 0, 0), (0, 1, 0)),  # ahead, right, down
+    "camera upside down": ((-1, 0, 0), (0, -1, 0), (0, 0, 1)),
+}
+
+
+def turns() -> dict[str, Matrix]:
+    """The 23 ways in which right-handed axes can be mistaken, by name: `R_cam_told` (3, 3)."""
+    named = {name: np.array(columns, np.float64).T for name, columns in CONVENTIONS.items()}
+    found = dict(named)
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            R = np.zeros((3, 3))
+            R[order, range(3)] = signs
+            known = [np.eye(3), *named.values()]
+            if np.linalg.det(R) > 0 and not any(np.array_equal(R, one) for one in known):
+                found[f"axes {_words(R)}"] = R
+    return found
+
+
+def _words(R_cam_told: Matrix) -> str:
+    """Where x, y and z of the poses point, in the camera's words."""
+    words = (("left", "right"), ("up", "down"), ("back", "ahead"))
+    at = np.abs(R_cam_told).argmax(axis=0)
+    return " ".join(words[k][int(R_cam_told[k, column] > 0)] for column, k in enumerate(at))
+
+
+def _axes() -> list[Alternative]:
+    found = []
+    for name, R_cam_told in turns().items():
+        T_told_cam = se3.from_rotation(Rotation.from_matrix(R_cam_told.T), np.zeros(3))
+        first = R_cam_told.T.astype(int).tolist()
+        found.append(
+            Alternative(
+                name, _hand_eye_times(T_told_cam),
+                f"the poses' frame has other axes than the camera (x right, y down, z ahead): "
+                f"state the hand-eye rotation {first}",
+            )
+        )  # fmt: skip
+    return found
+
+
+def _hand_eye_times(T_told_cam: Matrix) -> Told:
+    """The first camera turned on the body, and the others with it."""
+    return _hand_eye(lambda T_body_cam: T_body_cam @ T_told_cam)

@@ -1,0 +1,241 @@
+"""Checks of the calibration: intrinsics that no lens has, distortion that folds, baselines."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.check.findings import Finding, Series, Verdict, above, judged
+from emvs.data.recording import Recording
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+
+Floats = NDArray[np.float64]
+# Pixels of event cameras are square; calibrations of data sets have fx / fy within 1 %.
+_RATIO = (0.03, 0.25)
+# How far the principal point is from the middle, in halves of the image: within 0.15 in data sets.
+_CENTRE = (0.35, 0.8)
+# Fields of view, deg: 4 is a 200 mm lens, 170 what a pinhole's f in mm or in widths makes.
+_FIELD_DOUBTFUL, _FIELD_WRONG = (12.0, 140.0), (2.0, 170.0)
+_FISHEYE_DEG = 220.0
+_FOLDED = (0.0, 0.02)
+# How far distortion moves a corner, in half diagonals.
+_BENT = (0.6, 2.0)
+# Baselines, m: 0.5 cm in endoscopes, 0.6 m on DSEC's car, 2 m on a truck.
+_BASELINE_DOUBTFUL, _BASELINE_WRONG = (0.01, 1.0), (0.001, 5.0)
+# Angle between the optical axes, in fields of view: at 1 nothing is seen by both.
+_APART = (0.5, 0.9)
+
+
+def check_cameras(rig: Rig) -> list[Finding]:
+    """Everything that a calibration tells by itself."""
+    checks = (_ratio, _centre, _field, _folds)
+    each = [[check(one) for one in rig.cameras] for check in checks]
+    found = [_worst(findings, rig.camera_names) for findings in each]
+    return found + ([_baseline(rig), _overlap(rig)] if len(rig) > 1 else [])
+
+
+def _worst(findings: list[Finding], names: tuple[str, ...]) -> Finding:
+    from emvs.check.events import worst_camera
+
+    return worst_camera(findings, names)
+
+
+def _ratio(camera: Camera) -> Finding:
+    ratio = camera.fx_px / camera.fy_px
+    return judged(
+        "focal-ratio", above(abs(np.log(ratio)), *np.log1p(_RATIO)), ratio, "",
+        f"fx {camera.fx_px:.6g} px beside fy {camera.fy_px:.6g} px, a ratio of {ratio:.4g}",
+        meaning="pixels of event cameras are square: one of the two is mistaken",
+        cure="correct fx and fy, both in px; their order in files is fx fy cx cy",
+        suspect="focal lengths unequal",
+    )  # fmt: skip
+
+
+def _centre(camera: Camera) -> Finding:
+    across = abs(camera.cx_px - (camera.width_px - 1) / 2) / (camera.width_px / 2)
+    down = abs(camera.cy_px - (camera.height_px - 1) / 2) / (camera.height_px / 2)
+    off = max(across, down)
+    return judged(
+        "principal-point", above(off, *_CENTRE), off, "half images",
+        f"at ({camera.cx_px:.4g}, {camera.cy_px:.4g}) px of {camera.width_px} x "
+        f"{camera.height_px} px, {off:.0%} of half the image from its middle",
+        meaning="rays through the whole image point in a wrong direction; 10 px cost a quarter",
+        cure="check cx and cy: in px of this resolution and this crop, not exchanged",
+        suspect="principal point off",
+    )  # fmt: skip
+
+
+def field_deg(camera: Camera) -> float:
+    """Field of view along the longer side, deg, without distortion but for a fisheye's."""
+    half = max(camera.width_px / (2 * camera.fx_px), camera.height_px / (2 * camera.fy_px))
+    return float(np.degrees(2 * (half if camera.model == "kb4" else np.arctan(half))))
+
+
+def _field(camera: Camera) -> Finding:
+    wide = field_deg(camera)
+    most = _FISHEYE_DEG if camera.model == "kb4" else _FIELD_WRONG[1]
+    verdict: Verdict = "good"
+    if not _FIELD_DOUBTFUL[0] <= wide <= (most if camera.model == "kb4" else _FIELD_DOUBTFUL[1]):
+        verdict = "doubtful"
+    if not _FIELD_WRONG[0] <= wide <= most:
+        verdict = "wrong"
+    return judged(
+        "field-of-view", verdict, wide, "deg",
+        f"{wide:.3g} deg with f {camera.fx_px:.4g} px on {camera.width_px} px",
+        meaning="no such lens: the focal length is in another unit (mm, or widths of the image)",
+        cure="write focal lengths in px", suspect="focal length unit",
+    )  # fmt: skip
+
+
+def _folds(camera: Camera) -> Finding:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        bearing = camera.bearing_table()
+    lost = float(np.isnan(bearing).any(axis=2).mean())
+    bent = _bent(camera, bearing)
+    verdict = above(lost, *_FOLDED) if lost > 0 else "good"
+    if verdict != "wrong" and camera.model == "radtan" and bent > _BENT[0]:
+        verdict = "wrong" if bent > _BENT[1] else "doubtful"
+    return judged(
+        "distortion", verdict, lost, "",
+        f"{lost:.1%} of the pixels have no ray; the most distorted is moved by {bent:.0%} of half "
+        "the diagonal",
+        meaning="the distortion folds the image over itself: events there cannot vote",
+        cure="check the order and the number of the coefficients (k1 k2 p1 p2 k3) and the model",
+        suspect="distortion folds",
+        series=Series(np.linalg.norm(_moved_px(camera, bearing), axis=2),
+                      y_label="moved by distortion, px"),
+    )  # fmt: skip
+
+
+def _moved_px(camera: Camera, bearing: Floats) -> Floats:
+    """(H, W, 2) how far each pixel lies from where a pinhole camera sees its ray, px."""
+    columns, rows = np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px))
+    straight = bearing * (camera.fx_px, camera.fy_px) + (camera.cx_px, camera.cy_px)
+    return np.asarray(straight - np.stack([columns, rows], axis=-1), np.float64)
+
+
+def _bent(camera: Camera, bearing: Floats) -> float:
+    moved = np.linalg.norm(_moved_px(camera, bearing), axis=2)
+    largest = float(np.nanmax(moved)) if np.isfinite(moved).any() else 0.0
+    return largest / (np.hypot(camera.width_px, camera.height_px) / 2)
+
+
+def _baseline(rig: Rig) -> Finding:
+    length_m = rig.baseline_m()
+    verdict: Verdict = "good"
+    if not _BASELINE_DOUBTFUL[0] <= length_m <= _BASELINE_DOUBTFUL[1]:
+        verdict = "doubtful"
+    if not _BASELINE_WRONG[0] <= length_m <= _BASELINE_WRONG[1]:
+        verdict = "wrong"
+    return judged(
+        "baseline", verdict, length_m, "m", f"cameras 0 and 1 are {length_m:.4g} m apart",
+        meaning="depth from two cameras is proportional to their distance",
+        cure="write T_body_cam in metres; where it is 0, the extrinsics are missing",
+        suspect="baseline unit" if length_m > 0 else "extrinsics missing",
+    )  # fmt: skip
+
+
+def _overlap(rig: Rig) -> Finding:
+    axes = [T[:3, 2] for T in rig.T_body_cam]
+    angle = float(np.degrees(np.arccos(np.clip(axes[0] @ axes[1], -1, 1))))
+    share = angle / max(min(field_deg(one) for one in rig.cameras[:2]), 1e-6)
+    return judged(
+        "cameras-overlap", above(share, *_APART), angle, "deg",
+        f"the optical axes of cameras 0 and 1 are {angle:.3g} deg apart",
+        meaning="what only one camera sees cannot be fused",
+        cure="check the rotations of T_body_cam: which camera's pose in which frame",
+        suspect="cameras look apart",
+    )  # fmt: skip
+
+
+def check_rectification(recording: Recording, t0_us: int, t1_us: int) -> Finding:
+    """How far rows of the two rectified cameras are apart, by what their events do in each row.
+
+    Activity by row, in short slices of time, is the same in both cameras where rows correspond: the
+    shift at which the two agree best is the residual of the rectification.
+
+    Args:
+        recording: with two cameras.
+        t0_us: begin of the stretch that is looked at.
+        t1_us: its end.
+    """
+    first, second = (_row_activity(recording, k, t0_us, t1_us) for k in (0, 1))
+    shifts, agreement = _agreement(first, second)
+    best = int(np.argmax(agreement))
+    residual_px = _vertex(shifts, agreement, best)
+    clear = float(agreement[best]) > _CLEAR
+    verdict = above(abs(residual_px), *_ROWS_PX) if clear else "good"
+    words = f"rows of the rectified cameras agree best {residual_px:+.1f} px apart"
+    return judged(
+        "rectification", verdict, residual_px, "px",
+        f"{words} (correlation {agreement[best]:.2f})" + ("" if clear else ", too little to tell"),
+        meaning="cameras that do not see a point in the same row never agree on its depth; 0.15 "
+        "deg of pitch make stereo worse than one camera",
+        cure="calibrate the extrinsics again; check that the event files are not exchanged",
+        suspect="rows apart", series=Series(agreement, shifts, "shift, px", "correlation"),
+    )  # fmt: skip
+
+
+_SLICE_US, _MOST_SHIFT_PX, _CLEAR, _ROWS_PX = 20_000, 30, 0.2, (2.5, 6.0)
+
+
+def _row_activity(recording: Recording, camera: int, t0_us: int, t1_us: int) -> Floats:
+    """(slices, rows) events by rectified row of camera 0's focal length, whitened."""
+    rig = recording.rig
+    events = recording.events(camera, t0_us, t1_us)
+    R = _rectifying(rig) @ (se3.inverse(rig.T_body_cam[0]) @ rig.T_body_cam[camera])[:3, :3]
+    bearing = rig.cameras[camera].bearing_table()
+    rays = np.concatenate([bearing, np.ones((*bearing.shape[:2], 1))], axis=2) @ R.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        row = rays[..., 1] / rays[..., 2] * rig.cameras[0].fy_px
+    height = rig.cameras[0].height_px
+    at = np.where(rays[..., 2] > 0, row, np.nan)[events.y, events.x] + height
+    seen = np.isfinite(at) & (at >= 0) & (at < 2 * height)
+    slices = max((t1_us - t0_us) // _SLICE_US, 1)
+    when = np.minimum((events.t_us[seen] - t0_us) // _SLICE_US, slices - 1)
+    cell = when * 2 * height + at[seen].astype(np.int64)
+    counts = np.bincount(cell, minlength=slices * 2 * height)[: slices * 2 * height]
+    return _whitened(np.sqrt(counts.reshape(slices, 2 * height).astype(np.float64)))
+
+
+def _rectifying(rig: Rig) -> Floats:
+    """(3, 3) turns camera 0's axes so that x runs along the baseline."""
+    x = (se3.inverse(rig.T_body_cam[0]) @ rig.T_body_cam[1])[:3, 3]
+    length = np.linalg.norm(x)
+    if length < 1e-9 or abs(x[2]) > 0.7 * length:  # one behind the other: there are no common rows
+        return np.eye(3)
+    x = x / length * (1 if abs(x[0]) < 1e-12 or x[0] > 0 else -1)
+    y = np.cross([0.0, 0.0, 1.0], x)
+    y /= np.linalg.norm(y)
+    return np.stack([x, y, np.cross(x, y)])
+
+
+def _whitened(rows: Floats) -> Floats:
+    """What stands out of the rows around, so that a slope over the image correlates with nothing."""
+    from scipy.ndimage import gaussian_filter1d
+
+    return np.asarray(gaussian_filter1d(rows, 1.0, axis=1) - gaussian_filter1d(rows, 8.0, axis=1))
+
+
+def _agreement(first: Floats, second: Floats) -> tuple[Floats, Floats]:
+    shifts = np.arange(-_MOST_SHIFT_PX, _MOST_SHIFT_PX + 1)
+    inner = slice(_MOST_SHIFT_PX, -_MOST_SHIFT_PX)
+    a = first[:, inner]
+    values = []
+    for shift in shifts:
+        b = np.roll(second, -shift, axis=1)[:, inner]
+        norm = np.sqrt((a * a).sum() * (b * b).sum())
+        values.append(float((a * b).sum() / norm) if norm else 0.0)
+    return shifts.astype(np.float64), np.array(values)
+
+
+def _vertex(x: Floats, y: Floats, best: int) -> float:
+    if not 0 < best < len(x) - 1:
+        return float(x[best])
+    bend = y[best - 1] - 2 * y[best] + y[best + 1]
+    return float(x[best] + (0.5 * (y[best - 1] - y[best + 1]) / bend if bend else 0.0))

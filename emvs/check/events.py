@@ -1,0 +1,206 @@
+"""Checks of the events: unit, order and resolution of their times, rates, polarity, pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.check.findings import Finding, Series, Verdict, above, below, judged, worst
+from emvs.check.streams import BIN_US, Stream
+from emvs.data.recording import Recording
+from emvs.hot_pixels import hot_mask
+
+# Events per second and pixel. Moving heads before textured rooms send 1 to 60 on the twins, and
+# 1 to 30 in the recordings of MVSEC and TUM-VIE; a unit of time that is wrong is wrong by 1000.
+USUAL_RATE_HZ = (0.02, 1000.0)
+_DOUBTFUL_RATE_HZ = (0.1, 300.0)
+_TYPICAL_RATE_HZ = 10.0
+# Share of events that brighten. Thresholds of DAVIS346 twins (0.143 against 0.225) give 0.61.
+_POLARITY_DOUBTFUL, _POLARITY_WRONG = 0.2, 0.02
+# Share of a recording's events that hot pixels send, and how many times their surroundings.
+_HOT_RATIO, _HOT_DOUBTFUL, _HOT_WRONG = 10.0, 0.02, 0.3
+# Steps of time stamps. 5 ms between two cameras make stereo worse than one (page `studies`).
+_STEP_DOUBTFUL_US, _STEP_WRONG_US = 500, 5000
+# A camera that is silent while the other is not, or longer than moving heads are still.
+_SILENCE_BINS, _SILENCE_DOUBTFUL, _SILENCE_WRONG = 20, 0.02, 0.3
+# Columns or rows that a calibration has and no event ever reaches.
+_UNUSED_DOUBTFUL, _UNUSED_WRONG = 0.1, 0.2
+_ENOUGH_EVENTS = 1000
+# A bus at its limit sends the same number of events in every millisecond.
+_CEILING_HZ, _CEILING_WITHIN, _CEILING_SHARE = 1e6, 0.02, 0.2
+_REFRACTORY_DOUBTFUL_US = 10_000
+_DEAD_HZ = 0.001
+NAMES = ("events", "events-rate", "events-unit", "events-time-step", "events-polarity",
+         "events-sensor", "hot-pixels", "events-gaps", "events-ceiling", "events-refractory")  # fmt: skip
+
+
+def check_events(recording: Recording, streams: tuple[Stream, ...]) -> list[Finding]:
+    """Everything that events tell without poses.
+
+    Args:
+        recording: names of the cameras.
+        streams: what was read of each.
+    """
+    names = recording.rig.camera_names
+    empty = [name for name, one in zip(names, streams, strict=True) if not one.events]
+    if empty:
+        return [_silent(empty)]
+    checks = (_rate, _time_step, _polarity, _sensor, _hot_pixels, _gaps, _ceiling, _refractory)
+    return [worst_camera([check(one) for one in streams], names) for check in checks]
+
+
+def _silent(cameras: list[str]) -> Finding:
+    return judged(
+        "events", "wrong", 0.0, "events", f"{', '.join(cameras)}: no event at all",
+        meaning="a camera without events has no votes: nothing can be mapped",
+        cure="check the event file and its stream's name", suspect="camera silent",
+    )  # fmt: skip
+
+
+def worst_camera(findings: list[Finding], names: tuple[str, ...]) -> Finding:
+    """The worst of the cameras' findings, with its camera's name."""
+    from dataclasses import replace
+
+    verdict = worst(one.verdict for one in findings)
+    at = [one.verdict for one in findings].index(verdict)
+    return replace(findings[at], evidence=f"{names[at]}: {findings[at].evidence}")
+
+
+def _rate(stream: Stream) -> Finding:
+    per_pixel_hz = stream.rate_hz / stream.pixels.size
+    low, high = USUAL_RATE_HZ
+    verdict: Verdict = "wrong" if not low <= per_pixel_hz <= high else "good"
+    if verdict == "good" and not _DOUBTFUL_RATE_HZ[0] <= per_pixel_hz <= _DOUBTFUL_RATE_HZ[1]:
+        verdict = "doubtful"
+    suspect = "" if verdict != "wrong" else time_unit(per_pixel_hz / _TYPICAL_RATE_HZ, "event")
+    rates_hz = np.concatenate(stream.rates) * (1e6 / BIN_US)
+    at_s = np.concatenate(
+        [(t_us + BIN_US * np.arange(len(r))) for t_us, r in zip(stream.begins_us, stream.rates,
+                                                               strict=True)]
+    ) / 1e6  # fmt: skip
+    return judged(
+        "events-rate", verdict, per_pixel_hz, "Hz per pixel",
+        f"{per_pixel_hz:.3g} events per second and pixel, usual are {low:g} to {high:g}",
+        meaning="times in another unit than µs make rates 1000 times too high or too low, and "
+        "windows too short or too long",
+        cure="say the unit of the times (time_unit in recording.toml, --time-unit), or lower the "
+        "sensor's sensitivity", suspect=suspect,
+        series=Series(_thinned(rates_hz), _thinned(at_s), "time, s", "events per second"),
+    )  # fmt: skip
+
+
+def time_unit(too_fast: float, whose: str) -> str:
+    """Which unit was taken for another, where something is this many times too fast."""
+    power = round(np.log10(max(too_fast, 1e-12)) / 3)
+    units = {-2: "ps", -1: "ns", 1: "ms", 2: "s"}
+    return f"{whose} times in {units[power]}, read as µs" if power in units else ""
+
+
+def _thinned(values: NDArray[np.float64], most: int = 500) -> NDArray[np.float64]:
+    """Every n-th value, few enough for a picture."""
+    return np.asarray(values[:: -(-len(values) // most) or 1], np.float64)
+
+
+def _time_step(stream: Stream) -> Finding:
+    step_us = max(stream.step_us, 1)
+    return judged(
+        "events-time-step", above(step_us, _STEP_DOUBTFUL_US, _STEP_WRONG_US), float(step_us), "µs",
+        f"time stamps are whole multiples of {step_us} µs",
+        meaning="events of one step share one pose, and clocks cannot be compared more finely",
+        cure="record or convert with stamps of 1 µs; packets' times are no events' times",
+        suspect="coarse time stamps",
+    )  # fmt: skip
+
+
+def _polarity(stream: Stream) -> Finding:
+    share = stream.brighter / stream.events
+    least = min(share, 1 - share)
+    return judged(
+        "events-polarity", below(least, _POLARITY_DOUBTFUL, _POLARITY_WRONG), share, "",
+        f"{share:.1%} of the events brighten",
+        meaning="one polarity is missing or drowned in noise: half of the edges are lost",
+        cure="check which column is the polarity and how it is coded (0 and 1, or -1 and 1), or "
+        "the sensor's biases", suspect="one polarity missing",
+    )  # fmt: skip
+
+
+def _sensor(stream: Stream) -> Finding:
+    height, width = stream.pixels.shape
+    columns = np.flatnonzero(stream.pixels.any(axis=0))
+    rows = np.flatnonzero(stream.pixels.any(axis=1))
+    used = (columns[-1] + 1) / width, (rows[-1] + 1) / height
+    unused = 1 - min(used)
+    enough = stream.events >= _ENOUGH_EVENTS
+    return judged(
+        "events-sensor", above(unused, _UNUSED_DOUBTFUL, _UNUSED_WRONG) if enough else "good",
+        unused, "",
+        f"events reach column {columns[-1]} and row {rows[-1]} of {width} x {height} px",
+        meaning="the calibration is of another sensor or resolution, or columns and rows are "
+        "exchanged: every ray is wrong",
+        cure="take the calibration of this sensor at this resolution; check which column is x",
+        suspect="calibration of another resolution",
+        series=Series(np.log1p(stream.pixels), y_label="events per pixel, logarithm"),
+    )  # fmt: skip
+
+
+def _hot_pixels(stream: Stream) -> Finding:
+    hot = hot_mask(stream.pixels, _HOT_RATIO)
+    share = float(stream.pixels[hot].sum() / stream.events)
+    return judged(
+        "hot-pixels", above(share, _HOT_DOUBTFUL, _HOT_WRONG), share, "",
+        f"{int(hot.sum())} pixels send {share:.1%} of the events, each over {_HOT_RATIO:g} times "
+        "what is usual around it",
+        meaning="rays of hot pixels meet nothing but themselves: streaks in the volume",
+        cure="map with --map.hot-pixels 10, or lower the sensor's sensitivity",
+        suspect="hot pixels", series=Series(np.log1p(stream.pixels), y_label="events per pixel"),
+    )  # fmt: skip
+
+
+def _gaps(stream: Stream) -> Finding:
+    """Silences of 20 ms and more, beside a rate at which chance makes none."""
+    silent = sum(_silent_bins(rates) for rates in stream.rates)
+    share = silent / max(sum(map(len, stream.rates)), 1)
+    return judged(
+        "events-gaps", above(share, _SILENCE_DOUBTFUL, _SILENCE_WRONG), share, "",
+        f"{silent} ms in silences of {_SILENCE_BINS} ms or longer, {share:.1%} of the time",
+        meaning="packets were lost, or nothing moved: windows there hold fewer rays",
+        cure="record at a lower rate or on a faster disk; map windows without gaps "
+        "(--map.start-s, --map.duration-s)", suspect="gaps in the events",
+    )  # fmt: skip
+
+
+def _silent_bins(rates: NDArray[np.int64]) -> int:
+    """Bins in runs of at least `_SILENCE_BINS` empty ones; a stretch's own ends do not count."""
+    busy = np.flatnonzero(rates)
+    runs = np.diff(busy) - 1
+    return int(runs[runs >= _SILENCE_BINS].sum())
+
+
+def _ceiling(stream: Stream) -> Finding:
+    rates = np.concatenate(stream.rates)
+    top = int(rates.max())
+    busy = rates[rates > 0]
+    share = float(np.mean(busy >= (1 - _CEILING_WITHIN) * top))
+    # Counts of a steady rate scatter by their root: only what is steadier than chance is a limit.
+    steady = np.sqrt(top) < _CEILING_WITHIN * top / 2 and top * 1e6 / BIN_US >= _CEILING_HZ
+    verdict: Verdict = "doubtful" if steady and share > _CEILING_SHARE else "good"
+    return judged(
+        "events-ceiling", verdict, share, "",
+        f"{share:.1%} of the milliseconds are within {_CEILING_WITHIN:.0%} of the busiest, "
+        f"{top * 1e3 / BIN_US:.3g} kev/s" if top else "no events",
+        meaning="the sensor's bus or the driver is at its limit: events are late or lost",
+        cure="lower the sensitivity, set the event rate controller off, or move more slowly",
+        suspect="event rate at its limit",
+    )  # fmt: skip
+
+
+def _refractory(stream: Stream) -> Finding:
+    if len(stream.intervals_us) < _ENOUGH_EVENTS:
+        return Finding("events-refractory", "good", None, "µs", "too few events to tell")
+    least_us = float(np.percentile(stream.intervals_us, 1))
+    return judged(
+        "events-refractory", above(least_us, _REFRACTORY_DOUBTFUL_US, np.inf), least_us, "µs",
+        f"99 % of a pixel's events are {least_us:.0f} µs or more apart",
+        meaning="pixels rest long after every event: fast edges leave few of them",
+        cure="shorten the refractory period in the sensor's biases", suspect="long refractory period",
+    )  # fmt: skip

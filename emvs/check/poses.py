@@ -1,0 +1,213 @@
+"""Checks of the poses: that they cover the events, and move as a body moves.
+
+A motion is judged over steps of 50 ms: shorter ones show the noise of a tracker, longer ones blur
+a head's. Speeds do not depend on which frame the poses are of, so that a wrong convention is not
+seen here; that takes mapping.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from emvs.check.events import time_unit
+from emvs.check.findings import Finding, Series, Verdict, above, below, judged
+from emvs.data.recording import Recording
+from emvs.geometry.trajectory import Trajectory
+
+Floats = NDArray[np.float64]
+STEP_US = 50_000
+# m/s, m/s², deg/s. Heads: Grossman et al. 1988 have turns up to 780 deg/s; a hand throws a camera
+# at 3 m/s and 50 m/s². Cars brake with 10 m/s² and drive 50 m/s. Racing drones reach 40 m/s and
+# 150 m/s² (UZH-FPV, Delmerico et al. 2019), with 750 deg/s.
+_SPEED, _ACCELERATION, _TURNING = (50.0, 150.0), (60.0, 200.0), (900.0, 2500.0)
+# Share of the events' time that poses cover.
+_COVERAGE_DOUBTFUL, _COVERAGE_WRONG = 0.9, 0.3
+# Poses per second: 20 Hz cost 7 to 10 % on moving heads, 10 Hz are not enough (page `studies`).
+_RATE_DOUBTFUL_HZ, _RATE_WRONG_HZ = 18.0, 9.0
+# Noise that doubles every method's error is 3 mm and 0.15 deg per pose (page `studies`).
+_NOISE_MM, _NOISE_DEG = (1.5, 5.0), (0.08, 0.4)
+_NOISE_RATE_HZ = 50.0
+# Share of steps in which a tracker that moves before and after stands still.
+_FROZEN_DOUBTFUL, _FROZEN_WRONG = 0.05, 0.3
+# A step that is so many times as long as those around it, and longer than a body moves.
+_JUMP_TIMES, _JUMP_SPEED, _JUMP_ACCELERATION = 20.0, 5.0, 500.0
+
+
+def check_poses(recording: Recording, spans_us: tuple[int, int]) -> list[Finding]:
+    """Everything that poses tell.
+
+    Args:
+        recording: with poses.
+        spans_us: first and last event of all cameras.
+    """
+    poses = recording.trajectory
+    found = [_coverage(poses, spans_us)]
+    if len(poses) < 3:
+        few = judged(
+            "poses-rate", "wrong", float(len(poses)), "poses", f"{len(poses)} poses in all",
+            meaning="between two poses a straight way is assumed", cure="record more poses",
+            suspect="too few poses",
+        )  # fmt: skip
+        return [*found, few]
+    return [*found, _rate(poses), _frozen(poses), _jumps(poses), *_motion(poses), _noise(poses)]
+
+
+def _coverage(poses: Trajectory, events_us: tuple[int, int]) -> Finding:
+    first_us, last_us = poses.span_us
+    whole_us = max(events_us[1] - events_us[0], 1)
+    both_us = min(last_us, events_us[1]) - max(first_us, events_us[0])
+    share = float(np.clip(both_us / whole_us, 0, 1))
+    verdict = below(share, _COVERAGE_DOUBTFUL, _COVERAGE_WRONG)
+    ratio = whole_us / max(last_us - first_us, 1)
+    suspect, cure = "poses and events apart", "record poses from before the first event to after "
+    cure += "the last, or map what they cover"
+    unit = _unit_by_spans(ratio)
+    if verdict != "good" and unit:
+        suspect, cure = unit, "say the unit of the times (time_unit and poses.unit)"
+    elif verdict == "wrong" and 0.3 < ratio < 3:
+        late_us = events_us[0] - first_us
+        suspect, cure = "clocks apart", (
+            f"bring both to one clock: the events begin {late_us} µs after the poses "
+            "(events.time_offset_us)"
+        )
+    return judged(
+        "poses-coverage", verdict, share, "",
+        f"poses cover {share:.1%} of the events' time: poses {first_us} to {last_us} µs, events "
+        f"{events_us[0]} to {events_us[1]} µs",
+        meaning="events without a pose cannot vote", cure=cure, suspect=suspect,
+    )  # fmt: skip
+
+
+def _unit_by_spans(ratio: float) -> str:
+    """Which unit of time is mistaken, where events last a power of 1000 times as long as poses."""
+    power = np.log10(max(ratio, 1e-12)) / 3
+    if round(power) == 0 or abs(power - round(power)) > 0.15:
+        return ""
+    return time_unit(1000.0 ** -round(power), "event") or "times of events or poses in another unit"
+
+
+def _rate(poses: Trajectory) -> Finding:
+    steps_s = np.diff(poses.t_us) / 1e6
+    rate_hz = float(1 / np.median(steps_s))
+    longest_s = float(steps_s.max())
+    verdict = below(rate_hz, _RATE_DOUBTFUL_HZ, _RATE_WRONG_HZ)
+    words = f"{rate_hz:.3g} poses per second, the longest gap is {longest_s:.3g} s"
+    if verdict == "good" and longest_s > max(10 * float(np.median(steps_s)), 0.05):
+        verdict = "doubtful"
+    return judged(
+        "poses-rate", verdict, rate_hz, "Hz", words,
+        meaning="in gaps a straight way at constant speed is assumed; a head does not keep to it",
+        cure="record poses at 50 Hz or more, or map windows without gaps",
+        suspect="poses too rare" if rate_hz < _RATE_DOUBTFUL_HZ else "gaps in the poses",
+    )  # fmt: skip
+
+
+def _frozen(poses: Trajectory) -> Finding:
+    still = (np.diff(poses.positions_m, axis=0) == 0).all(axis=1)
+    still &= (np.diff(poses.quats_xyzw, axis=0) == 0).all(axis=1)
+    share = float(still.mean())
+    return judged(
+        "poses-frozen", above(share, _FROZEN_DOUBTFUL, _FROZEN_WRONG), share, "",
+        f"{share:.1%} of the poses repeat the one before",
+        meaning="a tracker that has lost the body repeats what it saw last: the camera moved on",
+        cure="remove repeated poses where the body moved; map where it was tracked",
+        suspect="poses frozen",
+    )  # fmt: skip
+
+
+def _jumps(poses: Trajectory) -> Finding:
+    dt_s = np.diff(poses.t_us) / 1e6
+    way_m = np.linalg.norm(np.diff(poses.positions_m, axis=0), axis=1)
+    usual_m = _usual(way_m)
+    speed = way_m / dt_s
+    jumps = (way_m > _JUMP_TIMES * usual_m) & (speed > _JUMP_SPEED)
+    jumps &= speed / np.maximum(dt_s, 1e-3) > _JUMP_ACCELERATION
+    count, largest_m = int(jumps.sum()), float(way_m[jumps].max(initial=0.0))
+    seen = f"{count} steps of up to {largest_m:.3g} m" if count else "no step"
+    return judged(
+        "poses-jumps", "wrong" if count else "good", float(count), "jumps",
+        f"{seen} over {_JUMP_TIMES:g} times as long as those around",
+        meaning="the tracker lost the body, or its world moved: windows across a jump are torn",
+        cure="map windows between the jumps", suspect="poses jump",
+        series=Series(1e3 * way_m, poses.t_us[1:] / 1e6, "time, s", "step between poses, mm"),
+    )  # fmt: skip
+
+
+def _usual(values: Floats, reach: int = 10) -> Floats:
+    """The median of those around each value, and at least a tenth of the whole median."""
+    from scipy.ndimage import median_filter
+
+    around = median_filter(values, 2 * reach + 1, mode="nearest")
+    return np.asarray(np.maximum(around, 0.1 * np.median(values) + 1e-9), np.float64)
+
+
+def sampled(poses: Trajectory) -> tuple[Floats, Floats, Rotation]:
+    """Times (N,) s, positions (N, 3) m and rotations at steps of `STEP_US`, at least three."""
+    first_us, last_us = poses.span_us
+    count = max(int((last_us - first_us) // STEP_US) + 1, 3)
+    t_us = np.linspace(first_us, last_us, count).astype(np.int64)
+    T = poses.at(t_us)
+    return t_us / 1e6, T[:, :3, 3], Rotation.from_matrix(T[:, :3, :3])
+
+
+def _motion(poses: Trajectory) -> list[Finding]:
+    t_s, at_m, turned = sampled(poses)
+    dt_s = np.maximum(np.diff(t_s), 1e-6)
+    velocity = np.diff(at_m, axis=0) / dt_s[:, None]
+    speed = np.linalg.norm(velocity, axis=1)
+    middle_s = np.maximum((t_s[2:] - t_s[:-2]) / 2, 1e-6)
+    acceleration = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / middle_s
+    turning = np.degrees((turned[:-1].inv() * turned[1:]).magnitude()) / dt_s
+    unit_words = "positions in mm or cm are read as metres, or times in another unit"
+    found = []
+    for name, values, limits, unit, suspect in (
+        ("poses-speed", speed, _SPEED, "m/s", "position unit"),
+        ("poses-acceleration", acceleration, _ACCELERATION, "m/s²", "position unit"),
+        ("poses-turning", turning, _TURNING, "deg/s", "poses torn"),
+    ):
+        usual = float(np.percentile(values, 90))
+        turns = name == "poses-turning"
+        found.append(judged(
+            name, above(usual, *limits), usual, unit,
+            f"{usual:.3g} {unit}, exceeded in a tenth of the time; heads, drones and cars stay "
+            f"below {limits[0]:g}",
+            meaning="no body moves so: " + ("times or rotations are mistaken" if turns
+                                            else unit_words),
+            cure="check the order of the quaternion and the unit of the times" if turns
+            else "write positions in metres; check poses.unit", suspect=suspect,
+            series=Series(values, t_s[1 : len(values) + 1], "time, s", f"{name[6:]}, {unit}",
+                          limits),
+        ))  # fmt: skip
+    return found
+
+
+def _noise(poses: Trajectory) -> Finding:
+    """How far poses lie beside the middle of their neighbours, as noise of each pose."""
+    rate_hz = 1e6 / float(np.median(np.diff(poses.t_us)))
+    if rate_hz < _NOISE_RATE_HZ or len(poses) < 10:
+        return Finding("poses-noise", "good", None, "mm", "too few poses to tell noise from motion")
+    beside_mm = 1e3 * np.linalg.norm(_beside(poses.positions_m), axis=1)
+    rotations = Rotation.from_quat(poses.quats_xyzw)
+    back, ahead = rotations[1:-1].inv() * rotations[:-2], rotations[1:-1].inv() * rotations[2:]
+    beside_deg = np.degrees(np.linalg.norm(back.as_rotvec() + ahead.as_rotvec(), axis=1) / 2)
+    # The middle of two neighbours scatters as well: variances add to 3/2, over three axes.
+    noise_mm = float(np.median(beside_mm)) / np.sqrt(1.5 * _MEDIAN_CHI2_3)
+    noise_deg = float(np.median(beside_deg)) / np.sqrt(1.5 * _MEDIAN_CHI2_3)
+    verdicts: list[Verdict] = [above(noise_mm, *_NOISE_MM), above(noise_deg, *_NOISE_DEG)]
+    verdict = max(verdicts, key=("good", "doubtful", "wrong").index)
+    return judged(
+        "poses-noise", verdict, noise_mm, "mm",
+        f"single poses scatter by {noise_mm:.2g} mm and {noise_deg:.2g} deg per axis",
+        meaning="3 mm and 0.15 deg double every method's error",
+        cure="smooth the poses, or track with more markers", suspect="noisy poses",
+    )  # fmt: skip
+
+
+_MEDIAN_CHI2_3 = 2.366
+
+
+def _beside(values: Floats) -> Floats:
+    """(N - 2, 3) how far each is from the middle of its neighbours."""
+    return values[1:-1] - (values[:-2] + values[2:]) / 2

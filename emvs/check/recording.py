@@ -1,0 +1,153 @@
+"""Checks a recording: what it says of itself, then by mapping it otherwise.
+
+`check_quickly` reads a second of events, and is what `map` runs by itself; `check` reads all of
+them and maps alternatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from emvs.check.by_mapping import check_by_mapping
+from emvs.check.cameras import check_cameras, check_rectification
+from emvs.check.events import check_events
+from emvs.check.findings import Finding, Report
+from emvs.check.parallax import check_parallax
+from emvs.check.poses import check_poses
+from emvs.check.streams import pieces, read_streams
+from emvs.config import MapperConfig
+from emvs.data.recording import Recording
+from emvs.data.sequence import Sequence
+from emvs.datasets import open_recording
+from emvs.errors import InputError
+from emvs.utils.runtime import Progress, silent
+
+_RECTIFIED_US = 400_000
+Unchecked = list[tuple[str, str]]
+
+
+def check(
+    recording: Recording,
+    config: MapperConfig | None = None,
+    *,
+    mapping: bool = True,
+    progress: Progress = silent,
+) -> Report:
+    """Looks at everything, and by mapping at what only mapping tells.
+
+    Args:
+        recording: any; one without poses is checked as far as it goes.
+        config: depth range and windows, as for mapping.
+        mapping: whether to try alternatives by mapping.
+        progress: told the stages `events` and `alternatives`, done and all.
+
+    Returns:
+        The findings. What the recording refuses to read is a finding, not an error.
+    """
+    return _checked(recording, config or MapperConfig(), True, mapping, progress)
+
+
+def check_quickly(recording: Recording, config: MapperConfig) -> Report:
+    """What a second of events, poses and calibration tell, in a fraction of a second."""
+    return _checked(recording, config, False, False, silent)
+
+
+def check_path(
+    path: str | Path,
+    config: MapperConfig | None = None,
+    *,
+    mapping: bool = True,
+    progress: Progress = silent,
+) -> Report:
+    """Opens and checks a recording; where opening refuses it, that is the finding.
+
+    Raises:
+        InputError: nothing there.
+    """
+    if not Path(path).exists():
+        open_recording(path)
+    try:
+        recording = open_recording(path)
+    except InputError as error:
+        return Report(Path(path).resolve().name, (_refused("opening", error),))
+    return check(recording, config, mapping=mapping, progress=progress)
+
+
+def _checked(
+    recording: Recording, config: MapperConfig, thorough: bool, mapping: bool, progress: Progress
+) -> Report:
+    found: list[Finding] = []
+    unchecked: Unchecked = []
+    found += check_cameras(recording.rig)
+    found += _events(recording, thorough, progress)
+    readable = not any(one.name in ("reading", "events") for one in found)
+    if not has_poses(recording):
+        unchecked += [(name, "there are no poses") for name in ("poses", "parallax", "mapping")]
+    else:
+        found += _try("poses", lambda: check_poses(recording, _span_us(recording)), unchecked)
+        found += _try("parallax", lambda: check_parallax(recording, config), unchecked)
+    if readable and len(recording.rig) > 1:
+        found += _try("rectification", lambda: [_rectification(recording)], unchecked)
+    if mapping and has_poses(recording) and readable:
+        found += _by_mapping(recording, config, found, unchecked, progress)
+    return Report(recording.name, tuple(found), tuple(unchecked))
+
+
+def has_poses(recording: Recording) -> bool:
+    """Whether a recording says where its cameras were."""
+    return not isinstance(recording, Sequence) or recording.has_poses
+
+
+def _events(recording: Recording, thorough: bool, progress: Progress) -> list[Finding]:
+    try:
+        streams = read_streams(recording, pieces(recording, thorough=thorough), progress)
+        return check_events(recording, streams)
+    except InputError as error:
+        return [_refused("reading", error)]
+
+
+def _refused(name: str, error: InputError) -> Finding:
+    """What a reader refuses, as a finding."""
+    return Finding(
+        name, "wrong", None, "", str(error), "it cannot be mapped as it is",
+        "do what the line says", "refused by the reader",
+    )  # fmt: skip
+
+
+def _try(what: str, look: Callable[[], list[Finding]], unchecked: Unchecked) -> list[Finding]:
+    """Findings, or why there are none."""
+    try:
+        return look()
+    except InputError as error:
+        unchecked.append((what, str(error)))
+        return []
+
+
+def _span_us(recording: Recording) -> tuple[int, int]:
+    spans = [recording.event_span_us(camera) for camera in range(len(recording.rig))]
+    return min(first for first, _ in spans), max(last for _, last in spans)
+
+
+def _rectification(recording: Recording) -> Finding:
+    first_us, last_us = _span_us(recording)
+    middle_us = (first_us + last_us) // 2
+    t0_us = max(middle_us - _RECTIFIED_US // 2, first_us)
+    return check_rectification(recording, t0_us, min(t0_us + _RECTIFIED_US, last_us + 1))
+
+
+# Where one of these is wrong, alternatives would be compared on nonsense.
+_BEFORE_MAPPING = ("focal-ratio", "principal-point", "field-of-view", "distortion", "poses-coverage",
+                   "poses-speed", "poses-acceleration", "poses-jumps", "parallax", "events-unit",
+                   "events-rate", "baseline", "poses-frozen", "events-sensor")  # fmt: skip
+
+
+def _by_mapping(
+    recording: Recording, config: MapperConfig, found: list[Finding], unchecked: Unchecked,
+    progress: Progress,
+) -> list[Finding]:  # fmt: skip
+    first = [one.name for one in found if one.verdict == "wrong" and one.name in _BEFORE_MAPPING]
+    if first:
+        unchecked.append(("mapping", f"cure {', '.join(first)} first"))
+        return []
+    return _try("mapping", lambda: check_by_mapping(recording, config, progress), unchecked)
