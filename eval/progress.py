@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from types import TracebackType
 from typing import Protocol
@@ -79,15 +79,27 @@ class Bars:
         sys.stderr.write(f"{self._wording(line)}\n")
 
 
-# How the mapper's wall time divides among its stages, for one bar that moves evenly.
+# How wall time divides among the stages, for one bar that moves evenly: where each begins, and its
+# share. Methods without a volume come after the mapper's own.
 _MAPPING_SHARES = {"rays": (0.0, 0.1), "sweep": (0.1, 0.9)}
+_CHECKING_SHARES = {"events": (0.0, 0.2), "alternatives": (0.2, 0.8)}
 
 
 def mapping(update: Update) -> Callable[[str, int, int], None]:
     """Turns the mapper's progress, stage by stage, into the movement of one bar."""
+    return _in_one(update, _MAPPING_SHARES)
 
+
+def checking(update: Update) -> Callable[[str, int, int], None]:
+    """Turns a check's progress, stage by stage, into the movement of one bar."""
+    return _in_one(update, _CHECKING_SHARES)
+
+
+def _in_one(
+    update: Update, shares: Mapping[str, tuple[float, float]]
+) -> Callable[[str, int, int], None]:
     def show(stage: str, done: int, total: int) -> None:
-        start, share = _MAPPING_SHARES.get(stage, (1.0, 0.0))  # methods without a volume
+        start, share = shares.get(stage, (1.0, 0.0))
         update(start + share * done / max(total, 1), f"{stage} {done}/{total}")
 
     return show

@@ -178,6 +178,7 @@ _UNITS = {"mm": 0.001, "cm": 0.01, "km": 1000.0}
 _FACTORS = (0.4, 0.55, 0.7, 0.85, 1.0, 1.18, 1.4, 1.8, 2.5)
 _FOCAL = (0.25, 0.35, 0.5, 0.7, 0.85, 1.0, 1.18, 1.4, 2.0, 2.8, 4.0)
 _CLOCK_MS = (320.0, 160.0, 80.0, 40.0, 20.0, 10.0)
+_HAND_EYE_DEG = (40.0, 20.0, 10.0, 5.0, 2.5)
 _ANGLES_DEG = (8.0, 5.0, 3.0, 2.0, 1.0, 0.4)
 
 
@@ -196,6 +197,15 @@ def amounts_of_one() -> list[Amount]:
             "focal length", "", 1.0, _FOCAL, _focal, 0.1,
             "the focal lengths fit when multiplied by {amount:.3g}: take the calibration of this "
             "lens and resolution", 0.06,
+        ),
+        *(
+            Amount(
+                f"hand-eye rotation about {'xyz'[axis]}", "deg", 0.0, _both_ways(_HAND_EYE_DEG),
+                _hand_eye_turned(axis), 1.0,
+                f"turn the cameras on the body by {{amount:+.1f}} deg about the camera's "
+                f"{'xyz'[axis]} axis: the hand-eye transformation is missing or wrong", 0.04,
+            )
+            for axis in range(3)
         ),
     ]  # fmt: skip
 
@@ -335,6 +345,14 @@ def _words(R_cam_told: Matrix) -> str:
     words = (("left", "right"), ("up", "down"), ("back", "ahead"))
     at = np.abs(R_cam_told).argmax(axis=0)
     return " ".join(words[k][int(R_cam_told[k, column] > 0)] for column, k in enumerate(at))
+
+
+def _hand_eye_turned(axis: int) -> Callable[[Recording, float], Recording]:
+    def told(recording: Recording, angle_deg: float) -> Recording:
+        turn = Rotation.from_rotvec(np.eye(3)[axis] * angle_deg, degrees=True)
+        return _hand_eye_times(se3.from_rotation(turn, np.zeros(3)))(recording)
+
+    return told
 
 
 def _axes() -> list[Alternative]:

@@ -18,6 +18,7 @@ Floats = NDArray[np.float64]
 _RATIO = (0.03, 0.25)
 # How far the principal point is from the middle, in halves of the image: within 0.15 in data sets.
 _CENTRE = (0.35, 0.8)
+_OBLONG = 0.15
 # Fields of view, deg: 4 is a 200 mm lens, 170 what a pinhole's f in mm or in widths makes.
 _FIELD_DOUBTFUL, _FIELD_WRONG = (12.0, 140.0), (2.0, 170.0)
 _FISHEYE_DEG = 220.0
@@ -58,15 +59,26 @@ def _ratio(camera: Camera) -> Finding:
 def _centre(camera: Camera) -> Finding:
     across = abs(camera.cx_px - (camera.width_px - 1) / 2) / (camera.width_px / 2)
     down = abs(camera.cy_px - (camera.height_px - 1) / 2) / (camera.height_px / 2)
-    off = max(across, down)
+    off, exchanged = max(across, down), _exchanged(camera)
+    verdict = "wrong" if exchanged else above(off, *_CENTRE)
     return judged(
-        "principal-point", above(off, *_CENTRE), off, "half images",
+        "principal-point", verdict, off, "half images",
         f"at ({camera.cx_px:.4g}, {camera.cy_px:.4g}) px of {camera.width_px} x "
         f"{camera.height_px} px, {off:.0%} of half the image from its middle",
         meaning="rays through the whole image point in a wrong direction; 10 px cost a quarter",
         cure="check cx and cy: in px of this resolution and this crop, not exchanged",
-        suspect="principal point off",
+        suspect="principal point exchanged" if exchanged else "principal point off",
     )  # fmt: skip
+
+
+def _exchanged(camera: Camera) -> bool:
+    """Whether cx and cy are each where the other should be, on a sensor that is not square."""
+    width, height = camera.width_px, camera.height_px
+    if abs(width - height) < _OBLONG * max(width, height):
+        return False
+    as_told = np.hypot(camera.cx_px - width / 2, camera.cy_px - height / 2)
+    exchanged = np.hypot(camera.cy_px - width / 2, camera.cx_px - height / 2)
+    return bool(exchanged < _OBLONG * height and as_told > 2 * exchanged)
 
 
 def field_deg(camera: Camera) -> float:
@@ -164,8 +176,13 @@ def check_rectification(recording: Recording, t0_us: int, t1_us: int) -> Finding
         t0_us: begin of the stretch that is looked at.
         t1_us: its end.
     """
-    first, second = (_row_activity(recording, k, t0_us, t1_us) for k in (0, 1))
-    shifts, agreement = _agreement(first, second)
+    (first, whole), (second, whole_1) = (_row_activity(recording, k, t0_us, t1_us) for k in (0, 1))
+    shared = np.flatnonzero(whole & whole_1)
+    if len(shared) < _FEWEST_ROWS:
+        few = f"rectified cameras share {len(shared)} rows"
+        return Finding("rectification", "good", None, "px", f"{few}: too few to tell")
+    rows = slice(int(shared[0]), int(shared[-1]) + 1)
+    shifts, agreement = _agreement(_whitened(first[:, rows]), _whitened(second[:, rows]))
     best = int(np.argmax(agreement))
     residual_px = _vertex(shifts, agreement, best)
     clear = float(agreement[best]) > _CLEAR
@@ -181,26 +198,35 @@ def check_rectification(recording: Recording, t0_us: int, t1_us: int) -> Finding
     )  # fmt: skip
 
 
-_SLICE_US, _MOST_SHIFT_PX, _CLEAR, _ROWS_PX = 20_000, 30, 0.2, (2.5, 6.0)
+_SLICE_US, _FEWEST_ROWS, _SHARE_OF_ROWS, _CLEAR, _ROWS_PX = 20_000, 40, 6, 0.3, (2.0, 5.0)
 
 
-def _row_activity(recording: Recording, camera: int, t0_us: int, t1_us: int) -> Floats:
-    """(slices, rows) events by rectified row of camera 0's focal length, whitened."""
+def _row_activity(
+    recording: Recording, camera: int, t0_us: int, t1_us: int
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """(slices, rows) events per pixel of each rectified row, and which rows a camera sees whole."""
     rig = recording.rig
     events = recording.events(camera, t0_us, t1_us)
+    row, rows = _rectified_rows(rig, camera), 2 * rig.cameras[0].height_px
+    pixels = np.bincount(row[row >= 0], minlength=rows)
+    at = row[events.y, events.x]
+    slices = max((t1_us - t0_us) // _SLICE_US, 1)
+    when = np.minimum((events.t_us - t0_us) // _SLICE_US, slices - 1)
+    cell = (when * rows + at)[at >= 0]
+    counts = np.bincount(cell, minlength=slices * rows).reshape(slices, rows)
+    whole = pixels > 0.9 * np.median(pixels[pixels > 0])
+    return np.sqrt(counts / np.maximum(pixels, 1)), whole
+
+
+def _rectified_rows(rig: Rig, camera: int) -> NDArray[np.int64]:
+    """(H, W) row of each pixel of a camera, at camera 0's focal length, in 2 H rows; -1: none."""
     R = _rectifying(rig) @ (se3.inverse(rig.T_body_cam[0]) @ rig.T_body_cam[camera])[:3, :3]
-    bearing = rig.cameras[camera].bearing_table()
+    bearing, height = rig.cameras[camera].bearing_table(), rig.cameras[0].height_px
     rays = np.concatenate([bearing, np.ones((*bearing.shape[:2], 1))], axis=2) @ R.T
     with np.errstate(divide="ignore", invalid="ignore"):
-        row = rays[..., 1] / rays[..., 2] * rig.cameras[0].fy_px
-    height = rig.cameras[0].height_px
-    at = np.where(rays[..., 2] > 0, row, np.nan)[events.y, events.x] + height
-    seen = np.isfinite(at) & (at >= 0) & (at < 2 * height)
-    slices = max((t1_us - t0_us) // _SLICE_US, 1)
-    when = np.minimum((events.t_us[seen] - t0_us) // _SLICE_US, slices - 1)
-    cell = when * 2 * height + at[seen].astype(np.int64)
-    counts = np.bincount(cell, minlength=slices * 2 * height)[: slices * 2 * height]
-    return _whitened(np.sqrt(counts.reshape(slices, 2 * height).astype(np.float64)))
+        row = rays[..., 1] / rays[..., 2] * rig.cameras[0].fy_px + height
+    seen = (rays[..., 2] > 0) & (row >= 0) & (row < 2 * height)
+    return np.where(seen, np.where(seen, row, 0).astype(np.int64), -1)
 
 
 def _rectifying(rig: Rig) -> Floats:
@@ -223,8 +249,9 @@ def _whitened(rows: Floats) -> Floats:
 
 
 def _agreement(first: Floats, second: Floats) -> tuple[Floats, Floats]:
-    shifts = np.arange(-_MOST_SHIFT_PX, _MOST_SHIFT_PX + 1)
-    inner = slice(_MOST_SHIFT_PX, -_MOST_SHIFT_PX)
+    most = first.shape[1] // _SHARE_OF_ROWS
+    shifts = np.arange(-most, most + 1)
+    inner = slice(most, -most)
     a = first[:, inner]
     values = []
     for shift in shifts:

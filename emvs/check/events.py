@@ -22,7 +22,7 @@ _HOT_RATIO, _HOT_DOUBTFUL, _HOT_WRONG = 10.0, 0.02, 0.3
 # Steps of time stamps. 5 ms between two cameras make stereo worse than one (page `studies`).
 _STEP_DOUBTFUL_US, _STEP_WRONG_US = 500, 5000
 # A camera that is silent while the other is not, or longer than moving heads are still.
-_SILENCE_BINS, _SILENCE_DOUBTFUL, _SILENCE_WRONG = 20, 0.02, 0.3
+_SILENCE_BINS, _SILENCE_DOUBTFUL, _SILENCE_WRONG = 20, 0.05, 0.3
 # Columns or rows that a calibration has and no event ever reaches.
 _UNUSED_DOUBTFUL, _UNUSED_WRONG = 0.1, 0.2
 _ENOUGH_EVENTS = 1000

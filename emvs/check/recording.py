@@ -87,10 +87,10 @@ def _checked(
     else:
         found += _try("poses", lambda: check_poses(recording, _span_us(recording)), unchecked)
         found += _try("parallax", lambda: check_parallax(recording, config), unchecked)
-    if readable and len(recording.rig) > 1:
-        found += _try("rectification", lambda: [_rectification(recording)], unchecked)
     if mapping and has_poses(recording) and readable:
         found += _by_mapping(recording, config, found, unchecked, progress)
+    if readable and len(recording.rig) > 1:
+        found += _try("rectification", lambda: [_rectification(recording)], unchecked)
     return Report(recording.name, tuple(found), tuple(unchecked))
 
 

@@ -17,6 +17,7 @@ from eval.numbers import shown, thousands
 from eval.progress import Bars, Progress, Silent
 
 if TYPE_CHECKING:
+    from emvs.check.findings import Report
     from emvs.maps.folder import StoredMap, StoredWindow
     from emvs.maps.merge import FusedInfo
     from eval.report.calibrate_page import Calibrated
@@ -67,6 +68,18 @@ class Console:
         if self._show:
             for part in map_tables(stored):
                 self._out.print(part)
+
+    def checked(self, report: Report) -> None:
+        """Every finding, and of those that are not good what to do."""
+        self._dump(report.to_json())
+        if not self._show:
+            return
+        self._out.print(_checked(report))
+        for one in (*report.of("wrong"), *report.of("doubtful")):
+            self._out.print(with_flags(one.line()), markup=False, soft_wrap=True)
+        for name, why in report.unchecked:
+            words = with_flags(f"not checked: {name}, because {why}")
+            self._out.print(words, style="dim", markup=False, soft_wrap=True)
 
     def fused(self, path: Path, info: FusedInfo) -> None:
         """What joining the windows of a map gave."""
@@ -205,6 +218,20 @@ def _estimates(calibrated: Calibrated) -> Table:
         value = "refused" if one.refused else f"{one.value:+.3f}"
         cells = (one.parameter.name, value, f"{one.uncertainty:.3f}", one.parameter.unit)
         table.add_row(*map(escape, cells))
+    return table
+
+
+_VERDICT_STYLES = {"good": "green", "doubtful": "yellow", "wrong": "bold red"}
+
+
+def _checked(report: Report) -> Table:
+    table = Table(title=f"check of {escape(report.name)}", title_justify="left")
+    table.add_column("what", no_wrap=True)
+    table.add_column("verdict", no_wrap=True)
+    table.add_column("evidence", overflow="fold")
+    for one in report.findings:
+        style = _VERDICT_STYLES[one.verdict]
+        table.add_row(one.name, f"[{style}]{one.verdict}", escape(with_flags(one.evidence)))
     return table
 
 

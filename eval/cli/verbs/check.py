@@ -1,0 +1,58 @@
+"""`eventsweep check`: why is the map of my recording garbage?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from eval.cli.app import CONFIGURED, MAP, Configured, Force, MapFlags, app
+
+SOUND, WRONG = 0, 1
+
+
+@app.command
+def check(
+    recording: Path,
+    /,
+    *,
+    out: Path | None = None,
+    mapping: Annotated[bool, Parameter(negative="--no-mapping")] = True,
+    force: Force = False,
+    common: Configured = CONFIGURED,
+    map: MapFlags = MAP,  # noqa: A002 - the name is the flag's prefix
+) -> int:
+    """Say what is wrong with a recording: its events, poses, calibration, and conventions.
+
+    Exits with 1 if something is wrong. Of the mapper's parameters the depth range, the window and
+    the threads count.
+
+    Args:
+        recording: A sequence, a data set in its publisher's layout, a ROS bag or a recording.toml.
+        out: Folder to write: report.html, with evidence and cures, and check.json.
+        mapping: Also map it otherwise: cameras swapped, poses inverted, clocks shifted, other axes.
+    """
+    from emvs.check.recording import check_path
+    from emvs.errors import InputError
+    from emvs.utils.outputs import atomic_dir
+    from emvs.utils.ownership import mark
+    from eval.progress import checking
+    from eval.report.check_page import write_check_page
+
+    if force and out is None:
+        raise InputError("--force without --out: nothing is written")
+    settings = common.settings(map=map)
+    if out is not None:
+        common.check(out, recording, force=force)
+    console = common.console()
+    with console.progress.stage("check", 1.0) as update:
+        report = check_path(recording, settings.map, mapping=mapping, progress=checking(update))
+    if out is not None:
+        with atomic_dir(out, force=force, inputs=(recording,)) as folder:
+            write_check_page(folder, report)
+            mark(folder)
+    console.checked(report)
+    if out is not None:
+        console.wrote(out / "report.html")
+    return WRONG if report.verdict == "wrong" else SOUND

@@ -1,0 +1,120 @@
+"""The page of a check: every finding with its verdict, its evidence as number and picture, its cure."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from markupsafe import Markup
+from matplotlib.figure import Figure
+from PIL import Image
+
+from emvs.check.findings import VERDICTS, Finding, Report, Series
+from emvs.utils.runtime import versions
+from eval.figures.plots import ESTIMATE_COLOUR, STYLE, svg_of
+from eval.report.html import REPORT_NAME, environment, files_in, inline, plural, versions_grid
+
+JSON_NAME = "check.json"
+FILES = (REPORT_NAME, JSON_NAME)
+_SIZE_INCHES = (5.2, 2.3)
+_LARGEST_PX = 640
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A finding and its picture.
+
+    Attributes:
+        finding: what was found.
+        figure: a plot as SVG, or an image; empty where there is none.
+    """
+
+    finding: Finding
+    figure: Markup
+
+
+def write_check_page(folder: Path, report: Report) -> Path:
+    """Writes `check.json` and `report.html` into a folder, and returns the page's path."""
+    text = json.dumps(report.to_json(), indent=2, ensure_ascii=False)
+    (folder / JSON_NAME).write_text(text + "\n", encoding="utf-8")
+    (folder / REPORT_NAME).write_text(check_page_text(report, folder), encoding="utf-8")
+    return folder / REPORT_NAME
+
+
+def check_page_text(report: Report, folder: Path | None = None) -> str:
+    """The page as HTML: what is wrong first; nothing is loaded from elsewhere.
+
+    Args:
+        report: what was found.
+        folder: whose files the page links to.
+    """
+    ordered = sorted(report.findings, key=lambda one: -VERDICTS.index(one.verdict))
+    libraries = versions()
+    return environment().get_template("check.html.j2").render(
+        title=report.name, summary=summary(report), verdict=report.verdict,
+        shown=[Shown(one, _figure(one, k)) for k, one in enumerate(ordered)],
+        unchecked=report.unchecked, provenance=versions_grid([report.name], [libraries]),
+        version=libraries.get("eventsweep", ""),
+        files=files_in(folder, (JSON_NAME,)) if folder else (),
+        css=inline("report.css"), tables_css=inline("tables.css"), check_css=inline("check.css"),
+        js=inline("report.js"),
+    )  # fmt: skip
+
+
+def summary(report: Report) -> str:
+    """All findings in a sentence."""
+    wrong, doubtful = report.of("wrong"), report.of("doubtful")
+    done = f"{plural(len(report.findings), 'finding')}"
+    if not wrong and not doubtful:
+        return f"{done}: nothing is wrong."
+    named = ", ".join(report.suspects)
+    parts = [f"{len(wrong)} wrong ({named})"] if wrong else []
+    parts += [f"{len(doubtful)} doubtful"] if doubtful else []
+    return f"{done}: {', '.join(parts)}."
+
+
+def _figure(finding: Finding, position: int) -> Markup:
+    series = finding.series
+    if series is None or not series.y.size:
+        return Markup("")
+    return _image(series, finding) if series.y.ndim == 2 else _curve(series, finding, position)
+
+
+def _curve(series: Series, finding: Finding, position: int) -> Markup:
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=_SIZE_INCHES, layout="constrained")
+        axes = figure.subplots()
+        (line,) = axes.plot(series.x, series.y, color=ESTIMATE_COLOUR, linewidth=1.2, marker=".",
+                            markersize=3 if len(series.y) < 100 else 0)  # fmt: skip
+        line.set_gid(f"check-{position}-{finding.name}")
+        top = float(np.nanmax(np.abs(series.y), initial=0.0))
+        for limit in series.limits:
+            # A limit far beyond all values would press them into a line.
+            if abs(limit) <= 3 * top:
+                axes.axhline(limit, linewidth=0.8, linestyle=(0, (4, 2)), color="#777777")
+        axes.set_xlabel(series.x_label)
+        axes.set_ylabel(series.y_label)
+        axes.grid(linewidth=0.4, alpha=0.35)
+        return Markup(svg_of(figure))
+
+
+def _image(series: Series, finding: Finding) -> Markup:
+    known = np.isfinite(series.y)
+    values = np.where(known, series.y, 0.0)
+    high = max(float(np.percentile(values, 99.5)), 1e-12)
+    colours = mpl.colormaps["viridis"](np.clip(values / high, 0, 1))[..., :3]
+    colours[~known] = (0.85, 0.2, 0.15)
+    picture = Image.fromarray(np.rint(255 * colours).astype(np.uint8))
+    picture.thumbnail((_LARGEST_PX, _LARGEST_PX), Image.Resampling.NEAREST)
+    buffer = io.BytesIO()
+    picture.save(buffer, "PNG", optimize=True)
+    source = base64.b64encode(buffer.getvalue()).decode("ascii")
+    alt = Markup.escape(f"{finding.name}: {series.y_label}, 0 to {high:.3g}")
+    return Markup(
+        '<img src="data:image/png;base64,{}" alt="{}"><span class="soft">{}</span>'
+    ).format(source, alt, f"{series.y_label}, 0 (dark) to {high:.3g}")

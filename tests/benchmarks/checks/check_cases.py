@@ -1,0 +1,576 @@
+"""Recordings on which `eventsweep check` is tried: unspoilt ones, and ones with a planted fault."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from emvs.check.alternatives import CONVENTIONS, Chosen, MirroredRecording
+from emvs.data.altered import AlteredRecording
+from emvs.data.events import Events
+from emvs.data.recording import DerivedRecording, Recording
+from emvs.datasets.export import RecordingExport, write_recording
+from emvs.datasets.raw_streams import open_readable
+from emvs.geometry import se3
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
+
+Rng = np.random.Generator
+Matrix = NDArray[np.float64]
+Planter = Callable[[Recording, Rng], Recording]
+
+
+@dataclass(frozen=True)
+class Base:
+    """A simulated sequence.
+
+    Attributes:
+        scene: its scene.
+        rig: its rig.
+        sensor: preset of its sensor.
+        seed: of motion and noise.
+        held_out: whether no threshold was chosen on it.
+    """
+
+    scene: str
+    rig: str
+    sensor: str
+    seed: int
+    held_out: bool = True
+
+    @property
+    def name(self) -> str:
+        """Of its folder."""
+        return f"{self.scene}-{self.rig}-{self.sensor}-{self.seed}"
+
+
+# Thresholds were chosen on these, and on nothing else.
+DEVELOPMENT = tuple(
+    Base(*what, held_out=False)
+    for what in (
+        ("boxes", "davis346", "davis346", 0),
+        ("desk", "rpg", "davis240", 1),
+        ("mvsec-flying", "mvsec", "davis346", 2),
+        ("tumvie-6dof", "oblique", "davis346", 3),
+        ("planes", "davis346", "ideal", 4),
+        ("thin-structures", "rpg", "davis240", 5),
+    )
+)
+_INDOOR = ("boxes", "desk", "hdr-window", "low-texture", "moving-objects", "mvsec-flying", "planes",
+           "reflective", "repetitive", "rpg-bin", "rpg-boxes", "rpg-monitor", "rpg-reader",
+           "thin-structures", "tumvie-1d", "tumvie-3d", "tumvie-6dof", "tumvie-desk2")  # fmt: skip
+_OUTDOOR = ("tumvie-bike", "tumvie-run", "tumvie-skate")
+_RIGS = (("rpg", "davis240"), ("davis346", "davis346"), ("oblique", "davis346"),
+         ("mvsec", "davis346"), ("rpg", "ideal"), ("oblique", "gen4"))  # fmt: skip
+HELD_OUT = (
+    *(
+        Base(scene, *_RIGS[(k + turn) % len(_RIGS)], seed=100 + 10 * turn + k)
+        for turn in range(2)
+        for k, scene in enumerate((*_INDOOR, *_OUTDOOR))
+    ),
+    Base("trinocular-desk", "trinocular", "davis346", 130),
+    Base("trinocular-desk", "trinocular", "ideal", 131),
+    Base("dsec-street", "rpg", "davis240", 132),
+    Base("dsec-street", "davis346", "gen4", 133),
+)
+
+
+def _same(recording: Recording, rng: Rng) -> Recording:
+    del rng
+    return recording
+
+
+def _one_camera(recording: Recording, rng: Rng) -> Recording:
+    del rng
+    return Chosen(recording, (0,))
+
+
+def hand_eye(rng: Rng) -> Matrix:
+    """A tracked body on a camera: turned by 20 to 120 deg, up to 10 cm away."""
+    axis = rng.normal(size=3)
+    turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * rng.uniform(20, 120), degrees=True)
+    return se3.from_rotation(turn, rng.uniform(-0.1, 0.1, 3))
+
+
+def tracked(recording: Recording, T_tracked_body: Matrix) -> Recording:
+    """The same recording, with the poses of another body that the cameras sit on."""
+    poses = recording.trajectory.times(se3.inverse(T_tracked_body))
+    T = tuple(T_tracked_body @ one for one in recording.rig.T_body_cam)
+    return AlteredRecording(recording, rig=replace(recording.rig, T_body_cam=T), trajectory=poses)
+
+
+def _tracked(recording: Recording, rng: Rng) -> Recording:
+    return tracked(recording, hand_eye(rng))
+
+
+def _rarer(recording: Recording, rng: Rng) -> Recording:
+    return _with_poses(recording, every=int(rng.integers(5, 20)))
+
+
+def _exchanged_order(recording: Recording, rng: Rng) -> Recording:
+    del rng
+    return Chosen(recording, (1, 0))
+
+
+# What changes nothing: the same recording, told in another and right way.
+UNSPOILT: dict[str, Planter] = {
+    "as simulated": _same,
+    "one camera": _one_camera,
+    "poses of a tracked body": _tracked,
+    "poses at 50 to 200 Hz": _rarer,
+    "camera 1 first": _exchanged_order,
+}
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing told wrongly.
+
+    Attributes:
+        kind: what is wrong, in the table.
+        plant: makes the recording wrong.
+        named: what `check` may call it.
+        cases: on how many sequences it is planted.
+    """
+
+    kind: str
+    plant: Planter
+    named: tuple[str, ...]
+    cases: int = 2
+
+
+class EditedRecording(DerivedRecording):
+    """A recording whose events pass through a function, camera by camera."""
+
+    def __init__(
+        self, recording: Recording, edit: Callable[[int, Events], Events], stretch: int = 1
+    ) -> None:
+        super().__init__(recording)
+        self._edit, self._stretch = edit, stretch
+
+    def event_span_us(self, camera: int) -> tuple[int, int]:
+        """First and last instant, on a clock that runs so many times as fast, µs."""
+        first_us, last_us = self.recording.event_span_us(camera)
+        return first_us * self._stretch, last_us * self._stretch
+
+    def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
+        """Edited events of a camera with `t0_us <= t < t1_us`."""
+        s = self._stretch
+        events = self.recording.events(camera, -(-t0_us // s), -(-t1_us // s))
+        return self._edit(camera, replace(events, t_us=events.t_us * s))
+
+
+def _with_poses(
+    recording: Recording, *, t_us: NDArray[np.int64] | None = None,
+    positions_m: Matrix | None = None, quats_xyzw: Matrix | None = None, every: int = 1,
+) -> Recording:  # fmt: skip
+    p = recording.trajectory
+    poses = Trajectory(
+        (p.t_us if t_us is None else t_us)[::every],
+        (p.positions_m if positions_m is None else positions_m)[::every],
+        (p.quats_xyzw if quats_xyzw is None else quats_xyzw)[::every],
+    )
+    return AlteredRecording(recording, trajectory=poses)
+
+
+def _inverted(r: Recording, rng: Rng) -> Recording:
+    del rng
+    p = r.trajectory
+    inverted = Trajectory.from_matrices(p.t_us, se3.inverse(p.at(p.t_us)))
+    return AlteredRecording(r, trajectory=inverted)
+
+
+def _rotations_inverted(r: Recording, rng: Rng) -> Recording:
+    del rng
+    turned = Rotation.from_quat(r.trajectory.quats_xyzw).inv().as_quat()
+    return _with_poses(r, quats_xyzw=turned)
+
+
+def _w_first(r: Recording, rng: Rng) -> Recording:
+    del rng
+    return _with_poses(r, quats_xyzw=np.roll(r.trajectory.quats_xyzw, 1, axis=1))
+
+
+def _axes(name: str) -> Planter:
+    def plant(r: Recording, rng: Rng) -> Recording:
+        del rng
+        R_cam_told = np.array(CONVENTIONS[name], np.float64).T
+        T = se3.from_rotation(Rotation.from_matrix(R_cam_told), np.zeros(3))
+        return AlteredRecording(r, trajectory=r.trajectory.times(T))
+
+    return plant
+
+
+def _on_body(r: Recording, change: Callable[[Matrix], Matrix]) -> Recording:
+    """The hand-eye transformation changed, and what lies between cameras left as it is."""
+    rig = r.rig
+    inside = [se3.inverse(rig.T_body_cam[0]) @ T for T in rig.T_body_cam]
+    T = tuple(change(rig.T_body_cam[0]) @ one for one in inside)
+    return AlteredRecording(r, rig=replace(rig, T_body_cam=T))
+
+
+def _hand_eye_inverted(r: Recording, rng: Rng) -> Recording:
+    return _on_body(tracked(r, hand_eye(rng)), se3.inverse)
+
+
+def _hand_eye_missing(r: Recording, rng: Rng) -> Recording:
+    axis = rng.normal(size=3)
+    turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * rng.uniform(4, 25), degrees=True)
+    T_tracked_cam = se3.from_rotation(turn, rng.uniform(-0.1, 0.1, 3))
+    return _on_body(tracked(r, T_tracked_cam), lambda T: np.eye(4))
+
+
+def _hand_eye_twice(r: Recording, rng: Rng) -> Recording:
+    camera = _on_body(tracked(r, se3.inverse(r.rig.T_body_cam[0])), lambda T: np.eye(4))
+    T_tracked_cam = hand_eye(rng)
+    return _on_body(camera, lambda T: T_tracked_cam)
+
+
+def _positions(factor: float) -> Planter:
+    return lambda r, rng: _with_poses(r, positions_m=r.trajectory.positions_m * factor)
+
+
+def _pose_clock(r: Recording, rng: Rng) -> Recording:
+    late_us = round(float(rng.uniform(40e3, 150e3)) * rng.choice([-1, 1]))
+    return _with_poses(r, t_us=r.trajectory.t_us + late_us)
+
+
+def _apart(r: Recording, rng: Rng) -> Recording:
+    return _with_poses(r, t_us=r.trajectory.t_us + round(float(rng.uniform(1e8, 1e10))))
+
+
+def _pose_times(factor: int) -> Planter:
+    return lambda r, rng: _with_poses(r, t_us=r.trajectory.t_us * factor)
+
+
+def _event_times(factor: int) -> Planter:
+    return lambda r, rng: EditedRecording(r, lambda camera, e: e, factor)
+
+
+def _frozen(r: Recording, rng: Rng) -> Recording:
+    p, n = r.trajectory, len(r.trajectory)
+    first, last = round(n * rng.uniform(0.2, 0.3)), round(n * rng.uniform(0.7, 0.8))
+    at = np.where((np.arange(n) > first) & (np.arange(n) < last), first, np.arange(n))
+    return _with_poses(r, positions_m=p.positions_m[at], quats_xyzw=p.quats_xyzw[at])
+
+
+def _jumping(r: Recording, rng: Rng) -> Recording:
+    p = r.trajectory
+    after = np.arange(len(p)) > rng.integers(len(p) // 3, 2 * len(p) // 3)
+    jump_m = rng.normal(size=3)
+    jump_m *= rng.uniform(0.1, 0.5) / np.linalg.norm(jump_m)
+    return _with_poses(r, positions_m=p.positions_m + after[:, None] * jump_m)
+
+
+def _rare(r: Recording, rng: Rng) -> Recording:
+    step_us = int(np.median(np.diff(r.trajectory.t_us)))
+    return _with_poses(r, every=round(rng.uniform(150e3, 250e3) / step_us))
+
+
+def _noisy(r: Recording, rng: Rng) -> Recording:
+    p = r.trajectory
+    noise_m = rng.normal(0, rng.uniform(7e-3, 12e-3), p.positions_m.shape)
+    return _with_poses(r, positions_m=p.positions_m + noise_m)
+
+
+def _at_rest(r: Recording, rng: Rng) -> Recording:
+    del rng
+    p = r.trajectory
+    still = np.broadcast_to(p.positions_m[:1], p.positions_m.shape)
+    return _with_poses(r, positions_m=still.copy())
+
+
+def _lenses(r: Recording, change: Callable[[Camera], Camera]) -> Recording:
+    rig = replace(r.rig, cameras=tuple(change(one) for one in r.rig.cameras))
+    return AlteredRecording(r, rig=rig)
+
+
+def _fx_in_mm(r: Recording, rng: Rng) -> Recording:
+    del rng
+    return _lenses(r, lambda c: replace(c, fx_px=c.fx_px / 1000))
+
+
+def _focal_in_mm(r: Recording, rng: Rng) -> Recording:
+    pixel_mm = float(rng.uniform(0.009, 0.02))
+    return _lenses(r, lambda c: replace(c, fx_px=c.fx_px * pixel_mm, fy_px=c.fy_px * pixel_mm))
+
+
+def _half_resolution(r: Recording, rng: Rng) -> Recording:
+    half = float(rng.choice([0.5, 0.25]))
+    return _lenses(
+        r,
+        lambda c: replace(
+            c, fx_px=c.fx_px * half, fy_px=c.fy_px * half, cx_px=c.cx_px * half,
+            cy_px=c.cy_px * half,
+        ),
+    )  # fmt: skip
+
+
+def _centre_exchanged(r: Recording, rng: Rng) -> Recording:
+    del rng
+    return _lenses(r, lambda c: replace(c, cx_px=c.cy_px, cy_px=c.cx_px))
+
+
+def _folding(r: Recording, rng: Rng) -> Recording:
+    k1 = float(rng.uniform(-4, -2.5))
+    return _lenses(r, lambda c: replace(c, model="radtan", distortion=(k1, 0.0, 0.0, 0.0)))
+
+
+def _focal(r: Recording, rng: Rng) -> Recording:
+    times = float(rng.choice([rng.uniform(0.55, 0.75), rng.uniform(1.4, 1.8)]))
+    return _lenses(r, lambda c: replace(c, fx_px=c.fx_px * times, fy_px=c.fy_px * times))
+
+
+def _another_sensor(r: Recording, rng: Rng) -> Recording:
+    del rng
+    w, h = 640, 480
+    return _lenses(r, lambda c: replace(c, width_px=w, height_px=h, cx_px=w / 2, cy_px=h / 2))
+
+
+def _between(r: Recording, change: Callable[[Matrix], Matrix]) -> Recording:
+    rig = r.rig
+    T_0_1 = se3.inverse(rig.T_body_cam[0]) @ rig.T_body_cam[1]
+    T = (rig.T_body_cam[0], rig.T_body_cam[0] @ change(T_0_1), *rig.T_body_cam[2:])
+    return AlteredRecording(r, rig=Rig(rig.name, rig.cameras, T, rig.camera_names))
+
+
+def _baseline(low: float, high: float) -> Planter:
+    def plant(r: Recording, rng: Rng) -> Recording:
+        times = float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+        def change(T: Matrix) -> Matrix:
+            longer = T.copy()
+            longer[:3, 3] *= times
+            return longer
+
+        return _between(r, change)
+
+    return plant
+
+
+def _no_extrinsics(r: Recording, rng: Rng) -> Recording:
+    del rng
+    return _between(r, lambda T: np.eye(4))
+
+
+def _extrinsics_inverted(r: Recording, rng: Rng) -> Recording:
+    del rng
+    return _between(r, se3.inverse)
+
+
+def _stereo(axis: int, low_deg: float, high_deg: float) -> Planter:
+    def plant(r: Recording, rng: Rng) -> Recording:
+        angle = float(rng.uniform(low_deg, high_deg) * rng.choice([-1, 1]))
+        turn = Rotation.from_rotvec(np.eye(3)[axis] * angle, degrees=True)
+        return _between(r, lambda T: T @ se3.from_rotation(turn, np.zeros(3)))
+
+    return plant
+
+
+def _swapped(r: Recording, rng: Rng) -> Recording:
+    del rng
+    return AlteredRecording(r, streams=(1, 0, *range(2, len(r.rig))))
+
+
+def _camera_clock(r: Recording, rng: Rng) -> Recording:
+    late_us = round(float(rng.uniform(12e3, 80e3)) * rng.choice([-1, 1]))
+    return AlteredRecording(r, clock_us=(0, late_us, *[0] * (len(r.rig) - 2)))
+
+
+def _mirrored(**which: bool) -> Planter:
+    return lambda r, rng: MirroredRecording(r, **which)
+
+
+def _one_polarity(r: Recording, rng: Rng) -> Recording:
+    del rng
+    return EditedRecording(r, lambda camera, e: replace(e, p=np.ones_like(e.p)))
+
+
+def _coarse(r: Recording, rng: Rng) -> Recording:
+    step_us = int(rng.choice([8_000, 10_000, 16_000]))
+    return EditedRecording(r, lambda camera, e: replace(e, t_us=e.t_us // step_us * step_us))
+
+
+def _hot(r: Recording, rng: Rng) -> Recording:
+    """A tenth of the hits of the plane's events come from a handful of pixels, more often."""
+    sensor = r.rig.cameras[0]
+    x = rng.integers(5, sensor.width_px - 5, 12).astype(np.uint16)
+    y = rng.integers(5, sensor.height_px - 5, 12).astype(np.uint16)
+
+    def edit(camera: int, e: Events) -> Events:
+        del camera
+        hit = np.arange(len(e)) % 5 < 3
+        which = np.arange(len(e)) // 5 % len(x)
+        return replace(e, x=np.where(hit, x[which], e.x), y=np.where(hit, y[which], e.y))
+
+    return EditedRecording(r, edit)
+
+
+def _silent(r: Recording, rng: Rng) -> Recording:
+    lost = int(rng.integers(0, len(r.rig)))
+    return EditedRecording(r, lambda camera, e: e.slice(0, 0) if camera == lost else e)
+
+
+def _gaps(r: Recording, rng: Rng) -> Recording:
+    del rng
+    period_us, on_us = 100_000, 55_000
+
+    def edit(camera: int, e: Events) -> Events:
+        del camera
+        kept = e.t_us % period_us < on_us
+        return Events(e.x[kept], e.y[kept], e.t_us[kept], e.p[kept])
+
+    return EditedRecording(r, edit)
+
+
+FAULTS = (
+    Fault("poses inverted", _inverted, ("poses inverted",), 4),
+    Fault("rotations inverted", _rotations_inverted, ("rotations inverted",)),
+    Fault("quaternions w first", _w_first, ("quaternions w first",), 3),
+    Fault("OpenGL axes", _axes("OpenGL axes"), ("OpenGL axes",)),
+    Fault("ROS axes", _axes("ROS axes"), ("ROS axes",)),
+    Fault("NED axes", _axes("NED axes"), ("NED axes",)),
+    Fault("hand-eye inverted", _hand_eye_inverted, ("hand-eye inverted",)),
+    Fault("hand-eye missing", _hand_eye_missing, tuple(f"hand-eye rotation about {a}" for a in "xyz")),
+    Fault("hand-eye applied twice", _hand_eye_twice, ("hand-eye beside poses of the camera",)),
+    Fault("positions in mm", _positions(1000), ("position unit", "positions in mm")),
+    Fault("positions in cm", _positions(100), ("position unit", "positions in cm")),
+    Fault("poses late", _pose_clock, ("pose clock",), 3),
+    Fault("clocks apart", _apart, ("clocks apart",)),
+    Fault("times of poses in ms", _pose_times(1000), ("event times in s, read as µs", "times")),
+    Fault("times of events in ns", _event_times(1000), ("event times in ns, read as µs",)),
+    Fault("poses frozen", _frozen, ("poses frozen",)),
+    Fault("poses jump", _jumping, ("poses jump",)),
+    Fault("poses too rare", _rare, ("poses too rare",)),
+    Fault("noisy poses", _noisy, ("noisy poses",)),
+    Fault("camera at rest", _at_rest, ("camera at rest",)),
+    Fault("fx in m beside fy in px", _fx_in_mm, ("focal lengths unequal",)),
+    Fault("focal length in mm", _focal_in_mm, ("focal length unit",)),
+    Fault("half the resolution", _half_resolution, ("principal point off", "focal length")),
+    Fault("focal length off", _focal, ("focal length",)),
+    Fault("cx and cy exchanged", _centre_exchanged, ("principal point exchanged",)),
+    Fault("distortion folds", _folding, ("distortion folds",)),
+    Fault("another sensor's calibration", _another_sensor, ("calibration of another resolution",)),
+    Fault("baseline in mm", _baseline(1000, 1001), ("baseline unit",)),
+    Fault("baseline off", _baseline(1.35, 2.0), ("baseline",)),
+    Fault("extrinsics missing", _no_extrinsics, ("extrinsics missing",)),
+    Fault("extrinsics inverted", _extrinsics_inverted, ("extrinsics inverted",), 3),
+    Fault("cameras swapped", _swapped, ("cameras swapped",), 4),
+    Fault("stereo yaw", _stereo(1, 0.7, 4), ("stereo yaw",), 3),
+    Fault("stereo pitch", _stereo(0, 0.4, 4), ("stereo pitch",), 3),
+    Fault("stereo roll", _stereo(2, 1.0, 6), ("stereo roll",)),
+    Fault("camera late", _camera_clock, ("camera clock",), 3),
+    Fault("columns mirrored", _mirrored(columns=True), ("columns mirrored",)),
+    Fault("rows mirrored", _mirrored(rows=True), ("rows mirrored",)),
+    Fault("one polarity", _one_polarity, ("one polarity missing",)),
+    Fault("coarse time stamps", _coarse, ("coarse time stamps",)),
+    Fault("hot pixels", _hot, ("hot pixels",)),
+    Fault("camera silent", _silent, ("camera silent",)),
+    Fault("gaps in the events", _gaps, ("gaps in the events",)),
+)
+
+
+@dataclass(frozen=True)
+class FileFault:
+    """One thing that is wrong in the files of an exported recording.
+
+    Attributes:
+        kind: what is wrong, in the table.
+        format: that the recording is written in.
+        edit: changes the files of the folder.
+        named: what `check` may call it.
+    """
+
+    kind: str
+    format: str
+    edit: Callable[[Path], None]
+    named: tuple[str, ...]
+
+
+def exported(path: Path, out: Path, kind: str) -> Path:
+    """The sequence as files of another format, with a `recording.toml`; kept if it is there."""
+    if not out.exists():
+        readable = open_readable(path)
+        assert readable.recording is not None
+        sources = tuple(source for _, source in readable.streams)
+        write_recording(RecordingExport(readable.recording, sources, 0, lambda n: None), out, kind)
+    return out
+
+
+def _lines(path: Path, change: Callable[[list[str]], list[str]]) -> None:
+    path.write_text("".join(change(path.read_text().splitlines(keepends=True))))
+
+
+def _fields(order: tuple[int, ...], scale: dict[int, float]) -> Callable[[list[str]], list[str]]:
+    def change(lines: list[str]) -> list[str]:
+        changed = []
+        for line in lines:
+            words = line.split()
+            if line.startswith("#") or not words:
+                changed.append(line)
+                continue
+            values = [words[k] if k not in scale else repr(float(words[k]) * scale[k]) for k in order]
+            changed.append(" ".join(values) + "\n")
+        return changed
+
+    return change
+
+
+def _poses_file(change: Callable[[list[str]], list[str]]) -> Callable[[Path], None]:
+    return lambda folder: _lines(folder / "poses.txt", change)
+
+
+def _swapped_lines(lines: list[str]) -> list[str]:
+    middle = len(lines) // 2
+    return [*lines[:middle], lines[middle + 1], lines[middle], *lines[middle + 2 :]]
+
+
+def _toml(old: str, new: str) -> Callable[[Path], None]:
+    def edit(folder: Path) -> None:
+        path = folder / "recording.toml"
+        text = path.read_text()
+        if old not in text:
+            raise ValueError(f"{path} lacks {old!r}")
+        path.write_text(text.replace(old, new))
+
+    return edit
+
+
+def _exchanged_files(folder: Path) -> None:
+    a, b = sorted(folder.glob("cam[01].*"))[:2]
+    keep = a.with_suffix(".kept")
+    a.rename(keep)
+    b.rename(a)
+    keep.rename(b)
+
+
+def _csv(change: Callable[[list[str]], list[str]]) -> Callable[[Path], None]:
+    return lambda folder: _lines(folder / "cam0.csv", change)
+
+
+def _comma_fields(lines: list[str]) -> list[str]:
+    """The names of the columns x and y exchanged in the header."""
+    head = ["x" if w == "y" else "y" if w == "x" else w for w in lines[0].strip().split(",")]
+    return [",".join(head) + "\n", *lines[1:]]
+
+
+_ALL = tuple(range(8))
+FILE_FAULTS = (
+    FileFault("quaternions w first", "npz", _poses_file(_fields((0, 1, 2, 3, 7, 4, 5, 6), {})),
+              ("quaternions w first",)),
+    FileFault("positions in mm", "npz",
+              _poses_file(_fields(_ALL, {1: 1000.0, 2: 1000.0, 3: 1000.0})),
+              ("position unit", "positions in mm")),
+    FileFault("poses not sorted", "npz", _poses_file(_swapped_lines), ("refused by the reader",)),
+    FileFault("cameras swapped", "aedat4", _exchanged_files, ("cameras swapped",)),
+    FileFault("cameras swapped", "evt3", _exchanged_files, ("cameras swapped",)),
+    FileFault("events not sorted", "csv", _csv(_swapped_lines), ("refused by the reader",)),
+    FileFault("columns of x and y exchanged", "csv", _csv(_comma_fields),
+              ("refused by the reader",)),
+)  # fmt: skip

@@ -1,0 +1,242 @@
+"""How often `eventsweep check` names a planted fault, and accuses a recording that is right.
+
+    python tests/benchmarks check_faults --out FOLDER [--page docs/check.md] [--development]
+
+Sequences and verdicts are kept in the folder: the same command takes up what is done, and checks
+again what other code checked. Thresholds were chosen with `--development`; the page has the others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import shutil
+import sys
+import tempfile
+import time
+import zlib
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import emvs.check
+import emvs.sharpness
+import eventsweep as es
+from check_cases import (
+    DEVELOPMENT,
+    FAULTS,
+    FILE_FAULTS,
+    HELD_OUT,
+    UNSPOILT,
+    Base,
+    FileFault,
+    Planter,
+    exported,
+)
+from emvs.check.findings import Report
+from emvs.check.recording import check, check_path
+from emvs.data.recording import Recording
+from emvs.utils.files import atomic_path
+from markdown_blocks import into_page
+
+SECONDS = 0.6
+# Of 46 held-out sequences each is checked as simulated, and these also told otherwise.
+_TOLD_OTHERWISE = 3
+
+
+@dataclass(frozen=True)
+class Case:
+    """One recording to check.
+
+    Attributes:
+        base: the sequence that it is made from.
+        kind: what is planted, or how it is told.
+        named: what `check` may call it; empty where nothing is wrong.
+        plant: makes it, in memory.
+        file_fault: or makes it, in files.
+    """
+
+    base: Base
+    kind: str
+    named: tuple[str, ...]
+    plant: Planter | None = None
+    file_fault: FileFault | None = None
+
+    @property
+    def name(self) -> str:
+        """Of its verdict's file."""
+        form = f"-{self.file_fault.format}" if self.file_fault else ""
+        spoilt = "fault" if self.named else "right"
+        return f"{spoilt} {self.kind}{form} {self.base.name}".replace(" ", "_").replace("/", "-")
+
+
+def cases(*, development: bool) -> list[Case]:
+    """All recordings to check, in an order that never changes."""
+    bases = DEVELOPMENT if development else HELD_OUT
+    every = list(_unspoilt(bases))
+    stereo = [one for one in bases if one.scene not in _HARD]
+    turn = 0
+    for fault in FAULTS:
+        for _ in range(1 if development else fault.cases):
+            base, turn = stereo[turn % len(stereo)], turn + 1
+            every.append(Case(base, fault.kind, fault.named, fault.plant))
+    for one in FILE_FAULTS:
+        base, turn = stereo[turn % len(stereo)], turn + 1
+        every.append(Case(base, one.kind, one.named, file_fault=one))
+    return every
+
+
+# Scenes on which faults are not planted: bodies that move by themselves, mirrors, empty walls,
+# darkness, a horizon. Nothing must be accused there all the same.
+_HARD = ("hdr-window", "low-texture", "moving-objects", "reflective", "tumvie-bike", "tumvie-run",
+         "tumvie-skate", "dsec-street")  # fmt: skip
+
+
+def _unspoilt(bases: Sequence[Base]) -> Iterator[Case]:
+    for k, base in enumerate(bases):
+        yield Case(base, "as simulated", (), UNSPOILT["as simulated"])
+        if k % _TOLD_OTHERWISE == 0:
+            kinds = [kind for kind in UNSPOILT if kind != "as simulated"]
+            kind = kinds[k // _TOLD_OTHERWISE % len(kinds)]
+            yield Case(base, kind, (), UNSPOILT[kind])
+
+
+def sequence(base: Base, out: Path) -> Path:
+    """The simulated sequence, kept if it is there."""
+    path = out / "sequences" / base.name
+    if not (path / "manifest.json").exists():
+        config = es.SimConfig(duration_s=SECONDS, sensor={"preset": base.sensor})  # type: ignore[arg-type]
+        es.simulate(base.scene, path, config, seed=base.seed, rig=base.rig)
+    return path
+
+
+def verdict(case: Case, out: Path, code: str) -> dict[str, Any]:
+    """What `check` says of a case: kept if the same code said it."""
+    file = out / "verdicts" / f"{case.name}.json"
+    if file.exists():
+        kept: dict[str, Any] = json.loads(file.read_text())
+        if kept["code"] == code:
+            return kept
+    path = sequence(case.base, out)
+    began = time.process_time()
+    report = _of_file(case, path, out) if case.file_fault else _of_memory(case, path)
+    found = {
+        "code": code, "kind": case.kind, "base": case.base.name, "named": list(case.named),
+        "suspects": list(report.suspects), "cpu_s": time.process_time() - began,
+        "doubtful": [one.suspect or one.name for one in report.of("doubtful")],
+        "lines": [one.line() for one in report.findings if one.verdict != "good"],
+        "mapping": [one.value for one in report.findings if one.name.startswith("mapping")],
+        "unchecked": [list(one) for one in report.unchecked],
+    }  # fmt: skip
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_path(file) as partial:
+        partial.write_text(json.dumps(found, indent=1))
+    return found
+
+
+def _of_memory(case: Case, path: Path) -> Report:
+    rng = np.random.default_rng(zlib.crc32(case.name.encode()))
+    recording: Recording = es.open_recording(path)
+    assert case.plant is not None
+    return check(case.plant(recording, rng))
+
+
+def _of_file(case: Case, path: Path, out: Path) -> Report:
+    fault = case.file_fault
+    assert fault is not None
+    made = out / "exported" / f"{case.base.name}-{fault.format}"
+    made.parent.mkdir(parents=True, exist_ok=True)
+    exported(path, made, fault.format)
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(shutil.copytree(made, Path(folder) / "recording"))
+        fault.edit(copy)
+        return check_path(copy)
+
+
+def code_version() -> str:
+    """A hash of the code whose verdicts these are."""
+    folder = Path(str(emvs.check.__file__)).parent
+    files = [*sorted(folder.glob("*.py")), Path(str(emvs.sharpness.__file__)),
+             Path(__file__).with_name("check_cases.py")]  # fmt: skip
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:16]
+
+
+def is_right(found: dict[str, Any]) -> bool:
+    """Whether a fault is the first thing that is named, or nothing where nothing is wrong."""
+    suspects = found["suspects"]
+    return suspects[0] in found["named"] if suspects and found["named"] else (
+        not suspects and not found["named"]
+    )  # fmt: skip
+
+
+def table(every: Sequence[dict[str, Any]]) -> str:
+    """The confusion table as Markdown."""
+    faults = [one for one in every if one["named"]]
+    right = [one for one in every if not one["named"]]
+    named = sum(map(is_right, faults))
+    seen = sum(bool(one["suspects"]) for one in faults)
+    accused = sum(bool(one["suspects"]) for one in right)
+    doubted = sum(bool(one["doubtful"]) and not one["suspects"] for one in right)
+    lines = [
+        f"Of {len(faults)} recordings with a planted fault, {named} "
+        f"({named / len(faults):.1%}) are named first and rightly, {seen - named} are called wrong "
+        f"for another reason, {len(faults) - seen} are not noticed. Of {len(right)} unspoilt ones "
+        f"{accused} ({accused / len(right):.1%}) are accused; {doubted} more have a doubtful "
+        "finding.",
+        "",
+        "| Planted | cases | named | what else it is called |",
+        "|---|--:|--:|---|",
+    ]
+    for kind in dict.fromkeys(one["kind"] for one in faults):
+        of_kind = [one for one in faults if one["kind"] == kind]
+        lines.append(_line(kind, of_kind, sum(map(is_right, of_kind))))
+    lines.append(_line("nothing (unspoilt)", right, len(right) - accused))
+    seconds = float(np.median([one["cpu_s"] for one in every]))
+    lines += ["", f"A check took {seconds:.1f} s of CPU time in the median.", ""]
+    return "\n".join(lines)
+
+
+def _line(kind: str, found: Sequence[dict[str, Any]], named: int) -> str:
+    others = Counter(
+        one["suspects"][0] if one["suspects"] else "nothing wrong"
+        for one in found
+        if not is_right(one)
+    )
+    words = ", ".join(f"{name} ({count})" for name, count in others.items())
+    return f"| {kind} | {len(found)} | {named} | {words} |"
+
+
+def main() -> None:
+    """Checks every recording, and writes the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True, help="folder for what is kept")
+    parser.add_argument("--page", type=Path, help="page whose table is rewritten")
+    parser.add_argument("--development", action="store_true", help="sequences for thresholds")
+    parser.add_argument("--part", default="0/1", help="k/n: every n-th sequence from the k-th on")
+    flags = parser.parse_args()
+    first, step = map(int, flags.part.split("/"))
+    code, every = code_version(), []
+    bases = DEVELOPMENT if flags.development else HELD_OUT
+    own = set(bases[first::step])
+    chosen = [case for case in cases(development=flags.development) if case.base in own]
+    for k, case in enumerate(chosen, 1):
+        found = verdict(case, flags.out, code)
+        every.append(found)
+        mark = "ok" if is_right(found) else "!!"
+        sys.stderr.write(
+            f"{k}/{len(chosen)} {mark} {case.kind} | {case.base.name} | {found['suspects']} "
+            f"{found['doubtful']} {found['cpu_s']:.1f} s\n"
+        )
+    text = table(every)
+    sys.stdout.write(text)
+    if flags.page is not None and step == 1:
+        into_page(flags.page, "check-faults", text)
+
+
+if __name__ == "__main__":
+    main()
