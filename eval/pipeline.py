@@ -22,6 +22,7 @@ from scenes import case_name
 from sim.config import SimConfig
 
 if TYPE_CHECKING:
+    from emvs.check.findings import Finding
     from emvs.maps.folder import StoredMap, StoredWindow
     from eval.scoring import run_folder
     from eval.scoring.pairing import Estimate
@@ -286,6 +287,7 @@ def map_recording(
     *,
     force: bool = False,
     finish: Callable[[Path], None] = _add_nothing,
+    doubt: Callable[[Finding], None] | None = None,
     progress: Progress = _SILENT,
 ) -> StoredMap:
     """Maps one window of a recording and writes the map folder.
@@ -293,6 +295,8 @@ def map_recording(
     With `window_s` or `window_events` it maps sliding windows: `out` grows window by window, and
     the same call takes up an unfinished one (`emvs.maps.sliding`). `finish` is that of
     `map_windows`, called when the bars of the mapping have ended, so that it may show its own.
+    `doubt` is told, before anything is mapped, of each thing that looks doubtful or wrong without
+    mapping (`emvs.check`); without it nothing is looked at.
 
     Raises:
         InputError: what `open_recording` or `map_windows` refuses.
@@ -302,6 +306,11 @@ def map_recording(
     from emvs.maps.sliding import map_windows
 
     recording = open_recording(path)
+    if doubt is not None:
+        from emvs.check.recording import doubts
+
+        for finding in doubts(recording, settings.map):
+            doubt(finding)
     about = RecordingInfo.of(recording, path, out)
     with MapBars(progress, f"map {recording.name}") as bars:
 

@@ -1,4 +1,4 @@
-"""What a recording may have been told wrongly: conventions, orders, units, swaps, each with its cure.
+"""What may be told wrongly of a recording: conventions, orders, units, swaps, and their cures.
 
 Each alternative says of the same events what would be true if one thing had been mistaken. If rays
 meet more sharply under it than as the recording stands, that thing is mistaken.
@@ -90,7 +90,7 @@ def of_poses(recording: Recording) -> list[Alternative]:
                 "the calibration holds T_cam_body where T_body_cam is meant: invert it",
             ),
             Alternative(
-                "hand-eye beside poses of the camera", _hand_eye(lambda T: np.eye(4)),
+                "hand-eye beside poses of the camera", _hand_eye(lambda _T: np.eye(4)),
                 "the poses are the camera's already: leave the hand-eye transformation out",
             ),
         ]  # fmt: skip

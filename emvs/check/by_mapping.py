@@ -3,9 +3,10 @@
 Three windows are mapped as the recording stands, and again under every alternative; the sharpness
 of their volumes is compared (`emvs.sharpness`): of the harmonic mean of camera 0 and each other,
 which tells far more about poses, too, than one camera does. What is said of the poses must make
-camera 0 alone no less sharp: no error between the cameras touches that. Windows keep the same events under all alternatives, so that more votes are never taken for sharper
-ones. An alternative counts where the mean of its gains exceeds a margin and every window gains: the
-margins come from unspoilt recordings of the campaign (page `check`).
+camera 0 alone no less sharp: no error between the cameras touches that. Windows keep the same
+events under all alternatives, so that more votes are never taken for sharper ones. An alternative
+counts where the mean of its gains exceeds a margin and every window gains: the margins come from
+unspoilt recordings (page `check`).
 """
 
 from __future__ import annotations
@@ -56,8 +57,8 @@ class HeldRecording(DerivedRecording):
         for camera in range(len(recording.rig)):
             events = recording.events(camera, t0_us, t1_us)
             kept = np.linspace(0, len(events) - 1, min(len(events), most)).astype(np.int64)
-            columns = (events.x, events.y, events.t_us, events.p)
-            self._held.append(Events(*(column[kept] for column in columns)))
+            held = Events(events.x[kept], events.y[kept], events.t_us[kept], events.p[kept])
+            self._held.append(held)
 
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """The held events of a camera with `t0_us <= t < t1_us`."""
@@ -94,9 +95,7 @@ class Bench:
         )  # fmt: skip
         return cls(tuple(windows), tuple(t + WINDOW_US // 2 for t in begins), settings)
 
-    def logs(
-        self, told: Told, cameras: tuple[int, ...], most: int = WINDOWS
-    ) -> Gains:
+    def logs(self, told: Told, cameras: tuple[int, ...], most: int = WINDOWS) -> Gains:
         """Logarithm of the sharpness of the first `most` windows under an alternative.
 
         Args:
@@ -217,8 +216,11 @@ def check_by_mapping(
 
 def _groups(recording: Recording, bench: Bench, progress: Progress) -> list[_Group]:
     others = range(1, len(recording.rig))
-    pairs = [(0, k) for k in others] or [(0,)]
-    return [_Group(bench, pair, progress, k, len(pairs)) for k, pair in enumerate(pairs)]
+    pairs: list[tuple[int, ...]] = [(0, k) for k in others]
+    return [
+        _Group(bench, pair, progress, k, max(len(pairs), 1))
+        for k, pair in enumerate(pairs or [(0,)])
+    ]
 
 
 class _Group:
@@ -240,9 +242,11 @@ class _Group:
         first, paired = self._at == 0, len(self.cameras) > 1
         every: list[tuple[Alternative | Amount, bool]] = []
         if first:
-            every += [(one, True) for one in (*of_poses(recording), *amounts_of_one())]
+            every += [(one, True) for one in of_poses(recording)]
+            every += [(one, True) for one in amounts_of_one()]
         if paired:
-            every += [(one, False) for one in (*of_pair(), *amounts_of_pair())]
+            every += [(one, False) for one in of_pair()]
+            every += [(one, False) for one in amounts_of_pair()]
         return [self._trial(one, k, len(every), of_one) for k, (one, of_one) in enumerate(every)]
 
     def best(self, trials: Sequence[Trial]) -> Trial:

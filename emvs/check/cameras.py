@@ -7,6 +7,7 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
+from emvs.check.events import worst_camera
 from emvs.check.findings import Finding, Series, Verdict, above, judged
 from emvs.data.recording import Recording
 from emvs.geometry import se3
@@ -35,14 +36,8 @@ def check_cameras(rig: Rig) -> list[Finding]:
     """Everything that a calibration tells by itself."""
     checks = (_ratio, _centre, _field, _folds)
     each = [[check(one) for one in rig.cameras] for check in checks]
-    found = [_worst(findings, rig.camera_names) for findings in each]
+    found = [worst_camera(findings, rig.camera_names) for findings in each]
     return found + ([_baseline(rig), _overlap(rig)] if len(rig) > 1 else [])
-
-
-def _worst(findings: list[Finding], names: tuple[str, ...]) -> Finding:
-    from emvs.check.events import worst_camera
-
-    return worst_camera(findings, names)
 
 
 def _ratio(camera: Camera) -> Finding:
@@ -134,7 +129,7 @@ def _moved_px(camera: Camera, bearing: Floats) -> Floats:
 def _bent(camera: Camera, bearing: Floats) -> float:
     moved = np.linalg.norm(_moved_px(camera, bearing), axis=2)
     largest = float(np.nanmax(moved)) if np.isfinite(moved).any() else 0.0
-    return largest / (np.hypot(camera.width_px, camera.height_px) / 2)
+    return largest / float(np.hypot(camera.width_px, camera.height_px) / 2)
 
 
 def _baseline(rig: Rig) -> Finding:
@@ -242,7 +237,7 @@ def _rectifying(rig: Rig) -> Floats:
 
 
 def _whitened(rows: Floats) -> Floats:
-    """What stands out of the rows around, so that a slope over the image correlates with nothing."""
+    """What stands out of the rows around: a slope over the image must correlate with nothing."""
     from scipy.ndimage import gaussian_filter1d
 
     return np.asarray(gaussian_filter1d(rows, 1.0, axis=1) - gaussian_filter1d(rows, 8.0, axis=1))

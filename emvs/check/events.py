@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,8 +32,6 @@ _ENOUGH_EVENTS = 1000
 _CEILING_HZ, _CEILING_WITHIN, _CEILING_SHARE = 1e6, 0.02, 0.2
 _REFRACTORY_DOUBTFUL_US = 10_000
 _DEAD_HZ = 0.001
-NAMES = ("events", "events-rate", "events-unit", "events-time-step", "events-polarity",
-         "events-sensor", "hot-pixels", "events-gaps", "events-ceiling", "events-refractory")  # fmt: skip
 
 
 def check_events(recording: Recording, streams: tuple[Stream, ...]) -> list[Finding]:
@@ -59,8 +59,6 @@ def _silent(cameras: list[str]) -> Finding:
 
 def worst_camera(findings: list[Finding], names: tuple[str, ...]) -> Finding:
     """The worst of the cameras' findings, with its camera's name."""
-    from dataclasses import replace
-
     verdict = worst(one.verdict for one in findings)
     at = [one.verdict for one in findings].index(verdict)
     return replace(findings[at], evidence=f"{names[at]}: {findings[at].evidence}")
@@ -73,7 +71,7 @@ def _rate(stream: Stream) -> Finding:
     if verdict == "good" and not _DOUBTFUL_RATE_HZ[0] <= per_pixel_hz <= _DOUBTFUL_RATE_HZ[1]:
         verdict = "doubtful"
     suspect = "" if verdict != "wrong" else time_unit(per_pixel_hz / _TYPICAL_RATE_HZ, "event")
-    rates_hz = np.concatenate(stream.rates) * (1e6 / BIN_US)
+    rates_hz = np.concatenate(stream.rates).astype(np.float64) * (1e6 / BIN_US)
     at_s = np.concatenate(
         [(t_us + BIN_US * np.arange(len(r))) for t_us, r in zip(stream.begins_us, stream.rates,
                                                                strict=True)]
@@ -202,5 +200,6 @@ def _refractory(stream: Stream) -> Finding:
         "events-refractory", above(least_us, _REFRACTORY_DOUBTFUL_US, np.inf), least_us, "µs",
         f"99 % of a pixel's events are {least_us:.0f} µs or more apart",
         meaning="pixels rest long after every event: fast edges leave few of them",
-        cure="shorten the refractory period in the sensor's biases", suspect="long refractory period",
+        cure="shorten the refractory period in the sensor's biases",
+        suspect="long refractory period",
     )  # fmt: skip

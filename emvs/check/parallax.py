@@ -16,7 +16,7 @@ from emvs.errors import InputError
 from emvs.reference_view import depth_range_m
 from emvs.windows import choose_window, plan_windows
 
-Floats = NDArray[np.float64]
+Times = NDArray[np.int64]
 # Pixels by which the nearest depth moves: one is what the volume resolves at all; ten make a
 # tenth of the range.
 _DOUBTFUL_PX, _WRONG_PX = 4.0, 1.0
@@ -56,12 +56,12 @@ def check_parallax(recording: Recording, config: MapperConfig) -> list[Finding]:
            "with it" if stereo else ""),
         cure="move the camera sideways, or map longer windows; if it did move, the poses are "
         "frozen or in another unit", suspect="camera at rest",
-        series=Series(near_px, (begins_us + ends_us) / 2e6, "time, s", f"parallax at {near_m:g} m, px",
-                      (_WRONG_PX, _DOUBTFUL_PX)),
+        series=Series(near_px, (begins_us + ends_us) / 2e6, "time, s",
+                      f"parallax at {near_m:g} m, px", (_WRONG_PX, _DOUBTFUL_PX)),
     )]  # fmt: skip
 
 
-def _windows(recording: Recording, config: MapperConfig) -> tuple[Floats, Floats]:
+def _windows(recording: Recording, config: MapperConfig) -> tuple[Times, Times]:
     if config.slides:
         plan = plan_windows(recording, config)
         few = np.unique(np.linspace(0, len(plan) - 1, _MOST_WINDOWS).astype(np.int64))
@@ -77,7 +77,7 @@ def _windows(recording: Recording, config: MapperConfig) -> tuple[Floats, Floats
     return _usual_windows(recording)
 
 
-def _usual_windows(recording: Recording) -> tuple[Floats, Floats]:
+def _usual_windows(recording: Recording) -> tuple[Times, Times]:
     """Windows of half a second over what poses cover, or one of all where that is shorter."""
     first_us, last_us = recording.trajectory.span_us
     length_us = min(round(_USUAL_WINDOW_S * 1e6), max(last_us - first_us, 1))

@@ -29,6 +29,8 @@ _RATE_DOUBTFUL_HZ, _RATE_WRONG_HZ = 18.0, 9.0
 # Noise that doubles every method's error is 3 mm and 0.15 deg per pose (page `studies`).
 _NOISE_MM, _NOISE_DEG = (1.5, 5.0), (0.08, 0.4)
 _NOISE_RATE_HZ = 50.0
+# Poses per second of any tracker: GPS has 5 or more, the fastest simulated ones 1000.
+_TRACKERS_HZ = (3.0, 20_000.0)
 # Share of steps in which a tracker that moves before and after stands still.
 _FROZEN_DOUBTFUL, _FROZEN_WRONG = 0.05, 0.3
 # A step that is so many times as long as those around it, and longer than a body moves.
@@ -63,14 +65,18 @@ def _coverage(poses: Trajectory, events_us: tuple[int, int]) -> Finding:
     ratio = whole_us / max(last_us - first_us, 1)
     suspect, cure = "poses and events apart", "record poses from before the first event to after "
     cure += "the last, or map what they cover"
-    unit = _unit_by_spans(ratio)
-    if verdict != "good" and unit:
-        suspect, cure = unit, "say the unit of the times (time_unit and poses.unit)"
+    unit = _mistaken_unit(ratio, _rate_hz(poses), covered=verdict == "good")
+    if unit:
+        verdict, suspect = "wrong", unit
+        cure = "say the unit of the times (time_unit of the events, unit of the poses)"
     elif verdict == "wrong" and 0.3 < ratio < 3:
         late_us = events_us[0] - first_us
-        suspect, cure = "clocks apart", (
-            f"bring both to one clock: the events begin {late_us} µs after the poses "
-            "(events.time_offset_us)"
+        suspect, cure = (
+            "clocks apart",
+            (
+                f"bring both to one clock: the events begin {late_us} µs after the poses "
+                "(time_offset_us)"
+            ),
         )
     return judged(
         "poses-coverage", verdict, share, "",
@@ -80,17 +86,31 @@ def _coverage(poses: Trajectory, events_us: tuple[int, int]) -> Finding:
     )  # fmt: skip
 
 
-def _unit_by_spans(ratio: float) -> str:
-    """Which unit of time is mistaken, where events last a power of 1000 times as long as poses."""
+def _rate_hz(poses: Trajectory) -> float:
+    return 1e6 / float(np.median(np.diff(poses.t_us))) if len(poses) > 1 else 0.0
+
+
+def _mistaken_unit(ratio: float, rate_hz: float, *, covered: bool) -> str:
+    """Whose times are in another unit, where events last a power of 1000 times as long as poses.
+
+    Args:
+        ratio: duration of the events over that of the poses.
+        rate_hz: poses per second, as told.
+        covered: whether poses cover the events: then a long recording of poses is no fault, unless
+            no tracker is so slow or so fast.
+    """
     power = np.log10(max(ratio, 1e-12)) / 3
-    if round(power) == 0 or abs(power - round(power)) > 0.15:
+    usual = _TRACKERS_HZ[0] <= rate_hz <= _TRACKERS_HZ[1]
+    if round(power) == 0 or abs(power - round(power)) > 0.15 or (covered and usual):
         return ""
-    return time_unit(1000.0 ** -round(power), "event") or "times of events or poses in another unit"
+    if not usual:
+        return "pose times in another unit"
+    return time_unit(1000.0 ** -round(power), "event") or "event times in another unit"
 
 
 def _rate(poses: Trajectory) -> Finding:
     steps_s = np.diff(poses.t_us) / 1e6
-    rate_hz = float(1 / np.median(steps_s))
+    rate_hz = _rate_hz(poses)
     longest_s = float(steps_s.max())
     verdict = below(rate_hz, _RATE_DOUBTFUL_HZ, _RATE_WRONG_HZ)
     words = f"{rate_hz:.3g} poses per second, the longest gap is {longest_s:.3g} s"
@@ -185,7 +205,7 @@ def _motion(poses: Trajectory) -> list[Finding]:
 
 def _noise(poses: Trajectory) -> Finding:
     """How far poses lie beside the middle of their neighbours, as noise of each pose."""
-    rate_hz = 1e6 / float(np.median(np.diff(poses.t_us)))
+    rate_hz = _rate_hz(poses)
     if rate_hz < _NOISE_RATE_HZ or len(poses) < 10:
         return Finding("poses-noise", "good", None, "mm", "too few poses to tell noise from motion")
     beside_mm = 1e3 * np.linalg.norm(_beside(poses.positions_m), axis=1)

@@ -1,7 +1,7 @@
 """Checks a recording: what it says of itself, then by mapping it otherwise.
 
-`check_quickly` reads a second of events, and is what `map` runs by itself; `check` reads all of
-them and maps alternatives.
+`doubts` reads a second of events, and is what `map` runs by itself; `check` reads all of them and
+maps alternatives.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from emvs.check.poses import check_poses
 from emvs.check.streams import pieces, read_streams
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
-from emvs.data.sequence import Sequence
-from emvs.datasets import open_recording
+from emvs.datasets import NoRecordingError, open_recording
 from emvs.errors import InputError
 from emvs.utils.runtime import Progress, silent
 
@@ -48,9 +47,13 @@ def check(
     return _checked(recording, config or MapperConfig(), True, mapping, progress)
 
 
-def check_quickly(recording: Recording, config: MapperConfig) -> Report:
-    """What a second of events, poses and calibration tell, in a fraction of a second."""
-    return _checked(recording, config, False, False, silent)
+def doubts(recording: Recording, config: MapperConfig) -> list[Finding]:
+    """What a second of events, poses and calibration cast doubt on, in a fraction of a second.
+
+    What the recording refuses to read is left out: mapping refuses it as well, and says so.
+    """
+    report = _checked(recording, config, False, False, silent)
+    return [one for one in report.findings if one.verdict != "good" and one.name != "reading"]
 
 
 def check_path(
@@ -63,12 +66,12 @@ def check_path(
     """Opens and checks a recording; where opening refuses it, that is the finding.
 
     Raises:
-        InputError: nothing there.
+        NoRecordingError: nothing there, or nothing known.
     """
-    if not Path(path).exists():
-        open_recording(path)
     try:
         recording = open_recording(path)
+    except NoRecordingError:
+        raise
     except InputError as error:
         return Report(Path(path).resolve().name, (_refused("opening", error),))
     return check(recording, config, mapping=mapping, progress=progress)
@@ -79,8 +82,8 @@ def _checked(
 ) -> Report:
     found: list[Finding] = []
     unchecked: Unchecked = []
-    found += check_cameras(recording.rig)
     found += _events(recording, thorough, progress)
+    found += check_cameras(recording.rig)
     readable = not any(one.name in ("reading", "events") for one in found)
     if not has_poses(recording):
         unchecked += [(name, "there are no poses") for name in ("poses", "parallax", "mapping")]
@@ -96,7 +99,10 @@ def _checked(
 
 def has_poses(recording: Recording) -> bool:
     """Whether a recording says where its cameras were."""
-    return not isinstance(recording, Sequence) or recording.has_poses
+    try:
+        return len(recording.trajectory) > 0
+    except InputError:
+        return False
 
 
 def _events(recording: Recording, thorough: bool, progress: Progress) -> list[Finding]:
@@ -137,9 +143,11 @@ def _rectification(recording: Recording) -> Finding:
 
 
 # Where one of these is wrong, alternatives would be compared on nonsense.
-_BEFORE_MAPPING = ("focal-ratio", "principal-point", "field-of-view", "distortion", "poses-coverage",
-                   "poses-speed", "poses-acceleration", "poses-jumps", "parallax", "events-unit",
-                   "events-rate", "baseline", "poses-frozen", "events-sensor")  # fmt: skip
+_BEFORE_MAPPING = (
+    "baseline", "distortion", "events-rate", "events-sensor", "field-of-view", "focal-ratio",
+    "hot-pixels", "parallax", "poses-acceleration", "poses-coverage", "poses-frozen",
+    "poses-jumps", "poses-speed", "principal-point",
+)  # fmt: skip
 
 
 def _by_mapping(

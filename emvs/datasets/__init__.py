@@ -13,16 +13,21 @@ from emvs.errors import InputError, check_path
 DESCRIPTOR = "recording.toml"
 
 
+class NoRecordingError(InputError):
+    """What lies at a path is no recording, not even a bad one."""
+
+
 def open_recording(path: str | Path) -> Recording:
     """Opens a sequence of ours, a data set as its publisher lays it out, or a `recording.toml`.
 
     Raises:
-        InputError: nothing there, nothing known, or a file that is missing, damaged or impossible.
+        NoRecordingError: nothing there, or nothing known.
+        InputError: a file that is missing, damaged or impossible.
     """
     check_path("path", path)
     path = Path(path)
     if not path.exists():
-        raise InputError(f"{path}: no such folder; needs a recording")
+        raise NoRecordingError(f"{path}: no such folder; needs a recording")
     if not path.is_dir():
         return _file(path)
     if (path / FILE_NAME).exists():
@@ -39,7 +44,7 @@ def open_recording(path: str | Path) -> Recording:
         raise InputError(
             f"{path}: looks like the Event Camera Dataset, but lacks {', '.join(missing)}"
         )
-    raise InputError(
+    raise NoRecordingError(
         f"{path}: no recording recognised; needs {FILE_NAME} (a sequence of eventsweep), "
         f"{', '.join(FILES)} (Event Camera Dataset), events/left/events.h5 (DSEC), "
         f"*-events_left.h5 (TUM-VIE), *_data.hdf5 (MVSEC), a ROS bag, or a {DESCRIPTOR}"
@@ -55,7 +60,7 @@ def _file(path: Path) -> Recording:
         from emvs.datasets.rosbag import open_bag_recording
 
         return open_bag_recording(path)
-    raise InputError(
+    raise NoRecordingError(
         f"{path}: is a file; needs the folder of a recording, a ROS1 bag or a {DESCRIPTOR}"
     )
 

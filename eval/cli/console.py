@@ -17,7 +17,7 @@ from eval.numbers import shown, thousands
 from eval.progress import Bars, Progress, Silent
 
 if TYPE_CHECKING:
-    from emvs.check.findings import Report
+    from emvs.check.findings import Finding, Report
     from emvs.maps.folder import StoredMap, StoredWindow
     from emvs.maps.merge import FusedInfo
     from eval.report.calibrate_page import Calibrated
@@ -184,6 +184,10 @@ class Console:
     def warn(self, note: str) -> None:
         """What is wrong with what was written, on the error stream, however quiet."""
         sys.stderr.write(f"note: {note}\n")
+
+    def doubt(self, finding: Finding) -> None:
+        """What is doubtful or wrong with a recording, in one line on the error stream."""
+        sys.stderr.write(f"check: {with_flags(finding.line())}\n")
 
     def _dump(self, facts: Any) -> None:
         if self._as_json:

@@ -1,4 +1,4 @@
-"""The page of a check: every finding with its verdict, its evidence as number and picture, its cure."""
+"""The page of a check: every finding with its verdict, its evidence, and its cure."""
 
 from __future__ import annotations
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+from cyclopts import Parameter
+
 from emvs.config import DeviceName
 from eval.cli.app import (
     CONFIGURED,
@@ -30,6 +32,7 @@ def map(  # noqa: A001 - the verb's name
     method: Methods = (),
     device: Annotated[DeviceName | None, RARE] = None,
     allow_skipped: AllowSkipped = False,
+    check: Annotated[bool, Parameter(negative="--no-check"), RARE] = True,
     force: Force = False,
     common: Configured = CONFIGURED,
     map: MapFlags = MAP,  # noqa: A002 - the name is the flag's prefix
@@ -45,6 +48,7 @@ def map(  # noqa: A001 - the verb's name
         method: Method to map with, repeatable; `eventsweep list methods`.
         device: Where the sweep runs; same as --map.device.
         allow_skipped: Exit with 0 even if some of the sliding windows could not be mapped.
+        check: Warn of what looks wrong with the recording, a line each, as `eventsweep check` does.
     """
     from eval.cli.exit_codes import incomplete
     from eval.cli.verbs.report import report_stage
@@ -57,8 +61,9 @@ def map(  # noqa: A001 - the verb's name
     console = common.console()
     finish = report_stage(console.progress)
     stored = map_recording(
-        recording, out, wanted, force=force, finish=finish, progress=console.progress
-    )
+        recording, out, wanted, force=force, finish=finish, progress=console.progress,
+        doubt=console.doubt if check else None,
+    )  # fmt: skip
     console.mapped(stored)
     console.wrote(out / "report.html")
     return incomplete([stored.info], allowed=allow_skipped)
