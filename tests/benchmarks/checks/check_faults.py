@@ -171,7 +171,7 @@ def code_version() -> str:
 class _Bare(ast.NodeTransformer):
     """Takes the docstrings away."""
 
-    def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:  # noqa: N802 - the base class's name
+    def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
         return None if isinstance(node.value, ast.Constant) else node
 
 
