@@ -38,7 +38,7 @@ from emvs.windows import Window
 
 Gains = NDArray[np.float64]
 Told = Callable[[Recording], Recording]
-WINDOWS, WINDOW_US, EVENTS, PLANES = 3, 200_000, 60_000, 30
+WINDOWS, WINDOW_US, EVENTS, PLANES = 3, 200_000, 40_000, 24
 _CANDIDATES = 24
 _PROMISING = -0.15  # in the first window: what is less sharp is not tried in the others
 _REFINEMENTS = 3

@@ -206,7 +206,7 @@ def _row_activity(
     pixels = np.bincount(row[row >= 0], minlength=rows)
     at = row[events.y, events.x]
     slices = max((t1_us - t0_us) // _SLICE_US, 1)
-    when = np.minimum((events.t_us - t0_us) // _SLICE_US, slices - 1)
+    when = np.clip((events.t_us - t0_us) // _SLICE_US, 0, slices - 1)
     cell = (when * rows + at)[at >= 0]
     counts = np.bincount(cell, minlength=slices * rows).reshape(slices, rows)
     whole = pixels > 0.9 * np.median(pixels[pixels > 0])

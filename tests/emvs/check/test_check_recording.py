@@ -1,0 +1,105 @@
+"""Checking what lies at a path: no poses, refusals, nothing there; what `map` warns of."""
+
+import numpy as np
+import pytest
+
+from check_cases import UNSPOILT, Chosen
+from emvs.check.by_mapping import Bench, HeldRecording
+from emvs.check.recording import check, check_path, doubts
+from emvs.config import MapperConfig
+from emvs.data.altered import AlteredRecording
+from emvs.datasets import NoRecordingError, open_recording
+from emvs.errors import InputError
+from emvs.geometry.trajectory import Trajectory
+from head_world import DURATION_US, head_recording
+from small_pair import small_sequence
+
+
+class _WithoutPoses(Chosen):
+    @property
+    def trajectory(self):
+        raise InputError("has no poses")
+
+
+def test_a_recording_without_poses_is_checked_as_far_as_it_goes():
+    report = check(_WithoutPoses(head_recording(), (0, 1)))
+    assert report.verdict == "good"
+    assert {name for name, _ in report.unchecked} == {"poses", "parallax", "mapping"}
+    assert report.finding("rectification") is not None
+
+
+def test_what_cannot_be_opened_is_the_finding(tmp_path):
+    folder = small_sequence(tmp_path / "seq")
+    poses = folder / "poses.txt"
+    poses.write_text(poses.read_text().replace(" 1", " 2"))
+    with pytest.raises(InputError) as refused:
+        open_recording(folder)
+    report = check_path(folder)
+    assert [one.name for one in report.findings] == ["opening"]
+    assert report.findings[0].evidence == str(refused.value)
+    assert report.verdict == "wrong"
+
+
+@pytest.mark.parametrize("what", ["nothing", "empty", "file.txt"])
+def test_what_is_no_recording_is_refused(tmp_path, what):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "file.txt").write_text("no")
+    with pytest.raises(NoRecordingError, match="needs"):
+        check_path(tmp_path / what)
+
+
+def test_mapping_may_be_left_out():
+    report = check(head_recording(), mapping=False)
+    assert not any(one.name.startswith("mapping") for one in report.findings)
+
+
+def test_mapping_is_not_tried_on_nonsense_and_says_so():
+    still = head_recording().trajectory
+    still = Trajectory(still.t_us, np.zeros_like(still.positions_m), still.quats_xyzw)
+    report = check(AlteredRecording(head_recording(), trajectory=still))
+    assert dict(report.unchecked)["mapping"] == "cure parallax first"
+
+
+def test_every_step_is_told_and_answers_are_the_same_again():
+    told = []
+    reports = [
+        check(head_recording(), progress=lambda *step: told.append(step)).to_json()
+        for _ in range(2)
+    ]
+    assert reports[0] == reports[1]
+    assert {stage for stage, _, _ in told} == {"events", "alternatives"}
+    assert all(done <= total for _, done, total in told)
+
+
+def test_doubts_are_cheap_and_leave_out_what_mapping_refuses(monkeypatch):
+    monkeypatch.setattr("emvs.check.recording.check_by_mapping", lambda *_: pytest.fail("mapped"))
+    assert doubts(head_recording(), MapperConfig()) == []
+
+    class Unreadable(Chosen):
+        def events(self, camera, t0_us, t1_us):
+            raise InputError("damaged")
+
+    assert [one.name for one in doubts(Unreadable(head_recording(), (0, 1)), MapperConfig())] == []
+
+
+def test_windows_hold_the_same_events_whatever_is_told():
+    held = HeldRecording(head_recording(), 100_000, 300_000, 1000)
+    events = held.events(0, -(10**9), 10**9)
+    assert len(events) == 1000
+    assert events.t_us.min() >= 100_000
+    assert events.t_us.max() < 300_000
+    bench = Bench.of(head_recording(), MapperConfig())
+    assert len(bench.windows) == len(bench.middles_us) == 3
+    late = UNSPOILT["one camera"](head_recording(), np.random.default_rng(0))
+    assert len(Bench.of(late, MapperConfig()).windows) == 3
+
+
+def test_poses_that_cover_no_window_are_a_reason_not_to_map():
+    poses = head_recording().trajectory
+    few = poses.t_us < 120_000
+    short = Trajectory(poses.t_us[few], poses.positions_m[few], poses.quats_xyzw[few])
+    told = AlteredRecording(head_recording(), trajectory=short)
+    with pytest.raises(InputError, match=r"needs 0\.2 s"):
+        Bench.of(told, MapperConfig())
+    assert check(told).finding("poses-coverage").verdict == "wrong"
+    assert DURATION_US > 200_000

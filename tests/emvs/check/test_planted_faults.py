@@ -1,0 +1,36 @@
+"""Every fault of the campaign, planted in a small recording, is named, and nothing else is."""
+
+import numpy as np
+import pytest
+
+from check_cases import FAULTS, FILE_FAULTS, UNSPOILT
+from dataset_world import rewritten, write_sequence
+from emvs.check.recording import check, check_path
+from head_world import head_recording
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda one: one.kind)
+def test_a_planted_fault_is_named_first(fault):
+    report = check(fault.plant(head_recording(), np.random.default_rng(3)))
+    assert report.verdict == "wrong"
+    assert report.suspects[0] in fault.named
+
+
+@pytest.mark.parametrize("told", UNSPOILT)
+def test_a_recording_that_is_told_rightly_is_not_accused(told):
+    report = check(UNSPOILT[told](head_recording(), np.random.default_rng(1)))
+    assert report.suspects == ()
+    assert any(one.name.startswith("mapping") for one in report.findings)
+
+
+@pytest.fixture(scope="module")
+def sequence(tmp_path_factory):
+    return write_sequence(tmp_path_factory.mktemp("check") / "seq", "pinhole", steps=600)
+
+
+@pytest.mark.parametrize("fault", FILE_FAULTS, ids=lambda one: f"{one.kind} {one.format}")
+def test_a_fault_in_the_files_is_named_first(fault, sequence, tmp_path):
+    folder = rewritten(sequence, tmp_path / "told", fault.format)
+    assert check_path(folder, mapping=False).verdict != "wrong"
+    fault.edit(folder)
+    assert check_path(folder).suspects[0] in fault.named
