@@ -186,17 +186,23 @@ def _both_ways(amounts: tuple[float, ...]) -> tuple[float, ...]:
     return (*(-a for a in amounts), 0.0, *reversed(amounts))
 
 
-def amounts_of_one() -> list[Amount]:
-    """Numbers that one camera and its poses can have wrong."""
+def amounts_of_one(*, paired: bool) -> list[Amount]:
+    """Numbers that a camera and its poses can have wrong.
+
+    Args:
+        paired: whether there is a second camera. One alone does not tell its focal length: depth
+            scales with it, and rays meet at another one about as sharply.
+    """
+    focal = Amount(
+        "focal length", "", 1.0, _FOCAL, _focal, 0.1,
+        "the focal lengths fit when multiplied by {amount:.3g}: take the calibration of this lens "
+        "and resolution", 0.06,
+    )  # fmt: skip
     return [
+        *([focal] if paired else []),
         Amount(
             "pose clock", "ms", 0.0, _both_ways(_CLOCK_MS), _late_poses, 20.0,
             "shift the times of the poses by {amount:+.0f} ms (poses.time_offset_us)",
-        ),
-        Amount(
-            "focal length", "", 1.0, _FOCAL, _focal, 0.1,
-            "the focal lengths fit when multiplied by {amount:.3g}: take the calibration of this "
-            "lens and resolution", 0.06,
         ),
         *(
             Amount(

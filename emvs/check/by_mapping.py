@@ -243,7 +243,7 @@ class _Group:
         every: list[tuple[Alternative | Amount, bool]] = []
         if first:
             every += [(one, True) for one in of_poses(recording)]
-            every += [(one, True) for one in amounts_of_one()]
+            every += [(one, True) for one in amounts_of_one(paired=paired)]
         if paired:
             every += [(one, False) for one in of_pair()]
             every += [(one, False) for one in amounts_of_pair()]

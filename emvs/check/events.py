@@ -150,7 +150,9 @@ def _hot_pixels(stream: Stream) -> Finding:
         "what is usual around it",
         meaning="rays of hot pixels meet nothing but themselves: streaks in the volume",
         cure="map with --map.hot-pixels 10, or lower the sensor's sensitivity",
-        suspect="hot pixels", series=Series(np.log1p(stream.pixels), y_label="events per pixel"),
+        suspect="hot pixels",
+        series=Series(np.where(hot, stream.pixels, 0.0), y_label="events of hot pixels")
+        if hot.any() else None,
     )  # fmt: skip
 
 
