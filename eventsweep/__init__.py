@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from emvs.calibrate.refine import RefineConfig, Refinement
+    from emvs.check.findings import Finding
+    from emvs.check.findings import Report as CheckReport
     from emvs.config import MapperConfig
     from emvs.data.events import Events
     from emvs.data.recording import Recording
@@ -35,7 +37,7 @@ if TYPE_CHECKING:
     from eval.scoring.method_scores import ALL_METRICS as METRICS
     from eval.scoring.results import Results
     from eventsweep.calibration import calibrate
-    from eventsweep.mapping import map_window, map_windows
+    from eventsweep.mapping import check, map_window, map_windows
     from eventsweep.scoring import score
     from eventsweep.simulation import simulate, video_to_events
     from scenes import load as load_scene
@@ -50,12 +52,14 @@ if TYPE_CHECKING:
 __all__ = [
     "METRICS",
     "Camera",
+    "CheckReport",
     "DepthMap",
     "EvalConfig",
     "EventCamera",
     "EventRig",
     "EventSimulator",
     "Events",
+    "Finding",
     "InputError",
     "MapperConfig",
     "Method",
@@ -75,6 +79,7 @@ __all__ = [
     "WindowResult",
     "__version__",
     "calibrate",
+    "check",
     "load_scene",
     "map_window",
     "map_windows",
@@ -91,12 +96,14 @@ __all__ = [
 _PLACES = {
     "METRICS": "eval.scoring.method_scores:ALL_METRICS",
     "Camera": "emvs.geometry.camera:Camera",
+    "CheckReport": "emvs.check.findings:Report",
     "DepthMap": "emvs.depth.depth_map:DepthMap",
     "EvalConfig": "eval.config:EvalConfig",
     "EventCamera": "sim.event_camera:EventCamera",
     "EventRig": "sim.event_camera:EventRig",
     "EventSimulator": "sim.sensor.esim:EventSimulator",
     "Events": "emvs.data.events:Events",
+    "Finding": "emvs.check.findings:Finding",
     "InputError": "emvs.errors:InputError",
     "MapperConfig": "emvs.config:MapperConfig",
     "ModelConfig": "sim.config:ModelConfig",
@@ -115,6 +122,7 @@ _PLACES = {
     "VideoConfig": "sim.config:VideoConfig",
     "WindowResult": "emvs.window_result:WindowResult",
     "calibrate": "eventsweep.calibration:calibrate",
+    "check": "eventsweep.mapping:check",
     "load_scene": "scenes:load",
     "map_window": "eventsweep.mapping:map_window",
     "map_windows": "eventsweep.mapping:map_windows",

@@ -1,10 +1,12 @@
-"""Mapping for users of the library: all that `eventsweep map` does, but for the report."""
+"""Checking and mapping for users of the library: what the verbs do, but for their pages."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from emvs import mapper
+from emvs.check import recording as checks
+from emvs.check.findings import Report
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.datasets import open_recording
@@ -18,6 +20,35 @@ from emvs.windows import choose_window
 
 # Of `Recording`, all that a mapper needs.
 _MEMBERS = ("name", "rig", "trajectory", "depth_range_m", "event_span_us", "events")
+
+
+def check(
+    recording: Recording | str | Path,
+    config: MapperConfig | None = None,
+    *,
+    mapping: bool = True,
+    progress: Progress = silent,
+) -> Report:
+    """Says what is wrong with a recording: its events, poses, calibration, and conventions.
+
+    Args:
+        recording: what `open_recording` gave, a recording of your own, or the path of one.
+        config: depth range, window and threads count; by default as for mapping.
+        mapping: whether to map it otherwise as well: cameras swapped, poses inverted, clocks
+            shifted, other axes, and so on.
+        progress: called with the name of the stage, how much is done and how much there is.
+
+    Returns:
+        Findings with verdicts, evidence and cures. What opening or reading a path refuses is a
+        finding, too.
+
+    Raises:
+        InputError: no recording at the path, or neither a path nor a recording.
+    """
+    config = MapperConfig.or_default(config)
+    if isinstance(recording, str | Path):
+        return checks.check_path(recording, config, mapping=mapping, progress=progress)
+    return checks.check(opened(recording), config, mapping=mapping, progress=progress)
 
 
 def map_window(

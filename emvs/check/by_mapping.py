@@ -214,6 +214,24 @@ def check_by_mapping(
     return found
 
 
+def trial_of(
+    recording: Recording, one: Alternative | Amount, config: MapperConfig, *, of_one: bool = False
+) -> Trial:
+    """What one alternative comes to by itself, with the first two cameras or with the only one.
+
+    Args:
+        recording: with poses.
+        one: the alternative.
+        config: depth range, planes (at most `PLANES`) and threads.
+        of_one: whether it is said of poses and lens, not of what lies between cameras.
+
+    Raises:
+        InputError: as `check_by_mapping`.
+    """
+    group = _groups(recording, Bench.of(recording, config), silent)[0]
+    return group.trial(one, of_one)
+
+
 def _groups(recording: Recording, bench: Bench, progress: Progress) -> list[_Group]:
     others = range(1, len(recording.rig))
     pairs: list[tuple[int, ...]] = [(0, k) for k in others]
@@ -247,7 +265,7 @@ class _Group:
         if paired:
             every += [(one, False) for one in of_pair()]
             every += [(one, False) for one in amounts_of_pair()]
-        return [self._trial(one, k, len(every), of_one) for k, (one, of_one) in enumerate(every)]
+        return [self._told(k, len(every), *chosen) for k, chosen in enumerate(every)]
 
     def best(self, trials: Sequence[Trial]) -> Trial:
         """The one that gains most, among those that are no contradiction in themselves."""
@@ -261,8 +279,12 @@ class _Group:
         alone = self._bench.logs(trial.told, (0,)) - self._bench.logs(lambda r: r, (0,))
         return bool(alone.mean() >= _LOSS)
 
-    def _trial(self, one: Alternative | Amount, k: int, count: int, of_one: bool) -> Trial:
+    def _told(self, k: int, count: int, one: Alternative | Amount, of_one: bool) -> Trial:
         self._progress("alternatives", self._at * count + k, self._groups * count)
+        return self.trial(one, of_one)
+
+    def trial(self, one: Alternative | Amount, of_one: bool) -> Trial:
+        """What one alternative comes to."""
         found = self._alternative(one) if isinstance(one, Alternative) else self._amount(one)
         strict = 1.0 if len(self.cameras) > 1 else _ONE_CAMERA
         return replace(found, of_one=of_one, margin=found.margin * strict)
