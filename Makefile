@@ -101,6 +101,8 @@ measurements: setup studies
 	$(BIN)/python tests/benchmarks scene_tables docs/scenes.md docs/twins.md docs/twins_outdoor.md docs/twins_hard.md
 	$(BIN)/python tests/benchmarks study_extraction --sets development held-out --page docs/extraction.md \
 		--picture docs/images/extraction.png
+	$(BIN)/python tests/benchmarks check_faults --out out/checks --page docs/check.md
+	$(BIN)/python tests/benchmarks check_sizes --out out/checks --page docs/check.md
 	$(BIN)/python tests/benchmarks fidelity --truth out/fidelity --page docs/simulator.md \
 		--picture docs/images/fidelity.png
 	$(BIN)/python tests/benchmarks fidelity desk boxes thin-structures --truth out/fidelity --parts \
