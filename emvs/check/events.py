@@ -45,7 +45,19 @@ def check_events(recording: Recording, streams: tuple[Stream, ...]) -> list[Find
     empty = [name for name, one in zip(names, streams, strict=True) if not one.events]
     if empty:
         return [_silent(empty)]
-    checks = (_rate, _time_step, _polarity, _sensor, _hot_pixels, _gaps, _ceiling, _refractory)
+    if any(one.is_off_sensor for one in streams):
+        return [_off_sensor(names, streams)]
+    checks = (
+        _order,
+        _rate,
+        _time_step,
+        _polarity,
+        _sensor,
+        _hot_pixels,
+        _gaps,
+        _ceiling,
+        _refractory,
+    )
     return [worst_camera([check(one) for one in streams], names) for check in checks]
 
 
@@ -57,11 +69,40 @@ def _silent(cameras: list[str]) -> Finding:
     )  # fmt: skip
 
 
+def _off_sensor(names: tuple[str, ...], streams: tuple[Stream, ...]) -> Finding:
+    """Events beyond the last column or row; are they within those of another camera?"""
+    k = [one.is_off_sensor for one in streams].index(True)
+    (x_px, y_px), (height, width) = streams[k].largest_px, streams[k].pixels.shape
+    fits = [
+        j for j, one in enumerate(streams)
+        if j != k and x_px < one.pixels.shape[1] and y_px < one.pixels.shape[0]
+    ]  # fmt: skip
+    hint = f", but on that of {names[fits[0]]}" if fits else ""
+    return judged(
+        "events-sensor", "wrong", None, "",
+        f"{names[k]}: events reach column {x_px} and row {y_px}, off its sensor of {width} x "
+        f"{height} px{hint}",
+        meaning="they are of another camera, or the calibration is of another resolution",
+        cure="exchange the event files" if fits else "take the calibration of this sensor; check "
+        "which column is x",
+        suspect="cameras swapped" if fits else "events off the sensor",
+    )  # fmt: skip
+
+
 def worst_camera(findings: list[Finding], names: tuple[str, ...]) -> Finding:
     """The worst of the cameras' findings, with its camera's name."""
     verdict = worst(one.verdict for one in findings)
     at = [one.verdict for one in findings].index(verdict)
     return replace(findings[at], evidence=f"{names[at]}: {findings[at].evidence}")
+
+
+def _order(stream: Stream) -> Finding:
+    return judged(
+        "events-order", "wrong" if stream.backwards else "good", float(stream.backwards), "steps",
+        f"time runs backwards at {stream.backwards} of {stream.events} events",
+        meaning="windows are cut by time: events out of order are lost or mapped twice",
+        cure="sort the events by time (stable)", suspect="events not sorted",
+    )  # fmt: skip
 
 
 def _rate(stream: Stream) -> Finding:

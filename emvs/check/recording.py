@@ -84,7 +84,12 @@ def _checked(
     unchecked: Unchecked = []
     found += _events(recording, thorough, progress)
     found += check_cameras(recording.rig)
-    readable = not any(one.name in ("reading", "events") for one in found)
+    blocking = {(one.name, one.verdict) for one in found}
+    readable = not blocking & {
+        ("reading", "wrong"),
+        ("events", "wrong"),
+        ("events-sensor", "wrong"),
+    }
     if not has_poses(recording):
         unchecked += [(name, "there are no poses") for name in ("poses", "parallax", "mapping")]
     else:

@@ -33,7 +33,7 @@ class Stream:
         step_us: the greatest step that all time stamps are multiples of, µs.
         backwards: events that come before one that is before them.
         intervals_us: times between two events of one pixel and polarity, a sample of them, µs.
-        same_stamp: most events of one camera with one time stamp.
+        largest_px: largest column and row of any event.
     """
 
     events: int
@@ -44,7 +44,14 @@ class Stream:
     step_us: int
     backwards: int
     intervals_us: NDArray[np.int64]
-    same_stamp: int
+    largest_px: tuple[int, int]
+
+    @property
+    def is_off_sensor(self) -> bool:
+        """Whether there are events off the sensor."""
+        height, width = self.pixels.shape
+        x_px, y_px = self.largest_px
+        return bool(x_px >= width or y_px >= height)
 
     @property
     def seconds(self) -> float:
@@ -105,7 +112,8 @@ class _Reader:
         sensor = recording.rig.cameras[camera]
         self._size = sensor.width_px, sensor.height_px
         self._pixels = np.zeros(sensor.width_px * sensor.height_px, np.int64)
-        self._events = self._brighter = self._backwards = self._step_us = self._same = 0
+        self._events = self._brighter = self._backwards = self._step_us = 0
+        self._largest_px = -1, -1
         self._rates: list[NDArray[np.int64]] = []
         self._begins_us: list[int] = []
         self._intervals: list[NDArray[np.int64]] = []
@@ -120,8 +128,12 @@ class _Reader:
         if not len(events):
             return
         self._brighter += int(np.count_nonzero(events.p))
+        x_px, y_px = self._largest_px
+        self._largest_px = max(x_px, int(events.x.max())), max(y_px, int(events.y.max()))
+        if self._largest_px[0] >= self._size[0] or self._largest_px[1] >= self._size[1]:
+            return  # where they lie is all that counts then
         cell = events.y.astype(np.int64) * self._size[0] + events.x
-        self._pixels += np.bincount(cell, minlength=len(self._pixels))[: len(self._pixels)]
+        self._pixels += np.bincount(cell, minlength=len(self._pixels))
         steps = np.diff(events.t_us)
         self._backwards += int(np.count_nonzero(steps < 0))
         self._step_us = int(np.gcd.reduce(np.append(steps, self._step_us)))
@@ -131,7 +143,6 @@ class _Reader:
         order = np.lexsort((t_us, which))
         same = np.diff(which[order]) == 0
         self._intervals.append(np.diff(t_us[order])[same])
-        self._same = max(self._same, int(np.unique(t_us, return_counts=True)[1].max()))
 
     def stream(self) -> Stream:
         """What was read, together."""
@@ -139,5 +150,5 @@ class _Reader:
         intervals = np.concatenate(self._intervals) if self._intervals else np.empty(0, np.int64)
         return Stream(
             self._events, self._brighter, self._pixels.reshape(height, width), tuple(self._rates),
-            tuple(self._begins_us), self._step_us, self._backwards, intervals, self._same,
+            tuple(self._begins_us), self._step_us, self._backwards, intervals, self._largest_px,
         )  # fmt: skip

@@ -13,6 +13,7 @@ from emvs.check.cameras import check_cameras, check_rectification, field_deg
 from emvs.check.events import check_events, time_unit
 from emvs.check.parallax import check_parallax
 from emvs.check.poses import check_poses
+from emvs.check.recording import check
 from emvs.check.streams import pieces, read_streams
 from emvs.config import MapperConfig
 from emvs.data.altered import AlteredRecording
@@ -273,3 +274,25 @@ def _stream():
 def test_long_rests_of_pixels_are_doubtful():
     stream = replace(_stream(), intervals_us=np.full(5000, 20_000))
     assert _by_name(check_events(_one(), (stream,)))["events-refractory"].verdict == "doubtful"
+
+
+def test_events_off_the_sensor_that_fit_another_camera_are_swapped():
+    small = replace(CAMERA, width_px=100, height_px=80)
+    rig = replace(head_recording().rig, cameras=(small, CAMERA))
+    found = _checked_events(AlteredRecording(head_recording(), rig=rig))["events-sensor"]
+    assert (found.verdict, found.suspect) == ("wrong", "cameras swapped")
+    both = replace(rig, cameras=(small, small))
+    report = check(AlteredRecording(head_recording(), rig=both))
+    assert report.finding("events-sensor").suspect == "events off the sensor"
+    assert report.finding("rectification") is None
+    assert not any(one.name.startswith("mapping") for one in report.findings)
+
+
+def test_time_that_runs_backwards_is_counted():
+    def edit(_camera, e):
+        t_us = e.t_us.copy()
+        t_us[[10, 11]] = t_us[[11, 10]] + [1, 0]
+        return replace(e, t_us=t_us)
+
+    found = _checked_events(EditedRecording(head_recording(), edit))["events-order"]
+    assert (found.verdict, found.value) == ("wrong", 1)
