@@ -97,8 +97,8 @@ def line(study: Study, recordings: Sequence[Recording]) -> str:
 def table(recordings: Sequence[Recording]) -> str:
     """The table as Markdown."""
     lines = [
-        f"Planted with both signs in {len(recordings)} sequences. An amount counts as seen if it "
-        f"is called wrong in {1 - 1 / len(recordings):.0%} of them or more; the last column has that "
+        f"Planted with both signs in {len(recordings)} sequences. An amount counts as seen if "
+        f"{1 - 1 / len(recordings):.0%} of them or more are called wrong; the last column has that "
         "share for each amount tried, up to the first that is seen.",
         "",
         "| Amount | seen from | hurts from | called wrong |",
