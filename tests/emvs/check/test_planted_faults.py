@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from check_cases import FAULTS, FILE_FAULTS, UNSPOILT
-from dataset_world import rewritten, write_sequence
+from dataset_world import rewritten
+from emvs.data.writer import SequenceWriter
 from emvs.check.recording import check, check_path
 from head_world import head_recording
 
@@ -25,7 +26,15 @@ def test_a_recording_that_is_told_rightly_is_not_accused(told):
 
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory):
-    return write_sequence(tmp_path_factory.mktemp("check") / "seq", "pinhole", steps=600)
+    """The same recording on disk."""
+    path, world = tmp_path_factory.mktemp("check") / "seq", head_recording()
+    with SequenceWriter(
+        path, name="head", rig=world.rig, trajectory=world.trajectory, config={},
+        depth_range_m=world.depth_range_m,
+    ) as writer:  # fmt: skip
+        for camera, events in enumerate(world.streams):
+            writer.append_events(camera, events)
+    return path
 
 
 @pytest.mark.parametrize("fault", FILE_FAULTS, ids=lambda one: f"{one.kind} {one.format}")
