@@ -5,8 +5,8 @@ import pytest
 
 from check_cases import FAULTS, FILE_FAULTS, UNSPOILT
 from dataset_world import rewritten
-from emvs.data.writer import SequenceWriter
 from emvs.check.recording import check, check_path
+from emvs.data.writer import SequenceWriter
 from head_world import head_recording
 
 
