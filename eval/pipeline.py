@@ -23,6 +23,7 @@ from sim.config import SimConfig
 
 if TYPE_CHECKING:
     from emvs.check.findings import Finding
+    from emvs.data.recording import Recording
     from emvs.maps.folder import StoredMap, StoredWindow
     from eval.scoring import run_folder
     from eval.scoring.pairing import Estimate
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 _SILENT = Silent()
 _RESULTS = ("results.json", "results.csv")
+_BEFORE_MAPPING = ("count", "hot pixels")  # stages after which a map may still be refused
 
 
 def _add_nothing(folder: Path) -> None:
@@ -295,8 +297,8 @@ def map_recording(
     With `window_s` or `window_events` it maps sliding windows: `out` grows window by window, and
     the same call takes up an unfinished one (`emvs.maps.sliding`). `finish` is that of
     `map_windows`, called when the bars of the mapping have ended, so that it may show its own.
-    `doubt` is told, before anything is mapped, of each thing that looks doubtful or wrong without
-    mapping (`emvs.check`); without it nothing is looked at.
+    `doubt` is told, when mapping begins, of each thing that looks doubtful or wrong without mapping
+    (`emvs.check`); without it nothing is looked at. What is refused is refused without doubts.
 
     Raises:
         InputError: what `open_recording` or `map_windows` refuses.
@@ -306,11 +308,6 @@ def map_recording(
     from emvs.maps.sliding import map_windows
 
     recording = open_recording(path)
-    if doubt is not None:
-        from emvs.check.recording import doubts
-
-        for finding in doubts(recording, settings.map):
-            doubt(finding)
     about = RecordingInfo.of(recording, path, out)
     with MapBars(progress, f"map {recording.name}") as bars:
 
@@ -318,5 +315,25 @@ def map_recording(
             bars.close()
             finish(folder)
 
-        info = map_windows(recording, out, settings.map, about, bars, force=force, finish=end)
+        told = bars if doubt is None else _doubting(recording, settings.map, doubt, bars)
+        info = map_windows(recording, out, settings.map, about, told, force=force, finish=end)
     return StoredMap(out, info)
+
+
+def _doubting(
+    recording: Recording, config: MapperConfig, doubt: Callable[[Finding], None],
+    progress: Callable[[str, int, int], None],
+) -> Callable[[str, int, int], None]:  # fmt: skip
+    """A progress that tells doubts once, at the first step of mapping, and passes all steps on."""
+    from emvs.check.recording import doubts
+
+    waiting = [True]
+
+    def step(stage: str, done: int, total: int) -> None:
+        if waiting and stage not in _BEFORE_MAPPING:
+            waiting.clear()
+            for finding in doubts(recording, config):
+                doubt(finding)
+        progress(stage, done, total)
+
+    return step

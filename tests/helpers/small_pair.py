@@ -18,10 +18,9 @@ def small_sequence(path: Path, *, poses_end_us: int = 100_000) -> Path:
     T_body_right = np.eye(4)
     T_body_right[0, 3] = 0.1
     rig = Rig("small", (CAMERA, CAMERA), (np.eye(4), T_body_right))
-    positions_m = np.array([[0.0, 0, 0], [0.2, 0, 0]])
-    trajectory = Trajectory(
-        np.array([0, poses_end_us]), positions_m, np.tile([0.0, 0, 0, 1], (2, 1))
-    )
+    t_us = np.linspace(0, poses_end_us, 11).astype(np.int64)
+    positions_m = np.outer(np.linspace(0, 0.2, 11), [1.0, 0, 0])
+    trajectory = Trajectory(t_us, positions_m, np.tile([0.0, 0, 0, 1], (11, 1)))
     with SequenceWriter(
         path, name="small", rig=rig, trajectory=trajectory, config={}, depth_range_m=(0.5, 4)
     ) as writer:
@@ -29,7 +28,7 @@ def small_sequence(path: Path, *, poses_end_us: int = 100_000) -> Path:
         for camera in (0, 1):
             t_us = np.sort(rng.integers(0, 100_000, 4000)).astype(np.int64)
             x, y = rng.integers(0, 40, 4000, np.uint16), rng.integers(0, 30, 4000, np.uint16)
-            writer.append_events(camera, Events(x, y, t_us, np.ones(4000, np.uint8)))
+            writer.append_events(camera, Events(x, y, t_us, (np.arange(4000) % 2).astype(np.uint8)))
             for truth_us in (0, 50_000, 100_000):
                 image = np.full((30, 40), 2.0, np.float32)
                 writer.append_truth(camera, truth_us, image, np.zeros((30, 40), np.uint8))

@@ -4,7 +4,7 @@ import pytest
 
 from eval.cli.main import VERBS, app, main
 
-REPLACE = {"run", "simulate", "map", "convert", "events", "suite", "gate", "info"}
+REPLACE = {"check", "run", "simulate", "map", "convert", "events", "suite", "gate", "info"}
 NO_FACTS = {"convert", "report", "completion"}
 
 
