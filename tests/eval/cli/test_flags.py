@@ -4,7 +4,18 @@ import pytest
 
 from eval.cli.main import VERBS, app, main
 
-REPLACE = {"check", "run", "simulate", "map", "convert", "events", "suite", "gate", "info"}
+REPLACE = {
+    "calibrate",
+    "check",
+    "run",
+    "simulate",
+    "map",
+    "convert",
+    "events",
+    "suite",
+    "gate",
+    "info",
+}
 NO_FACTS = {"convert", "report", "completion"}
 
 
