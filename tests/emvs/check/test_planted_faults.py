@@ -25,7 +25,7 @@ def planted():
         yield pytest.param(one, id=one.kind, marks=marks)
 
 
-@pytest.mark.parametrize("fault", planted())
+@pytest.mark.parametrize("fault", list(planted()))
 def test_a_planted_fault_is_named_first(fault):
     report = check(fault.plant(head_recording(), np.random.default_rng(3)))
     assert report.verdict == "wrong"
