@@ -25,11 +25,12 @@ from emvs.calibrate.objective import Objective
 from emvs.calibrate.parameters import AXES, Correction, Parameter, parameters_of
 from emvs.calibrate.quadratic import climb, evaluations
 from emvs.calibrate.search import approach, scans, steps
-from emvs.calibrate.windows import WindowEvents, WindowPlan, read_windows
-from emvs.config import DEFAULT_DEPTH_RANGE_M
+from emvs.calibrate.windows import WindowPlan, read_windows
+from emvs.config import MapperConfig
 from emvs.data.altered import AlteredRecording
 from emvs.data.recording import Recording
 from emvs.errors import InputError
+from emvs.reference_view import depth_range_m
 from emvs.utils.runtime import Progress, check_openmp, silent, use_threads
 
 Floats = NDArray[np.float64]
@@ -137,32 +138,24 @@ def refine(
     check_openmp()
     use_threads(config.threads)
     parameters = parameters_of(config.refine, len(recording.rig))
+    limits = MapperConfig(min_depth_m=config.min_depth_m, max_depth_m=config.max_depth_m)
+    range_m = depth_range_m(recording, limits)
     plan = WindowPlan(config.windows, config.window_s, config.events)
     windows = read_windows(recording, plan, progress)
-    return _Refiner(recording, windows, parameters, config, progress).run()
-
-
-def _depth_range_m(recording: Recording, config: RefineConfig) -> tuple[float, float]:
-    near_m, far_m = recording.depth_range_m or DEFAULT_DEPTH_RANGE_M
-    near_m = near_m if config.min_depth_m is None else config.min_depth_m
-    far_m = far_m if config.max_depth_m is None else config.max_depth_m
-    if not 0 < near_m < far_m:
-        raise InputError(
-            f"depth range {near_m:g}..{far_m:g} m: needs 0 < min_depth_m < max_depth_m; set both"
-        )
-    return near_m, far_m
+    objective = Objective(recording, windows, range_m)
+    return _Refiner(recording, objective, parameters, config, progress).run()
 
 
 class _Refiner:
     """One run: the objective, and the correction as it grows."""
 
     def __init__(
-        self, recording: Recording, windows: Sequence[WindowEvents],
+        self, recording: Recording, objective: Objective,
         parameters: Sequence[Parameter], config: RefineConfig, progress: Progress,
     ) -> None:  # fmt: skip
         self._recording, self._config, self._progress = recording, config, progress
         self._parameters = tuple(parameters)
-        self._objective = Objective(recording, windows, _depth_range_m(recording, config))
+        self._objective, windows = objective, objective.windows
         self._best = Correction()
         self._sure: dict[Parameter, float] = {}
         length_us = windows[0].t1_us - windows[0].t0_us

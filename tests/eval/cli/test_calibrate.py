@@ -82,6 +82,7 @@ def test_an_interrupt_leaves_nothing(sequence, tmp_path, monkeypatch, capsys):
         (["--refine", ","], "refine is empty"),
         (["--refine", "delay", "--windows", "1"], "at least 2 windows"),
         (["--refine", "delay", "--min-depth-m", "5", "--max-depth-m", "2"], "depth range"),
+        (["--refine", "delay", "--min-depth-m", "1e-9"], "must lie within"),
     ],
 )
 def test_bad_requests_are_refused_in_one_line(sequence, tmp_path, capsys, flags, words):
