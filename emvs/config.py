@@ -8,6 +8,7 @@ Defaults are the published values where there are any; the page `baselines` says
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, FiniteFloat, model_validator
@@ -328,6 +329,14 @@ class MapperConfig(ParameterGroup):
     )
     focus_reliability: float = Field(
         default=0.03, ge=0, le=1, description="least reliability of a point of the Focus methods"
+    )
+    learned_error_px: Positive = Field(
+        default=1.0,
+        description="largest expected error of a point of the Learned methods, px of disparity at "
+        "10 px of it",
+    )
+    learned_weights: Path | None = Field(
+        default=None, description="weights of the Learned methods; by default those that ship"
     )
     inpaint: bool = Field(
         default=False, description="also fill the gaps between points, marked as filled"

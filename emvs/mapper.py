@@ -16,12 +16,14 @@ from emvs.depth.focus import extract_in_focus, parallax_baseline_m
 from emvs.dsi.backend import SweepSettings
 from emvs.dsi.backprojection import back_project
 from emvs.dsi.device import Device, device_for_methods, projector_on
+from emvs.dsi.kept_votes import KeptVotes
 from emvs.dsi.maxima import Measures
 from emvs.dsi.method import WHOLE, Method, single_cameras
 from emvs.dsi.slices import Slices
 from emvs.dsi.sweep import SweepResult, group_by_split, sweep
 from emvs.dsi.voting import VoteCounts
 from emvs.errors import InputError, check_type
+from emvs.learned.extract import extract_learned
 from emvs.methods import methods_by_name, with_volume
 from emvs.reference_view import ReferenceView, reference_view
 from emvs.utils.runtime import Progress, Stopwatch, check_openmp, silent
@@ -79,15 +81,17 @@ def map_window(
     )  # fmt: skip
     stopwatch.lap("rays")
 
-    # 3. and 4. One volume per camera, fused by every method at once; plane by plane, none is kept.
+    # 3. and 4. One volume per camera, fused by every method at once; plane by plane, none is kept
+    # unless a network looks at the votes again.
+    kept = votes_to_keep(fusions, view, config, n_cameras)
     swept = sweep(
         projected, view, groups, sweep_settings(config), progress, device,
-        slice_row=config.slice_row, dsi_dir=dsi_dir if config.save_dsi else None,
+        slice_row=config.slice_row, dsi_dir=dsi_dir if config.save_dsi else None, kept=kept,
     )  # fmt: skip
     stopwatch.lap("sweep")
 
     # 5. Depth and confidence from the maxima over planes.
-    depth_maps = _extracted(fusions, swept, view, config, n_cameras, baseline_m)
+    depth_maps = _extracted(fusions, swept, kept, view, config, n_cameras, baseline_m)
     stopwatch.lap("depth")
 
     # Methods without a volume see the same input and answer in the same reference view.
@@ -122,16 +126,28 @@ def sweep_settings(config: MapperConfig) -> SweepSettings:
     )
 
 
+def votes_to_keep(
+    methods: Sequence[Method], view: ReferenceView, config: MapperConfig, n_cameras: int
+) -> KeptVotes | None:
+    """Room for every camera's votes, where a method looks at them after the sweep; else None."""
+    if not any(method.learned for method in methods):
+        return None
+    size = view.camera.height_px, view.camera.width_px
+    return KeptVotes(n_cameras, len(view.rho), *size, config.polarities)
+
+
 def _extracted(
-    methods: Sequence[Method], swept: SweepResult, view: ReferenceView, config: MapperConfig,
-    n_cameras: int, baseline_m: float,
+    methods: Sequence[Method], swept: SweepResult, kept: KeptVotes | None, view: ReferenceView,
+    config: MapperConfig, n_cameras: int, baseline_m: float,
 ) -> dict[str, DepthMap]:  # fmt: skip
     """Every method's depth map, in order; late fusion joins those of the single cameras."""
     maps: dict[str, DepthMap] = {}
-    by_focus = {method.name for method in methods if method.focus}
+    asked = {method.name: method for method in methods}
     for name, votes in swept.maxima.items():
-        focus = swept.focus.get(name)
-        if focus is not None and name in by_focus:
+        focus, method = swept.focus.get(name), asked.get(name)
+        if method is not None and method.learned and kept is not None and focus is not None:
+            maps[name] = extract_learned(method, votes, focus, kept, view, config, baseline_m)
+        elif method is not None and method.focus and focus is not None:
             maps[name] = extract_in_focus(name, votes, focus, view, config, baseline_m)
         else:
             maps[name] = extract(name, votes, view, config, focus.maximum if focus else None)

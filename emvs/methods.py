@@ -49,6 +49,12 @@ FOCUS_SUMMARY = (
     "agree; camK: one camera, without agreement"
 )
 FOCUS_EXAMPLES = ("Focus/H", "Focus/cam0", "Focus/AtHc@4")
+LEARNED_GRAMMAR = "Learned/<F> or Learned/camK"
+LEARNED_SUMMARY = (
+    "our own: Focus, and a small network that looks at the votes around, corrects the depth and "
+    "says how wrong it may be"
+)
+LEARNED_EXAMPLES = ("Learned/H", "Learned/cam0")
 _ALGORITHM_1 = ("Alg1", "EMVS")
 _registered: dict[str, AnyMethod] = {}
 
@@ -323,6 +329,26 @@ def build_focus(name: str, mcemvs: bool = False) -> Method:
     return replace(method, name=name, summary=f"{method.summary}; by focus", focus=True)
 
 
+def build_learned(name: str, mcemvs: bool = False) -> Method:
+    """Makes the learned method of a name.
+
+    Args:
+        name: such as `Learned/H`.
+        mcemvs: the compatibility setting, which has no learned method.
+
+    Raises:
+        InputError: a name that does not follow the grammar, or the compatibility setting.
+    """
+    fused = MethodName.of(name)
+    if mcemvs:
+        raise InputError(f"{name} does not support the mcemvs setting: choose compatibility none")
+    if fused.variant not in CODES and fused.camera is None:
+        raise InputError(f"unknown method {name!r}: the names are {LEARNED_GRAMMAR}")
+    method = build_focus(f"Focus/{fused.variant}")
+    summary = method.summary.replace("by focus", "by focus and a network")
+    return replace(method, name=name, summary=summary, learned=True)
+
+
 def _late(name: str, _mcemvs: bool) -> Method:
     if name != "Late/union":
         raise InputError(f"unknown method {name!r}: the late fusion is Late/union")
@@ -367,6 +393,7 @@ class Family:
 FAMILIES: dict[str, Family] = {
     "Alg2": Family(ALG2_GRAMMAR, ALG2_SUMMARY, ALG2_EXAMPLES, build_alg2),
     "Focus": Family(FOCUS_GRAMMAR, FOCUS_SUMMARY, FOCUS_EXAMPLES, build_focus),
+    "Learned": Family(LEARNED_GRAMMAR, LEARNED_SUMMARY, LEARNED_EXAMPLES, build_learned),
     "Late": Family(
         "Late/union",
         "per pixel the most confident camera among those that pass their own threshold",

@@ -136,7 +136,9 @@ def extract_in_focus(
         config: interpolation, reliability, border.
         baseline_m: what disparities refer to (`parallax_baseline_m`), m.
     """
-    estimate = _estimate(votes, focus, baseline_m * view.camera.fx_px * view.rho, config)
+    estimate = estimate_in_focus(
+        votes, focus, baseline_m * view.camera.fx_px * view.rho, config
+    )
     return DepthMap(
         method=method,
         depth_m=np.reciprocal(inverse_depth_at(view.rho, estimate.position)),
@@ -150,10 +152,17 @@ def extract_in_focus(
     )
 
 
-def _estimate(
+def estimate_in_focus(
     votes: Maximum, focus: InFocus, disparity_px: NDArray[np.floating], config: MapperConfig
 ) -> FocusEstimate:
-    """Depth and reliability; between planes only where the configuration refines at all."""
+    """Depth and reliability; between planes only where the configuration refines at all.
+
+    Args:
+        votes: first maximum of the fused volume.
+        focus: where the fused rays and each camera's are most in focus.
+        disparity_px: (N,) disparity of each plane, px, above 0.
+        config: interpolation, focus measure, threshold of candidates.
+    """
     maxima, scales = (focus.maximum, *focus.camera_maxima), _scales(config)
     disparity_px = disparity_px.astype(np.float64)
     if not config.refines:

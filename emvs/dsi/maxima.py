@@ -206,30 +206,34 @@ class FocusMaxima:
         measures: Measures, *, planes: int = 0, polarities: int = 1,
     ) -> None:  # fmt: skip
         self._polarities, self._cameras = polarities, cameras
-        measured = measures.needed_by(methods)
-        compares = any(method.compares_cameras for method in measured)
+        self._measured = measures.needed_by(methods)
+        compares = any(method.compares_cameras for method in self._measured)
 
         def peak(measure: str) -> FocusPeak:
             return FocusPeak(width_px, height_px, measure, measures.sigma_px, planes)
 
-        self._peaks = {method: peak(measures.of(method)) for method in measured}
+        self._volume_of = {m.name: (m.volume, measures.of(m)) for m in self._measured}
+        self._peaks = {key: peak(key[1]) for key in dict.fromkeys(self._volume_of.values())}
         self._camera_peaks = [
             peak(measures.focus_measure) for _ in range(cameras if compares else 0)
         ]
 
     def update(self, images: Floats) -> None:
         """Takes in the next planes of (V, P, H, W) votes, in order."""
-        for method, peak in self._peaks.items():
-            peak.update(self._fused(method, images))
+        for (volume, _), peak in self._peaks.items():
+            peak.update(self._fused(volume, images))
         for camera, peak in enumerate(self._camera_peaks):
             peak.update(self._of_camera(images, camera))
 
     def result(self) -> dict[str, InFocus]:
         """Where each method's rays are most in focus, over all planes so far, by its name."""
         cameras = tuple(peak.maximum() for peak in self._camera_peaks)
+        found = {key: peak.maximum() for key, peak in self._peaks.items()}
         return {
-            method.name: InFocus(peak.maximum(), cameras if method.compares_cameras else ())
-            for method, peak in self._peaks.items()
+            method.name: InFocus(
+                found[self._volume_of[method.name]], cameras if method.compares_cameras else ()
+            )
+            for method in self._measured
         }
 
     def _fused(self, method: Method, images: Floats) -> Floats:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -128,6 +128,7 @@ class Method(NamedMethod):
         shuffled: whether interval k of camera 0 meets interval k + n/2 (cyclic) of the others.
         late: whether it joins the single cameras' depth maps; `code` then only fills its slice.
         focus: whether depth lies where the fused rays are most in focus (`emvs.depth.focus`).
+        learned: whether a network then looks at the votes around that place (`emvs.learned`).
         function: a fusion of one's own, instead of the codes.
         confidence: what the values of its confidence are, in a word or two, with their unit.
     """
@@ -141,6 +142,7 @@ class Method(NamedMethod):
     shuffled: bool = False
     late: bool = False
     focus: bool = False
+    learned: bool = False
     function: Fusion | None = field(default=None, compare=False)
     confidence: str = VOTES
 
@@ -171,6 +173,13 @@ class Method(NamedMethod):
         """The one camera whose votes it takes; None where it fuses all of them."""
         alone = self.function is None and self.code >= fusion_kernels.CAMERA
         return self.code - fusion_kernels.CAMERA if alone else None
+
+    @property
+    def volume(self) -> Method:
+        """The method that makes the same volume and nothing else of it: equal for equal volumes."""
+        if self.function is not None:
+            return self  # functions are not compared: only its name tells it from others
+        return replace(self, name="", summary="", focus=False, learned=False, confidence=VOTES)
 
     @property
     def compares_cameras(self) -> bool:

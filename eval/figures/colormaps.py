@@ -182,6 +182,7 @@ _FAMILIES = {  # colour and marker
     "Alg1": ("", ""),
     "EMVS": ("#8c8c8c", "|"),
     "Focus": (INK, "o"),
+    "Learned": ("#882255", "h"),
     "Alg2": ("#8f63b8", "s"),
     "Late": ("#a6761d", "D"),
     "SGM": ("#44aa99", "^"),

@@ -1,0 +1,130 @@
+"""Learned extraction: depth along each ray, and how wrong it may be, from the votes around it.
+
+The extraction by focus (`emvs.depth.focus`) says where rays meet most sharply; the network looks at
+the votes around that place, gives a depth of its own, and the expected error of both. Each pixel
+takes the depth whose expected error is smaller, and the expected error chooses the pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.config import MapperConfig
+from emvs.depth.depth_map import DepthMap
+from emvs.depth.focus import estimate_in_focus
+from emvs.dsi.kept_votes import KeptVotes
+from emvs.dsi.maxima import InFocus, Maximum
+from emvs.dsi.method import Method
+from emvs.learned.inputs import BATCH, Candidates, candidates, channels
+from emvs.learned.network import Network, network
+from emvs.reference_view import ReferenceView, inverse_depth_at
+
+AT_PX = 10.0
+"""Disparity to which `learned_error_px` refers, px."""
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """What the network makes of a window's candidates.
+
+    Attributes:
+        chosen: the candidates.
+        disparity_px: (M,) float32, the depth of each, px of disparity.
+        error_px: (M,) float32 its expected error, px of disparity.
+    """
+
+    chosen: Candidates
+    disparity_px: Floats
+    error_px: Floats
+
+    @property
+    def rank(self) -> Floats:
+        """(M,) float32 expected error as it would be at `AT_PX`, px: the smaller, the better.
+
+        With the same error in pixels near points are exact to millimetres and far ones to metres;
+        ranked by the error in depth, far ones would never be reported. The square root of disparity
+        stands between the two, as in the extraction by focus.
+        """
+        scale = np.sqrt(np.float32(AT_PX) / np.maximum(self.disparity_px, np.float32(1e-3)))
+        return self.error_px * scale
+
+
+def extract_learned(
+    method: Method,
+    votes: Maximum,
+    focus: InFocus,
+    kept: KeptVotes,
+    view: ReferenceView,
+    config: MapperConfig,
+    baseline_m: float,
+) -> DepthMap:
+    """Turns one method's votes into its depth map.
+
+    Args:
+        method: how the votes are fused; its name is the map's.
+        votes: first maximum of the fused volume; its values are the confidence.
+        focus: where the fused rays and each camera's are most in focus.
+        kept: every camera's votes in all planes.
+        view: the reference view.
+        config: weights, threshold, border.
+        baseline_m: what disparities refer to (`emvs.depth.focus.parallax_baseline_m`), m.
+
+    Raises:
+        InputError: weights that cannot be read, or are of another network.
+    """
+    per_rho = baseline_m * view.camera.fx_px
+    disparity_px = per_rho * view.rho.astype(np.float64)
+    estimate = estimate_in_focus(votes, focus, disparity_px, config)
+    chosen = candidates(votes, focus, estimate, disparity_px, config.border_px)
+    found = judge(network(config.learned_weights), method, kept, chosen, disparity_px)
+    at = chosen.rows, chosen.columns
+    depth_m = np.reciprocal(inverse_depth_at(view.rho, estimate.position))
+    depth_m[at] = per_rho / found.disparity_px
+    mask = np.zeros(depth_m.shape, np.bool_)
+    mask[at] = found.rank <= config.learned_error_px
+    return DepthMap(
+        method=method.name,
+        depth_m=depth_m,
+        confidence=votes.value,
+        mask=mask,
+        argmax=focus.maximum.plane,
+        rho=view.rho,
+        t_us=view.t_us,
+        T_world_rv=view.T_world_rv,
+        camera=view.camera,
+    )
+
+
+def judge(
+    net: Network,
+    method: Method,
+    kept: KeptVotes,
+    chosen: Candidates,
+    disparity_px: NDArray[np.float64],
+) -> Judgement:
+    """Depth and expected error of every candidate.
+
+    Args:
+        net: the network.
+        method: how votes are fused.
+        kept: every camera's votes in all planes.
+        chosen: the candidates.
+        disparity_px: (N,) disparity of each plane, px.
+    """
+    offset = np.empty(len(chosen), np.float32)
+    log_error = np.empty((len(chosen), 2), np.float32)
+    for first in range(0, len(chosen), BATCH):
+        part = slice(first, first + BATCH)
+        shares = channels(kept, method, chosen[part])
+        offset[part], log_error[part] = net.judge(shares, chosen.cues[part])
+    own_px = disparity_px[chosen.centres].astype(np.float32) - offset * chosen.sample_px
+    # Beyond the planes there is no depth: the nearest and the farthest bound it.
+    own_px = np.clip(own_px, np.float32(disparity_px.min()), np.float32(disparity_px.max()))
+    own = log_error[:, 0] < log_error[:, 1]
+    return Judgement(
+        chosen, np.where(own, own_px, chosen.focus_px), np.exp(log_error.min(axis=1))
+    )

@@ -1,0 +1,160 @@
+"""What the network is shown of a pixel: the votes around it, and what the extraction by focus says.
+
+Depth is measured in disparity of the rig, and samples along the ray lie half a pixel of it apart
+wherever planes do not lie farther apart themselves. So the same network serves other sensors,
+baselines and numbers of planes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.depth.depth_map import without_border
+from emvs.depth.focus import FocusEstimate
+from emvs.dsi.fusion import fuse_by
+from emvs.dsi.kept_votes import LANES, KeptVotes
+from emvs.dsi.maxima import InFocus, Maximum
+from emvs.dsi.method import Method
+
+DEPTH = 17
+"""Samples along the ray, the plane in focus in the middle."""
+SIDE_PX = 7
+"""Rows and columns of a patch."""
+CHANNELS = ("fused", "first camera", "mean of the others")
+CUES = (
+    "sample_px", "fitted", "focus", "votes_peak", "first_camera", "other_cameras", "agreement",
+    "support", "inside", "ray", "strength", "votes", "disparity",
+)  # fmt: skip
+"""What the network is told beside the votes, as numbers of about unit size."""
+BATCH = 2048
+"""Pixels whose patches are in memory at a time."""
+_SAMPLE_PX = 0.5
+_FARTHEST = 2 * DEPTH
+_LEAST_VOTES = np.float32(1e-6)
+
+Floats = NDArray[np.float32]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """The pixels of a window that the network judges.
+
+    Attributes:
+        rows: (M,) int64.
+        columns: (M,) int64.
+        centres: (M,) int64, the plane in focus: the middle of each patch.
+        strides: (M,) int64, planes from one sample of it to the next.
+        sample_px: (M,) float32 disparity between two samples, px.
+        focus_px: (M,) float32 disparity that the extraction by focus reports, px.
+        cues: (M, len(CUES)) float32.
+    """
+
+    rows: Indices
+    columns: Indices
+    centres: Indices
+    strides: Indices
+    sample_px: Floats
+    focus_px: Floats
+    cues: Floats
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, part: slice | Indices) -> Candidates:
+        return Candidates(*(getattr(self, name)[part] for name in self.__dataclass_fields__))
+
+
+def candidates(
+    votes: Maximum,
+    focus: InFocus,
+    estimate: FocusEstimate,
+    disparity_px: NDArray[np.floating],
+    border_px: int,
+) -> Candidates:
+    """Lists the pixels to judge, in the order of rows, and what is known of each.
+
+    Args:
+        votes: first maximum of the fused volume.
+        focus: where the fused rays and each camera's are most in focus.
+        estimate: what the extraction by focus makes of them.
+        disparity_px: (N,) disparity of each plane, px, falling.
+        border_px: rim of the image that reports no depth, px.
+    """
+    rim = max(border_px, SIDE_PX // 2)
+    rows, columns = np.nonzero(without_border(estimate.candidate, rim))
+    at = rows, columns
+    centres = focus.maximum.plane[at].astype(np.int64)
+    step_px = np.abs(np.gradient(np.asarray(disparity_px, np.float64)))[centres]
+    strides = np.maximum(np.rint(_SAMPLE_PX / step_px), 1).astype(np.int64)
+    sample_px = (strides * step_px).astype(np.float32)
+    fitted = estimate.position[at]
+    planes = np.arange(len(disparity_px))
+    focus_px = np.interp(fitted, planes, disparity_px).astype(np.float32)
+
+    def samples(position: Floats) -> Floats:
+        apart = (position[at] - centres) / strides
+        return np.clip(apart, -_FARTHEST, _FARTHEST).astype(np.float32) / np.float32(4)
+
+    cameras = [samples(one.position(gaussian=True)) for one in focus.camera_maxima]
+    cues = (
+        np.log2(sample_px),
+        samples(estimate.position),
+        samples(focus.maximum.position(gaussian=True)),
+        samples(votes.position()),
+        *_of_cameras(cameras, len(rows)),
+        *(getattr(estimate, name)[at] for name in CUES[6:11]),
+        np.log2(1 + votes.value[at]) / 8,
+        np.log2(np.maximum(focus_px, np.float32(1e-3))) / 4,
+    )
+    table = np.stack(cues, axis=1).astype(np.float32)
+    return Candidates(rows, columns, centres, strides, sample_px, focus_px, table)
+
+
+def _of_cameras(cameras: Sequence[Floats], pixels: int) -> tuple[Floats, Floats]:
+    """Where the first camera's rays are in focus, and the mean of the others; 0 where not asked."""
+    nothing = np.zeros(pixels, np.float32)
+    first = cameras[0] if cameras else nothing
+    others = np.mean(cameras[1:], axis=0, dtype=np.float32) if len(cameras) > 1 else first
+    return first, others
+
+
+def channels(kept: KeptVotes, method: Method, chosen: Candidates) -> Floats:
+    """The votes around some candidates, as the network reads them.
+
+    Args:
+        kept: votes of every camera.
+        method: how they are fused.
+        chosen: at most a few thousand of them: 10 kB each.
+
+    Returns:
+        (B, 3, DEPTH, SIDE_PX, SIDE_PX, LANES) float32, as shares of the fused volume's largest
+        value in the patch; candidate m is lane m % LANES of block m // LANES. The channels are
+        `CHANNELS`; one camera alone is all three.
+    """
+    where = chosen.rows, chosen.columns, chosen.centres, chosen.strides
+    cameras = kept.patches(*where, DEPTH, SIDE_PX)
+    alone = method.camera()
+    if alone is not None:
+        cameras = cameras[alone : alone + 1]
+    count, blocks, *cells = cameras.shape
+    rows = cameras.reshape(count, 1, blocks, math.prod(cells))
+    fused = fuse_by(method, rows).reshape(blocks, *cells) if alone is None else cameras[0]
+    others = cameras[1:].mean(axis=0, dtype=np.float32) if count > 1 else cameras[0]
+    stacked = np.stack([fused, cameras[0], others], axis=1)
+    top = fused.max(axis=(1, 2, 3))[:, None, None, None, None]
+    stacked /= np.maximum(top, _LEAST_VOTES)
+    return stacked
+
+
+def in_lanes(values: Floats) -> Floats:
+    """(M, F) numbers of candidates as (B, F, LANES), as `channels` orders them."""
+    blocks = -(-len(values) // LANES)
+    out = np.zeros((blocks * LANES, values.shape[1]), np.float32)
+    out[: len(values)] = values
+    return np.ascontiguousarray(out.reshape(blocks, LANES, -1).swapaxes(1, 2))

@@ -1,0 +1,129 @@
+"""Files of weights: arrays by name, and beside them what they were learnt from; read without trust.
+
+`NAME.npz` holds plain arrays, `NAME.json` the manifest: what network they are of, the hash of the
+arrays' file, and where they come from. Nothing in either is ever executed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.errors import DAMAGED_NPY, InputError
+from emvs.utils.files import atomic_path
+from emvs.utils.inputs import SETTINGS_BYTES, check_file, parse_json, read_text
+
+MOST_BYTES = 1 << 24
+"""More than any weights here; what an archive unpacks to counts, too."""
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """A network's arrays, checked.
+
+    Attributes:
+        arrays: name -> float32 array.
+        manifest: what `NAME.json` says: network, arrays_sha256, and how they were learnt.
+        path: the arrays' file.
+    """
+
+    arrays: Mapping[str, Floats]
+    manifest: Mapping[str, Any]
+    path: Path
+
+
+def packaged(name: str) -> Path:
+    """The file of weights that ship with the package."""
+    return Path(str(files("emvs.learned"))) / "weights" / f"{name}.npz"
+
+
+def read_weights(path: Path, network: str, shapes: Mapping[str, tuple[int, ...]]) -> Weights:
+    """Reads the weights of a network.
+
+    Args:
+        path: `NAME.npz`; the manifest is `NAME.json` beside it.
+        network: its name, which the manifest must state.
+        shapes: of every array that it needs, by name.
+
+    Raises:
+        InputError: a file that is missing, damaged, of another network, or changed since.
+    """
+    manifest = _manifest(path, network)
+    try:
+        check_file(path, MOST_BYTES)
+        if hashlib.sha256(path.read_bytes()).hexdigest() != manifest.get("arrays_sha256"):
+            raise InputError(
+                f"{path}: not the file that {path.stem}.json describes: one of the two was changed "
+                "or damaged; copy both again"
+            )
+        arrays = _arrays(path, shapes)
+    except DAMAGED_NPY as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: cannot be read as weights ({error}); copy it again") from error
+    return Weights(arrays, manifest, path)
+
+
+def _manifest(path: Path, network: str) -> Mapping[str, Any]:
+    beside = path.with_suffix(".json")
+    try:
+        manifest = parse_json(read_text(beside, SETTINGS_BYTES))
+    except InputError:
+        raise
+    except (OSError, ValueError) as error:
+        raise InputError(
+            f"{beside}: cannot be read ({error}); weights need this file beside {path.name}"
+        ) from error
+    stated = manifest.get("network") if isinstance(manifest, dict) else None
+    if stated != network:
+        raise InputError(
+            f"{beside}: weights of {stated!r}, needed are those of {network!r}; choose others"
+        )
+    known: Mapping[str, Any] = manifest
+    return known
+
+
+def _arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Floats]:
+    with zipfile.ZipFile(path) as archive:
+        unpacked = sum(one.file_size for one in archive.infolist())
+    if unpacked > MOST_BYTES:
+        raise InputError(f"{path}: unpacks to {unpacked} bytes, at most {MOST_BYTES} are read")
+    with np.load(path, allow_pickle=False) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    found = {name: array.shape for name, array in arrays.items()}
+    if found != dict(shapes):
+        differing = sorted(n for n in found | shapes if found.get(n) != shapes.get(n))
+        raise InputError(f"{path}: other arrays than the network needs: {', '.join(differing)}")
+    for name, array in arrays.items():
+        if array.dtype != np.float32 or not np.isfinite(array).all():
+            raise InputError(f"{path}: {name} must be float32 and finite; train it again")
+    return {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+
+
+def write_weights(
+    path: Path, network: str, arrays: Mapping[str, Floats], learnt: Mapping[str, Any]
+) -> None:
+    """Writes `NAME.npz` and `NAME.json`, each whole or not at all.
+
+    Args:
+        path: `NAME.npz`.
+        network: name of the network.
+        arrays: by name.
+        learnt: what the manifest says beside.
+    """
+    with atomic_path(path) as part, part.open("wb") as file:
+        np.savez(file, **{name: np.asarray(one, np.float32) for name, one in arrays.items()})
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    manifest = {"network": network, "arrays_sha256": digest, **learnt}
+    with atomic_path(path.with_suffix(".json")) as part:
+        part.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")

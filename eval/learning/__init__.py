@@ -1,0 +1,1 @@
+"""Training of the learned extraction: its sequences, its samples, its network in torch."""

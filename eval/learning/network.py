@@ -1,0 +1,104 @@
+"""The network in torch, for training; `emvs.learned.network` runs the same weights without it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from emvs.learned.inputs import CHANNELS, CUES
+from emvs.learned.network import Architecture
+
+
+class Judged(NamedTuple):
+    """What the network says of some candidates.
+
+    Attributes:
+        logits: (M, D) of each sample along the ray.
+        offset: (M,) where the depth lies, samples from the patch's middle.
+        log_error: (M, 2) natural logarithms of the expected error of that depth, and of the one by
+            focus, px of disparity.
+    """
+
+    logits: Tensor
+    offset: Tensor
+    log_error: Tensor
+
+
+class Network(nn.Module):
+    """Convolutions over a patch down to its ray, along the ray to logits, and from the best sample
+    with what is told beside to the expected errors."""
+
+    def __init__(self, shape: Architecture) -> None:
+        super().__init__()
+        wide, deep = shape.wide, shape.deep
+        self.patch = nn.Conv3d(len(CHANNELS), wide, 3, padding=(1, 0, 0))
+        self.ray = nn.Conv3d(wide, deep, (3, 5, 5), padding=(1, 0, 0))
+        self.near = nn.Conv1d(deep, deep, 5, padding=2)
+        self.far = nn.Conv1d(deep, deep, 5, padding=4, dilation=2)
+        self.score = nn.Conv1d(deep, 1, 1)
+        self.hidden = nn.Linear(deep + len(CUES) + 2, shape.hidden)
+        self.error = nn.Linear(shape.hidden, 2)
+        self.peak = shape.peak
+
+    def forward(self, shares: Tensor, cues: Tensor) -> Judged:
+        """Judges candidates.
+
+        Args:
+            shares: (M, 3, D, S, S) votes as shares of the largest fused value.
+            cues: (M, F).
+        """
+        across = torch.relu(self.ray(torch.relu(self.patch(shares))))[..., 0, 0]
+        along = across + torch.relu(self.near(across))
+        along = along + torch.relu(self.far(along))
+        logits = self.score(along)[:, 0]
+        offset, best, sure = self._place(logits)
+        at_best = torch.gather(along, 2, best[:, None, None].expand(-1, along.shape[1], 1))[..., 0]
+        told = torch.stack([offset.detach() / 4, sure.detach()], dim=1)
+        hidden = torch.relu(self.hidden(torch.cat([at_best, cues, told], dim=1)))
+        return Judged(logits, offset, self.error(hidden))
+
+    def _place(self, logits: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """The soft maximum near the best sample, that sample, and the share of its surroundings."""
+        depth = logits.shape[1]
+        share = torch.softmax(logits, dim=1)
+        best = logits.argmax(dim=1)
+        sample = torch.arange(depth, device=logits.device)
+        near = share * ((sample[None] - best[:, None]).abs() <= self.peak)
+        total = near.sum(dim=1)
+        place = (near * sample).sum(dim=1) / total
+        return place - depth // 2, best, total
+
+    def arrays(self) -> dict[str, NDArray[np.float32]]:
+        """The weights by name, as `emvs.learned.network` reads them."""
+        return {name: tensor.detach().cpu().numpy() for name, tensor in self.state_dict().items()}
+
+
+def loss(judged: Judged, sample_px: Tensor, target: Tensor, errors_px: Tensor) -> Tensor:
+    """Cross-entropy to where the depth lies, and the likelihood of both errors.
+
+    Args:
+        judged: what the network says.
+        sample_px: (M,) disparity between two samples, px.
+        target: (M,) where the true depth lies, samples from the patch's middle.
+        errors_px: (M,) error of the extraction by focus, px of disparity.
+    """
+    depth = judged.logits.shape[1]
+    sample = torch.arange(depth, device=target.device) - depth // 2
+    inside = (target.abs() <= depth // 2).float()
+    wanted = torch.softmax(-0.5 * (sample[None] - target[:, None]) ** 2, dim=1)
+    crossed = -(wanted * functional.log_softmax(judged.logits, dim=1)).sum(dim=1)
+    own_px = (judged.offset - target).abs() * sample_px
+    errors = torch.stack([own_px.detach(), errors_px], dim=1).clamp(max=MOST_PX)
+    spread = judged.log_error.clamp(-6, 4)
+    unlikely = (errors * torch.exp(-spread) + spread).mean(dim=1)
+    close = functional.smooth_l1_loss(judged.offset, target, reduction="none", beta=0.25)
+    return (inside * (crossed + 0.3 * close.clamp(max=4)) + 0.3 * unlikely).mean()
+
+
+MOST_PX = 8.0
+"""Errors count as at most so much: beyond, one is as wrong as another."""

@@ -1,0 +1,172 @@
+"""From a sequence to what a network learns from: candidates, the votes around them, true depth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.config import MapperConfig
+from emvs.data.recording import Recording
+from emvs.data.sequence import Sequence as EventSequence
+from emvs.depth.focus import estimate_in_focus, parallax_baseline_m
+from emvs.dsi.backprojection import back_project
+from emvs.dsi.device import CPU, projector_on
+from emvs.dsi.kept_votes import KeptVotes, votes_of_codes
+from emvs.dsi.method import WHOLE, Method
+from emvs.dsi.sweep import group_by_split, sweep
+from emvs.learned.inputs import BATCH, CHANNELS, DEPTH, SIDE_PX, Candidates, candidates, channels
+from emvs.mapper import sweep_settings
+from emvs.methods import build_focus
+from emvs.reference_view import ReferenceView, reference_view
+from emvs.utils.files import atomic_path
+from emvs.windows import choose_window
+from eval.config import EvalConfig
+from eval.learning.sequences import TrainingWindow
+from eval.perturbations import Perturbation, perturbed
+from eval.scoring.pairing import Truth
+from eval.scoring.run_folder import truth_of
+
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """One window as the network sees it: everything but the truth.
+
+    Attributes:
+        method: how votes are fused.
+        view: the reference view.
+        kept: votes of every camera.
+        chosen: the candidates.
+        disparity_px: (N,) disparity of each plane, px.
+        reliability: (M,) float32, that of the extraction by focus.
+    """
+
+    method: Method
+    view: ReferenceView
+    kept: KeptVotes
+    chosen: Candidates
+    disparity_px: NDArray[np.float64]
+    reliability: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """What is learnt from, one row per candidate whose true depth is known.
+
+    Attributes:
+        codes: (M, 3, D, S, S) uint8, shares of the patch's largest fused value in 255ths of it.
+        cues: (M, F) float32.
+        sample_px: (M,) float32 disparity between two samples along the ray, px.
+        centre_px: (M,) float32 disparity in the patch's middle, px.
+        focus_px: (M,) float32 disparity that the extraction by focus reports, px.
+        true_px: (M,) float32 true disparity, px.
+        reliability: (M,) float32, that of the extraction by focus.
+    """
+
+    codes: NDArray[np.uint8]
+    cues: NDArray[np.float32]
+    sample_px: NDArray[np.float32]
+    centre_px: NDArray[np.float32]
+    focus_px: NDArray[np.float32]
+    true_px: NDArray[np.float32]
+    reliability: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.true_px)
+
+    def save(self, path: Path) -> None:
+        """Writes a NumPy archive, whole or not at all."""
+        with atomic_path(path) as part, part.open("wb") as file:
+            np.savez(file, **{one.name: getattr(self, one.name) for one in fields(self)})
+
+    @classmethod
+    def load(cls, path: Path) -> Samples:
+        """Reads what `save` wrote."""
+        with np.load(path, allow_pickle=False) as archive:
+            return cls(**{one.name: archive[one.name] for one in fields(cls)})
+
+
+def show(recording: Recording, config: MapperConfig, method: Method) -> Shown:
+    """Sweeps one window and lists its candidates."""
+    window = choose_window(recording, config)
+    view = reference_view(recording, config, window.t_ref_us)
+    projected = back_project(recording, window, view, [WHOLE], projector_on(CPU))
+    size = view.camera.height_px, view.camera.width_px
+    kept = KeptVotes(len(recording.rig), len(view.rho), *size)
+    groups = group_by_split((method,), len(recording.rig))
+    swept = sweep(projected, view, groups, sweep_settings(config), kept=kept)
+    baseline_m = parallax_baseline_m(recording, window)
+    disparity_px = baseline_m * view.camera.fx_px * view.rho.astype(np.float64)
+    votes, focus = swept.maxima[method.name], swept.focus[method.name]
+    estimate = estimate_in_focus(votes, focus, disparity_px, config)
+    chosen = candidates(votes, focus, estimate, disparity_px, config.border_px)
+    reliability = estimate.reliability[chosen.rows, chosen.columns]
+    return Shown(method, view, kept, chosen, disparity_px, reliability)
+
+
+def window_config(window: TrainingWindow) -> MapperConfig:
+    """The mapper's configuration for one window."""
+    return MapperConfig(
+        start_s=window.start_s, duration_s=window.duration_s, planes=window.planes
+    )
+
+
+def samples(sequence: EventSequence, window: TrainingWindow, most: int) -> Samples:
+    """Draws candidates of one window at random.
+
+    Args:
+        sequence: with true depth at the window's reference time.
+        window: the stretch, and what the mapper is told wrongly.
+        most: at most so many.
+    """
+    amount = Perturbation.model_validate(window.imperfection)
+    told = perturbed(sequence, amount, window.seed) if window.imperfection else sequence
+    shown = show(told, window_config(window), build_focus(f"Focus/{window.fusion}"))
+    true_px = true_disparity_px(shown, truth_of(sequence, shown.view.t_us, EvalConfig()))
+    known = np.flatnonzero(np.isfinite(true_px))
+    rng = np.random.default_rng([window.seed, 0x5A3])
+    picked = np.sort(rng.permutation(known)[:most])
+    return drawn(shown, picked, true_px)
+
+
+def true_disparity_px(shown: Shown, truth: Truth) -> NDArray[np.float32]:
+    """(M,) true disparity of each candidate, px; NaN where it is not known."""
+    chosen = shown.chosen
+    depth_m = np.where(truth.scored, truth.depth_m, np.nan)[chosen.rows, chosen.columns]
+    per_rho = shown.disparity_px[0] / float(shown.view.rho[0])
+    return (per_rho / depth_m).astype(np.float32)
+
+
+def drawn(shown: Shown, picked: NDArray[np.int64], true_px: NDArray[np.float32]) -> Samples:
+    """The samples of some candidates, by their numbers."""
+    chosen = shown.chosen[picked]
+    codes = [
+        _in_255ths(channels(shown.kept, shown.method, chosen[first : first + BATCH]))
+        for first in range(0, len(chosen), BATCH)
+    ]
+    empty = np.empty((0, len(CHANNELS), DEPTH, SIDE_PX, SIDE_PX), np.uint8)
+    return Samples(
+        np.concatenate([empty, *codes])[: len(chosen)],
+        chosen.cues,
+        chosen.sample_px,
+        shown.disparity_px[chosen.centres].astype(np.float32),
+        chosen.focus_px,
+        true_px[picked],
+        shown.reliability[picked],
+    )
+
+
+def _in_255ths(shares: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """(B, K, D, S, S, L) shares as (B L, K, D, S, S) bytes; what exceeds 4 is cut off there."""
+    pixels = np.moveaxis(shares, -1, 1).reshape(-1, *shares.shape[1:-1])
+    bits = np.ascontiguousarray(np.minimum(pixels, 4) * 64 + 1).view(np.int32)
+    codes: NDArray[np.uint8] = (((bits + (1 << 18)) >> 19) - (127 << 4)).clip(0, 255).astype("u1")
+    return codes
+
+
+def shares_of_codes() -> NDArray[np.float32]:
+    """What the bytes of `Samples.codes` stand for: (256,) float32."""
+    return votes_of_codes() / np.float32(64)
