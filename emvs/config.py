@@ -330,6 +330,13 @@ class MapperConfig(ParameterGroup):
     focus_reliability: float = Field(
         default=0.03, ge=0, le=1, description="least reliability of a point of the Focus methods"
     )
+    min_precision: float | None = Field(
+        default=None,
+        gt=0,
+        lt=1,
+        description="keep as many points as have this share within a pixel of disparity, by "
+        "calibration; instead of each method's own threshold",
+    )
     learned_error_px: Positive = Field(
         default=1.0,
         description="largest expected error of a point of the Learned methods, px of disparity at "

@@ -13,6 +13,7 @@ from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.depth.depth_map import DepthMap, extract, union
 from emvs.depth.focus import extract_in_focus, parallax_baseline_m
+from emvs.depth.precision import check_precision, stated
 from emvs.dsi.backend import SweepSettings
 from emvs.dsi.backprojection import back_project
 from emvs.dsi.device import Device, device_for_methods, projector_on
@@ -24,7 +25,8 @@ from emvs.dsi.sweep import SweepResult, group_by_split, sweep
 from emvs.dsi.voting import VoteCounts
 from emvs.errors import InputError, check_type
 from emvs.learned.extract import extract_learned
-from emvs.methods import methods_by_name, with_volume
+from emvs.learned.network import network
+from emvs.methods import AnyMethod, methods_by_name, with_volume
 from emvs.reference_view import ReferenceView, reference_view
 from emvs.utils.runtime import Progress, Stopwatch, check_openmp, silent
 from emvs.window_result import CameraCounts, WindowResult
@@ -69,8 +71,8 @@ def map_window(
     # 2. The reference view: camera 0 at the middle of the interval, unless told otherwise.
     view = reference_view(recording, config, window.t_ref_us)
     check_request(config, view, dsi_dir)
-    by_focus = any(method.focus for method in fusions)
-    baseline_m = parallax_baseline_m(recording, window) if by_focus else 0.0
+    check_reliability(config, requested)
+    baseline_m = _baseline_m(recording, window, needed=any(method.focus for method in fusions))
 
     # 3. Back-project the events of each camera, in sub-intervals where a method asks for them.
     groups = group_by_split(fusions, n_cameras)
@@ -126,6 +128,16 @@ def sweep_settings(config: MapperConfig) -> SweepSettings:
     )
 
 
+def _baseline_m(recording: Recording, window: Window, *, needed: bool) -> float | None:
+    """What disparities refer to, m; None where nothing needs it and there is none."""
+    try:
+        return parallax_baseline_m(recording, window)
+    except InputError:
+        if needed:
+            raise
+        return None
+
+
 def votes_to_keep(
     methods: Sequence[Method], view: ReferenceView, config: MapperConfig, n_cameras: int
 ) -> KeptVotes | None:
@@ -138,19 +150,22 @@ def votes_to_keep(
 
 def _extracted(
     methods: Sequence[Method], swept: SweepResult, kept: KeptVotes | None, view: ReferenceView,
-    config: MapperConfig, n_cameras: int, baseline_m: float,
+    config: MapperConfig, n_cameras: int, baseline_m: float | None,
 ) -> dict[str, DepthMap]:  # fmt: skip
     """Every method's depth map, in order; late fusion joins those of the single cameras."""
+    per_rho_px = None if baseline_m is None else baseline_m * view.camera.fx_px
     maps: dict[str, DepthMap] = {}
     asked = {method.name: method for method in methods}
     for name, votes in swept.maxima.items():
         focus, method = swept.focus.get(name), asked.get(name)
-        if method is not None and method.learned and kept is not None and focus is not None:
-            maps[name] = extract_learned(method, votes, focus, kept, view, config, baseline_m)
-        elif method is not None and method.focus and focus is not None:
-            maps[name] = extract_in_focus(name, votes, focus, view, config, baseline_m)
+        if method is not None and method.focus and focus is not None and baseline_m is not None:
+            if method.learned and kept is not None:
+                maps[name] = extract_learned(method, votes, focus, kept, view, config, baseline_m)
+            else:
+                maps[name] = extract_in_focus(name, votes, focus, view, config, baseline_m)
         else:
-            maps[name] = extract(name, votes, view, config, focus.maximum if focus else None)
+            found = extract(name, votes, view, config, focus.maximum if focus else None)
+            maps[name] = stated(found, per_rho_px, config)
     for method in methods:
         if method.late:
             single = [maps[one.name] for one in single_cameras(n_cameras)]
@@ -190,6 +205,13 @@ def _with_empty(
     """The slices, with one of no planes for every method that has no volume."""
     empty = np.empty((0, view.camera.width_px), np.float32)
     return replace(slices, values={**slices.values, **{one.name: empty for one in estimators}})
+
+
+def check_reliability(config: MapperConfig, methods: Sequence[AnyMethod]) -> None:
+    """Refuses before any work weights that cannot be read, and a precision that nobody knows."""
+    if any(isinstance(method, Method) and method.learned for method in methods):
+        network(config.learned_weights)
+    check_precision(config.min_precision, [method.name for method in methods])
 
 
 def check_request(config: MapperConfig, view: ReferenceView, dsi_dir: Path | None) -> None:

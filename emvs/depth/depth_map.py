@@ -35,6 +35,10 @@ class DepthMap:
         t_us: time of the reference view, µs.
         T_world_rv: (4, 4) float64 its pose.
         camera: its pinhole camera.
+        reliability: (H, W) float32, the method's own score: the larger, the better, and 0 or less
+            where there is no candidate; None where it has none.
+        error_m: (H, W) float32 half-width of the band that holds 68 % of the errors, m, where
+            calibration says so (`emvs.depth.precision`); else None.
     """
 
     method: str
@@ -46,6 +50,8 @@ class DepthMap:
     t_us: int
     T_world_rv: NDArray[np.float64]
     camera: Camera
+    reliability: Floats | None = None
+    error_m: Floats | None = None
 
     @property
     def points(self) -> int:
@@ -92,6 +98,7 @@ def extract(
         t_us=view.t_us,
         T_world_rv=view.T_world_rv,
         camera=view.camera,
+        reliability=prominence(maximum.value, config),
     )
 
 
@@ -118,6 +125,22 @@ def confidence_mask(confidence: Floats, config: MapperConfig) -> Mask:
     )
     # An empty neighbourhood exceeds its mean by a negative C, but no ray passes there.
     return (kept > 0) & (confidence > 0)
+
+
+def prominence(confidence: Floats, config: MapperConfig) -> Floats:
+    """By how much of 255 a confidence exceeds its surroundings: what `confidence_mask` asks for.
+
+    Args:
+        confidence: (H, W) float32.
+        config: `threshold_kernel_px`, `max_confidence`.
+
+    Returns:
+        (H, W) float32, not rounded; 0 where no ray passes.
+    """
+    grey = eight_bits(confidence, config.max_confidence).astype(np.float32)
+    size = (config.threshold_kernel_px, config.threshold_kernel_px)
+    around = cv2.GaussianBlur(grey, size, 0, borderType=cv2.BORDER_REPLICATE)
+    return np.where(confidence > 0, grey - around, np.float32(0))
 
 
 def eight_bits(confidence: Floats, max_confidence: float) -> NDArray[np.uint8]:
@@ -178,9 +201,16 @@ def union(method: str, maps: Sequence[DepthMap]) -> DepthMap:
         method=method,
         depth_m=_pick([one.depth_m for one in maps], camera),
         confidence=_pick([one.confidence for one in maps], camera),
+        reliability=_pick_known([one.reliability for one in maps], camera),
+        error_m=_pick_known([one.error_m for one in maps], camera),
         argmax=_pick([one.argmax for one in maps], camera),
         mask=np.logical_or.reduce(masks),
     )
+
+
+def _pick_known(images: Sequence[Floats | None], camera: NDArray[np.intp]) -> Floats | None:
+    known = [image for image in images if image is not None]
+    return _pick(known, camera) if len(known) == len(images) else None
 
 
 def _pick(images: Sequence[NDArray[Value]], camera: NDArray[np.intp]) -> NDArray[Value]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.depth.depth_map import DepthMap, eight_bits, without_border
+from emvs.depth.precision import stated
 from emvs.dsi import focus_kernels, focus_measures
 from emvs.dsi.maxima import InFocus, Maximum
 from emvs.errors import InputError
@@ -136,10 +137,8 @@ def extract_in_focus(
         config: interpolation, reliability, border.
         baseline_m: what disparities refer to (`parallax_baseline_m`), m.
     """
-    estimate = estimate_in_focus(
-        votes, focus, baseline_m * view.camera.fx_px * view.rho, config
-    )
-    return DepthMap(
+    estimate = estimate_in_focus(votes, focus, baseline_m * view.camera.fx_px * view.rho, config)
+    found = DepthMap(
         method=method,
         depth_m=np.reciprocal(inverse_depth_at(view.rho, estimate.position)),
         confidence=votes.value,
@@ -149,7 +148,9 @@ def extract_in_focus(
         t_us=view.t_us,
         T_world_rv=view.T_world_rv,
         camera=view.camera,
+        reliability=estimate.reliability,
     )
+    return stated(found, baseline_m * view.camera.fx_px, config)
 
 
 def estimate_in_focus(

@@ -53,9 +53,7 @@ class KeptVotes:
         for camera, codes in enumerate(self.codes):
             whole = parts[:, camera].reshape(-1, *images.shape[1:])
             votes = whole[0] if len(whole) == 1 else whole.sum(axis=0)
-            kept_votes_kernels.encode(  # type: ignore[call-arg]
-                votes, self._scratch, codes[first : first + len(votes)]
-            )
+            kept_votes_kernels.encode(votes, self._scratch, codes[first : first + len(votes)])
 
     def patches(
         self, rows: Indices, columns: Indices, centres: Indices, strides: Indices,
@@ -78,7 +76,7 @@ class KeptVotes:
         blocks = -(-len(rows) // LANES)
         shape = (len(self.codes), blocks, depth, side_px, side_px, LANES)
         out = np.empty(shape, np.float32)
-        kept_votes_kernels.patches(  # type: ignore[call-arg]
+        kept_votes_kernels.patches(
             self.codes, votes_of_codes(), rows, columns, centres, strides, out
         )
         return out

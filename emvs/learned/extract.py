@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from emvs.config import MapperConfig
 from emvs.depth.depth_map import DepthMap
 from emvs.depth.focus import estimate_in_focus
+from emvs.depth.precision import stated
 from emvs.dsi.kept_votes import KeptVotes
 from emvs.dsi.maxima import InFocus, Maximum
 from emvs.dsi.method import Method
@@ -42,15 +43,9 @@ class Judgement:
     error_px: Floats
 
     @property
-    def rank(self) -> Floats:
-        """(M,) float32 expected error as it would be at `AT_PX`, px: the smaller, the better.
-
-        With the same error in pixels near points are exact to millimetres and far ones to metres;
-        ranked by the error in depth, far ones would never be reported. The square root of disparity
-        stands between the two, as in the extraction by focus.
-        """
-        scale = np.sqrt(np.float32(AT_PX) / np.maximum(self.disparity_px, np.float32(1e-3)))
-        return self.error_px * scale
+    def reliability(self) -> Floats:
+        """(M,) float32 above 0, 1/px: the larger, the better."""
+        return np.reciprocal(self.error_px)
 
 
 def extract_learned(
@@ -80,13 +75,16 @@ def extract_learned(
     disparity_px = per_rho * view.rho.astype(np.float64)
     estimate = estimate_in_focus(votes, focus, disparity_px, config)
     chosen = candidates(votes, focus, estimate, disparity_px, config.border_px)
-    found = judge(network(config.learned_weights), method, kept, chosen, disparity_px)
+    net = network(config.learned_weights)
+    found = judge(net, method, kept, chosen, disparity_px)
     at = chosen.rows, chosen.columns
     depth_m = np.reciprocal(inverse_depth_at(view.rho, estimate.position))
     depth_m[at] = per_rho / found.disparity_px
     mask = np.zeros(depth_m.shape, np.bool_)
-    mask[at] = found.rank <= config.learned_error_px
-    return DepthMap(
+    mask[at] = at_reference_px(found.reliability, found.disparity_px) >= 1 / config.learned_error_px
+    reliability = np.zeros(depth_m.shape, np.float32)
+    reliability[at] = found.reliability
+    learnt = DepthMap(
         method=method.name,
         depth_m=depth_m,
         confidence=votes.value,
@@ -96,7 +94,24 @@ def extract_learned(
         t_us=view.t_us,
         T_world_rv=view.T_world_rv,
         camera=view.camera,
+        reliability=reliability,
     )
+    return stated(learnt, per_rho, config, net.precision(method.name))
+
+
+def at_reference_px(reliability: Floats, disparity_px: Floats) -> Floats:
+    """Reliability as it would be with the same rank at a disparity of `AT_PX`: what ranks pixels.
+
+    With the same error in pixels near points are exact to millimetres and far ones to metres;
+    ranked by the error in depth, far ones would never be reported. The square root of disparity
+    stands between the two, as in the extraction by focus.
+
+    Args:
+        reliability: (...) 1/px.
+        disparity_px: (...) of the same pixels, px.
+    """
+    scale = np.sqrt(np.maximum(disparity_px, np.float32(1e-3)) / np.float32(AT_PX))
+    return np.asarray(reliability * scale, np.float32)
 
 
 def judge(
@@ -125,6 +140,4 @@ def judge(
     # Beyond the planes there is no depth: the nearest and the farthest bound it.
     own_px = np.clip(own_px, np.float32(disparity_px.min()), np.float32(disparity_px.max()))
     own = log_error[:, 0] < log_error[:, 1]
-    return Judgement(
-        chosen, np.where(own, own_px, chosen.focus_px), np.exp(log_error.min(axis=1))
-    )
+    return Judgement(chosen, np.where(own, own_px, chosen.focus_px), np.exp(log_error.min(axis=1)))

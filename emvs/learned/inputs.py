@@ -120,8 +120,8 @@ def _of_cameras(cameras: Sequence[Floats], pixels: int) -> tuple[Floats, Floats]
     """Where the first camera's rays are in focus, and the mean of the others; 0 where not asked."""
     nothing = np.zeros(pixels, np.float32)
     first = cameras[0] if cameras else nothing
-    others = np.mean(cameras[1:], axis=0, dtype=np.float32) if len(cameras) > 1 else first
-    return first, others
+    others = np.stack(cameras[1:]).mean(axis=0) if len(cameras) > 1 else first
+    return first, np.asarray(others, np.float32)
 
 
 def channels(kept: KeptVotes, method: Method, chosen: Candidates) -> Floats:
@@ -145,7 +145,7 @@ def channels(kept: KeptVotes, method: Method, chosen: Candidates) -> Floats:
     count, blocks, *cells = cameras.shape
     rows = cameras.reshape(count, 1, blocks, math.prod(cells))
     fused = fuse_by(method, rows).reshape(blocks, *cells) if alone is None else cameras[0]
-    others = cameras[1:].mean(axis=0, dtype=np.float32) if count > 1 else cameras[0]
+    others = cameras[1:].mean(axis=0) if count > 1 else cameras[0]
     stacked = np.stack([fused, cameras[0], others], axis=1)
     top = fused.max(axis=(1, 2, 3))[:, None, None, None, None]
     stacked /= np.maximum(top, _LEAST_VOTES)

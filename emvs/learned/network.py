@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from emvs.depth.precision import Precision, table_name
 from emvs.learned import network_kernels
 from emvs.learned.inputs import CHANNELS, CUES
 from emvs.learned.weights import Weights, packaged, read_weights
@@ -90,6 +91,15 @@ class Network:
             rows, cues, *arrays, self.shape.peak, offset, log_error
         )
         return offset, log_error
+
+    def precision(self, method: str) -> Precision | None:
+        """What the expected error of a method is worth, where the manifest says so.
+
+        Raises:
+            InputError: a manifest whose table is none.
+        """
+        stated = self.weights.manifest.get("precision", {}).get(table_name(method))
+        return None if stated is None else Precision.from_json(stated)
 
 
 @cache

@@ -102,7 +102,7 @@ def _arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Floa
         arrays = {name: archive[name] for name in archive.files}
     found = {name: array.shape for name, array in arrays.items()}
     if found != dict(shapes):
-        differing = sorted(n for n in found | shapes if found.get(n) != shapes.get(n))
+        differing = sorted(n for n in {*found, *shapes} if found.get(n) != shapes.get(n))
         raise InputError(f"{path}: other arrays than the network needs: {', '.join(differing)}")
     for name, array in arrays.items():
         if array.dtype != np.float32 or not np.isfinite(array).all():
@@ -122,7 +122,8 @@ def write_weights(
         learnt: what the manifest says beside.
     """
     with atomic_path(path) as part, part.open("wb") as file:
-        np.savez(file, **{name: np.asarray(one, np.float32) for name, one in arrays.items()})
+        plain: dict[str, Any] = {n: np.asarray(one, np.float32) for n, one in arrays.items()}
+        np.savez(file, **plain)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     manifest = {"network": network, "arrays_sha256": digest, **learnt}
     with atomic_path(path.with_suffix(".json")) as part:

@@ -32,6 +32,7 @@ Arrays = Mapping[str, NDArray[Any]]
 _DEPTH_KEYS = (
     "depth_m", "confidence", "mask", "argmax", "rho", "t_us", "T_world_rv", "camera",
 )  # fmt: skip
+_JUDGED = "reliability", "error_m"  # of methods that say so
 
 
 class _Model(BaseModel):
@@ -315,6 +316,7 @@ def _parse(index: Path, text: str) -> MapInfo:
 def write_depth(path: Path, depth_map: DepthMap) -> None:
     """Writes a depth map: arrays by name, the camera as JSON text."""
     arrays = {key: getattr(depth_map, key) for key in _DEPTH_KEYS if key != "camera"}
+    arrays |= {key: one for key in _JUDGED if (one := getattr(depth_map, key)) is not None}
     np.savez(path, camera=json.dumps(depth_map.camera.to_json()), **arrays)
 
 
@@ -324,7 +326,7 @@ def read_depth(path: Path, method: str) -> DepthMap:
     Raises:
         InputError: a missing or damaged file.
     """
-    arrays = read_npz(path, _DEPTH_KEYS)
+    arrays = read_npz(path, _DEPTH_KEYS, also=_JUDGED)
     camera = _camera(path, str(arrays["camera"]))
     shape = (camera.height_px, camera.width_px)
     for key, kind in (("depth_m", "f"), ("confidence", "f"), ("mask", "b"), ("argmax", "i")):
@@ -332,7 +334,9 @@ def read_depth(path: Path, method: str) -> DepthMap:
     check_array(path, "T_world_rv", arrays["T_world_rv"], "f", (4, 4))
     check_array(path, "rho", arrays["rho"], "f", arrays["rho"].shape[:1])
     check_array(path, "t_us", arrays["t_us"], "i", ())
-    fields = {key: arrays[key] for key in _DEPTH_KEYS if key not in ("camera", "t_us")}
+    for key in (key for key in _JUDGED if key in arrays):
+        check_array(path, key, arrays[key], "f", shape)
+    fields = {key: one for key, one in arrays.items() if key not in ("camera", "t_us")}
     return DepthMap(method=method, camera=camera, t_us=int(arrays["t_us"]), **fields)
 
 
@@ -379,8 +383,13 @@ def read_slices(path: Path, methods: Sequence[str], width_px: int) -> Slices:
     return Slices(int(arrays["row_px"]), arrays["rho"], values)
 
 
-def read_npz(path: Path, keys: Sequence[str]) -> Arrays:
+def read_npz(path: Path, keys: Sequence[str], also: Sequence[str] = ()) -> Arrays:
     """Reads the named arrays.
+
+    Args:
+        path: the archive.
+        keys: arrays that it must hold.
+        also: others, read where it holds them.
 
     Raises:
         InputError: a missing or damaged file, or one without these arrays.
@@ -388,7 +397,7 @@ def read_npz(path: Path, keys: Sequence[str]) -> Arrays:
     try:
         check_file(path)
         with np.load(path, allow_pickle=False) as file:
-            return {key: file[key] for key in keys}
+            return {key: file[key] for key in (*keys, *(one for one in also if one in file))}
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file, the map is incomplete: {CURE}") from error
     except KeyError as error:

@@ -18,6 +18,7 @@ from eval.cli.help import refusal
 VERBS = (
     "calibrate", "check", "compare", "completion", "convert", "events", "fuse", "gate", "info",
     "list", "map", "report", "run", "score", "simulate", "study", "suite",
+    "train",
 )  # fmt: skip
 for _verb in VERBS:  # importing its module registers a verb
     import_module(f"eval.cli.verbs.{_verb}")

@@ -30,8 +30,7 @@ class Judged(NamedTuple):
 
 
 class Network(nn.Module):
-    """Convolutions over a patch down to its ray, along the ray to logits, and from the best sample
-    with what is told beside to the expected errors."""
+    """From a patch to its ray, along the ray to logits, from the best sample to expected errors."""
 
     def __init__(self, shape: Architecture) -> None:
         super().__init__()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -28,7 +29,6 @@ from eval.learning.sequences import TrainingWindow
 from eval.perturbations import Perturbation, perturbed
 from eval.scoring.pairing import Truth
 from eval.scoring.run_folder import truth_of
-
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +77,24 @@ class Samples:
     def __len__(self) -> int:
         return len(self.true_px)
 
+    def __getitem__(self, part: slice | NDArray[np.int64]) -> Samples:
+        return Samples(*(getattr(self, one.name)[part] for one in fields(self)))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Samples]) -> Samples:
+        """Several in one, in their order."""
+        return cls(*(np.concatenate([getattr(p, one.name) for p in parts]) for one in fields(cls)))
+
+    @property
+    def target(self) -> NDArray[np.float32]:
+        """(M,) where the true depth lies, samples from the patch's middle; farther is larger."""
+        return np.asarray((self.centre_px - self.true_px) / self.sample_px, np.float32)
+
+    @property
+    def focus_error_px(self) -> NDArray[np.float32]:
+        """(M,) error of the extraction by focus, px of disparity."""
+        return np.asarray(np.abs(self.focus_px - self.true_px), np.float32)
+
     def save(self, path: Path) -> None:
         """Writes a NumPy archive, whole or not at all."""
         with atomic_path(path) as part, part.open("wb") as file:
@@ -109,9 +127,7 @@ def show(recording: Recording, config: MapperConfig, method: Method) -> Shown:
 
 def window_config(window: TrainingWindow) -> MapperConfig:
     """The mapper's configuration for one window."""
-    return MapperConfig(
-        start_s=window.start_s, duration_s=window.duration_s, planes=window.planes
-    )
+    return MapperConfig(start_s=window.start_s, duration_s=window.duration_s, planes=window.planes)
 
 
 def samples(sequence: EventSequence, window: TrainingWindow, most: int) -> Samples:
@@ -137,7 +153,7 @@ def true_disparity_px(shown: Shown, truth: Truth) -> NDArray[np.float32]:
     chosen = shown.chosen
     depth_m = np.where(truth.scored, truth.depth_m, np.nan)[chosen.rows, chosen.columns]
     per_rho = shown.disparity_px[0] / float(shown.view.rho[0])
-    return (per_rho / depth_m).astype(np.float32)
+    return np.asarray(per_rho / depth_m, np.float32)
 
 
 def drawn(shown: Shown, picked: NDArray[np.int64], true_px: NDArray[np.float32]) -> Samples:

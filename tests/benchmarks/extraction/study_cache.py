@@ -69,6 +69,24 @@ def load_sample(
     Raises:
         InputError: an unknown case or rig, or what the simulator refuses.
     """
+    sequence = load_sequence(case, seed, cache, rig=rig, seconds=seconds, sensor=sensor)
+    window = choose_window(sequence, config)
+    view = reference_view(sequence, config, window.t_ref_us)
+    volumes = cache / f"{sequence.path.name}-{config.planes}planes"
+    if not volumes.exists():
+        _sweep(sequence, config, volumes)
+    votes = np.stack([np.load(path) for path in sorted(volumes.glob("EMVS-cam*.npy"))])
+    return StudySample(case, seed, votes, view, truth_of(sequence, window.t_ref_us, EvalConfig()))
+
+
+def load_sequence(
+    case: str, seed: int, cache: Path, *, rig: str, seconds: float, sensor: PresetName = "ideal"
+) -> EventSequence:
+    """Returns the sequence of one sample, simulated on the first call; arguments as above.
+
+    Raises:
+        InputError: an unknown case or rig, or what the simulator refuses.
+    """
     name = f"{case}-{rig}-{seconds:g}s-seed{seed}" + ("" if sensor == "ideal" else f"-{sensor}")
     path = cache / name
     if not path.exists():
@@ -78,13 +96,7 @@ def load_sample(
     sequence = open_recording(path)
     if not isinstance(sequence, EventSequence):
         raise InputError(f"{path}: no simulated sequence; delete it to make it again")
-    window = choose_window(sequence, config)
-    view = reference_view(sequence, config, window.t_ref_us)
-    volumes = cache / f"{name}-{config.planes}planes"
-    if not volumes.exists():
-        _sweep(sequence, config, volumes)
-    votes = np.stack([np.load(path) for path in sorted(volumes.glob("EMVS-cam*.npy"))])
-    return StudySample(case, seed, votes, view, truth_of(sequence, window.t_ref_us, EvalConfig()))
+    return sequence
 
 
 def _sweep(sequence: EventSequence, config: MapperConfig, out: Path) -> None:

@@ -79,10 +79,10 @@ def _numbers(sample: StudySample, estimate: VariantEstimate) -> Numbers:
     depth_m = np.reciprocal(inverse_depth_at(sample.view.rho, position))
     pairs = pair(depth_m, estimate.mask, sample.truth)
     numbers = {name: ALL_METRICS[name](pairs) for name in ("points", *METRICS)}
-    return numbers | {"blocks": float(_blocks(estimate.mask))}
+    return numbers | {"blocks": float(blocks_with_points(estimate.mask))}
 
 
-def _blocks(mask: np.ndarray) -> int:
+def blocks_with_points(mask: np.ndarray) -> int:
     """Squares of 8 pixels with a point in them: points that crowd in few places fill few."""
     rows, columns = (size // _BLOCK_PX for size in mask.shape)
     inner = mask[: rows * _BLOCK_PX, : columns * _BLOCK_PX]

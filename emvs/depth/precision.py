@@ -1,0 +1,151 @@
+"""How wrong a depth may be: what a method's reliability was worth where the truth is known.
+
+Every method has a score of its own for each pixel: how far votes stand out, how well cameras and
+neighbours agree, what error a network expects. Calibration windows, of motions that nothing was
+trained or scored on, say which errors such a score came with. `precision.json` holds these tables;
+`python tests/benchmarks calibrate_confidence` makes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.config import MapperConfig
+from emvs.depth.depth_map import DepthMap, without_border
+from emvs.dsi.method import MethodName
+from emvs.errors import InputError
+from emvs.utils.inputs import parse_json
+
+Floats = NDArray[np.float32]
+BAND = 0.68
+"""Share of errors that the stated error holds."""
+WITHIN_PX = 1.0
+"""What precision counts as right: so many pixels of disparity, at most."""
+FILE_NAME = "precision.json"
+
+
+@dataclass(frozen=True, eq=False)
+class Precision:
+    """What a score was worth on the calibration windows.
+
+    Attributes:
+        score: (K,) rising.
+        error_px: (K,) half-width of the band that holds `BAND` of the errors at that score, px of
+            disparity; never rises.
+        precision: (K,) share of all points of this score or more that are within `WITHIN_PX`; never
+            falls.
+    """
+
+    score: NDArray[np.float64]
+    error_px: NDArray[np.float64]
+    precision: NDArray[np.float64]
+
+    @classmethod
+    def from_json(cls, table: Mapping[str, Any]) -> Precision:
+        """Takes the three lists of a table.
+
+        Raises:
+            InputError: no such table.
+        """
+        try:
+            lists = [np.array(table[name], np.float64) for name in cls.__dataclass_fields__]
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(f"no table of precision ({error}); make it again") from error
+        known = all(one.ndim == 1 and one.shape == lists[0].shape for one in lists)
+        if not known or not lists[0].size or not all(np.isfinite(one).all() for one in lists):
+            raise InputError("no table of precision: needs three finite lists of one length")
+        return cls(*lists)
+
+    def to_json(self) -> dict[str, list[float]]:
+        """Plain numbers."""
+        return {
+            name: [float(f"{value:.5g}") for value in getattr(self, name)]
+            for name in self.__dataclass_fields__
+        }
+
+    def error_at(self, score: Floats) -> Floats:
+        """Half-width of the error's band at some scores, px of disparity."""
+        return np.interp(score, self.score, self.error_px).astype(np.float32)
+
+    def least_score(self, wanted: float, method: str) -> float:
+        """The least score at which so large a share of the points was within a pixel.
+
+        Raises:
+            InputError: no score had that; says what can be had.
+        """
+        enough = np.flatnonzero(self.precision >= wanted)
+        if not enough.size:
+            raise InputError(
+                f"min_precision {wanted:g}: {method} reached at most {self.precision[-1]:.3f} on "
+                "the calibration windows; ask for less"
+            )
+        return float(self.score[enough[0]])
+
+
+@cache
+def tables() -> Mapping[str, Precision]:
+    """The tables that ship with the package, by method."""
+    text = (files("emvs.depth") / FILE_NAME).read_text(encoding="utf-8")
+    return {name: Precision.from_json(one) for name, one in parse_json(text)["methods"].items()}
+
+
+def table_name(method: str) -> str:
+    """Under which name a method's table stands: all single cameras share one."""
+    name = MethodName.of(method)
+    return f"{name.family}/cam" if name.camera is not None else method
+
+
+def check_precision(wanted: float | None, methods: Sequence[str]) -> None:
+    """Refuses a wanted precision before any work where a method's reliability is not calibrated.
+
+    Raises:
+        InputError: names the method and those that have it.
+    """
+    known = (*tables(), "Learned/H", "Learned/cam", "Late/union")
+    for method in methods if wanted is not None else ():
+        if table_name(method) not in known:
+            raise InputError(
+                f"min_precision: {method} has no calibrated reliability; choose from "
+                f"{', '.join(known)}, or leave it out"
+            )
+
+
+def stated(
+    depth_map: DepthMap,
+    per_rho_px: float | None,
+    config: MapperConfig,
+    table: Precision | None = None,
+) -> DepthMap:
+    """The depth map with the error of each pixel, and the pixels that a wanted precision leaves.
+
+    Args:
+        depth_map: as its method made it, with its reliability.
+        per_rho_px: disparity per inverse depth, px m; None where the rig has no parallax.
+        config: `min_precision`, border.
+        table: what the reliability is worth; by default the one that ships, if there is one.
+
+    Raises:
+        InputError: a wanted precision that the method cannot have.
+    """
+    table = tables().get(table_name(depth_map.method)) if table is None else table
+    score = depth_map.reliability
+    if table is None or per_rho_px is None or score is None:
+        if config.min_precision is not None:
+            raise InputError(
+                f"min_precision: {depth_map.method} has no calibrated reliability here, or the "
+                "rig no parallax; leave it out"
+            )
+        return depth_map
+    error_m = table.error_at(score) * depth_map.depth_m**2 / np.float32(per_rho_px)
+    if config.min_precision is None:
+        return replace(depth_map, error_m=error_m)
+    least = table.least_score(config.min_precision, depth_map.method)
+    kept = without_border((score >= least) & (score > 0), config.border_px)
+    return replace(depth_map, error_m=error_m, mask=kept)

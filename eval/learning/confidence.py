@@ -1,0 +1,152 @@
+"""Calibration of reliability: tables of what each method's score was worth on known depth."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
+
+from emvs.config import MapperConfig
+from emvs.data.sequence import Sequence as EventSequence
+from emvs.depth.depth_map import DepthMap
+from emvs.depth.precision import BAND, WITHIN_PX, Precision, table_name
+from emvs.errors import InputError
+from emvs.mapper import map_window
+from eval.config import EvalConfig
+from eval.learning.sequences import TrainingSequence, windows
+from eval.scoring.pairing import Truth
+from eval.scoring.run_folder import truth_of
+
+_BINS = 48
+_FEWEST = 20  # points of a bin
+
+Floats = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Scored:
+    """Points of one method, or of several alike, whose true depth is known.
+
+    Attributes:
+        score: (M,) the method's reliability, above 0.
+        error_px: (M,) error, px of disparity.
+    """
+
+    score: NDArray[np.float64]
+    error_px: NDArray[np.float64]
+
+
+def collect(
+    folder: Path, wanted: Iterable[TrainingSequence], methods: Sequence[str],
+    weights: Path | None = None,
+) -> dict[str, Scored]:  # fmt: skip
+    """Maps the windows of some sequences that were told nothing wrong, and collects their points.
+
+    Args:
+        folder: of the sequences.
+        wanted: which of them.
+        methods: methods by name.
+        weights: of the learned ones; by default those that ship.
+
+    Returns:
+        Name of a table -> points.
+    """
+    found: dict[str, list[Scored]] = defaultdict(list)
+    for one in wanted:
+        sequence = EventSequence.open(folder / one.name)
+        for window in (w for w in windows(one) if not w.imperfection):
+            config = MapperConfig(
+                start_s=window.start_s, duration_s=window.duration_s, planes=window.planes,
+                methods=tuple(methods), learned_weights=weights,
+            )  # fmt: skip
+            result = map_window(sequence, config)
+            truth = truth_of(sequence, result.view.t_us, EvalConfig())
+            for name, depth_map in result.depth_maps.items():
+                found[table_name(name)].append(points_of(depth_map, truth))
+    return {
+        name: Scored(
+            *(np.concatenate([getattr(p, k) for p in parts]) for k in ("score", "error_px"))
+        )
+        for name, parts in found.items()
+    }
+
+
+def points_of(depth_map: DepthMap, truth: Truth) -> Scored:
+    """A depth map's candidates whose true depth is known."""
+    if depth_map.reliability is None:
+        raise InputError(f"{depth_map.method} has no reliability to calibrate")
+    known = truth.scored & (depth_map.reliability > 0)
+    rho, true_rho = 1 / depth_map.depth_m[known].astype(np.float64), 1 / truth.depth_m[known]
+    error_px = truth.baseline_focal_px_m * np.abs(rho - true_rho)
+    return Scored(depth_map.reliability[known].astype(np.float64), error_px)
+
+
+def fit(score: Floats, error_px: Floats) -> Precision:
+    """The table of a score whose points have known errors.
+
+    Scores are cut into bins, the finer the higher they are. The errors' quantile falls from bin to
+    bin, as isotonic regression has it, and the precision of what is above never falls.
+
+    Args:
+        score: (M,) the larger, the better.
+        error_px: (M,) error of each point, px of disparity.
+
+    Raises:
+        InputError: too few points.
+    """
+    if len(score) < 2 * _FEWEST:
+        raise InputError(f"{len(score)} points: calibration needs {2 * _FEWEST} or more")
+    order = np.argsort(score, kind="stable")
+    edges = _edges(len(order))
+    parts = [order[a:b] for a, b in zip(edges, [*edges[1:], len(order)], strict=True)]
+    band = np.array([float(np.quantile(error_px[part], BAND)) for part in parts])
+    falling = np.asarray(isotonic_regression(band, increasing=False).x)
+    right = error_px[order] <= WITHIN_PX
+    above = np.cumsum(right[::-1])[::-1] / np.arange(len(order), 0, -1)
+    rising = np.maximum.accumulate(above[edges])
+    knots, kept = np.unique(score[order][edges].astype(np.float64), return_index=True)
+    return Precision(knots, falling[kept], rising[kept])
+
+
+def _edges(points: int) -> list[int]:
+    """Where bins of rising scores begin: they get smaller, as long as enough points are in each."""
+    edges = [0]
+    for k in range(1, _BINS):
+        edge = round(points * (1 - (1 - k / _BINS) ** 2))
+        if edge - edges[-1] >= _FEWEST and points - edge >= _FEWEST:
+            edges.append(edge)
+    return edges
+
+
+def reliability_diagram(
+    table: Precision, score: Floats, error_px: Floats, bins: int = 10
+) -> list[Mapping[str, float]]:
+    """Stated against found errors: points sorted by what is stated, in bins of as many each.
+
+    Args:
+        table: what scores were worth on the calibration windows.
+        score: (M,) of other points.
+        error_px: (M,) their errors, px of disparity.
+        bins: how many.
+
+    Returns:
+        Per bin the mean stated error, the found quantile, and the share within the stated band.
+    """
+    said = table.error_at(np.asarray(score, np.float32))
+    parts = np.array_split(np.argsort(said, kind="stable"), bins)
+    return [
+        {
+            "stated_px": float(said[part].mean()),
+            "found_px": float(np.quantile(error_px[part], BAND)),
+            "within": float((error_px[part] <= said[part]).mean()),
+            "points": float(len(part)),
+        }
+        for part in parts
+        if len(part)
+    ]

@@ -1,0 +1,104 @@
+"""The training set on disk: sequences, and samples of their windows; each is made once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+import scenes
+from emvs.data.sequence import Sequence as EventSequence
+from emvs.errors import InputError
+from eval.jobs.code_version import closure, definition_digest
+from eval.learning.config import TrainingConfig
+from eval.learning.samples import Samples, samples
+from eval.learning.sequences import Part, TrainingSequence, sequences, windows
+from eval.progress import Progress
+from sim.config import SimConfig
+from sim.rigs import rig
+from sim.sensor_presets import SensorConfig
+from sim.simulate import simulate
+
+PARTS: tuple[Part, ...] = ("training", "calibration")
+
+
+def chosen(part: Part, config: TrainingConfig) -> tuple[TrainingSequence, ...]:
+    """The sequences of a part, of the scenes that the configuration names.
+
+    Raises:
+        InputError: a scene that no sequence shows.
+    """
+    every = sequences(part)
+    known = {one.scene for one in every}
+    if unknown := set(config.scenes) - known:
+        raise InputError(
+            f"no {part} sequence of {', '.join(sorted(unknown))}: choose from "
+            f"{', '.join(sorted(known))}"
+        )
+    return tuple(one for one in every if not config.scenes or one.scene in config.scenes)
+
+
+def code_digest() -> str:
+    """A hash of the code that makes samples: other code makes another training set."""
+    return definition_digest(closure(["eval.learning.samples"]))
+
+
+def make(folder: Path, config: TrainingConfig, progress: Progress) -> None:
+    """Simulates the sequences and draws samples of their windows, as far as they are not there.
+
+    Args:
+        folder: gets `sequences` and `samples`.
+        config: scenes, candidates.
+        progress: shows both.
+    """
+    wanted = [(part, one) for part in PARTS for one in chosen(part, config)]
+    with progress.stage("sequences", len(wanted)) as update:
+        for done, (_, one) in enumerate(wanted):
+            update(done, one.name)
+            _simulate(one, folder / "sequences" / one.name)
+        update(len(wanted), f"{len(wanted)} sequences")
+    with progress.stage("samples", len(wanted)) as update:
+        for done, (part, one) in enumerate(wanted):
+            update(done, one.name)
+            _draw(folder, part, one, config.candidates)
+        update(len(wanted), f"{len(wanted)} sequences")
+
+
+def _simulate(one: TrainingSequence, path: Path) -> None:
+    if path.exists():
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    config = SimConfig(duration_s=one.seconds, sensor=SensorConfig(preset=one.sensor))
+    simulate(scenes.load(one.scene), rig(one.rig), config, one.seed, path)
+
+
+def _draw(folder: Path, part: Part, one: TrainingSequence, candidates: int) -> None:
+    for k, window in enumerate(windows(one)):
+        path = folder / "samples" / part / f"{one.name}-{k}.npz"
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            sequence = EventSequence.open(folder / "sequences" / one.name)
+            samples(sequence, window, candidates).save(path)
+
+
+def load(folder: Path, part: Part, config: TrainingConfig) -> Samples:
+    """All samples of a part, in one.
+
+    Raises:
+        InputError: there are none.
+    """
+    parts = list(_files(folder, part, config))
+    if not sum(map(len, parts)):
+        raise InputError(
+            f"no {part} samples in {folder}: choose scenes that have sequences of both parts"
+        )
+    return Samples.joined(parts)
+
+
+def _files(folder: Path, part: Part, config: TrainingConfig) -> Iterator[Samples]:
+    for one in chosen(part, config):
+        for k, _ in enumerate(windows(one)):
+            found = Samples.load(folder / "samples" / part / f"{one.name}-{k}.npz")
+            rng = np.random.default_rng([one.seed, k])
+            yield found[np.sort(rng.permutation(len(found))[: config.candidates])]

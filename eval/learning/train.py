@@ -1,0 +1,134 @@
+"""Trains the network of the learned extraction: sequences, samples, epochs, weights."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from emvs.errors import InputError
+from emvs.learned.network import NAME
+from emvs.learned.weights import write_weights
+from emvs.utils.files import atomic_path
+from emvs.utils.inputs import SETTINGS_BYTES, parse_json, read_text
+from emvs.utils.runtime import versions
+from eval.learning import confidence, data
+from eval.learning.config import History, TrainingConfig
+from eval.progress import Progress
+
+if TYPE_CHECKING:
+    from eval.learning.fit import Fitting
+
+ASKED_NAME = "training.json"
+WEIGHTS_NAME = "learned.npz"
+CHECKPOINT_NAME = "checkpoint.pt"
+LICENCE = "MIT"
+METHODS = "Learned/H", "Learned/cam0"
+"""Those whose expected error is calibrated."""
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What training leaves.
+
+    Attributes:
+        weights: the file of weights.
+        history: numbers of every epoch.
+        manifest: what is said of the weights.
+    """
+
+    weights: Path
+    history: History
+    manifest: Mapping[str, Any]
+
+
+def train(folder: Path, config: TrainingConfig, progress: Progress) -> Trained:
+    """Trains a network; what is there already from an earlier, stopped run is not done again.
+
+    Args:
+        folder: gets `sequences`, `samples`, a checkpoint, and the weights with their manifest.
+        config: what is trained on, and how.
+        progress: shows sequences, samples, epochs.
+
+    Raises:
+        InputError: torch is not installed; a folder where something else was trained.
+    """
+    Fitted = _fitting()
+    _same_training(folder, config)
+    data.make(folder, config, progress)
+    training, calibration = (data.load(folder, part, config) for part in data.PARTS)
+    fitting = Fitted(config, training, calibration, folder / CHECKPOINT_NAME)
+    with progress.stage("epochs", config.epochs) as update:
+        fitting.run(update)
+        update(config.epochs, f"loss {fitting.history[-1]['loss']:.3f}")
+    learnt = manifest(config, fitting.history, len(training), len(calibration))
+    weights = folder / WEIGHTS_NAME
+    write_weights(weights, NAME, fitting.network.arrays(), learnt)
+    with progress.stage("reliability", 1) as update:
+        learnt["precision"] = _precision(folder, config, weights)
+        write_weights(weights, NAME, fitting.network.arrays(), learnt)
+        update(1, f"{len(learnt['precision'])} tables")
+    return Trained(weights, fitting.history, learnt)
+
+
+def _precision(folder: Path, config: TrainingConfig, weights: Path) -> dict[str, Any]:
+    """What the network's expected error was worth on the calibration sequences."""
+    found = confidence.collect(
+        folder / "sequences", data.chosen("calibration", config), METHODS, weights
+    )
+    return {name: confidence.fit(one.score, one.error_px).to_json() for name, one in found.items()}
+
+
+def _fitting() -> type[Fitting]:
+    try:
+        from eval.learning.fit import Fitting
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        raise InputError(
+            "training needs torch, which is not installed: pip install 'eventsweep[train]'"
+        ) from error
+    return Fitting
+
+
+def _same_training(folder: Path, config: TrainingConfig) -> None:
+    """Notes what is trained here; refuses a folder in which it was something else."""
+    asked = {"config": config.model_dump(mode="json"), "code": data.code_digest()}
+    path = folder / ASKED_NAME
+    if path.exists():
+        before = parse_json(read_text(path, SETTINGS_BYTES))
+        if before != asked:
+            differing = _differing(before, asked)
+            raise InputError(
+                f"{folder}: something else was trained here ({differing}); choose another folder"
+            )
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    with atomic_path(path) as part:
+        part.write_text(json.dumps(asked, indent=1) + "\n", encoding="utf-8")
+
+
+def _differing(before: Any, asked: dict[str, Any]) -> str:
+    config = before.get("config", {}) if isinstance(before, dict) else {}
+    names = [name for name, value in asked["config"].items() if config.get(name) != value]
+    return f"another {', '.join(names)}" if names else "by other code"
+
+
+def manifest(
+    config: TrainingConfig, history: History, training: int, calibration: int
+) -> dict[str, Any]:
+    """What the weights' manifest says of how they were learnt."""
+    sets = {part: data.chosen(part, config) for part in data.PARTS}
+    return {
+        "licence": LICENCE,
+        "training": config.model_dump(mode="json"),
+        "code": data.code_digest(),
+        "versions": versions(),
+        "samples": {"training": training, "calibration": calibration},
+        "sequences": {part: [one.name for one in chosen] for part, chosen in sets.items()},
+        "scenes": dict(sorted(Counter(one.scene for one in sets["training"]).items())),
+        "calibration_errors": history[-1],
+    }

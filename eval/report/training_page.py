@@ -1,0 +1,123 @@
+"""The page of a training: how errors fell, and what the expected errors are worth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from emvs.depth.precision import Precision
+from emvs.utils.files import atomic_path
+from emvs.utils.runtime import versions
+from eval.figures.colormaps import INK, line_style
+from eval.figures.plots import ESTIMATE_COLOUR, STYLE, svg_of
+from eval.learning.config import History
+from eval.learning.train import Trained
+from eval.report.html import REPORT_NAME, Grid, GridCell, Head, environment, files_in, inline
+
+_SIZE_INCHES = (5.2, 2.8)
+_FILES = ("learned.npz", "learned.json")
+
+
+def write_training_page(folder: Path, trained: Trained) -> Path:
+    """Writes `report.html` beside the weights, and returns its path."""
+    path = folder / REPORT_NAME
+    with atomic_path(path) as part:
+        part.write_text(page_text(folder, trained), encoding="utf-8")
+    return path
+
+
+def page_text(folder: Path, trained: Trained) -> str:
+    """The page as HTML; nothing is loaded from elsewhere."""
+    libraries = versions()
+    return environment().get_template("training.html.j2").render(
+        sentences=_sentences(trained), loss=_loss(trained.history), errors=_errors(trained.history),
+        worth=_worth(trained.manifest.get("precision", {})), sequences=_sequences(trained.manifest),
+        provenance=_facts(trained.manifest), version=libraries["eventsweep"],
+        files=files_in(folder, _FILES), css=inline("report.css"), tables_css=inline("tables.css"),
+        js=inline("report.js"),
+    )  # fmt: skip
+
+
+def _sentences(trained: Trained) -> list[str]:
+    last, manifest = trained.history[-1], trained.manifest
+    counts = manifest["samples"]
+    return [
+        f"Trained on {counts['training']} pixels of {len(manifest['sequences']['training'])} "
+        f"sequences, judged on {counts['calibration']} of "
+        f"{len(manifest['sequences']['calibration'])} others.",
+        f"Of all judged pixels {100 * last['all_beyond_1px']:.1f} % are more than a pixel of "
+        f"disparity off, by focus {100 * last['focus_all_beyond_1px']:.1f} %; of the third that "
+        f"seems most reliable {100 * last['reliable_beyond_1px']:.1f} %, by focus "
+        f"{100 * last['focus_reliable_beyond_1px']:.1f} %.",
+    ]
+
+
+def _loss(history: History) -> Markup:
+    with mpl.rc_context(STYLE):
+        figure = Figure(_SIZE_INCHES, layout="constrained")
+        axes = figure.add_subplot()
+        epochs = range(1, len(history) + 1)
+        axes.plot(epochs, [one["loss"] for one in history], color=ESTIMATE_COLOUR, marker="o")
+        axes.set_xlabel("epoch")
+        axes.set_ylabel("training loss")
+        return Markup(svg_of(figure))
+
+
+def _errors(history: History) -> Markup:
+    """Shares of pixels that are more than a pixel off: all, and the most reliable third."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(_SIZE_INCHES, layout="constrained")
+        axes = figure.add_subplot()
+        epochs = range(1, len(history) + 1)
+        for of, dash in (("all", "solid"), ("reliable", (0, (3, 2)))):
+            for prefix, colour in (("", ESTIMATE_COLOUR), ("focus_", INK)):
+                share = [100 * one[f"{prefix}{of}_beyond_1px"] for one in history]
+                label = f"{'by focus' if prefix else 'network'}, {of}"
+                axes.plot(epochs, share, color=colour, linestyle=dash, label=label)
+        axes.set_xlabel("epoch")
+        axes.set_ylabel("beyond 1 px of disparity [%]")
+        axes.set_ylim(0)
+        axes.legend()
+        return Markup(svg_of(figure))
+
+
+def _worth(tables: Mapping[str, Any]) -> Markup:
+    """Precision over the stated error, of every method that is calibrated."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(_SIZE_INCHES, layout="constrained")
+        axes = figure.add_subplot()
+        for name, table in tables.items():
+            known, style = Precision.from_json(table), line_style(name)
+            axes.plot(
+                known.error_px, 100 * known.precision, color=style.colour, linestyle=style.dash,
+                label=name,
+            )  # fmt: skip
+        axes.set_xscale("log")
+        axes.set_xlabel("stated error of the least reliable point [px of disparity]")
+        axes.set_ylabel("points within 1 px [%]")
+        axes.legend()
+        return Markup(svg_of(figure))
+
+
+def _sequences(manifest: Mapping[str, Any]) -> Grid:
+    lines = tuple(
+        (GridCell(scene), GridCell(str(count), count))
+        for scene, count in manifest["scenes"].items()
+    )
+    return Grid((Head("scene", text=True), Head("sequences", better="higher")), lines)
+
+
+def _facts(manifest: Mapping[str, Any]) -> Grid:
+    facts = {
+        "licence": manifest["licence"],
+        "code of the samples": manifest["code"],
+        **{name: str(value) for name, value in manifest["training"].items()},
+        **manifest["versions"],
+    }
+    lines = tuple((GridCell(name), GridCell(str(value))) for name, value in facts.items())
+    return Grid((Head("setting", text=True), Head("value", text=True)), lines)

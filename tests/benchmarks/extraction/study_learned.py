@@ -1,0 +1,153 @@
+"""The learned extraction beside Alg1/H and Focus/H: `python tests/benchmarks study_learned --help`.
+
+Every method reports as many pixels as Alg1/H, those that it holds most reliable, and numbers are
+ratios to those of Alg1/H. With `--imperfection` the mapper is told wrong poses and calibrations.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.config import MapperConfig
+from emvs.data.recording import Recording
+from emvs.depth.depth_map import DepthMap, without_border
+from emvs.learned.extract import at_reference_px
+from emvs.mapper import map_window
+from eval.cli.exit_codes import exit_code
+from eval.config import EvalConfig
+from eval.perturbations import Perturbation, amounts, perturbed
+from eval.scoring.method_scores import ALL_METRICS
+from eval.scoring.pairing import Truth, pair
+from eval.scoring.run_folder import truth_of
+from markdown_blocks import into_page
+from study_cache import load_sequence
+from study_extraction import METRICS, Numbers, blocks_with_points
+from study_samples import SETS, SampleSpec
+
+BASE, FOCUS, LEARNED = METHODS = ("Alg1/H", "Focus/H", "Learned/H")
+WANTED = ("median_error", "mean_error", "bad_published", "bad_1px", "blocks")
+_RESAMPLES = 2000
+_PLAIN = ""
+Outcomes = dict[SampleSpec, dict[str, Numbers]]
+
+
+def told(recording: Recording, imperfection: str, seed: int) -> Recording:
+    """What the mapper is told: the truth, or what a preset makes of it."""
+    if imperfection == _PLAIN:
+        return recording
+    return perturbed(recording, Perturbation.model_validate(amounts(imperfection)), seed)
+
+
+def outcome(
+    spec: SampleSpec, cache: Path, imperfection: str, weights: Path | None
+) -> dict[str, Numbers]:
+    """Every method's numbers on one sample."""
+    sequence = load_sequence(
+        spec.case, spec.seed, cache, rig=spec.rig, seconds=spec.seconds, sensor=spec.sensor
+    )
+    config = MapperConfig(methods=METHODS, learned_weights=weights)
+    result = map_window(told(sequence, imperfection, spec.seed), config)
+    truth = truth_of(sequence, result.view.t_us, EvalConfig())
+    points = result.depth_maps[BASE].points
+    return {
+        name: _numbers(depth_map, _most_reliable(depth_map, truth, points), truth)
+        for name, depth_map in result.depth_maps.items()
+    }
+
+
+def _most_reliable(depth_map: DepthMap, truth: Truth, points: int) -> NDArray[np.bool_]:
+    """As many pixels as wanted, the most reliable first; Alg1/H keeps its own."""
+    if depth_map.method == BASE or depth_map.reliability is None:
+        return depth_map.mask
+    rank = depth_map.reliability
+    if depth_map.method == LEARNED:
+        rank = at_reference_px(rank, truth.baseline_focal_px_m / depth_map.depth_m)
+    candidates = without_border(depth_map.reliability > 0, MapperConfig().border_px)
+    allowed = np.flatnonzero(candidates)
+    mask = np.zeros(rank.shape, np.bool_)
+    mask.flat[allowed[np.argsort(-rank.flat[allowed], kind="stable")[:points]]] = True
+    return mask
+
+
+def _numbers(depth_map: DepthMap, mask: NDArray[np.bool_], truth: Truth) -> Numbers:
+    pairs = pair(depth_map.depth_m, mask, truth)
+    numbers = {name: ALL_METRICS[name](pairs) for name in ("points", *METRICS)}
+    return numbers | {"blocks": float(blocks_with_points(mask))}
+
+
+def ratio(found: Mapping[str, Numbers], name: str, metric: str) -> float:
+    """A number over that of Alg1/H; at least a thousandth, so that means are above 0."""
+    mine, base = found[name][metric], found[BASE][metric]
+    return max(mine / base, 1e-3) if base > 0 else 1.0 if mine == 0 else float("inf")
+
+
+def interval(ratios: Sequence[float]) -> tuple[float, float, float]:
+    """Geometric mean, and its 95 % interval over samples drawn with replacement."""
+    logs = np.log(ratios)
+    rng = np.random.default_rng(0)
+    drawn = logs[rng.integers(len(logs), size=(_RESAMPLES, len(logs)))].mean(axis=1)
+    low, high = np.quantile(drawn, (0.025, 0.975))
+    return float(np.exp(logs.mean())), float(np.exp(low)), float(np.exp(high))
+
+
+def case_table(outcomes: Outcomes) -> str:
+    """One line for each sample: ratios of Focus/H and Learned/H."""
+    lines = [
+        "| Case | seed | points | Focus/H median | mean | bad | Learned/H median | mean | bad "
+        "| blocks |",
+        "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    for spec, found in outcomes.items():
+        ratios = [ratio(found, name, m) for name in (FOCUS, LEARNED) for m in WANTED[:3]]
+        ratios.append(ratio(found, LEARNED, "blocks"))
+        cells = " | ".join(f"{value:.2f}" for value in ratios)
+        points = f"{found[LEARNED]['points']:.0f}"
+        lines.append(f"| {spec.case} | {spec.seed} | {points} | {cells} |")
+    return "\n".join(lines) + "\n"
+
+
+def summary_table(outcomes: Outcomes) -> str:
+    """Geometric means of the ratios with their intervals, and on how many samples it is worse."""
+    lines = [
+        "| Method | median | mean | bad pixels | bad 1 px | blocks | mean worse than Alg1/H |",
+        "|---|--:|--:|--:|--:|--:|--:|",
+    ]
+    for name in (FOCUS, LEARNED):
+        ratios = {m: [ratio(found, name, m) for found in outcomes.values()] for m in WANTED}
+        cells = " | ".join("{:.2f} ({:.2f}–{:.2f})".format(*interval(ratios[m])) for m in WANTED)
+        worse = sum(value > 1 for value in ratios["mean_error"])
+        lines.append(f"| `{name}` | {cells} | {worse} of {len(outcomes)} |")
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the study and prints its tables; exit code 2 on bad input."""
+    parser = argparse.ArgumentParser(
+        prog="python tests/benchmarks study_learned", description=__doc__
+    )
+    parser.add_argument("--sets", nargs="+", default=["held-out"], choices=list(SETS))
+    parser.add_argument("--imperfection", default=_PLAIN, help="preset of what is told wrongly")
+    parser.add_argument("--weights", type=Path, help="by default those that ship")
+    parser.add_argument("--cache", type=Path, default=Path("out/study"))
+    parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")
+    parser.add_argument("--mark", default="learned", help="name of that part")
+    chosen = parser.parse_args(arguments)
+    with exit_code() as code:
+        outcomes: Outcomes = {}
+        for spec in (one for name in chosen.sets for one in SETS[name]):
+            outcomes[spec] = outcome(spec, chosen.cache, chosen.imperfection, chosen.weights)
+        text = f"{summary_table(outcomes)}\n{case_table(outcomes)}"
+        sys.stdout.write(text)
+        if chosen.page is not None:
+            into_page(chosen.page, chosen.mark, text)
+    return code.value
+
+
+if __name__ == "__main__":
+    sys.exit(main())
