@@ -152,9 +152,9 @@ def channels(kept: KeptVotes, method: Method, chosen: Candidates) -> Floats:
     return stacked
 
 
-def in_lanes(values: Floats) -> Floats:
-    """(M, F) numbers of candidates as (B, F, LANES), as `channels` orders them."""
-    blocks = -(-len(values) // LANES)
-    out = np.zeros((blocks * LANES, values.shape[1]), np.float32)
-    out[: len(values)] = values
-    return np.ascontiguousarray(out.reshape(blocks, LANES, -1).swapaxes(1, 2))
+def in_blocks(shares: Floats) -> Floats:
+    """(M, ...) arrays of candidates as (B, ..., LANES), as `channels` orders them."""
+    blocks = -(-len(shares) // LANES)
+    out = np.zeros((blocks * LANES, *shares.shape[1:]), np.float32)
+    out[: len(shares)] = shares
+    return np.ascontiguousarray(np.moveaxis(out.reshape(blocks, LANES, *out.shape[1:]), 1, -1))

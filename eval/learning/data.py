@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import multiprocessing
 from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ import numpy as np
 import scenes
 from emvs.data.sequence import Sequence as EventSequence
 from emvs.errors import InputError
+from emvs.utils.processes import end_with_parent
 from eval.jobs.code_version import closure, definition_digest
 from eval.learning.config import TrainingConfig
 from eval.learning.samples import Samples, samples
@@ -53,10 +56,12 @@ def make(folder: Path, config: TrainingConfig, progress: Progress) -> None:
         progress: shows both.
     """
     wanted = [(part, one) for part in PARTS for one in chosen(part, config)]
-    with progress.stage("sequences", len(wanted)) as update:
+    with progress.stage("sequences", len(wanted)) as update, _renderer() as renderer:
         for done, (_, one) in enumerate(wanted):
             update(done, one.name)
-            _simulate(one, folder / "sequences" / one.name)
+            path = folder / "sequences" / one.name
+            if not path.exists():
+                renderer.submit(_simulate, one, path).result()
         update(len(wanted), f"{len(wanted)} sequences")
     with progress.stage("samples", len(wanted)) as update:
         for done, (part, one) in enumerate(wanted):
@@ -65,9 +70,13 @@ def make(folder: Path, config: TrainingConfig, progress: Progress) -> None:
         update(len(wanted), f"{len(wanted)} sequences")
 
 
+def _renderer() -> ProcessPoolExecutor:
+    """A process that renders: torch and a software renderer each bring an LLVM of their own."""
+    start = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(1, mp_context=start, initializer=end_with_parent)
+
+
 def _simulate(one: TrainingSequence, path: Path) -> None:
-    if path.exists():
-        return
     path.parent.mkdir(parents=True, exist_ok=True)
     config = SimConfig(duration_s=one.seconds, sensor=SensorConfig(preset=one.sensor))
     simulate(scenes.load(one.scene), rig(one.rig), config, one.seed, path)

@@ -106,6 +106,8 @@ def _same_training(folder: Path, config: TrainingConfig) -> None:
                 f"{folder}: something else was trained here ({differing}); choose another folder"
             )
         return
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{folder}: is not empty, and nothing was trained here; choose another")
     folder.mkdir(parents=True, exist_ok=True)
     with atomic_path(path) as part:
         part.write_text(json.dumps(asked, indent=1) + "\n", encoding="utf-8")

@@ -1,0 +1,149 @@
+"""Learned methods in the mapper: names, any rig, any planes, laws."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from emvs.config import MapperConfig
+from emvs.errors import InputError
+from emvs.mapper import map_window
+from emvs.methods import methods_by_name, overview
+from point_world import fronto_parallel
+
+CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25)
+FIELDS = "depth_m", "confidence", "mask", "argmax", "reliability"
+
+
+def mapped(recording, *names, **values):
+    return map_window(recording, CONFIG.model_copy(update={"methods": names, **values}))
+
+
+def steps_off(result, method, depth_m):
+    depth = result.depth_maps[method]
+    step = abs(float(result.view.rho[1] - result.view.rho[0]))
+    assert depth.points > 100
+    return np.median(np.abs(1 / depth.depth_m - 1 / depth_m)[depth.mask]) / step
+
+
+def assert_same_bits(a, b):
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+
+
+@pytest.mark.parametrize("depth_m", [0.8, 1.23, 2.1])
+@pytest.mark.parametrize("planes", [25, 60, 200])
+def test_a_fronto_parallel_plane_is_recovered(depth_m, planes):
+    """At any number of planes, as precisely in metres: within half of 25 planes."""
+    result = mapped(fronto_parallel(depth_m), "Learned/H", "Learned/cam1", planes=planes)
+    for name in ("Learned/H", "Learned/cam1"):
+        assert steps_off(result, name, depth_m) < 0.5 * planes / 25, name
+
+
+@pytest.mark.parametrize("cameras", [1, 2, 3])
+def test_any_number_of_cameras(cameras):
+    name = "Learned/cam0" if cameras == 1 else "Learned/H"
+    assert steps_off(mapped(fronto_parallel(1.23, cameras=cameras), name), name, 1.23) < 0.5
+
+
+def test_planes_even_in_depth_and_polarities_apart_are_mapped_as_well():
+    result = mapped(fronto_parallel(1.23), "Learned/H", spacing="linear", planes=60)
+    depth = result.depth_maps["Learned/H"]
+    assert np.median(abs(depth.depth_m[depth.mask] - 1.23)) < 0.06
+    apart = mapped(fronto_parallel(1.23), "Learned/H", polarity="separate")
+    assert steps_off(apart, "Learned/H", 1.23) < 0.5
+
+
+def test_threads_company_and_repetition_do_not_change_a_bit():
+    recording = fronto_parallel(1.5)
+    alone = mapped(recording, "Learned/H", threads=1).depth_maps["Learned/H"]
+    for threads in (1, 2):
+        result = mapped(recording, "Focus/H", "Learned/cam0", "Learned/H", threads=threads)
+        assert_same_bits(result.depth_maps["Learned/H"], alone)
+
+
+def test_its_company_does_not_change():
+    """A method that keeps votes leaves the others what they are."""
+    recording = fronto_parallel(1.5)
+    with_it = mapped(recording, "Alg1/H", "Focus/H", "Learned/H", "Alg2/AtHc@2")
+    without = mapped(recording, "Alg1/H", "Focus/H", "Alg2/AtHc@2")
+    for name in ("Alg1/H", "Focus/H", "Alg2/AtHc@2"):
+        assert_same_bits(with_it.depth_maps[name], without.depth_maps[name])
+
+
+def test_a_lower_error_keeps_a_part_of_the_points():
+    recording = fronto_parallel(1.5)
+    wide, narrow = (
+        mapped(recording, "Learned/H", learned_error_px=px).depth_maps["Learned/H"]
+        for px in (2.0, 0.3)
+    )
+    assert 0 < narrow.points < wide.points
+    assert not (narrow.mask & ~wide.mask).any()
+    rim = np.ones_like(wide.mask)
+    rim[3:-3, 3:-3] = False
+    assert not (wide.mask & rim).any()
+
+
+def test_the_error_in_metres_grows_with_the_square_of_depth():
+    """Law: error_m = error_px Z² / (f b), so two points of one reliability differ by Z² alone."""
+    result = mapped(fronto_parallel(1.23), "Learned/H", "Focus/H")
+    for depth in result.depth_maps.values():
+        at = np.argwhere(depth.mask)
+        order = np.argsort(depth.reliability[depth.mask])
+        a, b = at[order[10]], at[order[11]]
+        per = [depth.error_m[tuple(p)] / depth.depth_m[tuple(p)] ** 2 for p in (a, b)]
+        assert per[0] >= per[1] * 0.999
+
+
+def test_a_window_without_candidates_has_no_points():
+    recording = fronto_parallel(1.5)
+    few = replace(recording, streams=tuple(one[:3] for one in recording.streams))
+    result = mapped(few, "Learned/H", focus_threshold_c=200)
+    assert result.depth_maps["Learned/H"].points == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "cameras", "words"),
+    [
+        ("Learned/X", 2, "the names are Learned/<F> or Learned/camK"),
+        ("Learned/AtHc@2", 2, "the names are Learned/<F> or Learned/camK"),
+        ("Learned/cam2", 2, r"unknown method 'Learned/cam2' for 2 camera\(s\)"),
+        ("Learned/H", 1, r"for 1 camera\(s\)"),
+    ],
+)
+def test_names_that_cannot_be_get_one_line(name, cameras, words):
+    with pytest.raises(InputError, match=words) as error:
+        methods_by_name((name,), cameras)
+    assert "\n" not in str(error.value)
+
+
+def test_the_compatibility_setting_has_no_learned_method():
+    with pytest.raises(InputError, match="Learned/H does not support the mcemvs setting"):
+        methods_by_name(("Learned/H",), 2, mcemvs=True)
+    assert any(name.startswith("Learned/<F>") for name in overview())
+
+
+@pytest.mark.parametrize("wanted", [0.5, 0.9])
+def test_a_wanted_precision_chooses_the_threshold(wanted):
+    """More precision, fewer points: of every method whose reliability is calibrated."""
+    names = ("Alg1/H", "EMVS/cam0", "Focus/H", "Learned/H", "Late/union")
+    recording = fronto_parallel(1.5)
+    some, fewer = (mapped(recording, *names, min_precision=p) for p in (wanted, wanted + 0.05))
+    for name in names:
+        a, b = some.depth_maps[name], fewer.depth_maps[name]
+        assert a.points > 0, name
+        assert b.points <= a.points
+        if name != "Late/union":
+            assert not (b.mask & ~a.mask).any()
+
+
+@pytest.mark.parametrize("name", ["Alg2/AtHc@2", "SGM/ts", "Focus/AtHc@2"])
+def test_a_precision_that_nobody_knows_is_refused_before_any_work(name):
+    with pytest.raises(InputError, match=f"min_precision: {name} has no calibrated") as error:
+        mapped(fronto_parallel(1.5), name, min_precision=0.9)
+    assert "\n" not in str(error.value)
+
+
+def test_a_precision_that_cannot_be_reached_says_what_can():
+    with pytest.raises(InputError, match="EMVS/cam0 reached at most 0"):
+        mapped(fronto_parallel(1.5), "EMVS/cam0", min_precision=0.9999)

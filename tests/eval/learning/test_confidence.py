@@ -1,0 +1,82 @@
+"""Calibration of reliability: laws of the tables, and what they say of points not seen before."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from emvs.depth.precision import BAND, Precision, table_name, tables
+from emvs.errors import InputError
+from eval.learning import confidence
+
+
+def points(seed, count, steepness=1.0):
+    """Points whose error has a scale that falls with the score."""
+    rng = np.random.default_rng(seed)
+    score = rng.gamma(2, 1, count)
+    return score, rng.exponential(1 / (0.1 + steepness * score))
+
+
+@given(st.integers(0, 1000), st.integers(40, 3000))
+def test_errors_never_rise_and_precision_never_falls(seed, count):
+    table = confidence.fit(*points(seed, count))
+    assert np.all(np.diff(table.score) > 0)
+    assert np.all(np.diff(table.error_px) <= 0)
+    assert np.all(np.diff(table.precision) >= 0)
+    assert np.all((table.precision >= 0) & (table.precision <= 1))
+
+
+def test_stated_bands_hold_their_share_of_other_points():
+    table = confidence.fit(*points(0, 40_000))
+    score, error_px = points(1, 40_000)
+    diagram = confidence.reliability_diagram(table, score, error_px)
+    assert len(diagram) == 10
+    for line in diagram:
+        assert abs(line["within"] - BAND) < 0.05
+        assert line["stated_px"] == pytest.approx(line["found_px"], rel=0.2)
+
+
+@pytest.mark.parametrize("wanted", [0.6, 0.8, 0.9])
+def test_a_threshold_reaches_its_precision_on_other_points(wanted):
+    table = confidence.fit(*points(0, 40_000))
+    score, error_px = points(1, 40_000)
+    kept = score >= table.least_score(wanted, "Mine/a")
+    assert (error_px[kept] <= 1).mean() == pytest.approx(wanted, abs=0.02)
+
+
+def test_a_score_that_says_nothing_states_the_same_error_everywhere():
+    rng = np.random.default_rng(0)
+    table = confidence.fit(rng.uniform(size=5000), rng.exponential(1.0, 5000))
+    assert table.error_px[0] / table.error_px[-1] < 1.4
+    with pytest.raises(InputError, match=r"Mine/a reached at most 0\.\d+ on the calibration"):
+        table.least_score(0.99, "Mine/a")
+
+
+def test_too_few_points_are_refused():
+    with pytest.raises(InputError, match="3 points: calibration needs"):
+        confidence.fit(np.ones(3), np.ones(3))
+
+
+def test_tables_are_numbers_in_files():
+    table = confidence.fit(*points(0, 500))
+    again = Precision.from_json(table.to_json())
+    np.testing.assert_allclose(again.error_px, table.error_px, rtol=1e-4)
+    for broken in ({}, {"score": [1], "error_px": [1]}, {"score": [], "error_px": [], "precision": []},
+                   {"score": [1, 2], "error_px": [1], "precision": [1]},
+                   {"score": ["a"], "error_px": [1], "precision": [1]},
+                   {"score": [float("nan")], "error_px": [1], "precision": [1]}):  # fmt: skip
+        with pytest.raises(InputError, match="no table of precision"):
+            Precision.from_json(broken)
+
+
+def test_what_ships_covers_the_methods_that_it_should():
+    fusions = {f"Alg1/{name}" for name in ("min", "H", "G", "A", "RMS", "max")}
+    assert set(tables()) == fusions | {"EMVS/cam", "Focus/H", "Focus/cam"}
+    for table in tables().values():
+        assert table.error_px[0] > 2 * table.error_px[-1]
+        assert table.precision[-1] > 0.8
+
+
+def test_all_single_cameras_share_a_table():
+    assert table_name("EMVS/cam1") == table_name("EMVS/cam0") == "EMVS/cam"
+    assert table_name("Alg1/H") == "Alg1/H"
