@@ -338,7 +338,7 @@ class MapperConfig(ParameterGroup):
         "calibration; instead of each method's own threshold",
     )
     learned_error_px: Positive = Field(
-        default=1.0,
+        default=0.5,
         description="largest expected error of a point of the Learned methods, px of disparity at "
         "10 px of it",
     )

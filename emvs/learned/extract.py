@@ -25,6 +25,8 @@ from emvs.reference_view import ReferenceView, inverse_depth_at
 
 AT_PX = 10.0
 """Disparity to which `learned_error_px` refers, px."""
+LOG_ERROR_RANGE = -6.0, 4.0
+"""What training can tell apart: from a four-hundredth of a pixel to some dozen."""
 Floats = NDArray[np.float32]
 
 
@@ -139,5 +141,6 @@ def judge(
     own_px = disparity_px[chosen.centres].astype(np.float32) - offset * chosen.sample_px
     # Beyond the planes there is no depth: the nearest and the farthest bound it.
     own_px = np.clip(own_px, np.float32(disparity_px.min()), np.float32(disparity_px.max()))
+    np.clip(log_error, *LOG_ERROR_RANGE, out=log_error)
     own = log_error[:, 0] < log_error[:, 1]
     return Judgement(chosen, np.where(own, own_px, chosen.focus_px), np.exp(log_error.min(axis=1)))

@@ -99,7 +99,7 @@ def _arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Floa
     if unpacked > MOST_BYTES:
         raise InputError(f"{path}: unpacks to {unpacked} bytes, at most {MOST_BYTES} are read")
     with np.load(path, allow_pickle=False) as archive:
-        arrays = {name: archive[name] for name in archive.files}
+        arrays = {name: np.asarray(archive[name]) for name in archive.files}
     found = {name: array.shape for name, array in arrays.items()}
     if found != dict(shapes):
         differing = sorted(n for n in {*found, *shapes} if found.get(n) != shapes.get(n))

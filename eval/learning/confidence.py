@@ -24,7 +24,8 @@ from eval.scoring.pairing import Truth
 from eval.scoring.run_folder import truth_of
 
 _BINS = 48
-_FEWEST = 20  # points of a bin
+_FEWEST = 20  # points of a bin, at least
+_SHARE = 0.005  # of all points in a bin, at least
 
 Floats = NDArray[np.floating[Any]]
 
@@ -69,12 +70,15 @@ def collect(
             truth = truth_of(sequence, result.view.t_us, EvalConfig())
             for name, depth_map in result.depth_maps.items():
                 found[table_name(name)].append(points_of(depth_map, truth))
-    return {
-        name: Scored(
-            *(np.concatenate([getattr(p, k) for p in parts]) for k in ("score", "error_px"))
-        )
-        for name, parts in found.items()
-    }
+    return {name: joined(parts) for name, parts in found.items()}
+
+
+def joined(parts: Sequence[Scored]) -> Scored:
+    """Points of several windows together."""
+    return Scored(
+        np.concatenate([one.score for one in parts]),
+        np.concatenate([one.error_px for one in parts]),
+    )
 
 
 def points_of(depth_map: DepthMap, truth: Truth) -> Scored:
@@ -109,17 +113,18 @@ def fit(score: Floats, error_px: Floats) -> Precision:
     falling = np.asarray(isotonic_regression(band, increasing=False).x)
     right = error_px[order] <= WITHIN_PX
     above = np.cumsum(right[::-1])[::-1] / np.arange(len(order), 0, -1)
-    rising = np.maximum.accumulate(above[edges])
-    knots, kept = np.unique(score[order][edges].astype(np.float64), return_index=True)
+    middle = [a + (b - a) // 2 for a, b in zip(edges, [*edges[1:], len(order)], strict=True)]
+    rising = np.maximum.accumulate(above[middle])
+    knots, kept = np.unique(score[order][middle].astype(np.float64), return_index=True)
     return Precision(knots, falling[kept], rising[kept])
 
 
 def _edges(points: int) -> list[int]:
     """Where bins of rising scores begin: they get smaller, as long as enough points are in each."""
-    edges = [0]
+    edges, fewest = [0], max(_FEWEST, round(_SHARE * points))
     for k in range(1, _BINS):
         edge = round(points * (1 - (1 - k / _BINS) ** 2))
-        if edge - edges[-1] >= _FEWEST and points - edge >= _FEWEST:
+        if min(edge - edges[-1], points - edge) >= fewest:
             edges.append(edge)
     return edges
 

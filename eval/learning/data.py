@@ -32,14 +32,14 @@ def chosen(part: Part, config: TrainingConfig) -> tuple[TrainingSequence, ...]:
     Raises:
         InputError: a scene that no sequence shows.
     """
-    every = sequences(part)
-    known = {one.scene for one in every}
+    known = {one.scene for one in sequences("training")}
     if unknown := set(config.scenes) - known:
         raise InputError(
-            f"no {part} sequence of {', '.join(sorted(unknown))}: choose from "
+            f"no training sequence of {', '.join(sorted(unknown))}: choose from "
             f"{', '.join(sorted(known))}"
         )
-    return tuple(one for one in every if not config.scenes or one.scene in config.scenes)
+    wanted = config.scenes or known
+    return tuple(one for one in sequences(part) if one.scene in wanted)
 
 
 def code_digest() -> str:

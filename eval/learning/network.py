@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from emvs.learned.extract import LOG_ERROR_RANGE
 from emvs.learned.inputs import CHANNELS, CUES
 from emvs.learned.network import Architecture
 
@@ -93,7 +94,7 @@ def loss(judged: Judged, sample_px: Tensor, target: Tensor, errors_px: Tensor) -
     crossed = -(wanted * functional.log_softmax(judged.logits, dim=1)).sum(dim=1)
     own_px = (judged.offset - target).abs() * sample_px
     errors = torch.stack([own_px.detach(), errors_px], dim=1).clamp(max=MOST_PX)
-    spread = judged.log_error.clamp(-6, 4)
+    spread = judged.log_error.clamp(*LOG_ERROR_RANGE)
     unlikely = (errors * torch.exp(-spread) + spread).mean(dim=1)
     close = functional.smooth_l1_loss(judged.offset, target, reduction="none", beta=0.25)
     return (inside * (crossed + 0.3 * close.clamp(max=4)) + 0.3 * unlikely).mean()

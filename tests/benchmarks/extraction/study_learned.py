@@ -32,6 +32,7 @@ from study_samples import SETS, SampleSpec
 
 BASE, FOCUS, LEARNED = METHODS = ("Alg1/H", "Focus/H", "Learned/H")
 WANTED = ("median_error", "mean_error", "bad_published", "bad_1px", "blocks")
+ERRORS_PX = (0.1, 0.2, 0.3, 0.5, 1.0)
 _RESAMPLES = 2000
 _PLAIN = ""
 Outcomes = dict[SampleSpec, dict[str, Numbers]]
@@ -55,19 +56,32 @@ def outcome(
     result = map_window(told(sequence, imperfection, spec.seed), config)
     truth = truth_of(sequence, result.view.t_us, EvalConfig())
     points = result.depth_maps[BASE].points
-    return {
+    found = {
         name: _numbers(depth_map, _most_reliable(depth_map, truth, points), truth)
         for name, depth_map in result.depth_maps.items()
     }
+    learned = result.depth_maps[LEARNED]
+    for error_px in ERRORS_PX:
+        found[_limit(error_px)] = _numbers(learned, _ranks(learned, truth) >= 1 / error_px, truth)
+    return found
+
+
+def _limit(error_px: float) -> str:
+    return f"`learned_error_px` {error_px:g}"
+
+
+def _ranks(depth_map: DepthMap, truth: Truth) -> NDArray[np.float32]:
+    """(H, W) what ranks the pixels of a method; 0 where there is no candidate."""
+    if depth_map.reliability is None or depth_map.method != LEARNED:
+        return np.zeros(depth_map.mask.shape, np.float32)
+    return at_reference_px(depth_map.reliability, truth.baseline_focal_px_m / depth_map.depth_m)
 
 
 def _most_reliable(depth_map: DepthMap, truth: Truth, points: int) -> NDArray[np.bool_]:
     """As many pixels as wanted, the most reliable first; Alg1/H keeps its own."""
     if depth_map.method == BASE or depth_map.reliability is None:
         return depth_map.mask
-    rank = depth_map.reliability
-    if depth_map.method == LEARNED:
-        rank = at_reference_px(rank, truth.baseline_focal_px_m / depth_map.depth_m)
+    rank = _ranks(depth_map, truth) if depth_map.method == LEARNED else depth_map.reliability
     candidates = without_border(depth_map.reliability > 0, MapperConfig().border_px)
     allowed = np.flatnonzero(candidates)
     mask = np.zeros(rank.shape, np.bool_)
@@ -126,6 +140,22 @@ def summary_table(outcomes: Outcomes) -> str:
     return "\n".join(lines) + "\n"
 
 
+def limit_table(outcomes: Outcomes) -> str:
+    """One line for each limit of the expected error: points and errors over those of Alg1/H."""
+    lines = [
+        "| `learned_error_px` | points | fewest | median | mean | bad pixels | within 1 px % |",
+        "|--:|--:|--:|--:|--:|--:|--:|",
+    ]
+    for error_px in ERRORS_PX:
+        found = [(one, _limit(error_px)) for one in outcomes.values()]
+        points = [ratio(one, name, "points") for one, name in found]
+        means = [interval([ratio(one, name, m) for one, name in found])[0] for m in WANTED[:3]]
+        precise = 100 - float(np.mean([one[name]["bad_1px"] for one, name in found]))
+        cells = " | ".join(f"{v:.2f}" for v in (interval(points)[0], min(points), *means))
+        lines.append(f"| {error_px:g} | {cells} | {precise:.0f} |")
+    return "\n".join(lines) + "\n"
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Runs the study and prints its tables; exit code 2 on bad input."""
     parser = argparse.ArgumentParser(
@@ -142,7 +172,7 @@ def main(arguments: list[str] | None = None) -> int:
         outcomes: Outcomes = {}
         for spec in (one for name in chosen.sets for one in SETS[name]):
             outcomes[spec] = outcome(spec, chosen.cache, chosen.imperfection, chosen.weights)
-        text = f"{summary_table(outcomes)}\n{case_table(outcomes)}"
+        text = "\n".join(table(outcomes) for table in (summary_table, case_table, limit_table))
         sys.stdout.write(text)
         if chosen.page is not None:
             into_page(chosen.page, chosen.mark, text)

@@ -79,10 +79,17 @@ OTHERS = (
 NOISY = tuple(
     SampleSpec(case, sensor="davis346") for case in (*_FIRST, "tumvie-6dof", "reflective")
 )
+# Scenes that can be left out of training: the held-out motions through them
+_LEFT_OUT = (
+    "rpg-boxes", "rpg-reader", "rpg-monitor", "rpg-bin", "tumvie-6dof", "tumvie-desk2", "tumvie-1d",
+    "tumvie-3d", "hdr-night", "low-texture", "thin-structures",
+)  # fmt: skip
+UNSEEN = tuple(one for one in HELD_OUT if one.case in _LEFT_OUT)
 SETS = {
     "development": DEVELOPMENT,
     "further": FURTHER,
     "held-out": HELD_OUT,
     "other": OTHERS,
     "noisy": NOISY,
+    "unseen": UNSEEN,
 }

@@ -129,7 +129,7 @@ def test_the_mapper_refuses_weights_before_it_reads_an_event(weights, monkeypatc
     recording = fronto_parallel(1.5)
     monkeypatch.setattr(type(recording), "events", lambda *_: pytest.fail("events were read"))
     learned.network.cache_clear()
-    with pytest.raises(InputError, match="mine.npz"):
+    with pytest.raises(InputError, match=r"mine\.npz"):
         map_window(recording, MapperConfig(methods=("Learned/H",), learned_weights=weights))
 
 

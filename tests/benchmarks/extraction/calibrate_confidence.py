@@ -1,0 +1,146 @@
+"""What each method's reliability is worth: `python tests/benchmarks calibrate_confidence --help`.
+
+Calibrates on the calibration sequences of training, and writes `emvs/depth/precision.json`, which
+ships. With `--page` it then asks samples of the extraction study, which nothing was trained or
+calibrated on, whether the stated errors and precisions hold there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections import defaultdict
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from emvs.config import MapperConfig
+from emvs.depth import precision
+from emvs.depth.precision import Precision, table_name, tables
+from emvs.errors import InputError
+from emvs.learned.network import network
+from emvs.mapper import map_window
+from emvs.utils.files import atomic_path
+from eval.cli.exit_codes import exit_code
+from eval.config import EvalConfig
+from eval.learning import confidence
+from eval.learning.confidence import Scored
+from eval.learning.sequences import sequences
+from eval.scoring.run_folder import truth_of
+from markdown_blocks import into_page
+from study_cache import load_sequence
+from study_samples import SETS
+
+METHODS = (
+    *(f"Alg1/{name}" for name in ("min", "H", "G", "A", "RMS", "max")),
+    "EMVS/cam0", "EMVS/cam1", "Focus/H", "Focus/cam0",
+)  # fmt: skip
+ASKED = ("Alg1/H", "EMVS/cam0", "Focus/H", "Learned/H")
+WANTED = (0.9, 0.95)
+TABLE = Path(precision.__file__).with_name(precision.FILE_NAME)
+
+
+def calibrate(folder: Path) -> dict[str, Precision]:
+    """Tables of all methods, from the calibration sequences in a folder.
+
+    Raises:
+        InputError: a sequence that is not there.
+    """
+    wanted = sequences("calibration")
+    missing = [one.name for one in wanted if not (folder / one.name).exists()]
+    if missing:
+        raise InputError(
+            f"{folder}: no sequence {missing[0]} and {len(missing) - 1} others; `eventsweep train` "
+            "makes them"
+        )
+    found = confidence.collect(folder, wanted, METHODS)
+    return {name: confidence.fit(one.score, one.error_px) for name, one in found.items()}
+
+
+def held_out(cache: Path, sets: list[str]) -> dict[str, Scored]:
+    """Candidates of the study's samples, by method."""
+    found: dict[str, list[Scored]] = defaultdict(list)
+    for spec in (one for name in sets for one in SETS[name]):
+        sequence = load_sequence(
+            spec.case, spec.seed, cache, rig=spec.rig, seconds=spec.seconds, sensor=spec.sensor
+        )
+        result = map_window(sequence, MapperConfig(methods=ASKED))
+        truth = truth_of(sequence, result.view.t_us, EvalConfig())
+        for name, depth_map in result.depth_maps.items():
+            found[name].append(confidence.points_of(depth_map, truth))
+    return {name: confidence.joined(parts) for name, parts in found.items()}
+
+
+def table_of(method: str) -> Precision:
+    """The table of a method, where it ships.
+
+    Raises:
+        InputError: there is none.
+    """
+    known = (
+        network().precision(method) if method == "Learned/H" else tables().get(table_name(method))
+    )
+    if known is None:
+        raise InputError(f"{method}: no table of precision; calibrate first")
+    return known
+
+
+def report(found: Mapping[str, Scored]) -> str:
+    """Markdown: stated bands and wanted precisions beside those that were found."""
+    lines = [
+        "| Method | bin | stated error px | found px | within % |",
+        "|---|--:|--:|--:|--:|",
+    ]
+    for name, points in found.items():
+        table = table_of(name)
+        kept = points.score >= np.quantile(points.score, 0.5)  # others are never reported
+        diagram = confidence.reliability_diagram(
+            table, points.score[kept], points.error_px[kept], bins=5
+        )
+        for k, line in enumerate(diagram, 1):
+            cells = f"{line['stated_px']:.2f} | {line['found_px']:.2f} | {100 * line['within']:.0f}"
+            lines.append(f"| `{name}` | {k} | {cells} |")
+    lines += ["", "| Method | wanted precision % | found % | points |", "|---|--:|--:|--:|"]
+    for name, points in found.items():
+        lines += [_reached(name, points, wanted) for wanted in WANTED]
+    return "\n".join(lines) + "\n"
+
+
+def _reached(name: str, points: Scored, wanted: float) -> str:
+    table = table_of(name)
+    if wanted > table.precision[-1]:
+        return f"| `{name}` | {100 * wanted:.0f} | not to be had | |"
+    kept = points.score >= table.least_score(wanted, name)
+    right = float((points.error_px[kept] <= precision.WITHIN_PX).mean()) if kept.any() else 0.0
+    return f"| `{name}` | {100 * wanted:.0f} | {100 * right:.1f} | {int(kept.sum())} |"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Calibrates, or reports; exit code 2 on bad input."""
+    parser = argparse.ArgumentParser(
+        prog="python tests/benchmarks calibrate_confidence", description=__doc__
+    )
+    parser.add_argument("--sequences", type=Path, help="folder of the calibration sequences")
+    parser.add_argument("--sets", nargs="+", default=["held-out"], choices=list(SETS))
+    parser.add_argument("--cache", type=Path, default=Path("out/study"))
+    parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")
+    chosen = parser.parse_args(arguments)
+    with exit_code() as code:
+        if chosen.sequences is not None:
+            made = {
+                name: one.to_json() for name, one in sorted(calibrate(chosen.sequences).items())
+            }
+            with atomic_path(TABLE) as part:
+                part.write_text(json.dumps({"methods": made}, indent=1) + "\n", encoding="utf-8")
+            tables.cache_clear()
+        if chosen.page is not None:
+            text = report(held_out(chosen.cache, chosen.sets))
+            sys.stdout.write(text)
+            into_page(chosen.page, "confidence", text)
+    return code.value
+
+
+if __name__ == "__main__":
+    sys.exit(main())
