@@ -87,6 +87,10 @@ ifdef SLIDER
 		--map.stride-s 0.1 --map.min-depth-m 0.3 --map.max-depth-m 4 --map.hot-pixels 3 --force --quiet
 	$(BIN)/eventsweep fuse out/slider --mesh --min-windows 2
 	$(BIN)/python docs/figures/draw_clouds.py out/slider EMVS/cam0 docs/images/slider_depth.png --zoom 0.7
+	$(BIN)/eventsweep map $(SLIDER) --out out/slider-learned --method EMVS/cam0 --method Focus/cam0 \
+		--method Learned/cam0 --map.start-s 1 --map.duration-s 0.8 --map.min-depth-m 0.3 \
+		--map.max-depth-m 4 --map.hot-pixels 3 --force --quiet
+	$(BIN)/python docs/figures/draw_learned.py out/slider-learned docs/images/learned_slider_depth.png
 endif
 
 # Tables in the documentation: of the code, in seconds; and measured, in hours on a quiet machine.
@@ -101,6 +105,14 @@ measurements: setup studies
 	$(BIN)/python tests/benchmarks scene_tables docs/scenes.md docs/twins.md docs/twins_outdoor.md docs/twins_hard.md
 	$(BIN)/python tests/benchmarks study_extraction --sets development held-out --page docs/extraction.md \
 		--picture docs/images/extraction.png
+	$(BIN)/eventsweep train --out out/trained
+	$(BIN)/python tests/benchmarks calibrate_confidence --sequences out/trained/sequences \
+		--page docs/learned.md
+	$(BIN)/python tests/benchmarks study_learned --page docs/learned.md
+	$(BIN)/python tests/benchmarks study_learned --sets noisy --page docs/learned.md --mark learned-noisy
+	$(BIN)/python tests/benchmarks study_learned --sets other --page docs/learned.md --mark learned-other
+	$(BIN)/python tests/benchmarks study_learned --imperfection mvsec --page docs/learned.md \
+		--mark learned-imperfect
 	$(BIN)/python tests/benchmarks check_faults --out out/checks --page docs/check.md
 	$(BIN)/python tests/benchmarks check_sizes --out out/checks --page docs/check.md
 	$(BIN)/python tests/benchmarks fidelity --truth out/fidelity --page docs/simulator.md \
