@@ -17,7 +17,6 @@ from emvs.depth.precision import check_precision, stated
 from emvs.dsi.backend import SweepSettings
 from emvs.dsi.backprojection import back_project
 from emvs.dsi.device import Device, device_for_methods, projector_on
-from emvs.dsi.kept_votes import KeptVotes
 from emvs.dsi.maxima import Measures
 from emvs.dsi.method import WHOLE, Method, single_cameras
 from emvs.dsi.slices import Slices
@@ -25,6 +24,7 @@ from emvs.dsi.sweep import SweepResult, group_by_split, sweep
 from emvs.dsi.voting import VoteCounts
 from emvs.errors import InputError, check_type
 from emvs.learned.extract import extract_learned
+from emvs.learned.kept_votes import KeptVotes
 from emvs.learned.network import network
 from emvs.methods import AnyMethod, methods_by_name, with_volume
 from emvs.reference_view import ReferenceView, reference_view
@@ -88,7 +88,8 @@ def map_window(
     kept = votes_to_keep(fusions, view, config, n_cameras)
     swept = sweep(
         projected, view, groups, sweep_settings(config), progress, device,
-        slice_row=config.slice_row, dsi_dir=dsi_dir if config.save_dsi else None, kept=kept,
+        slice_row=config.slice_row, dsi_dir=dsi_dir if config.save_dsi else None,
+        keep=None if kept is None else kept.take,
     )  # fmt: skip
     stopwatch.lap("sweep")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from emvs.dsi.backend import Backend, SweepSettings, Task
 from emvs.dsi.backprojection import Projected
 from emvs.dsi.device import CPU, Device, backend_on
-from emvs.dsi.kept_votes import KeptVotes
 from emvs.dsi.maxima import InFocus, Maximum
 from emvs.dsi.method import WHOLE, Method, Split, single_cameras
 from emvs.dsi.slices import Slices, volume_writer
 from emvs.dsi.voting import VoteCounts
 from emvs.reference_view import ReferenceView
 from emvs.utils.runtime import Progress, silent
+
+Keep = Callable[[int, NDArray[np.float32]], None]
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def sweep(
     *,
     slice_row: int | None = None,
     dsi_dir: Path | None = None,
-    kept: KeptVotes | None = None,
+    keep: Keep | None = None,
 ) -> SweepResult:
     """Sweeps the planes once per group: casts votes in a few planes, fuses them, keeps the maxima.
 
@@ -93,7 +94,8 @@ def sweep(
         device: what computes; the rays must lie there.
         slice_row: the image row to keep of every volume, px; by default the middle one.
         dsi_dir: where to write every fused volume; None for nowhere.
-        kept: takes in the cameras' votes of the whole window, if its methods need them afterwards.
+        keep: takes in the votes of the whole window, if its methods need them afterwards: the
+            first plane's number, and (V, P, H, W) votes that are valid during the call.
 
     Raises:
         InputError: a GPU with too little memory for one plane.
@@ -107,7 +109,7 @@ def sweep(
     for k, group in enumerate(groups):
         task = _task(group, cameras, view, row_px, settings)
         backend = backend_on(device, task, projected.rays[group.split])
-        whole = kept if group.split == WHOLE else None
+        whole = keep if group.split == WHOLE else None
         for done in _planes(backend, task, dsi_dir, whole):
             progress("sweep", k * planes + done, len(groups) * planes)
         outcome = backend.outcome()
@@ -126,9 +128,7 @@ def _task(
     return Task(group.methods, group.requested, cameras, *size, view.rho, row_px, settings)
 
 
-def _planes(
-    backend: Backend, task: Task, dsi_dir: Path | None, kept: KeptVotes | None
-) -> Iterator[int]:
+def _planes(backend: Backend, task: Task, dsi_dir: Path | None, keep: Keep | None) -> Iterator[int]:
     """One group's sweep; yields how many planes are done, batch by batch."""
     planes, step = len(task.rho), backend.planes_in_flight
     shape = planes, task.height_px, task.width_px
@@ -140,8 +140,8 @@ def _planes(
             backend.fuse()
             if dsi_dir is not None:
                 volumes.take(backend.images())
-            if kept is not None:
-                kept.take(first, backend.images())
+            if keep is not None:
+                keep(first, backend.images())
             yield last
 
 

@@ -16,10 +16,10 @@ from emvs.config import MapperConfig
 from emvs.depth.depth_map import DepthMap
 from emvs.depth.focus import estimate_in_focus
 from emvs.depth.precision import stated
-from emvs.dsi.kept_votes import KeptVotes
 from emvs.dsi.maxima import InFocus, Maximum
 from emvs.dsi.method import Method
 from emvs.learned.inputs import BATCH, Candidates, candidates, channels
+from emvs.learned.kept_votes import KeptVotes
 from emvs.learned.network import Network, network
 from emvs.reference_view import ReferenceView, inverse_depth_at
 

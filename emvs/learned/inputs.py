@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from emvs.depth.depth_map import without_border
 from emvs.depth.focus import FocusEstimate
 from emvs.dsi.fusion import fuse_by
-from emvs.dsi.kept_votes import LANES, KeptVotes
 from emvs.dsi.maxima import InFocus, Maximum
 from emvs.dsi.method import Method
+from emvs.learned.kept_votes import LANES, KeptVotes
 
 DEPTH = 17
 """Samples along the ray, the plane in focus in the middle."""

@@ -15,10 +15,10 @@ from emvs.data.sequence import Sequence as EventSequence
 from emvs.depth.focus import estimate_in_focus, parallax_baseline_m
 from emvs.dsi.backprojection import back_project
 from emvs.dsi.device import CPU, projector_on
-from emvs.dsi.kept_votes import KeptVotes, votes_of_codes
 from emvs.dsi.method import WHOLE, Method
 from emvs.dsi.sweep import group_by_split, sweep
 from emvs.learned.inputs import BATCH, CHANNELS, DEPTH, SIDE_PX, Candidates, candidates, channels
+from emvs.learned.kept_votes import KeptVotes, votes_of_codes
 from emvs.mapper import sweep_settings
 from emvs.methods import build_focus
 from emvs.reference_view import ReferenceView, reference_view
@@ -115,7 +115,7 @@ def show(recording: Recording, config: MapperConfig, method: Method) -> Shown:
     size = view.camera.height_px, view.camera.width_px
     kept = KeptVotes(len(recording.rig), len(view.rho), *size)
     groups = group_by_split((method,), len(recording.rig))
-    swept = sweep(projected, view, groups, sweep_settings(config), kept=kept)
+    swept = sweep(projected, view, groups, sweep_settings(config), keep=kept.take)
     baseline_m = parallax_baseline_m(recording, window)
     disparity_px = baseline_m * view.camera.fx_px * view.rho.astype(np.float64)
     votes, focus = swept.maxima[method.name], swept.focus[method.name]

@@ -15,7 +15,7 @@ _ZERO_EXPONENT = np.int32(127 << 4)
 
 @njit(parallel=True, cache=True)
 def encode(votes, scratch, codes):
-    """Fills `codes` with the votes of one camera as `emvs.dsi.kept_votes` codes them.
+    """Fills `codes` with the votes of one camera as `emvs.learned.kept_votes` codes them.
 
     Arrays:
         votes: (P, H, W) float32, 0 or more, each row contiguous.

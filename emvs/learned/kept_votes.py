@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.dsi import kept_votes_kernels
+from emvs.learned import kept_votes_kernels
 
 LANES = 32
 """How many pixels stand side by side in patches: some vectors of a processor."""
