@@ -20,17 +20,8 @@ from emvs.dsi.fusion import fuse_by
 from emvs.dsi.maxima import InFocus, Maximum
 from emvs.dsi.method import Method
 from emvs.learned.kept_votes import LANES, KeptVotes
+from emvs.learned.network import CUES, DEPTH, SIDE_PX
 
-DEPTH = 17
-"""Samples along the ray, the plane in focus in the middle."""
-SIDE_PX = 7
-"""Rows and columns of a patch."""
-CHANNELS = ("fused", "first camera", "mean of the others")
-CUES = (
-    "sample_px", "fitted", "focus", "votes_peak", "first_camera", "other_cameras", "agreement",
-    "support", "inside", "ray", "strength", "votes", "disparity",
-)  # fmt: skip
-"""What the network is told beside the votes, as numbers of about unit size."""
 BATCH = 2048
 """Pixels whose patches are in memory at a time."""
 _SAMPLE_PX = 0.5
@@ -135,7 +126,7 @@ def channels(kept: KeptVotes, method: Method, chosen: Candidates) -> Floats:
     Returns:
         (B, 3, DEPTH, SIDE_PX, SIDE_PX, LANES) float32, as shares of the fused volume's largest
         value in the patch; candidate m is lane m % LANES of block m // LANES. The channels are
-        `CHANNELS`; one camera alone is all three.
+        `emvs.learned.network.CHANNELS`; one camera alone is all three.
     """
     where = chosen.rows, chosen.columns, chosen.centres, chosen.strides
     cameras = kept.patches(*where, DEPTH, SIDE_PX)

@@ -16,11 +16,20 @@ from numpy.typing import NDArray
 
 from emvs.depth.precision import Precision, table_name
 from emvs.learned import network_kernels
-from emvs.learned.inputs import CHANNELS, CUES
 from emvs.learned.weights import Weights, packaged, read_weights
 
 NAME = "eventsweep-learned-1"
 """Of the network in manifests: another architecture, or other inputs, is another network."""
+DEPTH = 17
+"""Samples along the ray, the plane in focus in the middle."""
+SIDE_PX = 7
+"""Rows and columns of a patch."""
+CHANNELS = ("fused", "first camera", "mean of the others")
+CUES = (
+    "sample_px", "fitted", "focus", "votes_peak", "first_camera", "other_cameras", "agreement",
+    "support", "inside", "ray", "strength", "votes", "disparity",
+)  # fmt: skip
+"""What the network is told beside the votes, as numbers of about unit size."""
 OUTPUTS = 2  # expected errors: of the network's own depth, and of the depth by focus
 Floats = NDArray[np.float32]
 

@@ -11,8 +11,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from emvs.learned.extract import LOG_ERROR_RANGE
-from emvs.learned.inputs import CHANNELS, CUES
-from emvs.learned.network import Architecture
+from emvs.learned.network import CHANNELS, CUES, Architecture
 
 
 class Judged(NamedTuple):

@@ -17,8 +17,9 @@ from emvs.dsi.backprojection import back_project
 from emvs.dsi.device import CPU, projector_on
 from emvs.dsi.method import WHOLE, Method
 from emvs.dsi.sweep import group_by_split, sweep
-from emvs.learned.inputs import BATCH, CHANNELS, DEPTH, SIDE_PX, Candidates, candidates, channels
+from emvs.learned.inputs import BATCH, Candidates, candidates, channels
 from emvs.learned.kept_votes import KeptVotes, votes_of_codes
+from emvs.learned.network import CHANNELS, DEPTH, SIDE_PX
 from emvs.mapper import sweep_settings
 from emvs.methods import build_focus
 from emvs.reference_view import ReferenceView, reference_view

@@ -4,9 +4,9 @@ import numba
 import numpy as np
 import pytest
 
-from emvs.learned.inputs import CHANNELS, CUES, DEPTH, SIDE_PX, in_blocks
+from emvs.learned.inputs import in_blocks
 from emvs.learned.kept_votes import LANES
-from emvs.learned.network import Architecture, Network, network
+from emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX, Architecture, Network, network
 from emvs.learned.weights import Weights
 from naive_network import judged
 
