@@ -16,8 +16,8 @@ from eval.cli.exit_codes import exit_code
 from eval.cli.help import refusal
 
 VERBS = (
-    "calibrate", "check", "compare", "completion", "convert", "events", "fuse", "gate", "info",
-    "list", "map", "report", "run", "score", "simulate", "study", "suite",
+    "archive", "calibrate", "check", "compare", "completion", "convert", "events", "fuse", "gate",
+    "info", "list", "map", "report", "run", "score", "simulate", "study", "suite",
 )  # fmt: skip
 for _verb in VERBS:  # importing its module registers a verb
     import_module(f"eval.cli.verbs.{_verb}")

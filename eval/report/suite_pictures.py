@@ -20,6 +20,7 @@ from eval.report.ranking import ranked_methods
 from eval.report.run_data import CaseData, MethodData, window_data
 from eval.scoring.predictions import FAMILY, NamedFolder, Prediction, TargetView
 from eval.scoring.results import POOLED
+from eval.suite.archive import SequenceArchive
 from eval.suite.definition import Suite
 from eval.suite.output import PICTURES_FOLDER
 from eval.suite.predictions import assignment, open_predictions
@@ -37,6 +38,7 @@ def write_pictures(
     result: SuiteResult,
     predictions: Sequence[NamedFolder],
     cache: Path,
+    archive: SequenceArchive | None = None,
 ) -> None:
     """Writes `pictures/CASE.png`: the first window of each case's first seed.
 
@@ -48,13 +50,14 @@ def write_pictures(
         result: what was scored.
         predictions: the folders that were scored beside the suite's methods.
         cache: folder of the jobs' cache.
+        archive: where the sequences were.
 
     Raises:
         InputError: a prediction that was changed since, or no room on the disk.
     """
     place = folder / PICTURES_FOLDER
     check_files(folder, (PICTURES_FOLDER,), force=True)
-    pictures = dict(_pictures(suite, result, predictions, Cache(cache)))
+    pictures = dict(_pictures(suite, result, predictions, Cache(cache), archive))
     if not pictures:
         if place.is_dir():
             remove_ours(place)
@@ -66,13 +69,17 @@ def write_pictures(
 
 
 def _pictures(
-    suite: Suite, result: SuiteResult, predictions: Sequence[NamedFolder], cache: Cache
+    suite: Suite,
+    result: SuiteResult,
+    predictions: Sequence[NamedFolder],
+    cache: Cache,
+    archive: SequenceArchive | None,
 ) -> Iterator[tuple[str, bytes]]:
     first: dict[str, Sample] = {}
     for sample in result.samples:
         first.setdefault(sample.case, sample)
     for case, sample in first.items():
-        (score,) = suite_jobs(suite, [case], [sample.seed])
+        (score,) = suite_jobs(suite, [case], [sample.seed], archive)
         found = _case(suite, score, sample, cache)
         if found is not None:
             theirs = _others(suite, score, predictions)

@@ -16,8 +16,10 @@ from rich.table import Table
 from emvs.utils.cache import Cache
 from emvs.utils.files import atomic_path, bytes_text
 from emvs.utils.outputs import check_files, output_folder
+from eval.archives.manifest import ArchiveManifest, PackedSequence
 from eval.jobs.job import SEQUENCE, stored
 from eval.numbers import shown, shown_unit
+from eval.suite.archive import SequenceArchive
 from eval.suite.definition import Suite
 from eval.suite.predictions import assignment
 from eval.suite.results import FILE_NAME, SuiteResult, write_suite
@@ -125,6 +127,7 @@ def assignments(
     seeds: Sequence[int] | None,
     cases: Sequence[str] | None,
     cache: Path,
+    archive: SequenceArchive | None = None,
 ) -> dict[str, Any]:
     """What a prediction must hold, and where the cache has the sequences, as plain JSON values.
 
@@ -132,7 +135,7 @@ def assignments(
         InputError: an unknown subset or case.
     """
     listed = []
-    for job in suite_jobs(suite, *extent(suite, subset, seeds, cases)):
+    for job in suite_jobs(suite, *extent(suite, subset, seeds, cases, archive), archive):
         made = stored(job.needs[0], Cache(cache)) if cache.is_dir() else None
         where = None if made is None else str(made.path / SEQUENCE)
         listed.append({**assignment(suite, job).to_json(), "sequence": where})
@@ -186,3 +189,36 @@ def show_cache(cache: Path, size: int, freed: int, *, as_json: bool, quiet: bool
         return
     words = f"; freed {bytes_text(freed)}" if freed else ""
     out.print(f"{cache}: {bytes_text(size)}{words}", markup=False, soft_wrap=True)
+
+
+def show_archive(
+    manifest: ArchiveManifest,
+    chosen: Sequence[PackedSequence],
+    *,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Prints what an archive is, and how large the chosen part of it."""
+    if quiet:
+        return
+    out = RichConsole(highlight=False)
+    packed, unpacked = (
+        sum(one.bytes for one in chosen), sum(one.unpacked_bytes for one in chosen)
+    )  # fmt: skip
+    if as_json:
+        facts = {
+            **manifest.model_dump(include={"suite", "digest", "part", "truth", "licence"}),
+            "version": manifest.version,
+            "sequences": [one.place for one in chosen],
+            "bytes": packed,
+            "unpacked_bytes": unpacked,
+        }
+        out.out(json.dumps(facts, indent=2), highlight=False)
+        return
+    out.print(
+        f"{manifest.suite}, {manifest.part}, version {manifest.version}: {len(chosen)} of "
+        f"{len(manifest.sequences)} sequences, {bytes_text(packed)}, {bytes_text(unpacked)} "
+        f"unpacked; {manifest.licence}; {'with' if manifest.truth else 'without'} ground truth",
+        markup=False,
+        soft_wrap=True,
+    )

@@ -21,6 +21,7 @@ def suite(
     seeds: str | None = None,
     case: Annotated[tuple[str, ...], NO_NEGATIVE] = (),
     prediction: Predictions = (),
+    archive: Path | None = None,
     list_cases: Annotated[bool, NO_NEGATIVE] = False,
     speed: bool = True,
     force: Force = False,
@@ -35,21 +36,24 @@ def suite(
         seeds: Seeds instead of the suite's own, such as 0,1,2 or 100-109.
         case: Only this case, repeatable.
         prediction: NAME=DIR or DIR with depth maps of another method, scored too; repeatable.
+        archive: Folder of `archive make` or `fetch`: its sequences are used, none is simulated.
         list_cases: Only list what a prediction must hold; nothing is run.
         speed: Whether to time the mapper at the end.
     """
     from eval.report.suite_pictures import write_pictures
     from eval.scoring.predictions import NamedFolder
     from eval.suite import output
+    from eval.suite.archive import SequenceArchive
     from eval.suite.definition import load
 
     chosen, subset = load(name)
+    frozen = SequenceArchive(archive) if archive else None
     chosen_seeds = seed_numbers(seeds, "--seeds")
     cache_folder = job_flags.cache_folder()
     if list_cases and (out is not None or prediction):
         raise InputError("--list-cases with --out or --prediction: it only lists; leave one out")
     if list_cases:
-        listed = output.assignments(chosen, subset, chosen_seeds, case, cache_folder)
+        listed = output.assignments(chosen, subset, chosen_seeds, case, cache_folder, frozen)
         output.show_assignments(listed, as_json=common.json, quiet=common.quiet)
         return 0
     if out is None:
@@ -67,10 +71,11 @@ def suite(
             cases=case,
             speed=speed,
             predictions=given,
+            archive=frozen,
         )
         output.write(folder, result, force=force)
         with console.progress.stage("pictures", 1):
-            write_pictures(folder, chosen, result, given, cache_folder)
+            write_pictures(folder, chosen, result, given, cache_folder, frozen)
     output.show(result, cache_folder, as_json=common.json, quiet=common.quiet)
     console.wrote(folder / "suite.json")
     return _FAILED if result.failures else 0
