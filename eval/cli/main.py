@@ -17,7 +17,8 @@ from eval.cli.help import refusal
 
 VERBS = (
     "archive", "calibrate", "check", "compare", "completion", "convert", "events", "fuse", "gate",
-    "info", "list", "map", "report", "run", "score", "simulate", "study", "suite",
+    "info", "list", "map", "report", "run", "score", "simulate", "study", "submission",
+    "suite",
 )  # fmt: skip
 for _verb in VERBS:  # importing its module registers a verb
     import_module(f"eval.cli.verbs.{_verb}")

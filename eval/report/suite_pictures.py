@@ -104,7 +104,7 @@ def _case(suite: Suite, score: Job, sample: Sample, cache: Cache) -> CaseData | 
 
 def _others(suite: Suite, score: Job, predictions: Sequence[NamedFolder]) -> list[MethodData]:
     """The depth maps of others for the first window."""
-    asked = assignment(suite, score)
+    asked = assignment(suite, score.parameters["case"], score.parameters["seed"])
     found = open_predictions(predictions, suite, [asked])
     return [_method(opened(one.job(score).parameters, one.folder), asked.views[0]) for one in found]
 

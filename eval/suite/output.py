@@ -25,6 +25,7 @@ from eval.suite.predictions import assignment
 from eval.suite.results import FILE_NAME, SuiteResult, write_suite
 from eval.suite.run import extent, suite_jobs
 from eval.suite.series import Series, of_suite
+from eval.suite.submission import Asked, SubmissionFacts
 
 CSV_NAME, PICTURES_FOLDER = "suite.csv", "pictures"
 _SHOWN = ("points", "median_error", "mean_error", "abs_rel", "bad_published", "completeness")
@@ -138,7 +139,8 @@ def assignments(
     for job in suite_jobs(suite, *extent(suite, subset, seeds, cases, archive), archive):
         made = stored(job.needs[0], Cache(cache)) if cache.is_dir() else None
         where = None if made is None else str(made.path / SEQUENCE)
-        listed.append({**assignment(suite, job).to_json(), "sequence": where})
+        asked = assignment(suite, job.parameters["case"], job.parameters["seed"])
+        listed.append({**asked.to_json(), "sequence": where})
     about = {"suite": suite.name, "subset": subset, "digest": suite.digest}
     return {"schema_version": 1, **about, "sequences": listed}
 
@@ -219,6 +221,26 @@ def show_archive(
         f"{manifest.suite}, {manifest.part}, version {manifest.version}: {len(chosen)} of "
         f"{len(manifest.sequences)} sequences, {bytes_text(packed)}, {bytes_text(unpacked)} "
         f"unpacked; {manifest.licence}; {'with' if manifest.truth else 'without'} ground truth",
+        markup=False,
+        soft_wrap=True,
+    )
+
+
+def show_submission(facts: SubmissionFacts, asked: Asked, *, as_json: bool, quiet: bool) -> None:
+    """Prints what a submission is, once all of it was found to be right."""
+    if quiet:
+        return
+    out = RichConsole(highlight=False)
+    maps = len(asked.views())
+    if as_json:
+        content = {**facts.model_dump(mode="json"), "suite": asked.suite.name, "depth_maps": maps}
+        out.out(json.dumps(content, indent=2, ensure_ascii=False), highlight=False)
+        return
+    cost = facts.cost
+    out.print(
+        f"{facts.method} by {', '.join(facts.authors)}, {facts.licence}: {maps} depth maps for "
+        f"{asked.suite.name} are complete; stated: {cost.seconds_per_window:g} s a window, "
+        f"{cost.peak_memory_mb:g} MB, {cost.hardware}",
         markup=False,
         soft_wrap=True,
     )

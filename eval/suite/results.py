@@ -116,6 +116,7 @@ class SuiteResult:
         samples: one per case and seed that was scored.
         jobs: the outcome of every job.
         predictions: per method of others, the hash over its files and what their numbers mean.
+        stated: per method of others, what its submitter says of it.
         archive: whose sequences were used; None where they were simulated.
         speed: per case, CPU time of the mapper over that of the calibration loop, repeated.
         versions: of everything that shapes the numbers, on the machine that collected them.
@@ -132,6 +133,7 @@ class SuiteResult:
     samples: tuple[Sample, ...]
     jobs: tuple[JobNote, ...] = ()
     predictions: dict[str, str] = field(default_factory=dict)
+    stated: dict[str, dict[str, Any]] = field(default_factory=dict)
     archive: ArchiveFacts | None = None
     speed: dict[str, tuple[float, ...]] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=versions)

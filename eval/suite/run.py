@@ -66,7 +66,8 @@ def run_suite(
     """
     its_cases, its_seeds = extent(suite, subset, seeds, cases, archive)
     jobs = suite_jobs(suite, its_cases, its_seeds, archive)
-    others = open_predictions(predictions, suite, [assignment(suite, job) for job in jobs])
+    asked = [assignment(suite, job.parameters["case"], job.parameters["seed"]) for job in jobs]
+    others = open_predictions(predictions, suite, asked)
     jobs += [other.job(job) for job in jobs for other in others]
     outcomes = run_jobs(jobs, workers, progress)
     return SuiteResult(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -35,16 +36,19 @@ def suite(
         out: Folder to write: suite.json, suite.csv and pictures.
         seeds: Seeds instead of the suite's own, such as 0,1,2 or 100-109.
         case: Only this case, repeatable.
-        prediction: NAME=DIR or DIR with depth maps of another method, scored too; repeatable.
+        prediction: NAME=DIR, DIR or a submission with depth maps of another method; repeatable.
         archive: Folder of `archive make` or `fetch`: its sequences are used, none is simulated.
         list_cases: Only list what a prediction must hold; nothing is run.
         speed: Whether to time the mapper at the end.
     """
+    from emvs.utils.cache import Cache
     from eval.report.suite_pictures import write_pictures
     from eval.scoring.predictions import NamedFolder
     from eval.suite import output
     from eval.suite.archive import SequenceArchive
     from eval.suite.definition import load
+    from eval.suite.run import extent
+    from eval.suite.submission import Asked, opened, perfect_scores
 
     chosen, subset = load(name)
     frozen = SequenceArchive(archive) if archive else None
@@ -59,8 +63,11 @@ def suite(
     if out is None:
         raise InputError("suite without --out: name a folder to write, or add --list-cases")
     console = common.console()
-    given = [NamedFolder.of(one) for one in prediction]
-    inputs = (Path(name), *(one.path for one in given))
+    version = frozen.manifest.version if frozen else ""
+    asked = Asked(chosen, *extent(chosen, subset, chosen_seeds, case, frozen), version)
+    entered = [NamedFolder.of(one) for one in prediction]
+    given, stated = opened(entered, asked, Cache(cache_folder)) if entered else ([], {})
+    inputs = (Path(name), *(one.path for one in entered))
     with output.prepare_folder(out, force=force, inputs=inputs) as folder:
         result = run_with_flags(
             chosen,
@@ -73,9 +80,12 @@ def suite(
             predictions=given,
             archive=frozen,
         )
+        result = replace(result, stated=stated)
         output.write(folder, result, force=force)
         with console.progress.stage("pictures", 1):
             write_pictures(folder, chosen, result, given, cache_folder, frozen)
+    for method, places in perfect_scores(result.samples).items():
+        console.warn(f"{method}: a perfect score, as of copied truth, in {', '.join(places)}")
     output.show(result, cache_folder, as_json=common.json, quiet=common.quiet)
     console.wrote(folder / "suite.json")
     return _FAILED if result.failures else 0

@@ -15,6 +15,7 @@ REPLACE = {
     "map",
     "convert",
     "events",
+    "submission make",
     "suite",
     "gate",
     "info",
