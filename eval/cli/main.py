@@ -17,7 +17,7 @@ from eval.cli.help import refusal
 
 VERBS = (
     "archive", "calibrate", "check", "compare", "completion", "convert", "events", "fuse", "gate",
-    "info", "list", "map", "report", "run", "score", "simulate", "study", "submission",
+    "info", "list", "map", "ranking", "report", "run", "score", "simulate", "study", "submission",
     "suite",
 )  # fmt: skip
 for _verb in VERBS:  # importing its module registers a verb

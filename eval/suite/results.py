@@ -103,6 +103,23 @@ class ArchiveFacts:
 
 
 @dataclass(frozen=True, slots=True)
+class MeasuredCost:
+    """What mapping one window costs with one method alone, in one thread.
+
+    Attributes:
+        case: whose first window was mapped.
+        cpu_seconds: time of the processor, s.
+        peak_memory_mb: of the whole process, its libraries among it, MB.
+    """
+
+    case: str
+    cpu_seconds: float
+    peak_memory_mb: float
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+
+@dataclass(frozen=True, slots=True)
 class SuiteResult:
     """A whole run of a suite or a subset.
 
@@ -117,6 +134,7 @@ class SuiteResult:
         jobs: the outcome of every job.
         predictions: per method of others, the hash over its files and what their numbers mean.
         stated: per method of others, what its submitter says of it.
+        cost: per method, what mapping a window costs here, where that was measured.
         archive: whose sequences were used; None where they were simulated.
         speed: per case, CPU time of the mapper over that of the calibration loop, repeated.
         versions: of everything that shapes the numbers, on the machine that collected them.
@@ -134,6 +152,7 @@ class SuiteResult:
     jobs: tuple[JobNote, ...] = ()
     predictions: dict[str, str] = field(default_factory=dict)
     stated: dict[str, dict[str, Any]] = field(default_factory=dict)
+    cost: dict[str, MeasuredCost] = field(default_factory=dict)
     archive: ArchiveFacts | None = None
     speed: dict[str, tuple[float, ...]] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=versions)

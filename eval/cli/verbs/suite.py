@@ -25,6 +25,7 @@ def suite(
     archive: Path | None = None,
     list_cases: Annotated[bool, NO_NEGATIVE] = False,
     speed: bool = True,
+    cost: Annotated[bool, NO_NEGATIVE] = False,
     force: Force = False,
     job_flags: JobFlags = JOB_FLAGS,
     common: Common = COMMON,
@@ -40,12 +41,14 @@ def suite(
         archive: Folder of `archive make` or `fetch`: its sequences are used, none is simulated.
         list_cases: Only list what a prediction must hold; nothing is run.
         speed: Whether to time the mapper at the end.
+        cost: Measure time and memory of each method alone, for a ranking: two minutes more.
     """
     from emvs.utils.cache import Cache
     from eval.report.suite_pictures import write_pictures
     from eval.scoring.predictions import NamedFolder
     from eval.suite import output
     from eval.suite.archive import SequenceArchive
+    from eval.suite.cost import measured_costs
     from eval.suite.definition import load
     from eval.suite.run import extent
     from eval.suite.submission import Asked, opened, perfect_scores
@@ -81,6 +84,9 @@ def suite(
             archive=frozen,
         )
         result = replace(result, stated=stated)
+        if cost:
+            costs = measured_costs(result, chosen, cache_folder, console.progress, frozen)
+            result = replace(result, cost=costs)
         output.write(folder, result, force=force)
         with console.progress.stage("pictures", 1):
             write_pictures(folder, chosen, result, given, cache_folder, frozen)
