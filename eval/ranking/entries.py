@@ -288,10 +288,18 @@ class Joined(NamedTuple):
         """A method's values of a case, one for each seed."""
         return [self.owner[method].value(method, metric, unit) for unit in self.units(case)]
 
-    def complete(self, cases: Sequence[str] | None = None) -> list[str]:
-        """Methods that were run on every case."""
-        wanted = self.cases if cases is None else cases
-        return [m for m, e in self.owner.items() if all(e.has(m, case) for case in wanted)]
+    def lacks(self, method: str) -> list[str]:
+        """The cases on which a method was not run with every seed: its result may have fewer."""
+        entry = self.owner[method]
+        return [
+            case
+            for case in self.cases
+            if not (entry.has(method, case) and all(map(entry.sequence, self.units(case))))
+        ]
+
+    def complete(self) -> list[str]:
+        """Methods that were run on every case with every seed."""
+        return [method for method in self.owner if not self.lacks(method)]
 
 
 def join(entries: Sequence[RankingEntry]) -> Joined:

@@ -60,14 +60,9 @@ def ranked(joined: Joined, metric: str = MAIN) -> Ranked:
     """Ranks all methods that were run on every case."""
     methods = joined.complete()
     found = standings(table_of(joined, methods, metric, joined.cases), better_of(joined, metric))
-    lacking = {
-        method: sum(not entry.has(method, case) for case in joined.cases)
-        for method, entry in joined.owner.items()
-        if method not in methods
-    }
-    return Ranked(
-        joined, metric, found, {m: n for m, n in lacking.items() if n < len(joined.cases)}
-    )
+    lacking = {m: len(lacks) for m in joined.owner if (lacks := joined.lacks(m))}
+    some = {method: count for method, count in lacking.items() if count < len(joined.cases)}
+    return Ranked(joined, metric, found, some)
 
 
 def geometric(joined: Joined, method: str, metric: str, cases: Sequence[str]) -> float:
