@@ -392,8 +392,17 @@ def test_from_a_package_outside_to_a_row_in_two_commands(ran, tmp_path, capsys):
     program = [sys.executable, "-I", "guess.py", "list.json", str(recordings), str(theirs)]
     subprocess.run(program, cwd=tmp_path, check=True, env={"PATH": os.environ["PATH"]})
     (theirs / "submission.toml").write_text(FACTS)
-    # The first command: from its files to numbers. The second one is tested with the page.
+    # Two commands: from its files to numbers, from numbers to a row.
     assert run(ran, tmp_path / "out", "--prediction", theirs) == 0
+    assert main(["ranking", str(tmp_path / "out"), "--out", str(tmp_path / "page"), "--quiet"]) == 0
+    page = (tmp_path / "page" / "index.html").read_text()
+    first = page[page.index("<tbody>") : page.index("</tbody>")]
+    (row,) = [
+        line for line in first.splitlines() if ">Given/Guess<" in line.replace("</span>", ">")
+    ]
+    for text in ("0.5 stated", "120 stated", "by A. Author, Ü. Österreich"):
+        assert text in row
+    assert page.count("Given/Guess: best: ") == page.count("Given/Guess: worst: ") == 1
     result = read_suite(tmp_path / "out")
     assert {row.method for row in result.samples[0].rows} >= {"Given/Guess", "Alg1/H"}
     assert result.stated["Given/Guess"]["cost"]["seconds_per_window"] == 0.5
