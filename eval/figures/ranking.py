@@ -42,19 +42,14 @@ def cost_svg(points: Mapping[str, tuple[float, float, bool]]) -> str:
         figure, axes = _axes()
         for method, (seconds, error, is_stated) in points.items():
             style = line_style(method)
-            (drawn,) = axes.plot(
+            axes.plot(
                 [seconds], [error], style.marker or "o", color=style.colour, label=method,
                 ms=_MARKER + 2, mfc="none" if is_stated else style.colour, mew=1.4, linestyle="",
             )  # fmt: skip
-            drawn.set_zorder(3)
-            name = method.removeprefix("Given/")
-            axes.annotate(
-                name, (seconds, error), xytext=(6, 3), textcoords="offset points", fontsize=8
-            )
         axes.set(xscale="log", yscale="log")
         axes.set_xlabel("time for a window [s]; hollow: stated by its submitter, not measured here")
         axes.set_ylabel("relative error [%]")
-        return _finished(figure, axes, legend=False)
+        return _finished(figure, axes)
 
 
 def history_svg(labels: Sequence[str], lines: Mapping[str, Sequence[float]]) -> str:
@@ -82,15 +77,14 @@ def _line(axes: Axes, method: str, x: Sequence[float], y: Sequence[float]) -> No
     )  # fmt: skip
 
 
-def _finished(figure: Figure, axes: Axes, *, legend: bool = True) -> str:
+def _finished(figure: Figure, axes: Axes) -> str:
     for axis in (axes.xaxis, axes.yaxis):
         if axis.get_scale() == "log":
             axis.set_major_formatter(lambda value, _: f"{value:g}")
             axis.set_minor_formatter(lambda value, _: _minor(value))
     axes.grid(which="both", linewidth=0.4, alpha=0.35)
     axes.set_axisbelow(True)
-    if legend:
-        figure.legend(loc="outside right center", handlelength=3.2, fontsize=8)
+    figure.legend(loc="outside right center", handlelength=3.2, fontsize=8)
     return svg_of(figure)
 
 

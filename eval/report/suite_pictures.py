@@ -190,21 +190,23 @@ def method_pictures(views: CaseViews, result: SuiteResult) -> dict[str, bytes]:
         for method, which in shown:
             if window is not None and method in maps:
                 file = f"{plain(method)}-{which}.webp"
-                pictures[file] = _strip(window, maps[method])
-                about = {"file": file, "case": case, "abs_rel": errors[method][case]}
+                pictures[file], cap_cm = _strip(window, maps[method])
+                numbers = {"abs_rel": errors[method][case], "error_cm": cap_cm}
+                about = {"file": file, "case": case, **numbers}
                 index.setdefault(shown_name(method, views.suite.mappers), {})[which] = about
     if index:
         pictures[METHODS_NAME] = json.dumps(index, ensure_ascii=False, indent=1).encode()
     return pictures
 
 
-def _strip(window: WindowData, method: MethodData) -> bytes:
-    """Depth, true depth and error side by side, as a WebP file."""
+def _strip(window: WindowData, method: MethodData) -> tuple[bytes, float]:
+    """Depth, true depth and error side by side, as a WebP file; and where errors end, cm."""
     assert window.truth is not None  # asked for where it is drawn
     truth, scored = window.truth.depth_m, window.truth.scored
     scale, point_px = depth_scale(window.depth_range_m), point_size_px(truth.shape[1])
     error_cm, both = error_of(method.depth_m, method.mask, truth, scored)
-    errors = error_scale(error_cap_cm(error_cm[both]))
+    cap_cm = error_cap_cm(error_cm[both])
+    errors = error_scale(cap_cm)
     panels = (
         depth_image(method.depth_m, method.mask, scale, point_px),
         depth_image(truth, scored, scale),
@@ -217,7 +219,7 @@ def _strip(window: WindowData, method: MethodData) -> bytes:
         strip.paste(image, (k * (_PANEL_PX + _GAP_PX), 0), image)
     stream = io.BytesIO()
     strip.save(stream, format="WebP", quality=_QUALITY, method=6)
-    return stream.getvalue()
+    return stream.getvalue(), cap_cm
 
 
 def _drawn(suite: Suite, case: CaseData, theirs: Sequence[MethodData], sample: Sample) -> bytes:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from emvs.errors import InputError
 from eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, Predictions, SuiteName, app
 from eval.cli.job_flags import JOB_FLAGS, JobFlags, run_with_flags, seed_numbers
+
+if TYPE_CHECKING:
+    from eval.scoring.predictions import NamedFolder
+    from eval.suite.archive import SequenceArchive
+    from eval.suite.definition import Suite
 
 _FAILED = 1
 
@@ -43,58 +49,101 @@ def suite(
         speed: Whether to time the mapper at the end.
         cost: Measure time and memory of each method alone, for a ranking: two minutes more.
     """
-    from emvs.utils.cache import Cache
-    from eval.report.suite_pictures import write_pictures
-    from eval.scoring.predictions import NamedFolder
-    from eval.suite import output
     from eval.suite.archive import SequenceArchive
-    from eval.suite.cost import measured_costs
     from eval.suite.definition import load
-    from eval.suite.run import extent
-    from eval.suite.submission import Asked, opened, perfect_scores
 
     chosen, subset = load(name)
-    frozen = SequenceArchive(archive) if archive else None
-    chosen_seeds = seed_numbers(seeds, "--seeds")
-    cache_folder = job_flags.cache_folder()
+    parts = Parts(
+        chosen,
+        subset,
+        seed_numbers(seeds, "--seeds"),
+        case,
+        SequenceArchive(archive) if archive else None,
+    )
     if list_cases and (out is not None or prediction):
         raise InputError("--list-cases with --out or --prediction: it only lists; leave one out")
     if list_cases:
-        listed = output.assignments(chosen, subset, chosen_seeds, case, cache_folder, frozen)
-        output.show_assignments(listed, as_json=common.json, quiet=common.quiet)
-        return 0
+        return _listed(parts, job_flags, common)
     if out is None:
         raise InputError("suite without --out: name a folder to write, or add --list-cases")
-    console = common.console()
-    version = frozen.manifest.version if frozen else ""
-    asked = Asked(chosen, *extent(chosen, subset, chosen_seeds, case, frozen), version)
+    return _run(
+        parts, out, job_flags, common,
+        name=name, prediction=prediction, speed=speed, cost=cost, force=force,
+    )  # fmt: skip
+
+
+class Parts(NamedTuple):
+    """What of a suite is asked for, and where its sequences are."""
+
+    suite: Suite
+    subset: str
+    seeds: tuple[int, ...] | None
+    cases: tuple[str, ...]
+    archive: SequenceArchive | None
+
+
+def _listed(parts: Parts, job_flags: JobFlags, common: Common) -> int:
+    from eval.suite import output
+
+    asked = (parts.suite, parts.subset, parts.seeds, parts.cases)
+    listed = output.assignments(*asked, job_flags.cache_folder(), parts.archive)
+    output.show_assignments(listed, as_json=common.json, quiet=common.quiet)
+    return 0
+
+
+def _run(
+    parts: Parts,
+    out: Path,
+    job_flags: JobFlags,
+    common: Common,
+    *,
+    name: str,
+    prediction: tuple[str, ...],
+    speed: bool,
+    cost: bool,
+    force: bool,
+) -> int:
+    from eval.report.suite_pictures import write_pictures
+    from eval.scoring.predictions import NamedFolder
+    from eval.suite import output
+    from eval.suite.cost import measured_costs
+    from eval.suite.submission import perfect_scores
+
+    suite, cache, console = parts.suite, job_flags.cache_folder(), common.console()
     entered = [NamedFolder.of(one) for one in prediction]
-    given, stated = opened(entered, asked, Cache(cache_folder)) if entered else ([], {})
+    given, stated = _opened(parts, entered, cache)
     inputs = (Path(name), *(one.path for one in entered))
     with output.prepare_folder(out, force=force, inputs=inputs) as folder:
         result = run_with_flags(
-            chosen,
-            subset,
-            job_flags,
-            console.progress,
-            seeds=chosen_seeds,
-            cases=case,
-            speed=speed,
-            predictions=given,
-            archive=frozen,
-        )
+            suite, parts.subset, job_flags, console.progress, seeds=parts.seeds,
+            cases=parts.cases, speed=speed, predictions=given, archive=parts.archive,
+        )  # fmt: skip
         result = replace(result, stated=stated)
         if cost:
-            costs = measured_costs(result, chosen, cache_folder, console.progress, frozen)
+            costs = measured_costs(result, suite, cache, console.progress, parts.archive)
             result = replace(result, cost=costs)
         output.write(folder, result, force=force)
         with console.progress.stage("pictures", 1):
-            write_pictures(folder, chosen, result, given, cache_folder, frozen)
+            write_pictures(folder, suite, result, given, cache, parts.archive)
     for method, places in perfect_scores(result.samples).items():
         console.warn(f"{method}: a perfect score, as of copied truth, in {', '.join(places)}")
-    output.show(result, cache_folder, as_json=common.json, quiet=common.quiet)
+    output.show(result, cache, as_json=common.json, quiet=common.quiet)
     console.wrote(folder / "suite.json")
     return _FAILED if result.failures else 0
+
+
+def _opened(
+    parts: Parts, entered: Sequence[NamedFolder], cache: Path
+) -> tuple[list[NamedFolder], dict[str, Any]]:
+    """Predictions as folders, and what submissions among them state."""
+    from emvs.utils.cache import Cache
+    from eval.suite.run import extent
+    from eval.suite.submission import Asked, opened
+
+    version = parts.archive.manifest.version if parts.archive else ""
+    cases, seeds = extent(*parts)
+    asked = Asked(parts.suite, cases, seeds, version)
+    return opened(entered, asked, Cache(cache)) if entered else ([], {})
 
 
 @app.command

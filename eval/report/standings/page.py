@@ -33,6 +33,7 @@ from eval.suite.output import PICTURES_FOLDER
 
 HTML_NAME = "index.html"
 _PICTURE_BYTES = 1 << 22
+_MOST_NAMED = 4
 _PLACES = (
     "In every case and seed methods are placed, 1 is best, and their places averaged, every case "
     "weighing the same. Methods share a rank where other seeds could turn their order around "
@@ -101,7 +102,7 @@ class Shown:
         """As a page shows them."""
         for which, one in self.about.items():
             uri = f"data:image/webp;base64,{b64encode(self.content[which]).decode('ascii')}"
-            text = f"{which}: {one['case']}, relative error {one['abs_rel']:.2f} %"
+            text = f"{which}: {one['case']}, {one['abs_rel']:.2f} %, orange {one['error_cm']:g} cm"
             yield Picture(method, uri, text)
 
 
@@ -173,15 +174,17 @@ def _findings(page: RankingPage) -> Iterator[str]:
     elif len(first) == 1:
         yield f"{first[0]} is first."
     else:
-        yield f"Seeds do not tell {', '.join(first)} apart: they share the first rank."
-    for ranked in (page.public, page.hidden):
-        if ranked is None:
-            continue
+        who = ", ".join(first) if len(first) <= _MOST_NAMED else f"the first {len(first)} methods"
+        yield f"Seeds do not tell {who} apart: they share the first rank."
+    for entry in page.entries:
+        for method, where in entry.perfect.items():
+            yield f"{method}: a perfect score, as of copied truth, in {', '.join(where)} ({entry.label})."
+    for ranked in filter(None, (page.public, page.hidden)):
         for label, why in ranked.joined.refused:
             yield f"{label}: {why}."
-        if ranked.lacking:
-            lacking = ", ".join(f"{m} ({n})" for m, n in ranked.lacking.items())
-            yield f"Not ranked, for they lack some of the cases: {lacking}."
+    if page.public.lacking:
+        lacking = ", ".join(f"{m} ({n})" for m, n in page.public.lacking.items())
+        yield f"Not ranked, for they lack some of the cases: {lacking}."
     for entry in page.entries:
         for job, why in entry.failures.items():
             yield f"Failed in {entry.label}: {job}: {why}"

@@ -391,8 +391,9 @@ def gallery(page: RankingPage) -> Iterator[Section]:
             "Best and worst case of each method",
             (),
             (),
-            "Depth, true depth and error, blue (none) to orange, of the first window of the first "
-            "seed: the case of the least relative error, and that of the largest.",
+            "Depth, true depth and error, blue (none) to orange (as much as is said, or more), of "
+            "the first window of the first seed: the case of the least relative error, and that of "
+            "the largest.",
             pictures=tuple(pictures),
         )
 
