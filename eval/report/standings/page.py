@@ -178,7 +178,8 @@ def _findings(page: RankingPage) -> Iterator[str]:
         yield f"Seeds do not tell {who} apart: they share the first rank."
     for entry in page.entries:
         for method, where in entry.perfect.items():
-            yield f"{method}: a perfect score, as of copied truth, in {', '.join(where)} ({entry.label})."
+            told = f"{', '.join(where)} ({entry.label})"
+            yield f"{method}: a perfect score, as of copied truth, in {told}."
     for ranked in filter(None, (page.public, page.hidden)):
         for label, why in ranked.joined.refused:
             yield f"{label}: {why}."
