@@ -117,7 +117,9 @@ def _pictures(sources: Sequence[Source]) -> dict[str, Shown]:
             index = parse_json(read_text(place / METHODS_NAME, TABLE_BYTES))
             for method, about in index.items():
                 content = {which: _content(place, one["file"]) for which, one in about.items()}
-                found[str(method)] = Shown(about, content)
+                shown = Shown(about, content)
+                if tuple(shown.pictures(method)):  # says all that is shown
+                    found[str(method)] = shown
     return found
 
 

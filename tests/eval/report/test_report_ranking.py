@@ -142,6 +142,15 @@ def test_a_ranking_goes_on_from_its_own_data(written, tmp_path):
     assert main(["ranking", str(written), str(newer), "--out", str(again), "--quiet"]) == 0
 
 
+def test_damaged_pictures_are_left_out(tmp_path):
+    folder = stored(tmp_path / "in", entry("v1", ERRORS), pictures=["Alg1/H", "Focus/H"])
+    index = json.loads((folder / "pictures" / METHODS_NAME).read_text())
+    del index["Alg1/H"]["best"]["error_cm"]  # as an older version wrote it
+    (folder / "pictures" / METHODS_NAME).write_text(json.dumps(index))
+    assert main(["ranking", str(folder), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    assert "data:image/webp" not in text_of(tmp_path / "out")
+
+
 def test_a_perfect_score_and_other_sequences_are_said(tmp_path):
     flagged = entry("v1", ERRORS, perfect={"Focus/H": ["wall seed 0", "wall seed 1"]})
     other = entry("v0", {"Alg1/G": 0.1}, drawn="elsewhere")
