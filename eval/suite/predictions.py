@@ -49,6 +49,7 @@ class Assignment:
         camera: the reference view: camera 0 without lens distortion, at the reference time.
         baseline_m: distance of the rig's first two cameras; None for a rig of one.
         depth_range_m: nearest and farthest z-depth that the cameras see.
+        imperfection: what a method is told wrongly, as amounts; None where all is exact.
     """
 
     case: str
@@ -57,6 +58,7 @@ class Assignment:
     camera: Camera
     baseline_m: float | None
     depth_range_m: tuple[float, float]
+    imperfection: Mapping[str, float] | None = None
 
     @property
     def place(self) -> str:
@@ -82,6 +84,7 @@ class Assignment:
             "camera": self.camera.to_json(),
             "baseline_m": self.baseline_m,
             "depth_range_m": list(self.depth_range_m),
+            "imperfection": self.imperfection,
             "windows": [
                 {
                     "window": name,
@@ -108,6 +111,7 @@ def assignment(suite: Suite, case: str, seed: int) -> Assignment:
         camera=rig.cameras[0].undistorted(),
         baseline_m=rig.baseline_m() if len(rig) > 1 else None,
         depth_range_m=scene.depth_range_m,
+        imperfection=spec.imperfection,
     )
 
 

@@ -319,6 +319,17 @@ def test_a_damaged_file_of_an_archive_fails_one_case(made, tmp_path):
         verify(spoilt)
 
 
+def test_the_list_says_what_is_imperfect(made, capsys):
+    capsys.readouterr()
+    words = ["--list-cases", "--json", "--archive", str(made[2]), "--cache", str(made[1])]
+    assert main(["suite", str(made[0]), *words]) == 0
+    listed = json.loads(capsys.readouterr().out)["sequences"]
+    assert {one["case"]: one["imperfection"] for one in listed} == {
+        "wall": None,
+        "crooked": {"focal_percent": 3, "pose_walk_mm": 9},
+    }
+
+
 def test_seeds_that_are_not_said_are_those_of_the_archive(made, tmp_path):
     _, _, frozen, _ = made
     archive = SequenceArchive(frozen)
