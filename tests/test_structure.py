@@ -30,6 +30,7 @@ TABLES = ("scenes", "eval.cli.verbs")
 # Small modules with one importer that are an idea of their own, and which.
 SMALL = {
     "eval.cli.main": "the program: interrupts are heeded up to its frame, whoever calls it",
+    "eval.suite.stages.tell": "a stage of jobs: its version is that of its own code",
     "eventsweep.calibration": "names for users: a module per stage, as mapping and scoring are",
 }
 

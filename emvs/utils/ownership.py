@@ -221,6 +221,11 @@ def _comparison(folder: Path) -> Patterns:
         yield re.escape("compare.html")
 
 
+def _ranking(folder: Path) -> Patterns:
+    if is_our_file(folder / "ranking.json"):
+        yield _one_of(("ranking.json", "index.html"))  # its pictures are marked
+
+
 def _studies(folder: Path) -> Patterns:
     for path in (*folder.glob("*.json"), *folder.glob(f"{_HIDDEN}/*.json")):
         if {"study", "breaks_at"} <= _json(path).keys():
@@ -233,13 +238,19 @@ def _parts(folder: Path) -> Patterns:
 
 
 _KINDS: tuple[Callable[[Path], Patterns], ...] = (
-    _sequence, _marked, _map, _fused, _report, _suite, _comparison, _studies, _parts,
+    _sequence, _marked, _map, _fused, _report, _suite, _comparison, _ranking, _studies,
+    _parts,
 )  # fmt: skip
 
 
 def _is_our_json(path: Path) -> bool:
     content = _json(path).keys()
-    rows = {"rows", "configuration"}, {"suite", "samples"}, {"study", "breaks_at"}
+    rows = (
+        {"rows", "configuration"},
+        {"suite", "samples"},
+        {"study", "breaks_at"},
+        {"entries", "ranked_by"},
+    )
     return any(keys <= content for keys in rows)
 
 

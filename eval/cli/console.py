@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from emvs.check.findings import Finding, Report
     from emvs.maps.folder import StoredMap, StoredWindow
     from emvs.maps.merge import FusedInfo
+    from eval.ranking.summary import Ranked
     from eval.report.calibrate_page import Calibrated
     from eval.report.compare.differences import Pair
     from eval.report.compare.page import Comparison
@@ -156,6 +157,27 @@ class Console:
             self._out.print(_compared(pair))
             for sentence in (compare_page.verdict_text(pair), *pair.data, *pair.apart):
                 self._out.print(sentence, style="dim", markup=False, soft_wrap=True)
+
+    def ranked(self, ranked: Ranked) -> None:
+        """Who is ahead, with ties."""
+        standings = [
+            {"method": one.method, "rank": one.rank, "other_seeds": [one.low_rank, one.high_rank],
+             "mean_place": round(one.place, 4)}
+            for one in ranked.standings
+        ]  # fmt: skip
+        refused = dict(ranked.joined.refused)
+        facts = {"standings": standings, "not_ranked": ranked.lacking, "refused": refused}
+        self._dump(facts)
+        if not self._show:
+            return
+        table = Table(title=f"ranks by {ranked.metric.replace('_', ' ')}", title_justify="left")
+        for name in ("method", "rank", "mean place"):
+            table.add_column(name, justify="left" if name == "method" else "right")
+        for one in ranked.standings:
+            table.add_row(escape(one.method), str(one.rank), f"{one.place:.2f}")
+        self._out.print(table)
+        for label, why in ranked.joined.refused:
+            self._out.print(f"{label}: {why}", markup=False, soft_wrap=True)
 
     def inventory(self, kinds: Mapping[str, Mapping[str, str]]) -> None:
         """Everything there is to choose from."""

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from eval.jobs.scheduler import Workers
     from eval.progress import Progress
     from eval.scoring.predictions import NamedFolder
+    from eval.suite.archive import SequenceArchive
     from eval.suite.definition import Suite
     from eval.suite.results import SuiteResult
 
@@ -126,6 +127,7 @@ def run_with_flags(
     cases: tuple[str, ...] = (),
     speed: bool = True,
     predictions: Sequence[NamedFolder] = (),
+    archive: SequenceArchive | None = None,
 ) -> SuiteResult:
     """Runs a suite's subset, and measures the mapper's speed on its first case.
 
@@ -138,13 +140,15 @@ def run_with_flags(
         cases: some of the subset's.
         speed: whether to measure speed; on this machine, whoever did the jobs.
         predictions: folders with depth maps of others.
+        archive: where the sequences are; by default they are simulated.
     """
     from eval.suite.run import run_suite, with_speed
 
     result = run_suite(
-        suite, subset, flags.open, progress, seeds=seeds, cases=cases, predictions=predictions
-    )
+        suite, subset, flags.open, progress,
+        seeds=seeds, cases=cases, predictions=predictions, archive=archive,
+    )  # fmt: skip
     if speed and result.samples:
         with progress.stage("speed", 1):
-            result = with_speed(result, suite, flags.cache_folder())
+            result = with_speed(result, suite, flags.cache_folder(), archive)
     return result

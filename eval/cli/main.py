@@ -16,9 +16,9 @@ from eval.cli.exit_codes import exit_code
 from eval.cli.help import refusal
 
 VERBS = (
-    "calibrate", "check", "compare", "completion", "convert", "events", "fuse", "gate", "info",
-    "list", "map", "report", "run", "score", "simulate", "study", "suite",
-    "train",
+    "archive", "calibrate", "check", "compare", "completion", "convert", "events", "fuse", "gate",
+    "info", "list", "map", "ranking", "report", "run", "score", "simulate", "study", "submission",
+    "suite", "train",
 )  # fmt: skip
 for _verb in VERBS:  # importing its module registers a verb
     import_module(f"eval.cli.verbs.{_verb}")

@@ -132,7 +132,7 @@ class _Worker:
             target=_work, args=(theirs, str(cache)), daemon=True
         )
         # Inherited: numba reads it when it is loaded, and that is before the worker's own code.
-        with _environment(ONE_THREAD):
+        with environment(ONE_THREAD):
             self.process.start()
         theirs.close()
         self.job: Job | None = None
@@ -154,7 +154,7 @@ class _Worker:
 
 
 @contextmanager
-def _environment(variables: Mapping[str, str]) -> Iterator[None]:
+def environment(variables: Mapping[str, str]) -> Iterator[None]:
     """Sets environment variables for processes that start meanwhile."""
     before = {name: os.environ.get(name) for name in variables}
     os.environ.update(variables)

@@ -16,6 +16,11 @@ from markupsafe import Markup
 
 Kind = Literal["", "better", "worse", "other", "best"]
 REPORT_NAME = "report.html"
+# The colours of `report.css`, which does not reach into an image.
+_INK = (
+    "<style>svg { color: #1d2328 } "
+    "@media (prefers-color-scheme: dark) { svg { color: #e4e7e9 } }</style>"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +57,15 @@ class Grid:
 
 
 @dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture beside others: its heading, an address that holds it, and what it shows."""
+
+    title: str
+    address: str
+    about: str
+
+
+@dataclass(frozen=True, slots=True)
 class Section:
     """A part of a page: one table per metric, of which one is shown at a time.
 
@@ -63,6 +77,7 @@ class Section:
         text: below the heading.
         figure: a picture, as an address that holds it.
         figure_about: what it shows.
+        pictures: below the tables.
         failures: (what, why) pairs.
         choice: what the buttons choose.
         chosen: which table is shown first.
@@ -78,6 +93,7 @@ class Section:
     failures: tuple[tuple[str, str], ...] = ()
     choice: str = "Metric"
     chosen: int = 0
+    pictures: tuple[Picture, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +146,13 @@ def plural(count: int, noun: str) -> str:
 def png_uri(path: Path) -> str:
     """A PNG file as an address that holds it."""
     return f"data:image/png;base64,{b64encode(path.read_bytes()).decode('ascii')}"
+
+
+def svg_uri(drawing: str) -> str:
+    """A drawing of `svg_of` as an address that holds it; its text follows light and dark."""
+    opening, rest = drawing.split(">", 1)
+    whole = f"{opening}>{_INK}{rest}".encode()
+    return f"data:image/svg+xml;base64,{b64encode(whole).decode('ascii')}"
 
 
 @cache

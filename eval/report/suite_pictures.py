@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import io
+import json
+import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence as EventSequence
@@ -14,21 +19,34 @@ from emvs.utils.cache import Cache
 from emvs.utils.outputs import atomic_dir, check_files
 from emvs.utils.ownership import mark, remove_ours
 from eval.config import EvalConfig
+from eval.figures.colormaps import depth_scale, error_scale
+from eval.figures.images import (
+    depth_image,
+    error_cap_cm,
+    error_image,
+    error_of,
+    point_size_px,
+)
 from eval.jobs.job import SEQUENCE, Job, stored
+from eval.ranking.entries import shown_name
 from eval.report.overview import overview_png
 from eval.report.ranking import ranked_methods
-from eval.report.run_data import CaseData, MethodData, window_data
-from eval.scoring.predictions import FAMILY, NamedFolder, Prediction, TargetView
+from eval.report.run_data import CaseData, MethodData, WindowData, window_data
+from eval.scoring.predictions import FAMILY, NamedFolder, Prediction, TargetView, plain
 from eval.scoring.results import POOLED
+from eval.suite.archive import SequenceArchive
 from eval.suite.definition import Suite
 from eval.suite.output import PICTURES_FOLDER
 from eval.suite.predictions import assignment, open_predictions
-from eval.suite.results import Sample, SuiteResult
+from eval.suite.results import Sample, SuiteResult, mapper_method
 from eval.suite.run import suite_jobs
 from eval.suite.stages.predict import opened
 from eval.suite.stages.score import mapped_window
 
+METHODS_NAME = "methods.json"
+"""Which case each method's pictures show."""
 _COLUMNS = 4
+_PANEL_PX, _GAP_PX, _QUALITY = 346, 4, 60
 
 
 def write_pictures(
@@ -37,8 +55,11 @@ def write_pictures(
     result: SuiteResult,
     predictions: Sequence[NamedFolder],
     cache: Path,
+    archive: SequenceArchive | None = None,
 ) -> None:
-    """Writes `pictures/CASE.png`: the first window of each case's first seed.
+    """Writes `pictures/CASE.png`, and of each method its best and worst case for a ranking.
+
+    All are of the first window of each case's first seed.
 
     Cases that failed, and those that the cache here does not hold, have none.
 
@@ -48,63 +69,157 @@ def write_pictures(
         result: what was scored.
         predictions: the folders that were scored beside the suite's methods.
         cache: folder of the jobs' cache.
+        archive: where the sequences were.
 
     Raises:
         InputError: a prediction that was changed since, or no room on the disk.
     """
     place = folder / PICTURES_FOLDER
     check_files(folder, (PICTURES_FOLDER,), force=True)
-    pictures = dict(_pictures(suite, result, predictions, Cache(cache)))
+    views = CaseViews(suite, predictions, Cache(cache), archive)
+    pictures = {f"{case}.png": png for case, png in _pictures(views, result)}
+    pictures |= method_pictures(views, result)
     if not pictures:
         if place.is_dir():
             remove_ours(place)
         return
     with atomic_dir(place, force=True, inputs=[one.path for one in predictions]) as made:
-        for case, picture in pictures.items():
-            (made / f"{case}.png").write_bytes(picture)
+        for name, picture in pictures.items():
+            (made / name).write_bytes(picture)
         mark(made)
 
 
-def _pictures(
-    suite: Suite, result: SuiteResult, predictions: Sequence[NamedFolder], cache: Cache
-) -> Iterator[tuple[str, bytes]]:
+@dataclass(frozen=True)
+class CaseViews:
+    """Where depth maps of a suite's cases are found.
+
+    Attributes:
+        suite: the definition.
+        predictions: the folders that were scored beside the suite's methods.
+        cache: of the jobs.
+        archive: where the sequences were.
+    """
+
+    suite: Suite
+    predictions: Sequence[NamedFolder]
+    cache: Cache
+    archive: SequenceArchive | None
+
+    def score_job(self, sample: Sample) -> Job:
+        """The job that made a sample."""
+        return suite_jobs(self.suite, [sample.case], [sample.seed], self.archive)[0]
+
+    def first_window(self, score: Job, at: int = 0) -> WindowData | None:
+        """The first window of a sequence, mapped by a mapper's first job; None if it is gone."""
+        sequence, mapped = (stored(score.needs[k], self.cache) for k in (0, 1 + at))
+        if sequence is None or mapped is None:
+            return None
+        window, settings = mapped_window(mapped.path), score.needs[1 + at].parameters["map"]
+        return window_data(
+            window,
+            [window.depth_map(method) for method in window.info.methods],
+            EventSequence.open(sequence.path / SEQUENCE),
+            EvalConfig.model_validate(self.suite.score),
+            scorable=MapperConfig.model_validate(settings).is_camera_0_view,
+        )
+
+    def others(self, score: Job) -> list[MethodData]:
+        """The depth maps of others for the first window."""
+        asked = assignment(self.suite, score.parameters["case"], score.parameters["seed"])
+        found = open_predictions(self.predictions, self.suite, [asked])
+        jobs = ((one.job(score).parameters, one.folder) for one in found)
+        return [_method(opened(*job), asked.views[0]) for job in jobs]
+
+    def by_method(self, score: Job) -> tuple[WindowData | None, dict[str, MethodData]]:
+        """The first window, and every method's map of it by the name of its rows."""
+        first: WindowData | None = None
+        found: dict[str, MethodData] = {}
+        mappers = list(score.parameters["mappers"])
+        for mapper in dict.fromkeys(mappers):
+            window = self.first_window(score, mappers.index(mapper))
+            if window is not None and window.truth is not None:
+                first = first or window
+                found |= {mapper_method(m.name, mapper): m for m in window.methods}
+        found |= {one.name: one for one in self.others(score)}
+        return first, found
+
+
+def _firsts(result: SuiteResult) -> dict[str, Sample]:
     first: dict[str, Sample] = {}
     for sample in result.samples:
         first.setdefault(sample.case, sample)
-    for case, sample in first.items():
-        (score,) = suite_jobs(suite, [case], [sample.seed])
-        found = _case(suite, score, sample, cache)
-        if found is not None:
-            theirs = _others(suite, score, predictions)
+    return first
+
+
+def _pictures(views: CaseViews, result: SuiteResult) -> Iterator[tuple[str, bytes]]:
+    for case, sample in _firsts(result).items():
+        score = views.score_job(sample)
+        window = views.first_window(score)
+        if window is not None:
             scored = {row.method for row in sample.rows}
-            yield case, _drawn(suite, found, [one for one in theirs if one.name in scored], sample)
-
-
-def _case(suite: Suite, score: Job, sample: Sample, cache: Cache) -> CaseData | None:
-    sequence, mapped = stored(score.needs[0], cache), stored(score.needs[1], cache)
-    if sequence is None or mapped is None:
-        return None
-    window = mapped_window(mapped.path)
-    data = window_data(
-        window,
-        [window.depth_map(method) for method in window.info.methods],
-        EventSequence.open(sequence.path / SEQUENCE),
-        EvalConfig.model_validate(suite.score),
-        scorable=MapperConfig.model_validate(score.needs[1].parameters["map"]).is_camera_0_view,
-    )
-    return CaseData(sample.case, "", (data,), len(suite.cases[sample.case].windows))
-
-
-def _others(suite: Suite, score: Job, predictions: Sequence[NamedFolder]) -> list[MethodData]:
-    """The depth maps of others for the first window."""
-    asked = assignment(suite, score)
-    found = open_predictions(predictions, suite, [asked])
-    return [_method(opened(one.job(score).parameters, one.folder), asked.views[0]) for one in found]
+            theirs = [one for one in views.others(score) if one.name in scored]
+            data = CaseData(case, "", (window,), len(views.suite.cases[case].windows))
+            yield case, _drawn(views.suite, data, theirs, sample)
 
 
 def _method(prediction: Prediction, view: TargetView) -> MethodData:
     depth_m, mask = prediction.depth_m(view)
     return MethodData(prediction.name, depth_m, mask, np.full(mask.shape, np.nan))
+
+
+def method_pictures(views: CaseViews, result: SuiteResult) -> dict[str, bytes]:
+    """Of each method its best and worst case: depth, true depth and error, and an index of them.
+
+    Best and worst are those of the least and largest mean relative error; cases whose view is not
+    camera 0's have no true depth here.
+    """
+    firsts = _firsts(result)
+    errors: dict[str, dict[str, float]] = {}
+    for case, sample in firsts.items():
+        for row in sample.rows:
+            if (row.window, row.metric) == (POOLED, "abs_rel") and math.isfinite(row.value):
+                errors.setdefault(row.method, {})[case] = row.value
+    wanted: dict[str, list[tuple[str, str]]] = {}
+    for method, found in errors.items():
+        wanted.setdefault(min(found, key=found.__getitem__), []).append((method, "best"))
+        wanted.setdefault(max(found, key=found.__getitem__), []).append((method, "worst"))
+    pictures: dict[str, bytes] = {}
+    index: dict[str, dict[str, Any]] = {}
+    for case, shown in wanted.items():
+        window, maps = views.by_method(views.score_job(firsts[case]))
+        for method, which in shown:
+            if window is not None and method in maps:
+                file = f"{plain(method)}-{which}.webp"
+                pictures[file], cap_cm = _strip(window, maps[method])
+                numbers = {"abs_rel": errors[method][case], "error_cm": cap_cm}
+                about = {"file": file, "case": case, **numbers}
+                index.setdefault(shown_name(method, views.suite.mappers), {})[which] = about
+    if index:
+        pictures[METHODS_NAME] = json.dumps(index, ensure_ascii=False, indent=1).encode()
+    return pictures
+
+
+def _strip(window: WindowData, method: MethodData) -> tuple[bytes, float]:
+    """Depth, true depth and error side by side, as a WebP file; and where errors end, cm."""
+    assert window.truth is not None  # asked for where it is drawn
+    truth, scored = window.truth.depth_m, window.truth.scored
+    scale, point_px = depth_scale(window.depth_range_m), point_size_px(truth.shape[1])
+    error_cm, both = error_of(method.depth_m, method.mask, truth, scored)
+    cap_cm = error_cap_cm(error_cm[both])
+    errors = error_scale(cap_cm)
+    panels = (
+        depth_image(method.depth_m, method.mask, scale, point_px),
+        depth_image(truth, scored, scale),
+        error_image(method.depth_m, method.mask, truth, scored, errors, point_px),
+    )
+    height = round(_PANEL_PX * truth.shape[0] / truth.shape[1])
+    strip = Image.new("RGB", (3 * _PANEL_PX + 2 * _GAP_PX, height), "white")
+    for k, panel in enumerate(panels):
+        image = Image.fromarray(panel.rgba()).resize((_PANEL_PX, height), Image.Resampling.BOX)
+        strip.paste(image, (k * (_PANEL_PX + _GAP_PX), 0), image)
+    stream = io.BytesIO()
+    strip.save(stream, format="WebP", quality=_QUALITY, method=6)
+    return stream.getvalue(), cap_cm
 
 
 def _drawn(suite: Suite, case: CaseData, theirs: Sequence[MethodData], sample: Sample) -> bytes:

@@ -11,7 +11,7 @@ import json
 from collections.abc import Iterator, Mapping
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     BaseModel,
@@ -34,6 +34,10 @@ FOLDER = Path(__file__).parent / "definitions"
 NEWEST = "suite-v2"
 ALL = "all"
 
+Condition = Literal["noise", "light", "motion", "occlusion", "geometry"]
+"""What is hard about a case: noise of the sensor, light, moving things or fast motion, things in
+front of each other, and imperfect geometry."""
+_LATER = ("imperfection", "conditions")
 _Name = Annotated[str, Field(pattern=r"^[\w.-]+$")]
 _Seeds = Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1)]
 
@@ -60,6 +64,7 @@ class CaseSpec(_Definition):
 
     `imperfection` is what is wrong with the calibration, the poses and the clocks that the mapper
     is told: the name of a preset, kept as what that stands for, or amounts of a `Perturbation`.
+    `conditions` say what is hard about it, for tables; they decide no number.
     """
 
     scene: str
@@ -69,12 +74,13 @@ class CaseSpec(_Definition):
     mappers: Annotated[tuple[_Name, ...], Field(min_length=1)] = ("default",)
     sim: dict[str, Any] = {}
     imperfection: Annotated[dict[str, float] | None, BeforeValidator(amounts)] = None
+    conditions: tuple[Condition, ...] = ()
 
     @model_serializer(mode="wrap")
     def _without_nothing(self, given: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leaves out what is not imperfect, so that the digests of older suites stay."""
+        """Leaves out what older suites do not say, so that their digests stay."""
         values: dict[str, Any] = given(self)
-        return {k: v for k, v in values.items() if k != "imperfection" or v is not None}
+        return {k: v for k, v in values.items() if k not in _LATER or v}
 
     @model_validator(mode="after")
     def _windows_inside(self) -> CaseSpec:
@@ -172,7 +178,7 @@ class Suite(_Definition):
         """A hash over all that the definition says of a case, its seeds left out."""
         spec = self.cases[case]
         facts = {
-            "case": spec.model_dump(mode="json"),
+            "case": spec.model_dump(mode="json", exclude={"conditions"}),
             "sim": self.sim,
             "score": self.score,
             "mappers": {name: self.mappers[name] for name in spec.mappers},

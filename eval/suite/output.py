@@ -16,13 +16,16 @@ from rich.table import Table
 from emvs.utils.cache import Cache
 from emvs.utils.files import atomic_path, bytes_text
 from emvs.utils.outputs import check_files, output_folder
+from eval.archives.manifest import ArchiveManifest, PackedSequence
 from eval.jobs.job import SEQUENCE, stored
 from eval.numbers import shown, shown_unit
+from eval.suite.archive import SequenceArchive
 from eval.suite.definition import Suite
 from eval.suite.predictions import assignment
 from eval.suite.results import FILE_NAME, SuiteResult, write_suite
 from eval.suite.run import extent, suite_jobs
 from eval.suite.series import Series, of_suite
+from eval.suite.submission import Asked, SubmissionFacts
 
 CSV_NAME, PICTURES_FOLDER = "suite.csv", "pictures"
 _SHOWN = ("points", "median_error", "mean_error", "abs_rel", "bad_published", "completeness")
@@ -125,6 +128,7 @@ def assignments(
     seeds: Sequence[int] | None,
     cases: Sequence[str] | None,
     cache: Path,
+    archive: SequenceArchive | None = None,
 ) -> dict[str, Any]:
     """What a prediction must hold, and where the cache has the sequences, as plain JSON values.
 
@@ -132,10 +136,11 @@ def assignments(
         InputError: an unknown subset or case.
     """
     listed = []
-    for job in suite_jobs(suite, *extent(suite, subset, seeds, cases)):
+    for job in suite_jobs(suite, *extent(suite, subset, seeds, cases, archive), archive):
         made = stored(job.needs[0], Cache(cache)) if cache.is_dir() else None
         where = None if made is None else str(made.path / SEQUENCE)
-        listed.append({**assignment(suite, job).to_json(), "sequence": where})
+        asked = assignment(suite, job.parameters["case"], job.parameters["seed"])
+        listed.append({**asked.to_json(), "sequence": where})
     about = {"suite": suite.name, "subset": subset, "digest": suite.digest}
     return {"schema_version": 1, **about, "sequences": listed}
 
@@ -186,3 +191,56 @@ def show_cache(cache: Path, size: int, freed: int, *, as_json: bool, quiet: bool
         return
     words = f"; freed {bytes_text(freed)}" if freed else ""
     out.print(f"{cache}: {bytes_text(size)}{words}", markup=False, soft_wrap=True)
+
+
+def show_archive(
+    manifest: ArchiveManifest,
+    chosen: Sequence[PackedSequence],
+    *,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Prints what an archive is, and how large the chosen part of it."""
+    if quiet:
+        return
+    out = RichConsole(highlight=False)
+    packed, unpacked = (
+        sum(one.bytes for one in chosen), sum(one.unpacked_bytes for one in chosen)
+    )  # fmt: skip
+    if as_json:
+        facts = {
+            **manifest.model_dump(include={"suite", "digest", "part", "truth", "licence"}),
+            "version": manifest.version,
+            "sequences": [one.place for one in chosen],
+            "bytes": packed,
+            "unpacked_bytes": unpacked,
+        }
+        out.out(json.dumps(facts, indent=2), highlight=False)
+        return
+    out.print(
+        f"{manifest.suite}, {manifest.part}, version {manifest.version}: {len(chosen)} of "
+        f"{len(manifest.sequences)} sequences, {bytes_text(packed)}, {bytes_text(unpacked)} "
+        f"unpacked; {manifest.licence}; {'with' if manifest.truth else 'without'} ground truth",
+        markup=False,
+        soft_wrap=True,
+    )
+
+
+def show_submission(facts: SubmissionFacts, asked: Asked, *, as_json: bool, quiet: bool) -> None:
+    """Prints what a submission is, once all of it was found to be right."""
+    if quiet:
+        return
+    out = RichConsole(highlight=False)
+    maps = len(asked.views())
+    if as_json:
+        content = {**facts.model_dump(mode="json"), "suite": asked.suite.name, "depth_maps": maps}
+        out.out(json.dumps(content, indent=2, ensure_ascii=False), highlight=False)
+        return
+    cost = facts.cost
+    out.print(
+        f"{facts.method} by {', '.join(facts.authors)}, {facts.licence}: {maps} depth maps for "
+        f"{asked.suite.name} are complete; stated: {cost.seconds_per_window:g} s a window, "
+        f"{cost.peak_memory_mb:g} MB, {cost.hardware}",
+        markup=False,
+        soft_wrap=True,
+    )

@@ -9,9 +9,12 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 import scenes
 from emvs.errors import InputError
@@ -31,6 +34,7 @@ from eval.suite.definition import Suite
 from sim.rigs import rig as named_rig
 
 LISTING = "eventsweep suite SUITE --list-cases"
+Shown = tuple[str, int, int]
 _SEED = re.compile(r"seed(\d+)")
 
 
@@ -45,6 +49,7 @@ class Assignment:
         camera: the reference view: camera 0 without lens distortion, at the reference time.
         baseline_m: distance of the rig's first two cameras; None for a rig of one.
         depth_range_m: nearest and farthest z-depth that the cameras see.
+        imperfection: what a method is told wrongly, as amounts; None where all is exact.
     """
 
     case: str
@@ -53,6 +58,7 @@ class Assignment:
     camera: Camera
     baseline_m: float | None
     depth_range_m: tuple[float, float]
+    imperfection: Mapping[str, float] | None = None
 
     @property
     def place(self) -> str:
@@ -78,6 +84,7 @@ class Assignment:
             "camera": self.camera.to_json(),
             "baseline_m": self.baseline_m,
             "depth_range_m": list(self.depth_range_m),
+            "imperfection": self.imperfection,
             "windows": [
                 {
                     "window": name,
@@ -91,20 +98,20 @@ class Assignment:
         }
 
 
-def assignment(suite: Suite, score: Job) -> Assignment:
-    """What a scoring job's sequence is to be predicted for: the windows of its first mapper."""
-    case, sequence = str(score.parameters["case"]), score.needs[0].parameters
+def assignment(suite: Suite, case: str, seed: int) -> Assignment:
+    """What a sequence is to be predicted for: the windows of the case's first mapper."""
     spec = suite.cases[case]
-    mapper = suite.mappers[spec.mappers[0]]
-    rig = named_rig(sequence["rig"])
+    mapper, scene = suite.mappers[spec.mappers[0]], scenes.load(spec.scene)
+    rig = named_rig(spec.rig or scene.rig)
     times = [window.times_us(mapper) for window in spec.windows]
     return Assignment(
         case=case,
-        seed=int(score.parameters["seed"]),
+        seed=seed,
         windows={f"w{number:03d}": one for number, one in enumerate(times)},
         camera=rig.cameras[0].undistorted(),
         baseline_m=rig.baseline_m() if len(rig) > 1 else None,
-        depth_range_m=scenes.load(sequence["scene"]).depth_range_m,
+        depth_range_m=scene.depth_range_m,
+        imperfection=spec.imperfection,
     )
 
 
@@ -163,8 +170,8 @@ def open_predictions(
 
     Raises:
         InputError: in one line: no folder, a case that the suite does not have, one that is
-            missing, a view without a file, or a file that is damaged, of another size or unit,
-            without any depth, or with negative ones.
+            missing, a view without a file, a file that is damaged, of another size or unit, without
+            any depth, or with negative ones, one map for two views, or inverse depth.
     """
     predictions = [_opened(one, suite, assignments) for one in folders]
     check_names([prediction.name for prediction in predictions])
@@ -176,23 +183,87 @@ def _opened(given: NamedFolder, suite: Suite, assignments: Sequence[Assignment])
     _check_cases(given.path, suite)
     _check_complete(given.path, assignments)
     name, folder = method_name(given, description), given.path.resolve()
-    files = {}
+    files, medians = {}, _Medians()
     for one in assignments:
         found = Prediction(name, timed_files(given.path / one.place, description), description)
         files[one.place] = {
             view.t_us: (path.relative_to(given.path).as_posix(), _sha256(path))
-            for view, path in _read(found, one.views)
+            for view, path in _read(found, one, medians, suite.cases[one.case].scene)
         }
+    medians.check(given.path)
     return SuitePrediction(name, folder, description, files)
 
 
-def _read(found: Prediction, views: Sequence[TargetView]) -> Iterable[tuple[TargetView, Path]]:
-    found.check(views)
-    for view in views:
+def _read(
+    found: Prediction, asked: Assignment, medians: _Medians, scene: str
+) -> Iterable[tuple[TargetView, Path]]:
+    found.check(asked.views)
+    for view in asked.views:
+        path = found.path_of(view)
         found.check_signs(view)
-        found.depth_m(view)
+        # Cases may show the same of a scene: with other settings of mapper or sensor.
+        medians.add(path, *found.depth_m(view), view, (scene, asked.seed, view.t_us))
         found.confidence(view)
-        yield view, found.path_of(view)
+        yield view, path
+
+
+@dataclass
+class _Medians:
+    """What depth maps of different views say together that none says alone.
+
+    Attributes:
+        files: by the hash of a map's depth, the file that held it first, and what that shows.
+        upright: maps whose median depth the scene can have.
+        inverted: maps of whose median it can have the inverse.
+        total: maps that hold any depth.
+    """
+
+    files: dict[bytes, tuple[Path, Shown]] = field(default_factory=dict)
+    upright: int = 0
+    inverted: int = 0
+    total: int = 0
+
+    def add(
+        self,
+        path: Path,
+        depth_m: NDArray[np.float32],
+        mask: NDArray[np.bool_],
+        view: TargetView,
+        shown: Shown,
+    ) -> None:
+        """Looks at one map of what is shown: scene, seed and time.
+
+        Raises:
+            InputError: another view has the very same one.
+        """
+        if not mask.any():
+            return
+        digest = hashlib.sha256(depth_m.tobytes()).digest()
+        first, also = self.files.setdefault(digest, (path, shown))
+        if also != shown:
+            raise InputError(
+                f"{path}: holds the very depth map of {'/'.join(first.parts[-3:])}: give each view "
+                "its own"
+            )
+        assert view.true_depth_m is not None  # an assignment knows its scene
+        near_m, far_m = view.true_depth_m
+        median_m = float(np.median(depth_m[mask]))
+        self.total += 1
+        self.upright += near_m <= median_m <= far_m
+        self.inverted += near_m <= 1 / median_m <= far_m
+
+    def check(self, folder: Path) -> None:
+        """Refuses maps that are inverse depth, as far as the scenes' ranges tell.
+
+        Raises:
+            InputError: more maps fit inverted than as they stand.
+        """
+        if self.inverted > self.upright:
+            raise InputError(
+                f"{folder}: {self.upright} of {self.total} depth maps have a median that the scene "
+                f"can have, but {self.inverted} of their inverses: write z-depth in metres, not "
+                "inverse depth"
+            )
 
 
 def _check_cases(folder: Path, suite: Suite) -> None:

@@ -84,6 +84,42 @@ class JobNote:
 
 
 @dataclass(frozen=True, slots=True)
+class ArchiveFacts:
+    """The archive whose sequences were used.
+
+    Attributes:
+        version: hash over all its sequences.
+        suite: that they are of.
+        part: `public` or `hidden`.
+        secret_sha256: hash of the secret of a hidden part; empty of a public one.
+    """
+
+    version: str
+    suite: str
+    part: str
+    secret_sha256: str = ""
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredCost:
+    """What mapping one window costs with one method alone, in one thread.
+
+    Attributes:
+        case: whose first window was mapped.
+        cpu_seconds: time of the processor, s.
+        peak_memory_mb: of the whole process, its libraries among it, MB.
+    """
+
+    case: str
+    cpu_seconds: float
+    peak_memory_mb: float
+
+    __pydantic_config__: ClassVar[ConfigDict] = _STRICT
+
+
+@dataclass(frozen=True, slots=True)
 class SuiteResult:
     """A whole run of a suite or a subset.
 
@@ -97,6 +133,9 @@ class SuiteResult:
         samples: one per case and seed that was scored.
         jobs: the outcome of every job.
         predictions: per method of others, the hash over its files and what their numbers mean.
+        stated: per method of others, what its submitter says of it.
+        cost: per method, what mapping a window costs here, where that was measured.
+        archive: whose sequences were used; None where they were simulated.
         speed: per case, CPU time of the mapper over that of the calibration loop, repeated.
         versions: of everything that shapes the numbers, on the machine that collected them.
         platform: of that machine.
@@ -112,6 +151,9 @@ class SuiteResult:
     samples: tuple[Sample, ...]
     jobs: tuple[JobNote, ...] = ()
     predictions: dict[str, str] = field(default_factory=dict)
+    stated: dict[str, dict[str, Any]] = field(default_factory=dict)
+    cost: dict[str, MeasuredCost] = field(default_factory=dict)
+    archive: ArchiveFacts | None = None
     speed: dict[str, tuple[float, ...]] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=versions)
     platform: str = field(default_factory=platform_name)

@@ -26,11 +26,11 @@ from eval.jobs.scheduler import Open, run_jobs
 from eval.pipeline import check_case
 from eval.progress import Progress
 from eval.scoring.predictions import NamedFolder
+from eval.suite.archive import SequenceArchive, simulated
 from eval.suite.definition import Suite
 from eval.suite.predictions import assignment, open_predictions
 from eval.suite.results import JobNote, Sample, SuiteResult, sample_from
 from eval.suite.speed_kernels import calibration
-from eval.suite.stages.simulate import scene_digest, sequence_parameters
 from sim.config import SimConfig
 
 REPEATS = 3
@@ -46,6 +46,7 @@ def run_suite(
     seeds: Sequence[int] | None = None,
     cases: Sequence[str] | None = None,
     predictions: Sequence[NamedFolder] = (),
+    archive: SequenceArchive | None = None,
 ) -> SuiteResult:
     """Does all jobs of a suite's subset; failed ones are in the result.
 
@@ -57,13 +58,16 @@ def run_suite(
         seeds: seeds instead of the subset's own.
         cases: some of the subset's cases.
         predictions: folders with depth maps of others, scored beside the suite's methods.
+        archive: where the sequences are; by default they are simulated.
 
     Raises:
-        InputError: an unknown case, scene, rig or method, or a prediction that is not complete.
+        InputError: an unknown case, scene, rig or method, a sequence that the archive lacks, or a
+            prediction that is not complete.
     """
-    its_cases, its_seeds = extent(suite, subset, seeds, cases)
-    jobs = suite_jobs(suite, its_cases, its_seeds)
-    others = open_predictions(predictions, suite, [assignment(suite, job) for job in jobs])
+    its_cases, its_seeds = extent(suite, subset, seeds, cases, archive)
+    jobs = suite_jobs(suite, its_cases, its_seeds, archive)
+    asked = [assignment(suite, job.parameters["case"], job.parameters["seed"]) for job in jobs]
+    others = open_predictions(predictions, suite, asked)
     jobs += [other.job(job) for job in jobs for other in others]
     outcomes = run_jobs(jobs, workers, progress)
     return SuiteResult(
@@ -76,19 +80,29 @@ def run_suite(
         samples=tuple(_samples(jobs, outcomes)),
         jobs=tuple(_note(outcome) for outcome in outcomes.values()),
         predictions={other.name: other.digest for other in others},
+        archive=archive.facts if archive else None,
     )
 
 
 def extent(
-    suite: Suite, subset: str, seeds: Sequence[int] | None, cases: Sequence[str] | None
+    suite: Suite,
+    subset: str,
+    seeds: Sequence[int] | None,
+    cases: Sequence[str] | None,
+    archive: SequenceArchive | None = None,
 ) -> tuple[tuple[str, ...], tuple[int, ...]]:
     """The cases and seeds of a run: some of a subset's cases, its seeds or others.
+
+    Of an archive by default those of its seeds that the subset has, of a hidden one all.
 
     Raises:
         InputError: an unknown subset or case.
     """
     chosen = suite.subset(subset)
-    return _chosen(chosen.cases, cases), tuple(chosen.seeds if seeds is None else seeds)
+    its_cases = _chosen(chosen.cases, cases)
+    if seeds is None:
+        seeds = archive.seeds(its_cases, chosen.seeds) if archive else chosen.seeds
+    return its_cases, tuple(seeds)
 
 
 def _chosen(known: Sequence[str], wanted: Sequence[str] | None) -> tuple[str, ...]:
@@ -121,16 +135,26 @@ def _note(outcome: Outcome) -> JobNote:
     )
 
 
-def suite_jobs(suite: Suite, cases: Sequence[str], seeds: Sequence[int]) -> list[Job]:
+def suite_jobs(
+    suite: Suite,
+    cases: Sequence[str],
+    seeds: Sequence[int],
+    archive: SequenceArchive | None = None,
+) -> list[Job]:
     """One scoring job per case and seed, with all that it needs.
 
     Raises:
-        InputError: an unknown scene, rig or method, a GPU that is not there.
+        InputError: an unknown scene, rig or method, a GPU that is not there, or a sequence that
+            the archive lacks.
     """
     for case in cases:
         _check(suite, case)
-    digests = {case: scene_digest(suite.cases[case].scene) for case in cases}
-    return [_score_job(suite, case, seed, digests[case]) for seed in seeds for case in cases]
+    source = archive.sequence if archive else simulated
+    return [
+        _score_job(suite, case, seed, *source(suite, case, seed))
+        for seed in seeds
+        for case in cases
+    ]
 
 
 def _check(suite: Suite, case: str) -> None:
@@ -141,11 +165,8 @@ def _check(suite: Suite, case: str) -> None:
         check_case(spec.scene, spec.rig, config, SimConfig.model_validate(suite.sim_of(spec)))
 
 
-def _score_job(suite: Suite, case: str, seed: int, digest: str) -> Job:
+def _score_job(suite: Suite, case: str, seed: int, sequence: Job, digest: str) -> Job:
     spec, place = suite.cases[case], f"{case}/seed{seed}"
-    sim = suite.sim_of(spec)
-    facts = sequence_parameters(spec.scene, spec.rig, seed, sim)
-    sequence = Job(f"simulate/{place}", "eval.suite.stages.simulate", facts)
     # Only where there is any: the keys of other jobs stay what they were.
     wrong = {"perturb": spec.imperfection, "seed": seed} if spec.imperfection else {}
     maps, mappers = [], []
@@ -168,12 +189,14 @@ def _score_job(suite: Suite, case: str, seed: int, digest: str) -> Job:
     return Job(f"score/{place}", "eval.suite.stages.score", wanted, (sequence, *maps))
 
 
-def with_speed(result: SuiteResult, suite: Suite, cache: Path) -> SuiteResult:
+def with_speed(
+    result: SuiteResult, suite: Suite, cache: Path, archive: SequenceArchive | None = None
+) -> SuiteResult:
     """The result, with the ratio of the suite's speed case; unchanged if that was not run."""
     seeds = [sample.seed for sample in result.samples if sample.case == suite.speed_case]
     if suite.speed_case is None or not seeds:
         return result
-    (score,) = suite_jobs(suite, [suite.speed_case], seeds[:1])
+    (score,) = suite_jobs(suite, [suite.speed_case], seeds[:1], archive)
     sequence, mapping = score.needs[:2]
     path = entry(sequence, Cache(cache)).path / SEQUENCE
     config = MapperConfig.model_validate(mapping.parameters["map"])

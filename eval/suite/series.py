@@ -106,8 +106,10 @@ def of_suite(result: SuiteResult) -> Measured:
     """The pooled numbers of a suite's run, of the metrics that the suite names."""
     wanted = set(result.definition["metrics"])
     series: dict[Key, Series] = {}
+    # Frozen sequences and such as were drawn anew are of different versions.
+    frozen = [result.archive.version] if result.archive else []
     for sample in result.samples:
-        scene = [result.cases[sample.case], sample.facts.scene]
+        scene = [result.cases[sample.case], sample.facts.scene, *frozen]
         for row in _pooled(sample.rows, wanted):
             identity = _hash([*scene, sample.facts.metrics.get(row.metric)])
             _add(series, row, sample.seed, identity)

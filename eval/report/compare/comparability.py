@@ -35,6 +35,19 @@ def not_comparable(
     return ""
 
 
+def other_sequences(
+    case: str, first: ComparedResult, other: ComparedResult, seeds: Sequence[int | None]
+) -> str:
+    """Whether sequences of an archive stand against others, drawn anew; empty where not."""
+    if first.archive == other.archive:
+        return ""
+    pairs = ((first.cases[case, seed], other.cases[case, seed]) for seed in seeds)
+    if all(one.sequence == two.sequence for one, two in pairs):
+        return ""
+    told = (f"archive {one.archive}" if one.archive else "drawn anew" for one in (first, other))
+    return f"other sequences: {' against '.join(told)}"
+
+
 def _differing_scores(one: Mapping[str, Any], two: Mapping[str, Any]) -> list[str]:
     a, b = (
         group if isinstance(group, dict) else {} for group in (one.get("score"), two.get("score"))

@@ -16,6 +16,7 @@ from eval.report.compare.comparability import (
     apart,
     not_comparable,
     nothing_in_common,
+    other_sequences,
     other_truth,
     same_data,
     same_time,
@@ -158,12 +159,13 @@ def _differences(case: str, first: ComparedResult, other: ComparedResult) -> Ite
     """Every number of a case that people rank by and both have, without intervals yet."""
     one, two = first.first(case), other.first(case)
     seeds = [seed for seed in first.seeds(case) if seed in other.seeds(case)]
+    drawn = other_sequences(case, first, other, seeds)
     for number in one.values:
         if number.metric not in RANKING_COLUMNS or number not in two.values:
             continue
         unit, better = one.units[number]
         base = Difference(case, number.method, number.metric, unit, better)
-        if why := not_comparable(number, (first, other), (one, two)):
+        if why := drawn or not_comparable(number, (first, other), (one, two)):
             values = (_alone(result, case, number) for result in (first, other))
             yield _finished(base, *values, verdict="not comparable", why=why)
         elif not seeds:

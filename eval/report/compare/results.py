@@ -86,6 +86,7 @@ class ComparedResult:
         versions: of everything that shapes the numbers.
         platform: of the machine that scored.
         failures: jobs that failed, with the reason.
+        archive: version of the archive whose sequences were used; empty where they were simulated.
     """
 
     name: str
@@ -95,6 +96,7 @@ class ComparedResult:
     versions: Mapping[str, str]
     platform: str = ""
     failures: Mapping[str, str] = field(default_factory=dict)
+    archive: str = ""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -183,7 +185,8 @@ def of_suite(result: SuiteResult, name: str, folder: Path) -> ComparedResult:
             stages.setdefault(job.name.partition("/")[0], {})[job.code[:12]] = None
     versions |= {f"code of {stage}": ", ".join(codes) for stage, codes in stages.items()}
     failures = {job.name: job.failure for job in result.failures}
-    return ComparedResult(name, folder, True, cases, versions, result.platform, failures)
+    archive = result.archive.version if result.archive else ""
+    return ComparedResult(name, folder, True, cases, versions, result.platform, failures, archive)
 
 
 def _of_sample(definition: Mapping[str, Any], sample: Sample) -> CaseResult:

@@ -2,9 +2,12 @@
 
 import pytest
 
-from eval.cli.main import VERBS, app, main
+from eval.cli.main import main
+from program import COMMANDS, command
 
 REPLACE = {
+    "archive make",
+    "archive unpack",
     "calibrate",
     "check",
     "run",
@@ -12,18 +15,19 @@ REPLACE = {
     "map",
     "convert",
     "events",
+    "submission make",
     "suite",
     "gate",
     "info",
 }
-NO_FACTS = {"convert", "report", "completion"}
+NO_FACTS = {"archive unpack", "convert", "report", "completion"}
 
 
 def takes(verb, flag):
-    return any(flag in one.names for one in app[verb].assemble_argument_collection())
+    return any(flag in one.names for one in command(verb).assemble_argument_collection())
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", COMMANDS)
 def test_force_json_and_quiet_are_taken_by_those_that_heed_them(verb):
     assert takes(verb, "--force") == (verb in REPLACE)
     assert takes(verb, "--json") == (verb not in NO_FACTS)

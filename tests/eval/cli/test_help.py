@@ -6,9 +6,10 @@ import pytest
 from rich.console import Console
 
 from eval.cli.help import ALL, readable
-from eval.cli.main import VERBS, app, main
+from eval.cli.main import app, main
+from program import COMMANDS, command
 
-EVERY = sorted({*VERBS, "cache"})
+EVERY = sorted({*COMMANDS, "cache"})
 MOST_FLAGS = 16
 
 
@@ -30,19 +31,26 @@ def flags_in(text):
 
 
 def taken_by(verb):
-    found = app[verb].assemble_argument_collection()
+    found = command(verb).assemble_argument_collection()
     return {one.name for one in found if not one.children and one.name.startswith("--")}
 
 
 @pytest.mark.parametrize("verb", EVERY)
 def test_help_shows_what_matters_and_help_all_the_rest(capsys, verb):
-    brief, whole = printed(capsys, verb, "--help"), printed(capsys, verb, ALL)
+    brief, whole = printed(capsys, *verb.split(), "--help"), printed(capsys, *verb.split(), ALL)
     assert flags_in(whole) == taken_by(verb)
     assert flags_in(brief) <= flags_in(whole)
     assert len(flags_in(brief)) <= MOST_FLAGS
     hidden = len(flags_in(whole) - flags_in(brief))
     assert (f"{hidden} more flags: eventsweep {verb} {ALL}\n" in brief) == (hidden > 0)
     assert "more flags" not in whole
+
+
+@pytest.mark.parametrize("group", ["archive"])
+def test_help_of_a_group_shows_its_commands(capsys, group):
+    page = printed(capsys, group, "--help")
+    assert printed(capsys, group) == printed(capsys, group, ALL) == page
+    assert all(name.split()[1] in page for name in COMMANDS if name.startswith(f"{group} "))
 
 
 def test_the_longest_help_fits_a_screen_or_two(capsys, monkeypatch):
@@ -53,10 +61,10 @@ def test_the_longest_help_fits_a_screen_or_two(capsys, monkeypatch):
 
 @pytest.mark.parametrize("verb", EVERY)
 def test_every_flag_is_explained_in_words_and_no_default_is_python(capsys, verb):
-    whole = printed(capsys, verb, ALL)
+    whole = printed(capsys, *verb.split(), ALL)
     for ugly in ("()", "('", "',)", "None", "[default: False]", "[default: True]", '[default: ""]'):
         assert ugly not in whole
-    for one in app[verb]._described[1]:
+    for one in command(verb)._described[1]:
         if not one.children:
             assert one.show
             assert one.parameter.help, one.name

@@ -1,0 +1,1 @@
+"""Sequences frozen as files that others fetch, verify and unpack."""

@@ -1,0 +1,244 @@
+"""Fetches archived sequences from an address or a folder: resumed, and verified byte by byte.
+
+A file is written under another name until its hash agrees. What a broken connection left is taken
+up where it ended, if the server can do that, and begun anew if it cannot.
+"""
+
+from __future__ import annotations
+
+import http.client
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Protocol
+from urllib.parse import quote, urlsplit
+
+from emvs.errors import InputError
+from emvs.utils.files import bytes_text, free_bytes, names_full_disk
+from emvs.utils.inputs import TABLE_BYTES, check_file
+from eval.archives import manifest as manifests
+from eval.archives.manifest import FILE_NAME, ArchiveManifest, PackedSequence
+from eval.archives.tarball import sha256_of
+from eval.progress import Progress
+
+TIMEOUT_S = 30.0
+ATTEMPTS = 4
+_WAIT_S = 0.5
+_STEP = 1 << 20
+_PARTIAL = ".partial"
+_FAULTS = (urllib.error.URLError, http.client.HTTPException, OSError)
+
+
+class Source(Protocol):
+    """Where files are read from."""
+
+    def open(self, name: str, start: int = 0) -> tuple[IO[bytes], int]:
+        """The content of a file from a byte on, and the byte that it does begin at."""
+
+
+class FolderSource:
+    """A folder on this machine."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def open(self, name: str, start: int = 0) -> tuple[IO[bytes], int]:
+        """Opens a file there."""
+        path = self._folder / name
+        check_file(path)
+        file = path.open("rb")
+        file.seek(start)
+        return file, start
+
+
+class AddressSource:
+    """An address below which a server has the files; redirections elsewhere than to it, too."""
+
+    def __init__(self, address: str) -> None:
+        self._address = address.rstrip("/")
+
+    def open(self, name: str, start: int = 0) -> tuple[IO[bytes], int]:
+        """Asks for a file, from a byte on where that is not the first."""
+        request = urllib.request.Request(f"{self._address}/{quote(name)}")
+        if start:
+            request.add_header("Range", f"bytes={start}-")
+        answer = urllib.request.urlopen(request, timeout=TIMEOUT_S)
+        if answer.status != http.HTTPStatus.PARTIAL_CONTENT:
+            return answer, 0
+        given = str(answer.headers.get("Content-Range", ""))
+        begins = given.removeprefix("bytes ").partition("-")[0]
+        return answer, int(begins) if begins.isdecimal() else 0
+
+
+def source_of(place: str) -> Source:
+    """What a user names: `http://...`, `https://...` or a folder.
+
+    Raises:
+        InputError: neither.
+    """
+    if urlsplit(place).scheme in ("http", "https"):
+        return AddressSource(place)
+    if not Path(place).is_dir():
+        raise InputError(f"{place}: no such folder, and no address; needs https://... or a folder")
+    return FolderSource(Path(place))
+
+
+def fetch(
+    place: str,
+    out: Path,
+    progress: Progress,
+    *,
+    subset: str = "",
+    cases: Sequence[str] = (),
+    seeds: Sequence[int] | None = None,
+    version: str = "",
+) -> tuple[ArchiveManifest, tuple[PackedSequence, ...]]:
+    """Fetches a manifest and the files of the sequences that are asked for.
+
+    Args:
+        place: address or folder.
+        out: folder that they are put into; those that are there and whole stay.
+        progress: shown how much is there.
+        subset: of the suite, such as `quick`.
+        cases: only these.
+        seeds: only these.
+        version: what the archive must be, as its maker published it; any where it is empty.
+
+    Returns:
+        The manifest, and the sequences asked for.
+
+    Raises:
+        InputError: an unreachable place, a manifest of another version than `version` or than that
+            in `out`, no such subset, case or seed, a file that is not what the manifest says, or no
+            room on the disk.
+    """
+    source = source_of(place)
+    text = _read_manifest(source, place)
+    manifest = manifests.parse(text, f"{place}/{FILE_NAME}")
+    if version and manifest.version != version:
+        raise InputError(f"{place}: is archive {manifest.version}, asked for is {version}")
+    _check_same(out, manifest)
+    wanted = manifest.chosen(subset, cases, seeds)
+    missing = [one for one in wanted if not is_whole(out / one.file, one)]
+    _check_room(out, missing)
+    out.mkdir(parents=True, exist_ok=True)
+    total = sum(one.bytes for one in missing)
+    with progress.stage("fetch", max(total, 1)) as update, names_full_disk(out):
+        done = 0
+        for one in missing:
+            _fetch_file(source, place, out, one)
+            done += one.bytes
+            update(done, f"{bytes_text(done)} of {bytes_text(total)}")
+        manifests.write(out, manifest)
+    return manifest, wanted
+
+
+def is_whole(path: Path, sequence: PackedSequence) -> bool:
+    """Whether a file is there with the size and hash that the manifest says."""
+    try:
+        check_file(path)
+        return path.stat().st_size == sequence.bytes and sha256_of(path) == sequence.sha256
+    except OSError:
+        return False
+
+
+def verify(folder: Path) -> tuple[ArchiveManifest, tuple[PackedSequence, ...]]:
+    """Reads all files of an archive, and returns its manifest and the sequences that are there.
+
+    Raises:
+        InputError: no manifest, or a file that is not what the manifest says.
+    """
+    manifest = manifests.read(folder)
+    there = tuple(one for one in manifest.sequences if (folder / one.file).exists())
+    for one in there:
+        if not is_whole(folder / one.file, one):
+            raise InputError(f"{folder / one.file}: was changed or is not whole: fetch it again")
+    return manifest, there
+
+
+def _read_manifest(source: Source, place: str) -> bytes:
+    with _told(f"{place}/{FILE_NAME}"):
+        file, _ = source.open(FILE_NAME)
+        with file:
+            text = file.read(TABLE_BYTES + 1)
+    if len(text) > TABLE_BYTES:
+        raise InputError(f"{place}/{FILE_NAME}: more than {TABLE_BYTES} bytes are no manifest")
+    return text
+
+
+def _check_same(out: Path, manifest: ArchiveManifest) -> None:
+    if not (out / FILE_NAME).exists():
+        return
+    there = manifests.read(out)
+    if there.version != manifest.version:
+        raise InputError(
+            f"{out}: holds archive {there.version}, this is {manifest.version}: choose another "
+            "folder"
+        )
+
+
+def _check_room(out: Path, missing: Sequence[PackedSequence]) -> None:
+    needed, free = sum(one.bytes for one in missing), free_bytes(out)
+    if needed > free:
+        raise InputError(
+            f"{out}: {bytes_text(needed)} are to be fetched, {bytes_text(free)} are free: free "
+            "some room or choose another folder"
+        )
+
+
+def _fetch_file(source: Source, place: str, out: Path, wanted: PackedSequence) -> None:
+    """Fetches one file; broken connections are tried again, from where they broke."""
+    partial = out / (wanted.file + _PARTIAL)
+    for attempt in range(ATTEMPTS):
+        try:
+            _append(source, partial, wanted)
+        except _FAULTS:
+            if attempt + 1 == ATTEMPTS or isinstance(source, FolderSource):
+                with _told(f"{place}/{wanted.file}"):
+                    raise
+            time.sleep(_WAIT_S * 2**attempt)
+        else:
+            break
+    if not is_whole(partial, wanted):
+        partial.unlink(missing_ok=True)
+        raise InputError(
+            f"{place}/{wanted.file}: is not what the manifest says (sha256): ask its publisher"
+        )
+    partial.replace(out / wanted.file)
+
+
+def _append(source: Source, partial: Path, wanted: PackedSequence) -> None:
+    start = partial.stat().st_size if partial.is_file() and not partial.is_symlink() else 0
+    if start > wanted.bytes or partial.is_symlink():
+        partial.unlink()
+        start = 0
+    if start == wanted.bytes:
+        return
+    content, begins = source.open(wanted.file, start)
+    with content, partial.open("ab") as file:
+        if begins != start:  # a server that always sends all of it
+            file.truncate(0)
+        left = wanted.bytes - (start if begins == start else 0)
+        # One byte more shows a file that is too long without reading all of it.
+        while left >= 0 and (block := content.read(min(_STEP, left + 1))):
+            file.write(block)
+            left -= len(block)
+    if left > 0:
+        raise http.client.IncompleteRead(b"", left)
+
+
+@contextmanager
+def _told(what: str) -> Iterator[None]:
+    """One line for whatever a network or a disk says."""
+    try:
+        yield
+    except _FAULTS as error:
+        reason = getattr(error, "reason", None) or getattr(error, "strerror", None) or error
+        code = f"HTTP {error.code}, " if isinstance(error, urllib.error.HTTPError) else ""
+        raise InputError(
+            f"{what}: cannot be fetched ({code}{' '.join(str(reason).split())}): correct the "
+            "address, or try again: what is there is kept"
+        ) from error

@@ -1,0 +1,213 @@
+"""What an archive of sequences holds: a file for each case and seed, with hashes and sizes.
+
+Everything that unpacking may write is said here, name by name and byte by byte; nothing inside the
+files is believed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from emvs.data.manifest import FileEntry
+from emvs.errors import InputError
+from emvs.utils.files import atomic_path
+from emvs.utils.inputs import TABLE_BYTES, check_file
+
+SCHEMA_VERSION = 1
+FILE_NAME = "archive.json"
+SUFFIX = ".tar.zst"
+LICENCE = "CC-BY-4.0"
+Part = Literal["public", "hidden"]
+
+_Plain = r"[A-Za-z0-9][A-Za-z0-9_-]*(?:\.[A-Za-z0-9_-]+)*"
+_Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+_Name = Annotated[str, Field(pattern=rf"^{_Plain}$", max_length=100)]
+_Path = Annotated[str, Field(pattern=rf"^{_Plain}(?:/{_Plain})*$", max_length=200)]
+_Bytes = Annotated[int, Field(ge=0, le=1 << 40)]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class PackedFile(_Model):
+    """One file of a sequence, as it is unpacked."""
+
+    sha256: _Sha256
+    bytes: _Bytes
+
+
+class PackedSequence(_Model):
+    """The sequence of one case and seed.
+
+    Attributes:
+        case: name of the case.
+        seed: of the sequence; in a hidden part its number, from 0.
+        file: name of the file beside the manifest that holds it.
+        sha256: of that file.
+        bytes: of that file.
+        sequence: hash over the sequence's own files, as results name it.
+        scene: hash over what defined the scene.
+        drawn_from: scene, rig and settings of the simulator that it was drawn from.
+        imperfection: what a mapper is told wrongly of it; none where that is in it already.
+        files: what is in it, by name.
+    """
+
+    case: _Name
+    seed: Annotated[int, Field(ge=0)]
+    file: Annotated[str, Field(pattern=rf"^{_Plain}$", max_length=120)]
+    sha256: _Sha256
+    bytes: _Bytes
+    sequence: _Sha256
+    scene: str
+    drawn_from: dict[str, Any]
+    imperfection: dict[str, float] | None = None
+    files: Annotated[dict[_Path, PackedFile], Field(min_length=1, max_length=1000)]
+
+    @property
+    def place(self) -> str:
+        """What it is called: CASE/seedN."""
+        return f"{self.case}/seed{self.seed}"
+
+    @property
+    def unpacked_bytes(self) -> int:
+        """All its files together."""
+        return sum(entry.bytes for entry in self.files.values())
+
+
+class ArchiveManifest(_Model):
+    """A set of archived sequences; the same definition drawn anew is another one.
+
+    Attributes:
+        schema_version: of this layout.
+        suite: name of the suite that the cases are of.
+        digest: hash over the definition that they were drawn from.
+        part: `public`, or `hidden`: of seeds that a secret decides.
+        truth: whether ground truth is in it; without, it is what a method may read.
+        licence: of the data, as SPDX names it.
+        secret_sha256: hash of the secret of a hidden part; empty in a public one.
+        renderer: what drew the pictures.
+        versions: of everything that shaped the sequences.
+        subsets: cases and seeds of the suite's subsets, by name.
+        sequences: by case and seed.
+    """
+
+    schema_version: int = SCHEMA_VERSION
+    suite: _Name
+    digest: str
+    part: Part = "public"
+    truth: bool = True
+    licence: Annotated[str, Field(min_length=1, max_length=200)] = LICENCE
+    secret_sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
+    renderer: str = ""
+    versions: dict[str, str] = {}
+    subsets: dict[str, tuple[tuple[str, ...], tuple[int, ...]]] = {}
+    sequences: Annotated[tuple[PackedSequence, ...], Field(min_length=1, max_length=100_000)]
+
+    @model_validator(mode="after")
+    def _each_once(self) -> ArchiveManifest:
+        for names in ([one.file for one in self.sequences], [one.place for one in self.sequences]):
+            twice = next((name for name in set(names) if names.count(name) > 1), None)
+            if twice is not None:
+                raise ValueError(f"{twice} is listed twice")
+        return self
+
+    @property
+    def version(self) -> str:
+        """What results call it: a hash over all sequences, equal where the data are equal."""
+        facts = sorted((one.case, one.seed, one.sequence) for one in self.sequences)
+        text = json.dumps([self.suite, self.part, facts])
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+    def of(self, case: str, seed: int) -> PackedSequence | None:
+        """The sequence of a case and seed, if it is listed."""
+        return next((s for s in self.sequences if (s.case, s.seed) == (case, seed)), None)
+
+    def seeds(self, case: str) -> tuple[int, ...]:
+        """The seeds of a case."""
+        return tuple(one.seed for one in self.sequences if one.case == case)
+
+    def chosen(
+        self, subset: str = "", cases: Iterable[str] = (), seeds: Iterable[int] | None = None
+    ) -> tuple[PackedSequence, ...]:
+        """The sequences of a subset, of some cases, of some seeds; of all where nothing is said.
+
+        Raises:
+            InputError: no such subset, case or seed.
+        """
+        if subset and subset not in self.subsets:
+            known = ", ".join(self.subsets) or "none"
+            raise InputError(f"the archive has no part {subset!r}: choose from {known}")
+        its_cases, its_seeds = self.subsets.get(subset, ((), ()))
+        wanted_cases, wanted_seeds = set(cases), None if seeds is None else set(seeds)
+        for case in wanted_cases - {one.case for one in self.sequences}:
+            raise InputError(f"the archive of {self.suite} has no case {case!r}")
+        found = tuple(
+            one
+            for one in self.sequences
+            if (not wanted_cases or one.case in wanted_cases)
+            and (wanted_seeds is None or one.seed in wanted_seeds)
+            and (not subset or (one.case in its_cases and one.seed in its_seeds))
+        )
+        if not found:
+            raise InputError(f"the archive of {self.suite} has nothing of what is asked for")
+        return found
+
+
+def parse(text: bytes | str, where: str) -> ArchiveManifest:
+    """Reads a manifest that somebody else wrote.
+
+    Raises:
+        InputError: no manifest, one of another version, or one with impossible names or sizes.
+    """
+    try:
+        found = ArchiveManifest.model_validate_json(text)
+    except (ValidationError, RecursionError) as error:
+        raise InputError(f"{where}: no manifest of an archive ({_first(error)})") from error
+    if found.schema_version != SCHEMA_VERSION:
+        raise InputError(
+            f"{where}: schema version {found.schema_version}, needs {SCHEMA_VERSION}: make or "
+            "fetch the archive again"
+        )
+    return found
+
+
+def _first(error: Exception) -> str:
+    if not isinstance(error, ValidationError):
+        return "nested too deeply"
+    one = error.errors()[0]
+    return f"{'.'.join(map(str, one['loc']))}: {one['msg']}".lstrip(": ")
+
+
+def read(folder: Path) -> ArchiveManifest:
+    """Reads the manifest in a folder.
+
+    Raises:
+        InputError: there is none, or what `parse` refuses.
+    """
+    path = folder / FILE_NAME
+    try:
+        check_file(path, TABLE_BYTES)
+        text = path.read_bytes()
+    except OSError as error:
+        raise InputError(
+            f"{folder}: no {FILE_NAME}; needs a folder of `eventsweep archive make` or `fetch`"
+        ) from error
+    return parse(text, str(path))
+
+
+def write(folder: Path, manifest: ArchiveManifest) -> None:
+    """Writes the manifest into a folder, whole or not at all."""
+    with atomic_path(folder / FILE_NAME) as path:
+        path.write_text(manifest.model_dump_json(indent=1) + "\n", encoding="utf-8")
+
+
+def packed_files(entries: Mapping[str, FileEntry]) -> dict[str, PackedFile]:
+    """A sequence's files as a manifest lists them."""
+    return {n: PackedFile(sha256=e.sha256, bytes=e.bytes) for n, e in sorted(entries.items())}

@@ -1,0 +1,184 @@
+"""Folders as one compressed file, the same bytes each time; unpacked without believing any name."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import sys
+import tarfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Protocol, cast
+
+from emvs.errors import InputError, quoted
+from emvs.utils.files import names_full_disk
+from emvs.utils.inputs import check_file
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+# HDF5's chunks are compressed already: higher levels only take longer.
+_LEVEL = 9
+_STEP = 1 << 20
+_BLOCK = 512
+# A header, padding to a block, and room for names that need a header of their own.
+_PER_MEMBER = 8 * _BLOCK
+_END = 32 * _BLOCK
+_FAULTS = (tarfile.TarError, zstd.ZstdError, OSError, EOFError, ValueError, OverflowError)
+
+
+class Expected(Protocol):
+    """What is known of a file before it is unpacked; an empty hash: only how large it may be."""
+
+    @property
+    def sha256(self) -> str:
+        """Of its content."""
+
+    @property
+    def bytes(self) -> int:
+        """Its size; where the hash is empty, the most that it may be."""
+
+
+def pack(path: Path, folder: Path, names: Iterable[str]) -> tuple[str, int]:
+    """Writes files below a folder into one; who, when and with which rights is left out.
+
+    Args:
+        path: the file to make.
+        folder: where they are.
+        names: below it.
+
+    Returns:
+        sha256 and size of what was written; the same for the same files and library of zstd.
+    """
+    with (
+        zstd.open(path, "wb", level=_LEVEL) as stream,
+        tarfile.open(fileobj=stream, mode="w", format=tarfile.USTAR_FORMAT) as tar,
+    ):
+        for name in sorted(names):
+            member = tarfile.TarInfo(name)
+            member.size = (folder / name).stat().st_size
+            with (folder / name).open("rb") as file:
+                tar.addfile(member, file)
+    return sha256_of(path), path.stat().st_size
+
+
+def unpack(path: Path, out: Path, expected: Mapping[str, Expected]) -> None:
+    """Writes exactly the files that are expected into an empty folder.
+
+    Names in the archive are only compared with those expected; links, folders, devices, a name
+    twice, one that is not expected, another size or hash, and bytes beyond what all of them need
+    are refused.
+
+    Args:
+        path: the archive.
+        out: an empty folder.
+        expected: size and hash by name.
+
+    Raises:
+        InputError: in one line, what is wrong; files written before that stay.
+    """
+    most = sum(entry.bytes + _PER_MEMBER for entry in expected.values()) + _END
+    seen: set[str] = set()
+    with _opened(path, most) as tar, names_full_disk(out):
+        while (member := tar.next()) is not None:
+            if member.name in seen:
+                raise InputError(f"{path}: {quoted(member.name)} is in it twice: make it again")
+            _check_expected(path, member, expected)
+            seen.add(member.name)
+            _copy(path, _file(tar, member), out / member.name, expected[member.name])
+    missing = [name for name, entry in expected.items() if name not in seen and entry.sha256]
+    if missing:
+        raise InputError(f"{path}: {quoted(missing[0])} is not in it: make or fetch it again")
+
+
+def first_member(path: Path, name: str, most_bytes: int) -> bytes:
+    """The content of an archive's first file, which must have that name.
+
+    Raises:
+        InputError: another file comes first, it is too large, or the archive is damaged.
+    """
+    with _opened(path, most_bytes + _PER_MEMBER + _END) as tar:
+        member = tar.next()
+        if member is None or member.name != name or not member.isreg():
+            found = "nothing" if member is None else quoted(member.name)
+            raise InputError(f"{path}: begins with {found}, needs {name} first: make it again")
+        if member.size > most_bytes:
+            raise InputError(f"{path}: {name} of {member.size} bytes, at most {most_bytes}")
+        return _file(tar, member).read()
+
+
+def sha256_of(path: Path) -> str:
+    """Of a file's content."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _check_expected(path: Path, member: tarfile.TarInfo, expected: Mapping[str, Expected]) -> None:
+    name = quoted(member.name)
+    if member.name not in expected:
+        raise InputError(f"{path}: holds {name}, which does not belong there: make it again")
+    if not member.isreg() or member.issparse():
+        raise InputError(f"{path}: {name} is no plain file: make it again")
+    entry = expected[member.name]
+    if member.size > entry.bytes or (entry.sha256 and member.size != entry.bytes):
+        should = "should be" if entry.sha256 else "at most"
+        raise InputError(
+            f"{path}: {name} has {member.size} bytes, {should} {entry.bytes}: make it again"
+        )
+
+
+def _file(tar: tarfile.TarFile, member: tarfile.TarInfo) -> IO[bytes]:
+    file = tar.extractfile(member)
+    assert file is not None  # a plain file has content
+    return file
+
+
+def _copy(path: Path, content: IO[bytes], place: Path, expected: Expected) -> None:
+    digest = hashlib.sha256()
+    place.parent.mkdir(parents=True, exist_ok=True)
+    # "x": nothing that is there, link or not, is written through.
+    with place.open("xb") as file:
+        while block := content.read(_STEP):
+            digest.update(block)
+            file.write(block)
+    if expected.sha256 and digest.hexdigest() != expected.sha256:
+        raise InputError(f"{path}: {quoted(place.name)} was changed: make or fetch it again")
+
+
+@contextmanager
+def _opened(path: Path, most_bytes: int) -> Iterator[tarfile.TarFile]:
+    """The archive as a stream of no more than so many bytes; any damage is one line."""
+    try:
+        check_file(path)
+        with zstd.open(path, "rb") as stream:
+            bounded = cast(IO[bytes], _Bounded(stream, path, most_bytes))
+            with tarfile.open(fileobj=bounded, mode="r|") as tar:
+                yield tar
+    except InputError:
+        raise
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except _FAULTS as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{path}: damaged archive ({reason}): make or fetch it again") from error
+
+
+class _Bounded(io.RawIOBase):
+    """A stream that ends with an error where more comes than there can be."""
+
+    def __init__(self, stream: io.BufferedIOBase, path: Path, most_bytes: int) -> None:
+        self._stream, self._path, self._left = stream, path, most_bytes
+
+    def readable(self) -> bool:
+        return True
+
+    def read(self, size: int = -1) -> bytes:
+        wanted = self._left + 1 if size < 0 else min(size, self._left + 1)
+        found = self._stream.read(wanted)
+        self._left -= len(found)
+        if self._left < 0:
+            raise InputError(f"{self._path}: unpacks to more than it may hold: make it again")
+        return found

@@ -1,0 +1,150 @@
+"""`eventsweep archive`: a suite's sequences, frozen, fetched, verified and unpacked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from eval.cli.app import COMMON, NO_NEGATIVE, QUIET, Common, Force, Quiet, SuiteName, app
+from eval.cli.help import HELP_FLAGS, Program
+from eval.cli.job_flags import JOB_FLAGS, JobFlags, seed_numbers
+
+Cases = Annotated[tuple[str, ...], NO_NEGATIVE]
+
+archive = Program(
+    name="archive",
+    help="Make, fetch, verify or unpack archives of a suite's sequences.",
+    help_flags=HELP_FLAGS,
+)
+app.command(archive)
+
+
+@archive.command
+def make(
+    name: SuiteName,
+    /,
+    *,
+    out: Path,
+    seeds: str | None = None,
+    case: Cases = (),
+    truth: bool = True,
+    secret: Path | None = None,
+    licence: str = "CC-BY-4.0",
+    force: Force = False,
+    job_flags: JobFlags = JOB_FLAGS,
+    common: Common = COMMON,
+) -> int:
+    """Draw a suite's sequences and pack them: the same bytes for the same sequences.
+
+    Args:
+        name: Such as suite-v2, quick, or FILE.toml.
+        out: Folder to write: archive.json and a file for each case and seed.
+        seeds: Seeds instead of the suite's own, such as 0,1,2; with --secret, numbers.
+        case: Only this case, repeatable.
+        truth: Whether ground truth is in it; without, a method can read it, nobody can score.
+        secret: File that decides the seeds of a hidden part; only its hash is written.
+        licence: Of the data, as SPDX names it.
+    """
+    from emvs.utils.cache import Cache
+    from eval.suite import output
+    from eval.suite.archive import ArchivePlan, make_archive, read_secret
+    from eval.suite.definition import load
+    from eval.suite.run import extent
+
+    suite, subset = load(name)
+    cases, numbers = extent(suite, subset, seed_numbers(seeds, "--seeds"), case)
+    key = None if secret is None else read_secret(secret)
+    plan = ArchivePlan(suite, cases, numbers, licence, truth, key)
+    console, store = common.console(), Cache(job_flags.cache_folder())
+    manifest, failed = make_archive(plan, out, job_flags.open, store, console.progress, force=force)
+    if manifest is None:
+        first = failed[0]
+        console.warn(f"{len(failed)} jobs failed, the first: {first.name}: {first.reason}")
+        return 1
+    output.show_archive(manifest, manifest.sequences, as_json=common.json, quiet=common.quiet)
+    console.wrote(out / "archive.json")
+    return 0
+
+
+@archive.command
+def fetch(
+    source: str,
+    /,
+    *,
+    out: Path,
+    part: str = "",
+    seeds: str | None = None,
+    case: Cases = (),
+    version: Annotated[str, Parameter(name="--version-is")] = "",
+    common: Common = COMMON,
+) -> None:
+    """Fetch an archive, or a part; what is there already is kept, and all is verified.
+
+    Args:
+        source: Address below which archive.json is, or a folder.
+        out: Folder that the files are put into.
+        part: Subset of the suite, such as quick.
+        seeds: Only these seeds, such as 0,1,2.
+        case: Only this case, repeatable.
+        version: Refuse any archive but this one, such as 0123456789abcdef.
+    """
+    from eval.archives.fetch import fetch as fetched
+    from eval.suite import output
+
+    console = common.console()
+    manifest, wanted = fetched(
+        source,
+        out,
+        console.progress,
+        subset=part,
+        cases=case,
+        seeds=seed_numbers(seeds, "--seeds"),
+        version=version,
+    )
+    output.show_archive(manifest, wanted, as_json=common.json, quiet=common.quiet)
+    console.wrote(out)
+
+
+@archive.command
+def verify(folder: Path, /, *, common: Common = COMMON) -> None:
+    """Read every file of an archive and compare its hash.
+
+    Args:
+        folder: Folder of `archive make` or `fetch`.
+    """
+    from eval.archives.fetch import verify as verified
+    from eval.suite import output
+
+    output.show_archive(*verified(folder), as_json=common.json, quiet=common.quiet)
+
+
+@archive.command
+def unpack(
+    folder: Path,
+    /,
+    *,
+    out: Path,
+    part: str = "",
+    seeds: str | None = None,
+    case: Cases = (),
+    force: Force = False,
+    common: Quiet = QUIET,
+) -> None:
+    """Unpack sequences for a program of yours: CASE/seedN, each as a mapper is told it.
+
+    Args:
+        folder: Folder of `archive make` or `fetch`.
+        out: Folder to write.
+        part: Subset of the suite, such as quick.
+        seeds: Only these seeds, such as 0,1,2.
+        case: Only this case, repeatable.
+    """
+    from eval.archives.manifest import read
+    from eval.suite.archive import unpack_recordings
+
+    console = common.console()
+    wanted = read(folder).chosen(part, case, seed_numbers(seeds, "--seeds"))
+    unpack_recordings(folder, wanted, out, console.progress, force=force)
+    console.wrote(out)

@@ -1,0 +1,71 @@
+"""`eventsweep submission`: depth maps of a method for a suite, made into one file and checked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from eval.cli.app import COMMON, Common, Force, SuiteName, app
+from eval.cli.help import HELP_FLAGS, Program
+
+submission = Program(
+    name="submission",
+    help="Make or check a submission: depth maps of a method for a suite.",
+    help_flags=HELP_FLAGS,
+)
+app.command(submission)
+
+
+@submission.command
+def make(
+    folder: Path,
+    /,
+    *,
+    suite: SuiteName,
+    out: Path,
+    archive: Path | None = None,
+    force: Force = False,
+    common: Common = COMMON,
+) -> None:
+    """Check depth maps and pack them into a file; says in one line what is missing or wrong.
+
+    Args:
+        folder: Depth maps as CASE/seedN/TIME.npz, beside them submission.toml.
+        suite: Such as suite-v2, quick, or FILE.toml.
+        out: File to write, such as mine.tar.zst.
+        archive: Folder of the archive whose sequences were read: its cases and seeds.
+    """
+    from eval.archives.manifest import read
+    from eval.suite.definition import load
+    from eval.suite.output import show_submission
+    from eval.suite.submission import Asked, make_submission
+
+    asked = Asked.of(*load(suite), read(archive) if archive else None)
+    manifest = make_submission(folder, asked, out, force=force)
+    show_submission(manifest.facts, asked, as_json=common.json, quiet=common.quiet)
+    common.console().wrote(out)
+
+
+@submission.command
+def check(
+    path: Path,
+    /,
+    *,
+    suite: SuiteName,
+    archive: Path | None = None,
+    common: Common = COMMON,
+) -> None:
+    """Read all of a submission; says in one line what is missing or wrong, and needs no truth.
+
+    Args:
+        path: File of `submission make`, or the folder it is made of.
+        suite: Such as suite-v2, quick, or FILE.toml.
+        archive: Folder of the archive whose sequences were read: its cases and seeds.
+    """
+    from eval.archives.manifest import read
+    from eval.suite.definition import load
+    from eval.suite.output import show_submission
+    from eval.suite.submission import Asked, check_submission
+
+    asked = Asked.of(*load(suite), read(archive) if archive else None)
+    facts = check_submission(path, asked)
+    show_submission(facts, asked, as_json=common.json, quiet=common.quiet)

@@ -1,0 +1,93 @@
+"""Figures of a ranking: error over coverage, accuracy against cost, and over time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from eval.figures.colormaps import line_style
+from eval.figures.plots import STYLE, svg_of
+
+_SIZE = (10.5, 4.6)
+_MARKER = 5.5
+
+
+def coverage_svg(curves: Mapping[str, Sequence[tuple[float, float]]]) -> str:
+    """Error over coverage, both logarithmic; a method's last point is that of all its pixels.
+
+    Args:
+        curves: per method, coverage in % and relative error.
+    """
+    with mpl.rc_context(STYLE):
+        figure, axes = _axes()
+        for method, curve in curves.items():
+            _line(axes, method, [x for x, _ in curve], [y for _, y in curve])
+        axes.set(xscale="log", yscale="log")
+        axes.set_xlabel("coverage: share of the true pixels, the surest first [%]")
+        axes.set_ylabel("error, of the middle method's")
+        return _finished(figure, axes)
+
+
+def cost_svg(points: Mapping[str, tuple[float, float, bool]]) -> str:
+    """Error against time for a window, both logarithmic.
+
+    Args:
+        points: per method, time in s, relative error in %, and whether the time is only stated.
+    """
+    with mpl.rc_context(STYLE):
+        figure, axes = _axes()
+        for method, (seconds, error, is_stated) in points.items():
+            style = line_style(method)
+            axes.plot(
+                [seconds], [error], style.marker or "o", color=style.colour, label=method,
+                ms=_MARKER + 2, mfc="none" if is_stated else style.colour, mew=1.4, linestyle="",
+            )  # fmt: skip
+        axes.set(xscale="log", yscale="log")
+        axes.set_xlabel("time for a window [s]; hollow: stated by its submitter, not measured here")
+        axes.set_ylabel("relative error [%]")
+        return _finished(figure, axes)
+
+
+def history_svg(labels: Sequence[str], lines: Mapping[str, Sequence[float]]) -> str:
+    """Relative error of each method over versions, logarithmic."""
+    with mpl.rc_context(STYLE):
+        figure, axes = _axes()
+        for method, line in lines.items():
+            _line(axes, method, range(len(labels)), line)
+        axes.set_yscale("log")
+        axes.set_xticks(range(len(labels)), labels)
+        axes.set_ylabel("relative error [%]")
+        return _finished(figure, axes)
+
+
+def _axes() -> tuple[Figure, Axes]:
+    figure = Figure(figsize=_SIZE, layout="constrained")
+    return figure, figure.subplots()
+
+
+def _line(axes: Axes, method: str, x: Sequence[float], y: Sequence[float]) -> None:
+    style = line_style(method)
+    axes.plot(
+        x, y, color=style.colour, linestyle=style.dash, linewidth=1.4, label=method,
+        marker=style.marker or "o", markersize=_MARKER,
+    )  # fmt: skip
+
+
+def _finished(figure: Figure, axes: Axes) -> str:
+    for axis in (axes.xaxis, axes.yaxis):
+        if axis.get_scale() == "log":
+            axis.set_major_formatter(lambda value, _: f"{value:g}")
+            axis.set_minor_formatter(lambda value, _: _minor(value))
+    axes.grid(which="both", linewidth=0.4, alpha=0.35)
+    axes.set_axisbelow(True)
+    figure.legend(loc="outside right center", handlelength=3.2, fontsize=8)
+    return svg_of(figure)
+
+
+def _minor(value: float) -> str:
+    digit = value / 10 ** math.floor(math.log10(value))
+    return f"{value:g}" if round(digit) in (2, 5) else ""

@@ -1,0 +1,354 @@
+"""Results as a ranking needs them: small enough to be kept for ever, one entry for each run.
+
+An entry holds the pooled numbers of a suite's run, without windows. Entries of the same sequences
+are joined; those of other sequences are not comparable.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from emvs.errors import InputError
+from eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
+from eval.scoring.metrics import Better
+from eval.scoring.outlier_causes import CAUSES
+from eval.scoring.results import POOLED, Row, Value, read_json
+from eval.suite.results import (
+    DEFAULT_MAPPER,
+    EVENTS,
+    FILE_NAME,
+    ArchiveFacts,
+    MeasuredCost,
+    SuiteResult,
+    read_suite,
+)
+from eval.suite.submission import perfect_scores
+
+DATA_NAME = "ranking.json"
+RANKED_BY = "mean_error"
+"""The metric by which methods are placed."""
+SCHEMA_VERSION = 1
+COVERAGES = (1, 2, 5, 10, 20)
+METRICS = (
+    "points", "completeness", "mean_error", "median_error", "rmse", "abs_rel", "bad_published",
+    "outlier_share", "delta_1", "f1_5cm", "aurc", BAD_POINTS,
+    *(f"mean_error_top_{share}pct" for share in COVERAGES),
+    *(f"{CAUSE_PREFIX}{cause}" for cause in CAUSES),
+)  # fmt: skip
+_DIGITS = 6
+
+
+class Unit(NamedTuple):
+    """What was drawn independently: one case with one seed."""
+
+    case: str
+    seed: int
+
+
+class RankedCase(BaseModel):
+    """A case of an entry.
+
+    Attributes:
+        scene: its name.
+        conditions: what is hard about it.
+        ranked: whether methods are ranked by it: those that only test the program are not.
+        sequences: hash of the sequence of each of the entry's seeds; empty where it failed.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    scene: str
+    conditions: tuple[str, ...] = ()
+    ranked: bool = True
+    sequences: tuple[str, ...]
+
+
+class RankingEntry(BaseModel):
+    """One run.
+
+    Attributes:
+        label: what people call it, such as a version.
+        suite: name of the suite.
+        digest: hash of its definition.
+        archive: whose sequences were used; None where they were drawn anew.
+        seeds: of the run.
+        cases: by name.
+        units: per metric, its unit and better direction.
+        versions_of_metrics: per metric, the hash of what it computes.
+        values: per method, metric and case one value for each seed.
+        stated: per method of others, what its submitter says.
+        cost: per method, what was measured here.
+        perfect: per method, where it has a perfect score.
+        code: per stage, the version of its code.
+        versions: of everything that shapes numbers.
+        platform: of the machine that collected them.
+        failures: jobs that failed, with the reason.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    label: str
+    suite: str
+    digest: str
+    archive: ArchiveFacts | None = None
+    seeds: tuple[int, ...]
+    cases: dict[str, RankedCase]
+    units: dict[str, tuple[str, Better]]
+    versions_of_metrics: dict[str, str]
+    values: dict[str, dict[str, dict[str, tuple[Value, ...]]]]
+    stated: dict[str, dict[str, Any]] = {}
+    cost: dict[str, MeasuredCost] = {}
+    perfect: dict[str, list[str]] = {}
+    code: dict[str, str] = {}
+    versions: dict[str, str] = {}
+    platform: str = ""
+    failures: dict[str, str] = {}
+
+    @property
+    def part(self) -> str:
+        """`public` or `hidden`."""
+        return "hidden" if self.archive and self.archive.part == "hidden" else "public"
+
+    def value(self, method: str, metric: str, unit: Unit) -> float:
+        """A number; NaN where there is none."""
+        found = self.values.get(method, {}).get(metric, {}).get(unit.case)
+        if found is None or unit.seed not in self.seeds:
+            return math.nan
+        return found[self.seeds.index(unit.seed)]
+
+    def has(self, method: str, case: str) -> bool:
+        """Whether a method was run on a case."""
+        return any(case in cases for cases in self.values.get(method, {}).values())
+
+    def sequence(self, unit: Unit) -> str:
+        """The hash of a sequence; empty where there is none."""
+        if unit.case not in self.cases or unit.seed not in self.seeds:
+            return ""
+        return self.cases[unit.case].sequences[self.seeds.index(unit.seed)]
+
+
+class RankingData(BaseModel):
+    """`ranking.json`: everything that a page shows but for its pictures."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    schema_version: int = SCHEMA_VERSION
+    ranked_by: str = RANKED_BY
+    entries: tuple[RankingEntry, ...] = Field(min_length=1)
+
+    def to_text(self) -> str:
+        """As JSON, one method a line."""
+        content = self.model_dump(mode="json")
+        return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
+def of_suite(result: SuiteResult, label: str) -> RankingEntry:
+    """A suite's run in small."""
+    mappers = result.definition["mappers"]
+    values: dict[str, dict[str, dict[str, list[float]]]] = {}
+    units: dict[str, tuple[str, Better]] = {}
+    for sample in result.samples:
+        at = result.seeds.index(sample.seed)
+        for row in sample.rows:
+            if row.window != POOLED or row.metric not in METRICS or row.method == EVENTS:
+                continue
+            units[row.metric] = row.unit, row.better
+            method = shown_name(row.method, mappers)
+            by_case = values.setdefault(method, {}).setdefault(row.metric, {})
+            by_case.setdefault(row.case, [math.nan] * len(result.seeds))[at] = _rounded(row)
+    perfect = perfect_scores(result.samples)
+    return RankingEntry(
+        label=label,
+        suite=result.suite,
+        digest=result.digest,
+        archive=result.archive,
+        seeds=result.seeds,
+        cases={case: _case(result, case) for case in result.cases},
+        units=units,
+        versions_of_metrics=_metric_versions(result),
+        values=values,
+        stated=result.stated,
+        cost={shown_name(name, mappers): one for name, one in result.cost.items()},
+        perfect={shown_name(name, mappers): where for name, where in perfect.items()},
+        code=_code(result),
+        versions=result.versions,
+        platform=result.platform,
+        failures={job.name: job.failure for job in result.failures},
+    )
+
+
+def shown_name(method: str, mappers: Mapping[str, Mapping[str, Any]]) -> str:
+    """A method without the name of its mapper, where that differs from the default in nothing else.
+
+    A suite lists methods that are not run on every case under a mapper of their own.
+    """
+    name, space, mapper = method.partition(" ")
+    default = mappers.get(DEFAULT_MAPPER, {})
+    if not space or mapper not in mappers:
+        return method
+    own, usual = ({**one, "methods": None} for one in (mappers[mapper], default))
+    return name if own == usual and name not in default.get("methods", ()) else method
+
+
+def _rounded(row: Row) -> float:
+    return row.value if not row.value else float(f"{row.value:.{_DIGITS}g}")
+
+
+def _case(result: SuiteResult, case: str) -> RankedCase:
+    spec = result.definition["cases"][case]
+    found = {s.seed: s.facts.sequence for s in result.samples if s.case == case}
+    return RankedCase(
+        scene=spec["scene"],
+        conditions=tuple(spec.get("conditions", ())),
+        ranked=DEFAULT_MAPPER in spec["mappers"],
+        sequences=tuple(found.get(seed, "") for seed in result.seeds),
+    )
+
+
+def _metric_versions(result: SuiteResult) -> dict[str, str]:
+    known = result.samples[0].facts.metrics if result.samples else {}
+    return {name: version for name, version in known.items() if name in METRICS}
+
+
+def _code(result: SuiteResult) -> dict[str, str]:
+    found: dict[str, dict[str, None]] = {}
+    for job in result.jobs:
+        if job.code:
+            found.setdefault(job.name.partition("/")[0], {})[job.code[:12]] = None
+    return {stage: ", ".join(codes) for stage, codes in found.items()}
+
+
+class Source(NamedTuple):
+    """A result: its entries, and the folder that may hold pictures."""
+
+    folder: Path
+    entries: tuple[RankingEntry, ...]
+
+
+def read_source(asked: str) -> Source:
+    """Reads `LABEL=RESULT` or `RESULT`: a suite's result, or a `ranking.json` of several.
+
+    Raises:
+        InputError: neither, or a damaged file.
+    """
+    label, equals, place = asked.partition("=")
+    path = Path(asked)
+    if equals and label and place and "/" not in label and not path.exists():
+        path = Path(place)
+    else:
+        label = ""
+    folder = path if path.is_dir() else path.parent
+    if path.name == DATA_NAME or (path / DATA_NAME).is_file():
+        if label:
+            raise InputError(f"{asked}: a {DATA_NAME} has labels of its own; leave {label}= out")
+        return Source(folder, read_data(path).entries)
+    if path.name != FILE_NAME and not (path / FILE_NAME).is_file():
+        raise InputError(f"{path}: no result of a suite; needs {FILE_NAME} or {DATA_NAME} in it")
+    return Source(folder, (of_suite(read_suite(path), label or folder.resolve().name),))
+
+
+def read_data(path: Path) -> RankingData:
+    """Reads `ranking.json`, given the file or its folder.
+
+    Raises:
+        InputError: missing, damaged or of another layout.
+    """
+    file = path / DATA_NAME if path.is_dir() else path
+    return read_json(file, RankingData.model_validate, SCHEMA_VERSION, "make the ranking again")
+
+
+class Joined(NamedTuple):
+    """Entries of the same sequences as one table.
+
+    Attributes:
+        cases: by which methods are ranked, in order.
+        seeds: per case, those of the newest entry.
+        owner: per method, the newest entry that has it.
+        refused: entries that are not comparable, and why.
+        base: the newest entry, whose sequences count.
+    """
+
+    cases: tuple[str, ...]
+    seeds: Mapping[str, tuple[int, ...]]
+    owner: Mapping[str, RankingEntry]
+    refused: tuple[tuple[str, str], ...]
+    base: RankingEntry
+
+    def units(self, case: str) -> list[Unit]:
+        """The units of a case."""
+        return [Unit(case, seed) for seed in self.seeds[case]]
+
+    def of_case(self, method: str, metric: str, case: str) -> list[float]:
+        """A method's values of a case, one for each seed."""
+        return [self.owner[method].value(method, metric, unit) for unit in self.units(case)]
+
+    def lacks(self, method: str) -> list[str]:
+        """The cases on which a method was not run with every seed: its result may have fewer."""
+        entry = self.owner[method]
+        return [
+            case
+            for case in self.cases
+            if not (entry.has(method, case) and all(map(entry.sequence, self.units(case))))
+        ]
+
+    def complete(self) -> list[str]:
+        """Methods that were run on every case with every seed."""
+        return [method for method in self.owner if not self.lacks(method)]
+
+
+def join(entries: Sequence[RankingEntry]) -> Joined:
+    """Joins entries of one part that have the newest one's sequences; of each method the newest.
+
+    Args:
+        entries: oldest first, one or more.
+    """
+    base = entries[-1]
+    seeds = {
+        case: tuple(seed for seed in base.seeds if base.sequence(Unit(case, seed)))
+        for case in base.cases
+    }
+    cases = tuple(case for case, found in seeds.items() if found and base.cases[case].ranked)
+    owner: dict[str, RankingEntry] = {}
+    refused = []
+    for entry in entries:
+        why = why_not(base, entry, {case: seeds[case] for case in cases})
+        if why:
+            refused.append((entry.label, why))
+            continue
+        owner |= dict.fromkeys(entry.values, entry)
+    return Joined(cases, seeds, owner, tuple(refused), base)
+
+
+def why_not(base: RankingEntry, entry: RankingEntry, seeds: Mapping[str, Sequence[int]]) -> str:
+    """Why an entry's numbers do not stand beside those of another; empty where they do."""
+    if entry is base:
+        return ""
+    units = [Unit(case, seed) for case, found in seeds.items() for seed in found]
+    theirs = [(entry.sequence(unit), base.sequence(unit)) for unit in units if entry.sequence(unit)]
+    if not theirs:
+        return f"no case and seed in common with {base.label}"
+    if any(one != two for one, two in theirs):
+        return f"not comparable, other sequences: {_source(entry)} against {_source(base)}"
+    other = _other_metrics(base, entry)
+    return f"not comparable, these metrics compute something else: {', '.join(other)}" * bool(other)
+
+
+def _other_metrics(base: RankingEntry, entry: RankingEntry) -> list[str]:
+    mine, theirs = base.versions_of_metrics, entry.versions_of_metrics
+    return sorted(name for name in mine.keys() & theirs.keys() if mine[name] != theirs[name])
+
+
+def _source(entry: RankingEntry) -> str:
+    return f"archive {entry.archive.version}" if entry.archive else "drawn anew"
+
+
+def finite_mean(values: Iterable[float]) -> float:
+    """The mean; NaN where one is undefined or there is none."""
+    found = list(values)
+    return sum(found) / len(found) if found else math.nan

@@ -1,0 +1,185 @@
+"""Who is ahead, and how surely: places in every case and seed, ties where seeds do not tell.
+
+Errors of different scenes have different sizes, so a mean over scenes is that of the largest one.
+Methods are placed instead in every case and seed (1 is best; equal values share a place; who has no
+value is last), and their places averaged: over seeds, then over cases (Demšar, JMLR 7, 2006). Cases
+are what they are, seeds are drawn: two methods tie unless the mean difference of their places over
+seeds is significant (`stratified_p`, corrected after Holm).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import rankdata
+
+from eval.scoring.metrics import Better
+from eval.scoring.significance import ALPHA, LEVEL, RESAMPLES, holm, stratified_p
+
+Floats = NDArray[np.float64]
+Table = Mapping[str, Sequence[Sequence[float]]]
+"""Per method and case one value for each seed; the seeds of a case are the same for all methods."""
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """A method's place.
+
+    Attributes:
+        method: its name.
+        rank: 1 plus the number of methods that are significantly better: ties share a rank. None is
+            ranked behind a method of a worse mean place.
+        low_rank: with other seeds its place by mean places would be from this one ...
+        high_rank: ... to this one, 95 times of 100; 0 for a single seed.
+        place: mean of its places.
+        values: (C,) mean over seeds of the metric itself, per case; NaN where one is undefined.
+    """
+
+    method: str
+    rank: int
+    low_rank: int
+    high_rank: int
+    place: float
+    values: tuple[float, ...]
+
+
+def standings(table: Table, better: Better, *, alpha: float = ALPHA) -> tuple[Standing, ...]:
+    """Ranks methods, best mean place first.
+
+    Args:
+        table: per method and case, one value for each seed; NaN where it has none.
+        better: which direction of the metric is better.
+        alpha: a corrected p below it tells two methods apart.
+    """
+    methods = list(table)
+    if not methods:
+        return ()
+    by_case = places(table, better)
+    mean = np.mean([found.mean(axis=1) for found in by_case], axis=0)
+    losses = _losses(by_case, mean, alpha)
+    low, high = _rank_intervals(by_case)
+    found = [
+        Standing(
+            method,
+            1 + int(losses[k]),
+            int(low[k]),
+            int(high[k]),
+            float(mean[k]),
+            tuple(float(np.mean(values)) for values in table[method]),
+        )
+        for k, method in enumerate(methods)
+    ]
+    return _in_order(sorted(found, key=lambda one: (one.place, one.method)))
+
+
+def _in_order(found: Sequence[Standing]) -> tuple[Standing, ...]:
+    """Ranks that grow with mean places: some pairs are told apart more easily than others."""
+    least, kept = len(found), []
+    for one in reversed(found):
+        least = min(least, one.rank)
+        kept.append(replace(one, rank=least))
+    return tuple(reversed(kept))
+
+
+def places(table: Table, better: Better) -> list[Floats]:
+    """Per case the (M, S) places of methods with each seed; equal ones share the middle."""
+    sign = -1.0 if better == "higher" else 1.0
+    found = []
+    for values in zip(*table.values(), strict=True):
+        badness = sign * np.asarray(values, np.float64)
+        badness[np.isnan(badness)] = np.inf
+        found.append(rankdata(badness, axis=0))
+    return found
+
+
+def _losses(by_case: Sequence[Floats], mean: Floats, alpha: float) -> NDArray[np.intp]:
+    """How many methods are significantly better than each."""
+    couples = list(combinations(range(len(mean)), 2))
+    p = [stratified_p([found[a] - found[b] for found in by_case]) for a, b in couples]
+    losses = np.zeros(len(mean), np.intp)
+    for (a, b), corrected in zip(couples, holm(p), strict=True):
+        if corrected < alpha:
+            losses[a if mean[a] > mean[b] else b] += 1
+    return losses
+
+
+def _rank_intervals(by_case: Sequence[Floats]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Ends of the interval of each method's rank over resampled seeds; 0 for a single seed."""
+    count = len(by_case[0])
+    if min(found.shape[1] for found in by_case) < 2:
+        return np.zeros(count, np.intp), np.zeros(count, np.intp)
+    rng, total = np.random.default_rng(0), np.zeros((RESAMPLES, count))
+    for found in by_case:
+        seeds = found.shape[1]
+        drawn = rng.integers(seeds, size=(RESAMPLES, seeds))
+        total += found[:, drawn].mean(axis=2).T / len(by_case)
+    ranks = rankdata(np.round(total, 9), method="min", axis=1)
+    tail = (1 - LEVEL) / 2
+    low, high = np.quantile(ranks, [tail, 1 - tail], axis=0)
+    return np.floor(low).astype(np.intp), np.ceil(high).astype(np.intp)
+
+
+@dataclass(frozen=True, slots=True)
+class SplitHalf:
+    """How stable an order is: methods ranked twice, each time by half of the seeds.
+
+    Attributes:
+        splits: in how many ways the seeds were halved.
+        pairs: couples of methods that do not tie by all seeds.
+        kept: share of those couples whose order is the same in both halves, over all splits.
+        agreement: Kendall's tau-b of the two halves' mean places, over all splits.
+        turned: couples that do not tie, and in how many splits a half turns them around.
+    """
+
+    splits: int
+    pairs: int
+    kept: float
+    agreement: float
+    turned: Mapping[tuple[str, str], int]
+
+
+def split_half(table: Table, better: Better) -> SplitHalf:
+    """Halves the seeds in every way and compares the orders.
+
+    Args:
+        table: as `standings` takes it; every case with the same number of seeds, 4 or more.
+        better: which direction of the metric is better.
+    """
+    from scipy.stats import kendalltau
+
+    ranked = {one.method: one for one in standings(table, better)}
+    methods = list(table)
+    apart = [
+        (a, b)
+        for a, b in combinations(range(len(methods)), 2)
+        if ranked[methods[a]].rank != ranked[methods[b]].rank
+    ]
+    by_case = places(table, better)
+    seeds = by_case[0].shape[1]
+    turned: dict[tuple[str, str], int] = {}
+    agreements, kept, splits = [], 0, list(_halves(seeds))
+    for half in splits:
+        rest = [k for k in range(seeds) if k not in half]
+        one, two = (
+            np.mean([found[:, chosen].mean(axis=1) for found in by_case], axis=0)
+            for chosen in (list(half), rest)
+        )
+        agreements.append(float(kendalltau(one, two).statistic))
+        for a, b in apart:
+            if (one[a] - one[b]) * (two[a] - two[b]) > 0:
+                kept += 1
+            else:
+                pair = methods[a], methods[b]
+                turned[pair] = turned.get(pair, 0) + 1
+    share = kept / (len(apart) * len(splits)) if apart else float("nan")
+    return SplitHalf(len(splits), len(apart), share, float(np.mean(agreements)), turned)
+
+
+def _halves(seeds: int) -> list[tuple[int, ...]]:
+    """Every way to choose half of the seeds; of an even number each only once."""
+    chosen = list(combinations(range(seeds), seeds // 2))
+    return [half for half in chosen if seeds % 2 or 0 in half]

@@ -1,0 +1,193 @@
+"""The page of a public ranking, `index.html`: one file, which needs no network and no script."""
+
+from __future__ import annotations
+
+import json
+from base64 import b64encode
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from emvs.errors import InputError
+from emvs.utils.files import atomic_path
+from emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
+from emvs.utils.outputs import atomic_dir, check_files, output_folder
+from emvs.utils.ownership import mark
+from eval.ranking import summary
+from eval.ranking.entries import DATA_NAME, RankingData, RankingEntry, Source
+from eval.ranking.summary import MAIN
+from eval.report.html import (
+    Page,
+    Picture,
+    files_in,
+    page_text,
+    plural,
+)
+from eval.report.ranking import column
+from eval.report.standings import sections
+from eval.report.standings.sections import RankingPage
+from eval.report.suite_pictures import METHODS_NAME
+from eval.suite.output import PICTURES_FOLDER
+
+HTML_NAME = "index.html"
+_PICTURE_BYTES = 1 << 22
+_MOST_NAMED = 4
+_PLACES = (
+    "In every case and seed methods are placed, 1 is best, and their places averaged, every case "
+    "weighing the same. Methods share a rank where other seeds could turn their order around "
+    "(95 %, corrected for the number of pairs); “other seeds” is the rank that it would have then."
+)
+_RELATIVE = "relative error is the geometric mean over cases of the mean error over true depth"
+
+
+def write_ranking(sources: Sequence[Source], out: Path) -> RankingPage:
+    """Writes `index.html`, `ranking.json` with its data, and `pictures/`; returns what they say.
+
+    Args:
+        sources: results, oldest first; of two pictures of a method the later is shown.
+        out: folder to write, which may be one of them.
+
+    Raises:
+        InputError: no public entry, no case that all are ranked by, or another's file in the way.
+    """
+    entries = tuple(entry for source in sources for entry in source.entries)
+    labels = [one.label for one in entries]
+    twice = next((label for label in labels if labels.count(label) > 1), None)
+    if twice is not None:
+        raise InputError(f"two results are called {twice}: name one as in LABEL=RESULT")
+    if not any(one.part == "public" for one in entries):
+        raise InputError("only results of a hidden part: give one of the public part, too")
+    found = _pictures(sources)
+    page = _page_of(entries, found)
+    with output_folder(out, (HTML_NAME, DATA_NAME, PICTURES_FOLDER), force=True) as folder:
+        folder.mkdir(parents=True, exist_ok=True)
+        _write_pictures(folder, found)
+        data = RankingData(entries=entries).to_text() + "\n"
+        for name, text in ((DATA_NAME, data), (HTML_NAME, "")):
+            with atomic_path(folder / name) as path:
+                text = text or page_text(ranking_page(page, files_in(folder, (DATA_NAME,))))
+                path.write_text(text, encoding="utf-8")
+    return page
+
+
+def _page_of(entries: tuple[RankingEntry, ...], found: Mapping[str, Shown]) -> RankingPage:
+    public, hidden = summary.parts(entries)
+    if not public.cases or not public.complete():
+        raise InputError(
+            f"{public.base.label}: no method was run on every case that methods are ranked by: "
+            "run the suite without --case, or with fewer failures"
+        )
+    pictures = {method: tuple(one.pictures(method)) for method, one in found.items()}
+    return RankingPage(
+        entries,
+        summary.ranked(public),
+        summary.ranked(hidden) if hidden and hidden.cases else None,
+        pictures,
+    )
+
+
+# Pictures
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A method's pictures: for best and worst, what they show, and the file's content."""
+
+    about: Mapping[str, Mapping[str, Any]]
+    content: Mapping[str, bytes]
+
+    def pictures(self, method: str) -> Iterator[Picture]:
+        """As a page shows them."""
+        for which, one in self.about.items():
+            uri = f"data:image/webp;base64,{b64encode(self.content[which]).decode('ascii')}"
+            text = f"{which}: {one['case']}, {one['abs_rel']:.2f} %, orange {one['error_cm']:g} cm"
+            yield Picture(method, uri, text)
+
+
+def _pictures(sources: Sequence[Source]) -> dict[str, Shown]:
+    """The newest pictures of every method; of a hidden part none is shown."""
+    found: dict[str, Shown] = {}
+    for source in sources:
+        place = source.folder / PICTURES_FOLDER
+        if not any(one.part == "public" for one in source.entries):
+            continue
+        with suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
+            index = parse_json(read_text(place / METHODS_NAME, TABLE_BYTES))
+            for method, about in index.items():
+                content = {which: _content(place, one["file"]) for which, one in about.items()}
+                shown = Shown(about, content)
+                if tuple(shown.pictures(method)):  # says all that is shown
+                    found[str(method)] = shown
+    return found
+
+
+def _content(place: Path, name: str) -> bytes:
+    path = place / Path(name).name
+    with path.open("rb") as file:
+        return file.read(_PICTURE_BYTES)
+
+
+def _write_pictures(out: Path, found: Mapping[str, Shown]) -> None:
+    if not found:
+        return
+    check_files(out, (PICTURES_FOLDER,), force=True)
+    with atomic_dir(out / PICTURES_FOLDER, force=True) as made:
+        for one in found.values():
+            for which, about in one.about.items():
+                (made / Path(about["file"]).name).write_bytes(one.content[which])
+        index = {method: one.about for method, one in found.items()}
+        (made / METHODS_NAME).write_text(json.dumps(index, ensure_ascii=False, indent=1))
+        mark(made)
+
+
+# The page
+
+
+def ranking_page(page: RankingPage, files: Sequence[str] = ()) -> Page:
+    """What the page shows."""
+    base = page.joined.base
+    shown = (
+        *sections.hidden(page), sections.ranks(page), sections.coverage(page),
+        sections.conditions(page), sections.scenes(page), sections.cost(page),
+        *sections.causes(page), *sections.gallery(page), *sections.history(page),
+    )  # fmt: skip
+    seeds = plural(len(base.seeds), "seed")
+    return Page(
+        title=f"Ranking, {base.suite}",
+        subtitle=f"{plural(len(page.methods), 'method')} on "
+        f"{plural(len(page.joined.cases), 'case')} with {seeds} each; sequences: "
+        f"{sections.data(base)}.",
+        sections=shown,
+        provenance=sections.provenance(page),
+        overview=sections.overview(page),
+        findings=tuple(_findings(page)),
+        note=f"{_PLACES} Ordered by {column(MAIN).title}; {_RELATIVE}.",
+        version=base.versions.get("eventsweep", ""),
+        files=tuple(files),
+    )
+
+
+def _findings(page: RankingPage) -> Iterator[str]:
+    first = [one.method for one in page.public.standings if one.rank == 1]
+    if len(page.joined.base.seeds) < 2:
+        yield "One seed says nothing about others: all methods tie, ordered by their places."
+    elif len(first) == 1:
+        yield f"{first[0]} is first."
+    else:
+        who = ", ".join(first) if len(first) <= _MOST_NAMED else f"the first {len(first)} methods"
+        yield f"Seeds do not tell {who} apart: they share the first rank."
+    for entry in page.entries:
+        for method, where in entry.perfect.items():
+            told = f"{', '.join(where)} ({entry.label})"
+            yield f"{method}: a perfect score, as of copied truth, in {told}."
+    for ranked in filter(None, (page.public, page.hidden)):
+        for label, why in ranked.joined.refused:
+            yield f"{label}: {why}."
+    if page.public.lacking:
+        lacking = ", ".join(f"{m} ({n})" for m, n in page.public.lacking.items())
+        yield f"Not ranked, for they lack some of the cases: {lacking}."
+    for entry in page.entries:
+        for job, why in entry.failures.items():
+            yield f"Failed in {entry.label}: {job}: {why}"

@@ -1,0 +1,301 @@
+"""A suite's sequences, frozen: made once, and used instead of simulating by whoever fetched them.
+
+What a graphics library draws differs from one to the next, so numbers of sequences that were drawn
+anew are of another version. A hidden part is drawn from seeds that a secret decides: its sequences
+are numbered, and nothing that is published says which seeds they have.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import scenes
+from emvs.data import manifest as sequences
+from emvs.data.manifest import FileEntry
+from emvs.datasets import open_recording
+from emvs.errors import InputError
+from emvs.utils.cache import Cache
+from emvs.utils.inputs import check_file
+from emvs.utils.outputs import atomic_dir, check_output
+from emvs.utils.ownership import mark
+from eval.archives import manifest as manifests
+from eval.archives.manifest import (
+    LICENCE,
+    SUFFIX,
+    ArchiveManifest,
+    PackedSequence,
+    packed_files,
+)
+from eval.archives.tarball import pack, sha256_of, unpack
+from eval.jobs.job import SEQUENCE, Failed, Job, entry
+from eval.jobs.scheduler import Open, run_jobs
+from eval.progress import Progress
+from eval.suite.definition import Suite
+from eval.suite.results import ArchiveFacts
+from eval.suite.stages.map import told
+from eval.suite.stages.simulate import scene_digest, sequence_parameters
+from eval.suite.stages.tell import write_told
+
+SECRET_BYTES = 16
+_MOST_SECRET_BYTES = 1 << 16
+
+
+class SequenceArchive:
+    """An archive in a folder, in which a suite finds its sequences.
+
+    Args:
+        folder: that was made or fetched.
+
+    Raises:
+        InputError: no archive, or one without ground truth.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder.absolute()
+        self.manifest = manifests.read(folder)
+        if not self.manifest.truth:
+            raise InputError(
+                f"{folder}: holds no ground truth: it is for methods to read; whoever made it can "
+                "score"
+            )
+
+    @property
+    def facts(self) -> ArchiveFacts:
+        """What results say of it."""
+        found = self.manifest
+        return ArchiveFacts(found.version, found.suite, found.part, found.secret_sha256)
+
+    def seeds(self, cases: Sequence[str], asked: Sequence[int]) -> tuple[int, ...]:
+        """The seeds of a run where none are said: those asked for that are there; all if hidden."""
+        there = dict.fromkeys(seed for case in cases for seed in self.manifest.seeds(case))
+        hidden = self.manifest.part == "hidden"
+        return tuple(seed for seed in there if hidden or seed in asked) or tuple(asked)
+
+    def sequence(self, suite: Suite, case: str, seed: int) -> tuple[Job, str]:
+        """The job that unpacks the sequence of a case, and the hash of its scene.
+
+        Raises:
+            InputError: it is not in the archive, was not fetched, or is of another definition.
+        """
+        packed = self.manifest.of(case, seed)
+        if packed is None:
+            raise InputError(f"{self.folder}: has no sequence of {case} with seed {seed}")
+        if packed.drawn_from != drawn_from(suite, case):
+            raise InputError(
+                f"{self.folder}: {case} was drawn from another definition than that of "
+                f"{suite.name}: use the suite {self.manifest.suite}"
+            )
+        path = self.folder / packed.file
+        if not path.is_file():
+            raise InputError(f"{path}: is not there: fetch {case} with seed {seed}")
+        files = {name: entry.model_dump() for name, entry in packed.files.items()}
+        parameters = {**packed.drawn_from, "seed": seed, "files": files}
+        stage = "eval.suite.stages.unpack"
+        return Job(f"unpack/{packed.place}", stage, parameters, (), (str(path),)), packed.scene
+
+
+def drawn_from(suite: Suite, case: str) -> dict[str, Any]:
+    """What a case's sequence is drawn from beside its seed: scene, rig, settings."""
+    spec = suite.cases[case]
+    rig = spec.rig or scenes.load(spec.scene).rig
+    return {"scene": spec.scene, "rig": rig, "sim": suite.sim_of(spec)}
+
+
+_scene_digest = cache(scene_digest)
+
+
+def simulated(suite: Suite, case: str, seed: int) -> tuple[Job, str]:
+    """The job that simulates the sequence of a case, and the hash of its scene."""
+    spec = suite.cases[case]
+    facts = sequence_parameters(spec.scene, spec.rig, seed, suite.sim_of(spec))
+    job = Job(f"simulate/{case}/seed{seed}", "eval.suite.stages.simulate", facts)
+    return job, _scene_digest(spec.scene)
+
+
+# Making one
+
+
+@dataclass(frozen=True)
+class ArchivePlan:
+    """What is archived.
+
+    Attributes:
+        suite: the definition.
+        cases: of it.
+        seeds: of every case; with a secret, numbers from 0.
+        licence: of the data.
+        truth: whether ground truth is in it.
+        secret: what decides the seeds of a hidden part; None for a public one.
+    """
+
+    suite: Suite
+    cases: tuple[str, ...]
+    seeds: tuple[int, ...]
+    licence: str = LICENCE
+    truth: bool = True
+    secret: bytes | None = None
+
+    def job(self, case: str, seed: int) -> Job:
+        """The job that makes what is packed of a case and seed."""
+        spec = self.suite.cases[case]
+        drawn = seed
+        if self.secret is not None:
+            drawn = hidden_seed(self.secret, self.suite.name, case, seed)
+        sequence, _ = simulated(self.suite, case, drawn)
+        if self.secret is not None:  # its name is printed where it fails
+            sequence = Job(f"simulate/{case}/hidden{seed}", sequence.stage, sequence.parameters)
+        if self.truth:
+            return sequence
+        parameters = {"perturb": spec.imperfection, "seed": seed}
+        return Job(f"tell/{case}/seed{seed}", "eval.suite.stages.tell", parameters, (sequence,))
+
+
+def hidden_seed(secret: bytes, suite: str, case: str, number: int) -> int:
+    """The seed of a hidden sequence: 63 bits of a keyed hash (HMAC-SHA256, RFC 2104).
+
+    Nobody finds it without the secret, neither from its number nor by trying motions.
+    """
+    text = f"{suite}/{case}/{number}".encode()
+    return int.from_bytes(hmac.digest(secret, text, "sha256")[:8]) >> 1
+
+
+def read_secret(path: Path) -> bytes:
+    """Reads a secret, such as `head -c 32 /dev/urandom > FILE` makes.
+
+    Raises:
+        InputError: no file, or one too short to be a secret.
+    """
+    try:
+        check_file(path, _MOST_SECRET_BYTES)
+        secret = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); needs a secret") from error
+    if len(secret.strip()) < SECRET_BYTES:
+        raise InputError(
+            f"{path}: {len(secret.strip())} bytes are no secret, needs {SECRET_BYTES} or more: "
+            "head -c 32 /dev/urandom makes one"
+        )
+    return secret
+
+
+def make_archive(
+    plan: ArchivePlan, out: Path, workers: Open, store: Cache, progress: Progress, *, force: bool
+) -> tuple[ArchiveManifest | None, tuple[Failed, ...]]:
+    """Draws all sequences, or takes them from the cache, and packs them.
+
+    Args:
+        plan: what is archived.
+        out: folder to write; it appears when all is packed.
+        workers: opens what does the jobs.
+        store: the jobs' cache.
+        progress: shown how far it is.
+        force: whether an archive that is there is replaced.
+
+    Returns:
+        What was written; nothing and the jobs that failed where some did.
+
+    Raises:
+        InputError: an output that may not be replaced.
+    """
+    check_output(out, force=force)
+    jobs = {(case, seed): plan.job(case, seed) for case in plan.cases for seed in plan.seeds}
+    outcomes = run_jobs(list(jobs.values()), workers, progress)
+    failed = tuple(one for one in outcomes.values() if isinstance(one, Failed))
+    if failed:
+        return None, failed
+    with atomic_dir(out, force=force) as folder, progress.stage("pack", len(jobs)) as update:
+        packed = []
+        for (case, seed), job in jobs.items():
+            made = entry(job, store)
+            packed.append(_packed(plan, case, seed, made.path / SEQUENCE, folder))
+            update(len(packed), packed[-1].place)
+        manifest = _manifest(plan, packed, sequences.read(made.path / SEQUENCE))
+        manifests.write(folder, manifest)
+        mark(folder)
+    return manifest, ()
+
+
+def _packed(
+    plan: ArchivePlan, case: str, seed: int, sequence: Path, folder: Path
+) -> PackedSequence:
+    drawn, files = sequences.read(sequence), sequences.entries(sequence)
+    own = sequence / sequences.FILE_NAME
+    files[own.name] = FileEntry(sha256=sha256_of(own), bytes=own.stat().st_size)
+    file = f"{case}-seed{seed}{SUFFIX}"
+    sha256, size = pack(folder / file, sequence, files)
+    spec = plan.suite.cases[case]
+    return PackedSequence(
+        case=case,
+        seed=seed,
+        file=file,
+        sha256=sha256,
+        bytes=size,
+        sequence=drawn.digest(),
+        scene=_scene_digest(spec.scene),
+        drawn_from=drawn_from(plan.suite, case),
+        imperfection=spec.imperfection if plan.truth else None,
+        files=packed_files(files),
+    )
+
+
+def _manifest(
+    plan: ArchivePlan, packed: Sequence[PackedSequence], drawn: sequences.Manifest
+) -> ArchiveManifest:
+    hidden = plan.secret is not None
+    return ArchiveManifest(
+        suite=plan.suite.name,
+        digest=plan.suite.digest,
+        part="hidden" if hidden else "public",
+        truth=plan.truth,
+        licence=plan.licence,
+        secret_sha256=hashlib.sha256(plan.secret).hexdigest() if plan.secret else "",
+        renderer=drawn.renderer,
+        versions=drawn.versions,
+        subsets={n: (s.cases, s.seeds) for n, s in plan.suite.subsets.items()},
+        sequences=tuple(packed),
+    )
+
+
+def unpack_recordings(
+    folder: Path, wanted: Sequence[PackedSequence], out: Path, progress: Progress, *, force: bool
+) -> None:
+    """Unpacks sequences as a method may read them: OUT/CASE/seedN, imperfect where a case is.
+
+    Args:
+        folder: of the archive.
+        wanted: sequences of it.
+        out: folder to write; it appears when all is there.
+        progress: shown how far it is.
+        force: whether what an earlier call wrote there is replaced.
+
+    Raises:
+        InputError: a file that is missing or damaged, or an output that may not be replaced.
+    """
+    with (
+        atomic_dir(out, force=force, inputs=(folder,)) as made,
+        progress.stage("unpack", len(wanted)) as update,
+    ):
+        for number, one in enumerate(wanted):
+            place = made / one.place
+            if one.imperfection is None:
+                place.mkdir(parents=True)
+                unpack(folder / one.file, place, one.files)
+            else:
+                _unpack_told(folder / one.file, one, place)
+            update(number + 1, one.place)
+        mark(made)
+
+
+def _unpack_told(path: Path, packed: PackedSequence, place: Path) -> None:
+    with tempfile.TemporaryDirectory(dir=place.parents[1]) as exact:
+        unpack(path, Path(exact), packed.files)
+        perturbation = {"perturb": packed.imperfection, "seed": packed.seed}
+        place.parent.mkdir(exist_ok=True)
+        write_told(told(open_recording(exact), perturbation), packed.seed, place)

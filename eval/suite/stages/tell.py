@@ -1,0 +1,50 @@
+"""A stage behind the first one: a sequence as its mapper is told it, for programs of others.
+
+Imperfect geometry is in it, ground truth is not, nor the seed, nor what made each event.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from emvs.data.recording import Recording
+from emvs.data.writer import SequenceWriter
+from emvs.datasets import open_recording
+from eval.jobs.job import SEQUENCE
+from eval.suite.stages.map import told
+
+_STEP_US = 50_000
+
+
+def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
+    """Nothing beside what this module imports."""
+    del parameters
+    return (), ()
+
+
+def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
+    """Writes what `perturb` makes of a sequence, under the number that stands for its seed."""
+    recording = told(open_recording(inputs[0] / SEQUENCE), parameters)
+    write_told(recording, int(parameters["seed"]), out / SEQUENCE)
+
+
+def write_told(recording: Recording, number: int, out: Path) -> None:
+    """Writes events, calibration and poses of a recording as a sequence, and nothing else."""
+    spans = [recording.event_span_us(camera) for camera in range(len(recording.rig))]
+    first_us, last_us = min(first for first, _ in spans), max(last for _, last in spans)
+    with SequenceWriter(
+        out,
+        name=recording.name,
+        rig=recording.rig,
+        trajectory=recording.trajectory,
+        config={},
+        seed=number,
+        depth_range_m=recording.depth_range_m,
+        span_us=(first_us, last_us),
+    ) as writer:
+        for camera in range(len(recording.rig)):
+            for start_us in range(first_us, last_us + 1, _STEP_US):
+                end_us = min(start_us + _STEP_US, last_us + 1)
+                writer.append_events(camera, recording.events(camera, start_us, end_us))

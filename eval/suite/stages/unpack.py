@@ -1,0 +1,28 @@
+"""A stage in place of the first one: a sequence out of an archive instead of the simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from eval.archives.manifest import PackedFile
+from eval.archives.tarball import unpack
+from eval.jobs.job import SEQUENCE
+
+
+def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
+    """Nothing beside what this module imports."""
+    del parameters
+    return (), ()
+
+
+def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
+    """Unpacks the files that `files` lists, each of the size and hash that it says.
+
+    Raises:
+        InputError: an archive that is gone, damaged, or holds anything else.
+    """
+    expected = {name: PackedFile(**entry) for name, entry in parameters["files"].items()}
+    (out / SEQUENCE).mkdir()
+    unpack(inputs[0], out / SEQUENCE, expected)

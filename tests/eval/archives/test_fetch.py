@@ -1,0 +1,250 @@
+"""Fetching: from a folder or a server, resumed, verified; what is wrong is one line."""
+
+import hashlib
+import http.server
+import json
+import threading
+from contextlib import contextmanager
+
+import pytest
+
+from emvs.errors import InputError
+from eval.archives import fetch as fetching
+from eval.archives.fetch import fetch, verify
+from eval.archives.manifest import ArchiveManifest, PackedFile, PackedSequence, parse, read, write
+from eval.progress import Silent
+
+CONTENT = {
+    f"{case}-seed{seed}.tar.zst": bytes([seed]) * 5000 + case.encode()
+    for case in ("desk", "wall")
+    for seed in (0, 1)
+}
+
+
+def sequence(file, data, **changed):
+    case, seed = file.removesuffix(".tar.zst").split("-seed")
+    facts = {
+        "case": case,
+        "seed": int(seed),
+        "file": file,
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "bytes": len(data),
+        "sequence": hashlib.sha256(file.encode()).hexdigest(),
+        "scene": "s",
+        "drawn_from": {},
+        "files": {"manifest.json": PackedFile(sha256="0" * 64, bytes=1)},
+    }
+    return PackedSequence(**{**facts, **changed})
+
+
+@pytest.fixture
+def published(tmp_path):
+    """A folder as its maker publishes it; the content of its files is of no interest here."""
+    folder = tmp_path / "published"
+    folder.mkdir()
+    for file, data in CONTENT.items():
+        (folder / file).write_bytes(data)
+    packed = tuple(sequence(file, data) for file, data in CONTENT.items())
+    write(folder, ArchiveManifest(
+        suite="tiny", digest="d", sequences=packed, subsets={"quick": (("desk",), (0, 1))},
+    ))  # fmt: skip
+    return folder
+
+
+@contextmanager
+def server(folder, *, ranges=True, breaks_after=None, lies=False):
+    """A server on this machine; may send only a part of each answer, or know no ranges."""
+    asked = []
+
+    class Handler(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            path = folder / self.path.rpartition("/")[2]
+            start = self.headers.get("Range")
+            asked.append((path.name, start))
+            if not path.is_file():
+                self.send_error(404)
+                return
+            data = path.read_bytes()
+            first = int(start.removeprefix("bytes=").rstrip("-")) if start and ranges else 0
+            self.send_response(206 if first else 200)
+            if first:
+                self.send_header("Content-Range", f"bytes {first}-{len(data) - 1}/{len(data)}")
+            rest = data[first:]
+            if lies and path.suffix == ".zst":
+                rest = rest + b"more" * 100_000
+            self.send_header("Content-Length", str(len(rest)))
+            self.end_headers()
+            cut = path.suffix == ".zst" and breaks_after is not None
+            self.wfile.write(rest[:breaks_after] if cut else rest)
+
+        def log_message(self, *_):
+            pass
+
+    found = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    threading.Thread(target=found.serve_forever, daemon=True).start()
+    try:
+        yield f"http://127.0.0.1:{found.server_port}/data", asked
+    finally:
+        found.shutdown()
+        found.server_close()
+
+
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch):
+    monkeypatch.setattr(fetching, "_WAIT_S", 0.0)
+
+
+def files(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix == ".zst"}
+
+
+def test_from_a_folder_and_from_a_server_the_same_comes(published, tmp_path):
+    fetch(str(published), tmp_path / "a", Silent())
+    with server(published) as (address, _):
+        manifest, wanted = fetch(address, tmp_path / "b", Silent())
+    assert files(tmp_path / "a") == files(tmp_path / "b") == CONTENT
+    assert read(tmp_path / "a") == read(tmp_path / "b") == manifest
+    assert len(wanted) == 4
+    assert [one.file for one in verify(tmp_path / "b")[1]] == list(CONTENT)
+
+
+def test_a_part_is_the_same_archive_and_the_rest_can_follow(published, tmp_path):
+    with server(published) as (address, asked):
+        fetch(address, tmp_path / "a", Silent(), subset="quick", seeds=[1])
+        assert set(files(tmp_path / "a")) == {"desk-seed1.tar.zst"}
+        fetch(address, tmp_path / "a", Silent(), cases=["desk", "wall"])
+    assert files(tmp_path / "a") == CONTENT
+    assert [name for name, _ in asked].count("desk-seed1.tar.zst") == 1
+    assert read(tmp_path / "a").version == read(published).version
+
+
+def test_a_broken_connection_is_taken_up_where_it_broke(published, tmp_path):
+    with server(published, breaks_after=2000) as (address, asked):
+        fetch(address, tmp_path / "a", Silent(), cases=["desk"], seeds=[0])
+    starts = [start for name, start in asked if name == "desk-seed0.tar.zst"]
+    assert starts == [None, "bytes=2000-", "bytes=4000-"]
+    assert files(tmp_path / "a")["desk-seed0.tar.zst"] == CONTENT["desk-seed0.tar.zst"]
+
+
+def test_what_an_earlier_process_left_is_taken_up(published, tmp_path):
+    (tmp_path / "a").mkdir()
+    left = tmp_path / "a" / "desk-seed0.tar.zst.partial"
+    left.write_bytes(CONTENT["desk-seed0.tar.zst"][:3000])
+    with server(published) as (address, asked):
+        fetch(address, tmp_path / "a", Silent(), cases=["desk"], seeds=[0])
+    assert ("desk-seed0.tar.zst", "bytes=3000-") in asked
+    assert files(tmp_path / "a")["desk-seed0.tar.zst"] == CONTENT["desk-seed0.tar.zst"]
+    assert not left.exists()
+
+
+def test_a_server_without_ranges_sends_all_of_it_again(published, tmp_path):
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "desk-seed0.tar.zst.partial").write_bytes(b"x" * 3000)
+    with server(published, ranges=False) as (address, _):
+        fetch(address, tmp_path / "a", Silent(), cases=["desk"], seeds=[0])
+    assert files(tmp_path / "a")["desk-seed0.tar.zst"] == CONTENT["desk-seed0.tar.zst"]
+
+
+def one_line(place, out, **more):
+    with pytest.raises(InputError) as caught:
+        fetch(place, out, Silent(), **more)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_a_connection_that_breaks_for_ever_is_one_line_and_keeps_what_came(published, tmp_path):
+    with server(published, breaks_after=100) as (address, _):
+        text = one_line(address, tmp_path / "a", cases=["desk"])
+    assert "cannot be fetched" in text
+    assert (tmp_path / "a" / "desk-seed0.tar.zst.partial").stat().st_size == 400
+    assert not files(tmp_path / "a")
+
+
+def test_a_damaged_file_is_not_kept(published, tmp_path):
+    (published / "desk-seed0.tar.zst").write_bytes(b"y" * 5004)
+    with server(published) as (address, _):
+        assert "sha256" in one_line(address, tmp_path / "a")
+    assert not list((tmp_path / "a").glob("desk-seed0*"))
+
+
+def test_no_more_is_read_than_the_manifest_says(published, tmp_path):
+    with server(published, lies=True) as (address, _):
+        assert "sha256" in one_line(address, tmp_path / "a")
+    assert sum(p.stat().st_size for p in (tmp_path / "a").iterdir()) < 10_000
+
+
+def test_a_changed_file_is_found_and_fetched_again(published, tmp_path):
+    fetch(str(published), tmp_path / "a", Silent())
+    (tmp_path / "a" / "wall-seed1.tar.zst").write_bytes(b"z" * 5004)
+    with pytest.raises(InputError, match=r"wall-seed1\.tar\.zst: was changed"):
+        verify(tmp_path / "a")
+    fetch(str(published), tmp_path / "a", Silent())
+    assert len(verify(tmp_path / "a")[1]) == 4
+
+
+def test_another_archive_is_not_mixed_in(published, tmp_path):
+    fetch(str(published), tmp_path / "a", Silent())
+    other = read(published)
+    first = other.sequences[0].model_copy(update={"sequence": "1" * 64})
+    write(published, other.model_copy(update={"sequences": (first, *other.sequences[1:])}))
+    assert "choose another folder" in one_line(str(published), tmp_path / "a")
+    assert "asked for is 0123" in one_line(str(published), tmp_path / "b", version="0123")
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        ("nowhere", "no such folder, and no address"),
+        ("ftp://example.org/data", "no such folder, and no address"),
+        ("file:///etc", "no such folder, and no address"),
+        ("http://127.0.0.1:9/data", "cannot be fetched"),
+    ],
+)
+def test_a_place_that_is_none_is_one_line(tmp_path, place, words):
+    assert words in one_line(place, tmp_path / "a")
+    assert not (tmp_path / "a").exists()
+
+
+def test_what_is_not_there_is_one_line(published, tmp_path):
+    with server(published) as (address, _):
+        (published / "desk-seed0.tar.zst").unlink()
+        assert "HTTP 404" in one_line(address, tmp_path / "a")
+    assert "no part 'slow'" in one_line(str(published), tmp_path / "a", subset="slow")
+    assert "no case 'hall'" in one_line(str(published), tmp_path / "a", cases=["hall"])
+    assert "nothing of what" in one_line(str(published), tmp_path / "a", seeds=[9])
+    with pytest.raises(InputError, match=r"no archive\.json"):
+        read(tmp_path)
+
+
+HOSTILE = {
+    "a file elsewhere": {"file": "../desk.tar.zst"},
+    "an absolute file": {"file": "/etc/passwd"},
+    "a hidden file": {"file": ".bashrc"},
+    "a case elsewhere": {"case": "../desk"},
+    "names elsewhere": {"files": {"../x": {"sha256": "0" * 64, "bytes": 1}}},
+    "names in a hidden folder": {"files": {"a/.ssh/x": {"sha256": "0" * 64, "bytes": 1}}},
+    "a negative size": {"bytes": -1},
+    "no hash": {"sha256": ""},
+    "an unknown key": {"mode": 0o777},
+}
+
+
+@pytest.mark.parametrize("kind", HOSTILE)
+def test_a_hostile_manifest_is_one_line(published, tmp_path, kind):
+    content = json.loads((published / "archive.json").read_text())
+    content["sequences"][0].update(HOSTILE[kind])
+    (published / "archive.json").write_text(json.dumps(content))
+    assert "no manifest of an archive" in one_line(str(published), tmp_path / "a")
+    assert not (tmp_path / "a").exists()
+
+
+def test_a_manifest_lists_each_once():
+    one = sequence("desk-seed0.tar.zst", b"")
+    text = ArchiveManifest(suite="t", digest="d", sequences=(one,)).model_dump(mode="json")
+    text["sequences"] *= 2
+    with pytest.raises(InputError, match="listed twice"):
+        parse(json.dumps(text), "here")
+    text["sequences"].pop()
+    text["schema_version"] = 9
+    with pytest.raises(InputError, match="schema version 9"):
+        parse(json.dumps(text), "here")

@@ -1,0 +1,212 @@
+"""The page of a ranking: what stands in it, offline, and what `eventsweep ranking` refuses."""
+
+import json
+import re
+
+import pytest
+
+from emvs.errors import InputError
+from eval.cli.main import main
+from eval.ranking.entries import DATA_NAME, RankingData, Source, read_data
+from eval.report.standings.page import HTML_NAME, ranking_page, write_ranking
+from eval.report.suite_pictures import METHODS_NAME
+from ranking_entries import CASES, entry
+
+ERRORS = {"Alg1/H": 0.1, "EMVS/cam0": 0.2, "Focus/H": 0.05, "Given/Guess": 0.4}
+STATED = {
+    "method": "Guess",
+    "authors": ["A. Author"],
+    "licence": "MIT",
+    "url": None,
+    "cost": {"seconds_per_window": 0.5, "peak_memory_mb": 120.0, "hardware": "a <laptop>"},
+}
+
+
+def stored(folder, *entries, pictures=()):
+    folder.mkdir()
+    (folder / DATA_NAME).write_text(RankingData(entries=entries).to_text())
+    if pictures:
+        (folder / "pictures").mkdir()
+        index = {}
+        for method in pictures:
+            file = f"{method.replace('/', '_')}-best.webp"
+            (folder / "pictures" / file).write_bytes(b"RIFF" + folder.name.encode())
+            index[method] = {"best": {"file": file, "case": "wall", "abs_rel": 1.5, "error_cm": 8}}
+        (folder / "pictures" / METHODS_NAME).write_text(json.dumps(index))
+    return folder
+
+
+def with_guess(label, **changed):
+    found = entry(label, ERRORS, **changed)
+    cost = {m: one for m, one in found.cost.items() if m != "Given/Guess"}
+    return found.model_copy(update={"stated": {"Given/Guess": STATED}, "cost": cost})
+
+
+@pytest.fixture
+def written(tmp_path):
+    old = stored(tmp_path / "old", entry("v1", {"Alg1/H": 0.3}, archive="01"), pictures=["Alg1/H"])
+    new = stored(tmp_path / "new", with_guess("v2", archive="01"), pictures=["Alg1/H", "Focus/H"])
+    hidden = entry("secret", ERRORS, seeds=2, archive="02", part="hidden")
+    unseen = stored(tmp_path / "unseen", hidden, pictures=["EMVS/cam0"])
+    out = tmp_path / "page"
+    words = [str(one) for one in (old, new, unseen)]
+    assert main(["ranking", *words, "--out", str(out), "--quiet"]) == 0
+    return out
+
+
+def text_of(out):
+    return (out / HTML_NAME).read_text()
+
+
+def cells(page, method, section):
+    """The texts of a method's line in the first table below a heading."""
+    below = page[page.index(section) :]
+    (line,) = [x for x in re.findall(r"<tr>.*?</tr>", below)[:20] if f"</span>{method}<" in x][:1]
+    return [re.sub(r"<[^>]+>", "", one) for one in re.findall(r"<td.*?</td>", line)]
+
+
+def test_one_file_holds_everything_and_nothing_is_loaded(written):
+    page = text_of(written)
+    assert not re.findall(r'(?:src|href)="(?!data:|#|ranking\.json)[^"]*"', page)
+    assert "@import" not in page
+    assert "url(" not in page.replace("url(#", "")
+    assert '<meta name="viewport"' in page
+    assert sorted(path.name for path in written.iterdir()) == [
+        HTML_NAME, "pictures", DATA_NAME,
+    ]  # fmt: skip
+
+
+def test_every_part_is_there(written):
+    page = text_of(written)
+    for title in (
+        "Hidden part", "Ranks by other metrics", "Error over coverage", "Conditions", "Scenes",
+        "Accuracy against cost", "Why points are wrong", "Best and worst case of each method",
+        "History", "Provenance",
+    ):  # fmt: skip
+        assert f"<h2>{title}</h2>" in page
+    assert page.count("data:image/svg+xml") == 4
+    assert 'class="sorts' in page
+
+
+def test_who_is_ahead_stands_in_the_first_table(written):
+    page = text_of(written)
+    first = [cells(page, method, "<main>") for method in ERRORS]
+    assert [line[1] for line in first] == ["2", "3", "1", "4"]
+    assert first[2][3] == "1.00"
+    assert "Focus/H is first." in page
+
+
+def test_measured_and_stated_cost_are_told_apart(written):
+    page = text_of(written)
+    assert cells(page, "Given/Guess", "<main>")[-3:] == ["0.5 stated", "120 stated", "by A. Author"]
+    assert cells(page, "Alg1/H", "<main>")[-3:-1] == ["0.1", "200"]
+    line = cells(page, "Given/Guess", 'id="cost"')
+    assert line[1:6] == ["–", "–", "0.500", "120", "a &lt;laptop&gt;"]
+
+
+def test_conditions_have_a_column_each_and_say_their_cases(written):
+    page = text_of(written)
+    below = page[page.index('id="conditions"') :]
+    heads = re.findall(r"<b>([^<]+)</b>", below)[:5]
+    assert heads == ["method", "light", "motion", "occlusion", "none of these"]
+    assert "light: dark; motion: crowd; occlusion: crowd; none of these: wall." in below
+    assert cells(page, "Focus/H", 'id="conditions"')[1:] == ["1.00"] * 4
+
+
+def test_of_a_hidden_part_no_seed_and_no_picture_is_shown(written):
+    page = text_of(written)
+    assert "ab" * 32 in page
+    assert page.count("data:image/webp") == 2
+    assert "EMVS_cam0-best.webp" not in {path.name for path in (written / "pictures").iterdir()}
+    seeds = page[page.index(">seeds</td>") :]
+    assert re.findall(r"<td[^>]*>([^<]*)</td>", seeds)[:3] == [
+        "0, 1, 2, 3, 4", "0, 1, 2, 3, 4", "2 seeds",
+    ]  # fmt: skip
+
+
+def test_history_has_a_column_for_each_version(written):
+    page = text_of(written)
+    line = cells(page, "Alg1/H", 'id="history"')
+    assert len(line) == 3
+    assert float(line[1]) > float(line[2])
+
+
+def test_a_ranking_goes_on_from_its_own_data(written, tmp_path):
+    newer = stored(tmp_path / "newer", entry("v3", {"Alg2/HcAt": 0.01}, archive="01"))
+    again = tmp_path / "again"
+    assert main(["ranking", str(written), str(newer), "--out", str(again), "--quiet"]) == 0
+    assert [one.label for one in read_data(again).entries] == ["v1", "v2", "secret", "v3"]
+    page = text_of(again)
+    assert cells(page, "Alg2/HcAt", "<main>")[1] == "1"
+    assert page.count("data:image/webp") == 2  # pictures are kept beside the data
+    assert main(["ranking", str(written), str(newer), "--out", str(again), "--quiet"]) == 0
+
+
+def test_damaged_pictures_are_left_out(tmp_path):
+    folder = stored(tmp_path / "in", entry("v1", ERRORS), pictures=["Alg1/H", "Focus/H"])
+    index = json.loads((folder / "pictures" / METHODS_NAME).read_text())
+    del index["Alg1/H"]["best"]["error_cm"]  # as an older version wrote it
+    (folder / "pictures" / METHODS_NAME).write_text(json.dumps(index))
+    assert main(["ranking", str(folder), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    assert "data:image/webp" not in text_of(tmp_path / "out")
+
+
+def test_a_perfect_score_and_other_sequences_are_said(tmp_path):
+    flagged = entry("v1", ERRORS, perfect={"Focus/H": ["wall seed 0", "wall seed 1"]})
+    other = entry("v0", {"Alg1/G": 0.1}, drawn="elsewhere")
+    write_ranking([Source(tmp_path, (other, flagged))], tmp_path / "out")
+    page = text_of(tmp_path / "out")
+    assert cells(page, "Focus/H", "<main>")[-1] == "perfect in 2 sequences: copied truth?"
+    assert "v0: not comparable, other sequences: drawn anew against drawn anew." in page
+    assert "Alg1/G" not in page
+
+
+def test_one_seed_ranks_nobody(tmp_path):
+    write_ranking([Source(tmp_path, (entry("v1", ERRORS, seeds=1),))], tmp_path / "out")
+    page = text_of(tmp_path / "out")
+    assert "One seed says nothing about others" in page
+    assert {cells(page, method, "<main>")[1] for method in ERRORS} == {"1"}
+
+
+def test_names_from_files_cannot_write_into_the_page(tmp_path):
+    evil = "<script>alert(1)</script>"
+    stated = {**STATED, "authors": [evil]}
+    one = entry("v1", {evil: 0.1, "a": 0.2}, stated={evil: stated}, failures={evil: evil})
+    page = write_ranking([Source(tmp_path, (one,))], tmp_path / "out")
+    assert evil not in text_of(tmp_path / "out")
+    assert ranking_page(page).title == "Ranking, tiny"
+
+
+@pytest.mark.parametrize(
+    ("entries", "words"),
+    [
+        ([entry("a", ERRORS), entry("a", ERRORS)], "two results are called a"),
+        ([entry("a", ERRORS, archive="1", part="hidden")], "only results of a hidden part"),
+        ([entry("a", {})], "no method was run on every case"),
+    ],
+)
+def test_what_cannot_be_ranked_is_one_line(tmp_path, entries, words):
+    with pytest.raises(InputError, match=words):
+        write_ranking([Source(tmp_path, tuple(entries))], tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_of_somebody_is_left_alone(tmp_path, capsys):
+    stored(tmp_path / "in", entry("a", ERRORS))
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / HTML_NAME).write_text("mine")
+    assert main(["ranking", str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 2
+    assert "which eventsweep did not write" in capsys.readouterr().err
+    assert text_of(tmp_path / "out") == "mine"
+
+
+def test_the_summary_for_a_script(tmp_path, capsys):
+    stored(tmp_path / "in", entry("a", ERRORS))
+    out = str(tmp_path / "out")
+    assert main(["ranking", str(tmp_path / "in"), "--out", out, "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert [one["method"] for one in facts["standings"]] == [
+        "Focus/H", "Alg1/H", "EMVS/cam0", "Given/Guess",
+    ]  # fmt: skip
+    assert facts["not_ranked"] == facts["refused"] == {}
+    assert set(CASES) == {"wall", "dark", "crowd"}
