@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -47,13 +47,13 @@ def packaged(name: str) -> Path:
     return Path(str(files("emvs.learned"))) / "weights" / f"{name}.npz"
 
 
-def read_weights(path: Path, network: str, shapes: Mapping[str, tuple[int, ...]]) -> Weights:
+def read_weights(path: Path, network: str, *shapes: Mapping[str, tuple[int, ...]]) -> Weights:
     """Reads the weights of a network.
 
     Args:
         path: `NAME.npz`; the manifest is `NAME.json` beside it.
         network: its name, which the manifest must state.
-        shapes: of every array that it needs, by name.
+        shapes: of every array that it needs, by name; several where it may come in several sizes.
 
     Raises:
         InputError: a file that is missing, damaged, of another network, or changed since.
@@ -93,7 +93,7 @@ def _manifest(path: Path, network: str) -> Mapping[str, Any]:
     return known
 
 
-def _arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Floats]:
+def _arrays(path: Path, known: Sequence[Mapping[str, tuple[int, ...]]]) -> dict[str, Floats]:
     with zipfile.ZipFile(path) as archive:
         unpacked = sum(one.file_size for one in archive.infolist())
     if unpacked > MOST_BYTES:
@@ -101,8 +101,9 @@ def _arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Floa
     with np.load(path, allow_pickle=False) as archive:
         arrays = {name: np.asarray(archive[name]) for name in archive.files}
     found = {name: array.shape for name, array in arrays.items()}
-    if found != dict(shapes):
-        differing = sorted(n for n in {*found, *shapes} if found.get(n) != shapes.get(n))
+    if found not in [dict(one) for one in known]:
+        wanted = known[0]
+        differing = sorted(n for n in {*found, *wanted} if found.get(n) != wanted.get(n))
         raise InputError(f"{path}: other arrays than the network needs: {', '.join(differing)}")
     for name, array in arrays.items():
         if array.dtype != np.float32 or not np.isfinite(array).all():
