@@ -25,7 +25,7 @@ from emvs.dsi.method import Method
 from emvs.errors import InputError
 from emvs.learned import derd_kernels
 from emvs.learned.inputs import fused_patches
-from emvs.learned.weights import Weights, packaged, read_weights
+from emvs.learned.weights import Weights, packaged, read_weights, stamp
 from emvs.reference_view import ReferenceView
 
 NAME = "derd-net"
@@ -130,15 +130,20 @@ class DerdNet:
         return np.asarray(out.mean(axis=0), np.float32)
 
 
-@cache
 def derd_net(path: Path | None = None) -> DerdNet:
     """The network of a file of weights; by default the one that ships with the package.
 
     Raises:
         InputError: weights that cannot be read, or are of another network.
     """
+    path = path or packaged("derd")
+    return _derd_net(path, stamp(path))
+
+
+@cache
+def _derd_net(path: Path, _stamp: tuple[int, ...]) -> DerdNet:
     known = [shapes(models) for models in range(1, MOST_MODELS + 1)]
-    weights = read_weights(path or packaged("derd"), NAME, *known)
+    weights = read_weights(path, NAME, *known)
     uniform_in = weights.manifest.get("uniform_in")
     if uniform_in not in ("linear", "inverse"):
         raise InputError(

@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from emvs.config import MapperConfig
+from emvs.dsi.method import MethodName
 from emvs.errors import DAMAGED_NPY, InputError
 from emvs.utils.files import atomic_path
 from emvs.utils.inputs import SETTINGS_BYTES, check_file, parse_json, read_text
@@ -45,6 +47,31 @@ class Weights:
 def packaged(name: str) -> Path:
     """The file of weights that ship with the package."""
     return Path(str(files("emvs.learned"))) / "weights" / f"{name}.npz"
+
+
+def files_of_weights(config: MapperConfig) -> tuple[Path, ...]:
+    """The files of the weights that the methods of a configuration use: they decide results.
+
+    Raises:
+        InputError: one that is not there.
+    """
+    chosen = {
+        "Learned": config.learned_weights or packaged("learned"),
+        "DERD": config.derd_weights or packaged("derd"),
+    }
+    families = {MethodName.of(name).family for name in config.methods}
+    used = [path for family, path in chosen.items() if family in families]
+    files = tuple(file for path in used for file in (path, path.with_suffix(".json")))
+    for file in files:
+        if not file.is_file():
+            raise InputError(f"{file}: no such file; weights are NAME.npz and NAME.json beside it")
+    return files
+
+
+def stamp(path: Path) -> tuple[int, ...]:
+    """Changes when one of the two files does: for those who keep weights that they have read."""
+    both = [file for file in (path, path.with_suffix(".json")) if file.is_file()]
+    return tuple(n for file in both for n in (file.stat().st_mtime_ns, file.stat().st_size))
 
 
 def read_weights(path: Path, network: str, *shapes: Mapping[str, tuple[int, ...]]) -> Weights:

@@ -24,6 +24,7 @@ def train(
     seed: Annotated[int, RARE] = 0,
     threads: Annotated[int, RARE] = 1,
     device: Literal["cpu", "cuda"] = "cpu",
+    published: Annotated[tuple[Path, ...], NO_NEGATIVE, RARE] = (),
     common: Common = COMMON,
 ) -> None:
     """Train the network of the Learned methods: sequences are simulated, sampled, and learnt from.
@@ -45,17 +46,30 @@ def train(
         seed: Of weights, order and flips.
         threads: Of torch; they change the last bits.
         device: Where the network learns.
+        published: Train nothing: turn the DERD-Net authors' own file of weights (.pth) into
+            OUT/derd.npz; given twice, the mean of both counts.
     """
     from eval.learning.train import train as trained_in
     from eval.report.training_page import write_training_page
 
-    told = {"epochs": epochs, "batch": batch, "learning_rate": learning_rate}
+    told = {
+        name: value
+        for name, value in (("epochs", epochs), ("batch", batch), ("learning_rate", learning_rate))
+        if value is not None
+    }
     config = TrainingConfig(
         network=network, uniform_in=uniform_in, scenes=scene, candidates=candidates, seed=seed,
-        threads=threads, device=device,
-        **{name: value for name, value in told.items() if value is not None},
+        threads=threads, device=device, **told,
     )  # fmt: skip
     console = common.console()
+    if published:
+        from emvs.errors import InputError
+        from eval.learning.published import convert
+
+        if unused := [*told, *(["scene"] if scene else [])]:
+            raise InputError(f"published weights are not trained: leave out {', '.join(unused)}")
+        console.wrote(convert(published, out))
+        return
     trained = trained_in(out, config, console.progress)
     console.wrote(trained.weights)
     console.wrote(write_training_page(out, trained))

@@ -114,7 +114,7 @@ def test_a_window_told_wrongly_keeps_its_true_depth(sequence):
     plain = TrainingWindow(0.0, 0.2, planes=30, seed=3)
     told = TrainingWindow(0.0, 0.2, planes=30, imperfection={"stereo_pitch_deg": 2.0}, seed=3)
     exact, wrong = (samples.samples(sequence, w, 3000) for w in (plain, told))
-    assert np.median(exact.focus_error_px) < 0.5 * np.median(wrong.focus_error_px)
+    assert np.median(exact.compared_error_px) < 0.5 * np.median(wrong.compared_error_px)
     assert set(np.round(wrong.true_px, 2)) & set(np.round(exact.true_px, 2))
 
 
