@@ -10,8 +10,17 @@ from emvs.dsi.kept_votes import LANES, KeptVotes
 from emvs.errors import InputError
 from emvs.learned import derd
 from emvs.learned.derd import (
-    LAYERS, NAME, PLANES, SIDE_PX, DepthRange, DerdNet, columns_of, derd_net, selecting, shapes,
-)  # fmt: skip
+    LAYERS,
+    NAME,
+    PLANES,
+    SIDE_PX,
+    DepthRange,
+    DerdNet,
+    columns_of,
+    derd_net,
+    selecting,
+    shapes,
+)
 from emvs.learned.inputs import in_blocks
 from emvs.learned.weights import Weights, packaged, write_weights
 from emvs.mapper import map_window

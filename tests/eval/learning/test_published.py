@@ -51,7 +51,8 @@ def columns():
 
 def test_two_published_files_give_the_mean_of_what_they_give(tmp_path):
     even, odd = saved(tmp_path / "even.pth", 1), saved(tmp_path / "odd.pth", 2)
-    flags = [one for name in ("even", "odd") for one in ("--published", str(tmp_path / f"{name}.pth"))]
+    files = (str(tmp_path / f"{name}.pth") for name in ("even", "odd"))
+    flags = [one for file in files for one in ("--published", file)]
     out = tmp_path / "out"
     assert main(["train", "--out", str(out), *flags, "--quiet"]) == 0
     net = derd_net(out / "derd.npz")
