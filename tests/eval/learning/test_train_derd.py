@@ -23,7 +23,8 @@ WINDOW = TrainingWindow(0.0, 0.2, seed=3)
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("learning")
-    data._simulate(TINY, folder / TINY.name)
+    with data._renderer() as renderer:  # torch and a software renderer crash each other
+        renderer.submit(data._simulate, TINY, folder / TINY.name).result()
     return folder
 
 

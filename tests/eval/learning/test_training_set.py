@@ -72,7 +72,8 @@ TINY = TrainingSequence("planes", "oblique", FIRST_SEED + 900, "ideal", 0.2)
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory):
     folder = tmp_path_factory.mktemp("learning")
-    data._simulate(TINY, folder / TINY.name)
+    with data._renderer() as renderer:  # torch and a software renderer crash each other
+        renderer.submit(data._simulate, TINY, folder / TINY.name).result()
     return EventSequence.open(folder / TINY.name)
 
 
