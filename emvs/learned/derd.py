@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
 from emvs.depth.depth_map import DepthMap, confidence_mask, extract, without_border
-from emvs.learned.kept_votes import KeptVotes
 from emvs.dsi.maxima import Maximum
 from emvs.dsi.method import Method
 from emvs.errors import InputError
 from emvs.learned import derd_kernels
 from emvs.learned.inputs import fused_patches
+from emvs.learned.kept_votes import KeptVotes
 from emvs.learned.weights import Weights, packaged, read_weights, stamp
 from emvs.reference_view import ReferenceView
 

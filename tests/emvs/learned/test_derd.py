@@ -6,7 +6,6 @@ import pytest
 
 from emvs.config import MapperConfig
 from emvs.depth.depth_map import confidence_mask, without_border
-from emvs.dsi.kept_votes import LANES, KeptVotes
 from emvs.errors import InputError
 from emvs.learned import derd
 from emvs.learned.derd import (
@@ -22,6 +21,7 @@ from emvs.learned.derd import (
     shapes,
 )
 from emvs.learned.inputs import in_blocks
+from emvs.learned.kept_votes import LANES, KeptVotes
 from emvs.learned.weights import Weights, packaged, write_weights
 from emvs.mapper import map_window
 from emvs.methods import build_derd, methods_by_name, named, overview
