@@ -9,6 +9,7 @@ from typing import Any
 import matplotlib as mpl
 from markupsafe import Markup
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from emvs.depth.precision import Precision
 from emvs.utils.files import atomic_path
@@ -73,6 +74,7 @@ def _loss(history: History) -> Markup:
         epochs = range(1, len(history) + 1)
         axes.plot(epochs, [one["loss"] for one in history], color=ESTIMATE_COLOUR, marker="o")
         axes.set_xlabel("epoch")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_ylabel("training loss")
         return Markup(svg_of(figure))
 
@@ -93,6 +95,7 @@ def _errors(trained: Trained) -> Markup:
                 label = f"{f'by {compared}' if prefix else 'network'}, {of}"
                 axes.plot(epochs, share, color=colour, linestyle=dash, label=label)
         axes.set_xlabel("epoch")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_ylabel("beyond 1 px of disparity [%]")
         axes.set_ylim(0)
         axes.legend()
