@@ -27,9 +27,9 @@ class TrainingConfig(ParameterGroup):
         default="learned", description="learned: that of the Learned methods; derd: that of DERD/H"
     )
     uniform_in: Literal["linear", "inverse"] = Field(
-        default="linear",
-        description="derd only: its output in equal steps of depth, as published, or of inverse "
-        "depth, which other depth ranges have in common",
+        default="inverse",
+        description="derd only: its output in equal steps of inverse depth, which all depth ranges "
+        "have in common, or of depth (linear), as published",
     )
     scenes: tuple[str, ...] = Field(
         default=(), description="only sequences of these scenes; by default of all"
@@ -58,7 +58,7 @@ class TrainingConfig(ParameterGroup):
 
     @model_validator(mode="after")
     def _check(self) -> TrainingConfig:
-        if self.network == "learned" and self.uniform_in != "linear":
+        if self.network == "learned" and "uniform_in" in self.model_fields_set:
             raise ValueError(
                 f"uniform_in {self.uniform_in} with network learned: only derd has it; leave it out"
             )

@@ -16,7 +16,7 @@ def train(
     out: Path,
     scene: Annotated[tuple[str, ...], NO_NEGATIVE] = (),
     network: Literal["learned", "derd"] = "learned",
-    uniform_in: Annotated[Literal["linear", "inverse"], RARE] = "linear",
+    uniform_in: Annotated[Literal["linear", "inverse"] | None, RARE] = None,
     epochs: int | None = None,
     candidates: Annotated[int, RARE] = 3000,
     batch: Annotated[int | None, RARE] = None,
@@ -37,7 +37,8 @@ def train(
         out: Folder that gets sequences, samples, weights and a page; it may hold a stopped run.
         scene: Learn from sequences of this scene only; may be given several times.
         network: learned: that of the Learned methods; derd: the published DERD-Net, for DERD/H.
-        uniform_in: DERD-Net's output in equal steps of depth, as published, or of inverse depth.
+        uniform_in: DERD-Net's output in equal steps of inverse depth (inverse, the default), or of
+            depth (linear), as published.
         epochs: How often every pixel is seen; by default 8, of DERD-Net 3.
         candidates: Pixels that are drawn from each window, at most.
         batch: Pixels of one step; by default 256, of DERD-Net 64.
@@ -52,14 +53,13 @@ def train(
     from eval.learning.train import train as trained_in
     from eval.report.training_page import write_training_page
 
-    told = {
-        name: value
-        for name, value in (("epochs", epochs), ("batch", batch), ("learning_rate", learning_rate))
-        if value is not None
-    }
+    flags = {
+        "uniform_in": uniform_in, "epochs": epochs, "batch": batch, "learning_rate": learning_rate,
+    }  # fmt: skip
+    told = {name: value for name, value in flags.items() if value is not None}
     config = TrainingConfig(
-        network=network, uniform_in=uniform_in, scenes=scene, candidates=candidates, seed=seed,
-        threads=threads, device=device, **told,
+        network=network, scenes=scene, candidates=candidates, seed=seed, threads=threads,
+        device=device, **told,
     )  # fmt: skip
     console = common.console()
     if published:

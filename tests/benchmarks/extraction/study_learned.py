@@ -166,6 +166,9 @@ def limit_table(outcomes: Outcomes) -> str:
     return "\n".join(lines) + "\n"
 
 
+TABLES = {"summary": summary_table, "cases": case_table, "limits": limit_table}
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Runs the study and prints its tables; exit code 2 on bad input."""
     parser = argparse.ArgumentParser(
@@ -175,6 +178,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--imperfection", default=_PLAIN, help="preset of what is told wrongly")
     parser.add_argument("--weights", type=Path, help="by default those that ship")
     parser.add_argument("--derd-weights", type=Path, help="likewise")
+    parser.add_argument("--tables", nargs="+", default=list(TABLES), choices=list(TABLES))
     parser.add_argument("--cache", type=Path, default=Path("out/study"))
     parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")
     parser.add_argument("--mark", default="learned", help="name of that part")
@@ -184,7 +188,7 @@ def main(arguments: list[str] | None = None) -> int:
         weights = chosen.weights, chosen.derd_weights
         for spec in (one for name in chosen.sets for one in SETS[name]):
             outcomes[spec] = outcome(spec, chosen.cache, chosen.imperfection, *weights)
-        text = "\n".join(table(outcomes) for table in (summary_table, case_table, limit_table))
+        text = "\n".join(TABLES[name](outcomes) for name in chosen.tables)
         sys.stdout.write(text)
         if chosen.page is not None:
             into_page(chosen.page, chosen.mark, text)
