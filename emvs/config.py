@@ -345,6 +345,13 @@ class MapperConfig(ParameterGroup):
     learned_weights: Path | None = Field(
         default=None, description="weights of the Learned methods; by default those that ship"
     )
+    derd_threshold_kernel_px: int = Field(
+        default=5, ge=3, le=99, description="window of DERD/H's adaptive threshold, px, odd"
+    )
+    derd_threshold_c: FiniteFloat = Field(default=14.0, description="threshold_c of DERD/H")
+    derd_weights: Path | None = Field(
+        default=None, description="weights of DERD/H; by default those that ship"
+    )
     inpaint: bool = Field(
         default=False, description="also fill the gaps between points, marked as filled"
     )
@@ -399,7 +406,8 @@ class MapperConfig(ParameterGroup):
 
     @model_validator(mode="after")
     def _check(self) -> MapperConfig:
-        for name in ("threshold_kernel_px", "focus_threshold_kernel_px", "median_px"):
+        windows = "threshold_kernel_px", "focus_threshold_kernel_px", "derd_threshold_kernel_px"
+        for name in (*windows, "median_px"):
             if getattr(self, name) % 2 == 0:
                 raise ValueError(f"{name} is {getattr(self, name)}: must be odd")
         if self.reference_s is not None and self.reference == "end":

@@ -23,6 +23,7 @@ from emvs.dsi.slices import Slices
 from emvs.dsi.sweep import SweepResult, group_by_split, sweep
 from emvs.dsi.voting import VoteCounts
 from emvs.errors import InputError, check_type
+from emvs.learned.derd import check_derd, extract_derd
 from emvs.learned.extract import extract_learned
 from emvs.learned.kept_votes import KeptVotes
 from emvs.learned.network import network
@@ -143,7 +144,7 @@ def votes_to_keep(
     methods: Sequence[Method], view: ReferenceView, config: MapperConfig, n_cameras: int
 ) -> KeptVotes | None:
     """Room for every camera's votes, where a method looks at them after the sweep; else None."""
-    if not any(method.learned for method in methods):
+    if not any(method.keeps_votes for method in methods):
         return None
     size = view.camera.height_px, view.camera.width_px
     return KeptVotes(n_cameras, len(view.rho), *size, config.polarities)
@@ -164,6 +165,8 @@ def _extracted(
                 maps[name] = extract_learned(method, votes, focus, kept, view, config, baseline_m)
             else:
                 maps[name] = extract_in_focus(name, votes, focus, view, config, baseline_m)
+        elif method is not None and method.derd and kept is not None:
+            maps[name] = extract_derd(method, votes, kept, view, config)
         else:
             found = extract(name, votes, view, config, focus.maximum if focus else None)
             maps[name] = stated(found, per_rho_px, config)
@@ -209,9 +212,11 @@ def _with_empty(
 
 
 def check_reliability(config: MapperConfig, methods: Sequence[AnyMethod]) -> None:
-    """Refuses before any work weights that cannot be read, and a precision that nobody knows."""
+    """Refuses before any work what networks cannot do, and a precision that nobody knows."""
     if any(isinstance(method, Method) and method.learned for method in methods):
         network(config.learned_weights)
+    if any(isinstance(method, Method) and method.derd for method in methods):
+        check_derd(config)
     check_precision(config.min_precision, [method.name for method in methods])
 
 

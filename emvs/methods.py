@@ -55,6 +55,7 @@ LEARNED_SUMMARY = (
     "says how wrong it may be"
 )
 LEARNED_EXAMPLES = ("Learned/H", "Learned/cam0")
+DERD_SUMMARY = "DERD-Net (published): a recurrent network reads all 100 planes around a pixel"
 _ALGORITHM_1 = ("Alg1", "EMVS")
 _registered: dict[str, AnyMethod] = {}
 
@@ -349,6 +350,23 @@ def build_learned(name: str, mcemvs: bool = False) -> Method:
     return replace(method, name=name, summary=summary, learned=True)
 
 
+def build_derd(name: str = "DERD/H", mcemvs: bool = False) -> Method:
+    """Makes the method of the published network.
+
+    Args:
+        name: `DERD/H`.
+        mcemvs: the compatibility setting, whose H across cameras is 2ab / (a + b + 0.1): what the
+            authors' weights were trained on.
+
+    Raises:
+        InputError: another name.
+    """
+    if name != "DERD/H":
+        raise InputError(f"unknown method {name!r}: the published network is DERD/H")
+    code = fusion_kernels.HARMONIC_EPS if mcemvs else CODES["H"]
+    return Method(name, code, f"{MEANS['H']} across cameras, read by DERD-Net", derd=True)
+
+
 def _late(name: str, _mcemvs: bool) -> Method:
     if name != "Late/union":
         raise InputError(f"unknown method {name!r}: the late fusion is Late/union")
@@ -394,6 +412,7 @@ FAMILIES: dict[str, Family] = {
     "Alg2": Family(ALG2_GRAMMAR, ALG2_SUMMARY, ALG2_EXAMPLES, build_alg2),
     "Focus": Family(FOCUS_GRAMMAR, FOCUS_SUMMARY, FOCUS_EXAMPLES, build_focus),
     "Learned": Family(LEARNED_GRAMMAR, LEARNED_SUMMARY, LEARNED_EXAMPLES, build_learned),
+    "DERD": Family("DERD/H", DERD_SUMMARY, ("DERD/H",), build_derd),
     "Late": Family(
         "Late/union",
         "per pixel the most confident camera among those that pass their own threshold",

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,7 +29,8 @@ BAND = 0.68
 """Share of errors that the stated error holds."""
 WITHIN_PX = 1.0
 """What precision counts as right: so many pixels of disparity, at most."""
-FILE_NAME = "precision.json"
+PRECISION = Path(str(files("emvs.depth"))) / "precision.json"
+"""The tables that ship."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +94,7 @@ class Precision:
 @cache
 def tables() -> Mapping[str, Precision]:
     """The tables that ship with the package, by method."""
-    text = (files("emvs.depth") / FILE_NAME).read_text(encoding="utf-8")
+    text = PRECISION.read_text(encoding="utf-8")
     return {name: Precision.from_json(one) for name, one in parse_json(text)["methods"].items()}
 
 

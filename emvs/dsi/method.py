@@ -129,6 +129,7 @@ class Method(NamedMethod):
         late: whether it joins the single cameras' depth maps; `code` then only fills its slice.
         focus: whether depth lies where the fused rays are most in focus (`emvs.depth.focus`).
         learned: whether a network then looks at the votes around that place (`emvs.learned`).
+        derd: whether a published network reads the votes of all planes (`emvs.learned.derd`).
         function: a fusion of one's own, instead of the codes.
         confidence: what the values of its confidence are, in a word or two, with their unit.
     """
@@ -143,6 +144,7 @@ class Method(NamedMethod):
     late: bool = False
     focus: bool = False
     learned: bool = False
+    derd: bool = False
     function: Fusion | None = field(default=None, compare=False)
     confidence: str = VOTES
 
@@ -179,7 +181,13 @@ class Method(NamedMethod):
         """The method that makes the same volume and nothing else of it: equal for equal volumes."""
         if self.function is not None:
             return self  # functions are not compared: only its name tells it from others
-        return replace(self, name="", summary="", focus=False, learned=False, confidence=VOTES)
+        plain = replace(self, name="", summary="", confidence=VOTES)
+        return replace(plain, focus=False, learned=False, derd=False)
+
+    @property
+    def keeps_votes(self) -> bool:
+        """Whether it looks at the votes again after the sweep."""
+        return self.learned or self.derd
 
     @property
     def compares_cameras(self) -> bool:

@@ -30,6 +30,7 @@ _LEAST_VOTES = np.float32(1e-6)
 
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int64]
+Pixels = tuple[Indices, Indices, Indices, Indices]  # rows, columns, centres, strides
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,18 +130,37 @@ def channels(kept: KeptVotes, method: Method, chosen: Candidates) -> Floats:
         `emvs.learned.network.CHANNELS`; one camera alone is all three.
     """
     where = chosen.rows, chosen.columns, chosen.centres, chosen.strides
-    cameras = kept.patches(*where, DEPTH, SIDE_PX)
-    alone = method.camera()
-    if alone is not None:
-        cameras = cameras[alone : alone + 1]
-    count, blocks, *cells = cameras.shape
-    rows = cameras.reshape(count, 1, blocks, math.prod(cells))
-    fused = fuse_by(method, rows).reshape(blocks, *cells) if alone is None else cameras[0]
-    others = cameras[1:].mean(axis=0) if count > 1 else cameras[0]
+    fused, cameras = fused_patches(kept, method, where, DEPTH, SIDE_PX)
+    others = cameras[1:].mean(axis=0) if len(cameras) > 1 else cameras[0]
     stacked = np.stack([fused, cameras[0], others], axis=1)
     top = fused.max(axis=(1, 2, 3))[:, None, None, None, None]
     stacked /= np.maximum(top, _LEAST_VOTES)
     return stacked
+
+
+def fused_patches(
+    kept: KeptVotes, method: Method, where: Pixels, depth: int, side_px: int
+) -> tuple[Floats, Floats]:
+    """The fused votes around some pixels, and those of each camera that takes part.
+
+    Args:
+        kept: votes of every camera.
+        method: how they are fused.
+        where: the pixels, as `KeptVotes.patches` takes them.
+        depth: samples along the ray.
+        side_px: rows and columns of a patch.
+
+    Returns:
+        (B, depth, side, side, LANES) and (C, B, depth, side, side, LANES) float32.
+    """
+    cameras = kept.patches(*where, depth, side_px)
+    alone = method.camera()
+    if alone is not None:
+        cameras = cameras[alone : alone + 1]
+        return cameras[0], cameras
+    count, blocks, *cells = cameras.shape
+    rows = cameras.reshape(count, 1, blocks, math.prod(cells))
+    return fuse_by(method, rows).reshape(blocks, *cells), cameras
 
 
 def in_blocks(shares: Floats) -> Floats:

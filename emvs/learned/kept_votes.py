@@ -66,7 +66,7 @@ class KeptVotes:
             columns: (M,) likewise.
             centres: (M,) the plane in the middle of each patch.
             strides: (M,) planes from one sample to the next.
-            depth: samples along the ray, odd.
+            depth: samples along the ray, depth // 2 of them before the centre.
             side_px: rows and columns of a patch, odd.
 
         Returns:

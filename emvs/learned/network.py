@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from emvs.depth.precision import Precision, table_name
 from emvs.learned import network_kernels
-from emvs.learned.weights import Weights, packaged, read_weights
+from emvs.learned.weights import Weights, packaged, read_weights, stamp
 
 NAME = "eventsweep-learned-1"
 """Of the network in manifests: another architecture, or other inputs, is another network."""
@@ -111,12 +111,17 @@ class Network:
         return None if stated is None else Precision.from_json(stated)
 
 
-@cache
 def network(path: Path | None = None) -> Network:
     """The network of a file of weights; by default the one that ships with the package.
 
     Raises:
         InputError: weights that cannot be read, or are of another network.
     """
+    path = path or packaged("learned")
+    return _network(path, stamp(path))
+
+
+@cache
+def _network(path: Path, _stamp: tuple[int, ...]) -> Network:
     shape = Architecture()
-    return Network(read_weights(path or packaged("learned"), NAME, shape.shapes()), shape)
+    return Network(read_weights(path, NAME, shape.shapes()), shape)

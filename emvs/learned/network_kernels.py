@@ -19,7 +19,7 @@ _CONTRACT = {"contract"}  # a product and a sum in one instruction; the order of
 
 
 @njit(cache=True, fastmath=_CONTRACT)
-def _nine(top, middle, bottom, lanes, weight, out):
+def add_nine(top, middle, bottom, lanes, weight, out):
     """Adds a 3 x 3 window of one channel to a row of pixels."""
     n = len(out)
     a, b, c = top[:n], top[lanes : lanes + n], top[2 * lanes : 2 * lanes + n]
@@ -46,7 +46,8 @@ def _five(row, step, weight, out):
 
 
 @njit(cache=True)
-def _positive(out):
+def only_positive(out):
+    """Sets what is below 0 to 0."""
     for x in range(len(out)):
         value = out[x]
         out[x] = value if value > _ZERO else _ZERO
@@ -64,8 +65,8 @@ def _patch(shares, lanes, weight, bias, out):
                 for c in range(channels):
                     for k in range(max(0, 1 - d), min(3, depth + 1 - d)):
                         plane = shares[c, d + k - 1]
-                        _nine(plane[y], plane[y + 1], plane[y + 2], lanes, weight[o, c, k], row)
-                _positive(row)
+                        add_nine(plane[y], plane[y + 1], plane[y + 2], lanes, weight[o, c, k], row)
+                only_positive(row)
 
 
 @njit(cache=True)
@@ -80,7 +81,7 @@ def _ray(cells, lanes, weight, bias, out):
                 for k in range(max(0, 1 - d), min(3, depth + 1 - d)):
                     for y in range(5):
                         _five(cells[c, d + k - 1, y], lanes, weight[o, c, k, y], row)
-            _positive(row)
+            only_positive(row)
 
 
 @njit(cache=True)
@@ -93,7 +94,7 @@ def _along(ray, lanes, dilation, weight, bias, spare, out):
         spare[:] = bias[o]
         for c in range(ray.shape[0]):
             _five(ray[c, first:], dilation * lanes, weight[o, c], spare)
-        _positive(spare)
+        only_positive(spare)
         row, added = ray[o, pad : pad + count], out[o, pad : pad + count]
         for x in range(count):
             added[x] = row[x] + spare[x]

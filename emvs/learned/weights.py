@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from emvs.config import MapperConfig
+from emvs.dsi.method import MethodName
 from emvs.errors import DAMAGED_NPY, InputError
 from emvs.utils.files import atomic_path
 from emvs.utils.inputs import SETTINGS_BYTES, check_file, parse_json, read_text
@@ -47,13 +49,38 @@ def packaged(name: str) -> Path:
     return Path(str(files("emvs.learned"))) / "weights" / f"{name}.npz"
 
 
-def read_weights(path: Path, network: str, shapes: Mapping[str, tuple[int, ...]]) -> Weights:
+def files_of_weights(config: MapperConfig) -> tuple[Path, ...]:
+    """The files of the weights that the methods of a configuration use: they decide results.
+
+    Raises:
+        InputError: one that is not there.
+    """
+    chosen = {
+        "Learned": config.learned_weights or packaged("learned"),
+        "DERD": config.derd_weights or packaged("derd"),
+    }
+    families = {MethodName.of(name).family for name in config.methods}
+    used = [path for family, path in chosen.items() if family in families]
+    files = tuple(file for path in used for file in (path, path.with_suffix(".json")))
+    for file in files:
+        if not file.is_file():
+            raise InputError(f"{file}: no such file; weights are NAME.npz and NAME.json beside it")
+    return files
+
+
+def stamp(path: Path) -> tuple[int, ...]:
+    """Changes when one of the two files does: for those who keep weights that they have read."""
+    both = [file for file in (path, path.with_suffix(".json")) if file.is_file()]
+    return tuple(n for file in both for n in (file.stat().st_mtime_ns, file.stat().st_size))
+
+
+def read_weights(path: Path, network: str, *shapes: Mapping[str, tuple[int, ...]]) -> Weights:
     """Reads the weights of a network.
 
     Args:
         path: `NAME.npz`; the manifest is `NAME.json` beside it.
         network: its name, which the manifest must state.
-        shapes: of every array that it needs, by name.
+        shapes: of every array that it needs, by name; several where it may come in several sizes.
 
     Raises:
         InputError: a file that is missing, damaged, of another network, or changed since.
@@ -93,7 +120,7 @@ def _manifest(path: Path, network: str) -> Mapping[str, Any]:
     return known
 
 
-def _arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Floats]:
+def _arrays(path: Path, known: Sequence[Mapping[str, tuple[int, ...]]]) -> dict[str, Floats]:
     with zipfile.ZipFile(path) as archive:
         unpacked = sum(one.file_size for one in archive.infolist())
     if unpacked > MOST_BYTES:
@@ -101,8 +128,9 @@ def _arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Floa
     with np.load(path, allow_pickle=False) as archive:
         arrays = {name: np.asarray(archive[name]) for name in archive.files}
     found = {name: array.shape for name, array in arrays.items()}
-    if found != dict(shapes):
-        differing = sorted(n for n in {*found, *shapes} if found.get(n) != shapes.get(n))
+    if found not in [dict(one) for one in known]:
+        wanted = known[0]
+        differing = sorted(n for n in {*found, *wanted} if found.get(n) != wanted.get(n))
         raise InputError(f"{path}: other arrays than the network needs: {', '.join(differing)}")
     for name, array in arrays.items():
         if array.dtype != np.float32 or not np.isfinite(array).all():

@@ -183,6 +183,7 @@ _FAMILIES = {  # colour and marker
     "EMVS": ("#8c8c8c", "|"),
     "Focus": (INK, "o"),
     "Learned": ("#882255", "h"),
+    "DERD": ("#117733", "d"),
     "Alg2": ("#8f63b8", "s"),
     "Late": ("#a6761d", "D"),
     "SGM": ("#44aa99", "^"),

@@ -166,7 +166,7 @@ def _text(made: CacheEntry) -> str | None:
 def code_of(job: Job) -> str:
     """Version of the code that a job runs."""
     modules, files = _stage(job).code(job.parameters)
-    return _version((job.stage, *modules), tuple(files))
+    return _version((job.stage, *modules), tuple((path, path.stat().st_mtime_ns) for path in files))
 
 
 def order(jobs: Iterable[Job]) -> list[Job]:
@@ -183,8 +183,9 @@ def _stage(job: Job) -> Stage:
 
 
 @once
-def _version(modules: tuple[str, ...], files: tuple[Path, ...]) -> str:
-    return code_version(modules, files)
+def _version(modules: tuple[str, ...], files: tuple[tuple[Path, int], ...]) -> str:
+    """Of files with the times of their last change: weights may change while this runs."""
+    return code_version(modules, [path for path, _ in files])
 
 
 @once

@@ -14,9 +14,10 @@ from emvs.data.sequence import Sequence as EventSequence
 from emvs.errors import InputError
 from emvs.utils.processes import end_with_parent
 from eval.jobs.code_version import closure, definition_digest
-from eval.learning.config import TrainingConfig
-from eval.learning.samples import Samples, samples
-from eval.learning.sequences import Part, TrainingSequence, sequences, windows
+from eval.learning.config import NetworkName, TrainingConfig
+from eval.learning.samples import SampleSet
+from eval.learning.sequences import Part, TrainingSequence, sequences
+from eval.learning.tasks import TASKS
 from eval.progress import Progress
 from sim.config import SimConfig
 from sim.rigs import rig
@@ -42,9 +43,9 @@ def chosen(part: Part, config: TrainingConfig) -> tuple[TrainingSequence, ...]:
     return tuple(one for one in sequences(part) if one.scene in wanted)
 
 
-def code_digest() -> str:
-    """A hash of the code that makes samples: other code makes another training set."""
-    return definition_digest(closure(["eval.learning.samples"]))
+def code_digest(network: NetworkName) -> str:
+    """A hash of the code that makes a network's samples: other code makes another training set."""
+    return definition_digest(closure([TASKS[network].code]))
 
 
 def make(folder: Path, config: TrainingConfig, progress: Progress) -> None:
@@ -66,7 +67,7 @@ def make(folder: Path, config: TrainingConfig, progress: Progress) -> None:
     with progress.stage("samples", len(wanted)) as update:
         for done, (part, one) in enumerate(wanted):
             update(done, one.name)
-            _draw(folder, part, one, config.candidates)
+            _draw(folder, part, one, config)
         update(len(wanted), f"{len(wanted)} sequences")
 
 
@@ -82,16 +83,17 @@ def _simulate(one: TrainingSequence, path: Path) -> None:
     simulate(scenes.load(one.scene), rig(one.rig), config, one.seed, path)
 
 
-def _draw(folder: Path, part: Part, one: TrainingSequence, candidates: int) -> None:
-    for k, window in enumerate(windows(one)):
+def _draw(folder: Path, part: Part, one: TrainingSequence, config: TrainingConfig) -> None:
+    task = TASKS[config.network]
+    for k, window in enumerate(task.windows(one)):
         path = folder / "samples" / part / f"{one.name}-{k}.npz"
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
             sequence = EventSequence.open(folder / "sequences" / one.name)
-            samples(sequence, window, candidates).save(path)
+            task.draw(sequence, window, config.candidates).save(path)
 
 
-def load(folder: Path, part: Part, config: TrainingConfig) -> Samples:
+def load(folder: Path, part: Part, config: TrainingConfig) -> SampleSet:
     """All samples of a part, in one.
 
     Raises:
@@ -102,12 +104,13 @@ def load(folder: Path, part: Part, config: TrainingConfig) -> Samples:
         raise InputError(
             f"no {part} samples in {folder}: choose scenes that have sequences of both parts"
         )
-    return Samples.joined(parts)
+    return TASKS[config.network].samples.joined(parts)
 
 
-def _files(folder: Path, part: Part, config: TrainingConfig) -> Iterator[Samples]:
+def _files(folder: Path, part: Part, config: TrainingConfig) -> Iterator[SampleSet]:
+    task = TASKS[config.network]
     for one in chosen(part, config):
-        for k, _ in enumerate(windows(one)):
-            found = Samples.load(folder / "samples" / part / f"{one.name}-{k}.npz")
+        for k, _ in enumerate(task.windows(one)):
+            found = task.samples.load(folder / "samples" / part / f"{one.name}-{k}.npz")
             rng = np.random.default_rng([one.seed, k])
             yield found[np.sort(rng.permutation(len(found))[: config.candidates])]

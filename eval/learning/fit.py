@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from emvs.errors import InputError
-from emvs.learned.network import Architecture
 from emvs.utils.files import atomic_path
 from eval.learning.config import History, TrainingConfig
-from eval.learning.network import MOST_PX, Network, loss
-from eval.learning.samples import Samples, shares_of_codes
+from eval.learning.network import MOST_PX
+from eval.learning.samples import SampleSet
+from eval.learning.tasks import TASKS, untrained
+from eval.learning.trainable import Inputs
 from eval.progress import Update
 
-_CLIP = 1.0
 _JUDGED_AT_ONCE = 2048
 
 
@@ -41,7 +41,7 @@ class Fitting:
     """
 
     def __init__(
-        self, config: TrainingConfig, training: Samples, calibration: Samples, checkpoint: Path
+        self, config: TrainingConfig, training: SampleSet, calibration: SampleSet, checkpoint: Path
     ) -> None:
         if config.device == "cuda" and not torch.cuda.is_available():
             raise InputError("device cuda: torch finds no GPU; choose cpu")
@@ -54,16 +54,21 @@ class Fitting:
         torch.manual_seed(config.seed)
         self._config, self._training, self._calibration = config, training, calibration
         self._checkpoint = checkpoint
-        self._table = torch.from_numpy(shares_of_codes()).to(config.device)
-        self.network = Network(Architecture()).to(config.device)
+        self.network = untrained(config).to(config.device)
+        self._schooling = self.network.schooling
         self._steps = len(training) // config.batch
-        self._optimiser = torch.optim.AdamW(self.network.parameters(), config.learning_rate / 3)
-        self._schedule = torch.optim.lr_scheduler.OneCycleLR(
-            self._optimiser, config.learning_rate, config.epochs * self._steps
-        )
+        self._optimiser = torch.optim.AdamW(self.network.parameters(), config.learning_rate)
+        self._schedule = self._scheduled()
         self.history: History = []
         if checkpoint.exists():
             self._resume()
+
+    def _scheduled(self) -> torch.optim.lr_scheduler.LRScheduler:
+        if not self._schooling.one_cycle:
+            return torch.optim.lr_scheduler.ConstantLR(self._optimiser, factor=1.0)
+        return torch.optim.lr_scheduler.OneCycleLR(
+            self._optimiser, self._config.learning_rate, self._config.epochs * self._steps
+        )
 
     def run(self, update: Update) -> None:
         """Trains the epochs that are left.
@@ -94,53 +99,43 @@ class Fitting:
 
     def _step(self, picked: NDArray[np.int64], flips: int) -> float:
         """One batch, mirrored as the two bits of `flips` say: left and right, top and bottom."""
-        batch = self._training[picked]
-        shares = self._shares(batch)
+        inputs = self._inputs(self._training[picked])
         axes = [axis for bit, axis in ((1, -1), (2, -2)) if flips & bit]
-        shares = shares.flip(axes) if axes else shares
-        value = loss(
-            self.network(shares, self._tensor(batch.cues)), self._tensor(batch.sample_px),
-            self._tensor(batch.target), self._tensor(batch.focus_error_px),
-        )  # fmt: skip
+        if mirrored := self._schooling.mirrored:
+            inputs = {**inputs, mirrored: inputs[mirrored].flip(axes)}
+        value = self.network.loss(inputs)
         self._optimiser.zero_grad()
         value.backward()
-        torch.nn.utils.clip_grad_norm_(self.network.parameters(), _CLIP)
+        if most := self._schooling.most_gradient:
+            torch.nn.utils.clip_grad_norm_(self.network.parameters(), most)
         self._optimiser.step()
         self._schedule.step()
         return float(value.item())
 
-    def _shares(self, batch: Samples) -> Tensor:
-        return self._table[self._tensor(batch.codes).long()]
+    def _inputs(self, batch: SampleSet) -> Inputs:
+        return {name: self._tensor(array) for name, array in batch.inputs().items()}
 
     def _tensor(self, array: NDArray[Any]) -> Tensor:
         return torch.from_numpy(np.ascontiguousarray(array)).to(self._config.device)
 
-    def judge(self, samples: Samples) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """The chosen depth's expected and true error of samples, (M,) px of disparity each."""
-        parts = range(0, len(samples), _JUDGED_AT_ONCE)
-        found = [self._judge(samples[first : first + _JUDGED_AT_ONCE]) for first in parts]
-        expected, error = (np.concatenate(column) for column in zip(*found, strict=True))
-        return expected, error
-
     @torch.no_grad()
-    def _judge(self, batch: Samples) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        judged = self.network(self._shares(batch), self._tensor(batch.cues))
-        own_px = np.abs(judged.offset.cpu().numpy() - batch.target) * batch.sample_px
-        log_error = judged.log_error.cpu().numpy()
-        own = log_error[:, 0] < log_error[:, 1]
-        return np.exp(log_error.min(axis=1)), np.where(own, own_px, batch.focus_error_px)
-
     def _judged(self) -> dict[str, float]:
-        """Errors on the calibration samples: of all, and of the third that seems most reliable."""
-        expected, error = self.judge(self._calibration)
-        third = len(error) // 3
-        best = np.argsort(expected, kind="stable")[:third]
-        focus = self._calibration.focus_error_px
-        sure = np.argsort(-self._calibration.reliability, kind="stable")[:third]
-        return {
-            **_errors("all", error), **_errors("reliable", error[best]),
-            **_errors("focus_all", focus), **_errors("focus_reliable", focus[sure]),
-        }  # fmt: skip
+        """Errors on the calibration samples, and those of what the network is compared with."""
+        known, compared = self._calibration, TASKS[self._config.network].compared
+        starts = range(0, len(known), _JUDGED_AT_ONCE)
+        parts = (known[first : first + _JUDGED_AT_ONCE] for first in starts)
+        found = [self.network.outcome(self._inputs(part)) for part in parts]
+        error = torch.cat([one.error_px for one in found]).cpu().numpy()
+        numbers = _errors("all", error) | _errors(f"{compared}_all", known.compared_error_px)
+        expected = [one.expected_px for one in found if one.expected_px is not None]
+        rank = known.compared_rank
+        if rank is not None and expected:
+            third = len(error) // 3
+            best = torch.cat(expected).cpu().numpy().argsort(kind="stable")[:third]
+            sure = (-rank).argsort(kind="stable")[:third]
+            numbers |= _errors("reliable", error[best])
+            numbers |= _errors(f"{compared}_reliable", known.compared_error_px[sure])
+        return numbers
 
     def _keep(self) -> None:
         state = {

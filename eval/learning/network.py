@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
 from emvs.learned.extract import LOG_ERROR_RANGE
 from emvs.learned.network import CHANNELS, CUES, Architecture
+from eval.learning.samples import shares_of_codes
+from eval.learning.trainable import Inputs, Outcome, Schooling, Trainable
 
 
 class Judged(NamedTuple):
@@ -29,8 +29,10 @@ class Judged(NamedTuple):
     log_error: Tensor
 
 
-class Network(nn.Module):
+class Network(Trainable):
     """From a patch to its ray, along the ray to logits, from the best sample to expected errors."""
+
+    schooling = Schooling(one_cycle=True, mirrored="codes", most_gradient=1.0)
 
     def __init__(self, shape: Architecture) -> None:
         super().__init__()
@@ -43,6 +45,7 @@ class Network(nn.Module):
         self.hidden = nn.Linear(deep + len(CUES) + 2, shape.hidden)
         self.error = nn.Linear(shape.hidden, 2)
         self.peak = shape.peak
+        self.register_buffer("shares", torch.from_numpy(shares_of_codes()), persistent=False)
 
     def forward(self, shares: Tensor, cues: Tensor) -> Judged:
         """Judges candidates.
@@ -72,9 +75,22 @@ class Network(nn.Module):
         place = (near * sample).sum(dim=1) / total
         return place - depth // 2, best, total
 
-    def arrays(self) -> dict[str, NDArray[np.float32]]:
-        """The weights by name, as `emvs.learned.network` reads them."""
-        return {name: tensor.detach().cpu().numpy() for name, tensor in self.state_dict().items()}
+    def loss(self, inputs: Inputs) -> Tensor:
+        """See `loss` of this module."""
+        told = inputs["sample_px"], inputs["target"], inputs["focus_error_px"]
+        return loss(self._judged(inputs), *told)
+
+    def outcome(self, inputs: Inputs) -> Outcome:
+        """Of the two depths the one that is expected to be better counts."""
+        judged = self._judged(inputs)
+        own_px = (judged.offset - inputs["target"]).abs() * inputs["sample_px"]
+        own = judged.log_error[:, 0] < judged.log_error[:, 1]
+        expected_px = judged.log_error.min(dim=1).values.exp()
+        return Outcome(torch.where(own, own_px, inputs["focus_error_px"]), expected_px)
+
+    def _judged(self, inputs: Inputs) -> Judged:
+        judged: Judged = self(self.shares[inputs["codes"].long()], inputs["cues"])
+        return judged
 
 
 def loss(judged: Judged, sample_px: Tensor, target: Tensor, errors_px: Tensor) -> Tensor:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from emvs.depth.focus import estimate_in_focus, parallax_baseline_m
 from emvs.dsi.backprojection import back_project
 from emvs.dsi.device import CPU, projector_on
 from emvs.dsi.method import WHOLE, Method
-from emvs.dsi.sweep import group_by_split, sweep
+from emvs.dsi.sweep import SweepResult, group_by_split, sweep
 from emvs.learned.inputs import BATCH, Candidates, candidates, channels
 from emvs.learned.kept_votes import KeptVotes, votes_of_codes
 from emvs.learned.network import CHANNELS, DEPTH, SIDE_PX
@@ -54,8 +55,56 @@ class Shown:
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
-    """What is learnt from, one row per candidate whose true depth is known.
+class SampleSet:
+    """What some network learns from: arrays with one row per pixel whose true depth is known.
+
+    Attributes:
+        true_px: (M,) float32 true disparity, px.
+    """
+
+    true_px: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.true_px)
+
+    def __getitem__(self, part: slice | NDArray[np.int64]) -> Self:
+        return type(self)(**{one.name: getattr(self, one.name)[part] for one in fields(self)})
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Several in one, in their order."""
+        names = [one.name for one in fields(cls)]
+        return cls(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in names})
+
+    @property
+    def compared_error_px(self) -> NDArray[np.float32]:
+        """(M,) error of the extraction that the network is compared with, px of disparity."""
+        raise NotImplementedError
+
+    @property
+    def compared_rank(self) -> NDArray[np.float32] | None:
+        """(M,) how reliable that extraction holds each pixel; None where nobody asks."""
+        return None
+
+    def inputs(self) -> dict[str, NDArray[Any]]:
+        """The arrays that the network's loss asks for, by name."""
+        raise NotImplementedError
+
+    def save(self, path: Path) -> None:
+        """Writes a NumPy archive, whole or not at all."""
+        with atomic_path(path) as part, part.open("wb") as file:
+            np.savez(file, **{one.name: getattr(self, one.name) for one in fields(self)})
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Reads what `save` wrote."""
+        with np.load(path, allow_pickle=False) as archive:
+            return cls(**{one.name: archive[one.name] for one in fields(cls)})
+
+
+@dataclass(frozen=True, eq=False)
+class Samples(SampleSet):
+    """What the network of the learned extraction learns from.
 
     Attributes:
         codes: (M, 3, D, S, S) uint8, shares of the patch's largest fused value in 255ths of it.
@@ -63,7 +112,6 @@ class Samples:
         sample_px: (M,) float32 disparity between two samples along the ray, px.
         centre_px: (M,) float32 disparity in the patch's middle, px.
         focus_px: (M,) float32 disparity that the extraction by focus reports, px.
-        true_px: (M,) float32 true disparity, px.
         reliability: (M,) float32, that of the extraction by focus.
     """
 
@@ -72,19 +120,7 @@ class Samples:
     sample_px: NDArray[np.float32]
     centre_px: NDArray[np.float32]
     focus_px: NDArray[np.float32]
-    true_px: NDArray[np.float32]
     reliability: NDArray[np.float32]
-
-    def __len__(self) -> int:
-        return len(self.true_px)
-
-    def __getitem__(self, part: slice | NDArray[np.int64]) -> Samples:
-        return Samples(*(getattr(self, one.name)[part] for one in fields(self)))
-
-    @classmethod
-    def joined(cls, parts: Sequence[Samples]) -> Samples:
-        """Several in one, in their order."""
-        return cls(*(np.concatenate([getattr(p, one.name) for p in parts]) for one in fields(cls)))
 
     @property
     def target(self) -> NDArray[np.float32]:
@@ -92,38 +128,65 @@ class Samples:
         return np.asarray((self.centre_px - self.true_px) / self.sample_px, np.float32)
 
     @property
-    def focus_error_px(self) -> NDArray[np.float32]:
+    def compared_error_px(self) -> NDArray[np.float32]:
         """(M,) error of the extraction by focus, px of disparity."""
         return np.asarray(np.abs(self.focus_px - self.true_px), np.float32)
 
-    def save(self, path: Path) -> None:
-        """Writes a NumPy archive, whole or not at all."""
-        with atomic_path(path) as part, part.open("wb") as file:
-            np.savez(file, **{one.name: getattr(self, one.name) for one in fields(self)})
+    @property
+    def compared_rank(self) -> NDArray[np.float32]:
+        """(M,) reliability of the extraction by focus."""
+        return self.reliability
 
-    @classmethod
-    def load(cls, path: Path) -> Samples:
-        """Reads what `save` wrote."""
-        with np.load(path, allow_pickle=False) as archive:
-            return cls(**{one.name: archive[one.name] for one in fields(cls)})
+    def inputs(self) -> dict[str, NDArray[Any]]:
+        """Votes, cues, and what is true of them."""
+        return {
+            "codes": self.codes,
+            "cues": self.cues,
+            "sample_px": self.sample_px,
+            "target": self.target,
+            "focus_error_px": self.compared_error_px,
+        }
 
 
-def show(recording: Recording, config: MapperConfig, method: Method) -> Shown:
-    """Sweeps one window and lists its candidates."""
+@dataclass(frozen=True, eq=False)
+class Swept:
+    """A window after its sweep.
+
+    Attributes:
+        view: the reference view.
+        kept: votes of every camera.
+        disparity_px: (N,) disparity of each plane, px.
+        result: the maxima.
+    """
+
+    view: ReferenceView
+    kept: KeptVotes
+    disparity_px: NDArray[np.float64]
+    result: SweepResult
+
+
+def swept_window(recording: Recording, config: MapperConfig, method: Method) -> Swept:
+    """Sweeps one window for a method that looks at the votes again."""
     window = choose_window(recording, config)
     view = reference_view(recording, config, window.t_ref_us)
     projected = back_project(recording, window, view, [WHOLE], projector_on(CPU))
     size = view.camera.height_px, view.camera.width_px
     kept = KeptVotes(len(recording.rig), len(view.rho), *size)
     groups = group_by_split((method,), len(recording.rig))
-    swept = sweep(projected, view, groups, sweep_settings(config), keep=kept.take)
+    result = sweep(projected, view, groups, sweep_settings(config), keep=kept.take)
     baseline_m = parallax_baseline_m(recording, window)
     disparity_px = baseline_m * view.camera.fx_px * view.rho.astype(np.float64)
-    votes, focus = swept.maxima[method.name], swept.focus[method.name]
-    estimate = estimate_in_focus(votes, focus, disparity_px, config)
-    chosen = candidates(votes, focus, estimate, disparity_px, config.border_px)
+    return Swept(view, kept, disparity_px, result)
+
+
+def show(recording: Recording, config: MapperConfig, method: Method) -> Shown:
+    """Sweeps one window and lists its candidates."""
+    swept = swept_window(recording, config, method)
+    votes, focus = swept.result.maxima[method.name], swept.result.focus[method.name]
+    estimate = estimate_in_focus(votes, focus, swept.disparity_px, config)
+    chosen = candidates(votes, focus, estimate, swept.disparity_px, config.border_px)
     reliability = estimate.reliability[chosen.rows, chosen.columns]
-    return Shown(method, view, kept, chosen, disparity_px, reliability)
+    return Shown(method, swept.view, swept.kept, chosen, swept.disparity_px, reliability)
 
 
 def window_config(window: TrainingWindow) -> MapperConfig:
@@ -166,13 +229,13 @@ def drawn(shown: Shown, picked: NDArray[np.int64], true_px: NDArray[np.float32])
     ]
     empty = np.empty((0, len(CHANNELS), DEPTH, SIDE_PX, SIDE_PX), np.uint8)
     return Samples(
-        np.concatenate([empty, *codes])[: len(chosen)],
-        chosen.cues,
-        chosen.sample_px,
-        shown.disparity_px[chosen.centres].astype(np.float32),
-        chosen.focus_px,
-        true_px[picked],
-        shown.reliability[picked],
+        true_px=true_px[picked],
+        codes=np.concatenate([empty, *codes])[: len(chosen)],
+        cues=chosen.cues,
+        sample_px=chosen.sample_px,
+        centre_px=shown.disparity_px[chosen.centres].astype(np.float32),
+        focus_px=chosen.focus_px,
+        reliability=shown.reliability[picked],
     )
 
 

@@ -1,4 +1,4 @@
-"""Trains the network of the learned extraction: sequences, samples, epochs, weights."""
+"""Trains a network: sequences, samples, epochs, weights."""
 
 from __future__ import annotations
 
@@ -10,24 +10,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from emvs.errors import InputError
-from emvs.learned.network import NAME
 from emvs.learned.weights import write_weights
 from emvs.utils.files import atomic_path
 from emvs.utils.inputs import SETTINGS_BYTES, parse_json, read_text
 from emvs.utils.runtime import versions
 from eval.learning import confidence, data
 from eval.learning.config import History, TrainingConfig
+from eval.learning.tasks import TASKS, Task
 from eval.progress import Progress
 
 if TYPE_CHECKING:
     from eval.learning.fit import Fitting
 
 ASKED_NAME = "training.json"
-WEIGHTS_NAME = "learned.npz"
 CHECKPOINT_NAME = "checkpoint.pt"
 LICENCE = "MIT"
-METHODS = "Learned/H", "Learned/cam0"
-"""Those whose expected error is calibrated."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +32,13 @@ class Trained:
     """What training leaves.
 
     Attributes:
+        task: what was trained.
         weights: the file of weights.
         history: numbers of every epoch.
         manifest: what is said of the weights.
     """
 
+    task: Task
     weights: Path
     history: History
     manifest: Mapping[str, Any]
@@ -64,21 +63,22 @@ def train(folder: Path, config: TrainingConfig, progress: Progress) -> Trained:
     with progress.stage("epochs", config.epochs) as update:
         fitting.run(update)
         update(config.epochs, f"loss {fitting.history[-1]['loss']:.3f}")
+    task, arrays = TASKS[config.network], fitting.network.arrays()
     learnt = manifest(config, fitting.history, len(training), len(calibration))
-    weights = folder / WEIGHTS_NAME
-    write_weights(weights, NAME, fitting.network.arrays(), learnt)
-    with progress.stage("reliability", 1) as update:
-        learnt["precision"] = _precision(folder, config, weights)
-        write_weights(weights, NAME, fitting.network.arrays(), learnt)
-        update(1, f"{len(learnt['precision'])} tables")
-    return Trained(weights, fitting.history, learnt)
+    weights = folder / task.weights_name
+    write_weights(weights, task.name, arrays, learnt)
+    if task.methods:
+        with progress.stage("reliability", 1) as update:
+            learnt["precision"] = _precision(folder, config, weights)
+            write_weights(weights, task.name, arrays, learnt)
+            update(1, f"{len(learnt['precision'])} tables")
+    return Trained(task, weights, fitting.history, learnt)
 
 
 def _precision(folder: Path, config: TrainingConfig, weights: Path) -> dict[str, Any]:
     """What the network's expected error was worth on the calibration sequences."""
-    found = confidence.collect(
-        folder / "sequences", data.chosen("calibration", config), METHODS, weights
-    )
+    wanted, methods = data.chosen("calibration", config), TASKS[config.network].methods
+    found = confidence.collect(folder / "sequences", wanted, methods, weights)
     return {name: confidence.fit(one.score, one.error_px).to_json() for name, one in found.items()}
 
 
@@ -96,7 +96,7 @@ def _fitting() -> type[Fitting]:
 
 def _same_training(folder: Path, config: TrainingConfig) -> None:
     """Notes what is trained here; refuses a folder in which it was something else."""
-    asked = {"config": config.model_dump(mode="json"), "code": data.code_digest()}
+    asked = {"config": config.model_dump(mode="json"), "code": data.code_digest(config.network)}
     path = folder / ASKED_NAME
     if path.exists():
         before = parse_json(read_text(path, SETTINGS_BYTES))
@@ -126,8 +126,9 @@ def manifest(
     sets = {part: data.chosen(part, config) for part in data.PARTS}
     return {
         "licence": LICENCE,
+        **TASKS[config.network].facts(config),
         "training": config.model_dump(mode="json"),
-        "code": data.code_digest(),
+        "code": data.code_digest(config.network),
         "versions": versions(),
         "samples": {"training": training, "calibration": calibration},
         "sequences": {part: [one.name for one in chosen] for part, chosen in sets.items()},

@@ -9,6 +9,7 @@ from typing import Any
 import matplotlib as mpl
 from markupsafe import Markup
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from emvs.depth.precision import Precision
 from emvs.utils.files import atomic_path
@@ -20,7 +21,6 @@ from eval.learning.train import Trained
 from eval.report.html import REPORT_NAME, Grid, GridCell, Head, environment, files_in, inline
 
 _SIZE_INCHES = (5.2, 2.8)
-_FILES = ("learned.npz", "learned.json")
 
 
 def write_training_page(folder: Path, trained: Trained) -> Path:
@@ -35,26 +35,36 @@ def page_text(folder: Path, trained: Trained) -> str:
     """The page as HTML; nothing is loaded from elsewhere."""
     libraries = versions()
     return environment().get_template("training.html.j2").render(
-        sentences=_sentences(trained), loss=_loss(trained.history), errors=_errors(trained.history),
-        worth=_worth(trained.manifest.get("precision", {})), sequences=_sequences(trained.manifest),
+        sentences=_sentences(trained), loss=_loss(trained.history), errors=_errors(trained),
+        worth=_worth(trained.manifest["precision"]) if trained.task.methods else "",
+        expects=bool(trained.task.methods), sequences=_sequences(trained.manifest),
         provenance=_facts(trained.manifest), version=libraries["eventsweep"],
-        files=files_in(folder, _FILES), css=inline("report.css"), tables_css=inline("tables.css"),
+        files=files_in(folder, (trained.weights.name, trained.weights.with_suffix(".json").name)),
+        title=trained.task.title, css=inline("report.css"), tables_css=inline("tables.css"),
         js=inline("report.js"),
     )  # fmt: skip
 
 
 def _sentences(trained: Trained) -> list[str]:
-    last, manifest = trained.history[-1], trained.manifest
+    manifest = trained.manifest
     counts = manifest["samples"]
+    of_all, of_third = _shares(trained, "all"), _shares(trained, "reliable")
+    third = f"; of the third that seems most reliable {of_third}" if of_third else ""
     return [
         f"Trained on {counts['training']} pixels of {len(manifest['sequences']['training'])} "
         f"sequences, judged on {counts['calibration']} of "
         f"{len(manifest['sequences']['calibration'])} others.",
-        f"Of all judged pixels {100 * last['all_beyond_1px']:.1f} % are more than a pixel of "
-        f"disparity off, by focus {100 * last['focus_all_beyond_1px']:.1f} %; of the third that "
-        f"seems most reliable {100 * last['reliable_beyond_1px']:.1f} %, by focus "
-        f"{100 * last['focus_reliable_beyond_1px']:.1f} %.",
+        f"Of all judged pixels {of_all}{third} are more than a pixel of disparity off.",
     ]
+
+
+def _shares(trained: Trained, of: str) -> str:
+    """How many of some pixels are off, and how many by what the network is compared with."""
+    last, compared = trained.history[-1], trained.task.compared
+    own, other = last.get(f"{of}_beyond_1px"), last.get(f"{compared}_{of}_beyond_1px")
+    if own is None or other is None:
+        return ""
+    return f"{100 * own:.1f} % (by {compared} {100 * other:.1f} %)"
 
 
 def _loss(history: History) -> Markup:
@@ -64,22 +74,28 @@ def _loss(history: History) -> Markup:
         epochs = range(1, len(history) + 1)
         axes.plot(epochs, [one["loss"] for one in history], color=ESTIMATE_COLOUR, marker="o")
         axes.set_xlabel("epoch")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_ylabel("training loss")
         return Markup(svg_of(figure))
 
 
-def _errors(history: History) -> Markup:
+def _errors(trained: Trained) -> Markup:
     """Shares of pixels that are more than a pixel off: all, and the most reliable third."""
+    history, compared = trained.history, trained.task.compared
     with mpl.rc_context(STYLE):
         figure = Figure(_SIZE_INCHES, layout="constrained")
         axes = figure.add_subplot()
         epochs = range(1, len(history) + 1)
         for of, dash in (("all", "solid"), ("reliable", (0, (3, 2)))):
-            for prefix, colour in (("", ESTIMATE_COLOUR), ("focus_", INK)):
-                share = [100 * one[f"{prefix}{of}_beyond_1px"] for one in history]
-                label = f"{'by focus' if prefix else 'network'}, {of}"
+            for prefix, colour in (("", ESTIMATE_COLOUR), (f"{compared}_", INK)):
+                key = f"{prefix}{of}_beyond_1px"
+                if key not in history[0]:
+                    continue
+                share = [100 * one[key] for one in history]
+                label = f"{f'by {compared}' if prefix else 'network'}, {of}"
                 axes.plot(epochs, share, color=colour, linestyle=dash, label=label)
         axes.set_xlabel("epoch")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_ylabel("beyond 1 px of disparity [%]")
         axes.set_ylim(0)
         axes.legend()

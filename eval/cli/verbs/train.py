@@ -1,4 +1,4 @@
-"""`eventsweep train`: weights of the learned extraction, from simulated sequences."""
+"""`eventsweep train`: weights of the networks that extract depth, from simulated sequences."""
 
 from __future__ import annotations
 
@@ -15,39 +15,61 @@ def train(
     *,
     out: Path,
     scene: Annotated[tuple[str, ...], NO_NEGATIVE] = (),
-    epochs: int = 8,
+    network: Literal["learned", "derd"] = "learned",
+    uniform_in: Annotated[Literal["linear", "inverse"] | None, RARE] = None,
+    epochs: int | None = None,
     candidates: Annotated[int, RARE] = 3000,
-    batch: Annotated[int, RARE] = 256,
-    learning_rate: Annotated[float, RARE] = 3e-3,
+    batch: Annotated[int | None, RARE] = None,
+    learning_rate: Annotated[float | None, RARE] = None,
     seed: Annotated[int, RARE] = 0,
     threads: Annotated[int, RARE] = 1,
     device: Literal["cpu", "cuda"] = "cpu",
+    published: Annotated[tuple[Path, ...], NO_NEGATIVE, RARE] = (),
     common: Common = COMMON,
 ) -> None:
     """Train the network of the Learned methods: sequences are simulated, sampled, and learnt from.
 
     The same command goes on where a stopped one was. Use the weights with
-    --map.learned-weights OUT/learned.npz. Needs torch: pip install 'eventsweep[train]'.
+    --map.learned-weights OUT/learned.npz, those of DERD-Net with --map.derd-weights OUT/derd.npz.
+    Needs torch: pip install 'eventsweep[train]'.
 
     Args:
         out: Folder that gets sequences, samples, weights and a page; it may hold a stopped run.
         scene: Learn from sequences of this scene only; may be given several times.
-        epochs: How often every pixel is seen.
+        network: learned: that of the Learned methods; derd: the published DERD-Net, for DERD/H.
+        uniform_in: DERD-Net's output in equal steps of inverse depth (inverse, the default), or of
+            depth (linear), as published.
+        epochs: How often every pixel is seen; by default 8, of DERD-Net 3.
         candidates: Pixels that are drawn from each window, at most.
-        batch: Pixels of one step.
-        learning_rate: Largest rate of the one-cycle schedule.
+        batch: Pixels of one step; by default 256, of DERD-Net 64.
+        learning_rate: Largest rate of the one-cycle schedule, by default 0.003; of DERD-Net the
+            only one, 0.001.
         seed: Of weights, order and flips.
         threads: Of torch; they change the last bits.
         device: Where the network learns.
+        published: Train nothing: turn the DERD-Net authors' own file of weights (.pth) into
+            OUT/derd.npz; given twice, the mean of both counts.
     """
     from eval.learning.train import train as trained_in
     from eval.report.training_page import write_training_page
 
+    flags = {
+        "uniform_in": uniform_in, "epochs": epochs, "batch": batch, "learning_rate": learning_rate,
+    }  # fmt: skip
+    told = {name: value for name, value in flags.items() if value is not None}
     config = TrainingConfig(
-        scenes=scene, epochs=epochs, candidates=candidates, batch=batch,
-        learning_rate=learning_rate, seed=seed, threads=threads, device=device,
+        network=network, scenes=scene, candidates=candidates, seed=seed, threads=threads,
+        device=device, **told,
     )  # fmt: skip
     console = common.console()
+    if published:
+        from emvs.errors import InputError
+        from eval.learning.published import convert
+
+        if unused := [*told, *(["scene"] if scene else [])]:
+            raise InputError(f"published weights are not trained: leave out {', '.join(unused)}")
+        console.wrote(convert(published, out))
+        return
     trained = trained_in(out, config, console.progress)
     console.wrote(trained.weights)
     console.wrote(write_training_page(out, trained))

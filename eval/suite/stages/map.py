@@ -9,6 +9,8 @@ from typing import Any
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
 from emvs.datasets import open_recording
+from emvs.depth.precision import PRECISION
+from emvs.learned.weights import files_of_weights
 from emvs.maps.sliding import map_into, one_window, without
 from emvs.maps.store import write_entry
 from emvs.methods import files_of_others
@@ -17,8 +19,14 @@ from eval.perturbations import Perturbation, perturbed
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
-    """The packages of others that its methods come from."""
-    return (), files_of_others(MapperConfig.model_validate(parameters["map"]).methods)
+    """The packages of others that its methods come from, and the weights and tables that it reads.
+
+    Raises:
+        InputError: weights that are not there.
+    """
+    config = MapperConfig.model_validate(parameters["map"])
+    files = (*files_of_others(config.methods), *files_of_weights(config), PRECISION)
+    return (), files
 
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:

@@ -39,7 +39,7 @@ METHODS = (
 )  # fmt: skip
 ASKED = ("Alg1/H", "EMVS/cam0", "Focus/H", "Learned/H")
 WANTED = (0.9, 0.95)
-TABLE = Path(precision.__file__).with_name(precision.FILE_NAME)
+TABLE = precision.PRECISION
 
 
 def calibrate(folder: Path) -> dict[str, Precision]:

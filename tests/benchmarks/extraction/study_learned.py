@@ -1,7 +1,9 @@
-"""The learned extraction beside Alg1/H and Focus/H: `python tests/benchmarks study_learned --help`.
+"""The networks beside Alg1/H and Focus/H: `python tests/benchmarks study_learned --help`.
 
 Every method reports as many pixels as Alg1/H, those that it holds most reliable, and numbers are
-ratios to those of Alg1/H. With `--imperfection` the mapper is told wrong poses and calibrations.
+ratios to those of Alg1/H. DERD-Net holds no pixel more reliable than others: it reports Alg1/H's
+own, but for the rim that its patches cannot reach. With `--imperfection` the mapper is told wrong
+poses and calibrations.
 """
 
 from __future__ import annotations
@@ -30,7 +32,8 @@ from study_cache import load_sequence
 from study_extraction import METRICS, Numbers, blocks_with_points
 from study_samples import SETS, SampleSpec
 
-BASE, FOCUS, LEARNED = METHODS = ("Alg1/H", "Focus/H", "Learned/H")
+BASE, FOCUS, LEARNED, DERD = METHODS = ("Alg1/H", "Focus/H", "Learned/H", "DERD/H")
+OTHERS = METHODS[1:]
 WANTED = ("median_error", "mean_error", "bad_published", "bad_1px", "blocks")
 ERRORS_PX = (0.1, 0.2, 0.3, 0.5, 1.0)
 _RESAMPLES = 2000
@@ -46,13 +49,20 @@ def told(recording: Recording, imperfection: str, seed: int) -> Recording:
 
 
 def outcome(
-    spec: SampleSpec, cache: Path, imperfection: str, weights: Path | None
+    spec: SampleSpec,
+    cache: Path,
+    imperfection: str,
+    weights: Path | None,
+    derd_weights: Path | None,
 ) -> dict[str, Numbers]:
     """Every method's numbers on one sample."""
     sequence = load_sequence(
         spec.case, spec.seed, cache, rig=spec.rig, seconds=spec.seconds, sensor=spec.sensor
     )
-    config = MapperConfig(methods=METHODS, learned_weights=weights)
+    config = MapperConfig(
+        methods=METHODS, learned_weights=weights, derd_weights=derd_weights,
+        derd_threshold_c=MapperConfig().threshold_c,
+    )  # fmt: skip
     result = map_window(told(sequence, imperfection, spec.seed), config)
     truth = truth_of(sequence, result.view.t_us, EvalConfig())
     points = result.depth_maps[BASE].points
@@ -79,7 +89,7 @@ def _ranks(depth_map: DepthMap, truth: Truth) -> NDArray[np.float32]:
 
 def _most_reliable(depth_map: DepthMap, truth: Truth, points: int) -> NDArray[np.bool_]:
     """As many pixels as wanted, the most reliable first; Alg1/H keeps its own."""
-    if depth_map.method == BASE or depth_map.reliability is None:
+    if depth_map.method in (BASE, DERD) or depth_map.reliability is None:
         return depth_map.mask
     rank = _ranks(depth_map, truth) if depth_map.method == LEARNED else depth_map.reliability
     candidates = without_border(depth_map.reliability > 0, MapperConfig().border_px)
@@ -111,14 +121,14 @@ def interval(ratios: Sequence[float]) -> tuple[float, float, float]:
 
 
 def case_table(outcomes: Outcomes) -> str:
-    """One line for each sample: ratios of Focus/H and Learned/H."""
+    """One line for each sample: ratios of each method; blocks are those of Learned/H."""
     lines = [
         "| Case | seed | points | Focus/H median | mean | bad | Learned/H median | mean | bad "
-        "| blocks |",
-        "|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|",
+        "| DERD/H median | mean | bad | blocks |",
+        f"|---|{'--:|' * 12}",
     ]
     for spec, found in outcomes.items():
-        ratios = [ratio(found, name, m) for name in (FOCUS, LEARNED) for m in WANTED[:3]]
+        ratios = [ratio(found, name, m) for name in OTHERS for m in WANTED[:3]]
         ratios.append(ratio(found, LEARNED, "blocks"))
         cells = " | ".join(f"{value:.2f}" for value in ratios)
         points = f"{found[LEARNED]['points']:.0f}"
@@ -132,7 +142,7 @@ def summary_table(outcomes: Outcomes) -> str:
         "| Method | median | mean | bad pixels | bad 1 px | blocks | mean worse than Alg1/H |",
         "|---|--:|--:|--:|--:|--:|--:|",
     ]
-    for name in (FOCUS, LEARNED):
+    for name in OTHERS:
         ratios = {m: [ratio(found, name, m) for found in outcomes.values()] for m in WANTED}
         cells = " | ".join("{:.2f} ({:.2f}–{:.2f})".format(*interval(ratios[m])) for m in WANTED)
         worse = sum(value > 1 for value in ratios["mean_error"])
@@ -156,6 +166,9 @@ def limit_table(outcomes: Outcomes) -> str:
     return "\n".join(lines) + "\n"
 
 
+TABLES = {"summary": summary_table, "cases": case_table, "limits": limit_table}
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Runs the study and prints its tables; exit code 2 on bad input."""
     parser = argparse.ArgumentParser(
@@ -164,15 +177,18 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--sets", nargs="+", default=["held-out"], choices=list(SETS))
     parser.add_argument("--imperfection", default=_PLAIN, help="preset of what is told wrongly")
     parser.add_argument("--weights", type=Path, help="by default those that ship")
+    parser.add_argument("--derd-weights", type=Path, help="likewise")
+    parser.add_argument("--tables", nargs="+", default=list(TABLES), choices=list(TABLES))
     parser.add_argument("--cache", type=Path, default=Path("out/study"))
     parser.add_argument("--page", type=Path, help="page whose marked part gets the tables")
     parser.add_argument("--mark", default="learned", help="name of that part")
     chosen = parser.parse_args(arguments)
     with exit_code() as code:
         outcomes: Outcomes = {}
+        weights = chosen.weights, chosen.derd_weights
         for spec in (one for name in chosen.sets for one in SETS[name]):
-            outcomes[spec] = outcome(spec, chosen.cache, chosen.imperfection, chosen.weights)
-        text = "\n".join(table(outcomes) for table in (summary_table, case_table, limit_table))
+            outcomes[spec] = outcome(spec, chosen.cache, chosen.imperfection, *weights)
+        text = "\n".join(TABLES[name](outcomes) for name in chosen.tables)
         sys.stdout.write(text)
         if chosen.page is not None:
             into_page(chosen.page, chosen.mark, text)

@@ -55,6 +55,8 @@ def _values(field: Mapping[str, Any]) -> str:
     kind = {**field, **next(one for one in kinds if one.get("type") != "null")}
     if "enum" in kind:
         return ", ".join(f"`{value}`" for value in kind["enum"])
+    if kind.get("format") == "path":
+        return "file"
     words = {"integer": "whole", "number": "number", "array": "names", "boolean": "true, false"}
     limits = {
         "minimum": "≥ {:g}", "exclusiveMinimum": "> {:g}", "maximum": "≤ {:g}",

@@ -10,7 +10,6 @@ import pytest
 
 from emvs.config import MapperConfig
 from emvs.errors import InputError
-from emvs.learned import network as learned
 from emvs.learned.network import NAME, Architecture
 from emvs.learned.weights import packaged, read_weights, write_weights
 from emvs.mapper import map_window
@@ -128,7 +127,6 @@ def test_the_mapper_refuses_weights_before_it_reads_an_event(weights, monkeypatc
     weights.unlink()
     recording = fronto_parallel(1.5)
     monkeypatch.setattr(type(recording), "events", lambda *_: pytest.fail("events were read"))
-    learned.network.cache_clear()
     with pytest.raises(InputError, match=r"mine\.npz"):
         map_window(recording, MapperConfig(methods=("Learned/H",), learned_weights=weights))
 

@@ -1,0 +1,225 @@
+"""DERD-Net, a published baseline: a recurrent network reads the whole column of votes of a pixel.
+
+Hitzges, Ghosh, Gallego, "DERD-Net: Learning Depth from Event-based Ray Densities", NeurIPS 2025;
+architecture, selection of pixels and names of the layers are those of its code (MIT licence,
+github.com/tub-rip/DERD-Net). A column is 7 x 7 pixels and all 100 planes of the fused volume, near
+to far, as shares of its largest value. The network says where in the depth range the depth lies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emvs.config import MapperConfig
+from emvs.depth.depth_map import DepthMap, confidence_mask, extract, without_border
+from emvs.dsi.maxima import Maximum
+from emvs.dsi.method import Method
+from emvs.errors import InputError
+from emvs.learned import derd_kernels
+from emvs.learned.inputs import fused_patches
+from emvs.learned.kept_votes import KeptVotes
+from emvs.learned.weights import Weights, packaged, read_weights, stamp
+from emvs.reference_view import ReferenceView
+
+NAME = "derd-net"
+"""Of the network in manifests."""
+PLANES = 100
+SIDE_PX = 7
+BATCH = 1024
+"""Pixels whose columns are in memory at a time."""
+MOST_MODELS = 2
+LAYERS: Mapping[str, tuple[int, ...]] = {
+    "conv3d.0.weight": (4, 1, 3, 3, 3),
+    "conv3d.0.bias": (4,),
+    "gru.weight_ih_l0": (300, 100),
+    "gru.bias_ih_l0": (300,),
+    "gru.weight_hh_l0": (300, 100),
+    "gru.bias_hh_l0": (300,),
+    "dense_output.0.weight": (100, 100),
+    "dense_output.0.bias": (100,),
+    "dense_output.3.weight": (1, 100),
+    "dense_output.3.bias": (1,),
+}
+"""The shape of every array of one model, in the order in which the loops take them."""
+UniformIn = Literal["linear", "inverse"]
+_LEAST_VOTES = np.float32(1e-8)  # the published one
+Floats = NDArray[np.float32]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class DepthRange:
+    """The depth range of the planes.
+
+    Attributes:
+        near_m: nearest depth, m.
+        far_m: farthest depth, m.
+    """
+
+    near_m: float
+    far_m: float
+
+    @classmethod
+    def of(cls, rho: NDArray[np.floating]) -> DepthRange:
+        """That of planes in equal steps of inverse depth; the authors' leave out the near end."""
+        first, last = float(rho[0]), float(rho[-1])
+        if first > last:
+            return cls(1 / first, 1 / last)
+        return cls(1 / (last + (last - first) / (len(rho) - 1)), 1 / first)
+
+    def depth_m(self, place: Floats, uniform_in: UniformIn) -> Floats:
+        """(M,) depths of places between 0, the near end, and 1, the far end; m."""
+        inside = np.clip(place.astype(np.float64), 0, 1)
+        if uniform_in == "linear":
+            return np.asarray(self.near_m + inside * (self.far_m - self.near_m), np.float32)
+        near, far = 1 / self.near_m, 1 / self.far_m
+        return np.asarray(1 / (near - inside * (near - far)), np.float32)
+
+    def place(self, depth_m: NDArray[np.floating], uniform_in: UniformIn) -> Floats:
+        """(M,) where depths lie in it, clipped to 0..1, as the network is taught."""
+        depth = np.asarray(depth_m, np.float64)
+        if uniform_in == "linear":
+            inside = (depth - self.near_m) / (self.far_m - self.near_m)
+        else:
+            inside = (1 / self.near_m - 1 / depth) / (1 / self.near_m - 1 / self.far_m)
+        return np.clip(inside, 0, 1).astype(np.float32)
+
+
+def shapes(models: int) -> dict[str, tuple[int, ...]]:
+    """The shapes of all arrays of some models, by name."""
+    return {f"{k}.{name}": shape for k in range(models) for name, shape in LAYERS.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class DerdNet:
+    """One trained model, or two whose mean counts.
+
+    Attributes:
+        weights: arrays and manifest.
+        models: how many.
+        uniform_in: whether the network's places are in equal steps of depth, as published, or of
+            inverse depth (`inverse_space` of the authors' code).
+    """
+
+    weights: Weights
+    models: int
+    uniform_in: UniformIn
+
+    def places(self, columns: Floats, count: int) -> Floats:
+        """Where in the depth range some pixels lie.
+
+        Args:
+            columns: (B, PLANES, SIDE_PX, SIDE_PX, L) as `columns_of` makes them.
+            count: M, how many of the lanes are pixels.
+
+        Returns:
+            (M,) float32, 0 at the near end and 1 at the far end; not clipped.
+        """
+        rows = columns.reshape(*columns.shape[:3], -1)
+        out = np.empty((self.models, count), np.float32)
+        for k, one in enumerate(out):
+            arrays = (self.weights.arrays[f"{k}.{name}"] for name in LAYERS)
+            derd_kernels.places(rows, *arrays, one)  # type: ignore[call-arg]
+        return np.asarray(out.mean(axis=0), np.float32)
+
+
+def derd_net(path: Path | None = None) -> DerdNet:
+    """The network of a file of weights; by default the one that ships with the package.
+
+    Raises:
+        InputError: weights that cannot be read, or are of another network.
+    """
+    path = path or packaged("derd")
+    return _derd_net(path, stamp(path))
+
+
+@cache
+def _derd_net(path: Path, _stamp: tuple[int, ...]) -> DerdNet:
+    known = [shapes(models) for models in range(1, MOST_MODELS + 1)]
+    weights = read_weights(path, NAME, *known)
+    uniform_in = weights.manifest.get("uniform_in")
+    if uniform_in not in ("linear", "inverse"):
+        raise InputError(
+            f"{weights.path.with_suffix('.json')}: uniform_in is {uniform_in!r}, must be linear or "
+            "inverse; choose other weights"
+        )
+    return DerdNet(weights, len(weights.arrays) // len(LAYERS), uniform_in)
+
+
+def check_derd(config: MapperConfig) -> None:
+    """Refuses before any work planes that the network cannot read, and weights that are none.
+
+    Raises:
+        InputError: says which, and what is needed.
+    """
+    if config.planes != PLANES or config.spacing != "inverse":
+        raise InputError(
+            f"DERD/H with {config.planes} planes of {config.spacing} spacing: the network reads "
+            f"{PLANES} planes of inverse spacing; set planes {PLANES} and spacing inverse"
+        )
+    derd_net(config.derd_weights)
+
+
+def extract_derd(
+    method: Method, votes: Maximum, kept: KeptVotes, view: ReferenceView, config: MapperConfig
+) -> DepthMap:
+    """Turns the votes into the network's depth map; no median, as published.
+
+    Args:
+        method: how the votes are fused; its name is the map's.
+        votes: first maximum of the fused volume; its values are the confidence.
+        kept: every camera's votes in all planes.
+        view: the reference view.
+        config: weights, threshold, border.
+
+    Raises:
+        InputError: weights that cannot be read, or are of another network.
+    """
+    net, selection = derd_net(config.derd_weights), selecting(config)
+    rim = max(config.border_px, SIDE_PX // 2)
+    mask = without_border(confidence_mask(votes.value, selection), rim)
+    at = np.nonzero(mask)
+    places = [net.places(part, count) for part, count in columns_of(method, kept, view, *at)]
+    plain = extract(method.name, votes, view, selection.model_copy(update={"median_px": 1}))
+    depth_m = plain.depth_m
+    depth_m[at] = DepthRange.of(view.rho).depth_m(_joined(places), net.uniform_in)
+    return replace(plain, depth_m=depth_m, mask=mask)
+
+
+def selecting(config: MapperConfig) -> MapperConfig:
+    """The configuration whose adaptive threshold selects the network's pixels."""
+    return config.model_copy(
+        update={
+            "threshold_kernel_px": config.derd_threshold_kernel_px,
+            "threshold_c": config.derd_threshold_c,
+        }
+    )
+
+
+def columns_of(
+    method: Method, kept: KeptVotes, view: ReferenceView, rows: Indices, columns: Indices
+) -> Iterator[tuple[Floats, int]]:
+    """The votes around some pixels, all planes from near to far, some pixels at a time.
+
+    Yields:
+        (B, PLANES, SIDE_PX, SIDE_PX, L) float32, as shares of each pixel's largest value, and how
+        many pixels they are; pixel m is lane m % L of block m // L.
+    """
+    for first in range(0, len(rows), BATCH):
+        part = rows[first : first + BATCH], columns[first : first + BATCH]
+        middle, every = np.full(len(part[0]), PLANES // 2), np.ones(len(part[0]), np.int64)
+        fused, _ = fused_patches(kept, method, (*part, middle, every), PLANES, SIDE_PX)
+        near_first = fused if view.rho[0] > view.rho[-1] else fused[:, ::-1]
+        top = np.maximum(near_first.max(axis=(1, 2, 3), keepdims=True), _LEAST_VOTES)
+        yield np.ascontiguousarray(near_first / top), len(part[0])
+
+
+def _joined(parts: list[Floats]) -> Floats:
+    return np.concatenate([np.empty(0, np.float32), *parts])

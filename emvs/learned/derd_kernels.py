@@ -1,0 +1,96 @@
+"""The compiled loops of DERD-Net: some pixels side by side in every loop, one block a thread."""
+
+# Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
+# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return"
+
+import numpy as np
+from numba import njit, prange
+
+from emvs.learned.network_kernels import add_nine, only_positive
+
+_ONE = np.float32(1)
+_CONTRACT = {"contract"}  # a product and a sum in one instruction; the order of sums stays
+
+
+@njit(cache=True)
+def _steps(column, lanes, weight, bias, out):
+    """3 x 3 x 3 windows around every second plane: (D, S, S L) to out (T, O (S - 2) (S - 2) L)."""
+    depth, side = column.shape[0], column.shape[1] - 2
+    width = side * lanes
+    for t in range(out.shape[0]):
+        for o in range(len(bias)):
+            for y in range(side):
+                first = (o * side + y) * width
+                row = out[t, first : first + width]
+                row[:] = bias[o]
+                for k in range(max(0, 1 - 2 * t), min(3, depth + 1 - 2 * t)):
+                    plane = column[2 * t + k - 1]
+                    add_nine(plane[y], plane[y + 1], plane[y + 2], lanes, weight[o, 0, k], row)
+                only_positive(row)
+
+
+@njit(cache=True, fastmath=_CONTRACT)
+def _layer(values, matrix, bias, out):
+    """A layer of weights (O, I), I a multiple of 5: values (I L) to out (O, L)."""
+    lanes = out.shape[1]
+    for o in range(out.shape[0]):
+        total, weight = out[o], matrix[o]
+        total[:] = bias[o]
+        for i in range(0, len(weight), 5):
+            a = values[i * lanes : (i + 1) * lanes]
+            b = values[(i + 1) * lanes : (i + 2) * lanes]
+            c = values[(i + 2) * lanes : (i + 3) * lanes]
+            d = values[(i + 3) * lanes : (i + 4) * lanes]
+            e = values[(i + 4) * lanes : (i + 5) * lanes]
+            w0, w1, w2 = weight[i], weight[i + 1], weight[i + 2]
+            w3, w4 = weight[i + 3], weight[i + 4]
+            for x in range(lanes):
+                total[x] += (w0 * a[x] + w1 * b[x] + w2 * c[x]) + (w3 * d[x] + w4 * e[x])
+
+
+@njit(cache=True)
+def _gates(told, kept, state):
+    """One step of a gated recurrent unit; told and kept (3 H, L) as torch orders the gates."""
+    hidden, lanes = state.shape
+    for j in range(hidden):
+        for x in range(lanes):
+            reset = _ONE / (_ONE + np.exp(-(told[j, x] + kept[j, x])))
+            update = _ONE / (_ONE + np.exp(-(told[hidden + j, x] + kept[hidden + j, x])))
+            new = np.tanh(told[2 * hidden + j, x] + reset * kept[2 * hidden + j, x])
+            state[j, x] = (_ONE - update) * new + update * state[j, x]
+
+
+@njit(parallel=True, cache=True)
+def places(
+    columns, conv, conv_bias, told, told_bias, kept, kept_bias, hidden, hidden_bias,
+    last, last_bias, out,
+):  # fmt: skip
+    """Fills `out` with where one model sees each pixel's depth.
+
+    Arrays:
+        columns: (B, D, S, S L) float32; pixel m is lane m % L of block m // L.
+        conv, conv_bias: (O, 1, 3, 3, 3) and (O,).
+        told, told_bias, kept, kept_bias: (3 H, I), (3 H,), (3 H, H), (3 H,) of the recurrent unit:
+            of the input and of the state; gates in the order reset, update, new.
+        hidden, hidden_bias, last, last_bias: (H, H), (H,), (1, H), (1,).
+        out: (M,) float32, filled: 0 at the near end of the depth range, 1 at the far end.
+    """
+    blocks, depth, side, width = columns.shape
+    lanes, units = width // side, len(hidden_bias)
+    for b in prange(blocks):
+        steps = np.empty(((depth + 1) // 2, told.shape[1] * lanes), np.float32)
+        gates = np.empty((2, 3 * units, lanes), np.float32)
+        mine, own = gates[0], gates[1]
+        state = np.zeros((units, lanes), np.float32)
+        told_last = np.empty((1, lanes), np.float32)
+        _steps(columns[b], lanes, conv, conv_bias, steps)
+        for t in range(len(steps)):
+            _layer(steps[t], told, told_bias, mine)
+            _layer(state.reshape(units * lanes), kept, kept_bias, own)
+            _gates(mine, own, state)
+        _layer(state.reshape(units * lanes), hidden, hidden_bias, mine[:units])
+        for j in range(units):
+            only_positive(mine[j])
+        _layer(mine[:units].reshape(units * lanes), last, last_bias, told_last)
+        for lane in range(min(lanes, len(out) - b * lanes)):
+            out[b * lanes + lane] = told_last[0, lane]

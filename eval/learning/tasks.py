@@ -1,0 +1,76 @@
+"""The networks that can be trained: what each learns from, and where its weights go."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from emvs.data.sequence import Sequence as EventSequence
+from emvs.learned import derd, network
+from eval.learning.config import NetworkName, TrainingConfig
+from eval.learning.derd_samples import DerdSamples, derd_samples, derd_windows
+from eval.learning.samples import Samples, SampleSet, samples
+from eval.learning.sequences import TrainingSequence, TrainingWindow, windows
+
+if TYPE_CHECKING:
+    from eval.learning.trainable import Trainable
+
+
+@dataclass(frozen=True)
+class Task:
+    """One network to train.
+
+    Attributes:
+        title: of its page, in a few words.
+        name: of the network in manifests.
+        weights_name: of its file.
+        compared: what its errors stand beside, in a word.
+        methods: those whose expected error is calibrated; empty where it expects none.
+        samples: what it learns from.
+        windows: the windows of a sequence that it learns from.
+        draw: the samples of one window, at most so many.
+        facts: what its manifest says beside.
+    """
+
+    title: str
+    name: str
+    weights_name: str
+    compared: str
+    methods: tuple[str, ...]
+    samples: type[SampleSet]
+    windows: Callable[[TrainingSequence], tuple[TrainingWindow, ...]]
+    draw: Callable[[EventSequence, TrainingWindow, int], SampleSet]
+    facts: Callable[[TrainingConfig], Mapping[str, Any]] = lambda _: {}
+
+    @property
+    def code(self) -> str:
+        """The module that makes its samples."""
+        return self.draw.__module__
+
+
+TASKS: dict[NetworkName, Task] = {
+    "learned": Task(
+        "the learned extraction", network.NAME, "learned.npz", "focus",
+        ("Learned/H", "Learned/cam0"), Samples, windows, samples,
+    ),
+    "derd": Task(
+        "DERD-Net", derd.NAME, "derd.npz", "votes", (), DerdSamples, derd_windows, derd_samples,
+        lambda config: {"uniform_in": config.uniform_in},
+    ),
+}  # fmt: skip
+
+
+def untrained(config: TrainingConfig) -> Trainable:
+    """The network to train, with weights drawn at random.
+
+    Raises:
+        ModuleNotFoundError: torch is not installed.
+    """
+    if config.network == "learned":
+        from eval.learning.network import Network
+
+        return Network(network.Architecture())
+    from eval.learning.derd_network import DerdNetwork
+
+    return DerdNetwork(config.uniform_in)

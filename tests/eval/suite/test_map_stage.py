@@ -1,0 +1,54 @@
+"""The mapping stage's key: everything that decides a depth map, weights and tables included."""
+
+import shutil
+
+import pytest
+
+from emvs.depth.precision import PRECISION
+from emvs.errors import InputError
+from emvs.learned.weights import packaged
+from eval.jobs.job import Job, code_of
+from eval.suite.stages import map as stage
+
+FAMILIES = {"Learned": "learned", "DERD": "derd"}
+
+
+def parameters(*methods, **values):
+    return {"map": {"methods": methods, **values}}
+
+
+def names(*methods, **values):
+    return [path.name for path in stage.code(parameters(*methods, **values))[1]]
+
+
+@pytest.mark.parametrize(("family", "name"), FAMILIES.items())
+def test_weights_that_ship_belong_to_the_key_of_their_methods(family, name):
+    both = [f"{name}.npz", f"{name}.json"]
+    assert names("Alg1/H", f"{family}/H") == [*both, PRECISION.name]
+    assert names("Alg1/H", "all", "baselines") == [PRECISION.name]
+
+
+@pytest.mark.parametrize(("family", "name"), FAMILIES.items())
+def test_weights_of_ones_own_change_the_key_when_they_change(family, name, tmp_path):
+    for suffix in (".npz", ".json"):
+        shutil.copy(packaged(name).with_suffix(suffix), tmp_path / f"mine{suffix}")
+    asked = parameters(f"{family}/H", **{f"{name}_weights": str(tmp_path / "mine.npz")})
+    files = stage.code(asked)[1]
+    assert files[:2] == (tmp_path / "mine.npz", tmp_path / "mine.json")
+    job = Job("m", "eval.suite.stages.map", asked, ())
+    before = code_of(job)
+    assert code_of(job) == before
+    for file in files[:2]:
+        file.write_bytes(file.read_bytes() + b" ")
+        after = code_of(job)
+        assert after != before
+        before = after
+
+
+@pytest.mark.parametrize("missing", [".npz", ".json"])
+def test_weights_that_are_not_there_get_one_line(missing, tmp_path):
+    for suffix in {".npz", ".json"} - {missing}:
+        (tmp_path / f"mine{suffix}").write_bytes(b"")
+    with pytest.raises(InputError, match=f"mine{missing}: no such file") as error:
+        stage.code(parameters("DERD/H", derd_weights=str(tmp_path / "mine.npz")))
+    assert "\n" not in str(error.value)
