@@ -107,6 +107,54 @@ def fold_variance(
                     fold_row(first + k, square, best[y], index[y], left[y], right[y], previous[y])
 
 
+@njit(cache=True)
+def _listed(disparity, candidate):
+    """The candidates row by row: how many come before each pixel, their columns and disparities.
+
+    Those in columns a to b, exclusive, of row y are numbers `before[y, a]` to `before[y, b]`: a
+    window is walked without a look at pixels that are none, which are most.
+    """
+    height, width = candidate.shape
+    before = np.empty((height, width + 1), np.int64)
+    count = 0
+    for y in range(height):
+        for x in range(width):
+            before[y, x] = count
+            count += candidate[y, x]
+        before[y, width] = count
+    column, value = np.empty(count, np.int64), np.empty(count, np.float32)
+    for y in range(height):
+        for x in range(width):
+            if candidate[y, x]:
+                column[before[y, x]] = x
+                value[before[y, x]] = disparity[y, x]
+    return before, column, value
+
+
+@njit(cache=True)
+def _listed(disparity, candidate):
+    """The candidates row by row: how many come before each pixel, their columns and disparities.
+
+    Those in columns a to b, exclusive, of row y are numbers `before[y, a]` to `before[y, b]`: a
+    window is walked without a look at pixels that are none, which are most.
+    """
+    height, width = candidate.shape
+    before = np.empty((height, width + 1), np.int64)
+    count = 0
+    for y in range(height):
+        for x in range(width):
+            before[y, x] = count
+            count += candidate[y, x]
+        before[y, width] = count
+    column, value = np.empty(count, np.int64), np.empty(count, np.float32)
+    for y in range(height):
+        for x in range(width):
+            if candidate[y, x]:
+                column[before[y, x]] = x
+                value[before[y, x]] = disparity[y, x]
+    return before, column, value
+
+
 @njit(parallel=True, cache=True)
 def support(disparity, candidate, radius, tolerance, out):
     """Fills `out`, at candidates, with the share of those around that have the same disparity.
@@ -115,16 +163,16 @@ def support(disparity, candidate, radius, tolerance, out):
     middle itself does not count; alone it has support 0.
     """
     height, width = disparity.shape
+    before, column, value = _listed(disparity, candidate)
     for y in prange(height):
-        for x in range(width):
-            if not candidate[y, x]:
-                continue
+        for m in range(before[y, 0], before[y, width]):
+            x, own = column[m], value[m]
+            lo, hi = max(x - radius, 0), min(x + radius + 1, width)
             agree, there = 0, 0
             for v in range(max(y - radius, 0), min(y + radius + 1, height)):
-                for u in range(max(x - radius, 0), min(x + radius + 1, width)):
-                    if candidate[v, u]:
-                        there += 1
-                        agree += abs(disparity[v, u] - disparity[y, x]) < tolerance
+                there += before[v, hi] - before[v, lo]
+                for k in range(before[v, lo], before[v, hi]):
+                    agree += abs(value[k] - own) < tolerance
             out[y, x] = np.float32((agree - 1) / (there - 1)) if there > 1 else _ZERO
 
 
@@ -136,19 +184,21 @@ def own_surface(disparity, candidate, radius, tolerance, towards):
     way to those that are farther: what is nearer says nothing. Arrays as in `support`.
     """
     height, width = disparity.shape
+    before, column, value = _listed(disparity, candidate)
     for y in prange(height):
-        for x in range(width):
-            if not candidate[y, x]:
-                continue
+        for m in range(before[y, 0], before[y, width]):
+            x = column[m]
+            lo, hi = max(x - radius, 0), min(x + radius + 1, width)
+            nearest, farthest = value[m] + tolerance, value[m] - tolerance
             across, down, there = 0, 0, 0
-            nearest, farthest = disparity[y, x] + tolerance, disparity[y, x] - tolerance
             for v in range(max(y - radius, 0), min(y + radius + 1, height)):
-                for u in range(max(x - radius, 0), min(x + radius + 1, width)):
-                    if candidate[v, u]:
-                        there += 1
-                        sign = (disparity[v, u] < nearest) - 2 * (disparity[v, u] <= farthest)
-                        across += sign * (u - x)
-                        down += sign * (v - y)
+                there += before[v, hi] - before[v, lo]
+                signs = 0
+                for k in range(before[v, lo], before[v, hi]):
+                    sign = (value[k] < nearest) - 2 * (value[k] <= farthest)
+                    across += sign * (column[k] - x)
+                    signs += sign
+                down += signs * (v - y)
             towards[0, y, x] = np.float32(across / there)
             towards[1, y, x] = np.float32(down / there)
 
@@ -165,17 +215,18 @@ def fit_surface(disparity, candidate, weight, tolerance, ridge, out):
     """
     height, width = disparity.shape
     radius = len(weight) - 1
+    before, column, value = _listed(disparity, candidate)
     for y in prange(height):
-        for x in range(width):
-            if not candidate[y, x]:
-                continue
+        for m in range(before[y, 0], before[y, width]):
+            x, own = column[m], float(value[m])
+            lo, hi = max(x - radius, 0), min(x + radius + 1, width)
             total, sx, sy, sd = 0.0, 0.0, 0.0, 0.0
             sxx, sxy, syy, sxd, syd = 0.0, 0.0, 0.0, 0.0, 0.0
             for v in range(max(y - radius, 0), min(y + radius + 1, height)):
-                for u in range(max(x - radius, 0), min(x + radius + 1, width)):
-                    apart = float(disparity[v, u]) - float(disparity[y, x])
-                    if candidate[v, u] and abs(apart) < tolerance:
-                        i, j = u - x, v - y
+                for k in range(before[v, lo], before[v, hi]):
+                    apart = float(value[k]) - own
+                    if abs(apart) < tolerance:
+                        i, j = column[k] - x, v - y
                         w = float(weight[abs(i)]) * float(weight[abs(j)])
                         total += w
                         sx += w * i

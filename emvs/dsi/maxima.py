@@ -33,6 +33,8 @@ class Maximum:
         left: (H, W) float32 the value one plane before it, where there is one.
         right: (H, W) float32 the value one plane after it, where there is one.
         planes: number of planes.
+        block_px: 1; or 2 where each value is that of a square of so many pixels a side, and H and W
+            count squares.
     """
 
     value: Floats
@@ -40,6 +42,7 @@ class Maximum:
     left: Floats
     right: Floats
     planes: int
+    block_px: int = 1
 
     def position(self, *, gaussian: bool = False) -> Floats:
         """The maximum's place between planes: vertex of the parabola through three values.
@@ -66,6 +69,31 @@ class Maximum:
         positive = (self.left > 0) & (self.right > 0)
         left, value, right = (np.log(v, out=v.copy(), where=positive) for v in values)
         return left, value, right
+
+    def position_at(
+        self,
+        rows: NDArray[np.int64],
+        columns: NDArray[np.int64],
+        *,
+        refined: bool = True,
+        gaussian: bool = False,
+    ) -> Floats:
+        """The same at some pixels only.
+
+        Args:
+            rows: (M,) of the pixels.
+            columns: (M,) likewise.
+            refined: whether between planes, or the plane itself.
+            gaussian: as in `position`.
+
+        Returns:
+            (M,) float32 plane index.
+        """
+        cell = rows // self.block_px, columns // self.block_px
+        if not refined:
+            return np.asarray(self.plane[cell], np.float32)
+        images = (one[cell] for one in (self.value, self.plane, self.left, self.right))
+        return Maximum(*images, self.planes).position(gaussian=gaussian)
 
 
 @dataclass(frozen=True, eq=False)
