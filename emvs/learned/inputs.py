@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.depth.depth_map import without_border
-from emvs.depth.focus import FocusEstimate
+from emvs.depth.focus import FocusEstimate, disparity_at
 from emvs.dsi.fusion import fuse_by
 from emvs.dsi.maxima import InFocus, Maximum
 from emvs.dsi.method import Method
@@ -85,19 +85,18 @@ def candidates(
     strides = np.maximum(np.rint(_SAMPLE_PX / step_px), 1).astype(np.int64)
     sample_px = (strides * step_px).astype(np.float32)
     fitted = estimate.position[at]
-    planes = np.arange(len(disparity_px))
-    focus_px = np.interp(fitted, planes, disparity_px).astype(np.float32)
+    focus_px = disparity_at(fitted, disparity_px)
 
     def samples(position: Floats) -> Floats:
-        apart = (position[at] - centres) / strides
+        apart = (position - centres) / strides
         return np.clip(apart, -_FARTHEST, _FARTHEST).astype(np.float32) / np.float32(4)
 
-    cameras = [samples(one.position(gaussian=True)) for one in focus.camera_maxima]
+    cameras = [samples(one.position_at(*at, gaussian=True)) for one in focus.camera_maxima]
     cues = (
         np.log2(sample_px),
-        samples(estimate.position),
-        samples(focus.maximum.position(gaussian=True)),
-        samples(votes.position()),
+        samples(fitted),
+        samples(focus.maximum.position_at(*at, gaussian=True)),
+        samples(votes.position_at(*at)),
         *_of_cameras(cameras, len(rows)),
         *(getattr(estimate, name)[at] for name in CUES[6:11]),
         np.log2(1 + votes.value[at]) / 8,
