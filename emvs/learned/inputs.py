@@ -19,14 +19,14 @@ from emvs.depth.focus import FocusEstimate, disparity_at
 from emvs.dsi.fusion import fuse_by
 from emvs.dsi.maxima import InFocus, Maximum
 from emvs.dsi.method import Method
+from emvs.learned import inputs_kernels
 from emvs.learned.kept_votes import LANES, KeptVotes
-from emvs.learned.network import CUES, DEPTH, SIDE_PX
+from emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX
 
-BATCH = 2048
+BATCH = 512
 """Pixels whose patches are in memory at a time."""
 _SAMPLE_PX = 0.5
 _FARTHEST = 2 * DEPTH
-_LEAST_VOTES = np.float32(1e-6)
 
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int64]
@@ -135,11 +135,10 @@ def channels(kept: KeptVotes, method: Method, chosen: Candidates) -> Floats:
     count, blocks, *cells = cameras.shape
     rows = cameras.reshape(count, 1, blocks, math.prod(cells))
     fused = fuse_by(method, rows).reshape(blocks, *cells) if alone is None else cameras[0]
-    others = cameras[1:].mean(axis=0) if count > 1 else cameras[0]
-    stacked = np.stack([fused, cameras[0], others], axis=1)
-    top = fused.max(axis=(1, 2, 3))[:, None, None, None, None]
-    stacked /= np.maximum(top, _LEAST_VOTES)
-    return stacked
+    shares = np.empty((blocks, len(CHANNELS), *cells), np.float32)
+    inputs_kernels.shares(*(one.reshape(*one.shape[:-4], -1, LANES) for one in (fused, cameras)),
+                          shares.reshape(*shares.shape[:2], -1, LANES))  # fmt: skip
+    return shares
 
 
 def in_blocks(shares: Floats) -> Floats:
