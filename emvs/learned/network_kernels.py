@@ -37,10 +37,10 @@ def _by_place(shares, lanes, out):
 
 
 @njit(cache=True, fastmath=_CONTRACT)
-def _sum_of_nine(w, v):
-    upper = w[0] * v[0] + w[1] * v[1] + w[2] * v[2]
-    centre = w[3] * v[3] + w[4] * v[4] + w[5] * v[5]
-    return upper + centre + (w[6] * v[6] + w[7] * v[7] + w[8] * v[8])
+def _and_nine(total, w, v):
+    upper = total + w[0] * v[0] + w[1] * v[1] + w[2] * v[2]
+    centre = upper + w[3] * v[3] + w[4] * v[4] + w[5] * v[5]
+    return centre + w[6] * v[6] + w[7] * v[7] + w[8] * v[8]
 
 
 @njit(cache=True)
@@ -65,15 +65,15 @@ def _nine(left, middle, right, lanes, weight, y, out):
     w2, w3 = _taps_of_nine(weight[2], y), _taps_of_nine(weight[3], y)
     for x in range(n):
         values = (a[x], b[x], c[x], d[x], e[x], f[x], g[x], h[x], i[x])
-        first[x] += _sum_of_nine(w0, values)
-        second[x] += _sum_of_nine(w1, values)
-        third[x] += _sum_of_nine(w2, values)
-        fourth[x] += _sum_of_nine(w3, values)
+        first[x] = _and_nine(first[x], w0, values)
+        second[x] = _and_nine(second[x], w1, values)
+        third[x] = _and_nine(third[x], w2, values)
+        fourth[x] = _and_nine(fourth[x], w3, values)
 
 
 @njit(cache=True, fastmath=_CONTRACT)
-def _sum_of_five(w, v):
-    return (w[0] * v[0] + w[1] * v[1] + w[2] * v[2]) + (w[3] * v[3] + w[4] * v[4])
+def _and_five(total, w, v):
+    return total + w[0] * v[0] + w[1] * v[1] + w[2] * v[2] + w[3] * v[3] + w[4] * v[4]
 
 
 @njit(cache=True)
@@ -91,10 +91,10 @@ def _five(a, b, c, d, e, weight, out):
     w2, w3 = _taps_of_five(weight[2]), _taps_of_five(weight[3])
     for x in range(n):
         values = (a[x], b[x], c[x], d[x], e[x])
-        first[x] += _sum_of_five(w0, values)
-        second[x] += _sum_of_five(w1, values)
-        third[x] += _sum_of_five(w2, values)
-        fourth[x] += _sum_of_five(w3, values)
+        first[x] = _and_five(first[x], w0, values)
+        second[x] = _and_five(second[x], w1, values)
+        third[x] = _and_five(third[x], w2, values)
+        fourth[x] = _and_five(fourth[x], w3, values)
 
 
 @njit(cache=True)
