@@ -133,7 +133,7 @@ def _ray(cells, lanes, weight, bias, sums, out):
     length, first = sums.shape[1], PAD * lanes
     for o in range(0, out.shape[0], FEW):
         _begin(bias[o : o + FEW], sums)
-        for c in range(cells.shape[0]):
+        for c in range(weight.shape[1]):
             for y in range(5):
                 rows = cells[c, y]
                 for k in range(3):
@@ -151,7 +151,7 @@ def _along(ray, lanes, dilation, weight, bias, sums, out):
     first = pad - 2 * step
     for o in range(0, ray.shape[0], FEW):
         _begin(bias[o : o + FEW], sums)
-        for c in range(ray.shape[0]):
+        for c in range(weight.shape[1]):
             row = ray[c][first:]
             a, b, d, e = row, row[step:], row[2 * step :], row[3 * step :]
             _five(a, b, d, e, row[4 * step :], weight[o : o + FEW, c], sums)
@@ -170,7 +170,7 @@ def _place(ray, lanes, lane, weight, bias, peak, logits):
     best = 0
     for d in range(depth):
         total = bias[0]
-        for c in range(ray.shape[0]):
+        for c in range(weight.shape[1]):
             total += weight[0, c, 0] * ray[c, (d + PAD) * lanes + lane]
         logits[d] = total
         if total > logits[best]:
@@ -189,7 +189,7 @@ def _place(ray, lanes, lane, weight, bias, peak, logits):
 @njit(cache=True)
 def _errors(ray, lanes, lane, best, told, hidden, hidden_bias, error, error_bias, log_error):
     """Expected errors of one pixel from the ray at its best sample and from what is told."""
-    features = ray.shape[0]
+    features = hidden.shape[1] - len(told)
     for k in range(len(error_bias)):
         log_error[k] = error_bias[k]
     for h in range(len(hidden_bias)):
@@ -213,7 +213,8 @@ def judge(
     Arrays:
         shares: (B, K, D, S, S L) float32.
         cues: (M, F) float32; pixel m is lane m % L of block m // L.
-        patch ... error_bias: the weights, as `emvs.learned.network.Network` names them.
+        patch ... error_bias: the weights, as `emvs.learned.network.Network` names them; convolutions
+            have a multiple of `FEW` channels, filled up with zeros.
         peak: samples on either side of the best one that decide where the depth lies.
         offset: (M,) float32, filled: samples from the patch's middle.
         log_error: (M, 2) float32, filled.
