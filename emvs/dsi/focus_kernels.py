@@ -203,30 +203,6 @@ def _listed(disparity, candidate):
     return before, column, value
 
 
-@njit(cache=True)
-def _listed(disparity, candidate):
-    """The candidates row by row: how many come before each pixel, their columns and disparities.
-
-    Those in columns a to b, exclusive, of row y are numbers `before[y, a]` to `before[y, b]`: a
-    window is walked without a look at pixels that are none, which are most.
-    """
-    height, width = candidate.shape
-    before = np.empty((height, width + 1), np.int64)
-    count = 0
-    for y in range(height):
-        for x in range(width):
-            before[y, x] = count
-            count += candidate[y, x]
-        before[y, width] = count
-    column, value = np.empty(count, np.int64), np.empty(count, np.float32)
-    for y in range(height):
-        for x in range(width):
-            if candidate[y, x]:
-                column[before[y, x]] = x
-                value[before[y, x]] = disparity[y, x]
-    return before, column, value
-
-
 @njit(parallel=True, cache=True)
 def support(disparity, candidate, radius, tolerance, out):
     """Fills `out`, at candidates, with the share of those around that have the same disparity.

@@ -94,8 +94,9 @@ class Maximum:
         cell = rows // self.block_px, columns // self.block_px
         if not refined:
             return np.asarray(self.plane[cell], np.float32)
-        images = (one[cell] for one in (self.value, self.plane, self.left, self.right))
-        return Maximum(*images, self.planes).position(gaussian=gaussian)
+        value, left, right = (one[cell] for one in (self.value, self.left, self.right))
+        there = Maximum(value, self.plane[cell], left, right, self.planes)
+        return there.position(gaussian=gaussian)
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,9 +277,7 @@ class FocusMaxima:
             return self._of_camera(images, camera)
         if self._fused_planes is None or len(self._fused_planes) < images.shape[1]:
             self._fused_planes = np.empty(images.shape[1:], np.float32)
-        return fuse_by(
-            method, images, self._polarities, out=self._fused_planes[: images.shape[1]]
-        )
+        return fuse_by(method, images, self._polarities, out=self._fused_planes[: images.shape[1]])
 
     def _of_camera(self, images: Floats, camera: int) -> Floats:
         """(P, H, W) votes of one camera: of all polarities and sub-intervals together."""

@@ -136,8 +136,11 @@ def channels(kept: KeptVotes, method: Method, chosen: Candidates) -> Floats:
     rows = cameras.reshape(count, 1, blocks, math.prod(cells))
     fused = fuse_by(method, rows).reshape(blocks, *cells) if alone is None else cameras[0]
     shares = np.empty((blocks, len(CHANNELS), *cells), np.float32)
-    inputs_kernels.shares(*(one.reshape(*one.shape[:-4], -1, LANES) for one in (fused, cameras)),
-                          shares.reshape(*shares.shape[:2], -1, LANES))  # fmt: skip
+    inputs_kernels.shares(
+        fused.reshape(blocks, -1, LANES),
+        cameras.reshape(count, blocks, -1, LANES),
+        shares.reshape(blocks, len(CHANNELS), -1, LANES),
+    )
     return shares
 
 

@@ -1,7 +1,7 @@
 """The compiled loop of the network's inputs: votes of cameras into shares of the largest."""
 
 # Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return"
+# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, call-arg"
 
 import numpy as np
 from numba import njit, prange

@@ -67,9 +67,7 @@ def patches(codes, rows, columns, centres, strides, out):
         gathered = np.zeros((depth, side, side, lanes), np.uint8)
         for c in range(len(codes)):
             for m in range(first, min(first + lanes, len(rows))):
-                _gather(
-                    codes[c], rows[m], columns[m], centres[m], strides[m], m - first, gathered
-                )
+                _gather(codes[c], rows[m], columns[m], centres[m], strides[m], m - first, gathered)
             _decode(gathered.reshape(-1), out[c, b].reshape(-1))
 
 

@@ -213,8 +213,8 @@ def judge(
     Arrays:
         shares: (B, K, D, S, S L) float32.
         cues: (M, F) float32; pixel m is lane m % L of block m // L.
-        patch ... error_bias: the weights, as `emvs.learned.network.Network` names them; convolutions
-            have a multiple of `FEW` channels, filled up with zeros.
+        patch ... error_bias: the weights, as `emvs.learned.network.Network` names them;
+            convolutions have a multiple of `FEW` channels, filled up with zeros.
         peak: samples on either side of the best one that decide where the depth lies.
         offset: (M,) float32, filled: samples from the patch's middle.
         log_error: (M, 2) float32, filled.

@@ -84,9 +84,7 @@ class Volumes:
 
     def found(self, config: FocusConfig) -> FocusEstimate:
         """Extraction by focus."""
-        return found_in_volumes(
-            self.fused, self.votes, self.disparity_px, config, coarse=True
-        )
+        return found_in_volumes(self.fused, self.votes, self.disparity_px, config, coarse=True)
 
     def best(self, found: FocusEstimate, reliability: Floats | None = None) -> VariantEstimate:
         """The most reliable pixels, as many as Alg1/H reports."""
@@ -142,8 +140,8 @@ def _sharpest(volume: Floats, config: FocusConfig, *, coarse: bool = False) -> F
     size = volume.shape[2], volume.shape[1]
     peak = FocusPeak(*size, config.measure, config.sigma_px, coarse=coarse)
     peak.update(volume)
-    rows, columns = np.indices(volume.shape[1:])
-    return peak.maximum().position_at(rows, columns, gaussian=True)
+    at = np.indices(volume.shape[1:])
+    return peak.maximum().position_at(at[0], at[1], gaussian=True)
 
 
 def finalists(volumes: Volumes) -> dict[str, VariantEstimate]:
@@ -202,9 +200,7 @@ def estimates(volumes: Volumes) -> dict[str, VariantEstimate]:
         masked_median(ours.position, chosen.mask, 5), chosen.mask
     )
     out["ours, cameras compared at every pixel"] = volumes.best(
-        found_in_volumes(
-            volumes.fused, volumes.votes, volumes.disparity_px, _OURS
-        )
+        found_in_volumes(volumes.fused, volumes.votes, volumes.disparity_px, _OURS)
     )
     out["ours, no fit"] = volumes.best(volumes.found(_UNFITTED))
     for sigma_px in (1.5, 3.5):
