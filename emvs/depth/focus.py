@@ -21,6 +21,7 @@ from emvs.windows import Window
 
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+Pixels = tuple[NDArray[np.int64], ...]  # rows and columns
 _SLOPE_SIGMA_PX = 0.8  # scale of the votes' slope: that of a ridge of votes, not of its noise
 _SURFACE_REACH = 1.5  # half the fitted window, in its scale: what is farther hardly counts
 _RIDGE_PX2 = 0.5  # keeps slopes that nothing determines at 0
@@ -90,6 +91,8 @@ class FocusConfig:
 @dataclass(frozen=True, eq=False)
 class FocusEstimate:
     """Depth by focus, and what speaks for it, pixel by pixel.
+
+    What the mapper makes is judged at candidates only: elsewhere the factors are 0.
 
     Attributes:
         position: (H, W) float32 plane index, fractional.
@@ -164,14 +167,23 @@ def estimate_in_focus(
         disparity_px: (N,) disparity of each plane, px, above 0.
         config: interpolation, focus measure, threshold of candidates.
     """
-    maxima, scales = (focus.maximum, *focus.camera_maxima), _scales(config)
-    disparity_px = disparity_px.astype(np.float64)
-    if not config.refines:
-        vote_peak, own, *cameras = (m.plane.astype(np.float32) for m in (votes, *maxima))
-        return judge(votes.value, vote_peak, own, cameras, disparity_px, scales)
-    own, *cameras = (m.position(gaussian=True) for m in maxima)
-    estimate = judge(votes.value, votes.position(), own, cameras, disparity_px, scales)
-    return on_surface(estimate, disparity_px, scales)
+    scales, refines = _scales(config), config.refines
+    candidate = _candidates(votes.value, scales)
+    at = np.nonzero(candidate)
+    judged = _judge_at(
+        at,
+        candidate,
+        votes.value,
+        votes.position_at(*at, refined=refines),
+        focus.maximum.position_at(*at, refined=refines, gaussian=True),
+        [m.position_at(*at, refined=refines, gaussian=True) for m in focus.camera_maxima],
+        disparity_px.astype(np.float64),
+        scales,
+    )
+    own = focus.maximum
+    position = own.position(gaussian=True) if refines else own.plane.astype(np.float32)
+    estimate = judged.estimate(position, votes.value)
+    return on_surface(estimate, disparity_px.astype(np.float64), scales) if refines else estimate
 
 
 def _scales(config: MapperConfig) -> FocusConfig:
@@ -202,31 +214,88 @@ def judge(
         disparity_px: (N,) disparity of each plane, px, above 0.
         config: scales.
     """
-    planes = np.arange(len(disparity_px))
-
-    def disparity(at: Floats) -> Floats:
-        return np.asarray(np.interp(at, planes, disparity_px), np.float32)
-
-    own_px = disparity(position)
     candidate = _candidates(confidence, config)
-    support = np.zeros_like(position)
-    focus_kernels.support(
-        own_px, candidate, config.support_radius_px, np.float32(config.support_px), support
+    everywhere = tuple(np.indices(confidence.shape).reshape(2, -1))
+    flat = [one.ravel() for one in (vote_peak, position, *camera_positions)]
+    judged = _judge_at(
+        everywhere, candidate, confidence, flat[0], flat[1], flat[2:], disparity_px, config
     )
-    apart_px = np.zeros_like(position)
+    return judged.estimate(position, confidence)
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """What speaks for the depth of some pixels; names as in `FocusEstimate`.
+
+    Attributes:
+        at: rows and columns, (M,) each; everything else is (M,) float32.
+    """
+
+    at: Pixels
+    candidate: Mask
+    agreement: Floats
+    support: Floats
+    inside: Floats
+    ray: Floats
+    strength: Floats
+
+    def estimate(self, position: Floats, confidence: Floats) -> FocusEstimate:
+        """The same as images, 0 at all other pixels."""
+        images = []
+        for name in ("agreement", "support", "inside", "ray", "strength"):
+            image = np.zeros(confidence.shape, np.float32)
+            image[self.at] = getattr(self, name)
+            images.append(image)
+        return FocusEstimate(position, confidence, self.candidate, *images)
+
+
+def _judge_at(
+    at: Pixels,
+    candidate: Mask,
+    confidence: Floats,
+    vote_peak: Floats,
+    position: Floats,
+    camera_positions: Sequence[Floats],
+    disparity_px: NDArray[np.floating],
+    config: FocusConfig,
+) -> _Judged:
+    """Judges some pixels, all candidates among them; positions are (M,), the rest are images."""
+    own_px = disparity_at(position, disparity_px)
+    apart_px = np.zeros_like(own_px)
     for other in camera_positions:
-        np.maximum(apart_px, abs(disparity(other) - own_px), out=apart_px)
+        np.maximum(apart_px, abs(disparity_at(other, disparity_px) - own_px), out=apart_px)
     allowed_px = config.agreement_px * np.sqrt(own_px / np.float32(config.agreement_at_px))
-    return FocusEstimate(
-        position,
-        confidence,
+    ray_px = abs(disparity_at(vote_peak, disparity_px) - own_px)
+    surroundings_px = np.zeros_like(confidence)
+    surroundings_px[at] = own_px
+    support = np.zeros_like(confidence)
+    focus_kernels.support(
+        surroundings_px, candidate, config.support_radius_px, np.float32(config.support_px), support
+    )
+    return _Judged(
+        at,
         candidate,
         agreement=np.exp(-apart_px / allowed_px),
-        support=support,
-        inside=_inside(confidence, own_px, candidate, config),
-        ray=np.exp(-abs(disparity(vote_peak) - own_px) / np.float32(config.ray_px)),
-        strength=_strength(confidence, candidate),
+        support=support[at],
+        inside=_inside(at, confidence, surroundings_px, candidate, config),
+        ray=np.exp(-ray_px / np.float32(config.ray_px)),
+        strength=_strength(at, confidence, candidate),
     )
+
+
+def disparity_at(position: Floats, disparity_px: NDArray[np.floating]) -> Floats:
+    """Disparity between planes, float32 px: linear, and that of the first or last one beyond them.
+
+    Args:
+        position: (...) plane index, fractional.
+        disparity_px: (N,) disparity of each plane, px.
+    """
+    last = len(disparity_px) - 1
+    place = np.clip(position, 0, last)
+    before = np.minimum(place.astype(np.int32), max(last - 1, 0))
+    table = np.asarray(disparity_px, np.float32)
+    step = np.diff(table, append=table[-1:])
+    return np.asarray(table[before] + (place - before) * step[before], np.float32)
 
 
 def _candidates(confidence: Floats, config: FocusConfig) -> Mask:
@@ -241,7 +310,9 @@ def _candidates(confidence: Floats, config: FocusConfig) -> Mask:
     return (kept > 0) & (confidence > 0)
 
 
-def _inside(confidence: Floats, own_px: Floats, candidate: Mask, config: FocusConfig) -> Floats:
+def _inside(
+    at: Pixels, confidence: Floats, own_px: Floats, candidate: Mask, config: FocusConfig
+) -> Floats:
     """Near 0 where the votes rise steeply towards the pixel's own surface: it lies beyond an edge.
 
     The ridge of votes along a silhouette is a few pixels wide, and its outer half shows what is
@@ -252,17 +323,19 @@ def _inside(confidence: Floats, own_px: Floats, candidate: Mask, config: FocusCo
         own_px, candidate, config.inside_radius_px, np.float32(config.support_px), towards
     )
     smooth = focus_measures.blurred(confidence, _SLOPE_SIGMA_PX)
-    slope_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
-    slope_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
-    rise = (towards[0] * slope_x + towards[1] * slope_y) / np.maximum(confidence, np.float32(1e-6))
+    slope_x = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)[at]
+    slope_y = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)[at]
+    uphill = towards[0][at] * slope_x + towards[1][at] * slope_y
+    rise = uphill / np.maximum(confidence[at], np.float32(1e-6))
     steepness = np.clip(rise / np.float32(config.inside_rise), -50, 50)
     return np.asarray(1 / (1 + np.exp(steepness)), np.float32)
 
 
-def _strength(confidence: Floats, candidate: Mask) -> Floats:
+def _strength(at: Pixels, confidence: Floats, candidate: Mask) -> Floats:
     """Votes as a share of themselves and those of the median candidate."""
     usual = np.float32(np.median(confidence[candidate])) if candidate.any() else np.float32(1)
-    return np.asarray(confidence / (confidence + usual), np.float32)
+    votes = confidence[at]
+    return np.asarray(votes / (votes + usual), np.float32)
 
 
 def on_surface(
@@ -277,17 +350,20 @@ def on_surface(
         disparity_px: (N,) disparity of each plane, px, rising or falling.
         config: scale of the fit, and who takes part.
     """
-    planes = np.arange(len(disparity_px), dtype=np.float64)
-    own_px = np.interp(estimate.position, planes, disparity_px).astype(np.float32)
+    at = np.nonzero(estimate.candidate)
+    own_px = np.zeros_like(estimate.position)
+    own_px[at] = disparity_at(estimate.position[at], disparity_px)
     reach_px = round(_SURFACE_REACH * config.surface_sigma_px)
     weight = focus_measures.half_window(config.surface_sigma_px)[: reach_px + 1]
-    fitted_px = own_px.copy()
+    fitted_px = np.zeros_like(own_px)
     focus_kernels.fit_surface(
         own_px, estimate.candidate, weight, np.float32(config.surface_px), _RIDGE_PX2, fitted_px
     )
     rising = np.argsort(disparity_px)
-    moved = np.interp(fitted_px, disparity_px[rising], planes[rising]).astype(np.float32)
-    return replace(estimate, position=np.where(estimate.candidate, moved, estimate.position))
+    planes = np.arange(len(disparity_px), dtype=np.float64)
+    position = estimate.position.copy()
+    position[at] = np.interp(fitted_px[at], disparity_px[rising], planes[rising])
+    return replace(estimate, position=position)
 
 
 def most_reliable(estimate: FocusEstimate, points: int, border_px: int) -> Mask:

@@ -107,6 +107,102 @@ def fold_variance(
                     fold_row(first + k, square, best[y], index[y], left[y], right[y], previous[y])
 
 
+@njit(cache=True)
+def _down_pairs(plane, y, row_of, weight, mean, square):
+    """Weighted column sums of the votes and of their squares around the lower rim of row y."""
+    at = y + len(weight)
+    mean[:] = _ZERO
+    square[:] = _ZERO
+    for k in range(0, len(weight), TAPS):
+        before, behind = row_of[at - k - 4 : at - k + 1], row_of[at + k + 1 : at + k + 6]
+        _add_rows(plane, before, behind, weight[k : k + 5], mean, square)
+
+
+@njit(cache=True)
+def _across_pairs(padded, width, column_of, weight, halves, out):
+    """Weighted sums along one row around the middle of every second pair of columns."""
+    radius, half = len(weight), len(weight) // 2
+    for k in range(radius):
+        padded[k] = padded[radius + column_of[k]]
+    for k in range(radius + width, len(padded)):
+        padded[k] = padded[radius + column_of[k]]
+    even, odd = halves[0], halves[1]  # apart, neighbours in the sums are neighbours in memory
+    for i in range(len(even)):
+        even[i] = padded[2 * i]
+        odd[i] = padded[2 * i + 1]
+    out[:] = _ZERO
+    near, far = weight[0::2], weight[1::2]
+    for k in range(0, half, TAPS):
+        _add_columns(even[half - k - 4 :], odd[half + k :], near[k : k + 5], out)
+        _add_columns(odd[half - k - 5 :], even[half + k + 1 :], far[k : k + 5], out)
+
+
+@njit(parallel=True, cache=True)
+def fold_block_variance(
+    votes, step, planes, first, size,
+    weight, row_of, column_of, padded, halves, rows, best, index, left, right, previous,
+):  # fmt: skip
+    """As `fold_variance`, for blocks of 2 x 2 pixels: windows lie around the middle of each block.
+
+    A quarter of the work along rows, and half of that along columns. The image is mirrored below
+    its last row and beyond its last column, too, where a block is cut.
+
+    Arrays:
+        votes, step, planes, first: as in `fold_variance`.
+        size: (height, width) of the image, px.
+        weight: (r,) float32, half a symmetric window, at 0.5, 1.5, ... px; r a multiple of
+            2 `TAPS`.
+        row_of, column_of: (2 HB + 2 r,), (2 WB + 2 r,) indices of the image mirrored at its rim.
+        padded: (S, 2, 2 WB + 2 r) float32 scratch; S strips of rows.
+        halves: (S, 2, WB + r) float32 scratch.
+        rows: (S, 2, WB) float32 scratch.
+        best, index, left, right, previous: (HB, WB), as in `emvs.dsi.fusion_kernels.fold`.
+    """
+    blocks_down, blocks_across = best.shape
+    strips, radius = len(padded), len(weight)
+    height, width = size
+    for s in prange(strips):
+        mean, square = rows[s, 0], rows[s, 1]
+        means = padded[s, 0][radius : radius + width]
+        squares = padded[s, 1][radius : radius + width]
+        bottom = (s + 1) * blocks_down // strips
+        for top in range(s * blocks_down // strips, bottom, _BLOCK // 2):
+            for k in range(planes):
+                plane = votes[k * step : k * step + height * width].reshape(height, width)
+                for y in range(top, min(top + _BLOCK // 2, bottom)):
+                    _down_pairs(plane, 2 * y, row_of, weight, means, squares)
+                    _across_pairs(padded[s, 0], width, column_of, weight, halves[s], mean)
+                    _across_pairs(padded[s, 1], width, column_of, weight, halves[s], square)
+                    for x in range(blocks_across):
+                        spread = square[x] - mean[x] * mean[x]
+                        square[x] = spread if spread > _ZERO else _ZERO
+                    fold_row(first + k, square, best[y], index[y], left[y], right[y], previous[y])
+
+
+@njit(cache=True)
+def _listed(disparity, candidate):
+    """The candidates row by row: how many come before each pixel, their columns and disparities.
+
+    Those in columns a to b, exclusive, of row y are numbers `before[y, a]` to `before[y, b]`: a
+    window is walked without a look at pixels that are none, which are most.
+    """
+    height, width = candidate.shape
+    before = np.empty((height, width + 1), np.int64)
+    count = 0
+    for y in range(height):
+        for x in range(width):
+            before[y, x] = count
+            count += candidate[y, x]
+        before[y, width] = count
+    column, value = np.empty(count, np.int64), np.empty(count, np.float32)
+    for y in range(height):
+        for x in range(width):
+            if candidate[y, x]:
+                column[before[y, x]] = x
+                value[before[y, x]] = disparity[y, x]
+    return before, column, value
+
+
 @njit(parallel=True, cache=True)
 def support(disparity, candidate, radius, tolerance, out):
     """Fills `out`, at candidates, with the share of those around that have the same disparity.
@@ -115,16 +211,16 @@ def support(disparity, candidate, radius, tolerance, out):
     middle itself does not count; alone it has support 0.
     """
     height, width = disparity.shape
+    before, column, value = _listed(disparity, candidate)
     for y in prange(height):
-        for x in range(width):
-            if not candidate[y, x]:
-                continue
+        for m in range(before[y, 0], before[y, width]):
+            x, own = column[m], value[m]
+            lo, hi = max(x - radius, 0), min(x + radius + 1, width)
             agree, there = 0, 0
             for v in range(max(y - radius, 0), min(y + radius + 1, height)):
-                for u in range(max(x - radius, 0), min(x + radius + 1, width)):
-                    if candidate[v, u]:
-                        there += 1
-                        agree += abs(disparity[v, u] - disparity[y, x]) < tolerance
+                there += before[v, hi] - before[v, lo]
+                for k in range(before[v, lo], before[v, hi]):
+                    agree += abs(value[k] - own) < tolerance
             out[y, x] = np.float32((agree - 1) / (there - 1)) if there > 1 else _ZERO
 
 
@@ -136,19 +232,21 @@ def own_surface(disparity, candidate, radius, tolerance, towards):
     way to those that are farther: what is nearer says nothing. Arrays as in `support`.
     """
     height, width = disparity.shape
+    before, column, value = _listed(disparity, candidate)
     for y in prange(height):
-        for x in range(width):
-            if not candidate[y, x]:
-                continue
+        for m in range(before[y, 0], before[y, width]):
+            x = column[m]
+            lo, hi = max(x - radius, 0), min(x + radius + 1, width)
+            nearest, farthest = value[m] + tolerance, value[m] - tolerance
             across, down, there = 0, 0, 0
-            nearest, farthest = disparity[y, x] + tolerance, disparity[y, x] - tolerance
             for v in range(max(y - radius, 0), min(y + radius + 1, height)):
-                for u in range(max(x - radius, 0), min(x + radius + 1, width)):
-                    if candidate[v, u]:
-                        there += 1
-                        sign = (disparity[v, u] < nearest) - 2 * (disparity[v, u] <= farthest)
-                        across += sign * (u - x)
-                        down += sign * (v - y)
+                there += before[v, hi] - before[v, lo]
+                signs = 0
+                for k in range(before[v, lo], before[v, hi]):
+                    sign = (value[k] < nearest) - 2 * (value[k] <= farthest)
+                    across += sign * (column[k] - x)
+                    signs += sign
+                down += signs * (v - y)
             towards[0, y, x] = np.float32(across / there)
             towards[1, y, x] = np.float32(down / there)
 
@@ -165,17 +263,18 @@ def fit_surface(disparity, candidate, weight, tolerance, ridge, out):
     """
     height, width = disparity.shape
     radius = len(weight) - 1
+    before, column, value = _listed(disparity, candidate)
     for y in prange(height):
-        for x in range(width):
-            if not candidate[y, x]:
-                continue
+        for m in range(before[y, 0], before[y, width]):
+            x, own = column[m], float(value[m])
+            lo, hi = max(x - radius, 0), min(x + radius + 1, width)
             total, sx, sy, sd = 0.0, 0.0, 0.0, 0.0
             sxx, sxy, syy, sxd, syd = 0.0, 0.0, 0.0, 0.0, 0.0
             for v in range(max(y - radius, 0), min(y + radius + 1, height)):
-                for u in range(max(x - radius, 0), min(x + radius + 1, width)):
-                    apart = float(disparity[v, u]) - float(disparity[y, x])
-                    if candidate[v, u] and abs(apart) < tolerance:
-                        i, j = u - x, v - y
+                for k in range(before[v, lo], before[v, hi]):
+                    apart = float(value[k]) - own
+                    if abs(apart) < tolerance:
+                        i, j = column[k] - x, v - y
                         w = float(weight[abs(i)]) * float(weight[abs(j)])
                         total += w
                         sx += w * i

@@ -16,13 +16,17 @@ def fuse(code: int, volumes: Volume) -> Volume:
     return fuse_by(Method("", code, ""), volumes)
 
 
-def fuse_by(method: Method, volumes: Volume, polarities: int = 1) -> Volume:
+def fuse_by(
+    method: Method, volumes: Volume, polarities: int = 1, out: Volume | None = None
+) -> Volume:
     """Fuses planes by a method, level by level.
 
     Args:
         method: what to do.
         volumes: (V, N, H, W) votes; V is polarities x cameras x intervals, the last runs fastest.
         polarities: 2 where each polarity has volumes of its own; their fusions are summed.
+        out: (N, H, W) float32 that compiled fusions may fill: memory that is new for every batch
+            costs as much as what is written into it.
 
     Returns:
         (N, H, W) float32.
@@ -35,7 +39,7 @@ def fuse_by(method: Method, volumes: Volume, polarities: int = 1) -> Volume:
     count, planes, height, width = volumes.shape
     votes = _in_cells(np.asarray(volumes, np.float32))
     tables = FusionTables.of((method,), count, polarities)
-    out = np.empty((planes, height, width), np.float32)
+    out = np.empty((planes, height, width), np.float32) if out is None else out
     level, spare, _ = tables.scratch(height, width)
     fusion_kernels.fuse(*tables.arrays, votes, level, spare, out)  # type: ignore[call-arg]
     return out

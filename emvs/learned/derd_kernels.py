@@ -6,10 +6,34 @@
 import numpy as np
 from numba import njit, prange
 
-from emvs.learned.network_kernels import add_nine, only_positive
+import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
-_ONE = np.float32(1)
+_ZERO, _ONE = np.float32(0), np.float32(1)
 _CONTRACT = {"contract"}  # a product and a sum in one instruction; the order of sums stays
+
+
+@njit(cache=True, fastmath=_CONTRACT)
+def add_nine(top, middle, bottom, lanes, weight, out):
+    """Adds a 3 x 3 window of one channel to a row of pixels."""
+    n = len(out)
+    a, b, c = top[:n], top[lanes : lanes + n], top[2 * lanes : 2 * lanes + n]
+    d, e, f = middle[:n], middle[lanes : lanes + n], middle[2 * lanes : 2 * lanes + n]
+    g, h, i = bottom[:n], bottom[lanes : lanes + n], bottom[2 * lanes : 2 * lanes + n]
+    w0, w1, w2 = weight[0, 0], weight[0, 1], weight[0, 2]
+    w3, w4, w5 = weight[1, 0], weight[1, 1], weight[1, 2]
+    w6, w7, w8 = weight[2, 0], weight[2, 1], weight[2, 2]
+    for x in range(n):
+        upper = w0 * a[x] + w1 * b[x] + w2 * c[x]
+        centre = w3 * d[x] + w4 * e[x] + w5 * f[x]
+        out[x] += upper + centre + (w6 * g[x] + w7 * h[x] + w8 * i[x])
+
+
+@njit(cache=True)
+def only_positive(out):
+    """Sets what is below 0 to 0."""
+    for x in range(len(out)):
+        value = out[x]
+        out[x] = value if value > _ZERO else _ZERO
 
 
 @njit(cache=True)

@@ -15,18 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emvs.depth.depth_map import without_border
-from emvs.depth.focus import FocusEstimate
+from emvs.depth.focus import FocusEstimate, disparity_at
 from emvs.dsi.fusion import fuse_by
 from emvs.dsi.maxima import InFocus, Maximum
 from emvs.dsi.method import Method
+from emvs.learned import inputs_kernels
 from emvs.learned.kept_votes import LANES, KeptVotes
-from emvs.learned.network import CUES, DEPTH, SIDE_PX
+from emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX
 
-BATCH = 2048
+BATCH = 512
 """Pixels whose patches are in memory at a time."""
 _SAMPLE_PX = 0.5
 _FARTHEST = 2 * DEPTH
-_LEAST_VOTES = np.float32(1e-6)
 
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int64]
@@ -86,19 +86,18 @@ def candidates(
     strides = np.maximum(np.rint(_SAMPLE_PX / step_px), 1).astype(np.int64)
     sample_px = (strides * step_px).astype(np.float32)
     fitted = estimate.position[at]
-    planes = np.arange(len(disparity_px))
-    focus_px = np.interp(fitted, planes, disparity_px).astype(np.float32)
+    focus_px = disparity_at(fitted, disparity_px)
 
     def samples(position: Floats) -> Floats:
-        apart = (position[at] - centres) / strides
+        apart = (position - centres) / strides
         return np.clip(apart, -_FARTHEST, _FARTHEST).astype(np.float32) / np.float32(4)
 
-    cameras = [samples(one.position(gaussian=True)) for one in focus.camera_maxima]
+    cameras = [samples(one.position_at(*at, gaussian=True)) for one in focus.camera_maxima]
     cues = (
         np.log2(sample_px),
-        samples(estimate.position),
-        samples(focus.maximum.position(gaussian=True)),
-        samples(votes.position()),
+        samples(fitted),
+        samples(focus.maximum.position_at(*at, gaussian=True)),
+        samples(votes.position_at(*at)),
         *_of_cameras(cameras, len(rows)),
         *(getattr(estimate, name)[at] for name in CUES[6:11]),
         np.log2(1 + votes.value[at]) / 8,
@@ -131,11 +130,14 @@ def channels(kept: KeptVotes, method: Method, chosen: Candidates) -> Floats:
     """
     where = chosen.rows, chosen.columns, chosen.centres, chosen.strides
     fused, cameras = fused_patches(kept, method, where, DEPTH, SIDE_PX)
-    others = cameras[1:].mean(axis=0) if len(cameras) > 1 else cameras[0]
-    stacked = np.stack([fused, cameras[0], others], axis=1)
-    top = fused.max(axis=(1, 2, 3))[:, None, None, None, None]
-    stacked /= np.maximum(top, _LEAST_VOTES)
-    return stacked
+    count, blocks, *cells = cameras.shape
+    shares = np.empty((blocks, len(CHANNELS), *cells), np.float32)
+    inputs_kernels.shares(
+        fused.reshape(blocks, -1, LANES),
+        cameras.reshape(count, blocks, -1, LANES),
+        shares.reshape(blocks, len(CHANNELS), -1, LANES),
+    )
+    return shares
 
 
 def fused_patches(

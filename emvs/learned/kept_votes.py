@@ -76,7 +76,5 @@ class KeptVotes:
         blocks = -(-len(rows) // LANES)
         shape = (len(self.codes), blocks, depth, side_px, side_px, LANES)
         out = np.empty(shape, np.float32)
-        kept_votes_kernels.patches(
-            self.codes, votes_of_codes(), rows, columns, centres, strides, out
-        )
+        kept_votes_kernels.patches(self.codes, rows, columns, centres, strides, out)
         return out

@@ -34,36 +34,48 @@ def encode(votes, scratch, codes):
                 out[x] = np.uint8(code if code < 255 else 255)
 
 
+@njit(cache=True)
+def _gather(codes, row, column, centre, stride, lane, out):
+    """The codes around one pixel into one lane of out (D, S, S, L); 0 on planes there are not."""
+    depth, side = out.shape[:2]
+    for d in range(depth):
+        plane = centre + (d - depth // 2) * stride
+        if plane < 0 or plane >= len(codes):
+            out[d, :, :, lane] = 0
+            continue
+        for y in range(side):
+            line = codes[plane, row - side // 2 + y]
+            for x in range(side):
+                out[d, y, x, lane] = line[column - side // 2 + x]
+
+
 @njit(parallel=True, cache=True)
-def patches(codes, table, rows, columns, centres, strides, out):
+def patches(codes, rows, columns, centres, strides, out):
     """Fills `out` with the votes around pixels, many pixels side by side.
 
     Arrays:
         codes: (C, N, H, W) uint8.
-        table: (256,) float32, what each code stands for.
         rows, columns: (M,) int64, the pixels; all their neighbours must be in the image.
         centres: (M,) int64, the plane in the middle of each patch.
         strides: (M,) int64, planes from one sample of the patch to the next.
         out: (C, B, D, S, S, L) float32; pixel m is lane m % L of block m // L. Planes that there
             are not have no votes.
     """
-    cameras, planes = codes.shape[:2]
-    blocks, depth, side, _, lanes = out.shape[1:]
-    reach, radius = depth // 2, side // 2
-    for b in prange(blocks):
+    depth, side, _, lanes = out.shape[2:]
+    for b in prange(out.shape[1]):
         first = b * lanes
-        used = min(lanes, len(rows) - first)
-        out[:, b, :, :, :, used:] = 0
-        for c in range(cameras):
-            for d in range(depth):
-                for y in range(side):
-                    for x in range(side):
-                        cell = out[c, b, d, y, x]
-                        for lane in range(used):
-                            m = first + lane
-                            plane = centres[m] + (d - reach) * strides[m]
-                            if plane < 0 or plane >= planes:
-                                cell[lane] = 0
-                                continue
-                            row, column = rows[m] - radius + y, columns[m] - radius + x
-                            cell[lane] = table[codes[c, plane, row, column]]
+        gathered = np.zeros((depth, side, side, lanes), np.uint8)
+        for c in range(len(codes)):
+            for m in range(first, min(first + lanes, len(rows))):
+                _gather(codes[c], rows[m], columns[m], centres[m], strides[m], m - first, gathered)
+            _decode(gathered.reshape(-1), out[c, b].reshape(-1))
+
+
+@njit(cache=True)
+def _decode(codes, out):
+    """Votes of codes, by the same shifts as in `encode`, the other way."""
+    bits = out.view(np.int32)
+    for k in range(len(out)):
+        bits[k] = (np.int32(codes[k]) + _ZERO_EXPONENT) << _SHIFT
+    for k in range(len(out)):
+        out[k] -= _ONE

@@ -95,7 +95,7 @@ class Network:
         offset = np.empty(len(cues), np.float32)
         log_error = np.empty((len(cues), OUTPUTS), np.float32)
         rows = shares.reshape(*shares.shape[:4], shares.shape[4] * shares.shape[5])
-        arrays = [self.weights.arrays[name] for name in self.shape.shapes()]
+        arrays = [_filled_up(name, self.weights.arrays[name]) for name in self.shape.shapes()]
         network_kernels.judge(  # type: ignore[call-arg]
             rows, cues, *arrays, self.shape.peak, offset, log_error
         )
@@ -109,6 +109,14 @@ class Network:
         """
         stated = self.weights.manifest.get("precision", {}).get(table_name(method))
         return None if stated is None else Precision.from_json(stated)
+
+
+def _filled_up(name: str, array: Floats) -> Floats:
+    """Weights of a convolution as the loops take them: of a multiple of `FEW` channels."""
+    missing = -len(array) % network_kernels.FEW
+    if name.split(".")[0] not in ("patch", "ray", "near", "far") or not missing:
+        return array
+    return np.concatenate([array, np.zeros((missing, *array.shape[1:]), np.float32)])
 
 
 def network(path: Path | None = None) -> Network:

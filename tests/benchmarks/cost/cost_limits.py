@@ -6,7 +6,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -211,16 +211,29 @@ main(["map", sys.argv[1], "--out", sys.argv[1] + "-map", "--quiet"])
 """
 
 
-def _memory(effort: LimitsEffort) -> Figure:
-    """Peak memory of a process that maps a recording from disk."""
-    code = _PEAK.format(planes=effort.planes, methods=PAPER)
+def peak_mb(methods: Sequence[str], size_px: tuple[int, int], events: int, planes: int) -> float:
+    """Peak memory of a process that maps a recording of two cameras from disk, MB.
+
+    Args:
+        methods: what it maps.
+        size_px: columns and rows of the cameras.
+        events: of each camera.
+        planes: depth planes.
+    """
+    code = _PEAK.format(planes=planes, methods=tuple(methods))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "edges"
-        MovingEdges(SENSORS[_LARGE], effort.whole_events).write(path)
+        MovingEdges(size_px, events).write(path)
         done = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True,
                               text=True, check=True)  # fmt: skip
+    return float(done.stdout)
+
+
+def _memory(effort: LimitsEffort) -> Figure:
+    """Peak memory of a process that maps a recording from disk."""
     what = "peak memory of that run of eight, read from disk"
-    return Figure(what, float(done.stdout), "MB", 700)
+    found = peak_mb(PAPER, SENSORS[_LARGE], effort.whole_events, effort.planes)
+    return Figure(what, found, "MB", 700)
 
 
 def _start() -> Figure:

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cost_limits import PAPER, peak_mb
 from cost_stream import MovingEdges
 from emvs.config import MapperConfig
 from emvs.mapper import map_window
@@ -24,6 +25,8 @@ from markdown_blocks import into_page
 from study_cost import machine
 
 BASE = "Alg1/H"
+_FOCUS, _LEARNED = "Focus/H", "Learned/H"
+EIGHT, ALL = "`Alg1/`, six fusions, two cameras", "`all`: these eight, `Focus/H`"
 SENSORS: dict[str, tuple[int, int]] = {"346×260": (346, 260), "1280×720": (1280, 720)}
 ASKED: dict[str, tuple[str, ...]] = {
     "`EMVS/cam0`": ("EMVS/cam0",),
@@ -32,7 +35,10 @@ ASKED: dict[str, tuple[str, ...]] = {
     "`Alg1/`, six fusions": tuple(f"Alg1/{name}" for name in ("min", "H", "G", "A", "RMS", "max")),
     "`Late/union`": ("Late/union",),
     "`Focus/H`": ("Focus/H",),
-    "`all`: six fusions, two cameras, `Focus/H`": ("all",),
+    "`Learned/H`": ("Learned/H",),
+    EIGHT: PAPER,
+    ALL: ("all",),
+    "these eight, `Focus/H`, `Learned/H`": ("all", "Learned/H"),
     "`Alg2/AtHc@2`": ("Alg2/AtHc@2",),
     "`Alg2/AtHc@4`": ("Alg2/AtHc@4",),
     "`Alg2/HcAt@4`": ("Alg2/HcAt@4",),
@@ -126,6 +132,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code.value
 
 
+def candidates(size_px: tuple[int, int], effort: MethodsEffort) -> int:
+    """How many pixels `Learned/H` judges."""
+    config = MapperConfig(planes=effort.planes, threads=1, methods=(_LEARNED,))
+    found = map_window(MovingEdges(size_px, effort.events), config).depth_maps[_LEARNED]
+    assert found.reliability is not None  # every learned method has one
+    return int(np.count_nonzero(found.reliability))
+
+
 def _measured(effort: MethodsEffort) -> str:
     about, names = machine(), list(ASKED)
     found = {
@@ -133,7 +147,27 @@ def _measured(effort: MethodsEffort) -> str:
     }
     events = f"{effort.events:,}".replace(",", " ")
     said = f"Two cameras of {events} events each, {effort.planes} planes, one thread of {about}"
-    return f"{said}\n\n{table(found, names, names.index('`Alg1/H`'))}"
+    text = table(found, names, names.index("`Alg1/H`"))
+    return f"{said}\n\n{text}\n{_learned(found, names, effort)}"
+
+
+def _learned(found: Mapping[str, Seconds], names: Sequence[str], effort: MethodsEffort) -> str:
+    """What a candidate of the learned extraction costs, and how much memory that takes."""
+    sensor, size_px = list(SENSORS.items())[-1]
+    seconds = dict(zip(names, found[sensor], strict=True))
+    many = max(candidates(size_px, effort), 1)
+    each_us = 1e6 * (seconds["`Learned/H`"] - seconds["`Focus/H`"]) / many
+    share = seconds["`Learned/H`"] / seconds[EIGHT]
+    focus = seconds[ALL] / seconds[EIGHT]
+    peaks = (f"`{name}` {peak_mb((name,), size_px, effort.events, effort.planes):.0f} MB"
+             for name in (BASE, _FOCUS, _LEARNED))  # fmt: skip
+    lines = (
+        f"At {sensor}, against six fusions and two cameras: × {focus:.2f} with `Focus/H` too, "
+        f"× {share:.2f} for `Learned/H` alone. It judges {many} pixels here: beyond `Focus/H`, "
+        f"{each_us:.0f} µs for each.",
+        f"Peak memory of a process that maps from disk: {', '.join(peaks)}.",
+    )
+    return "\n\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":

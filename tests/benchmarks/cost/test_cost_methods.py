@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -30,7 +32,8 @@ def test_ratios_are_to_the_base():
 
 def test_the_command_fills_the_page(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(cost_methods, "SENSORS", {"tiny": (32, 24)})
-    monkeypatch.setattr(cost_methods, "ASKED", {"`Alg1/H`": ("Alg1/H",)})
+    needed = ("`Alg1/H`", "`Focus/H`", "`Learned/H`", cost_methods.EIGHT, cost_methods.ALL)
+    monkeypatch.setattr(cost_methods, "ASKED", {name: ASKED[name] for name in needed})
     page = tmp_path / "page.md"
     page.write_text("a\n<!-- costs: begin -->\nold\n<!-- costs: end -->\nz\n")
     asked = ["--events", "2000", "--planes", "4", "--rounds", "1", "--page", str(page)]
@@ -38,6 +41,10 @@ def test_the_command_fills_the_page(tmp_path, monkeypatch, capsys):
     text = page.read_text()
     assert "old" not in text
     assert "2 000 events each, 4 planes" in text
+    assert "µs for each" in text
+    peaks = [float(mb) for mb in re.findall(r"(\d+) MB", text)]
+    assert len(peaks) == 3
+    assert min(peaks) > 50
     page.write_text("no marks")
     assert main(asked) == 2
     assert "costs: begin" in capsys.readouterr().err

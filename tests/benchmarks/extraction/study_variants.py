@@ -84,7 +84,7 @@ class Volumes:
 
     def found(self, config: FocusConfig) -> FocusEstimate:
         """Extraction by focus."""
-        return found_in_volumes(self.fused, self.votes, self.disparity_px, config)
+        return found_in_volumes(self.fused, self.votes, self.disparity_px, config, coarse=True)
 
     def best(self, found: FocusEstimate, reliability: Floats | None = None) -> VariantEstimate:
         """The most reliable pixels, as many as Alg1/H reports."""
@@ -112,7 +112,12 @@ def maximum_of(volume: Floats) -> Maximum:
 
 
 def found_in_volumes(
-    fused: Floats, votes: Floats, disparity_px: NDArray[np.floating], config: FocusConfig
+    fused: Floats,
+    votes: Floats,
+    disparity_px: NDArray[np.floating],
+    config: FocusConfig,
+    *,
+    coarse: bool = False,
 ) -> FocusEstimate:
     """What the mapper's `Focus/...` finds, with any parameters, in volumes that are kept whole.
 
@@ -121,18 +126,22 @@ def found_in_volumes(
         votes: (C, N, H, W) float32 votes of each camera.
         disparity_px: (N,) disparity of each plane, px, above 0.
         config: parameters.
+        coarse: whether cameras are compared block by block, as the mapper does, or at every pixel.
     """
     vote_peak = maximum_of(fused)
-    own, *cameras = (_sharpest(volume, config) for volume in (fused, *votes))
+    own = _sharpest(fused, config)
+    cameras = [_sharpest(volume, config, coarse=coarse) for volume in votes]
     judged = judge(vote_peak.value, vote_peak.position(), own, cameras, disparity_px, config)
     return on_surface(judged, disparity_px, config)
 
 
-def _sharpest(volume: Floats, config: FocusConfig) -> Floats:
+def _sharpest(volume: Floats, config: FocusConfig, *, coarse: bool = False) -> Floats:
     """(H, W) place between planes where a whole (N, H, W) volume is most in focus."""
-    peak = FocusPeak(volume.shape[2], volume.shape[1], config.measure, config.sigma_px)
+    size = volume.shape[2], volume.shape[1]
+    peak = FocusPeak(*size, config.measure, config.sigma_px, coarse=coarse)
     peak.update(volume)
-    return peak.maximum().position(gaussian=True)
+    at = np.indices(volume.shape[1:])
+    return peak.maximum().position_at(at[0], at[1], gaussian=True)
 
 
 def finalists(volumes: Volumes) -> dict[str, VariantEstimate]:
@@ -189,6 +198,9 @@ def estimates(volumes: Volumes) -> dict[str, VariantEstimate]:
     out |= {name: volumes.best(ours, rank) for name, rank in _ranks(volumes, ours).items()}
     out["ours, 5 px median"] = VariantEstimate(
         masked_median(ours.position, chosen.mask, 5), chosen.mask
+    )
+    out["ours, cameras compared at every pixel"] = volumes.best(
+        found_in_volumes(volumes.fused, volumes.votes, volumes.disparity_px, _OURS)
     )
     out["ours, no fit"] = volumes.best(volumes.found(_UNFITTED))
     for sigma_px in (1.5, 3.5):

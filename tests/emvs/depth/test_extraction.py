@@ -10,11 +10,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import naive_extraction as naive
-from emvs.depth.focus import FocusConfig, FocusEstimate, at_least, most_reliable, on_surface
+from emvs.config import MapperConfig
+from emvs.depth.focus import (
+    FocusConfig,
+    FocusEstimate,
+    at_least,
+    disparity_at,
+    estimate_in_focus,
+    judge,
+    most_reliable,
+    on_surface,
+)
 from emvs.dsi import focus_kernels, focus_measures
-from emvs.dsi.maxima import FocusPeak, Maximum
+from emvs.dsi.maxima import FocusPeak, InFocus, Maximum
 from emvs.errors import InputError
-from study_variants import found_in_volumes
+from study_variants import found_in_volumes, maximum_of
 
 F = np.float32
 TWINS = {
@@ -166,6 +176,69 @@ def test_the_compiled_variance_equals_the_measure_and_its_twin(seed, height, wid
     np.testing.assert_allclose(compiled.maximum().value, slow.max(0), atol=2e-4 * slow.max() + 1e-6)
     chosen = np.take_along_axis(slow, compiled.maximum().plane[None].astype(int), 0)[0]
     np.testing.assert_allclose(chosen, slow.max(0), atol=2e-4 * slow.max() + 1e-6)
+
+
+@settings(max_examples=8, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1), height=st.integers(2, 9), width=st.integers(2, 9),
+    sigma_px=st.sampled_from([0.4, 1.3, 2.5]),
+)  # fmt: skip
+def test_the_compiled_variance_of_blocks_equals_its_twin(seed, height, width, sigma_px):
+    """Also of blocks that the image's rim cuts, and where the window is wider than the image."""
+    planes = random_planes(seed, 4, height, width)
+    compiled = FocusPeak(width, height, "variance", sigma_px, coarse=True)
+    for batch in np.split(planes, [seed % 5, 3]):
+        compiled.update(batch)
+    slow = np.array([naive.block_variance(plane, sigma_px) for plane in planes])
+    found = compiled.maximum()
+    assert found.block_px == 2
+    np.testing.assert_allclose(found.value, slow.max(0), atol=2e-4 * slow.max() + 1e-6)
+    chosen = np.take_along_axis(slow, found.plane[None].astype(int), 0)[0]
+    np.testing.assert_allclose(chosen, slow.max(0), atol=2e-4 * slow.max() + 1e-6)
+
+
+@pytest.mark.parametrize("measure", ["variance", "gradient"])
+def test_positions_at_pixels_are_those_of_the_image_or_of_its_blocks(measure):
+    peak = FocusPeak(13, 9, measure, 1.3, coarse=True)
+    peak.update(random_planes(3, 7, 9, 13))
+    found, (rows, columns) = peak.maximum(), np.indices((9, 13)).reshape(2, -1)
+    whole = found.position(gaussian=True)
+    for _ in range(found.block_px - 1):
+        whole = whole.repeat(2, axis=0).repeat(2, axis=1)
+    assert (whole % 1 > 0).any()
+    at = found.position_at(rows, columns, gaussian=True)
+    np.testing.assert_array_equal(at, whole[:9, :13].ravel())
+    planes = found.position_at(rows, columns, refined=False)
+    assert np.abs(planes - at).max() <= 0.5
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 12))
+def test_disparity_between_planes_is_linear_and_ends_with_them(seed, planes):
+    rng = np.random.default_rng(seed)
+    at, disparity_px = rng.uniform(-2, planes + 2, 40).astype(F), rng.uniform(0, 30, planes)
+    slow = np.interp(at, np.arange(planes), disparity_px)
+    np.testing.assert_allclose(disparity_at(at, disparity_px), slow, atol=2e-5)
+
+
+@pytest.mark.parametrize("refine", [True, False])
+def test_candidates_are_judged_as_if_every_pixel_were(refine):
+    """Law: to leave out what is no candidate changes nothing for those that are."""
+    volume, disparity_px = random_planes(6, 9, 30, 40), 16 - 0.3 * np.arange(9)
+    config = MapperConfig(interpolate=refine)
+    votes = maximum_of(volume)
+    focus = InFocus(maximum_of(volume[:, ::-1].copy()), (maximum_of(volume[::-1].copy()),))
+    found = estimate_in_focus(votes, focus, disparity_px, config)
+    scales = FocusConfig()
+    gaussian = [m.position(gaussian=True) if refine else m.plane.astype(F)
+                for m in (focus.maximum, *focus.camera_maxima)]  # fmt: skip
+    peak = votes.position() if refine else votes.plane.astype(F)
+    whole = judge(votes.value, peak, gaussian[0], gaussian[1:], disparity_px, scales)
+    whole = on_surface(whole, disparity_px, scales) if refine else whole
+    assert 20 < found.candidate.sum() < found.candidate.size / 2
+    np.testing.assert_array_equal(found.position, whole.position)
+    np.testing.assert_array_equal(found.reliability, whole.reliability)
+    assert found.reliability.any()
 
 
 def some_found(seed, levels=5):

@@ -1,0 +1,48 @@
+"""What the network is shown of a pixel, against plain sums over the kept votes."""
+
+import numpy as np
+import pytest
+
+from emvs.dsi.fusion import FUSIONS
+from emvs.learned.inputs import Candidates, channels
+from emvs.learned.kept_votes import LANES, KeptVotes, votes_of_codes
+from emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX
+from emvs.methods import methods_by_name
+
+
+def some_candidates(count, planes, height, width, seed=3):
+    rng, rim = np.random.default_rng(seed), SIDE_PX // 2
+    rows, columns = rng.integers(rim, height - rim, count), rng.integers(rim, width - rim, count)
+    nothing = np.zeros(count, np.float32)
+    return Candidates(
+        rows, columns, rng.integers(0, planes, count), rng.integers(1, 3, count),
+        nothing, nothing, np.zeros((count, len(CUES)), np.float32),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "cameras"), [
+    ("Learned/H", 2), ("Learned/A", 3), ("Learned/cam1", 2), ("Learned/cam0", 1),
+])  # fmt: skip
+def test_channels_are_shares_of_the_largest_fused_votes(name, cameras):
+    votes = np.random.default_rng(0).gamma(0.5, 9, (cameras, 12, 11, 17)).astype(np.float32)
+    kept = KeptVotes(cameras, *votes.shape[1:])
+    kept.take(0, votes)
+    volumes = votes_of_codes()[kept.codes]
+    (method,), alone = methods_by_name((name,), cameras), int(name[-1]) if "cam" in name else None
+    used = volumes if alone is None else volumes[[alone]]
+    fused = used[0] if alone is not None else FUSIONS[name[-1]](used)
+    chosen = some_candidates(LANES + 3, *votes.shape[1:])
+    found = channels(kept, method, chosen)
+    assert found.shape == (2, len(CHANNELS), DEPTH, SIDE_PX, SIDE_PX, LANES)
+    for m in range(len(chosen)):
+        at = [chosen.rows[m] - SIDE_PX // 2, chosen.columns[m] - SIDE_PX // 2]
+        square = np.s_[..., at[0] : at[0] + SIDE_PX, at[1] : at[1] + SIDE_PX]
+        planes = chosen.centres[m] + chosen.strides[m] * (np.arange(DEPTH) - DEPTH // 2)
+        known = (planes >= 0) & (planes < len(fused))
+        patch = np.zeros((len(CHANNELS), DEPTH, SIDE_PX, SIDE_PX))
+        others = used[1:].mean(0) if len(used) > 1 else used[0]
+        for channel, volume in enumerate((fused, used[0], others)):
+            patch[channel, known] = volume[square][planes[known]]
+        patch /= max(patch[0].max(), 1e-6)
+        seen = found[m // LANES, ..., m % LANES]
+        np.testing.assert_allclose(seen, patch, rtol=2e-6, atol=1e-7)
