@@ -149,7 +149,7 @@ class RunningMaxima:
         lowest: what every value exceeds.
 
     Attributes:
-        arrays: best, index, left, right, previous, each (M, H, W).
+        arrays: best, index, left, right, previous, each (M, H, W): one for each volume that differs.
         planes: how many planes have passed.
     """
 
@@ -163,10 +163,11 @@ class RunningMaxima:
         polarities: int = 1,
         lowest: float = -1,
     ) -> None:
-        shape = (len(methods), height_px, width_px)
-        self._compiled = [m for m in methods if m.function is None]
-        self._own = [m for m in methods if m.function is not None]
-        self._row = [[*self._compiled, *self._own].index(method) for method in methods]
+        volumes = list(dict.fromkeys(method.volume for method in methods))
+        shape = (len(volumes), height_px, width_px)
+        self._compiled = [volume for volume in volumes if volume.function is None]
+        self._own = [volume for volume in volumes if volume.function is not None]
+        self._row = [[*self._compiled, *self._own].index(method.volume) for method in methods]
         self._polarities = polarities
         self.planes = 0
         self.arrays: tuple[NDArray[Any], ...] = tuple(

@@ -12,6 +12,7 @@ import pytest
 from emvs.config import MapperConfig
 from emvs.depth.focus import FocusConfig, at_least, judge
 from emvs.dsi import focus_measures
+from emvs.dsi.maxima import RunningMaxima
 from emvs.errors import InputError
 from emvs.geometry.trajectory import Trajectory
 from emvs.mapper import map_window
@@ -283,3 +284,14 @@ def test_three_cameras_have_every_method_and_the_order_of_means():
         assert np.all(smaller <= larger * F(1 + 1e-6))
     for name in (*names, "Focus/H", "EMVS/cam2"):
         assert steps_off(result, name, 1.23) < 0.6, name
+
+
+def test_equal_volumes_are_remembered_once():
+    """Focus/H and Alg1/H fuse the same votes: one maximum serves both."""
+    methods = methods_by_name(("Alg1/H", "EMVS/cam1", "Focus/H", "Focus/cam1"), 2)
+    maxima = RunningMaxima(methods, 6, 5)
+    maxima.update(np.random.default_rng(0).gamma(0.5, 9, (2, 4, 30)).astype(F), 4)
+    assert len(maxima.arrays[0]) == 2
+    for one, other in ((0, 2), (1, 3)):
+        np.testing.assert_array_equal(maxima.of(one).value, maxima.of(other).value)
+    assert (maxima.of(0).value != maxima.of(1).value).any()
