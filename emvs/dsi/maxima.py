@@ -149,7 +149,7 @@ class RunningMaxima:
         lowest: what every value exceeds.
 
     Attributes:
-        arrays: best, index, left, right, previous, each (M, H, W): one for each volume that differs.
+        arrays: best, index, left, right, previous, each (M, H, W), for each volume that differs.
         planes: how many planes have passed.
     """
 
