@@ -18,6 +18,7 @@ from emvs.errors import InputError
 from emvs.learned.derd import LAYERS, MOST_MODELS, NAME
 from emvs.learned.weights import MOST_BYTES, write_weights
 from emvs.utils.inputs import check_file
+from emvs.utils.release import install
 
 STATE = "model_state_dict"
 """Under which the authors save the model, beside the optimiser."""
@@ -75,7 +76,7 @@ def _state(path: Path) -> Mapping[str, Any]:
         import torch
     except ModuleNotFoundError as error:
         raise InputError(
-            "published weights need torch, which is not installed: pip install 'eventsweep[train]'"
+            f"published weights need torch, which is not installed: {install('train')}"
         ) from error
     try:
         check_file(path, MOST_BYTES)

@@ -13,6 +13,7 @@ from emvs.errors import InputError
 from emvs.learned.weights import write_weights
 from emvs.utils.files import atomic_path
 from emvs.utils.inputs import SETTINGS_BYTES, parse_json, read_text
+from emvs.utils.release import install
 from emvs.utils.runtime import versions
 from eval.learning import confidence, data
 from eval.learning.config import History, TrainingConfig
@@ -89,7 +90,7 @@ def _fitting() -> type[Fitting]:
         if error.name != "torch":
             raise
         raise InputError(
-            "training needs torch, which is not installed: pip install 'eventsweep[train]'"
+            f"training needs torch, which is not installed: {install('train')}"
         ) from error
     return Fitting
 

@@ -31,7 +31,7 @@ def train(
 
     The same command goes on where a stopped one was. Use the weights with
     --map.learned-weights OUT/learned.npz, those of DERD-Net with --map.derd-weights OUT/derd.npz.
-    Needs torch: pip install 'eventsweep[train]'.
+    Needs torch: the extra `train`.
 
     Args:
         out: Folder that gets sequences, samples, weights and a page; it may hold a stopped run.

@@ -68,7 +68,9 @@ def every_method():
     """One of each kind that sweeps, from the registry's own examples."""
     examples = [name for family in FAMILIES.values() for name in family.examples]
     names = [method.name for method in known_methods(2)] + examples
-    return tuple(m.name for m in with_volume(methods_by_name(names, 2)))
+    # DERD-Net takes 100 planes and nothing else; its volume is that of Alg1/H
+    swept = (m for m in with_volume(methods_by_name(names, 2)) if m.family != "DERD")
+    return tuple(method.name for method in swept)
 
 
 def test_every_method_of_the_registry_gives_the_map_of_the_cpu():

@@ -8,6 +8,7 @@ import pytest
 
 from emvs.learned.network import NAME, Architecture
 from emvs.learned.weights import read_weights
+from emvs.utils import release
 from eval.cli.main import main
 from eval.learning import data
 from eval.learning.sequences import FIRST_SEED, TrainingSequence
@@ -31,7 +32,7 @@ def test_without_torch_it_says_what_to_install(monkeypatch, tmp_path, capsys):
     monkeypatch.delitem(sys.modules, "eval.learning.fit", raising=False)
     monkeypatch.delitem(sys.modules, "eval.learning.network", raising=False)
     assert main(["train", "--out", str(tmp_path / "a")]) == 2
-    assert "pip install 'eventsweep[train]'" in capsys.readouterr().err
+    assert release.install("train") in capsys.readouterr().err
     assert not (tmp_path / "a").exists()
 
 
