@@ -105,9 +105,7 @@ class InFocus:
 
     Attributes:
         maximum: of the focus measure of its fused volume.
-        camera_maxima: the same of each camera's own volume, where their agreement is asked for; of
-            blocks of 2 x 2 pixels where the measure can be had for them (`BLOCK_MEASURES`): no
-            depth is read from them.
+        camera_maxima: the same of each camera's own volume, where their agreement is asked for.
     """
 
     maximum: Maximum
@@ -251,7 +249,7 @@ class FocusMaxima:
         self._volume_of = {m.name: (m.volume, measures.of(m)) for m in self._measured}
         self._peaks = {key: peak(key[1]) for key in dict.fromkeys(self._volume_of.values())}
         self._camera_peaks = [
-            peak(measures.focus_measure, coarse=True) for _ in range(cameras if compares else 0)
+            peak(measures.focus_measure) for _ in range(cameras if compares else 0)
         ]
 
     def update(self, images: Floats) -> None:

@@ -53,7 +53,7 @@ def test_streaming_equals_whole_volumes(tmp_path, fusion):
     rho, camera = result.view.rho, recording.rig.cameras[0]
     disparity_px = 0.1 * camera.fx_px * rho.astype(np.float64)
     fused = np.load(tmp_path / f"Focus-{fusion}.npy")
-    found = found_in_volumes(fused, votes, disparity_px, FocusConfig(), coarse=True)
+    found = found_in_volumes(fused, votes, disparity_px, FocusConfig())
     depth = result.depth_maps[f"Focus/{fusion}"]
     np.testing.assert_array_equal(depth.confidence, found.confidence)
     np.testing.assert_allclose(1 / depth.depth_m, inverse_depth_at(rho, found.position), rtol=1e-5)

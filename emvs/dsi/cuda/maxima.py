@@ -127,7 +127,7 @@ class DeviceFocusMaxima:
 
         self._peaks = {method: peak(method) for method in measured}
         self._camera_peaks = [
-            of_camera(camera, measures.focus_measure, coarse=True)
+            of_camera(camera, measures.focus_measure)
             for camera in range(cameras if compares else 0)
         ]
         self._as_it_is = _on_device(FusionTables.of((AS_IT_IS,), 1))

@@ -84,7 +84,7 @@ class Volumes:
 
     def found(self, config: FocusConfig) -> FocusEstimate:
         """Extraction by focus."""
-        return found_in_volumes(self.fused, self.votes, self.disparity_px, config, coarse=True)
+        return found_in_volumes(self.fused, self.votes, self.disparity_px, config)
 
     def best(self, found: FocusEstimate, reliability: Floats | None = None) -> VariantEstimate:
         """The most reliable pixels, as many as Alg1/H reports."""
@@ -126,7 +126,7 @@ def found_in_volumes(
         votes: (C, N, H, W) float32 votes of each camera.
         disparity_px: (N,) disparity of each plane, px, above 0.
         config: parameters.
-        coarse: whether cameras are compared block by block, as the mapper does, or at every pixel.
+        coarse: whether cameras are compared block by block, or at every pixel, as the mapper does.
     """
     vote_peak = maximum_of(fused)
     own = _sharpest(fused, config)
@@ -199,8 +199,8 @@ def estimates(volumes: Volumes) -> dict[str, VariantEstimate]:
     out["ours, 5 px median"] = VariantEstimate(
         masked_median(ours.position, chosen.mask, 5), chosen.mask
     )
-    out["ours, cameras compared at every pixel"] = volumes.best(
-        found_in_volumes(volumes.fused, volumes.votes, volumes.disparity_px, _OURS)
+    out["ours, cameras compared in blocks of 2 × 2"] = volumes.best(
+        found_in_volumes(volumes.fused, volumes.votes, volumes.disparity_px, _OURS, coarse=True)
     )
     out["ours, no fit"] = volumes.best(volumes.found(_UNFITTED))
     for sigma_px in (1.5, 3.5):
