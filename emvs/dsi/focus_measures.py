@@ -28,13 +28,6 @@ def half_window(sigma_px: float) -> Floats:
     return np.asarray(weight, np.float32)
 
 
-def half_window_between(sigma_px: float) -> Floats:
-    """The same around the middle between two pixels: at 0.5, 1.5, ... px; twice that sums to 1."""
-    weight = np.exp(-0.5 * ((np.arange(max(round(4 * sigma_px), 1)) + 0.5) / sigma_px) ** 2)
-    weight /= 2 * weight.sum()
-    return np.asarray(weight, np.float32)
-
-
 def blurred(plane: Floats, sigma_px: float) -> Floats:
     """The Gaussian-weighted mean around each pixel; the image is mirrored at its rim.
 

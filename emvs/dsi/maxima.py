@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,6 @@ _INT16 = 32767  # so many planes can be counted by 16 bits
 # rows than these gain nothing and leave less to share among threads.
 _ROW_CELLS = 4096
 _STRIPS = 64  # enough for any number of threads to share them evenly
-BLOCK_MEASURES = ("variance",)
-"""Focus measures that can be had for blocks of 2 x 2 pixels, at a third of the cost."""
 # The method of a volume that is fused, or measured, already
 AS_IT_IS = Method("", fusion_kernels.CAMERA, "the one volume there is")
 
@@ -35,8 +33,6 @@ class Maximum:
         left: (H, W) float32 the value one plane before it, where there is one.
         right: (H, W) float32 the value one plane after it, where there is one.
         planes: number of planes.
-        block_px: 1; or 2 where each value is that of a square of so many pixels a side, and H and W
-            count squares.
     """
 
     value: Floats
@@ -44,7 +40,6 @@ class Maximum:
     left: Floats
     right: Floats
     planes: int
-    block_px: int = 1
 
     def position(self, *, gaussian: bool = False) -> Floats:
         """The maximum's place between planes: vertex of the parabola through three values.
@@ -91,11 +86,11 @@ class Maximum:
         Returns:
             (M,) float32 plane index.
         """
-        cell = rows // self.block_px, columns // self.block_px
+        at = rows, columns
         if not refined:
-            return np.asarray(self.plane[cell], np.float32)
-        value, left, right = (one[cell] for one in (self.value, self.left, self.right))
-        there = Maximum(value, self.plane[cell], left, right, self.planes)
+            return np.asarray(self.plane[at], np.float32)
+        value, left, right = (one[at] for one in (self.value, self.left, self.right))
+        there = Maximum(value, self.plane[at], left, right, self.planes)
         return there.position(gaussian=gaussian)
 
 
@@ -242,9 +237,8 @@ class FocusMaxima:
         self._measured = measures.needed_by(methods)
         compares = any(method.compares_cameras for method in self._measured)
 
-        def peak(measure: str, *, coarse: bool = False) -> FocusPeak:
-            size = width_px, height_px
-            return FocusPeak(*size, measure, measures.sigma_px, planes, coarse=coarse)
+        def peak(measure: str) -> FocusPeak:
+            return FocusPeak(width_px, height_px, measure, measures.sigma_px, planes)
 
         self._volume_of = {m.name: (m.volume, measures.of(m)) for m in self._measured}
         self._peaks = {key: peak(key[1]) for key in dict.fromkeys(self._volume_of.values())}
@@ -286,7 +280,7 @@ class FocusMaxima:
 
 
 class FocusPeak:
-    """First maximum over planes of a focus measure of one volume; 18 bytes remain per value.
+    """First maximum over planes of a focus measure of one volume; 18 bytes remain per pixel.
 
     Args:
         width_px: columns.
@@ -294,38 +288,34 @@ class FocusPeak:
         measure: focus measure, by its name in `emvs.dsi.focus_measures.MEASURES`.
         sigma_px: its scale, px.
         planes: how many will pass; needed only where there are more than 32767.
-        coarse: whether one value for each block of 2 x 2 pixels is enough, where the measure has
-            that (`BLOCK_MEASURES`).
     """
 
     def __init__(
-        self, width_px: int, height_px: int, measure: str, sigma_px: float, planes: int = 0,
-        *, coarse: bool = False,
-    ) -> None:  # fmt: skip
+        self, width_px: int, height_px: int, measure: str, sigma_px: float, planes: int = 0
+    ) -> None:
         self._measure, self._sigma_px = focus_measures.measure(measure), sigma_px
-        self._block_px = 2 if coarse and measure in BLOCK_MEASURES else 1
-        self._fold: Callable[..., None] | None = None
-        if measure == "variance":
-            window = _BlockWindow if self._block_px > 1 else _Window
-            self._fold = window(height_px, width_px, sigma_px).fold
-        size = (-(-extent // self._block_px) for extent in (width_px, height_px))
-        self._maxima = RunningMaxima((AS_IT_IS,), *size, planes=planes, lowest=-np.inf)
+        self._window = _Window(height_px, width_px, sigma_px) if measure == "variance" else None
+        self._maxima = RunningMaxima(
+            (AS_IT_IS,), width_px, height_px, planes=planes, lowest=-np.inf
+        )
 
     def update(self, planes: Floats) -> None:
         """Takes in the next (P, H, W) planes."""
         if not len(planes):
             return
-        if self._fold is None:
+        if self._window is None:
             for plane in planes:
                 self._maxima.update(self._measure(plane, self._sigma_px).reshape(1, 1, -1), 1)
             return
         state = (one[0] for one in self._maxima.arrays)
-        self._fold(*_in_one_row(planes), len(planes), self._maxima.planes, *state)
+        focus_kernels.fold_variance(
+            *_in_one_row(planes), len(planes), self._maxima.planes, *self._window.arrays, *state
+        )
         self._maxima.planes += len(planes)
 
     def maximum(self) -> Maximum:
         """The maximum over all planes so far."""
-        return replace(self._maxima.of(0), block_px=self._block_px)
+        return self._maxima.of(0)
 
 
 def _in_one_row(planes: Floats) -> tuple[Floats, int]:
@@ -339,51 +329,24 @@ def _in_one_row(planes: Floats) -> tuple[Floats, int]:
 
 
 class _Window:
-    """The compiled variance, and what it needs beside votes: weights, mirrored indices, scratch."""
+    """What the compiled variance needs beside the votes: weights, mirrored indices, scratch."""
 
     def __init__(self, height_px: int, width_px: int, sigma_px: float) -> None:
         weight = focus_measures.half_window(sigma_px)
         weight = np.append(weight, np.zeros(-(len(weight) - 1) % focus_kernels.TAPS, np.float32))
         radius = len(weight) - 1
         strips = min(height_px, _STRIPS)
-        self._arrays = (
+        self.arrays = (
             weight,
-            _mirrored(height_px, radius, height_px + radius).astype(np.uint64),
-            _mirrored(width_px, radius, width_px + radius),
+            _mirrored(height_px, radius).astype(np.uint64),
+            _mirrored(width_px, radius),
             np.empty((strips, 2, width_px + 2 * radius), np.float32),
             np.empty((strips, 2, width_px), np.float32),
         )
 
-    def fold(self, votes: Floats, step: int, planes: int, first: int, *state: NDArray[Any]) -> None:
-        """Folds planes into their maximum (`emvs.dsi.focus_kernels.fold_variance`)."""
-        focus_kernels.fold_variance(votes, step, planes, first, *self._arrays, *state)
 
-
-class _BlockWindow:
-    """The same for blocks of 2 x 2 pixels."""
-
-    def __init__(self, height_px: int, width_px: int, sigma_px: float) -> None:
-        weight = focus_measures.half_window_between(sigma_px)
-        weight = np.append(weight, np.zeros(-len(weight) % (2 * focus_kernels.TAPS), np.float32))
-        radius, down, across = len(weight), -(-height_px // 2), -(-width_px // 2)
-        strips = min(down, _STRIPS)
-        self._arrays = (
-            (height_px, width_px),
-            weight,
-            _mirrored(height_px, radius, 2 * down + radius).astype(np.uint64),
-            _mirrored(width_px, radius, 2 * across + radius),
-            np.empty((strips, 2, 2 * across + 2 * radius), np.float32),
-            np.empty((strips, 2, across + radius), np.float32),
-            np.empty((strips, 2, across), np.float32),
-        )
-
-    def fold(self, votes: Floats, step: int, planes: int, first: int, *state: NDArray[Any]) -> None:
-        """Folds planes into their maximum (`emvs.dsi.focus_kernels.fold_block_variance`)."""
-        focus_kernels.fold_block_variance(votes, step, planes, first, *self._arrays, *state)
-
-
-def _mirrored(size: int, radius: int, end: int) -> NDArray[np.int64]:
-    """Indices -radius .. end - 1 of a row mirrored at its ends, which stand once."""
+def _mirrored(size: int, radius: int) -> NDArray[np.int64]:
+    """Indices -radius .. size + radius - 1 of a row mirrored at its ends, which stand once."""
     period = max(2 * (size - 1), 1)
-    place = np.arange(-radius, end) % period
+    place = np.arange(-radius, size + radius) % period
     return np.minimum(place, period - place)

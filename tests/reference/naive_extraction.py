@@ -148,19 +148,3 @@ def most_reliable(reliability, confidence, candidate, points, border_px):
         if candidate[y, x]
     ]
     return {(y, x) for _, _, y, x in sorted(inside)[:points]}
-
-
-def block_variance(plane, sigma_px):
-    """Weighted variance of the votes around the middle of every block of 2 x 2 pixels."""
-    height, width = plane.shape
-    reach = max(round(4 * sigma_px), 1)
-    away = [k + 0.5 for k in range(-reach, reach)]
-    weight = np.array([math.exp(-0.5 * (k / sigma_px) ** 2) for k in away])
-    weight = np.outer(weight, weight) / weight.sum() ** 2
-    out = np.zeros(((height + 1) // 2, (width + 1) // 2))
-    for y, x in np.ndindex(out.shape):
-        rows, columns = ([round(2 * at + 0.5 + k) for k in away] for at in (y, x))
-        votes = np.array([[_at(plane, v, u) for u in columns] for v in rows])
-        middle = (weight * votes).sum()
-        out[y, x] = (weight * (votes - middle) ** 2).sum()
-    return out

@@ -80,29 +80,6 @@ def blur(image, weight, width, dx, dy, out):
 
 
 @cuda.jit(cache=True)
-def blur_pairs(image, weight, width, down, out_width, out):
-    """Weighted mean around the middle of every pair of rows, or of columns if not `down`.
-
-    weight (r,) is half a window, at 0.5, 1.5, ... px; out (P, rows * out_width), filled.
-    """
-    p, c = cuda.blockIdx.y, cuda.grid(1)
-    while c < out.shape[1]:
-        height = image.shape[1] // width
-        y, x = c // out_width, c % out_width
-        total = _ZERO
-        for k in range(len(weight)):
-            if down:
-                before = _at(image, p, x, 2 * y - k, width, height)
-                after = _at(image, p, x, 2 * y + 1 + k, width, height)
-            else:
-                before = _at(image, p, 2 * x - k, y, width, height)
-                after = _at(image, p, 2 * x + 1 + k, y, width, height)
-            total += weight[k] * (before + after)
-        out[p, c] = total
-        c += cuda.gridDim.x * cuda.blockDim.x
-
-
-@cuda.jit(cache=True)
 def spread(square, mean):
     """Turns means of squares into variances, in place."""
     p, c = cuda.blockIdx.y, cuda.grid(1)

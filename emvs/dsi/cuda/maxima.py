@@ -8,16 +8,9 @@ from typing import Any
 import numpy as np
 
 from emvs.dsi.cuda import arrays, device, focus_kernels, fusion_kernels
-from emvs.dsi.focus_measures import DOG_RATIO, half_window, half_window_between
+from emvs.dsi.focus_measures import DOG_RATIO, half_window
 from emvs.dsi.fusion_kernels import CAMERA
-from emvs.dsi.maxima import (
-    AS_IT_IS,
-    BLOCK_MEASURES,
-    InFocus,
-    Maximum,
-    Measures,
-    beginnings,
-)
+from emvs.dsi.maxima import AS_IT_IS, InFocus, Maximum, Measures, beginnings
 from emvs.dsi.method import FusionTables, Method
 
 _SHARPNESS = {
@@ -26,7 +19,7 @@ _SHARPNESS = {
     "gradient": focus_kernels.GRADIENT,
     "laplacian": focus_kernels.LAPLACIAN,
 }
-SCRATCH_IMAGES = 5  # per plane, beside the votes: four, and one of what blocks need
+SCRATCH_IMAGES = 4  # per plane, beside the votes
 STATE_BYTES = 4 * 4 + 4  # per pixel and method, at most
 
 
@@ -82,12 +75,12 @@ class DeviceState:
             for dtype, value in beginnings(planes, lowest)
         )
 
-    def maximum(self, image: int, width_px: int, planes: int, block_px: int = 1) -> Maximum:
+    def maximum(self, image: int, width_px: int, planes: int) -> Maximum:
         """One image's maximum over the `planes` planes that have passed, copied from the GPU."""
         best, index, left, right = (
             arrays.down(one[image]).reshape(-1, width_px) for one in self.arrays[:4]
         )
-        return Maximum(best, index, left, right, planes, block_px)
+        return Maximum(best, index, left, right, planes)
 
 
 class DeviceFocusMaxima:
@@ -109,8 +102,7 @@ class DeviceFocusMaxima:
         self, methods: Sequence[Method], cameras: int, volumes: int, batch: int, width_px: int,
         height_px: int, measures: Measures, *, planes: int, polarities: int = 1,
     ) -> None:  # fmt: skip
-        self._cells, self._planes = width_px * height_px, 0
-        self._size = width_px, height_px
+        self._width_px, self._cells, self._planes = width_px, width_px * height_px, 0
         measured = measures.needed_by(methods)
         compares = any(method.compares_cameras for method in measured)
 
@@ -119,11 +111,11 @@ class DeviceFocusMaxima:
             if camera is not None:
                 return of_camera(camera, measure)
             tables = FusionTables.of((method,), volumes, polarities)
-            return _Peak(tables, measure, self._size, planes)
+            return _Peak(tables, measure, self._cells, planes)
 
-        def of_camera(camera: int, measure: str, *, coarse: bool = False) -> _Peak:
+        def of_camera(camera: int, measure: str) -> _Peak:
             tables = _of_camera(camera, cameras, volumes, polarities)
-            return _Peak(tables, measure, self._size, planes, coarse=coarse)
+            return _Peak(tables, measure, self._cells, planes)
 
         self._peaks = {method: peak(method) for method in measured}
         self._camera_peaks = [
@@ -132,15 +124,15 @@ class DeviceFocusMaxima:
         ]
         self._as_it_is = _on_device(FusionTables.of((AS_IT_IS,), 1))
         if measured:
-            self._measure = _Measure(batch, self._size, measures.sigma_px)
+            self._measure = _Measure(batch, width_px, self._cells, measures.sigma_px)
 
     def update(self, votes: Any, planes: int) -> None:
         """Takes in the next `planes` planes of (V, P, cells) votes on the GPU, in order."""
         for peak in (*self._peaks.values(), *self._camera_peaks):
             image = self._measure.image[:planes]
             fusion_kernels.fuse[device.strided(self._cells)](*peak.fusion, 0, votes, planes, image)
-            value = self._measure.of(peak.measure, planes, peak.block_px)
-            fusion_kernels.fold[device.strided(value.shape[1])](
+            value = self._measure.of(peak.measure, planes)
+            fusion_kernels.fold[device.strided(self._cells)](
                 *self._as_it_is, value.reshape(1, *value.shape), self._planes, planes,
                 *peak.state.arrays,
             )  # fmt: skip
@@ -150,7 +142,7 @@ class DeviceFocusMaxima:
         """Where each method's rays are most in focus, by its name, copied from the GPU."""
 
         def maximum(peak: _Peak) -> Any:
-            return peak.state.maximum(0, peak.width_px, self._planes, peak.block_px)
+            return peak.state.maximum(0, self._width_px, self._planes)
 
         cameras = tuple(map(maximum, self._camera_peaks))
         return {
@@ -160,17 +152,12 @@ class DeviceFocusMaxima:
 
 
 class _Peak:
-    """How one volume is fused, and the first maximum of its measure: of pixels, or of blocks."""
+    """How one volume is fused, and the first maximum of its measure."""
 
-    def __init__(
-        self, tables: FusionTables, measure: str, size_px: tuple[int, int], planes: int,
-        *, coarse: bool = False,
-    ) -> None:  # fmt: skip
+    def __init__(self, tables: FusionTables, measure: str, cells: int, planes: int) -> None:
         self.measure = measure
-        self.block_px = 2 if coarse and measure in BLOCK_MEASURES else 1
         self.fusion = _on_device(tables)
-        self.width_px, height_px = (-(-extent // self.block_px) for extent in size_px)
-        self.state = DeviceState(1, self.width_px * height_px, planes, -np.inf)
+        self.state = DeviceState(1, cells, planes, -np.inf)
 
 
 def _of_camera(camera: int, cameras: int, volumes: int, polarities: int) -> FusionTables:
@@ -191,21 +178,15 @@ class _Measure:
         image: (P, cells) float32 on the GPU: the planes to measure.
     """
 
-    def __init__(self, planes: int, size_px: tuple[int, int], sigma_px: float) -> None:
-        self._width_px, height_px = size_px
+    def __init__(self, planes: int, width_px: int, cells: int, sigma_px: float) -> None:
+        self._width_px = width_px
         self._weights = [arrays.up(half_window(scale * sigma_px)) for scale in (1, DOG_RATIO)]
-        self._between = arrays.up(half_window_between(sigma_px))
         self.image, *self._scratch = (
-            arrays.empty((planes, self._width_px * height_px), np.float32) for _ in range(4)
-        )
-        across, down = -(-self._width_px // 2), -(-height_px // 2)
-        self._of_rows, *self._of_blocks = (
-            arrays.empty((planes, down * width), np.float32)
-            for width in (self._width_px, across, across)
+            arrays.empty((planes, cells), np.float32) for _ in range(SCRATCH_IMAGES)
         )
 
-    def of(self, measure: str, planes: int, block_px: int = 1) -> Any:
-        """(P, cells) float32, the measure of the first `planes` planes of `image`, or of blocks."""
+    def of(self, measure: str, planes: int) -> Any:
+        """(P, cells) float32, the measure of the first `planes` planes of `image`."""
         image = self.image[:planes]
         spare, one, other = (images[:planes] for images in self._scratch)
         grid = device.strided(image.shape[1], planes)
@@ -215,27 +196,11 @@ class _Measure:
             focus_kernels.subtract[grid](one, other)
             return one
         focus_kernels.sharpness[grid](_SHARPNESS[measure], image, self._width_px, other)
-        if block_px > 1:
-            return self._spread_of_blocks(image, other)
         self._blur(other, self._weights[0], spare, one)
         if measure == "variance":
             self._blur(image, self._weights[0], spare, other)
             focus_kernels.spread[grid](one, other)
         return one
-
-    def _spread_of_blocks(self, image: Any, squares: Any) -> Any:
-        planes = len(image)
-        rows = self._of_rows[:planes]
-        square, mean = (one[:planes] for one in self._of_blocks)
-        across = -(-self._width_px // 2)
-        for source, out in ((squares, square), (image, mean)):
-            for whole, part, down, width in ((source, rows, True, self._width_px),
-                                             (rows, out, False, across)):  # fmt: skip
-                focus_kernels.blur_pairs[device.strided(part.shape[1], planes)](
-                    whole, self._between, self._width_px, down, width, part
-                )
-        focus_kernels.spread[device.strided(mean.shape[1], planes)](square, mean)
-        return square
 
     def _blur(self, image: Any, weight: Any, spare: Any, out: Any) -> None:
         grid = device.strided(image.shape[1], image.shape[0])

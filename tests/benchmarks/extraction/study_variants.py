@@ -112,12 +112,7 @@ def maximum_of(volume: Floats) -> Maximum:
 
 
 def found_in_volumes(
-    fused: Floats,
-    votes: Floats,
-    disparity_px: NDArray[np.floating],
-    config: FocusConfig,
-    *,
-    coarse: bool = False,
+    fused: Floats, votes: Floats, disparity_px: NDArray[np.floating], config: FocusConfig
 ) -> FocusEstimate:
     """What the mapper's `Focus/...` finds, with any parameters, in volumes that are kept whole.
 
@@ -126,22 +121,18 @@ def found_in_volumes(
         votes: (C, N, H, W) float32 votes of each camera.
         disparity_px: (N,) disparity of each plane, px, above 0.
         config: parameters.
-        coarse: whether cameras are compared block by block, or at every pixel, as the mapper does.
     """
     vote_peak = maximum_of(fused)
-    own = _sharpest(fused, config)
-    cameras = [_sharpest(volume, config, coarse=coarse) for volume in votes]
+    own, *cameras = (_sharpest(volume, config) for volume in (fused, *votes))
     judged = judge(vote_peak.value, vote_peak.position(), own, cameras, disparity_px, config)
     return on_surface(judged, disparity_px, config)
 
 
-def _sharpest(volume: Floats, config: FocusConfig, *, coarse: bool = False) -> Floats:
+def _sharpest(volume: Floats, config: FocusConfig) -> Floats:
     """(H, W) place between planes where a whole (N, H, W) volume is most in focus."""
-    size = volume.shape[2], volume.shape[1]
-    peak = FocusPeak(*size, config.measure, config.sigma_px, coarse=coarse)
+    peak = FocusPeak(volume.shape[2], volume.shape[1], config.measure, config.sigma_px)
     peak.update(volume)
-    at = np.indices(volume.shape[1:])
-    return peak.maximum().position_at(at[0], at[1], gaussian=True)
+    return peak.maximum().position(gaussian=True)
 
 
 def finalists(volumes: Volumes) -> dict[str, VariantEstimate]:
@@ -198,9 +189,6 @@ def estimates(volumes: Volumes) -> dict[str, VariantEstimate]:
     out |= {name: volumes.best(ours, rank) for name, rank in _ranks(volumes, ours).items()}
     out["ours, 5 px median"] = VariantEstimate(
         masked_median(ours.position, chosen.mask, 5), chosen.mask
-    )
-    out["ours, cameras compared in blocks of 2 × 2"] = volumes.best(
-        found_in_volumes(volumes.fused, volumes.votes, volumes.disparity_px, _OURS, coarse=True)
     )
     out["ours, no fit"] = volumes.best(volumes.found(_UNFITTED))
     for sigma_px in (1.5, 3.5):

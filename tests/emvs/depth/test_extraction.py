@@ -178,36 +178,15 @@ def test_the_compiled_variance_equals_the_measure_and_its_twin(seed, height, wid
     np.testing.assert_allclose(chosen, slow.max(0), atol=2e-4 * slow.max() + 1e-6)
 
 
-@settings(max_examples=8, deadline=None)
-@given(
-    seed=st.integers(0, 2**32 - 1), height=st.integers(2, 9), width=st.integers(2, 9),
-    sigma_px=st.sampled_from([0.4, 1.3, 2.5]),
-)  # fmt: skip
-def test_the_compiled_variance_of_blocks_equals_its_twin(seed, height, width, sigma_px):
-    """Also of blocks that the image's rim cuts, and where the window is wider than the image."""
-    planes = random_planes(seed, 4, height, width)
-    compiled = FocusPeak(width, height, "variance", sigma_px, coarse=True)
-    for batch in np.split(planes, [seed % 5, 3]):
-        compiled.update(batch)
-    slow = np.array([naive.block_variance(plane, sigma_px) for plane in planes])
-    found = compiled.maximum()
-    assert found.block_px == 2
-    np.testing.assert_allclose(found.value, slow.max(0), atol=2e-4 * slow.max() + 1e-6)
-    chosen = np.take_along_axis(slow, found.plane[None].astype(int), 0)[0]
-    np.testing.assert_allclose(chosen, slow.max(0), atol=2e-4 * slow.max() + 1e-6)
-
-
 @pytest.mark.parametrize("measure", ["variance", "gradient"])
-def test_positions_at_pixels_are_those_of_the_image_or_of_its_blocks(measure):
-    peak = FocusPeak(13, 9, measure, 1.3, coarse=True)
+def test_positions_at_pixels_are_those_of_the_image(measure):
+    peak = FocusPeak(13, 9, measure, 1.3)
     peak.update(random_planes(3, 7, 9, 13))
     found, (rows, columns) = peak.maximum(), np.indices((9, 13)).reshape(2, -1)
     whole = found.position(gaussian=True)
-    for _ in range(found.block_px - 1):
-        whole = whole.repeat(2, axis=0).repeat(2, axis=1)
     assert (whole % 1 > 0).any()
     at = found.position_at(rows, columns, gaussian=True)
-    np.testing.assert_array_equal(at, whole[:9, :13].ravel())
+    np.testing.assert_array_equal(at, whole.ravel())
     planes = found.position_at(rows, columns, refined=False)
     assert np.abs(planes - at).max() <= 0.5
 

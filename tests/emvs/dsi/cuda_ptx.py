@@ -51,7 +51,6 @@ def signatures():
     yield "keep_row", fusion_kernels, (VOLUMES, I8, I8, I8, I8, VOLUMES)
     yield "sharpness", focus_kernels, (I8, IMAGES, I8, IMAGES)
     yield "blur", focus_kernels, (IMAGES, F4[::1], I8, I8, I8, IMAGES)
-    yield "blur_pairs", focus_kernels, (IMAGES, F4[::1], I8, types.boolean, I8, IMAGES)
     yield "spread", focus_kernels, (IMAGES, IMAGES)
     yield "subtract", focus_kernels, (IMAGES, IMAGES)
     for item in (F4, I2, I4, I8):
