@@ -112,6 +112,15 @@ def error_image(
     return IndexedImage(_dilated(scale.index(error_cm, both), point_px), scale.palette)
 
 
+def expected_error_image(
+    error_m: FloatImage, mask: MaskImage, scale: Scale, point_px: int = 1
+) -> IndexedImage:
+    """Draws (H, W) the error that a method expects of its depth, on white where there is none."""
+    known = mask & np.isfinite(error_m)
+    error_cm = np.where(known, 100 * error_m, 0.0)
+    return IndexedImage(_dilated(scale.index(error_cm, known), point_px), scale.palette)
+
+
 def error_of(
     depth_m: FloatImage, mask: MaskImage, truth_m: FloatImage, truth_scored: MaskImage
 ) -> tuple[FloatImage, MaskImage]:

@@ -124,6 +124,8 @@ class MethodData:
         confidence: (H, W) fused ray density at the maximum, or what the method says of itself; NaN
             where it says nothing.
         dsi_slice: one row of the DSI; None where it was not kept.
+        error_m: (H, W) half-width of the band that should hold 68 % of the errors, m; None where
+            the method is not calibrated.
     """
 
     name: str
@@ -131,6 +133,7 @@ class MethodData:
     mask: NDArray[np.bool_]
     confidence: FloatImage
     dsi_slice: DsiSlice | None = None
+    error_m: FloatImage | None = None
 
     @property
     def is_sure(self) -> bool:
@@ -263,10 +266,17 @@ def _events(window: StoredWindow, recording: Recording | None) -> tuple[NDArray[
 
 
 def _method(depth_map: DepthMap, slices: Slices, truth: Truth | None) -> MethodData:
+    return MethodData(
+        depth_map.method, depth_map.depth_m, depth_map.mask, depth_map.confidence,
+        _slice(depth_map, slices, truth), depth_map.error_m,
+    )  # fmt: skip
+
+
+def _slice(depth_map: DepthMap, slices: Slices, truth: Truth | None) -> DsiSlice | None:
     row_px = slices.row_px
     votes = slices.values.get(depth_map.method)
     if votes is None or not len(votes):  # a method without a volume
-        return MethodData(depth_map.method, depth_map.depth_m, depth_map.mask, depth_map.confidence)
+        return None
     dsi_slice = DsiSlice(
         row_px,
         slices.rho,
@@ -276,9 +286,7 @@ def _method(depth_map: DepthMap, slices: Slices, truth: Truth | None) -> MethodD
     )
     if truth is not None:
         dsi_slice = replace(dsi_slice, truth_m=_truth_row(truth, row_px))
-    return MethodData(
-        depth_map.method, depth_map.depth_m, depth_map.mask, depth_map.confidence, dsi_slice
-    )
+    return dsi_slice
 
 
 def _truth_row(truth: Truth, row_px: int) -> NDArray[np.floating]:

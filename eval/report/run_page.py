@@ -33,6 +33,7 @@ from eval.figures.images import (
     error_image,
     error_of,
     events_image,
+    expected_error_image,
     frame_image,
     photo_image,
     point_size_px,
@@ -111,6 +112,7 @@ def window_context(
             for m in window.methods
         ],
         "confidence_title": _confidence_title(window),
+        "is_calibrated": any(m.error_m is not None for m in window.methods),
         "has_slices": any(m.dsi_slice is not None for m in window.methods),
         "counts": window.counts,
         "count_names": list(names),
@@ -141,6 +143,8 @@ def _method_context(
         "confidence_scale": sure,
         "confidence_unit": confidence_unit(method.name),
         "error": _error_uri(method, window, scales["error_scale"], point_px),
+        "expected": _expected_uri(method, scales["error_scale"], point_px),
+        "within": _within_band(method, window),
         "slice_svg": Markup(slice_svg(method.dsi_slice)) if method.dsi_slice else "",
     }
 
@@ -186,12 +190,13 @@ def _scales(window: WindowData) -> dict[str, Scale]:
 
 
 def _error_cap(window: WindowData) -> float:
-    if window.truth is None:
-        return 1.0
     truth, errors = window.truth, []
     for method in window.methods:
-        error_cm, both = error_of(method.depth_m, method.mask, truth.depth_m, truth.scored)
-        errors.append(error_cm[both])
+        if truth is not None:
+            error_cm, both = error_of(method.depth_m, method.mask, truth.depth_m, truth.scored)
+            errors.append(error_cm[both])
+        elif method.error_m is not None:
+            errors.append(100 * method.error_m[method.mask])
     # Half of the methods must fit: one bad method must not flatten the colours of all others.
     return float(np.median([error_cap_cm(found) for found in errors])) if errors else 1.0
 
@@ -239,6 +244,24 @@ def _error_uri(method: MethodData, window: WindowData, scale: Scale, point_px: i
     truth = window.truth
     image = error_image(method.depth_m, method.mask, truth.depth_m, truth.scored, scale, point_px)
     return _uri(image)
+
+
+def _expected_uri(method: MethodData, scale: Scale, point_px: int) -> str | None:
+    if method.error_m is None:
+        return None
+    return _uri(expected_error_image(method.error_m, method.mask, scale, point_px))
+
+
+def _within_band(method: MethodData, window: WindowData) -> str:
+    """How many errors lie within the stated band, where truth can tell."""
+    if method.error_m is None or window.truth is None:
+        return ""
+    truth = window.truth
+    error_cm, both = error_of(method.depth_m, method.mask, truth.depth_m, truth.scored)
+    if not both.any():
+        return ""
+    inside = np.mean(error_cm[both] <= 100 * method.error_m[both])
+    return f"{100 * inside:.0f} % of the errors lie within."
 
 
 def _uri(image: IndexedImage) -> str:

@@ -94,6 +94,24 @@ def test_a_method_that_does_not_say_how_sure_it_is_has_all_pictures_but_that():
     assert "Confidence [votes]</b>" in page
 
 
+def test_expected_errors_are_drawn_where_a_method_states_them_with_how_many_held():
+    data = report_data("desk")
+    window = data.cases[0].windows[0]
+    known = window.methods[0]
+    error_m = np.abs(known.depth_m - window.truth.depth_m)
+    scored = np.flatnonzero(known.mask & window.truth.scored)
+    error_m.flat[scored[: len(scored) // 4]] *= 0.5
+    methods = (replace(known, error_m=error_m), *window.methods[1:])
+    case = replace(data.cases[0], windows=(replace(window, methods=methods),), window_count=1)
+    page = render(replace(data, cases=(case,)))
+    WellFormed(page)
+    share = 100 * (1 - len(scored) // 4 / len(scored))
+    assert f'alt="Expected error of {known.name}, cm"' in page
+    assert f"68 % of the errors. {share:.0f} % of the errors lie within." in page
+    assert f"{methods[1].name} is not calibrated." in page
+    assert "Expected error" not in render(data)
+
+
 def test_the_configuration_is_folded_up(one_case):
     assert re.search(r"<details><summary>Configuration</summary><pre>planes = 12", one_case)
 
