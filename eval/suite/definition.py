@@ -31,7 +31,8 @@ from eval.config import Settings
 from eval.perturbations import amounts
 
 FOLDER = Path(__file__).parent / "definitions"
-NEWEST = "suite-v2"
+GATED = "suite-v2"
+"""The suite whose part `quick` gates changes; what is frozen later is named in full."""
 ALL = "all"
 
 Condition = Literal["noise", "light", "motion", "occlusion", "geometry"]
@@ -195,7 +196,7 @@ def load(name: str) -> tuple[Suite, str]:
     """Finds a suite and one of its subsets.
 
     Args:
-        name: `quick` for the newest suite's subset of that name, `suite-v2` for all of a suite,
+        name: `quick` for the gate's subset of that name, `suite-v2` for all of a suite,
             `suite-v2:quick`, or a TOML file, `FILE.toml` or `FILE.toml:quick`.
 
     Raises:
@@ -204,7 +205,7 @@ def load(name: str) -> tuple[Suite, str]:
     place, _, subset = name.partition(":")
     path = Path(place) if place.endswith(".toml") else FOLDER / f"{place}.toml"
     if not subset and not path.is_file() and not place.endswith(".toml"):
-        place, subset, path = NEWEST, place, FOLDER / f"{NEWEST}.toml"
+        place, subset, path = GATED, place, FOLDER / f"{GATED}.toml"
     if not path.is_file():
         known = ", ".join(sorted(file.stem for file in FOLDER.glob("*.toml")))
         raise InputError(f"unknown suite {place!r}: choose one of {known}, or name a TOML file")
@@ -219,7 +220,7 @@ def overview() -> dict[str, str]:
     for suite in map(read, sorted(FOLDER.glob("*.toml"))):
         found[suite.name] = f"{suite.summary.partition(':')[0]} ({_extent(suite.subset(ALL))})"
         for name, subset in suite.subsets.items():
-            short = name if suite.name == NEWEST else f"{suite.name}:{name}"
+            short = name if suite.name == GATED else f"{suite.name}:{name}"
             found[short] = f"part of {suite.name} ({_extent(subset)})"
     return found
 

@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from emvs.dsi.method import Method
+from emvs.methods import named
 from eval.figures.colormaps import line_style
 from eval.figures.plots import causes_svg
 from eval.figures.ranking import cost_svg, coverage_svg, history_svg
@@ -146,7 +148,11 @@ def _note(page: RankingPage, method: str) -> GridCell:
     if where:
         return GridCell(f"perfect in {plural(len(where), 'sequence')}: copied truth?", kind="worse")
     stated = page.joined.owner[method].stated.get(method)
-    return GridCell("" if stated is None else f"by {', '.join(stated['authors'])}")
+    if stated is not None:
+        return GridCell(f"by {', '.join(stated['authors'])}")
+    known = named(method)
+    trained = isinstance(known, Method) and known.keeps_votes
+    return GridCell("trained on other motions of these scenes" if trained else "")
 
 
 def _standing_grid(ranked: Ranked, about: str) -> Grid:

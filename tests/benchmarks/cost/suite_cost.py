@@ -15,7 +15,7 @@ from pathlib import Path
 
 from emvs.errors import InputError
 from eval.cli.exit_codes import exit_code
-from eval.suite.definition import NEWEST, Suite, load
+from eval.suite.definition import GATED, Suite, load
 from eval.suite.results import JobNote, read_suite
 from markdown_blocks import into_page
 
@@ -30,7 +30,7 @@ def main() -> int:
     """Prints and writes the table; exit code 2 on bad input."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("runs", type=Path, nargs="+", help="what `eventsweep suite --out` wrote")
-    parser.add_argument("--suite", default=NEWEST, help="whose cost is reckoned")
+    parser.add_argument("--suite", default=GATED, help="whose cost is reckoned")
     parser.add_argument("--page", type=Path, help="page to write the table into")
     asked = parser.parse_args()
     with exit_code() as code:

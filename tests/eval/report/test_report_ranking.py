@@ -210,3 +210,12 @@ def test_the_summary_for_a_script(tmp_path, capsys):
     ]  # fmt: skip
     assert facts["not_ranked"] == facts["refused"] == {}
     assert set(CASES) == {"wall", "dark", "crowd"}
+
+
+def test_methods_that_were_trained_on_our_scenes_say_so(tmp_path):
+    errors = {"Alg1/H": 0.2, "Learned/H": 0.1, "DERD/H": 0.15}
+    write_ranking([Source(tmp_path, (entry("v1", errors),))], tmp_path / "out")
+    page = text_of(tmp_path / "out")
+    for method, trained in (("Alg1/H", False), ("Learned/H", True), ("DERD/H", True)):
+        note = cells(page, method, "<main>")[-1]
+        assert (note == "trained on other motions of these scenes") == trained
