@@ -16,25 +16,13 @@ from emvs.maps.folder import read_map
 from eval.suite.results import read_suite
 from places import ROOT
 from small_pair import small_sequence
+from small_suite import case, suite_text
 
-SUITE = """
-name = "mine"
-summary = "one short case"
-seeds = [0]
-spread_seeds = [0]
-metrics = ["points", "mean_error"]
-
-[mappers.default]
-methods = ["Chance/middle"]
-planes = 21
-
-[cases.wall]
-scene = "planes"
-rig = "oblique"
-seconds = 0.02
-windows = [{ start_s = 0.0, duration_s = 0.02 }]
-sim = { sampling = "fast" }
-"""
+SUITE = suite_text(
+    case("wall", [(0.0, 0.02)], 0.02, rig="oblique", sim={"sampling": "fast"}),
+    name="mine",
+    mappers={"default": {"methods": ["Chance/middle"], "planes": 21}},
+)
 
 
 def documented():

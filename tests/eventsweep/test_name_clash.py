@@ -9,28 +9,13 @@ import pytest
 
 from eventsweep import installation
 from places import ROOT
+from small_suite import case, suite_text
 
 HOSTILE = 'raise RuntimeError("this is the package of the user")\n'
 
-SUITE = """
-name = "tiny"
-summary = "one short case"
-seeds = [0]
-spread_seeds = [0]
-metrics = ["points", "mean_error"]
-speed_case = "wall"
-
-[mappers.default]
-methods = ["Alg1/H"]
-planes = 10
-
-[cases.wall]
-scene = "planes"
-rig = "rpg"
-seconds = 0.02
-windows = [{ start_s = 0.0, duration_s = 0.02 }]
-mappers = ["default"]
-"""
+SUITE = 'speed_case = "wall"\n' + suite_text(
+    case("wall", [(0.0, 0.02)], 0.02), mappers={"default": {"methods": ["Alg1/H"], "planes": 10}}
+)
 
 
 def hide(folder: Path, names: tuple[str, ...]) -> Path:

@@ -20,32 +20,9 @@ from eval.suite.definition import read as read_definition
 from eval.suite.results import read_suite
 from eval.suite.submission import MANIFEST, Asked, read_manifest
 from places import ROOT
+from small_suite import case, suite_text
 
-SUITE = """
-name = "pair"
-summary = "two short cases"
-seeds = [0]
-spread_seeds = [0]
-metrics = ["points", "mean_error", "median_error"]
-
-[mappers.default]
-methods = ["Alg1/H", "EMVS/cam0"]
-planes = 30
-
-[cases.wall]
-scene = "planes"
-rig = "rpg"
-seconds = 0.04
-windows = [{ start_s = 0.0, duration_s = 0.02 }, { start_s = 0.02, duration_s = 0.02 }]
-sim = { contrast_threshold_pos = 0.4, contrast_threshold_neg = 0.5 }
-
-[cases.late]
-scene = "planes"
-rig = "rpg"
-seconds = 0.04
-windows = [{ start_s = 0.01, duration_s = 0.02 }]
-sim = { contrast_threshold_pos = 0.4, contrast_threshold_neg = 0.5 }
-"""
+SUITE = suite_text(case("wall"), case("late", [(0.01, 0.02)]))
 FACTS = """
 method = "Guess"
 authors = ["A. Author", "Ü. Österreich"]

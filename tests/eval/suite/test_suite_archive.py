@@ -25,37 +25,14 @@ from eval.suite.definition import read as read_definition
 from eval.suite.results import read_suite
 from eval.suite.series import of_suite
 from places import ROOT
+from small_suite import WHOLE, case, suite_text
 
-SUITE = """
-name = "pair"
-summary = "two short cases"
-seeds = [0, 1]
-spread_seeds = [0, 1]
-metrics = ["points", "mean_error", "median_error"]
-
-[mappers.default]
-methods = ["Alg1/H", "EMVS/cam0"]
-planes = 30
-
-[cases.wall]
-scene = "planes"
-rig = "rpg"
-seconds = 0.04
-windows = [{ start_s = 0.0, duration_s = 0.04 }]
-sim = { contrast_threshold_pos = 0.4, contrast_threshold_neg = 0.5 }
-
-[cases.crooked]
-scene = "planes"
-rig = "rpg"
-seconds = 0.04
-windows = [{ start_s = 0.0, duration_s = 0.04 }]
-sim = { contrast_threshold_pos = 0.4, contrast_threshold_neg = 0.5 }
-imperfection = { focal_percent = 3, pose_walk_mm = 9 }
-
-[subsets.quick]
-cases = ["wall"]
-seeds = [0]
-"""
+SUITE = suite_text(
+    case("wall", WHOLE),
+    case("crooked", WHOLE, imperfection={"focal_percent": 3, "pose_walk_mm": 9}),
+    seeds=[0, 1],
+    more='[subsets.quick]\ncases = ["wall"]\nseeds = [0]\n',
+)
 NUMBERS = ("--workers", "1", "--no-speed", "--quiet")
 
 

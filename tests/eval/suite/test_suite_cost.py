@@ -6,31 +6,15 @@ from eval.cli.main import main
 from eval.jobs.local import ONE_THREAD
 from eval.ranking.entries import of_suite
 from eval.suite.results import read_suite
+from small_suite import WHOLE, case, suite_text
 
-SUITE = """
-name = "priced"
-summary = "one short case"
-seeds = [0]
-spread_seeds = [0]
-metrics = ["points", "mean_error"]
-speed_case = "wall"
-
-[mappers.default]
-methods = ["EMVS/cam0", "Alg1/H"]
-planes = 30
-
-[mappers.more]
-methods = ["SGM/ts"]
-planes = 30
-
-[cases.wall]
-scene = "planes"
-rig = "rpg"
-seconds = 0.04
-windows = [{ start_s = 0.0, duration_s = 0.04 }]
-mappers = ["default", "more"]
-sim = { contrast_threshold_pos = 0.4, contrast_threshold_neg = 0.5 }
-"""
+MAPPERS = {
+    "default": {"methods": ["EMVS/cam0", "Alg1/H"], "planes": 30},
+    "more": {"methods": ["SGM/ts"], "planes": 30},
+}
+SUITE = 'speed_case = "wall"\n' + suite_text(
+    case("wall", WHOLE, mappers=["default", "more"]), mappers=MAPPERS
+)
 
 
 def run(folder, *more):

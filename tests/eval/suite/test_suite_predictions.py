@@ -13,39 +13,17 @@ from emvs.errors import InputError
 from eval.cli.main import main
 from eval.suite.results import read_suite
 from eval.suite.stages import predict as predict_stage
+from small_suite import case, suite_text
 
-SUITE = """
-name = "pair"
-summary = "two short cases"
-seeds = [0]
-spread_seeds = [0]
-metrics = ["points", "mean_error", "median_error"]
-
-[mappers.default]
-methods = ["Alg1/H", "EMVS/cam0"]
-planes = 30
-
-[mappers.coarse]
-methods = ["Alg1/H"]
-planes = 10
-reference = "end"
-
-[cases.wall]
-scene = "planes"
-rig = "rpg"
-seconds = 0.04
-windows = [{ start_s = 0.0, duration_s = 0.02 }, { start_s = 0.02, duration_s = 0.02 }]
-mappers = ["default", "coarse"]
-sim = { contrast_threshold_pos = 0.4, contrast_threshold_neg = 0.5 }
-
-[cases.late]
-scene = "planes"
-rig = "rpg"
-seconds = 0.04
-windows = [{ start_s = 0.01, duration_s = 0.02 }]
-mappers = ["coarse"]
-sim = { contrast_threshold_pos = 0.4, contrast_threshold_neg = 0.5 }
-"""
+MAPPERS = {
+    "default": {"methods": ["Alg1/H", "EMVS/cam0"], "planes": 30},
+    "coarse": {"methods": ["Alg1/H"], "planes": 10, "reference": "end"},
+}
+SUITE = suite_text(
+    case("wall", mappers=["default", "coarse"]),
+    case("late", [(0.01, 0.02)], mappers=["coarse"]),
+    mappers=MAPPERS,
+)
 
 
 @pytest.fixture(scope="module")
