@@ -1,4 +1,4 @@
-"""How sharp the DSI of a window is: the higher, the better events, calibration and poses agree.
+"""How sharp the DSIs of windows are: the higher, the better events, calibration and poses agree.
 
 Rays of one edge meet in few voxels where all of them are right, and spread over many where a clock,
 a pose or a calibration is wrong: votes are as many, their maxima are lower. Contrast of votes as a
@@ -9,78 +9,195 @@ tells how well the cameras agree with each other.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
-from emvs.data.recording import Recording
-from emvs.dsi.backend import SweepSettings
-from emvs.dsi.backprojection import CpuProjector, back_project
-from emvs.dsi.maxima import Measures
-from emvs.dsi.method import CODES, WHOLE, Method, single_camera
-from emvs.dsi.sweep import group_by_split, sweep
-from emvs.reference_view import reference_view
-from emvs.windows import Window, choose_window
+from emvs import sharpness_kernels
+from emvs.data.events import Events
+from emvs.dsi.rays import Rays, event_rays
+from emvs.geometry.camera import Camera
+from emvs.geometry.rig import Rig
+from emvs.geometry.trajectory import Trajectory
 
-LARGEST = 2000
-"""Rays whose maxima count: those through edges, not those through what is between them."""
+Floats = NDArray[np.float64]
+# Of the rays of the view. Sums over all of them follow what votes at random do, too, and their
+# powers the few strongest edges: both are less sure over windows.
+_LARGEST_SHARE = 0.01
+# How much of the range of inverse depth is added at both ends. Without it a turn that moves what
+# is farthest beyond the last plane looks worse than one that moves it nearer: 0.05 to 0.1 deg.
+_MARGIN = 0.2
 
 
-def sharpness(
-    recording: Recording,
-    config: MapperConfig,
-    window: Window | None = None,
-    camera: int | None = None,
-) -> float:
-    """Mean of the `LARGEST` largest ray maxima of a window's DSI, in votes.
+@dataclass(frozen=True)
+class Level:
+    """How finely the DSI is cut.
+
+    Attributes:
+        scale: pixels of the sensor per pixel of the view, along each axis.
+        planes: of the DSI.
+    """
+
+    scale: int
+    planes: int
+
+
+@dataclass(frozen=True)
+class WindowEvents:
+    """A window, and the events of it that vote.
+
+    Attributes:
+        t0_us: begin, included.
+        t1_us: end, excluded.
+        events: per camera, as stamped, thinned evenly.
+    """
+
+    t0_us: int
+    t1_us: int
+    events: tuple[Events, ...]
+
+    @property
+    def t_ref_us(self) -> int:
+        """The time of the reference view: the middle."""
+        return (self.t0_us + self.t1_us) // 2
+
+    def thinned(self, share: float) -> WindowEvents:
+        """The window with a share of its events, evenly through the stream."""
+        fewer = [one.thinned(max(1, int(share * len(one)))) for one in self.events]
+        return replace(self, events=tuple(fewer))
+
+
+@dataclass(frozen=True)
+class Told:
+    """What is said about the events of a window.
+
+    Attributes:
+        rig: calibration.
+        trajectory: `T_world_body`; it must cover the window's middle.
+        clock_us: added to the times of each camera's events; empty: nothing.
+    """
+
+    rig: Rig
+    trajectory: Trajectory
+    clock_us: tuple[int, ...] = ()
+
+
+class Sharpness:
+    """Sharpness of the fused DSIs of several windows at once; the windows share the threads.
+
+    Its planes reach beyond the depth range: `docs/calibrate.md` says why.
 
     Args:
-        recording: events, poses and calibration.
-        config: planes, voting and threads; the window where none is given.
-        window: which events, and the time of the reference view; by default what the configuration
-            says.
-        camera: of this camera's volume alone; by default the harmonic mean of all cameras.
-
-    Raises:
-        InputError: what `emvs.mapper.map_window` refuses: a window that events or poses do not
-            cover, a camera none of whose events can vote, an impossible depth range.
+        depth_range_m: nearest and farthest depth.
+        level: how finely the DSI is cut.
     """
-    return sharpnesses(recording, config, (camera,), window)[0]
+
+    def __init__(self, depth_range_m: tuple[float, float], level: Level) -> None:
+        self.level = level
+        self._rho = _planes(*depth_range_m, level.planes)
+        self._grids = np.empty((0, 0, 0), np.float32)
+        self._best = np.empty((0, 0), np.float32)
+
+    def __call__(self, windows: Sequence[WindowEvents], told: Sequence[Told]) -> Floats:
+        """(W,) mean of the largest ray maxima of each window, in votes.
+
+        Args:
+            windows: their events.
+            told: what is said about each; all of rigs as large and with first cameras of one size.
+
+        Raises:
+            InputError: poses that do not cover the middle of a window, events off their sensor.
+        """
+        best = self.ray_maxima(windows, told)
+        largest = max(1, round(_LARGEST_SHARE * best.shape[1]))
+        top = np.partition(best, -largest, axis=1)[:, -largest:]
+        return np.asarray(top.mean(axis=1, dtype=np.float64))
+
+    def ray_maxima(
+        self, windows: Sequence[WindowEvents], told: Sequence[Told]
+    ) -> NDArray[np.float32]:
+        """(W, pixels) the largest harmonic mean of votes along each ray of the views; reused."""
+        rays = [self._rays(*pair) for pair in zip(windows, told, strict=True)]
+        columns = zip(*(one.columns for of_window in rays for one in of_window), strict=True)
+        begin = np.cumsum([0] + [len(one) for of_window in rays for one in of_window])
+        cameras = len(told[0].rig)
+        at = np.arange(len(rays))[:, None] * cameras + np.arange(cameras + 1)
+        view = _view(told[0].rig.cameras[0], self.level.scale)
+        self._reserve(len(rays), cameras, view.width_px * view.height_px)
+        sharpness_kernels.ray_maxima(  # type: ignore[call-arg]
+            *map(np.concatenate, columns), begin[at], self._rho, view.width_px, view.height_px,
+            self._grids, self._best,
+        )  # fmt: skip
+        return self._best
+
+    def _reserve(self, windows: int, cameras: int, pixels: int) -> None:
+        """Memory for votes, kept from call to call."""
+        if self._grids.shape != (windows, cameras, pixels):
+            self._grids = np.empty((windows, cameras, pixels), np.float32)
+            self._best = np.empty((windows, pixels), np.float32)
+
+    def _rays(self, window: WindowEvents, told: Told) -> list[Rays]:
+        clock_us = told.clock_us or (0,) * len(told.rig)
+        near = _around(told.trajectory, window, max(map(abs, clock_us)))
+        T_world_rv = near.at(window.t_ref_us) @ told.rig.T_body_cam[0]
+        view = _view(told.rig.cameras[0], self.level.scale)
+        each = zip(window.events, clock_us, told.rig.cameras, told.rig.T_body_cam, strict=True)
+        return [
+            event_rays(_on_clock(events, late_us), _tabulated(camera), T, near, T_world_rv, view)
+            for events, late_us, camera, T in each
+        ]
 
 
-def sharpnesses(
-    recording: Recording,
-    config: MapperConfig,
-    cameras: Sequence[int | None],
-    window: Window | None = None,
-) -> tuple[float, ...]:
-    """The same of several volumes, from one sweep.
+def _planes(near_m: float, far_m: float, count: int) -> NDArray[np.float32]:
+    """(count,) inverse depths, 1/m: a margin at both ends, if need be beyond infinity.
 
-    Args:
-        recording: events, poses and calibration.
-        config: planes, voting and threads; the window where none is given.
-        cameras: of which camera's volume each; None: the harmonic mean of all cameras.
-        window: which events, and the time of the reference view.
-
-    Raises:
-        InputError: as `sharpness`.
+    A turn that is wrong moves what is far away to where rays meet behind the cameras.
     """
-    window = choose_window(recording, config) if window is None else window
-    view = reference_view(recording, config, window.t_ref_us)
-    n_cameras = len(recording.rig)
-    fused = Method("Alg1/H", CODES["H"], "harmonic mean") if n_cameras > 1 else single_camera(0)
-    methods = [fused if camera is None else single_camera(camera) for camera in cameras]
-    projected = back_project(recording, window, view, [WHOLE], CpuProjector())
-    votes = Measures("votes", config.focus_measure, config.focus_sigma_px)
-    sums = "nearest" if config.voting == "nearest" else config.voting_precision
-    settings = SweepSettings(sums, 1, votes, config.threads)
-    groups = group_by_split(tuple(dict.fromkeys(methods)), n_cameras)
-    maxima = sweep(projected, view, groups, settings).maxima
-    return tuple(_mean_of_largest(maxima[method.name].value) for method in methods)
+    more = _MARGIN * (1 / near_m - 1 / far_m)
+    return np.linspace(1 / near_m + more, 1 / far_m - more, count).astype(np.float32)
 
 
-def _mean_of_largest(votes: NDArray[np.float32]) -> float:
-    """Mean of the largest values of an image, of all of them where there are fewer."""
-    largest = min(LARGEST, votes.size)
-    return float(np.partition(votes.ravel(), -largest)[-largest:].mean(dtype=np.float64))
+def _on_clock(events: Events, late_us: int) -> Events:
+    return replace(events, t_us=events.t_us + late_us) if late_us else events
+
+
+def _around(trajectory: Trajectory, window: WindowEvents, more_us: int) -> Trajectory:
+    """The poses of a window and one on each side: what is far away need not be carried along."""
+    bounds = [window.t0_us - more_us, window.t1_us + more_us]
+    first, last = np.searchsorted(trajectory.t_us, bounds)
+    part = slice(max(0, int(first) - 1), int(last) + 1)
+    return Trajectory(
+        trajectory.t_us[part], trajectory.positions_m[part], trajectory.quats_xyzw[part]
+    )
+
+
+def _view(camera: Camera, scale: int) -> Camera:
+    """The first camera without distortion, its pixels joined `scale` by `scale`."""
+    return Camera(
+        max(1, camera.width_px // scale),
+        max(1, camera.height_px // scale),
+        camera.fx_px / scale,
+        camera.fy_px / scale,
+        (camera.cx_px + 0.5) / scale - 0.5,
+        (camera.cy_px + 0.5) / scale - 0.5,
+    )
+
+
+class _Tabulated(Camera):
+    """A camera with the table of its pixels' bearings."""
+
+    def bearing_table(self) -> Floats:
+        """(H, W, 2) the table."""
+        return _table(self)
+
+
+@lru_cache(maxsize=16)
+def _table(camera: Camera) -> Floats:
+    return Camera(**vars(camera)).bearing_table()
+
+
+@lru_cache(maxsize=16)
+def _tabulated(camera: Camera) -> Camera:
+    return _Tabulated(**vars(camera))

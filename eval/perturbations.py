@@ -121,13 +121,8 @@ def perturbed_rig(rig: Rig, amount: Perturbation) -> Rig:
 
 
 def _perturbed_camera(camera: Camera, amount: Perturbation) -> Camera:
-    scale = 1 + amount.focal_percent / 100
-    return replace(
-        camera,
-        fx_px=camera.fx_px * scale,
-        fy_px=camera.fy_px * scale,
-        cx_px=camera.cx_px + amount.centre_px,
-    )
+    zoomed = camera.zoomed(1 + amount.focal_percent / 100)
+    return replace(zoomed, cx_px=camera.cx_px + amount.centre_px)
 
 
 def thinned(events: Events, share: float, seed: int) -> Events:

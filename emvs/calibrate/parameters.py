@@ -18,7 +18,6 @@ from emvs.data.altered import AlteredRecording
 from emvs.data.recording import Recording
 from emvs.errors import InputError
 from emvs.geometry import se3
-from emvs.geometry.camera import Camera
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 
@@ -80,7 +79,8 @@ def _direction(camera: int) -> list[Parameter]:
     return [Parameter("direction", camera, way, "deg", 2.0, 1.0) for way in ("forward", "across")]
 
 
-_POSE_CLOCK = Parameter("pose clock", 0, "", "ms", 40.0, 2.5)
+POSE_CLOCK = Parameter("pose clock", 0, "", "ms", 40.0, 2.5)
+"""What is added to the times of the poses."""
 _HAND_EYE = [
     *(Parameter("hand-eye", 0, axis, "deg", 4.0, 0.5) for axis in AXES),
     *(Parameter("lever", 0, axis, "mm", 40.0, 8.0) for axis in AXES),
@@ -110,7 +110,7 @@ def _named(name: str, cameras: int) -> list[Parameter]:
     if name == "focal":
         return [Parameter("focal", 0, "", "%", 6.0, 1.5)]
     if name == "pose-delay" or (name == "delay" and cameras == 1):
-        return [_POSE_CLOCK]
+        return [POSE_CLOCK]
     if name == "hand-eye":
         return list(_HAND_EYE)
     if cameras < 2:
@@ -122,7 +122,7 @@ def _of_camera(name: str, camera: int) -> list[Parameter]:
     if name == "stereo":
         return _stereo(camera)
     if name == "delay":
-        return [Parameter("clock", camera, "", "ms", 12.0, 3.0)]
+        return [Parameter("clock", camera, "", "ms", 12.0, 4.0)]
     if name == "direction":
         return _direction(camera)
     return [Parameter("baseline", camera, "", "%", 6.0, 2.0)]
@@ -163,6 +163,21 @@ class Correction:
         """The same with some values in place of those before."""
         return Correction({**self.values, **values})
 
+    def varied(self, values: Mapping[Parameter, float], cameras: int) -> Correction:
+        """What to compare this with: some values otherwise, the mean of all cameras' clocks kept.
+
+        A sensor's lag is common to all cameras, and makes each sharper by itself where its clock
+        goes back. If one camera's clock went alone, the lag would pass for one between cameras.
+
+        Args:
+            values: in place of those before.
+            cameras: of the rig.
+        """
+        other = self.with_values(values)
+        later_us = np.subtract(other.clock_us(cameras), self.clock_us(cameras)).mean()
+        pose_ms = other._value("pose clock") + later_us / 1e3
+        return other.with_values({POSE_CLOCK: pose_ms})
+
     def vector(self, parameters: Sequence[Parameter]) -> Floats:
         """The (P,) values of some parameters."""
         return np.array([self.values.get(one, 0.0) for one in parameters])
@@ -170,7 +185,7 @@ class Correction:
     def rig(self, rig: Rig) -> Rig:
         """The rig with its focal lengths, its cameras and the first one's place corrected."""
         scale = 1 + self._value("focal") / 100
-        cameras = tuple(_scaled(camera, scale) for camera in rig.cameras)
+        cameras = tuple(camera.zoomed(scale) for camera in rig.cameras)
         first = rig.T_body_cam[0] @ self.hand_eye()
         T_0_cam = [se3.inverse(rig.T_body_cam[0]) @ T for T in rig.T_body_cam]
         places = [first] + [first @ self._place(k, T_0_cam[k]) for k in range(1, len(rig))]
@@ -232,7 +247,3 @@ def _turned_baseline(baseline_m: Floats, angles: Floats) -> Floats:
     forward /= np.linalg.norm(forward)
     turned = along + np.tan(angles[0]) * forward + np.tan(angles[1]) * np.cross(along, forward)
     return np.asarray(length_m * turned / np.linalg.norm(turned))
-
-
-def _scaled(camera: Camera, scale: float) -> Camera:
-    return replace(camera, fx_px=camera.fx_px * scale, fy_px=camera.fy_px * scale)

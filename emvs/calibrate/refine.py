@@ -154,7 +154,7 @@ class _Refiner:
         parameters: Sequence[Parameter], config: RefineConfig, progress: Progress,
     ) -> None:  # fmt: skip
         self._recording, self._config, self._progress = recording, config, progress
-        self._parameters = tuple(parameters)
+        self._parameters, self._cameras = tuple(parameters), len(recording.rig)
         self._objective, windows = objective, objective.windows
         self._best = Correction()
         self._sure: dict[Parameter, float] = {}
@@ -221,7 +221,7 @@ class _Refiner:
             done += 1
             self._progress(stage, done, total)
             values = dict(zip(parameters, map(float, point), strict=True))
-            return np.log(self._objective(self._best.with_values(values)))
+            return np.log(self._objective(self._best.varied(values, self._cameras)))
 
         spread = np.array([one.spread for one in parameters])
         start = self._best.vector(parameters)
@@ -263,7 +263,7 @@ class _Refiner:
         for done, one in enumerate(refined, 1):
             far = max(1.3 * abs(one.value), 4 * one.uncertainty, 0.2 * one.parameter.reach)
             at = one.value + np.linspace(-far, far, _CURVE_POINTS)
-            each = [self._best.with_values({one.parameter: float(x)}) for x in at]
+            each = [self._best.varied({one.parameter: float(x)}, self._cameras) for x in at]
             mean = np.exp([np.log(self._objective(told)).mean() for told in each])
             curves[one.parameter.name] = (at, np.asarray(mean / mean.max()))
             self._progress("curves", done, len(refined))

@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.calibrate.objective import COARSE, MIDDLE, Level, Objective
+from emvs.calibrate.objective import COARSE, MIDDLE, Objective
 from emvs.calibrate.parameters import Correction, Parameter
+from emvs.sharpness import Level
 
 Floats = NDArray[np.float64]
 Heard = Callable[[str], None]
@@ -36,13 +37,13 @@ def approach(
         start: where to begin.
         heard: told each parameter's name when its scan is done.
     """
-    best = start
+    best, cameras = start, len(objective.recording.rig)
     for level, share, points in _PASSES:
         function = objective.at(level)
         for one in parameters:
             offsets = np.linspace(-1, 1, points) * share * one.reach
             at = best.values.get(one, 0.0) + offsets
-            values = [_score(function, best.with_values({one: float(x)})) for x in at]
+            values = [_score(function, best.varied({one: float(x)}, cameras)) for x in at]
             best = best.with_values({one: peak_of(at, np.array(values))})
             heard(one.name)
     return best
@@ -70,13 +71,13 @@ def steps(objective: Objective, parameters: Sequence[Parameter], at: Correction)
     A step so long looks at the shape of the top rather than at its ripples, and one so short stays
     where it is a parabola.
     """
-    middle = _score(objective, at)
+    middle, cameras = _score(objective, at), len(objective.recording.rig)
     found = []
     for one in parameters:
         low, high = (share * one.reach for share in _STEP_SHARES)
         tried = 0.25 * one.reach
         moved = [at.values.get(one, 0.0) + sign * tried for sign in (1, -1)]
-        drop = middle - np.mean([_score(objective, at.with_values({one: x})) for x in moved])
+        drop = middle - np.mean([_score(objective, at.varied({one: x}, cameras)) for x in moved])
         wanted = tried * np.sqrt(_DROP / drop) if drop > 0 else high
         found.append(float(np.clip(wanted, low, high)))
     return np.array(found)

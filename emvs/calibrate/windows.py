@@ -2,44 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
 from emvs.data.recording import Recording
 from emvs.errors import InputError
+from emvs.sharpness import WindowEvents
 from emvs.utils.runtime import Progress, silent
 
 _CANDIDATES = 5  # of each of the stretches that a recording is cut into; one is taken
 _FEWEST_EVENTS = 1000
-
-
-@dataclass(frozen=True)
-class WindowEvents:
-    """A window, and the events of it that vote.
-
-    Attributes:
-        t0_us: begin, included.
-        t1_us: end, excluded.
-        events: per camera, as stamped, thinned evenly.
-    """
-
-    t0_us: int
-    t1_us: int
-    events: tuple[Events, ...]
-
-    @property
-    def t_ref_us(self) -> int:
-        """The time of the reference view: the middle."""
-        return (self.t0_us + self.t1_us) // 2
-
-    def thinned(self, share: float) -> WindowEvents:
-        """The window with a share of its events, evenly through time."""
-        return replace(
-            self, events=tuple(_thinned(one, max(1, int(share * len(one)))) for one in self.events)
-        )
 
 
 @dataclass(frozen=True)
@@ -77,9 +51,8 @@ def read_windows(
     for done, (t0_us, t1_us) in enumerate(spans, 1):
         events = [recording.events(k, t0_us, t1_us) for k in range(len(recording.rig))]
         if min(map(len, events)) >= _FEWEST_EVENTS:
-            found.append(
-                WindowEvents(t0_us, t1_us, tuple(_thinned(e, plan.events) for e in events))
-            )
+            thinned = tuple(one.thinned(plan.events) for one in events)
+            found.append(WindowEvents(t0_us, t1_us, thinned))
         progress("windows", done, len(spans))
     if len(found) < 2:
         raise InputError(
@@ -124,11 +97,3 @@ def _ways_m(
         for share in range(5)
     ]
     return np.asarray(np.linalg.norm(np.diff(places, axis=0), axis=2).sum(axis=0))
-
-
-def _thinned(events: Events, most: int) -> Events:
-    """At most so many events, evenly through time."""
-    if len(events) <= most:
-        return events
-    kept = np.arange(most, dtype=np.int64) * len(events) // most
-    return Events(events.x[kept], events.y[kept], events.t_us[kept], events.p[kept])

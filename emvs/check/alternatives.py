@@ -22,7 +22,7 @@ from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
 
 Matrix = NDArray[np.float64]
-Told = Callable[[Recording], Recording]
+Alter = Callable[[Recording], Recording]
 MARGIN, MARGIN_OF_AMOUNTS = 0.04, 0.015
 """Gains that count, in logarithms of sharpness: of alternatives, and of amounts."""
 
@@ -38,7 +38,7 @@ class Alternative:
     """
 
     name: str
-    told: Told
+    told: Alter
     cure: str
 
 
@@ -242,7 +242,7 @@ def amounts_of_pair() -> list[Amount]:
     ]  # fmt: skip
 
 
-def _times(told: Callable[[Recording, float], Recording], factor: float) -> Told:
+def _times(told: Callable[[Recording, float], Recording], factor: float) -> Alter:
     return lambda recording: told(recording, factor)
 
 
@@ -264,9 +264,7 @@ def _scaled_poses(recording: Recording, factor: float) -> Recording:
 
 def _focal(recording: Recording, factor: float) -> Recording:
     rig = recording.rig
-    cameras = tuple(
-        replace(one, fx_px=one.fx_px * factor, fy_px=one.fy_px * factor) for one in rig.cameras
-    )
+    cameras = tuple(camera.zoomed(factor) for camera in rig.cameras)
     return AlteredRecording(recording, rig=replace(rig, cameras=cameras))
 
 
@@ -288,7 +286,7 @@ def _turned(axis: int) -> Callable[[Recording, float], Recording]:
     return told
 
 
-def _poses(change: Callable[[Trajectory], Trajectory]) -> Told:
+def _poses(change: Callable[[Trajectory], Trajectory]) -> Alter:
     return lambda r: AlteredRecording(r, trajectory=change(r.trajectory))
 
 
@@ -305,7 +303,7 @@ def _w_last(poses: Trajectory) -> Trajectory:
     return Trajectory(poses.t_us, poses.positions_m, np.roll(poses.quats_xyzw, -1, axis=1))
 
 
-def _hand_eye(change: Callable[[Matrix], Matrix]) -> Told:
+def _hand_eye(change: Callable[[Matrix], Matrix]) -> Alter:
     def told(recording: Recording) -> Recording:
         rig = recording.rig
         inside = [se3.inverse(rig.T_body_cam[0]) @ T for T in rig.T_body_cam]
@@ -376,6 +374,6 @@ def _axes() -> list[Alternative]:
     return found
 
 
-def _hand_eye_times(T_told_cam: Matrix) -> Told:
+def _hand_eye_times(T_told_cam: Matrix) -> Alter:
     """The first camera turned on the body, and the others with it."""
     return _hand_eye(lambda T_body_cam: T_body_cam @ T_told_cam)

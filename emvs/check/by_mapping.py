@@ -11,7 +11,7 @@ unspoilt recordings (page `check`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from emvs.check.alternatives import (
     MARGIN,
+    Alter,
     Alternative,
     Amount,
     Chosen,
@@ -32,13 +33,12 @@ from emvs.config import MapperConfig
 from emvs.data.events import Events
 from emvs.data.recording import DerivedRecording, Recording
 from emvs.errors import InputError
-from emvs.sharpness import sharpness
-from emvs.utils.runtime import Progress, silent
-from emvs.windows import Window
+from emvs.reference_view import depth_range_m
+from emvs.sharpness import Level, Sharpness, Told, WindowEvents
+from emvs.utils.runtime import Progress, silent, use_threads
 
 Gains = NDArray[np.float64]
-Told = Callable[[Recording], Recording]
-WINDOWS, WINDOW_US, EVENTS, PLANES = 3, 200_000, 40_000, 24
+WINDOWS, WINDOW_US, EVENTS, LEVEL = 3, 200_000, 30_000, Level(1, 32)
 _CANDIDATES = 24
 _PROMISING = -0.15  # in the first window: what is less sharp is not tried in the others
 _REFINEMENTS = 3
@@ -53,12 +53,8 @@ class HeldRecording(DerivedRecording):
 
     def __init__(self, recording: Recording, t0_us: int, t1_us: int, most: int) -> None:
         super().__init__(recording)
-        self._held = []
-        for camera in range(len(recording.rig)):
-            events = recording.events(camera, t0_us, t1_us)
-            kept = np.linspace(0, len(events) - 1, min(len(events), most)).astype(np.int64)
-            held = Events(events.x[kept], events.y[kept], events.t_us[kept], events.p[kept])
-            self._held.append(held)
+        cameras = range(len(recording.rig))
+        self._held = [recording.events(k, t0_us, t1_us).thinned(most) for k in cameras]
 
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """The held events of a camera with `t0_us <= t < t1_us`."""
@@ -72,12 +68,12 @@ class Bench:
     Attributes:
         windows: each with its events in memory.
         middles_us: the times of their reference views.
-        config: planes and threads.
+        sharpness: of windows that are told otherwise.
     """
 
     windows: tuple[Recording, ...]
     middles_us: tuple[int, ...]
-    config: MapperConfig
+    sharpness: Sharpness
 
     @classmethod
     def of(cls, recording: Recording, config: MapperConfig) -> Bench:
@@ -86,16 +82,13 @@ class Bench:
         Raises:
             InputError: poses and events cover no window together.
         """
+        use_threads(config.threads)
         begins = _begins(recording)
         windows = [HeldRecording(recording, t, t + WINDOW_US, EVENTS) for t in begins]
-        planes = min(config.planes, PLANES)
-        settings = MapperConfig(
-            planes=planes, min_depth_m=config.min_depth_m, max_depth_m=config.max_depth_m,
-            threads=config.threads,
-        )  # fmt: skip
-        return cls(tuple(windows), tuple(t + WINDOW_US // 2 for t in begins), settings)
+        middles_us = tuple(t + WINDOW_US // 2 for t in begins)
+        return cls(tuple(windows), middles_us, Sharpness(depth_range_m(recording, config), LEVEL))
 
-    def logs(self, told: Told, cameras: tuple[int, ...], most: int = WINDOWS) -> Gains:
+    def logs(self, told: Alter, cameras: tuple[int, ...], most: int = WINDOWS) -> Gains:
         """Logarithm of the sharpness of the first `most` windows under an alternative.
 
         Args:
@@ -103,16 +96,25 @@ class Bench:
             cameras: one, or a pair that is fused.
             most: how many windows.
         """
-        pairs = zip(self.windows[:most], self.middles_us, strict=False)
-        return np.array([self._log(told(Chosen(held, cameras)), t_us) for held, t_us in pairs])
-
-    def _log(self, recording: Recording, t_us: int) -> float:
-        # Wide enough for any clock: the events are those held, and none beside them.
-        window = Window(t_us - 10 * WINDOW_US, t_us + 10 * WINDOW_US, t_us, (0,) * 2)
+        recordings = [told(Chosen(held, cameras)) for held in self.windows[:most]]
+        middles_us = self.middles_us[:most]
+        windows = [_all_of(*pair) for pair in zip(recordings, middles_us, strict=True)]
         try:
-            return float(np.log(max(sharpness(recording, self.config, window), _NOTHING)))
-        except InputError:  # no ray meets the view: nothing is sharp
-            return float(np.log(_NOTHING))
+            votes = self.sharpness(windows, [Told(one.rig, one.trajectory) for one in recordings])
+        except InputError:  # poses elsewhere, events off the sensor: nothing is sharp
+            votes = np.zeros(len(windows))
+        return np.log(np.maximum(votes, _NOTHING))
+
+
+def _all_of(held: Recording, t_ref_us: int) -> WindowEvents:
+    """All events that are held, in a window around the time of the reference view.
+
+    Wide enough for any clock: there are no events beside those held.
+    """
+    far_us = 10 * WINDOW_US
+    cameras = range(len(held.rig))
+    events = tuple(held.events(k, t_ref_us - far_us, t_ref_us + far_us) for k in cameras)
+    return WindowEvents(t_ref_us - far_us, t_ref_us + far_us, events)
 
 
 def _begins(recording: Recording) -> list[int]:
@@ -163,7 +165,7 @@ class Trial:
     name: str
     gains: Gains
     cure: str
-    told: Told
+    told: Alter
     amount: float | None = None
     spread: float = 0.0
     unit: str = ""
@@ -192,7 +194,7 @@ def check_by_mapping(
 
     Args:
         recording: with poses.
-        config: depth range, planes (at most `PLANES`) and threads.
+        config: depth range and threads.
         progress: told the stage `alternatives`, tried and all.
 
     Returns:
@@ -222,7 +224,7 @@ def trial_of(
     Args:
         recording: with poses.
         one: the alternative.
-        config: depth range, planes (at most `PLANES`) and threads.
+        config: depth range and threads.
         of_one: whether it is said of poses and lens, not of what lies between cameras.
 
     Raises:
@@ -321,11 +323,11 @@ class _Group:
         amount, _ = _peak(one, xs, gains, int(gains.mean(axis=1).argmax()))
         return _off(one, amount) >= one.hurts / 3
 
-    def _gains(self, told: Told, most: int = WINDOWS) -> Gains:
+    def _gains(self, told: Alter, most: int = WINDOWS) -> Gains:
         return self._bench.logs(told, self.cameras, most) - self._base[:most]
 
 
-def _told(one: Amount, amount: float) -> Told:
+def _told(one: Amount, amount: float) -> Alter:
     return lambda recording: one.told(recording, amount)
 
 

@@ -72,6 +72,13 @@ class Events:
         start, stop = np.searchsorted(self.t_us, [t0_us, t1_us], side="left")
         return self.slice(int(start), int(stop))
 
+    def thinned(self, most: int) -> Events:
+        """At most so many events, evenly through the stream; itself where there are no more."""
+        if len(self) <= most:
+            return self
+        kept = np.arange(most, dtype=np.int64) * len(self) // most
+        return Events(self.x[kept], self.y[kept], self.t_us[kept], self.p[kept])
+
     def checked(self, width_px: int, height_px: int) -> Events:
         """Returns itself, or says which event is unsorted or outside the sensor.
 

@@ -140,6 +140,10 @@ class Camera:
         """The pinhole camera with the same intrinsics and size."""
         return replace(self, model="pinhole", distortion=())
 
+    def zoomed(self, factor: float) -> Camera:
+        """The camera with both focal lengths multiplied; sensor, centre and distortion stay."""
+        return replace(self, fx_px=self.fx_px * factor, fy_px=self.fy_px * factor)
+
     def to_json(self) -> dict[str, Any]:
         """Plain values, in the order of the attributes."""
         return {
