@@ -1,4 +1,4 @@
-"""The one error that a user can cause, what libraries raise for damaged files, and quoting."""
+"""The one error that a user can cause, what libraries raise, and how values are said."""
 
 from __future__ import annotations
 
@@ -59,6 +59,11 @@ def shown(value: object, most: int = 80) -> str:
     """A value as an error may show it: in one line of bounded length."""
     text = " ".join(repr(value).split())
     return text if len(text) <= most else f"{text[:most]}..."
+
+
+def significant(value: float, digits: int = 4) -> str:
+    """A value to so many digits, but never with fewer digits than it has before the point."""
+    return f"{value:,.0f}" if abs(value) >= 10 ** (digits - 1) else f"{value:.{digits}g}"
 
 
 def check_type(

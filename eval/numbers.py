@@ -31,8 +31,3 @@ def shown(value: float, unit: str) -> str:
     if math.isnan(value):
         return "–"
     return thousands(value) if unit == "px" else f"{in_shown_unit(value, unit):,.2f}"
-
-
-def significant(value: float, digits: int = 4) -> str:
-    """A value to so many digits, but never with fewer digits than it has before the point."""
-    return f"{value:,.0f}" if abs(value) >= 10 ** (digits - 1) else f"{value:.{digits}g}"

@@ -26,6 +26,7 @@ _FISHEYE_DEG = 220.0
 _FOLDED = (0.0, 0.02)
 # How far distortion moves a corner, in half diagonals.
 _BENT = (0.6, 2.0)
+_SEEN_PX, _MOVED = 0.01, "moved by distortion, px"  # less is no picture
 # Baselines, m: 0.5 cm in endoscopes, 0.6 m on DSEC's car, 2 m on a truck.
 _BASELINE_DOUBTFUL, _BASELINE_WRONG = (0.01, 1.0), (0.001, 5.0)
 # Angle between the optical axes, in fields of view: at 1 nothing is seen by both.
@@ -103,7 +104,8 @@ def _folds(camera: Camera) -> Finding:
         warnings.simplefilter("ignore")
         bearing = camera.bearing_table()
     lost = float(np.isnan(bearing).any(axis=2).mean())
-    bent = _bent(camera, bearing)
+    moved_px = np.linalg.norm(_moved_px(camera, bearing), axis=2)
+    bent = _bent(camera, moved_px)
     verdict = above(lost, *_FOLDED) if lost > 0 else "good"
     if verdict != "wrong" and camera.model == "radtan" and bent > _BENT[0]:
         verdict = "wrong" if bent > _BENT[1] else "doubtful"
@@ -114,8 +116,7 @@ def _folds(camera: Camera) -> Finding:
         meaning="the distortion folds the image over itself: events there cannot vote",
         cure="check the order and the number of the coefficients (k1 k2 p1 p2 k3) and the model",
         suspect="distortion folds",
-        series=Series(np.linalg.norm(_moved_px(camera, bearing), axis=2),
-                      y_label="moved by distortion, px"),
+        series=None if (moved_px < _SEEN_PX).all() else Series(moved_px, y_label=_MOVED),
     )  # fmt: skip
 
 
@@ -126,9 +127,8 @@ def _moved_px(camera: Camera, bearing: Floats) -> Floats:
     return np.asarray(straight - np.stack([columns, rows], axis=-1), np.float64)
 
 
-def _bent(camera: Camera, bearing: Floats) -> float:
-    moved = np.linalg.norm(_moved_px(camera, bearing), axis=2)
-    largest = float(np.nanmax(moved)) if np.isfinite(moved).any() else 0.0
+def _bent(camera: Camera, moved_px: Floats) -> float:
+    largest = float(np.nanmax(moved_px)) if np.isfinite(moved_px).any() else 0.0
     return largest / float(np.hypot(camera.width_px, camera.height_px) / 2)
 
 

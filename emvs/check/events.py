@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from emvs.check.findings import Finding, Series, Verdict, above, below, judged, worst
 from emvs.check.streams import BIN_US, Stream
 from emvs.data.recording import Recording
+from emvs.errors import significant
 from emvs.hot_pixels import hot_mask
 
 # Events per second and pixel. Moving heads before textured rooms send 1 to 60 on the twins, and
@@ -99,7 +100,7 @@ def worst_camera(findings: list[Finding], names: tuple[str, ...]) -> Finding:
 def _order(stream: Stream) -> Finding:
     return judged(
         "events-order", "wrong" if stream.backwards else "good", float(stream.backwards), "steps",
-        f"time runs backwards at {stream.backwards} of {stream.events} events",
+        f"time runs backwards at {stream.backwards:,} of {stream.events:,} events",
         meaning="windows are cut by time: events out of order are lost or mapped twice",
         cure="sort the events by time (stable)", suspect="events not sorted",
     )  # fmt: skip
@@ -119,7 +120,8 @@ def _rate(stream: Stream) -> Finding:
     ) / 1e6  # fmt: skip
     return judged(
         "events-rate", verdict, per_pixel_hz, "Hz per pixel",
-        f"{per_pixel_hz:.3g} events per second and pixel, usual are {low:g} to {high:g}",
+        f"{significant(per_pixel_hz, 3)} events per second and pixel, usual are {low:g} to "
+        f"{high:g}",
         meaning="times in another unit than µs make rates 1000 times too high or too low, and "
         "windows too short or too long",
         cure="say the unit of the times (time_unit in recording.toml, --time-unit), or lower the "
@@ -187,7 +189,7 @@ def _hot_pixels(stream: Stream) -> Finding:
     share = float(stream.pixels[hot].sum() / stream.events)
     return judged(
         "hot-pixels", above(share, _HOT_DOUBTFUL, _HOT_WRONG), share, "",
-        f"{int(hot.sum())} pixels send {share:.1%} of the events, each over {_HOT_RATIO:g} times "
+        f"{hot.sum():,} pixels send {share:.1%} of the events, each over {_HOT_RATIO:g} times "
         "what is usual around it",
         meaning="rays of hot pixels meet nothing but themselves: streaks in the volume",
         cure="map with --map.hot-pixels 10, or lower the sensor's sensitivity",
@@ -228,7 +230,7 @@ def _ceiling(stream: Stream) -> Finding:
     return judged(
         "events-ceiling", verdict, share, "",
         f"{share:.1%} of the milliseconds are within {_CEILING_WITHIN:.0%} of the busiest, "
-        f"{top * 1e3 / BIN_US:.3g} kev/s" if top else "no events",
+        f"{significant(top * 1e3 / BIN_US, 3)} kev/s" if top else "no events",
         meaning="the sensor's bus or the driver is at its limit: events are late or lost",
         cure="lower the sensitivity, set the event rate controller off, or move more slowly",
         suspect="event rate at its limit",

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from emvs.check.findings import Finding, Series, below, judged
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
-from emvs.errors import InputError
+from emvs.errors import InputError, significant
 from emvs.reference_view import depth_range_m
 from emvs.windows import choose_window, plan_windows
 
@@ -40,7 +40,9 @@ def check_parallax(recording: Recording, config: MapperConfig) -> list[Finding]:
     )
     focal_px = recording.rig.cameras[0].fx_px
     near_px = focal_px * ways_m / near_m
-    usual_px, most_px = float(np.median(near_px)), float(near_px.max())
+    way_m, usual_px, most_px = (
+        float(x) for x in (np.median(ways_m), np.median(near_px), near_px.max())
+    )
     verdict = below(most_px, _DOUBTFUL_PX, _WRONG_PX)
     if verdict == "good" and usual_px < _DOUBTFUL_PX:
         verdict = "doubtful"
@@ -48,9 +50,10 @@ def check_parallax(recording: Recording, config: MapperConfig) -> list[Finding]:
     stereo = len(recording.rig) > 1
     return [judged(
         "parallax", verdict, usual_px, "px",
-        f"in windows of {length_s:.3g} s the camera moves by {np.median(ways_m) * 1e3:.3g} mm: "
-        f"{usual_px:.3g} px at {near_m:g} m, {focal_px * float(np.median(ways_m)) / far_m:.3g} px "
-        f"at {far_m:g} m; {most_px:.3g} px in the best window",
+        f"in windows of {length_s:.3g} s the camera moves by {significant(1e3 * way_m, 3)} mm: "
+        f"{significant(usual_px, 3)} px at {near_m:g} m, "
+        f"{significant(focal_px * way_m / far_m, 3)} px at {far_m:g} m; "
+        f"{significant(most_px, 3)} px in the best window",
         meaning="a camera that rests or only turns cannot see depth"
         + (": only the distance between the cameras is left, and every error of the calibration "
            "with it" if stereo else ""),

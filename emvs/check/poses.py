@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from emvs.check.events import time_unit
 from emvs.check.findings import Finding, Series, Verdict, above, below, judged
 from emvs.data.recording import Recording
+from emvs.errors import significant
 from emvs.geometry.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
@@ -113,7 +114,8 @@ def _rate(poses: Trajectory) -> Finding:
     rate_hz = _rate_hz(poses)
     longest_s = float(steps_s.max())
     verdict = below(rate_hz, _RATE_DOUBTFUL_HZ, _RATE_WRONG_HZ)
-    words = f"{rate_hz:.3g} poses per second, the longest gap is {longest_s:.3g} s"
+    rate = significant(rate_hz, 3)
+    words = f"{rate} poses per second, the longest gap is {longest_s:.3g} s"
     if verdict == "good" and longest_s > max(10 * float(np.median(steps_s)), 0.05):
         verdict = "doubtful"
     return judged(
@@ -145,7 +147,7 @@ def _jumps(poses: Trajectory) -> Finding:
     jumps = (way_m > _JUMP_TIMES * usual_m) & (speed > _JUMP_SPEED)
     jumps &= speed / np.maximum(dt_s, 1e-3) > _JUMP_ACCELERATION
     count, largest_m = int(jumps.sum()), float(way_m[jumps].max(initial=0.0))
-    seen = f"{count} steps of up to {largest_m:.3g} m" if count else "no step"
+    seen = f"{count} steps of up to {significant(largest_m, 3)} m" if count else "no step"
     return judged(
         "poses-jumps", "wrong" if count else "good", float(count), "jumps",
         f"{seen} over {_JUMP_TIMES:g} times as long as those around",
@@ -191,8 +193,8 @@ def _motion(poses: Trajectory) -> list[Finding]:
         turns = name == "poses-turning"
         found.append(judged(
             name, above(usual, *limits), usual, unit,
-            f"{usual:.3g} {unit}, exceeded in a tenth of the time; heads, drones and cars stay "
-            f"below {limits[0]:g}",
+            f"{significant(usual, 3)} {unit}, exceeded in a tenth of the time; heads, drones and "
+            f"cars stay below {limits[0]:g}",
             meaning="no body moves so: " + ("times or rotations are mistaken" if turns
                                             else unit_words),
             cure="check the order of the quaternion and the unit of the times" if turns

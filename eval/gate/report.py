@@ -10,9 +10,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from xml.etree import ElementTree as xml
 
+from emvs.errors import significant
 from emvs.utils.files import atomic_path
 from eval.gate.compare import COMPARED, INPUT, Verdict, is_red
-from eval.numbers import in_shown_unit, shown_unit, significant
+from eval.numbers import in_shown_unit, shown_unit
 from eval.suite.results import EVENTS
 
 HEADINGS = ("verdict", "case", "method", "metric", "baseline", "now", "change", "allowed", "why")

@@ -1,5 +1,6 @@
 """Checks without mapping: laws of their units, and thresholds."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -296,3 +297,21 @@ def test_time_that_runs_backwards_is_counted():
 
     found = _checked_events(EditedRecording(head_recording(), edit))["events-order"]
     assert (found.verdict, found.value) == ("wrong", 1)
+
+
+def test_numbers_are_set_apart_in_thousands_and_never_have_an_exponent():
+    busy = _checked_events(head_recording())
+    ceiling = busy["events-ceiling"].evidence
+    assert "e+" not in ceiling
+    assert re.search(r"\d,\d{3} events", busy["events-order"].evidence)
+
+
+@pytest.mark.parametrize(
+    ("lens", "drawn"),
+    [({}, False), ({"model": "radtan", "distortion": (0.0,) * 4}, False),
+     ({"model": "radtan", "distortion": (-0.1, 0.0, 0.0, 0.0)}, True)],
+)  # fmt: skip
+def test_only_a_lens_that_distorts_gets_a_picture_of_it(lens, drawn):
+    camera = replace(CAMERA, **lens)
+    found = _by_name(check_cameras(Rig("one", (camera,), (np.eye(4),))))
+    assert (found["distortion"].series is not None) == drawn
