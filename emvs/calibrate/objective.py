@@ -12,7 +12,7 @@ from emvs.data.recording import Recording
 from emvs.sharpness import Level, Sharpness, Told, WindowEvents
 
 Floats = NDArray[np.float64]
-FINE, MIDDLE, COARSE = Level(1, 48), Level(2, 32), Level(4, 24)
+FINE, MIDDLE, COARSE = Level(1, 64), Level(2, 40), Level(4, 24)
 
 
 class Objective:
