@@ -3,17 +3,18 @@
 import numpy as np
 import pytest
 
-from calibrate_recovery import STUDIES, spoilt, tables
+import calibrate_recovery
+from calibrate_recovery import STUDIES, TWINS, lag_ms, spoilt, tables
 from emvs.calibrate.parameters import parameters_of
 
 
-def result(name, left, refused=""):
+def result(name, left, refused="", lag_ms=None, what=("cam1 yaw", "stereo")):
     estimates = [
-        {"parameter": "cam1 yaw", "kind": "stereo", "spoilt": 0.4, "left": left,
+        {"parameter": what[0], "kind": what[1], "spoilt": 0.4, "left": left,
          "uncertainty": 0.05, "refused": refused}
     ]  # fmt: skip
     return {"scene": name, "study": "stereo", "seed": 0, "wall_s": 70.0, "cpu_s": 40.0,
-            "estimates": estimates, "depth": [2.0, 9.0, 2.1]}  # fmt: skip
+            "estimates": estimates, "depth": [2.0, 9.0, 2.1], "lag_ms": lag_ms}  # fmt: skip
 
 
 def test_tables_tell_what_is_left_what_was_covered_and_what_refused():
@@ -27,11 +28,41 @@ def test_what_was_always_refused_has_no_error():
     assert "| cam1 yaw | 0.40 deg | – | – | 0.05 deg | – | 1 of 1 |" in text
 
 
+def test_a_pose_clock_is_also_compared_with_that_of_the_events():
+    text = tables([result("a", 1.52, lag_ms=1.5, what=("pose clock", "pose clock"))])
+    assert "| pose clock | 0.40 ms | 1.520 ms | 1.520 ms | 0.050 ms | 0 of 1 | 0 of 1 |" in text
+    assert (
+        "| pose clock, from the events' | 0.40 ms | 0.020 ms | 0.020 ms | 0.050 ms | 1 of 1 |"
+        in text
+    )
+    assert "| a | 2.00 % | 9.00 % | 2.10 % | 40 s | 70 s | 1.5 ms |" in text
+
+
+def test_the_lag_is_how_late_events_come(monkeypatch):
+    """Edges of several events each, stamped 3 ms late among noise of their own."""
+    rng = np.random.default_rng(0)
+    edges = rng.integers(0, 10**9, 4000)[:, None] + rng.integers(0, 5000, (4000, 4))
+    noise = rng.integers(0, 10**9, (2, 4000))
+    streams = {
+        late: np.sort(np.r_[edges.ravel() + 3000 * late, noise[int(late)]]).astype(np.int64)
+        for late in (False, True)
+    }
+    monkeypatch.setattr(calibrate_recovery, "twin", lambda name, quick, prompt: not prompt)
+    monkeypatch.setattr(calibrate_recovery, "_in_order", streams.__getitem__)
+    assert lag_ms("any", quick=False) == pytest.approx(3.0, abs=0.2)
+
+
+def test_errors_differ_from_twin_to_twin():
+    parameters = parameters_of(STUDIES["stereo"].refine, 2)
+    drawn = {tuple(spoilt("stereo", name, 0, parameters).values()) for name in TWINS}
+    assert len(drawn) == len(TWINS)
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_calibrations_are_spoilt_by_as_much_as_the_page_says(seed):
-    stereo = spoilt("stereo", seed, parameters_of(STUDIES["stereo"][0], 2))
+    stereo = spoilt("stereo", "desk", seed, parameters_of(STUDIES["stereo"].refine, 2))
     assert all(abs(value) <= (6 if one.kind == "clock" else 0.5) for one, value in stereo.items())
-    poses = spoilt("poses", seed, parameters_of(STUDIES["poses"][0], 2))
+    poses = spoilt("poses", "desk", seed, parameters_of(STUDIES["poses"].refine, 2))
     turn = [value for one, value in poses.items() if one.kind == "hand-eye"]
     assert np.linalg.norm(turn) == pytest.approx(2)
     assert [abs(value) for one, value in poses.items() if one.kind == "pose clock"] == [20]
