@@ -4,9 +4,9 @@ Jointly on sharpness a clock and a hand-eye trade off: over a short window both 
 camera turns. So each window is first asked by itself how fast it turned: the rotation, beside what
 the poses say, that makes its DSI sharpest (contrast maximisation, Gallego and Scaramuzza, RA-L
 2017, here with depth and all cameras instead of a homography). Then these angular velocities are
-matched with those of the poses over all windows: the lag by correlation, the rotation by the
-alignment of two sets of vectors (Kabsch 1976), both by least squares, as in hand-eye calibration
-from gyroscopes. What remains between windows is the noise, and says how sure the result is.
+matched with those of the poses over all windows by least squares, the lag over a grid first, as in
+hand-eye calibration from gyroscopes; what remains between windows is the noise, against which the
+belief in the calibration as given is weighted.
 """
 
 from __future__ import annotations
@@ -123,23 +123,6 @@ def _turning(told: Told, window: WindowEvents, rate_rad_s: Floats) -> Trajectory
     return Trajectory.from_matrices(t_us, turned)
 
 
-@dataclass(frozen=True, eq=False)
-class Alignment:
-    """The lag and the rotation that bring the poses' turn rates onto the events'.
-
-    Attributes:
-        lag_s: added to the poses' times.
-        rotvec: (3,) rad, the first camera's rotation in what was taken for its frame.
-        covariance: (4, 4) of lag and rotation vector, s and rad; infinite where undetermined.
-        residual: (W, 3) rad/s, what remains.
-    """
-
-    lag_s: float
-    rotvec: Floats
-    covariance: Floats
-    residual: Floats
-
-
 class PoseTurns:
     """How fast the first camera turned in windows, as its poses say after a lag and a rotation.
 
@@ -173,80 +156,103 @@ class PoseTurns:
         return camera_turn_rates(self._windows, later)
 
 
-def align(
-    rates: TurnRates, turns: PoseTurns, most_lag_s: float, *, lag: bool, turn: bool
-) -> Alignment:
-    """Matches turn rates: lag by correlation, rotation by Kabsch, then both by least squares.
+def align(rates: TurnRates, turns: PoseTurns, so_far: Floats, spread: Floats) -> Floats:
+    """Matches turn rates: lag and rotation over a grid of lags, then both by least squares.
+
+    A camera that turns little leaves them open: then they go no farther from the calibration as
+    given than is believed, weighted against the noise of the rates.
 
     Args:
         rates: of events and poses, per window.
         turns: the poses' after any lag and rotation.
-        most_lag_s: how far the clock is searched.
-        lag: whether the clock is free.
-        turn: whether the rotation is free.
+        so_far: (4,) lag in ms and rotation vector in rad that were found before.
+        spread: (4,) how far their sums may be off, 1 sigma; 0 keeps one as it is.
+
+    Returns:
+        (4,) what is to be added: to the times of the poses, ms; the first camera's rotation in what
+        was taken for its frame, rad.
     """
-    free = np.array([lag, turn, turn, turn])
-    start = _correlated(rates, turns, most_lag_s if lag else 0.0, turn=turn)
+    free = spread > 0
     whiten = np.array([_root(one) for one in rates.weight])
+    start, noise = _nearest(rates, turns, whiten, so_far, spread)
 
     def residual(x: Floats) -> Floats:
         whole = start.copy()
         whole[free] = x
         left = rates.events - turns.at(1e-3 * whole[0], whole[1:])
-        return np.asarray(np.einsum("wij,wj->wi", whiten, left).ravel())
+        belief = (so_far + whole)[free] / spread[free]
+        return np.asarray(np.r_[np.einsum("wij,wj->wi", whiten, left).ravel() / noise, belief])
 
-    far = np.r_[1e3 * most_lag_s, np.full(3, np.pi)]
-    low, high = (
-        np.maximum(-far, [1e3 * turns.lowest_s, *-far[1:]]),
-        np.minimum(far, [1e3 * turns.highest_s, *far[1:]]),
-    )
+    low, high = np.full(4, -np.pi), np.full(4, np.pi)
+    low[0], high[0] = _lag_limits_ms(turns, spread[0])
     found = least_squares(
         residual, start[free], bounds=(low[free], high[free]), loss="soft_l1", diff_step=1e-4,
         x_scale=_SCALE[free],
     )  # fmt: skip
     start[free] = found.x
-    left = rates.events - turns.at(1e-3 * start[0], start[1:])
-    covariance = np.zeros((4, 4))
-    covariance[np.ix_(free, free)] = _covariance(found.jac, found.fun)
-    units = np.array([1e-3, 1, 1, 1])
-    return Alignment(1e-3 * start[0], start[1:], covariance * units[:, None] * units, left)
+    return start
 
 
 _SCALE = np.array([1.0, 0.01, 0.01, 0.01])  # ms, rad
 
 
-def _correlated(rates: TurnRates, turns: PoseTurns, most_lag_s: float, *, turn: bool) -> Floats:
-    """(4,) the best lag of a grid, ms, and its rotation: the largest correlation of the rates."""
-    low_ms = np.ceil(1e3 * max(-most_lag_s, turns.lowest_s)) if most_lag_s else 0
-    high_ms = np.floor(1e3 * min(most_lag_s, turns.highest_s)) if most_lag_s else 0
-    lags_ms = np.arange(low_ms, high_ms + 1, _LAG_STEP_MS)
-    tried = []
-    for lag_ms in lags_ms:
-        poses = turns.at(1e-3 * lag_ms, np.zeros(3))
-        rotvec = _kabsch(poses, rates.events) if turn else np.zeros(3)
-        moved = poses @ Rotation.from_rotvec(rotvec).as_matrix()
-        tried.append((float(((rates.events - moved) ** 2).sum()), lag_ms, rotvec))
-    _, lag_ms, rotvec = min(tried, key=lambda one: one[0])
-    return np.array([lag_ms, *rotvec])
+def _lag_limits_ms(turns: PoseTurns, spread_ms: float) -> tuple[float, float]:
+    """Lags to look at: to 2 sigma, and as far as poses cover all windows."""
+    return max(-2 * spread_ms, 1e3 * turns.lowest_s), min(2 * spread_ms, 1e3 * turns.highest_s)
 
 
-def _kabsch(poses: Floats, events: Floats) -> Floats:
-    """The rotation vector r of the camera with `events = poses @ R(r)`, least squares."""
-    rotation, _ = Rotation.align_vectors(poses, events)
-    return np.asarray(rotation.as_rotvec())
+def _nearest(
+    rates: TurnRates, turns: PoseTurns, whiten: Floats, so_far: Floats, spread: Floats
+) -> tuple[Floats, float]:
+    """(4,) the best lag of a grid with its small rotation, and the noise of whitened rates."""
+    low_ms, high_ms = _lag_limits_ms(turns, spread[0])
+    lags_ms = np.arange(np.ceil(low_ms), np.floor(high_ms) + 1, _LAG_STEP_MS)
+    lines = [_linear(rates, turns.at(1e-3 * lag, np.zeros(3)), whiten) for lag in lags_ms]
+    open_ = spread[1:] > 0
+    lines = [(missing, slope * open_) for missing, slope in lines]
+    noise = max(min(map(_unexplained, lines)), 1e-9)
+    starts = [
+        np.r_[lag, _small_turn(*line, noise, so_far[1:], spread[1:])]
+        for lag, line in zip(lags_ms, lines, strict=True)
+    ]
+    free = spread > 0
+
+    def score(lag: int) -> float:
+        missing, slope = lines[lag]
+        left = (missing - slope @ starts[lag][1:]) / noise
+        belief = (so_far + starts[lag])[free] / spread[free]
+        return float(left @ left + belief @ belief)
+
+    return starts[min(range(len(starts)), key=score)], noise
+
+
+def _linear(rates: TurnRates, poses: Floats, whiten: Floats) -> tuple[Floats, Floats]:
+    """(3W,) what poses lack, whitened, and (3W, 3) how a small rotation changes it.
+
+    A camera turned by r turns at `R(r)^T w`, nearly `w + w x r`.
+    """
+    missing = np.einsum("wij,wj->wi", whiten, rates.events - poses)
+    across = np.cross(poses[:, None], np.eye(3))
+    return missing.ravel(), np.einsum("wij,wkj->wik", whiten, across).reshape(-1, 3)
+
+
+def _unexplained(line: tuple[Floats, Floats]) -> float:
+    """Root mean square of what no rotation explains."""
+    missing, slope = line
+    left = missing - slope @ np.linalg.lstsq(slope, missing, rcond=None)[0]
+    return float(np.sqrt((left**2).mean()))
+
+
+def _small_turn(
+    missing: Floats, slope: Floats, noise: float, so_far: Floats, spread: Floats
+) -> Floats:
+    """(3,) the rotation vector that fits best, weighted against the belief."""
+    weight = noise**2 / np.where(spread > 0, spread, np.inf) ** 2
+    normal = slope.T @ slope + np.diag(np.where(spread > 0, weight, 1.0))
+    return np.asarray(np.linalg.solve(normal, slope.T @ missing - weight * so_far))
 
 
 def _root(weight: Floats) -> Floats:
     """(3, 3) the root of a weight; directions in which nothing is known weigh nothing."""
     values, vectors = np.linalg.eigh(weight)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T)
-
-
-def _covariance(jacobian: Floats, residual: Floats) -> Floats:
-    """Of a least-squares solution whose noise is as large as what remains."""
-    count = jacobian.shape[1]
-    normal = jacobian.T @ jacobian
-    if len(residual) <= count or np.linalg.cond(normal) > 1e12:
-        return np.full((count, count), np.inf)
-    noise = float(residual @ residual) / (len(residual) - count)
-    return np.asarray(noise * np.linalg.inv(normal))

@@ -197,19 +197,22 @@ class _Refiner:
 
     def _match_turns(self, pose: Sequence[Parameter]) -> None:
         """Pose clock and hand-eye rotation by angular velocities, a few times over."""
-        clock = next((one for one in pose if one.kind == "pose clock"), None)
+        clock = [one for one in pose if one.kind == "pose clock"]
         turns = [one for one in pose if one.kind == "hand-eye"]
+        spread = np.zeros(4)
+        spread[:1] = [one.spread for one in clock] or 0
+        spread[1:] = np.radians([one.spread for one in turns] or 0)
         for done in range(_ALIGNMENTS):
             rates = turn_rates(self._objective, self._best, float(_TURN_STEP_RAD_S), 2 - (done > 0))
             self._progress("turn rates", done + 1, _ALIGNMENTS)
             told = PoseTurns(self._objective.windows, self._objective.told(self._best))
-            reach_s = 0.0 if clock is None else 1e-3 * clock.reach
-            found = align(rates, told, reach_s, lag=clock is not None, turn=bool(turns))
-            if clock is not None:
-                later_ms = self._best.values.get(clock, 0.0) + 1e3 * found.lag_s
-                self._best = self._best.with_values({clock: _within(later_ms, clock.reach)})
-            if turns:
-                self._best = self._best.with_values(_turned(self._best, turns, found.rotvec))
+            so_far = np.r_[
+                self._best.vector(clock) if clock else 0.0,
+                Rotation.from_matrix(self._best.hand_eye()[:3, :3]).as_rotvec(),
+            ]
+            more = align(rates, told, so_far, spread)
+            later = {one: _within(so_far[0] + more[0], one.reach) for one in clock}
+            self._best = self._best.with_values(later | _turned(self._best, turns, more[1:]))
 
     def _top(self, stage: str, parameters: Sequence[Parameter]) -> None:
         """Climbs in all of them jointly, and notes how sure each is."""
