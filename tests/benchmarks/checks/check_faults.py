@@ -26,7 +26,6 @@ from typing import Any
 import numpy as np
 
 import emvs.check
-import emvs.sharpness
 import eventsweep as es
 from check_cases import (
     DEVELOPMENT,
@@ -162,7 +161,7 @@ def _of_file(case: Case, path: Path, out: Path) -> Report:
 def code_version() -> str:
     """A hash of the code whose verdicts these are, without its comments and docstrings."""
     folder = Path(str(emvs.check.__file__)).parent
-    files = [*sorted(folder.glob("*.py")), Path(str(emvs.sharpness.__file__)),
+    files = [*sorted(folder.glob("*.py")), *sorted(folder.parent.glob("sharpness*.py")),
              Path(__file__).with_name("check_cases.py")]  # fmt: skip
     code = "".join(ast.dump(_Bare().visit(ast.parse(file.read_text()))) for file in files)
     return hashlib.sha256(code.encode()).hexdigest()[:16]
