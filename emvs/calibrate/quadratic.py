@@ -135,12 +135,12 @@ def climb(
         step = found.point - point
         if (np.abs(step) < 0.2 * steps).all():
             break
-        point = _higher(function, point, step / max(1.0, float((np.abs(step) / steps).max())))
+        point = higher(function, point, step / max(1.0, float((np.abs(step) / steps).max())))
     return found
 
 
-def _higher(function: Function, point: Floats, step: Floats) -> Floats:
-    """The point after a step, or a shorter one, that does not lead downhill."""
+def higher(function: Function, point: Floats, step: Floats) -> Floats:
+    """The point after a step, or a shorter one, that does not lead downhill; else where it was."""
     before = function(point).mean()
     for share in (1.0, 0.5, 0.25):
         if function(point + share * step).mean() >= before:

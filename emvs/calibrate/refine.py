@@ -12,7 +12,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,7 +23,7 @@ from scipy.stats import t as student_t
 from emvs.calibrate.angular_velocity import PoseTurns, align, camera_turn_rates, turn_rates
 from emvs.calibrate.objective import Objective
 from emvs.calibrate.parameters import AXES, Correction, Parameter, parameters_of
-from emvs.calibrate.quadratic import climb, evaluations
+from emvs.calibrate.quadratic import Function, climb, evaluations, higher
 from emvs.calibrate.search import approach, scans, steps
 from emvs.calibrate.windows import WindowPlan, read_windows
 from emvs.config import MapperConfig
@@ -212,30 +212,45 @@ class _Refiner:
             ]
             more = align(rates, told, so_far, spread)
             later = {one: _within(so_far[0] + more[0], one.reach) for one in clock}
-            self._best = self._best.with_values(later | _turned(self._best, turns, more[1:]))
+            matched = self._best.with_values(later | _turned(self._best, turns, more[1:]))
+            step = matched.vector(pose) - self._best.vector(pose)
+            self._moved(pose, higher(self._function(pose), self._best.vector(pose), step))
 
     def _top(self, stage: str, parameters: Sequence[Parameter]) -> None:
         """Climbs in all of them jointly, and notes how sure each is."""
         around = steps(self._objective, parameters, self._best)
         done, total = 0, evaluations(len(parameters), _CLIMBS) + _CLIMBS * _TRIALS
 
-        def function(point: Floats) -> Floats:
+        def heard() -> None:
             nonlocal done
             done += 1
             self._progress(stage, done, total)
-            values = dict(zip(parameters, map(float, point), strict=True))
-            return np.log(self._objective(self._best.varied(values, self._cameras)))
 
+        function = self._function(parameters, heard)
         spread = np.array([one.spread for one in parameters])
         start = self._best.vector(parameters)
         found = climb(function, start, around, spread, self._independent, _CLIMBS)
         self._progress(stage, total, total)
         factor = student_t.ppf(_SURE, max(1.0, self._independent - 1))
         each = factor * np.sqrt(np.diag(found.covariance))
-        self._best = self._best.with_values(
-            dict(zip(parameters, map(float, found.point), strict=True))
-        )
+        self._moved(parameters, found.point)
         self._sure |= dict(zip(parameters, map(float, each), strict=True))
+
+    def _function(
+        self, parameters: Sequence[Parameter], heard: Callable[[], None] = lambda: None
+    ) -> Function:
+        """Logarithm of every window's sharpness over some parameters, the others as they are."""
+
+        def function(point: Floats) -> Floats:
+            heard()
+            values = dict(zip(parameters, map(float, point), strict=True))
+            return np.log(self._objective(self._best.varied(values, self._cameras)))
+
+        return function
+
+    def _moved(self, parameters: Sequence[Parameter], point: Floats) -> None:
+        values = dict(zip(parameters, map(float, point), strict=True))
+        self._best = self._best.with_values(values)
 
     def _estimate(self, one: Parameter) -> Estimate:
         value, uncertainty = self._best.values[one], self._sure[one]

@@ -77,3 +77,13 @@ def test_names_are_known_and_told():
         parameters_of((), 2)
     with pytest.raises(InputError, match="needs a rig of 2 cameras"):
         parameters_of(("baseline",), 1)
+
+
+def test_varied_clocks_keep_their_mean_on_the_poses_clock():
+    one, two = parameters_of(("delay",), 3)
+    so_far = Correction({one: 1.0})
+    other = so_far.varied({one: 4.0, two: 3.0}, 3)
+    assert other.clock_us(3) == (0, 4000, 3000)
+    # Events 2 ms later in the mean, and poses as much
+    assert other.trajectory(RECORDING.trajectory).t_us[0] == RECORDING.trajectory.t_us[0] + 2000
+    assert so_far.varied({}, 3).trajectory(RECORDING.trajectory) is RECORDING.trajectory

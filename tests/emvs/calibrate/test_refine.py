@@ -9,6 +9,7 @@ import pytest
 
 from emvs.calibrate.parameters import Correction, parameters_of
 from emvs.calibrate.refine import RefineConfig, refine
+from emvs.data.altered import AlteredRecording
 from emvs.errors import InputError
 from emvs.utils.runtime import use_threads
 from point_world import edge_points, pinhole, sideways, stereo_rig, swinging
@@ -55,6 +56,23 @@ def test_stereo_rotation_and_camera_clock_come_back_together():
     assert abs(left["cam1 roll"]) < 0.12
     assert abs(left["cam1 clock"]) < 1.0
     assert found.sharpness[:, 1].mean() > 1.02 * found.sharpness[:, 0].mean()
+
+
+def test_a_lag_that_all_cameras_share_is_no_clock_between_them():
+    """Events of both come 6 ms late: one camera alone would be sharper with its clock put back."""
+    recording = world()
+    late = AlteredRecording(recording, clock_us=(6000, 6000))
+    found = refine(late, RefineConfig(("stereo", "delay"), **SMALL))
+    clock = next(one for one in found.estimates if one.parameter.kind == "clock")
+    assert not clock.refused
+    assert abs(clock.value) < 0.5
+
+
+def test_turn_rates_that_would_make_windows_less_sharp_are_not_followed(monkeypatch):
+    wild = np.r_[25.0, np.radians([4.0, -4.0, 4.0])]
+    monkeypatch.setattr("emvs.calibrate.refine.align", lambda *_: wild)
+    _, left = refined(("pose-delay",), {})
+    assert abs(left["pose clock"]) < 1.5
 
 
 def test_the_truth_lies_within_the_stated_uncertainty():
