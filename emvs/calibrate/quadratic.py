@@ -16,7 +16,7 @@ and as unsure as the belief, and hands its doubt on to what it trades off with.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -116,9 +116,11 @@ def evaluations(parameters: int, rounds: int = 1) -> int:
 
 def climb(
     function: Function, point: Floats, steps: Floats, spread: Floats, independent: float,
-    rounds: int = 4,
+    rounds: int = 6,
 ) -> Estimated:  # fmt: skip
     """Goes from summit to summit until the step is small; how parameters mix is seen once.
+
+    Where it does not arrive, the summit is also as unsure as the last step was long.
 
     Args:
         function: what is to be maximised.
@@ -134,9 +136,9 @@ def climb(
         twist, found = model.curvature, model.estimate(spread, independent)
         step = found.point - point
         if (np.abs(step) < 0.2 * steps).all():
-            break
+            return found
         point = higher(function, point, step / max(1.0, float((np.abs(step) / steps).max())))
-    return found
+    return replace(found, covariance=found.covariance + np.outer(step, step))
 
 
 def higher(function: Function, point: Floats, step: Floats) -> Floats:

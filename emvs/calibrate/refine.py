@@ -36,7 +36,7 @@ from emvs.utils.runtime import Progress, check_openmp, silent, use_threads
 Floats = NDArray[np.float64]
 _SURE = 0.975  # quantile of the two-sided 95 % that uncertainties state
 _POSE_KINDS = ("pose clock", "hand-eye", "lever")
-_CLIMBS, _ALIGNMENTS = 4, 3
+_CLIMBS, _ALIGNMENTS = 6, 3
 _TRIALS = 4  # evaluations between two fits, at most
 _CURVE_POINTS = 9
 _FAR = 1.2  # times its reach: what lies beyond is not believed

@@ -47,6 +47,18 @@ def test_a_round_goes_no_farther_than_a_step():
     assert max(asked) == pytest.approx(0.2)  # a step, and a difference around it
 
 
+def test_a_climb_that_does_not_arrive_is_as_unsure_as_its_last_step():
+    def far(x):
+        return hill(x, (TOP + 10,))
+
+    doubts = [
+        np.sqrt(np.diag(climb(far, np.zeros(3), np.full(3, 0.1), WIDE, 1, rounds=n).covariance))
+        for n in (3, 400)
+    ]
+    assert doubts[0].max() > 5
+    assert doubts[1].max() < 0.5
+
+
 def test_windows_that_disagree_make_a_summit_unsure_by_as_much(monkeypatch):
     """Without ripples the sandwich is the standard error of the windows' own summits."""
     monkeypatch.setattr(quadratic, "RIPPLE", 0.0)
