@@ -152,3 +152,14 @@ def test_a_slice_of_a_hundred_million_events_needs_little_memory(tmp_path):
     counts = [len(reader.read(t0, t0 + 10_000)) for t0 in range(0, 5_000_000, 10_000)]
     assert sum(counts) == 100 * packet
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 300_000
+
+
+@given(st.integers(1, 60), st.integers(1, 80))
+def test_thinned_events_are_spread_evenly(count, most):
+    events = make_events(list(range(count)))
+    thinned = events.thinned(most)
+    assert len(thinned) == min(count, most)
+    steps = np.diff(thinned.t_us)
+    assert steps.size == 0 or steps.max() - steps.min() <= 1
+    assert thinned.t_us[0] == 0
+    assert equal(events.thinned(count), events)

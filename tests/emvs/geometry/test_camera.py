@@ -1,5 +1,7 @@
 """Cameras: the lens models against OpenCV, and the laws of projection."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -113,3 +115,10 @@ def test_a_rig_needs_a_camera():
 def test_damaged_calibration_is_refused(values):
     with pytest.raises(InputError):
         Rig.from_json(values)
+
+
+def test_a_zoomed_camera_keeps_centre_sensor_and_distortion():
+    camera = Camera(64, 48, 50.0, 60.0, 31.0, 25.0, "radtan", (-0.1, 0.02, 0.0, 0.0))
+    zoomed = camera.zoomed(1.5)
+    assert (zoomed.fx_px, zoomed.fy_px) == (75.0, 90.0)
+    assert replace(zoomed, fx_px=50.0, fy_px=60.0) == camera
