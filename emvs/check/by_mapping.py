@@ -38,7 +38,7 @@ from emvs.sharpness import Level, Sharpness, Told, WindowEvents
 from emvs.utils.runtime import Progress, silent, use_threads
 
 Gains = NDArray[np.float64]
-WINDOWS, WINDOW_US, EVENTS, LEVEL = 3, 200_000, 30_000, Level(1, 40)
+WINDOWS, WINDOW_US, EVENTS, LEVEL = 3, 200_000, 25_000, Level(1, 80)
 _CANDIDATES = 24
 _PROMISING = -0.15  # in the first window: what is less sharp is not tried in the others
 _REFINEMENTS = 3
