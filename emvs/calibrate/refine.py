@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import t as student_t
 
 from emvs.calibrate.angular_velocity import PoseTurns, align, camera_turn_rates, turn_rates
-from emvs.calibrate.objective import Objective
+from emvs.calibrate.objective import COARSE, FINE, MIDDLE, Objective
 from emvs.calibrate.parameters import AXES, Correction, Parameter, parameters_of
 from emvs.calibrate.quadratic import Function, climb, evaluations, higher
 from emvs.calibrate.search import approach, scans, steps
@@ -36,7 +36,7 @@ from emvs.utils.runtime import Progress, check_openmp, silent, use_threads
 Floats = NDArray[np.float64]
 _SURE = 0.975  # quantile of the two-sided 95 % that uncertainties state
 _POSE_KINDS = ("pose clock", "hand-eye", "lever")
-_CLIMBS, _ALIGNMENTS = 6, 3
+_CLIMBS, _ALIGNMENTS = 6, (COARSE, MIDDLE, FINE)
 _TRIALS = 4  # evaluations between two fits, at most
 _CURVE_POINTS = 9
 _FAR = 1.2  # times its reach: what lies beyond is not believed
@@ -196,15 +196,16 @@ class _Refiner:
         self._best = approach(self._objective, parameters, self._best, heard)
 
     def _match_turns(self, pose: Sequence[Parameter]) -> None:
-        """Pose clock and hand-eye rotation by angular velocities, a few times over."""
+        """Pose clock and hand-eye rotation by angular velocities, coarse to fine."""
         clock = [one for one in pose if one.kind == "pose clock"]
         turns = [one for one in pose if one.kind == "hand-eye"]
         spread = np.zeros(4)
         spread[:1] = [one.spread for one in clock] or 0
         spread[1:] = np.radians([one.spread for one in turns] or 0)
-        for done in range(_ALIGNMENTS):
-            rates = turn_rates(self._objective, self._best, float(_TURN_STEP_RAD_S), 2 - (done > 0))
-            self._progress("turn rates", done + 1, _ALIGNMENTS)
+        for done, level in enumerate(_ALIGNMENTS, 1):
+            objective = self._objective.at(level)
+            rates = turn_rates(objective, self._best, level.scale * float(_TURN_STEP_RAD_S))
+            self._progress("turn rates", done, len(_ALIGNMENTS))
             told = PoseTurns(self._objective.windows, self._objective.told(self._best))
             so_far = np.r_[
                 self._best.vector(clock) if clock else 0.0,
@@ -214,7 +215,8 @@ class _Refiner:
             later = {one: _within(so_far[0] + more[0], one.reach) for one in clock}
             matched = self._best.with_values(later | _turned(self._best, turns, more[1:]))
             step = matched.vector(pose) - self._best.vector(pose)
-            self._moved(pose, higher(self._function(pose), self._best.vector(pose), step))
+            function = self._function(objective, pose)
+            self._moved(pose, higher(function, self._best.vector(pose), step))
 
     def _top(self, stage: str, parameters: Sequence[Parameter]) -> None:
         """Climbs in all of them jointly, and notes how sure each is."""
@@ -226,7 +228,7 @@ class _Refiner:
             done += 1
             self._progress(stage, done, total)
 
-        function = self._function(parameters, heard)
+        function = self._function(self._objective, parameters, heard)
         spread = np.array([one.spread for one in parameters])
         start = self._best.vector(parameters)
         found = climb(function, start, around, spread, self._independent, _CLIMBS)
@@ -237,14 +239,15 @@ class _Refiner:
         self._sure |= dict(zip(parameters, map(float, each), strict=True))
 
     def _function(
-        self, parameters: Sequence[Parameter], heard: Callable[[], None] = lambda: None
-    ) -> Function:
+        self, objective: Objective, parameters: Sequence[Parameter],
+        heard: Callable[[], None] = lambda: None,
+    ) -> Function:  # fmt: skip
         """Logarithm of every window's sharpness over some parameters, the others as they are."""
 
         def function(point: Floats) -> Floats:
             heard()
             values = dict(zip(parameters, map(float, point), strict=True))
-            return np.log(self._objective(self._best.varied(values, self._cameras)))
+            return np.log(objective(self._best.varied(values, self._cameras)))
 
         return function
 
