@@ -77,9 +77,7 @@ class Estimated:
     covariance: Floats
 
 
-def fit(
-    function: Function, point: Floats, steps: Floats, twist: Floats | None = None
-) -> Paraboloid:
+def fit(function: Function, point: Floats, steps: Floats) -> Paraboloid:
     """Fits by differences: two evaluations per parameter and two per pair of them.
 
     Differences are symmetric, so that a top that falls off unevenly does not seem to trade off.
@@ -88,7 +86,6 @@ def fit(
         function: what is to be modelled.
         point: (P,) centre.
         steps: (P,) how far from it the function is looked at.
-        twist: (P, P) a curvature whose mixed derivatives are taken as they are, without looking.
     """
     count = len(point)
     value = function(point)
@@ -97,9 +94,6 @@ def fit(
     )
     slopes = ((plus - minus) / (2 * steps[:, None])).T
     curvature = np.diag(((plus + minus - 2 * value) / steps[:, None] ** 2).mean(axis=1))
-    if twist is not None:
-        curvature += twist - np.diag(np.diag(twist))
-        return Paraboloid(point, slopes, curvature)
     for i, j in combinations(range(count), 2):
         both = np.zeros(count)
         both[[i, j]] = steps[[i, j]]
@@ -109,16 +103,16 @@ def fit(
     return Paraboloid(point, slopes, curvature)
 
 
-def evaluations(parameters: int, rounds: int = 1) -> int:
-    """How often the fits of a `climb` evaluate their function."""
-    return rounds * (1 + 2 * parameters) + parameters * (parameters - 1)
+def evaluations(parameters: int) -> int:
+    """How often one `fit` evaluates its function."""
+    return 1 + 2 * parameters + parameters * (parameters - 1)
 
 
 def climb(
     function: Function, point: Floats, steps: Floats, spread: Floats, independent: float,
     rounds: int = 6,
 ) -> Estimated:  # fmt: skip
-    """Goes from summit to summit until the step is small; how parameters mix is seen once.
+    """Goes from summit to summit until the step is small.
 
     Where it does not arrive, the summit is also as unsure as the last step was long.
 
@@ -130,10 +124,8 @@ def climb(
         independent: how many windows do not overlap.
         rounds: of fitting, at most.
     """
-    twist: Floats | None = None
     for _ in range(rounds):
-        model = fit(function, point, steps, twist)
-        twist, found = model.curvature, model.estimate(spread, independent)
+        found = fit(function, point, steps).estimate(spread, independent)
         step = found.point - point
         if (np.abs(step) < 0.2 * steps).all():
             return found

@@ -221,7 +221,7 @@ class _Refiner:
     def _top(self, stage: str, parameters: Sequence[Parameter]) -> None:
         """Climbs in all of them jointly, and notes how sure each is."""
         around = steps(self._objective, parameters, self._best)
-        done, total = 0, evaluations(len(parameters), _CLIMBS) + _CLIMBS * _TRIALS
+        done, total = 0, _CLIMBS * (evaluations(len(parameters)) + _TRIALS)
 
         def heard() -> None:
             nonlocal done

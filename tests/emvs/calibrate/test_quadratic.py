@@ -22,10 +22,22 @@ def test_a_paraboloid_is_fitted_exactly():
     assert np.allclose(model.estimate(WIDE, 1).point, TOP, atol=1e-6)
 
 
-def test_a_fit_evaluates_as_often_as_it_says():
+def test_a_fit_evaluates_two_per_parameter_and_two_per_pair():
     asked = []
     fit(lambda x: (asked.append(x), hill(x))[1], np.zeros(3), np.full(3, 0.1))
-    assert len(asked) == evaluations(3)
+    assert len(asked) == 1 + 2 * 3 + 2 * 3 == evaluations(3)
+
+
+def test_how_parameters_mix_is_seen_at_the_summit():
+    """On a bent ridge: from where the climb began, the two seemed to trade off the other way."""
+
+    def ridge(x):
+        return np.array([-((x[0] - 1) ** 2) - 4 * (x[1] - x[0] ** 2) ** 2])
+
+    found = climb(ridge, np.array([-0.5, 0.2]), np.full(2, 0.05), WIDE[:2], 1, rounds=60)
+    at_top = fit(ridge, np.ones(2), np.full(2, 0.05)).estimate(WIDE[:2], 1)
+    assert found.point == pytest.approx([1, 1], abs=0.05)
+    assert np.allclose(found.covariance, at_top.covariance, rtol=0.3)
 
 
 def test_climbing_reaches_a_summit_that_is_no_parabola():
