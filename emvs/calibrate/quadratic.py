@@ -16,7 +16,7 @@ and as unsure as the belief, and hands its doubt on to what it trades off with.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -114,7 +114,7 @@ def climb(
 ) -> Estimated:  # fmt: skip
     """Goes from summit to summit until the step is small.
 
-    Where it does not arrive, the summit is also as unsure as the last step was long.
+    Where it does not arrive, it stays where it is, as unsure as the summit seemed far away.
 
     Args:
         function: what is to be maximised.
@@ -129,8 +129,9 @@ def climb(
         step = found.point - point
         if (np.abs(step) < 0.2 * steps).all():
             return found
-        point = higher(function, point, step / max(1.0, float((np.abs(step) / steps).max())))
-    return replace(found, covariance=found.covariance + np.outer(step, step))
+        # One by one: what is open, and would go anywhere, must not hold back what is determined
+        point = higher(function, point, np.clip(step, -steps, steps))
+    return Estimated(point, found.covariance + np.outer(step, step))
 
 
 def higher(function: Function, point: Floats, step: Floats) -> Floats:

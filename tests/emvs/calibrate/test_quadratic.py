@@ -71,6 +71,18 @@ def test_a_climb_that_does_not_arrive_is_as_unsure_as_its_last_step():
     assert doubts[1].max() < 0.5
 
 
+def test_what_is_open_does_not_hold_back_what_is_determined():
+    """The second climbs slowly without an end; the first has a summit, and must get there."""
+
+    def slope(x):
+        return np.array([-((x[0] - 1) ** 2) + 1e-3 * x[1]])
+
+    found = climb(slope, np.zeros(2), np.full(2, 0.1), np.full(2, 1e3), 1, rounds=15)
+    assert found.point[0] == pytest.approx(1, abs=0.02)
+    assert abs(found.point[1]) < 2
+    assert np.sqrt(found.covariance[1, 1]) > 10
+
+
 def test_windows_that_disagree_make_a_summit_unsure_by_as_much(monkeypatch):
     """Without ripples the sandwich is the standard error of the windows' own summits."""
     monkeypatch.setattr(quadratic, "RIPPLE", 0.0)
