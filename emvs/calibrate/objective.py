@@ -42,6 +42,10 @@ class Objective:
         windows = [one.thinned(share) for one in self.windows]
         return Objective(self.recording, windows, self._depth_range_m, level)
 
+    def with_windows(self, windows: Sequence[WindowEvents]) -> Objective:
+        """The same for other windows of the recording."""
+        return Objective(self.recording, windows, self._depth_range_m, self.level)
+
     def __call__(self, correction: Correction) -> Floats:
         """(W,) sharpness of every window."""
         told = self.told(correction)

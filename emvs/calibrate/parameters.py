@@ -66,7 +66,7 @@ class Parameter:
             "focal": "focal length",
             "pose clock": "pose clock",
             "hand-eye": f"hand-eye {turn}",
-            "lever": f"hand-eye {self.axis}",
+            "lever": f"lever {self.axis}",
         }
         return names[self.kind]
 
@@ -81,10 +81,8 @@ def _direction(camera: int) -> list[Parameter]:
 
 POSE_CLOCK = Parameter("pose clock", 0, "", "ms", 40.0, 2.5)
 """What is added to the times of the poses."""
-_HAND_EYE = [
-    *(Parameter("hand-eye", 0, axis, "deg", 4.0, 0.5) for axis in AXES),
-    *(Parameter("lever", 0, axis, "mm", 40.0, 8.0) for axis in AXES),
-]
+_HAND_EYE = [Parameter("hand-eye", 0, axis, "deg", 4.0, 0.5) for axis in AXES]
+_LEVER = [Parameter("lever", 0, axis, "mm", 40.0, 8.0) for axis in AXES]
 
 
 def parameters_of(names: Sequence[str], cameras: int) -> tuple[Parameter, ...]:
@@ -111,8 +109,8 @@ def _named(name: str, cameras: int) -> list[Parameter]:
         return [Parameter("focal", 0, "", "%", 6.0, 1.5)]
     if name == "pose-delay" or (name == "delay" and cameras == 1):
         return [POSE_CLOCK]
-    if name == "hand-eye":
-        return list(_HAND_EYE)
+    if name in ("hand-eye", "lever"):
+        return list(_HAND_EYE if name == "hand-eye" else _LEVER)
     if cameras < 2:
         raise InputError(f"refine {name!r} needs a rig of 2 cameras, this has 1: leave it out")
     return [one for camera in range(1, cameras) for one in _of_camera(name, camera)]
@@ -135,7 +133,8 @@ NAMES: Mapping[str, str] = {
     "baseline": "length of the baseline, as poses give the scale",
     "focal": "focal length of all cameras",
     "pose-delay": "clock of the poses",
-    "hand-eye": "where the first camera sits on what was tracked",
+    "hand-eye": "how the first camera is turned on what was tracked",
+    "lever": "where the first camera sits on what was tracked",
 }
 """What `refine` takes, and what each means."""
 

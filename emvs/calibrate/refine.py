@@ -12,8 +12,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,9 +38,13 @@ Floats = NDArray[np.float64]
 _SURE = 0.975  # quantile of the two-sided 95 % that uncertainties state
 _POSE_KINDS = ("pose clock", "hand-eye", "lever")
 _CLIMBS, _ALIGNMENTS = 6, (COARSE, MIDDLE, FINE)
+# How much later than the light changed a sensor's events may come: poses are then found to be as
+# late, and nothing in a recording tells one from the other. Twins of a DAVIS346 lag by 0.4 to 1.8.
+_LAG_MS = 2.0
 _TRIALS = 4  # evaluations between two fits, at most
 _CURVE_POINTS = 9
 _FAR = 1.2  # times its reach: what lies beyond is not believed
+_MATCHED_TURN_DEG = 5.0  # of a window whose turn is to be one rate
 _TURN_STEP_RAD_S = np.radians(4.0)
 
 
@@ -49,8 +54,8 @@ class RefineConfig:
 
     Attributes:
         refine: keys of `emvs.calibrate.parameters.NAMES`.
-        windows: how many at most.
-        window_s: length of each, s.
+        windows: how many at most; more of shorter ones.
+        window_s: length of each, s; shorter where the camera turns fast.
         events: kept per camera and window, at most.
         min_depth_m, max_depth_m: depth range; by default the recording's, else 0.2 and 5 m.
         threads: of the CPU; 0 for all. They do not change the result.
@@ -143,19 +148,23 @@ def refine(
     plan = WindowPlan(config.windows, config.window_s, config.events)
     windows = read_windows(recording, plan, progress)
     objective = Objective(recording, windows, range_m)
-    return _Refiner(recording, objective, parameters, config, progress).run()
+    short = objective
+    if any(one.kind in _POSE_KINDS for one in parameters):
+        shorter = replace(plan, turn_deg=_MATCHED_TURN_DEG)
+        short = objective.with_windows(read_windows(recording, shorter))
+    return _Refiner(recording, objective, short, parameters, config, progress).run()
 
 
 class _Refiner:
     """One run: the objective, and the correction as it grows."""
 
     def __init__(
-        self, recording: Recording, objective: Objective,
+        self, recording: Recording, objective: Objective, short: Objective,
         parameters: Sequence[Parameter], config: RefineConfig, progress: Progress,
     ) -> None:  # fmt: skip
         self._recording, self._config, self._progress = recording, config, progress
         self._parameters, self._cameras = tuple(parameters), len(recording.rig)
-        self._objective, windows = objective, objective.windows
+        self._objective, self._short, windows = objective, short, objective.windows
         self._best = Correction()
         self._sure: dict[Parameter, float] = {}
         length_us = windows[0].t1_us - windows[0].t0_us
@@ -203,10 +212,10 @@ class _Refiner:
         spread[:1] = [one.spread for one in clock] or 0
         spread[1:] = np.radians([one.spread for one in turns] or 0)
         for done, level in enumerate(_ALIGNMENTS, 1):
-            objective = self._objective.at(level)
+            objective = self._short.at(level)
             rates = turn_rates(objective, self._best, level.scale * float(_TURN_STEP_RAD_S))
             self._progress("turn rates", done, len(_ALIGNMENTS))
-            told = PoseTurns(self._objective.windows, self._objective.told(self._best))
+            told = PoseTurns(objective.windows, objective.told(self._best))
             so_far = np.r_[
                 self._best.vector(clock) if clock else 0.0,
                 Rotation.from_matrix(self._best.hand_eye()[:3, :3]).as_rotvec(),
@@ -257,6 +266,8 @@ class _Refiner:
 
     def _estimate(self, one: Parameter) -> Estimate:
         value, uncertainty = self._best.values[one], self._sure[one]
+        if one.kind == "pose clock":
+            uncertainty = math.hypot(uncertainty, _LAG_MS)
         if abs(value) > _FAR * one.reach:
             why = f"the best lies beyond {one.reach:g} {one.unit}, farther than it is searched"
             return Estimate(one, 0.0, uncertainty, why)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from emvs.data.recording import Recording
 from emvs.errors import InputError
@@ -14,6 +15,8 @@ from emvs.utils.runtime import Progress, silent
 
 _CANDIDATES = 5  # of each of the stretches that a recording is cut into; one is taken
 _FEWEST_EVENTS = 1000
+_MOST_OF_SHORT = 24  # more of them cost time and tell little
+_TURN_STEP_US = 10_000
 
 
 @dataclass(frozen=True)
@@ -21,16 +24,19 @@ class WindowPlan:
     """How windows are chosen.
 
     Attributes:
-        count: how many at most.
-        length_s: of each.
+        count: how many at most; up to 24 of shorter ones.
+        length_s: of each at most.
         events: kept per camera and window, at most.
         margin_us: between windows and the first and last pose: so far clocks may move.
+        turn_deg: by which the camera may turn in a window, root mean square. Where it would turn
+            farther windows are shorter: few edges stay in view, and lags blur what is far off.
     """
 
     count: int = 10
     length_s: float = 0.15
     events: int = 30_000
     margin_us: int = 60_000
+    turn_deg: float = 10.0
 
 
 def read_windows(
@@ -46,6 +52,7 @@ def read_windows(
     Raises:
         InputError: poses and events that share less than a window, or windows without events.
     """
+    plan = _shortened(recording, plan)
     spans = _chosen_spans(recording, plan)
     found = []
     for done, (t0_us, t1_us) in enumerate(spans, 1):
@@ -60,6 +67,20 @@ def read_windows(
             f"{_FEWEST_EVENTS} events of every camera: needs 2, a longer recording or more texture"
         )
     return tuple(found)
+
+
+def _shortened(recording: Recording, plan: WindowPlan) -> WindowPlan:
+    """As planned, or shorter and more windows where the camera turns fast."""
+    first_us, last_us = _covered(recording, plan)
+    t_us = np.arange(first_us, last_us, _TURN_STEP_US)
+    if len(t_us) < 2:
+        return plan
+    R_world_body = Rotation.from_matrix(recording.trajectory.at(t_us)[:, :3, :3])
+    turns_rad = (R_world_body[:-1].inv() * R_world_body[1:]).magnitude()
+    rate_rad_s = float(np.sqrt((turns_rad**2).mean())) / (1e-6 * _TURN_STEP_US)
+    share = min(1.0, np.radians(plan.turn_deg) / max(plan.length_s * rate_rad_s, 1e-9))
+    more = min(round(plan.count / share), max(plan.count, _MOST_OF_SHORT))
+    return replace(plan, count=more, length_s=share * plan.length_s)
 
 
 def _chosen_spans(recording: Recording, plan: WindowPlan) -> list[tuple[int, int]]:

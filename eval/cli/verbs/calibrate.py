@@ -35,10 +35,10 @@ def calibrate(
     Args:
         recording: A sequence, a data set in its publisher's layout, a ROS bag or a recording.toml.
         refine: What to refine, joined by commas: stereo, delay, direction, baseline, focal,
-            pose-delay, hand-eye. With one camera, delay is the clock of the poses.
+            pose-delay, hand-eye, lever. With one camera, delay is the clock of the poses.
         out: Folder to write: the calibration, a recording.toml that uses it, report.html.
-        windows: How many stretches of the recording are looked at, at most.
-        window_s: Length of each, s.
+        windows: How many stretches of the recording are looked at, at most; more of shorter ones.
+        window_s: Length of each, s; shorter where the camera turns fast.
         events: Events of each camera that are kept per window, at most.
         min_depth_m: Nearest depth; by default the recording's, else 0.2 m.
         max_depth_m: Farthest depth; by default the recording's, else 5 m.

@@ -13,10 +13,10 @@ from emvs.datasets import open_recording
 from emvs.formats.calibration import read_rig
 from emvs.formats.calibration_writers import write_kalibr, write_opencv
 
-NAMES = ("stereo", "delay", "focal", "pose-delay", "hand-eye")
+NAMES = ("stereo", "delay", "focal", "pose-delay", "hand-eye", "lever")
 VALUES = {
     "cam1 yaw": 0.4, "cam1 clock": -2.5, "focal length": 1.5, "pose clock": 3.0,
-    "hand-eye pitch": 1.0, "hand-eye z": 5.0,
+    "hand-eye pitch": 1.0, "lever z": 5.0,
 }  # fmt: skip
 
 

@@ -47,4 +47,15 @@ def test_windows_lie_where_the_camera_travels_farthest():
 
 def test_a_recording_shorter_than_a_window_is_refused():
     with pytest.raises(InputError, match="needs at least 2 s"):
-        read_windows(RECORDING, WindowPlan(3, 2.0, 500))
+        read_windows(RECORDING, WindowPlan(3, 2.0, 500, turn_deg=360))
+
+
+@pytest.mark.parametrize("rate_deg_s", [40.0, 100.0, 250.0])
+def test_windows_are_shorter_and_more_where_the_camera_turns_fast(rate_deg_s):
+    rolling = swinging(turn_deg=(0, 0, rate_deg_s / 2), even=True)
+    quick = edge_points(rolling, stereo_rig(pinhole()), points=500)
+    windows = read_windows(quick, WindowPlan(3, 0.2, 500))
+    length_s = 1e-6 * (windows[0].t1_us - windows[0].t0_us)
+    assert length_s == pytest.approx(min(0.2, 10 / max(rate_deg_s, 1)), rel=0.02)
+    assert len(windows) >= 3
+    assert len(windows) <= 24

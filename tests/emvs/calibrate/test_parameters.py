@@ -44,7 +44,7 @@ def test_direction_keeps_the_length_and_length_the_direction():
 
 
 def test_hand_eye_moves_all_cameras_and_keeps_them_together():
-    rig = corrected(**{"hand-eye_yaw": 1.0, "hand-eye_x": 20.0}).rig
+    rig = corrected(**{"hand-eye_yaw": 1.0, "lever_x": 20.0}).rig
     moved = se3.inverse(RECORDING.rig.T_body_cam[0]) @ rig.T_body_cam[0]
     assert np.allclose(moved[:3, 3], [0.02, 0, 0])
     for k in (1, 2):

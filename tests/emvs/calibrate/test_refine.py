@@ -118,10 +118,10 @@ def test_hand_eye_rotation_and_pose_clock_come_back_where_the_camera_turns():
 
 
 def test_a_lever_is_refused_without_turning_and_says_why():
-    found, left = refined(("hand-eye",), {}, "translating")
-    assert {"hand-eye x", "hand-eye y", "hand-eye z"} <= refusals(found).keys()
-    assert "turns" in refusals(found)["hand-eye x"]
-    assert not {"hand-eye x", "hand-eye y", "hand-eye z"} & left.keys()
+    found, left = refined(("lever",), {}, "translating")
+    assert {"lever x", "lever y", "lever z"} <= refusals(found).keys()
+    assert "turns" in refusals(found)["lever x"]
+    assert not {"lever x", "lever y", "lever z"} & left.keys()
 
 
 def test_a_pose_clock_is_refused_in_steady_motion():
@@ -137,7 +137,7 @@ def test_what_a_camera_at_rest_cannot_see_is_refused():
 
 
 def test_refused_parameters_keep_the_value_that_was_given():
-    found, _ = refined(("hand-eye",), {"hand-eye x": 10.0}, "translating")
+    found, _ = refined(("lever",), {"lever x": 10.0}, "translating")
     assert found.applied(world("translating")).rig.T_body_cam[0][0, 3] == 0
 
 
