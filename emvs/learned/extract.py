@@ -36,13 +36,25 @@ class Judgement:
 
     Attributes:
         chosen: the candidates.
-        disparity_px: (M,) float32, the depth of each, px of disparity.
-        error_px: (M,) float32 its expected error, px of disparity.
+        own_px: (M,) float32, the network's own depth of each, px of disparity.
+        log_error: (M, 2) float32 natural logarithms of the expected errors, px of disparity: of
+            that depth, and of the depth by focus.
     """
 
     chosen: Candidates
-    disparity_px: Floats
-    error_px: Floats
+    own_px: Floats
+    log_error: Floats
+
+    @property
+    def disparity_px(self) -> Floats:
+        """(M,) float32, of both depths the one whose expected error is smaller."""
+        own = self.log_error[:, 0] < self.log_error[:, 1]
+        return np.where(own, self.own_px, self.chosen.focus_px)
+
+    @property
+    def error_px(self) -> Floats:
+        """(M,) float32, that expected error."""
+        return np.exp(self.log_error.min(axis=1))
 
     @property
     def reliability(self) -> Floats:
@@ -123,7 +135,7 @@ def judge(
     chosen: Candidates,
     disparity_px: NDArray[np.float64],
 ) -> Judgement:
-    """Depth and expected error of every candidate.
+    """Depth and expected errors of every candidate.
 
     Args:
         net: the network.
@@ -142,5 +154,4 @@ def judge(
     # Beyond the planes there is no depth: the nearest and the farthest bound it.
     own_px = np.clip(own_px, np.float32(disparity_px.min()), np.float32(disparity_px.max()))
     np.clip(log_error, *LOG_ERROR_RANGE, out=log_error)
-    own = log_error[:, 0] < log_error[:, 1]
-    return Judgement(chosen, np.where(own, own_px, chosen.focus_px), np.exp(log_error.min(axis=1)))
+    return Judgement(chosen, own_px, log_error)

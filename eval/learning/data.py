@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -93,13 +93,25 @@ def _draw(folder: Path, part: Part, one: TrainingSequence, config: TrainingConfi
             task.draw(sequence, window, config.candidates).save(path)
 
 
-def load(folder: Path, part: Part, config: TrainingConfig) -> SampleSet:
+def load(
+    folder: Path,
+    part: Part,
+    config: TrainingConfig,
+    among: Iterable[TrainingSequence] | None = None,
+) -> SampleSet:
     """All samples of a part, in one.
+
+    Args:
+        folder: what `make` filled.
+        part: training or calibration.
+        config: scenes, candidates.
+        among: only those of these sequences; by default of all that the configuration names.
 
     Raises:
         InputError: there are none.
     """
-    parts = list(_files(folder, part, config))
+    wanted = chosen(part, config) if among is None else among
+    parts = list(_files(folder, part, config, wanted))
     if not sum(map(len, parts)):
         raise InputError(
             f"no {part} samples in {folder}: choose scenes that have sequences of both parts"
@@ -107,9 +119,11 @@ def load(folder: Path, part: Part, config: TrainingConfig) -> SampleSet:
     return TASKS[config.network].samples.joined(parts)
 
 
-def _files(folder: Path, part: Part, config: TrainingConfig) -> Iterator[SampleSet]:
+def _files(
+    folder: Path, part: Part, config: TrainingConfig, wanted: Iterable[TrainingSequence]
+) -> Iterator[SampleSet]:
     task = TASKS[config.network]
-    for one in chosen(part, config):
+    for one in wanted:
         for k, _ in enumerate(task.windows(one)):
             found = task.samples.load(folder / "samples" / part / f"{one.name}-{k}.npz")
             rng = np.random.default_rng([one.seed, k])

@@ -35,6 +35,8 @@ from study_samples import SETS, SampleSpec
 BASE, FOCUS, LEARNED, DERD = METHODS = ("Alg1/H", "Focus/H", "Learned/H", "DERD/H")
 OTHERS = METHODS[1:]
 WANTED = ("median_error", "mean_error", "bad_published", "bad_1px", "blocks")
+SUMMARY = "median | mean | bad pixels | bad 1 px | blocks | mean worse than Alg1/H"
+SUMMARY_RULE = "|---|--:|--:|--:|--:|--:|--:|"
 ERRORS_PX = (0.1, 0.2, 0.3, 0.5, 1.0)
 _RESAMPLES = 2000
 _PLAIN = ""
@@ -67,12 +69,13 @@ def outcome(
     truth = truth_of(sequence, result.view.t_us, EvalConfig())
     points = result.depth_maps[BASE].points
     found = {
-        name: _numbers(depth_map, _most_reliable(depth_map, truth, points), truth)
+        name: numbers(depth_map.depth_m, _most_reliable(depth_map, truth, points), truth)
         for name, depth_map in result.depth_maps.items()
     }
     learned = result.depth_maps[LEARNED]
     for error_px in ERRORS_PX:
-        found[_limit(error_px)] = _numbers(learned, _ranks(learned, truth) >= 1 / error_px, truth)
+        mask = _ranks(learned, truth) >= 1 / error_px
+        found[_limit(error_px)] = numbers(learned.depth_m, mask, truth)
     return found
 
 
@@ -93,16 +96,24 @@ def _most_reliable(depth_map: DepthMap, truth: Truth, points: int) -> NDArray[np
         return depth_map.mask
     rank = _ranks(depth_map, truth) if depth_map.method == LEARNED else depth_map.reliability
     candidates = without_border(depth_map.reliability > 0, MapperConfig().border_px)
+    return best(rank, candidates, points)
+
+
+def best(
+    rank: NDArray[np.float32], candidates: NDArray[np.bool_], points: int
+) -> NDArray[np.bool_]:
+    """(H, W) as many of the candidates as wanted, those of the highest rank."""
     allowed = np.flatnonzero(candidates)
     mask = np.zeros(rank.shape, np.bool_)
     mask.flat[allowed[np.argsort(-rank.flat[allowed], kind="stable")[:points]]] = True
     return mask
 
 
-def _numbers(depth_map: DepthMap, mask: NDArray[np.bool_], truth: Truth) -> Numbers:
-    pairs = pair(depth_map.depth_m, mask, truth)
-    numbers = {name: ALL_METRICS[name](pairs) for name in ("points", *METRICS)}
-    return numbers | {"blocks": float(blocks_with_points(mask))}
+def numbers(depth_m: NDArray[np.floating], mask: NDArray[np.bool_], truth: Truth) -> Numbers:
+    """Every metric of some pixels, and how many blocks of the image they lie in."""
+    pairs = pair(depth_m, mask, truth)
+    found = {name: ALL_METRICS[name](pairs) for name in ("points", *METRICS)}
+    return found | {"blocks": float(blocks_with_points(mask))}
 
 
 def ratio(found: Mapping[str, Numbers], name: str, metric: str) -> float:
@@ -138,16 +149,17 @@ def case_table(outcomes: Outcomes) -> str:
 
 def summary_table(outcomes: Outcomes) -> str:
     """Geometric means of the ratios with their intervals, and on how many samples it is worse."""
-    lines = [
-        "| Method | median | mean | bad pixels | bad 1 px | blocks | mean worse than Alg1/H |",
-        "|---|--:|--:|--:|--:|--:|--:|",
-    ]
-    for name in OTHERS:
-        ratios = {m: [ratio(found, name, m) for found in outcomes.values()] for m in WANTED}
-        cells = " | ".join("{:.2f} ({:.2f}–{:.2f})".format(*interval(ratios[m])) for m in WANTED)
-        worse = sum(value > 1 for value in ratios["mean_error"])
-        lines.append(f"| `{name}` | {cells} | {worse} of {len(outcomes)} |")
+    lines = [f"| Method | {SUMMARY} |", SUMMARY_RULE]
+    lines += [f"| `{name}` | {summary_cells(list(outcomes.values()), name)} |" for name in OTHERS]
     return "\n".join(lines) + "\n"
+
+
+def summary_cells(outcomes: Sequence[Mapping[str, Numbers]], name: str) -> str:
+    """What `SUMMARY` heads, of one method."""
+    ratios = {m: [ratio(found, name, m) for found in outcomes] for m in WANTED}
+    cells = " | ".join("{:.2f} ({:.2f}–{:.2f})".format(*interval(ratios[m])) for m in WANTED)
+    worse = sum(value > 1 for value in ratios["mean_error"])
+    return f"{cells} | {worse} of {len(outcomes)}"
 
 
 def limit_table(outcomes: Outcomes) -> str:

@@ -1,0 +1,214 @@
+"""The networks of the ablation: what each is not shown, and its training on a small budget."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import sys
+from collections.abc import Iterable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from emvs.errors import InputError
+from emvs.learned import network
+from emvs.learned.network import CHANNELS, Floats, Network
+from emvs.learned.weights import write_weights
+from emvs.utils.inputs import SETTINGS_BYTES, parse_json, read_text
+from emvs.utils.processes import end_with_parent
+from emvs.utils.release import install
+from eval.learning import data
+from eval.learning.config import TrainingConfig
+from eval.learning.samples import Samples
+from eval.learning.sequences import Part, TrainingSequence
+from eval.learning.tasks import TASKS
+from sim.sensor_presets import PresetName
+
+JUDGED = 200
+"""Calibration samples of each window that the history of training is judged by."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What every network of the ablation is trained with.
+
+    Attributes:
+        candidates: samples of each window, if those of all sensors are taken.
+        epochs: how often each is seen, if all are taken.
+        batch: samples of one step.
+    """
+
+    candidates: int = 900
+    epochs: int = 6
+    batch: int = 256
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A network that lacks something.
+
+    Attributes:
+        name: of its file.
+        title: in tables.
+        hidden: channels that it never sees, in training and after.
+        cues: whether it is told the numbers beside the votes.
+        share: it learns from one in so many samples, each so many times as often.
+        sensors: those whose sequences it learns from; as many samples, however few sequences.
+        seed: of weights, order and flips.
+    """
+
+    name: str
+    title: str
+    hidden: tuple[str, ...] = ()
+    cues: bool = True
+    share: int = 1
+    sensors: tuple[PresetName, ...] = ("ideal", "davis346")
+    seed: int = 0
+
+    def config(self, budget: Budget, sequences: float) -> TrainingConfig:
+        """How it is trained, where it learns from such a share of the sequences."""
+        return TrainingConfig(
+            candidates=round(budget.candidates / self.share / sequences),
+            epochs=budget.epochs * self.share,
+            batch=budget.batch,
+            seed=self.seed,
+        )
+
+
+VARIANTS = (
+    Variant("base", "on a small budget"),
+    Variant("seed", "the same, another seed", seed=1),
+    Variant("fused", "without the cameras' channels", hidden=CHANNELS[1:]),
+    Variant("votes", "without the thirteen numbers", cues=False),
+    Variant("quarter", "from a quarter of the samples", share=4),
+    Variant("ideal", "without noisy sensors", sensors=("ideal",)),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Masked(Network):
+    """A network that is shown what it was shown in training.
+
+    Attributes:
+        variant: which network it is.
+    """
+
+    variant: Variant = VARIANTS[0]
+
+    def judge(self, shares: Floats, cues: Floats) -> tuple[Floats, Floats]:
+        """As any network, but for what is hidden."""
+        shown = shares.copy()
+        shown[:, _hidden(self.variant)] = 0
+        return super().judge(shown, cues if self.variant.cues else np.zeros_like(cues))
+
+
+def masked(samples: Samples, variant: Variant) -> Samples:
+    """Samples without what is hidden from a network; a code of 0 is a share of 0."""
+    codes = samples.codes.copy()
+    codes[:, _hidden(variant)] = 0
+    cues = samples.cues if variant.cues else np.zeros_like(samples.cues)
+    return replace(samples, codes=codes, cues=cues)
+
+
+def _hidden(variant: Variant) -> list[int]:
+    return [CHANNELS.index(name) for name in variant.hidden]
+
+
+def trained(folder: Path, variant: Variant, budget: Budget) -> Masked | None:
+    """The network that was trained in a folder; None where it was not.
+
+    Raises:
+        InputError: weights that cannot be read, or were trained in another way.
+    """
+    path = _path(folder, variant, budget)
+    if not path.exists():
+        return None
+    weights = network.network(path).weights
+    if weights.manifest.get("ablation") != _asked(variant, budget):
+        raise InputError(f"{path}: trained in another way; choose another folder, or delete it")
+    return Masked(weights, variant=variant)
+
+
+def _path(folder: Path, variant: Variant, budget: Budget) -> Path:
+    """Of a network's weights: other budgets have other files."""
+    return folder / f"{variant.name}-{budget.candidates}x{budget.epochs}x{budget.batch}.npz"
+
+
+def _asked(variant: Variant, budget: Budget) -> Mapping[str, Any]:
+    """What decides the weights, as manifests hold it."""
+    asked = {"variant": variant.__dict__, "budget": budget.__dict__}
+    plain: Mapping[str, Any] = json.loads(json.dumps(asked))
+    return plain
+
+
+def train_missing(folder: Path, samples: Path | None, budget: Budget) -> tuple[Variant, ...]:
+    """Trains every network that a folder lacks; returns those that cannot be, and says why.
+
+    Args:
+        folder: of the networks; made here.
+        samples: where `eventsweep train` made samples; None: nothing is trained.
+        budget: of each training.
+    """
+    missing = tuple(one for one in VARIANTS if trained(folder, one, budget) is None)
+    if not missing:
+        return ()
+    reason = "" if samples else "say --samples FOLDER, where `eventsweep train --out FOLDER` ended"
+    if find_spec("torch") is None:
+        reason = f"training needs torch, which is not installed: {install('train')}"
+    if reason:
+        names = ", ".join(one.name for one in missing)
+        sys.stderr.write(f"{folder}: not trained yet: {names}; {reason}\n")
+        return missing
+    folder.mkdir(parents=True, exist_ok=True)
+    start = multiprocessing.get_context("spawn")
+    # Torch in a process of its own: it and a software renderer crash each other.
+    with ProcessPoolExecutor(1, mp_context=start, initializer=end_with_parent) as apart:
+        for variant in missing:
+            apart.submit(train, folder, variant, samples, budget).result()
+    return ()
+
+
+def train(folder: Path, variant: Variant, samples: Path, budget: Budget) -> None:
+    """Trains one network and writes its weights; a stopped run goes on after its last epoch.
+
+    Raises:
+        InputError: no samples there.
+    """
+    from eval.learning.fit import Fitting
+
+    known = data.chosen("training", TrainingConfig())
+    wanted = [one for one in known if one.sensor in variant.sensors]
+    config = variant.config(budget, len(wanted) / len(known))
+    training = masked(_read(samples, "training", config, wanted), variant)
+    few = config.model_copy(update={"candidates": JUDGED})
+    calibration = masked(_read(samples, "calibration", few), variant)
+    path = _path(folder, variant, budget)
+    fitting = Fitting(config, training, calibration, path.with_suffix(".pt"))
+    fitting.run(lambda done, words: sys.stderr.write(f"{path.stem} {done:5.2f} {words}\n"))
+    learnt = {
+        "ablation": _asked(variant, budget),
+        "training": config.model_dump(mode="json"),
+        "samples": len(training),
+        "history": fitting.history,
+    }
+    write_weights(path, TASKS[config.network].name, fitting.network.arrays(), learnt)
+
+
+def _read(
+    folder: Path,
+    part: Part,
+    config: TrainingConfig,
+    among: Iterable[TrainingSequence] | None = None,
+) -> Samples:
+    try:
+        found = data.load(folder, part, config, among)
+    except FileNotFoundError as error:
+        raise InputError(
+            f"{error.filename}: no such samples; make them with `eventsweep train --out FOLDER`"
+        ) from error
+    assert isinstance(found, Samples)
+    return found
