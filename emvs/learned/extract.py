@@ -54,7 +54,7 @@ class Judgement:
     @property
     def error_px(self) -> Floats:
         """(M,) float32, that expected error."""
-        return np.exp(self.log_error.min(axis=1))
+        return np.asarray(np.exp(self.log_error.min(axis=1)), np.float32)
 
     @property
     def reliability(self) -> Floats:

@@ -181,7 +181,11 @@ def swept_window(recording: Recording, config: MapperConfig, method: Method) -> 
 
 def show(recording: Recording, config: MapperConfig, method: Method) -> Shown:
     """Sweeps one window and lists its candidates."""
-    swept = swept_window(recording, config, method)
+    return shown_of(swept_window(recording, config, method), config, method)
+
+
+def shown_of(swept: Swept, config: MapperConfig, method: Method) -> Shown:
+    """Lists the candidates of a window after its sweep."""
     votes, focus = swept.result.maxima[method.name], swept.result.focus[method.name]
     estimate = estimate_in_focus(votes, focus, swept.disparity_px, config)
     chosen = candidates(votes, focus, estimate, swept.disparity_px, config.border_px)

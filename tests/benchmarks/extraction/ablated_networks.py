@@ -18,7 +18,6 @@ from emvs.errors import InputError
 from emvs.learned import network
 from emvs.learned.network import CHANNELS, Floats, Network
 from emvs.learned.weights import write_weights
-from emvs.utils.inputs import SETTINGS_BYTES, parse_json, read_text
 from emvs.utils.processes import end_with_parent
 from emvs.utils.release import install
 from eval.learning import data
@@ -26,6 +25,7 @@ from eval.learning.config import TrainingConfig
 from eval.learning.samples import Samples
 from eval.learning.sequences import Part, TrainingSequence
 from eval.learning.tasks import TASKS
+from eval.progress import Bars
 from sim.sensor_presets import PresetName
 
 JUDGED = 200
@@ -145,31 +145,37 @@ def _asked(variant: Variant, budget: Budget) -> Mapping[str, Any]:
     return plain
 
 
-def train_missing(folder: Path, samples: Path | None, budget: Budget) -> tuple[Variant, ...]:
-    """Trains every network that a folder lacks; returns those that cannot be, and says why.
+def train_missing(folder: Path, samples: Path | None, budget: Budget) -> bool:
+    """Trains every network that a folder lacks.
 
     Args:
         folder: of the networks; made here.
         samples: where `eventsweep train` made samples; None: nothing is trained.
         budget: of each training.
+
+    Returns:
+        Whether all are there; where they are not, one line on the error stream says why.
     """
-    missing = tuple(one for one in VARIANTS if trained(folder, one, budget) is None)
+    missing = [one for one in VARIANTS if trained(folder, one, budget) is None]
     if not missing:
-        return ()
-    reason = "" if samples else "say --samples FOLDER, where `eventsweep train --out FOLDER` ended"
-    if find_spec("torch") is None:
-        reason = f"training needs torch, which is not installed: {install('train')}"
-    if reason:
+        return True
+    if samples is None or find_spec("torch") is None:
         names = ", ".join(one.name for one in missing)
-        sys.stderr.write(f"{folder}: not trained yet: {names}; {reason}\n")
-        return missing
+        sys.stderr.write(f"{folder}: not trained yet: {names}; {_needed(samples)}\n")
+        return False
     folder.mkdir(parents=True, exist_ok=True)
     start = multiprocessing.get_context("spawn")
     # Torch in a process of its own: it and a software renderer crash each other.
     with ProcessPoolExecutor(1, mp_context=start, initializer=end_with_parent) as apart:
         for variant in missing:
             apart.submit(train, folder, variant, samples, budget).result()
-    return ()
+    return True
+
+
+def _needed(samples: Path | None) -> str:
+    if samples is None:
+        return "say --samples FOLDER, of a finished `eventsweep train --out FOLDER`"
+    return f"training needs torch, which is not installed: {install('train')}"
 
 
 def train(folder: Path, variant: Variant, samples: Path, budget: Budget) -> None:
@@ -188,7 +194,9 @@ def train(folder: Path, variant: Variant, samples: Path, budget: Budget) -> None
     calibration = masked(_read(samples, "calibration", few), variant)
     path = _path(folder, variant, budget)
     fitting = Fitting(config, training, calibration, path.with_suffix(".pt"))
-    fitting.run(lambda done, words: sys.stderr.write(f"{path.stem} {done:5.2f} {words}\n"))
+    with Bars().stage(variant.name, config.epochs) as update:
+        fitting.run(update)
+        update(config.epochs, f"loss {fitting.history[-1]['loss']:.3f}")
     learnt = {
         "ablation": _asked(variant, budget),
         "training": config.model_dump(mode="json"),

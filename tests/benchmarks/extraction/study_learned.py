@@ -96,13 +96,6 @@ def _most_reliable(depth_map: DepthMap, truth: Truth, points: int) -> NDArray[np
         return depth_map.mask
     rank = _ranks(depth_map, truth) if depth_map.method == LEARNED else depth_map.reliability
     candidates = without_border(depth_map.reliability > 0, MapperConfig().border_px)
-    return best(rank, candidates, points)
-
-
-def best(
-    rank: NDArray[np.float32], candidates: NDArray[np.bool_], points: int
-) -> NDArray[np.bool_]:
-    """(H, W) as many of the candidates as wanted, those of the highest rank."""
     allowed = np.flatnonzero(candidates)
     mask = np.zeros(rank.shape, np.bool_)
     mask.flat[allowed[np.argsort(-rank.flat[allowed], kind="stable")[:points]]] = True
