@@ -113,6 +113,7 @@ measurements: setup studies
 	$(BIN)/python tests/benchmarks study_learned --sets other --page docs/learned.md --mark learned-other
 	$(BIN)/python tests/benchmarks study_learned --imperfection mvsec --page docs/learned.md \
 		--mark learned-imperfect
+	$(BIN)/python tests/benchmarks ablate_learned --samples out/trained --page docs/learned.md
 	$(BIN)/python tests/benchmarks check_faults --out out/checks --page docs/check.md
 	$(BIN)/python tests/benchmarks check_sizes --out out/checks --page docs/check.md
 	$(BIN)/python tests/benchmarks fidelity --truth out/fidelity --page docs/simulator.md \

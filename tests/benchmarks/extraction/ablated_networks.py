@@ -7,7 +7,7 @@ import multiprocessing
 import sys
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -57,7 +57,8 @@ class Variant:
         hidden: channels that it never sees, in training and after.
         cues: whether it is told the numbers beside the votes.
         share: it learns from one in so many samples, each so many times as often.
-        sensors: those whose sequences it learns from; as many samples, however few sequences.
+        every: it learns from one in so many sequences, drawn at random; as many samples.
+        sensors: those whose sequences it learns from; as many samples, too.
         seed: of weights, order and flips.
     """
 
@@ -66,13 +67,22 @@ class Variant:
     hidden: tuple[str, ...] = ()
     cues: bool = True
     share: int = 1
+    every: int = 1
     sensors: tuple[PresetName, ...] = ("ideal", "davis346")
     seed: int = 0
 
-    def config(self, budget: Budget, sequences: float) -> TrainingConfig:
-        """How it is trained, where it learns from such a share of the sequences."""
+    def sequences(self) -> tuple[TrainingSequence, ...]:
+        """What it learns from."""
+        known = data.chosen("training", TrainingConfig())
+        drawn = sorted(np.random.default_rng(0).permutation(len(known))[:: self.every])
+        return tuple(known[k] for k in drawn if known[k].sensor in self.sensors)
+
+    def config(self, budget: Budget) -> TrainingConfig:
+        """How it is trained: with as many samples and steps, from however few sequences."""
+        every = len(data.chosen("training", TrainingConfig()))
+        each = every / len(self.sequences()) / self.share
         return TrainingConfig(
-            candidates=round(budget.candidates / self.share / sequences),
+            candidates=round(budget.candidates * each),
             epochs=budget.epochs * self.share,
             batch=budget.batch,
             seed=self.seed,
@@ -85,6 +95,7 @@ VARIANTS = (
     Variant("fused", "without the cameras' channels", hidden=CHANNELS[1:]),
     Variant("votes", "without the thirteen numbers", cues=False),
     Variant("quarter", "from a quarter of the samples", share=4),
+    Variant("sequences", "from a quarter of the sequences", share=4, every=4),
     Variant("ideal", "without noisy sensors", sensors=("ideal",)),
 )
 
@@ -140,8 +151,8 @@ def _path(folder: Path, variant: Variant, budget: Budget) -> Path:
 
 def _asked(variant: Variant, budget: Budget) -> Mapping[str, Any]:
     """What decides the weights, as manifests hold it."""
-    asked = {"variant": variant.__dict__, "budget": budget.__dict__}
-    plain: Mapping[str, Any] = json.loads(json.dumps(asked))
+    lacks = {name: value for name, value in asdict(variant).items() if name != "title"}
+    plain: Mapping[str, Any] = json.loads(json.dumps({**lacks, **asdict(budget)}))
     return plain
 
 
@@ -186,10 +197,8 @@ def train(folder: Path, variant: Variant, samples: Path, budget: Budget) -> None
     """
     from eval.learning.fit import Fitting
 
-    known = data.chosen("training", TrainingConfig())
-    wanted = [one for one in known if one.sensor in variant.sensors]
-    config = variant.config(budget, len(wanted) / len(known))
-    training = masked(_read(samples, "training", config, wanted), variant)
+    config = variant.config(budget)
+    training = masked(_read(samples, "training", config, variant.sequences()), variant)
     few = config.model_copy(update={"candidates": JUDGED})
     calibration = masked(_read(samples, "calibration", few), variant)
     path = _path(folder, variant, budget)

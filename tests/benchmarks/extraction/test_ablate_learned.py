@@ -22,6 +22,7 @@ from emvs.mapper import map_window
 from emvs.utils import release
 from eval.config import EvalConfig
 from eval.learning import data
+from eval.learning.config import TrainingConfig
 from eval.learning.samples import Samples, show
 from eval.learning.sequences import FIRST_SEED, TrainingSequence, sequences
 from eval.scoring.run_folder import truth_of
@@ -170,13 +171,14 @@ def test_training_is_shown_as_little():
 
 @pytest.mark.parametrize("variant", VARIANTS, ids=lambda one: one.name)
 def test_every_network_is_shown_as_many_samples(variant):
-    known = sequences("training")
-    chosen = [one for one in known if one.sensor in variant.sensors]
-    config = variant.config(Budget(), len(chosen) / len(known))
+    known, chosen = sequences("training"), variant.sequences()
+    config = variant.config(Budget())
     samples = config.candidates * len(chosen)
-    assert samples * variant.share == pytest.approx(Budget().candidates * len(known), rel=1e-3)
+    assert samples * variant.share == pytest.approx(Budget().candidates * len(known), rel=2e-3)
     assert config.epochs == Budget().epochs * variant.share
-    assert (variant.name == "ideal") == (len(chosen) < len(known))
+    assert len(chosen) == {"ideal": 27, "sequences": 14}.get(variant.name, len(known))
+    assert {one.sensor for one in chosen} == set(variant.sensors)
+    assert config.candidates <= TrainingConfig().candidates  # of each window there are no more
 
 
 @pytest.fixture
@@ -206,7 +208,9 @@ def test_without_torch_what_is_trained_is_evaluated(study, monkeypatch, tmp_path
     asked = ["--out", str(out), "--sets", "noisy"]
     assert main([*asked, "--samples", str(tmp_path)]) == 0
     said = capsys.readouterr()
-    assert "not trained yet: fused, votes, quarter, ideal; training needs torch" in said.err
+    assert (
+        "not trained yet: fused, votes, quarter, sequences, ideal; training needs torch" in said.err
+    )
     assert release.install("train") in said.err
     assert "| on a small budget |" in said.out
     assert "| without noisy sensors |" not in said.out
@@ -222,7 +226,7 @@ def test_without_torch_what_is_trained_is_evaluated(study, monkeypatch, tmp_path
 
 
 def test_weights_of_another_variant_are_refused(tmp_path):
-    keep(tmp_path, Variant("base", "something else"), TINY)
+    keep(tmp_path, Variant("base", "as it is", cues=False), TINY)
     with pytest.raises(InputError, match="trained in another way; choose another folder"):
         trained_network(tmp_path, VARIANTS[0], TINY)
 
