@@ -284,7 +284,7 @@ class _Refiner:
             change = float(np.sqrt(rates.var(axis=0).sum()))
             return f"the motion is too even or too short; rates of turn vary by {change:.2g} deg/s"
         if one.kind == "hand-eye":
-            return f"the camera turns too little, by {each} deg/s about x, y, z"
+            return f"it is too short, or the camera turns too little, by {each} deg/s about x, y, z"
         if one.kind == "lever":
             return f"it shows only where the camera turns, here by {each} deg/s about x, y, z"
         return "too little texture, parallax or motion in these windows"
