@@ -98,6 +98,7 @@ tables: setup
 	$(BIN)/python tests/benchmarks install_page --page docs/install.md --commands-only
 	$(BIN)/python tests/benchmarks settings_table
 	$(BIN)/python tests/benchmarks readme_table
+	$(BIN)/python tests/benchmarks ranking_table
 	$(BIN)/python tests/benchmarks format_table docs/event_formats.md
 
 measurements: setup studies

@@ -22,7 +22,7 @@ def test_the_readme_is_not_stale(capsys):
 
 def test_a_typed_number_is_noticed_and_cured(tmp_path, capsys):
     page = Path(shutil.copy(README, tmp_path / "README.md"))
-    page.write_text(page.read_text().replace("| Alg1/H | ", "| Alg1/H | 1"))
+    page.write_text(page.read_text().replace("| Alg1/H | ", "| Alg1/H | 1", 1))
     asked = [str(page), "--baseline", str(BASELINE)]
     assert main([*asked, "--check"]) == 1
     assert "stale" in capsys.readouterr().err

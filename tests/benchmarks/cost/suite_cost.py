@@ -1,9 +1,9 @@
 """What a suite costs, reckoned from runs of parts of it.
 
-`python tests/benchmarks suite_cost DIR... --page docs/suite.md` writes the table of the page.
-Every
+`python tests/benchmarks suite_cost DIR... --page docs/suite.md` writes the table of the page. Every
 `suite.json` says what its jobs took, in time of processors, whenever they were done. What was not
-run is reckoned from what was: another seed of a case costs as much as the case's mean.
+run is reckoned from what was: another seed of a case costs as much as the case's mean. Sequences of
+an archive are unpacked instead of simulated.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from eval.suite.results import JobNote, read_suite
 from markdown_blocks import into_page
 
 MARK = "cost"
-STAGES = ("simulate", "map", "score")
+STAGES = ("simulate", "unpack", "tell", "map", "predict", "score")
 
 Took = dict[tuple[str, str], dict[str, float]]
 """By case and seed, what each stage took, s of processors."""
@@ -32,13 +32,14 @@ def main() -> int:
     parser.add_argument("runs", type=Path, nargs="+", help="what `eventsweep suite --out` wrote")
     parser.add_argument("--suite", default=GATED, help="whose cost is reckoned")
     parser.add_argument("--page", type=Path, help="page to write the table into")
+    parser.add_argument("--mark", default=MARK, help="name of the page's part for it")
     asked = parser.parse_args()
     with exit_code() as code:
         suite, _ = load(asked.suite)
         jobs = {job.name: job for run in asked.runs for job in _jobs(run, suite)}
         text = table(suite, took(jobs.values()))
         if asked.page is not None:
-            into_page(asked.page, MARK, text)
+            into_page(asked.page, asked.mark, text)
         sys.stdout.write(text)
     return code.value
 
@@ -70,9 +71,10 @@ def table(suite: Suite, found: Took) -> str:
         suite: the definition.
         found: what was run of it.
     """
+    stages = [s for s in STAGES if any(one[s] for one in found.values())]
     lines = [
-        "| Case | seeds run | simulate | map | score | all seeds | of it run |",
-        "|---|--:|--:|--:|--:|--:|--:|",
+        f"| Case | seeds run | {' | '.join(stages)} | all seeds | of it run |",
+        "|---|" + "--:|" * (len(stages) + 3),
     ]
     total_s = run_s = 0.0
     missing = []
@@ -82,14 +84,16 @@ def table(suite: Suite, found: Took) -> str:
         if not samples:
             missing.append(case)
             continue
-        means = {stage: sum(one[stage] for one in samples) / len(samples) for stage in STAGES}
+        means = {stage: sum(one[stage] for one in samples) / len(samples) for stage in stages}
         all_s = sum(means.values()) * len(suite.seeds)
         its_s = sum(sum(one.values()) for one in samples)
-        cells = [f"{means[stage]:.1f} s" for stage in STAGES]
+        cells = [f"{means[stage]:.1f} s" for stage in stages]
         cells += [f"{all_s / 60:.1f} min", f"{its_s / 60:.1f} min"]
         lines.append(f"| `{case}` | {len(samples)} of {len(suite.seeds)} | {' | '.join(cells)} |")
         total_s, run_s = total_s + all_s, run_s + its_s
-    lines.append(f"| together | | | | | {total_s / 60:.0f} min | {run_s / 60:.0f} min |")
+    lines.append(
+        f"| together |{' |' * (len(stages) + 1)} {total_s / 60:.0f} min | {run_s / 60:.0f} min |"
+    )
     end = f"\nNot run, and not in the sum: {', '.join(missing)}.\n" if missing else ""
     return "\n".join(lines) + "\n" + end
 

@@ -143,6 +143,14 @@ def test_costs_are_summed_per_case_and_carried_over_to_all_seeds():
     # The mean of 60 and 120 s, five times; 180 s were run.
     assert "| `desk` | 2 of 5 | 15.0 s | 30.0 s | 45.0 s | 7.5 min | 3.0 min |" in text
     assert "Not run, and not in the sum: planes, boxes," in text
+    assert "| simulate | map | score |" in text
+
+
+def test_sequences_of_an_archive_cost_their_unpacking():
+    unpacked = [JobNote("unpack/desk/seed0", "k", cpu_seconds=0.5), *jobs("desk", 0, 10.0)[1:]]
+    text = suite_cost.table(load("suite-v2")[0], suite_cost.took(unpacked))
+    assert "| Case | seeds run | unpack | map | score |" in text
+    assert "| `desk` | 1 of 5 | 0.5 s | 20.0 s | 30.0 s |" in text
 
 
 def test_efficiency_is_the_share_of_the_ideal_speed_up():
