@@ -155,6 +155,7 @@ def test_every_borrowed_function_is_known():
     assert {file for _, file in borrowed()} <= set(CALLERS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "file"), borrowed())
 def test_an_edit_in_another_file_is_seen(copy, name, file):
     folder, before = copy

@@ -85,6 +85,7 @@ def test_it_is_mapped_without_a_volume_and_scored(site, tmp_path):
     assert float(error["value"]) > 0
 
 
+@pytest.mark.slow
 def test_it_runs_in_a_suite_and_an_edit_maps_again(site, tmp_path):
     (tmp_path / "mine.toml").write_text(SUITE)
     words = ("mine.toml", "--cache", "cache", "--workers", "1", "--no-speed", "--quiet")

@@ -469,6 +469,7 @@ def strictly_checked(python: Path, script: Path) -> "subprocess.CompletedProcess
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", ["tutorial.md", "api.md"])
 def test_a_strict_type_checker_passes_the_examples(installed, page, tmp_path):
     script = tmp_path / "script.py"

@@ -72,6 +72,7 @@ def test_the_installed_script_works_there_too(project):
     assert "Alg1/H" in done.stdout
 
 
+@pytest.mark.slow
 def test_its_worker_processes_see_our_packages(project):
     short = ("--seconds", "0.02", "--rig", "rpg", "--workers", "2", "--quiet")
     works(project, "simulate", "planes", "--out", "sequence", *short)

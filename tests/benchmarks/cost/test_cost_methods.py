@@ -30,6 +30,7 @@ def test_ratios_are_to_the_base():
     assert text.splitlines()[2:] == ["| a | × 0.50 | × 3.00 |", "| b | 2.00 s | 3.00 s |"]
 
 
+@pytest.mark.slow
 def test_the_command_fills_the_page(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(cost_methods, "SENSORS", {"tiny": (32, 24)})
     needed = ("`Alg1/H`", "`Focus/H`", "`Learned/H`", cost_methods.EIGHT, cost_methods.ALL)

@@ -15,6 +15,7 @@ def some():
     return drawn()
 
 
+@pytest.mark.slow
 def test_at_least_sixty_are_drawn_of_all_four_areas(some):
     assert len(some) == sum(count for count, _ in AREAS.values()) >= 60
     assert {area for area, _ in some} == {"simulator", "mapper", "scoring", "gate"}
@@ -24,6 +25,7 @@ def test_at_least_sixty_are_drawn_of_all_four_areas(some):
     assert drawn(seed=1) != some
 
 
+@pytest.mark.slow
 def test_each_changes_what_one_line_means(some):
     for _, one in some:
         text = (ROOT / one.file).read_text(encoding="utf-8")

@@ -147,6 +147,7 @@ def test_one_camera_refines_the_clock_of_its_poses():
     assert abs(left["pose clock"]) < 1.5
 
 
+@pytest.mark.slow
 def test_three_cameras_are_refined_together():
     errors = {"cam1 pitch": 0.4, "cam2 pitch": -0.4}
     _, left = refined(("stereo",), errors, cameras=3)

@@ -28,7 +28,7 @@ def run(*command, **variables):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["votes", "fold", "maps"])
+@pytest.mark.parametrize("name", ["votes", "fold", pytest.param("maps", marks=pytest.mark.slow)])
 def test_in_the_simulator(name, request):
     # Without this interval a Python thread that waits for others keeps them from running.
     start = "import sys, pytest; sys.setswitchinterval(1e-5); sys.exit(pytest.main(sys.argv[1:]))"

@@ -2,6 +2,8 @@
 
 import os
 
+import pytest
+
 from eval.cli.main import main
 from eval.jobs.local import ONE_THREAD
 from eval.ranking.entries import of_suite
@@ -22,6 +24,7 @@ def run(folder, *more):
     return main(["suite", str(folder / "priced.toml"), *arguments, *more])
 
 
+@pytest.mark.slow
 def test_every_method_is_measured_alone_and_only_when_asked(tmp_path):
     (tmp_path / "priced.toml").write_text(SUITE)
     before = {name: os.environ.get(name) for name in ONE_THREAD}
