@@ -57,7 +57,7 @@ def sequence(tmp_path_factory):
 
 def mapping(sequence, out):
     windows = ("--map.window-s", "0.1", "--map.stride-s", "0.005", "--map.planes", "100")
-    return ("map", sequence, "--out", out, "--method", "Alg1/H", *windows, "--quiet")
+    return ("map", sequence, "--out", out, "--method", "Alg1/H", *windows, "--no-check", "--quiet")
 
 
 def meshing(sequence, _out):
