@@ -89,6 +89,12 @@ def explain(error: ValidationError, model: type[BaseModel], where: str = "") -> 
     return f"{where}{key} is {value}: {message[0].lower()}{message[1:]}{more}"
 
 
+def first_fault(error: ValidationError) -> str:
+    """Where a pydantic error's first fault is, and what it is: for files that are no parameters."""
+    fault = error.errors()[0]
+    return f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}".removeprefix(": ")
+
+
 def _suggestion(model: type[BaseModel], place: tuple[int | str, ...]) -> str:
     known = list(getattr(_annotation(model, place[:-1]), "model_fields", ()))
     close = difflib.get_close_matches(str(place[-1]), known, n=1)

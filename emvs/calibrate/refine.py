@@ -26,7 +26,7 @@ from emvs.calibrate.objective import COARSE, FINE, MIDDLE, Objective
 from emvs.calibrate.parameters import AXES, Correction, Parameter, parameters_of
 from emvs.calibrate.quadratic import Function, climb, evaluations, higher
 from emvs.calibrate.search import approach, scans, steps
-from emvs.calibrate.windows import WindowPlan, read_windows
+from emvs.calibrate.windows import WindowPlan, read_windows, window_spans
 from emvs.config import MapperConfig
 from emvs.data.altered import AlteredRecording
 from emvs.data.recording import Recording
@@ -150,9 +150,16 @@ def refine(
     objective = Objective(recording, windows, range_m)
     short = objective
     if any(one.kind in _POSE_KINDS for one in parameters):
-        shorter = replace(plan, turn_deg=_MATCHED_TURN_DEG)
-        short = objective.with_windows(read_windows(recording, shorter))
+        short = _short(objective, replace(plan, turn_deg=_MATCHED_TURN_DEG))
     return _Refiner(recording, objective, short, parameters, config, progress).run()
+
+
+def _short(objective: Objective, plan: WindowPlan) -> Objective:
+    """The objective with the windows of another plan; those of a calm camera are read already."""
+    recording = objective.recording
+    if window_spans(recording, plan) == [(one.t0_us, one.t1_us) for one in objective.windows]:
+        return objective
+    return objective.with_windows(read_windows(recording, plan))
 
 
 class _Refiner:

@@ -52,8 +52,7 @@ def read_windows(
     Raises:
         InputError: poses and events that share less than a window, or windows without events.
     """
-    plan = _shortened(recording, plan)
-    spans = _chosen_spans(recording, plan)
+    spans = window_spans(recording, plan)
     found = []
     for done, (t0_us, t1_us) in enumerate(spans, 1):
         events = [recording.events(k, t0_us, t1_us) for k in range(len(recording.rig))]
@@ -67,6 +66,15 @@ def read_windows(
             f"{_FEWEST_EVENTS} events of every camera: needs 2, a longer recording or more texture"
         )
     return tuple(found)
+
+
+def window_spans(recording: Recording, plan: WindowPlan) -> list[tuple[int, int]]:
+    """Begin and end of the windows of a plan, µs, in order.
+
+    Raises:
+        InputError: poses and events that share less than a window.
+    """
+    return _chosen_spans(recording, _shortened(recording, plan))
 
 
 def _shortened(recording: Recording, plan: WindowPlan) -> WindowPlan:

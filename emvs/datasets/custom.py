@@ -19,6 +19,7 @@ from emvs.formats.tables.columns import ColumnMap
 from emvs.geometry import se3
 from emvs.geometry.rig import Rig
 from emvs.geometry.trajectory import Trajectory
+from emvs.parameters import first_fault
 from emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
 from emvs.utils.release import page
 
@@ -120,10 +121,8 @@ def read_descriptor(path: Path) -> Descriptor:
     try:
         return Descriptor(**parse_toml(read_text(path, SETTINGS_BYTES)))
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
         where = page("datasets", "any-other-recording-recordingtoml")
-        raise InputError(f"{path}: {key}: {first['msg']}; see {where}") from error
+        raise InputError(f"{path}: {first_fault(error)}; see {where}") from error
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as TOML ({error}); correct it") from error
 

@@ -22,6 +22,7 @@ from emvs.dsi.method import file_name
 from emvs.dsi.slices import Slices
 from emvs.errors import DAMAGED_NPY, InputError
 from emvs.geometry.camera import Camera
+from emvs.parameters import first_fault
 from emvs.utils.inputs import TABLE_BYTES, check_file, parse_json, read_text
 from emvs.utils.runtime import versions
 from emvs.window_result import WindowResult
@@ -308,9 +309,7 @@ def _parse(index: Path, text: str) -> MapInfo:
     try:
         return MapInfo.model_validate_json(text)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
-        raise InputError(f"{index}: {where}: {first['msg']}: {CURE}") from error
+        raise InputError(f"{index}: {first_fault(error)}: {CURE}") from error
 
 
 def write_depth(path: Path, depth_map: DepthMap) -> None:

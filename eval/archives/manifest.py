@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from emvs.data.manifest import FileEntry
 from emvs.errors import InputError
+from emvs.parameters import first_fault
 from emvs.utils.files import atomic_path
 from emvs.utils.inputs import TABLE_BYTES, check_file
 
@@ -168,21 +169,14 @@ def parse(text: bytes | str, where: str) -> ArchiveManifest:
     """
     try:
         found = ArchiveManifest.model_validate_json(text)
-    except (ValidationError, RecursionError) as error:
-        raise InputError(f"{where}: no manifest of an archive ({_first(error)})") from error
+    except ValidationError as error:
+        raise InputError(f"{where}: no manifest of an archive ({first_fault(error)})") from error
     if found.schema_version != SCHEMA_VERSION:
         raise InputError(
             f"{where}: schema version {found.schema_version}, needs {SCHEMA_VERSION}: make or "
             "fetch the archive again"
         )
     return found
-
-
-def _first(error: Exception) -> str:
-    if not isinstance(error, ValidationError):
-        return "nested too deeply"
-    one = error.errors()[0]
-    return f"{'.'.join(map(str, one['loc']))}: {one['msg']}".lstrip(": ")
 
 
 def read(folder: Path) -> ArchiveManifest:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from emvs.errors import InputError
+from emvs.parameters import first_fault
 from emvs.utils.inputs import SETTINGS_BYTES, TABLE_BYTES, check_file, parse_toml, read_text
 from eval.scoring.depth_files import (
     SUFFIXES,
@@ -87,10 +88,8 @@ def read_description(path: Path) -> PredictionFacts:
     try:
         return PredictionFacts.model_validate(parse_toml(read_text(path, SETTINGS_BYTES)))
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
         known = ", ".join(PredictionFacts.model_fields)
-        raise InputError(f"{path}: {where}: {first['msg']}; it may hold {known}") from error
+        raise InputError(f"{path}: {first_fault(error)}; it may hold {known}") from error
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: not TOML ({error}): correct it") from error
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 from pydantic import BeforeValidator, ConfigDict, PlainSerializer, TypeAdapter, ValidationError
 
 from emvs.errors import InputError
+from emvs.parameters import first_fault
 from emvs.utils.files import atomic_path
 from emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
 from emvs.utils.runtime import versions
@@ -291,9 +292,7 @@ def read_json(
     try:
         return validate(content)
     except ValidationError as error:
-        fault = error.errors()[0]
-        place = ".".join(str(part) for part in fault["loc"])
-        raise InputError(f"{name}: {place}: {fault['msg']}; {cure}") from error
+        raise InputError(f"{name}: {first_fault(error)}; {cure}") from error
 
 
 def _check_version(name: str, content: object, version: int, cure: str) -> None:

@@ -20,6 +20,7 @@ import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from emvs.errors import DAMAGED_NPY, InputError, quoted
+from emvs.parameters import first_fault
 from emvs.utils.cache import Cache, key_of
 from emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
 from emvs.utils.outputs import output_file
@@ -240,9 +241,8 @@ def _parsed(path: Path, text: bytes) -> SubmissionManifest:
     try:
         manifest = SubmissionManifest.model_validate_json(text)
     except ValidationError as error:
-        one = error.errors()[0]
-        where = ".".join(map(str, one["loc"]))
-        raise InputError(f"{path}: its manifest: {where}: {one['msg']}: make it again") from error
+        fault = first_fault(error)
+        raise InputError(f"{path}: its manifest: {fault}: make it again") from error
     if manifest.schema_version != SCHEMA_VERSION:
         raise InputError(
             f"{path}: schema version {manifest.schema_version}, needs {SCHEMA_VERSION}: make it "

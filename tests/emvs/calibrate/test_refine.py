@@ -7,8 +7,10 @@ import numba
 import numpy as np
 import pytest
 
+import emvs.calibrate.refine as module
 from emvs.calibrate.parameters import Correction, parameters_of
 from emvs.calibrate.refine import RefineConfig, refine
+from emvs.calibrate.windows import read_windows
 from emvs.data.altered import AlteredRecording
 from emvs.errors import InputError
 from emvs.utils.runtime import use_threads
@@ -194,3 +196,16 @@ def test_windows_that_make_no_sense_are_refused():
     with pytest.raises(InputError, match="at least 2 windows"):
         RefineConfig(windows=1)
     assert np.isfinite(RefineConfig().window_s)
+
+
+@pytest.mark.parametrize(("motion", "times"), [("translating", 1), ("shaking", 2)])
+def test_windows_of_a_calm_camera_are_read_once(motion, times, monkeypatch):
+    read = []
+
+    def counted(*arguments):
+        read.append(arguments)
+        return read_windows(*arguments)
+
+    monkeypatch.setattr(module, "read_windows", counted)
+    refined(("hand-eye",), {}, motion)
+    assert len(read) == times
