@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from emvs.config import MapperConfig
 from emvs.data.recording import Recording
+from emvs.depth import surface_kernels
 from emvs.depth.depth_map import DepthMap, eight_bits, without_border
 from emvs.depth.precision import stated
-from emvs.dsi import focus_kernels, focus_measures
+from emvs.dsi import focus_measures
 from emvs.dsi.maxima import InFocus, Maximum
 from emvs.errors import InputError
 from emvs.reference_view import ReferenceView, inverse_depth_at
@@ -269,7 +270,7 @@ def _judge_at(
     surroundings_px = np.zeros_like(confidence)
     surroundings_px[at] = own_px
     support = np.zeros_like(confidence)
-    focus_kernels.support(
+    surface_kernels.support(
         surroundings_px, candidate, config.support_radius_px, np.float32(config.support_px), support
     )
     return _Judged(
@@ -319,7 +320,7 @@ def _inside(
     behind. Where the own surface lies is seen from the candidates around.
     """
     towards = np.zeros((2, *confidence.shape), np.float32)
-    focus_kernels.own_surface(
+    surface_kernels.own_surface(
         own_px, candidate, config.inside_radius_px, np.float32(config.support_px), towards
     )
     smooth = focus_measures.blurred(confidence, _SLOPE_SIGMA_PX)
@@ -356,7 +357,7 @@ def on_surface(
     reach_px = round(_SURFACE_REACH * config.surface_sigma_px)
     weight = focus_measures.half_window(config.surface_sigma_px)[: reach_px + 1]
     fitted_px = np.zeros_like(own_px)
-    focus_kernels.fit_surface(
+    surface_kernels.fit_surface(
         own_px, estimate.candidate, weight, np.float32(config.surface_px), _RIDGE_PX2, fitted_px
     )
     rising = np.argsort(disparity_px)

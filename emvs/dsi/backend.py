@@ -116,11 +116,13 @@ class CpuBackend:
         self._scratch = Scratch(
             len(rays), self.planes_in_flight, *size, nearest=settings.sums == "nearest"
         )
-        self._maxima = RunningMaxima(task.methods, *size, planes=planes, polarities=polarities)
         self._focus = FocusMaxima(
             task.methods, task.cameras, *size, settings.measures,
             planes=planes, polarities=polarities,
         )  # fmt: skip
+        self._maxima = RunningMaxima(
+            task.methods, *size, planes=planes, polarities=polarities, hands_out=self._focus.fused
+        )
         self._slices = SliceRecorder(task.requested, planes, size[0], task.row_px, polarities)
         self._votes = [VoteCounts()] * len(rays)
         self._first = self._last = 0
@@ -135,7 +137,7 @@ class CpuBackend:
         """Fuses these planes by every method, and takes them into the running maxima."""
         self._maxima.update(self._scratch.votes, self._last - self._first)
         images = self.images()
-        self._focus.update(images)
+        self._focus.update(images, self._maxima.handed_out)
         self._slices.take(self._first, images)
 
     def images(self) -> Floats:

@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
+import numba
 import numpy as np
+from numpy.lib.stride_tricks import as_strided, sliding_window_view
 from numpy.typing import NDArray
 
 from emvs.dsi import focus_kernels, focus_measures, fusion_kernels
 from emvs.dsi.fusion import fuse_by
 from emvs.dsi.method import FusionTables, Method
+from emvs.utils.vectors_kernels import aligned
 
 Floats = NDArray[np.float32]
 _INT16 = 32767  # so many planes can be counted by 16 bits
 # Cells that the update takes in one go: starting a row costs 0.3 µs, as much as 500 cells; longer
 # rows than these gain nothing and leave less to share among threads.
 _ROW_CELLS = 4096
-_STRIPS = 64  # enough for any number of threads to share them evenly
+_NONE: Mapping[Method, Floats] = MappingProxyType({})
 # The method of a volume that is fused, or measured, already
 AS_IT_IS = Method("", fusion_kernels.CAMERA, "the one volume there is")
 
@@ -140,10 +145,12 @@ class RunningMaxima:
         planes: how many will pass; needed only where there are more than 32767.
         polarities: 2 where each polarity has volumes of its own.
         lowest: what every value exceeds.
+        hands_out: the volume whose fused planes others need, too.
 
     Attributes:
         arrays: best, index, left, right, previous, each (M, H, W), for each volume that differs.
         planes: how many planes have passed.
+        handed_out: of the last update, volume -> (P, H, W) its fused planes.
     """
 
     def __init__(
@@ -155,13 +162,18 @@ class RunningMaxima:
         planes: int = 0,
         polarities: int = 1,
         lowest: float = -1,
+        hands_out: Method | None = None,
     ) -> None:
         volumes = list(dict.fromkeys(method.volume for method in methods))
         shape = (len(volumes), height_px, width_px)
         self._compiled = [volume for volume in volumes if volume.function is None]
         self._own = [volume for volume in volumes if volume.function is not None]
         self._row = [[*self._compiled, *self._own].index(method.volume) for method in methods]
-        self._polarities = polarities
+        self._polarities, self._keep = polarities, -1
+        if hands_out in self._compiled:
+            self._keep = self._compiled.index(hands_out)
+        self._kept = np.empty((0, height_px, width_px), np.float32)
+        self.handed_out: dict[Method, Floats] = {}
         self.planes = 0
         self.arrays: tuple[NDArray[Any], ...] = tuple(
             np.full(shape, value, dtype) for dtype, value in beginnings(planes, lowest)
@@ -171,21 +183,33 @@ class RunningMaxima:
         """Takes in the next `planes` planes of (V, P, cells) votes, in order."""
         split = len(self._compiled)
         if self._compiled:
+            self._make_room(planes)
             tables = FusionTables.of(self._compiled, len(votes), self._polarities)
-            self._update(tables, votes, planes, slice(0, split))
+            self._update(tables, votes, planes, slice(0, split), self._keep)
         if self._own:
             height, width = self.arrays[0].shape[1:]
             images = votes[:, :planes, : height * width].reshape(-1, planes, height, width)
         for k, method in enumerate(self._own, split):
             fused = fuse_by(method, images, self._polarities).reshape(1, planes, -1)
-            self._update(FusionTables.of((AS_IT_IS,), 1), fused, planes, slice(k, k + 1))
+            self._update(FusionTables.of((AS_IT_IS,), 1), fused, planes, slice(k, k + 1), -1)
         self.planes += planes
 
-    def _update(self, tables: FusionTables, votes: Floats, planes: int, rows: slice) -> None:
+    def _make_room(self, planes: int) -> None:
+        if self._keep < 0:
+            return
+        if len(self._kept) < planes:
+            shape = planes, *self._kept.shape[1:]
+            self._kept = aligned(math.prod(shape)).reshape(shape)
+        self.handed_out = {self._compiled[self._keep]: self._kept[:planes]}
+
+    def _update(
+        self, tables: FusionTables, votes: Floats, planes: int, rows: slice, keep: int
+    ) -> None:
         long = [_in_long_rows(one[rows]) for one in self.arrays]
         fusion_kernels.fold(  # type: ignore[call-arg]
-            *tables.arrays, votes, self.planes, planes, *tables.scratch(*long[0].shape[1:]), *long
-        )
+            *tables.arrays, votes, self.planes, planes, *tables.scratch(*long[0].shape[1:]),
+            keep, _in_long_rows(self._kept), *long,
+        )  # fmt: skip
 
     def of(self, method: int) -> Maximum:
         """The maximum of one method, by its position in the list, over all planes so far."""
@@ -246,10 +270,21 @@ class FocusMaxima:
             peak(measures.focus_measure) for _ in range(cameras if compares else 0)
         ]
 
-    def update(self, images: Floats) -> None:
-        """Takes in the next planes of (V, P, H, W) votes, in order."""
+    @property
+    def fused(self) -> Method | None:
+        """The first volume of several cameras: `RunningMaxima` may hand out its planes."""
+        volumes = (volume for volume, _ in self._peaks)
+        return next((one for one in volumes if one.camera() is None), None)
+
+    def update(self, images: Floats, fused: Mapping[Method, Floats] = _NONE) -> None:
+        """Takes in the next planes of (V, P, H, W) votes, in order.
+
+        Args:
+            images: the votes.
+            fused: volume -> (P, H, W) planes that are fused already.
+        """
         for (volume, _), peak in self._peaks.items():
-            peak.update(self._fused(volume, images))
+            peak.update(fused[volume] if volume in fused else self._fused(volume, images))
         for camera, peak in enumerate(self._camera_peaks):
             peak.update(self._of_camera(images, camera))
 
@@ -269,7 +304,7 @@ class FocusMaxima:
         if camera is not None:
             return self._of_camera(images, camera)
         if self._fused_planes is None or len(self._fused_planes) < images.shape[1]:
-            self._fused_planes = np.empty(images.shape[1:], np.float32)
+            self._fused_planes = aligned(images[0].size).reshape(images.shape[1:])
         return fuse_by(method, images, self._polarities, out=self._fused_planes[: images.shape[1]])
 
     def _of_camera(self, images: Floats, camera: int) -> Floats:
@@ -294,7 +329,8 @@ class FocusPeak:
         self, width_px: int, height_px: int, measure: str, sigma_px: float, planes: int = 0
     ) -> None:
         self._measure, self._sigma_px = focus_measures.measure(measure), sigma_px
-        self._window = _Window(height_px, width_px, sigma_px) if measure == "variance" else None
+        is_compiled = measure == "variance" and width_px >= focus_kernels.LEAST
+        self._window = _Window(height_px, width_px, sigma_px) if is_compiled else None
         self._maxima = RunningMaxima(
             (AS_IT_IS,), width_px, height_px, planes=planes, lowest=-np.inf
         )
@@ -325,23 +361,24 @@ def _in_one_row(planes: Floats) -> tuple[Floats, int]:
     size = planes.itemsize
     step = planes.strides[0] // size
     cells = (len(planes) - 1) * step + planes[0].size
-    return np.lib.stride_tricks.as_strided(planes, (cells,), (size,)), step
+    return as_strided(planes, (cells,), (size,)), step
 
 
 class _Window:
-    """What the compiled variance needs beside the votes: weights, mirrored indices, scratch."""
+    """What the compiled variance needs beside the votes: weights, ways to rows, scratch."""
 
     def __init__(self, height_px: int, width_px: int, sigma_px: float) -> None:
         weight = focus_measures.half_window(sigma_px)
-        weight = np.append(weight, np.zeros(-(len(weight) - 1) % focus_kernels.TAPS, np.float32))
-        radius = len(weight) - 1
-        strips = min(height_px, _STRIPS)
+        radius, threads = len(weight) - 1, numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+        around = sliding_window_view(_mirrored(height_px, radius), 2 * radius + 1)
+        away = (around - around[:, radius : radius + 1]) * width_px
         self.arrays = (
             weight,
-            _mirrored(height_px, radius).astype(np.uint64),
+            np.ascontiguousarray(away[:, :radius][:, ::-1]),
+            np.ascontiguousarray(away[:, radius + 1 :]),
             _mirrored(width_px, radius),
-            np.empty((strips, 2, width_px + 2 * radius), np.float32),
-            np.empty((strips, 2, width_px), np.float32),
+            np.empty((threads, 2, focus_kernels.BLOCK, width_px + 2 * radius), np.float32),
+            np.empty((threads, width_px), np.float32),
         )
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from emvs.dsi import voting_kernels
 from emvs.dsi.rays import Rays
+from emvs.utils.vectors_kernels import aligned
 
 # Planes that share one pass over the rays, and so are read and written in turns: with one, the
 # sweep waits for the stream of rays.
@@ -54,7 +55,9 @@ class Scratch:
     ) -> None:
         self.width_px, self.height_px, self.nearest = width_px, height_px, nearest
         cells = voting_kernels.grid_cells(width_px, height_px)
-        self.votes = np.zeros((cameras, planes, cells), np.float32)
+        self.votes: NDArray[np.float32] = aligned(cameras * planes * cells).reshape(
+            cameras, planes, cells
+        )
         self._cell = np.empty((planes, voting_kernels.CHUNK), np.int32)
         self._fx = np.empty((planes, voting_kernels.CHUNK), np.float32)
         self._fy = np.empty((planes, voting_kernels.CHUNK), np.float32)

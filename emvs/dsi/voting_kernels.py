@@ -12,6 +12,7 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from emvs.utils.vectors_kernels import WIDTH
 
 # A thousand rays (16 kB) stay in L1 while every plane of the pass reads them again.
 CHUNK = 1024
@@ -24,8 +25,12 @@ _PAIR = ir.VectorType(ir.FloatType(), 2)
 
 
 def grid_cells(width_px: int, height_px: int) -> int:
-    """Returns the length of a scratch plane: the image, the dump and a row below the dump."""
-    return width_px * height_px + DUMP_CELLS + width_px + 2
+    """Returns the length of a scratch plane: the image, the dump and a row below the dump.
+
+    A whole number of vectors: where one plane begins at a vector's border, all of them do.
+    """
+    cells = width_px * height_px + DUMP_CELLS + width_px + 2
+    return -(-cells // WIDTH) * WIDTH
 
 
 # These loops run over whole arrays from 0: an offset in the index keeps them from being vectorised,

@@ -22,8 +22,9 @@ from emvs.dsi.method import Method
 from emvs.learned import inputs_kernels
 from emvs.learned.kept_votes import LANES, KeptVotes
 from emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX
+from emvs.utils.vectors_kernels import aligned
 
-BATCH = 512
+BATCH = 128
 """Pixels whose patches are in memory at a time."""
 _SAMPLE_PX = 0.5
 _FARTHEST = 2 * DEPTH
@@ -124,19 +125,16 @@ def channels(kept: KeptVotes, method: Method, chosen: Candidates) -> Floats:
         chosen: at most a few thousand of them: 10 kB each.
 
     Returns:
-        (B, 3, DEPTH, SIDE_PX, SIDE_PX, LANES) float32, as shares of the fused volume's largest
-        value in the patch; candidate m is lane m % LANES of block m // LANES. The channels are
-        `emvs.learned.network.CHANNELS`; one camera alone is all three.
+        (B, 3, SIDE_PX, SIDE_PX, DEPTH + 2, LANES) float32, as shares of the fused volume's largest
+        value in the patch, and nothing at both ends of each ray; candidate m is lane m % LANES of
+        block m // LANES. The channels are `emvs.learned.network.CHANNELS`; one camera alone is all
+        three.
     """
     where = chosen.rows, chosen.columns, chosen.centres, chosen.strides
     fused, cameras = fused_patches(kept, method, where, DEPTH, SIDE_PX)
-    count, blocks, *cells = cameras.shape
-    shares = np.empty((blocks, len(CHANNELS), *cells), np.float32)
-    inputs_kernels.shares(
-        fused.reshape(blocks, -1, LANES),
-        cameras.reshape(count, blocks, -1, LANES),
-        shares.reshape(blocks, len(CHANNELS), -1, LANES),
-    )
+    shape = len(fused), len(CHANNELS), SIDE_PX, SIDE_PX, DEPTH + 2, LANES
+    shares: Floats = aligned(math.prod(shape)).reshape(shape)
+    inputs_kernels.shares(fused, cameras, shares)
     return shares
 
 
@@ -165,9 +163,21 @@ def fused_patches(
     return fuse_by(method, rows).reshape(blocks, *cells), cameras
 
 
-def in_blocks(shares: Floats) -> Floats:
+def in_blocks(pixels: Floats) -> Floats:
     """(M, ...) arrays of candidates as (B, ..., LANES), as `channels` orders them."""
-    blocks = -(-len(shares) // LANES)
-    out = np.zeros((blocks * LANES, *shares.shape[1:]), np.float32)
-    out[: len(shares)] = shares
+    blocks = -(-len(pixels) // LANES)
+    out = np.zeros((blocks * LANES, *pixels.shape[1:]), np.float32)
+    out[: len(pixels)] = pixels
     return np.ascontiguousarray(np.moveaxis(out.reshape(blocks, LANES, *out.shape[1:]), 1, -1))
+
+
+def as_rays(patches: Floats) -> Floats:
+    """(M, 3, DEPTH, SIDE_PX, SIDE_PX) patches as the loops read them, see `channels`."""
+    ends = ((0, 0), (0, 0), (0, 0), (0, 0), (1, 1))
+    return in_blocks(np.pad(np.moveaxis(patches, 2, -1), ends))
+
+
+def as_patches(rays: Floats, count: int) -> Floats:
+    """The first patches of what `channels` returns: (count, 3, DEPTH, SIDE_PX, SIDE_PX)."""
+    pixels = np.moveaxis(rays[..., 1:-1, :], -1, 1)
+    return np.moveaxis(pixels.reshape(-1, *pixels.shape[2:])[:count], -1, 2)

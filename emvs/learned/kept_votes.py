@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from emvs.learned import kept_votes_kernels
 
-LANES = 32
-"""How many pixels stand side by side in patches: some vectors of a processor."""
+LANES = kept_votes_kernels.LANES
+"""Pixels side by side in patches."""
 _CODES = 256
 
 Floats = NDArray[np.float32]
@@ -43,7 +43,9 @@ class KeptVotes:
     def __init__(
         self, cameras: int, planes: int, height_px: int, width_px: int, polarities: int = 1
     ) -> None:
-        self.codes = np.zeros((cameras, planes, height_px, width_px), np.uint8)
+        pixels = planes * height_px * width_px
+        self._all = np.zeros((cameras, pixels + kept_votes_kernels.SPARE), np.uint8)
+        self.codes = self._all[:, :pixels].reshape(cameras, planes, height_px, width_px)
         self._scratch = np.empty((height_px, width_px), np.float32)
         self._polarities = polarities
 
@@ -76,5 +78,7 @@ class KeptVotes:
         blocks = -(-len(rows) // LANES)
         shape = (len(self.codes), blocks, depth, side_px, side_px, LANES)
         out = np.empty(shape, np.float32)
-        kept_votes_kernels.patches(self.codes, rows, columns, centres, strides, out)
+        kept_votes_kernels.patches(
+            self._all, self.codes.shape[1:], rows, columns, centres, strides, out
+        )
         return out

@@ -1,16 +1,25 @@
 """The compiled loops of kept votes: into 8-bit floats, and patches out of them."""
 
 # Numba annotations would be `Any` throughout; shapes and types stand in the docstrings instead.
-# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return"
+# mypy: disable-error-code="no-untyped-def, no-untyped-call, no-any-return, call-arg, var-annotated"
 
 import numpy as np
-from numba import njit, prange
+from llvmlite import ir
+from numba import njit, prange, types
+from numba.extending import intrinsic
 
 import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from emvs.utils.vectors_kernels import WIDTH
 
+LANES = WIDTH
+"""Pixels side by side in patches: a vector of them, of which eight channels fit in registers."""
 _ONE = np.float32(1)
 _SHIFT, _HALF = np.int32(19), np.int32(1 << 18)  # 4 of the mantissa's 23 bits stay, rounded
 _ZERO_EXPONENT = np.int32(127 << 4)
+_INT32 = ir.IntType(32)
+_WORDS = ir.VectorType(_INT32, WIDTH)
+SPARE = 64
+"""Codes behind the last one: three may be read, four at a time; a cache line is easier to skip."""
 
 
 @njit(parallel=True, cache=True)
@@ -34,27 +43,86 @@ def encode(votes, scratch, codes):
                 out[x] = np.uint8(code if code < 255 else 255)
 
 
+@intrinsic
+def _word(_typing, codes, _index):
+    """Four codes from that number of a contiguous 1-D array on, as a uint32; unchecked."""
+
+    def codegen(context, builder, signature, args):
+        data = context.make_array(signature.args[0])(context, builder, args[0]).data
+        return builder.load(
+            builder.bitcast(builder.gep(data, [args[1]]), _INT32.as_pointer()), align=1
+        )
+
+    return types.uint32(codes, types.intp), codegen
+
+
 @njit(cache=True)
-def _gather(codes, row, column, centre, stride, lane, out):
-    """The codes around one pixel into one lane of out (D, S, S, L); 0 on planes there are not."""
-    depth, side = out.shape[:2]
+def _gather(codes, size, pixel, lane, words):
+    """The codes around one pixel into one lane of words (D, S, W, L); 0 on planes there are not.
+
+    A row of a patch is `W` words of four codes; of the last one some may be behind it.
+    """
+    planes, height, width = size
+    row, column, centre, stride = pixel
+    depth, side, count = words.shape[:3]
     for d in range(depth):
         plane = centre + (d - depth // 2) * stride
-        if plane < 0 or plane >= len(codes):
-            out[d, :, :, lane] = 0
+        if plane < 0 or plane >= planes:
+            words[d, :, :, lane] = 0
             continue
+        at = (plane * height + row - side // 2) * width + column - side // 2
         for y in range(side):
-            line = codes[plane, row - side // 2 + y]
-            for x in range(side):
-                out[d, y, x, lane] = line[column - side // 2 + x]
+            for w in range(count):
+                words[d, y, w, lane] = _word(codes, at + y * width + 4 * w)
+
+
+@intrinsic
+def _votes(_typing, words, _at, _byte, out, _to):
+    """Votes of one code of each of `WIDTH` words, by the same shifts as in `encode`; unchecked."""
+
+    def codegen(context, builder, signature, args):
+        def vector(number):
+            return ir.Constant(_WORDS, [int(number)] * WIDTH)
+
+        def address(place, kind):
+            data = context.make_array(signature.args[place])(context, builder, args[place]).data
+            return builder.bitcast(builder.gep(data, [args[place + 1]]), kind.as_pointer())
+
+        codes = builder.load(address(0, _WORDS), align=4)
+        nothing = ir.Constant(_WORDS, ir.Undefined)
+        shift = builder.mul(builder.trunc(args[2], _INT32), _INT32(8))
+        shift = builder.insert_element(nothing, shift, _INT32(0))
+        shift = builder.shuffle_vector(shift, nothing, ir.Constant(_WORDS, None))
+        codes = builder.and_(builder.lshr(codes, shift), vector(255))
+        bits = builder.shl(builder.add(codes, vector(_ZERO_EXPONENT)), vector(_SHIFT))
+        floats = ir.VectorType(ir.FloatType(), WIDTH)
+        one = ir.Constant(floats, [1.0] * WIDTH)
+        votes = builder.fsub(builder.bitcast(bits, floats), one)
+        builder.store(votes, address(3, floats), align=4)
+        return context.get_dummy_value()
+
+    return types.void(words, types.intp, types.intp, out, types.intp), codegen
+
+
+@njit(cache=True)
+def _decode(words, out):
+    """Votes (D, S, S, L) of words of codes (D, S, W, L)."""
+    depth, side, count, lanes = words.shape
+    codes, votes = words.reshape(words.size), out.reshape(out.size)
+    for row in range(depth * side):
+        for x in range(side):
+            at, to = (row * count + x // 4) * lanes, (row * side + x) * lanes
+            for k in range(0, lanes, WIDTH):
+                _votes(codes, at + k, x % 4, votes, to + k)
 
 
 @njit(parallel=True, cache=True)
-def patches(codes, rows, columns, centres, strides, out):
+def patches(codes, size, rows, columns, centres, strides, out):
     """Fills `out` with the votes around pixels, many pixels side by side.
 
     Arrays:
-        codes: (C, N, H, W) uint8.
+        codes: (C, ...) uint8, of each camera N x H x W in order, and `SPARE` that nobody asks for.
+        size: N, H, W.
         rows, columns: (M,) int64, the pixels; all their neighbours must be in the image.
         centres: (M,) int64, the plane in the middle of each patch.
         strides: (M,) int64, planes from one sample of the patch to the next.
@@ -64,18 +132,9 @@ def patches(codes, rows, columns, centres, strides, out):
     depth, side, _, lanes = out.shape[2:]
     for b in prange(out.shape[1]):
         first = b * lanes
-        gathered = np.zeros((depth, side, side, lanes), np.uint8)
+        words = np.zeros((depth, side, -(-side // 4), lanes), np.uint32)
         for c in range(len(codes)):
             for m in range(first, min(first + lanes, len(rows))):
-                _gather(codes[c], rows[m], columns[m], centres[m], strides[m], m - first, gathered)
-            _decode(gathered.reshape(-1), out[c, b].reshape(-1))
-
-
-@njit(cache=True)
-def _decode(codes, out):
-    """Votes of codes, by the same shifts as in `encode`, the other way."""
-    bits = out.view(np.int32)
-    for k in range(len(out)):
-        bits[k] = (np.int32(codes[k]) + _ZERO_EXPONENT) << _SHIFT
-    for k in range(len(out)):
-        out[k] -= _ONE
+                pixel = rows[m], columns[m], centres[m], strides[m]
+                _gather(codes[c], size, pixel, m - first, words)
+            _decode(words, out[c, b])

@@ -7,15 +7,16 @@ the expected errors of both depths.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from emvs.depth.precision import Precision, table_name
-from emvs.learned import network_kernels
+from emvs.learned import kept_votes_kernels, network_kernels
 from emvs.learned.weights import Weights, packaged, read_weights, stamp
 
 NAME = "eventsweep-learned-1"
@@ -32,6 +33,16 @@ CUES = (
 """What the network is told beside the votes, as numbers of about unit size."""
 OUTPUTS = 2  # expected errors: of the network's own depth, and of the depth by focus
 Floats = NDArray[np.float32]
+
+_L = kept_votes_kernels.LANES
+_SHORT, _LONG = (DEPTH + 2) * _L, (DEPTH + 2 * network_kernels.PAD) * _L  # rays, with their ends
+_TAPS = {
+    "patch": (SIDE_PX * SIDE_PX * _SHORT, _L, SIDE_PX * _SHORT, _SHORT),
+    "ray": ((SIDE_PX - 2) ** 2 * _SHORT, _L, (SIDE_PX - 2) * _SHORT, _SHORT),
+    "near": (_LONG, _L),
+    "far": (_LONG, 2 * _L),
+}
+"""Convolution -> numbers from one of its inputs to the next, along each axis of its weights."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +96,7 @@ class Network:
         """Says where the depth of some pixels lies, and how wrong that may be.
 
         Args:
-            shares: (B, 3, D, S, S, L) as `emvs.learned.inputs.channels` makes them.
+            shares: (B, 3, S, S, D + 2, L) as `emvs.learned.inputs.channels` makes them.
             cues: (M, F), M at most B L.
 
         Returns:
@@ -95,11 +106,23 @@ class Network:
         offset = np.empty(len(cues), np.float32)
         log_error = np.empty((len(cues), OUTPUTS), np.float32)
         rows = shares.reshape(*shares.shape[:4], shares.shape[4] * shares.shape[5])
-        arrays = [_filled_up(name, self.weights.arrays[name]) for name in self.shape.shapes()]
         network_kernels.judge(  # type: ignore[call-arg]
-            rows, cues, *arrays, self.shape.peak, offset, log_error
+            rows, cues, *self._arranged, self.shape.peak, offset, log_error
         )
         return offset, log_error
+
+    @cached_property
+    def _arranged(self) -> tuple[object, ...]:
+        """The weights as the loops take them: convolutions with their taps, then all others."""
+        arrays = self.weights.arrays
+        rest = (arrays[n] for n in self.shape.shapes() if n.split(".")[0] not in _TAPS)
+        return (
+            *(
+                _convolution(taps, arrays[f"{layer}.weight"], arrays[f"{layer}.bias"])
+                for layer, taps in _TAPS.items()
+            ),
+            *rest,
+        )
 
     def precision(self, method: str) -> Precision | None:
         """What the expected error of a method is worth, where the manifest says so.
@@ -111,12 +134,25 @@ class Network:
         return None if stated is None else Precision.from_json(stated)
 
 
-def _filled_up(name: str, array: Floats) -> Floats:
-    """Weights of a convolution as the loops take them: of a multiple of `FEW` channels."""
-    missing = -len(array) % network_kernels.FEW
-    if name.split(".")[0] not in ("patch", "ray", "near", "far") or not missing:
-        return array
-    return np.concatenate([array, np.zeros((missing, *array.shape[1:]), np.float32)])
+def _convolution(
+    steps: Sequence[int], weight: Floats, bias: Floats
+) -> tuple[NDArray[np.int64], Floats, Floats]:
+    """A convolution as `emvs.learned.network_kernels.judge` takes it.
+
+    Args:
+        steps: from one input to the next along each axis of the weights but the first.
+        weight: (O, C, ...).
+        bias: (O,).
+    """
+    if weight.ndim > 3:  # what lies further apart is summed last
+        weight, steps = weight.swapaxes(2, 3), (steps[0], steps[2], steps[1], steps[3])
+    taps = np.zeros(1, np.int64)
+    for count, step in zip(weight.shape[1:], steps, strict=True):
+        taps = np.add.outer(taps, np.arange(count) * step).ravel()
+    missing = -len(bias) % network_kernels.FEW
+    filled = np.pad(weight.reshape(len(bias), -1), ((0, missing), (0, 0)))
+    groups = filled.reshape(-1, network_kernels.FEW, len(taps)).swapaxes(1, 2)
+    return taps, np.ascontiguousarray(groups), np.pad(bias, (0, missing))
 
 
 def network(path: Path | None = None) -> Network:

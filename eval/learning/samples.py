@@ -18,7 +18,7 @@ from emvs.dsi.backprojection import back_project
 from emvs.dsi.device import CPU, projector_on
 from emvs.dsi.method import WHOLE, Method
 from emvs.dsi.sweep import SweepResult, group_by_split, sweep
-from emvs.learned.inputs import BATCH, Candidates, candidates, channels
+from emvs.learned.inputs import BATCH, Candidates, as_patches, candidates, channels
 from emvs.learned.kept_votes import KeptVotes, votes_of_codes
 from emvs.learned.network import CHANNELS, DEPTH, SIDE_PX
 from emvs.mapper import sweep_settings
@@ -228,13 +228,13 @@ def drawn(shown: Shown, picked: NDArray[np.int64], true_px: NDArray[np.float32])
     """The samples of some candidates, by their numbers."""
     chosen = shown.chosen[picked]
     codes = [
-        _in_255ths(channels(shown.kept, shown.method, chosen[first : first + BATCH]))
-        for first in range(0, len(chosen), BATCH)
+        _in_255ths(as_patches(channels(shown.kept, shown.method, part), len(part)))
+        for part in (chosen[first : first + BATCH] for first in range(0, len(chosen), BATCH))
     ]
     empty = np.empty((0, len(CHANNELS), DEPTH, SIDE_PX, SIDE_PX), np.uint8)
     return Samples(
         true_px=true_px[picked],
-        codes=np.concatenate([empty, *codes])[: len(chosen)],
+        codes=np.concatenate([empty, *codes]),
         cues=chosen.cues,
         sample_px=chosen.sample_px,
         centre_px=shown.disparity_px[chosen.centres].astype(np.float32),
@@ -244,9 +244,8 @@ def drawn(shown: Shown, picked: NDArray[np.int64], true_px: NDArray[np.float32])
 
 
 def _in_255ths(shares: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """(B, K, D, S, S, L) shares as (B L, K, D, S, S) bytes; what exceeds 4 is cut off there."""
-    pixels = np.moveaxis(shares, -1, 1).reshape(-1, *shares.shape[1:-1])
-    bits = np.ascontiguousarray(np.minimum(pixels, 4) * 64 + 1).view(np.int32)
+    """Shares as bytes of the same shape; what exceeds 4 is cut off there."""
+    bits = np.ascontiguousarray(np.minimum(shares, 4) * 64 + 1).view(np.int32)
     codes: NDArray[np.uint8] = (((bits + (1 << 18)) >> 19) - (127 << 4)).clip(0, 255).astype("u1")
     return codes
 

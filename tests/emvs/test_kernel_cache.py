@@ -22,6 +22,15 @@ peak = FocusPeak(4, 3, "variance", 0.3)
 peak.update(np.arange(12, dtype=np.float32).reshape(1, 3, 4) ** 2)
 print(peak.maximum().value.tolist())
 """
+VARIANCE = """
+import numpy as np
+from emvs.dsi.focus_kernels import LEAST
+from emvs.dsi.maxima import FocusPeak
+from emvs.utils.vectors_kernels import aligned
+peak = FocusPeak(LEAST, 3, "variance", 0.3)
+peak.update(np.arange(3 * LEAST, dtype=np.float32).reshape(1, 3, LEAST) ** 2)
+print(aligned(2).tolist(), peak.maximum().value.tolist())
+"""
 PIXELS = """
 import numpy as np
 from sim.sensor.pixels import Pixels
@@ -63,11 +72,18 @@ print(done.found, done.code, done.text)
 # The caller that shows an edit in a file, and the edit where adding 1 to what is returned is none.
 CALLERS = {
     "emvs/dsi/fusion_kernels.py": FOLD,
+    "emvs/utils/vectors_kernels.py": VARIANCE,
     "sim/sensor/esim_kernels.py": PIXELS,
     "sim/compensation/light_kernels.py": CARRIED,
     "sim/compensation/path_kernels.py": CARRIED,
 }
 EDITS = {
+    "aligned": ("np.zeros(count", "np.ones(count"),
+    "larger": ('fcmp_ordered(">"', 'fcmp_ordered("<"'),
+    "load": ("load(address, align=4)", "fneg(builder.load(address, align=4))"),
+    "plus": ("[args[1], args[2], args[0]]", "[args[1], args[1], args[0]]"),
+    "splat": ("nothing, args[0], first", "nothing, builder.fadd(args[0], args[0]), first"),
+    "store": ("builder.store(args[2],", "builder.store(builder.fneg(args[2]),"),
     "fold_row": ("if value > top", "if value < top"),
     "paths_of_row": ("rho_b[y], ways[0], lens", "rho_b[y], ways[0] + 0.1, lens"),
 }

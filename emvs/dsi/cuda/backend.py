@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +106,7 @@ class _HostMaxima:
 
     def __init__(self, methods: Sequence[Method], task: Task) -> None:
         size, settings = (task.width_px, task.height_px), task.settings
-        passing = {"planes": len(task.rho), "polarities": settings.polarities}
+        passing: dict[str, Any] = {"planes": len(task.rho), "polarities": settings.polarities}
         self.numbered = tuple(enumerate(methods))
         self.maxima = RunningMaxima(methods, *size, **passing)
         self.focus = FocusMaxima(methods, task.cameras, *size, settings.measures, **passing)

@@ -14,7 +14,7 @@ from emvs.config import MapperConfig
 from emvs.data.sequence import Sequence as EventSequence
 from emvs.depth.depth_map import without_border
 from emvs.errors import InputError
-from emvs.learned.inputs import in_blocks
+from emvs.learned.inputs import as_rays
 from emvs.learned.network import CHANNELS, CUES, DEPTH, NAME, SIDE_PX, Architecture, Network
 from emvs.learned.network import network as shipped
 from emvs.learned.weights import Weights, write_weights
@@ -146,13 +146,13 @@ def test_what_is_hidden_has_no_weight(name, array, blind):
     shares = rng.gamma(0.5, 0.5, (40, len(CHANNELS), DEPTH, SIDE_PX, SIDE_PX)).astype(np.float32)
     cues = rng.normal(size=(40, len(CUES))).astype(np.float32)
     before = shares.copy(), cues.copy()
-    found = Masked(Weights(arrays, {}, None), variant=BY_NAME[name]).judge(in_blocks(shares), cues)
+    found = Masked(Weights(arrays, {}, None), variant=BY_NAME[name]).judge(as_rays(shares), cues)
     np.testing.assert_array_equal(shares, before[0])
     np.testing.assert_array_equal(cues, before[1])
-    every = Network(Weights(arrays, {}, None)).judge(in_blocks(shares), cues)
+    every = Network(Weights(arrays, {}, None)).judge(as_rays(shares), cues)
     deaf = arrays | {array: arrays[array].copy()}
     deaf[array][blind] = 0
-    wanted = Network(Weights(deaf, {}, None)).judge(in_blocks(shares), cues)
+    wanted = Network(Weights(deaf, {}, None)).judge(as_rays(shares), cues)
     np.testing.assert_allclose(found[1], wanted[1], atol=1e-4)
     assert np.abs(found[1] - every[1]).max() > 0.1
 

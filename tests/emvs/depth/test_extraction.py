@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
 import naive_extraction as naive
 from emvs.config import MapperConfig
+from emvs.depth import surface_kernels
 from emvs.depth.focus import (
     FocusConfig,
     FocusEstimate,
@@ -21,7 +23,8 @@ from emvs.depth.focus import (
     most_reliable,
     on_surface,
 )
-from emvs.dsi import focus_kernels, focus_measures
+from emvs.dsi import focus_measures
+from emvs.dsi.focus_kernels import BLOCK, LEAST
 from emvs.dsi.maxima import FocusPeak, InFocus, Maximum
 from emvs.errors import InputError
 from study_variants import found_in_volumes, maximum_of
@@ -97,7 +100,7 @@ def test_support_equals_twin(seed, radius, tolerance):
     rng = np.random.default_rng(seed)
     position, candidate = rng.uniform(0, 10, (7, 9)).astype(F), rng.random((7, 9)) < 0.4
     out = np.zeros((7, 9), F)
-    focus_kernels.support(position, candidate, radius, F(tolerance), out)
+    surface_kernels.support(position, candidate, radius, F(tolerance), out)
     slow = naive.support(position, candidate, radius, tolerance)
     np.testing.assert_allclose(out, slow, atol=1e-6)
 
@@ -108,7 +111,7 @@ def test_own_surface_equals_twin(seed, radius, tolerance):
     rng = np.random.default_rng(seed)
     disparity, candidate = rng.uniform(0, 10, (7, 9)).astype(F), rng.random((7, 9)) < 0.4
     out = np.zeros((2, 7, 9), F)
-    focus_kernels.own_surface(disparity, candidate, radius, F(tolerance), out)
+    surface_kernels.own_surface(disparity, candidate, radius, F(tolerance), out)
     slow = naive.own_surface(disparity, candidate, radius, tolerance)
     np.testing.assert_allclose(out, slow, atol=1e-5)
 
@@ -120,7 +123,7 @@ def test_fitted_surface_equals_twin(seed, radius, tolerance):
     disparity, candidate = rng.uniform(0, 10, (7, 9)).astype(F), rng.random((7, 9)) < 0.4
     weight = np.exp(-0.1 * np.arange(radius + 1)).astype(F)
     out = np.full((7, 9), -1, F)
-    focus_kernels.fit_surface(disparity, candidate, weight, F(tolerance), 0.5, out)
+    surface_kernels.fit_surface(disparity, candidate, weight, F(tolerance), 0.5, out)
     slow = naive.fitted_surface(disparity, candidate, weight, tolerance, 0.5)
     np.testing.assert_allclose(out[candidate], slow[candidate], atol=1e-4)
     assert (out[~candidate] == -1).all()
@@ -161,21 +164,58 @@ def test_a_bell_is_found_where_it_is(at):
     np.testing.assert_array_equal(dark.position(gaussian=True), dark.position())
 
 
+def filtered_variance(plane, sigma_px):
+    """By scipy's filters, of votes about their mean, to which variance does not look."""
+    centred = plane.astype(np.float64) - plane.mean()
+    half = focus_measures.half_window(sigma_px).astype(np.float64)
+    window = np.concatenate([half[:0:-1], half])
+
+    def mean(values):
+        down = ndimage.correlate1d(values, window, axis=0, mode="mirror")
+        return ndimage.correlate1d(down, window, axis=1, mode="mirror")
+
+    return mean(centred**2) - mean(centred) ** 2
+
+
 @settings(max_examples=8, deadline=None)
 @given(
-    seed=st.integers(0, 2**32 - 1), height=st.integers(2, 7), width=st.integers(2, 7),
-    sigma_px=st.sampled_from([0.4, 1.3, 2.0]),
-)  # fmt: skip
+    seed=st.integers(0, 2**32 - 1),
+    height=st.sampled_from([1, 2, 7, BLOCK, 2 * BLOCK + 3]),
+    width=st.sampled_from([5, LEAST, LEAST + 1, 3 * LEAST - 1]),
+    sigma_px=st.sampled_from([0.4, 1.3, 2.5]),
+)
 def test_the_compiled_variance_equals_the_measure_and_its_twin(seed, height, width, sigma_px):
-    """Also where the window is wider than the image."""
+    """Also where the window is higher than the image, and where no vector fits into it."""
     planes = random_planes(seed, 4, height, width)
     compiled = FocusPeak(width, height, "variance", sigma_px)
     for batch in np.split(planes, [seed % 5, 3]):
         compiled.update(batch)
-    slow = np.array([naive.variance(plane, sigma_px) for plane in planes])
+    slow = np.array([filtered_variance(plane, sigma_px) for plane in planes])
     np.testing.assert_allclose(compiled.maximum().value, slow.max(0), atol=2e-4 * slow.max() + 1e-6)
     chosen = np.take_along_axis(slow, compiled.maximum().plane[None].astype(int), 0)[0]
     np.testing.assert_allclose(chosen, slow.max(0), atol=2e-4 * slow.max() + 1e-6)
+
+
+@pytest.mark.parametrize("sigma_px", [2.5, 9.0])
+def test_a_window_wider_than_the_image_is_mirrored_again(sigma_px):
+    planes = random_planes(11, 2, BLOCK + 1, LEAST + 3)
+    compiled = FocusPeak(LEAST + 3, BLOCK + 1, "variance", sigma_px)
+    compiled.update(planes)
+    slow = np.max([filtered_variance(plane, sigma_px) for plane in planes], axis=0)
+    np.testing.assert_allclose(compiled.maximum().value, slow, atol=2e-4 * slow.max())
+
+
+def test_planes_that_lie_apart_are_the_same_planes():
+    """Votes of a camera lie with its dump behind each plane; a view turned round is copied."""
+    planes, found = random_planes(12, 6, 20, 2 * LEAST), []
+    wide = np.full((6, 22, 2 * LEAST), np.nan, F)
+    wide[:, :20] = planes
+    for same in (planes, wide[:, :20], planes[::-1].copy()[::-1]):
+        peak = FocusPeak(2 * LEAST, 20, "variance", 1.3)
+        peak.update(same)
+        found.append(peak.maximum().value)
+    np.testing.assert_array_equal(found[1], found[0])
+    np.testing.assert_array_equal(found[2], found[0])
 
 
 @pytest.mark.parametrize("measure", ["variance", "gradient"])

@@ -90,7 +90,7 @@ def test_torch_trains_the_network_that_runs():
 
 
 def test_threads_and_neighbours_do_not_change_a_bit():
-    net, columns, found = random_net(7), random_columns(8, 3 * LANES), []
+    net, columns, found = random_net(7), random_columns(8, 96), []
     for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
         numba.set_num_threads(threads)
         found.append(net.places(in_blocks(columns), len(columns)))

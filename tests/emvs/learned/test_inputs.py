@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from emvs.dsi.fusion import FUSIONS
-from emvs.learned.inputs import Candidates, channels
+from emvs.learned.inputs import Candidates, as_patches, as_rays, channels
 from emvs.learned.kept_votes import LANES, KeptVotes, votes_of_codes
 from emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX
 from emvs.methods import methods_by_name
@@ -33,7 +33,10 @@ def test_channels_are_shares_of_the_largest_fused_votes(name, cameras):
     fused = used[0] if alone is not None else FUSIONS[name[-1]](used)
     chosen = some_candidates(LANES + 3, *votes.shape[1:])
     found = channels(kept, method, chosen)
-    assert found.shape == (2, len(CHANNELS), DEPTH, SIDE_PX, SIDE_PX, LANES)
+    assert found.shape == (2, len(CHANNELS), SIDE_PX, SIDE_PX, DEPTH + 2, LANES)
+    assert not found[..., [0, -1], :].any()
+    patches = as_patches(found, len(chosen))
+    np.testing.assert_array_equal(as_rays(patches), found)
     for m in range(len(chosen)):
         at = [chosen.rows[m] - SIDE_PX // 2, chosen.columns[m] - SIDE_PX // 2]
         square = np.s_[..., at[0] : at[0] + SIDE_PX, at[1] : at[1] + SIDE_PX]
@@ -44,5 +47,4 @@ def test_channels_are_shares_of_the_largest_fused_votes(name, cameras):
         for channel, volume in enumerate((fused, used[0], others)):
             patch[channel, known] = volume[square][planes[known]]
         patch /= max(patch[0].max(), 1e-6)
-        seen = found[m // LANES, ..., m % LANES]
-        np.testing.assert_allclose(seen, patch, rtol=2e-6, atol=1e-7)
+        np.testing.assert_allclose(patches[m], patch, rtol=2e-6, atol=1e-7)

@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from emvs.learned.inputs import in_blocks
+from emvs.learned.inputs import as_rays
 from emvs.learned.kept_votes import LANES
 from emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX, Architecture, Network, network
 from emvs.learned.weights import Weights
@@ -30,7 +30,7 @@ def random_pixels(seed, count):
 def test_the_compiled_network_is_its_definition(count, shape):
     net = random_network(count, shape)
     shares, cues = random_pixels(count + 1, count)
-    offset, log_error = net.judge(in_blocks(shares), cues)
+    offset, log_error = net.judge(as_rays(shares), cues)
     expected = judged(net.weights.arrays, shares, cues, shape.peak)
     np.testing.assert_allclose(offset, expected[0], atol=2e-4)
     np.testing.assert_allclose(log_error, expected[1], atol=2e-4)
@@ -47,7 +47,7 @@ def test_torch_trains_the_network_that_runs():
     shares, cues = random_pixels(5, 50)
     with torch.no_grad():
         wanted = trained(torch.from_numpy(shares), torch.from_numpy(cues))
-    offset, log_error = Network(Weights(arrays, {}, None)).judge(in_blocks(shares), cues)
+    offset, log_error = Network(Weights(arrays, {}, None)).judge(as_rays(shares), cues)
     np.testing.assert_allclose(offset, wanted.offset, atol=1e-4)
     np.testing.assert_allclose(log_error, wanted.log_error, atol=1e-4)
 
@@ -57,13 +57,13 @@ def test_threads_do_not_change_a_bit():
     found = []
     for threads in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
         numba.set_num_threads(threads)
-        found.append(network().judge(in_blocks(shares), cues))
+        found.append(network().judge(as_rays(shares), cues))
     for one, other in zip(*found, strict=True):
         np.testing.assert_array_equal(one, other)
 
 
 def test_a_pixel_does_not_depend_on_its_neighbours_in_a_block():
-    shares, cues = random_pixels(8, 2 * LANES)
-    offset, _ = network().judge(in_blocks(shares), cues)
-    alone, _ = network().judge(in_blocks(shares[40:41]), cues[40:41])
+    shares, cues = random_pixels(8, 48)
+    offset, _ = network().judge(as_rays(shares), cues)
+    alone, _ = network().judge(as_rays(shares[40:41]), cues[40:41])
     assert offset[40] == alone[0]
