@@ -92,6 +92,8 @@ def map_window(
         slice_row=config.slice_row, dsi_dir=dsi_dir if config.save_dsi else None,
         keep=None if kept is None else kept.take,
     )  # fmt: skip
+    rays, event_image = projected.counts, projected.event_image
+    del projected  # the rays themselves take more memory than what follows
     stopwatch.lap("sweep")
 
     # 5. Depth and confidence from the maxima over planes.
@@ -109,11 +111,9 @@ def map_window(
         window=window,
         view=view,
         depth_maps={method.name: depth_maps[method.name] for method in requested},
-        counts=tuple(
-            map(CameraCounts, projected.counts, swept.votes or [VoteCounts()] * n_cameras)
-        ),
+        counts=tuple(map(CameraCounts, rays, swept.votes or [VoteCounts()] * n_cameras)),
         slices=_with_empty(swept.slices, estimators, view),
-        event_image=projected.event_image,
+        event_image=event_image,
         seconds=stopwatch.seconds,
         config=config,
         device=device.name,
