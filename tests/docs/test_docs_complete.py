@@ -20,6 +20,8 @@ from emvs.maps.folder import HotPixelInfo, MapInfo, RecordingInfo, SkippedWindow
 from emvs.maps.merge import FusedInfo
 from eval.config import EvalConfig
 from eval.scoring.results import Results, write_results
+from eval.suite.definition import load
+from eval.suite.run import extent, suite_jobs
 from places import ROOT, TOOLS
 from settings_table import TABLES, main, settings_block
 
@@ -206,3 +208,18 @@ def test_the_list_of_tools_says_what_each_does():
     assert lines[0].startswith("no tool 'no_such'")
     assert len(lines) - 1 == len(known_tools()) > 20
     assert all(len(line.split()) > 3 for line in lines[1:])
+
+
+@pytest.mark.parametrize("name", ["quick", "suite-v2", "suite-v3"])
+def test_the_page_on_suites_counts_their_seeds_and_jobs(name):
+    suite, subset = load(name)
+    cases, seeds = extent(suite, subset, None, None)
+    waiting, names = suite_jobs(suite, cases, seeds), set()
+    while waiting:
+        job = waiting.pop()
+        names.add(job.name)
+        waiting += job.needs
+    line = re.search(rf"^\| `{name}` \|.*$", text_of(DOCS / "suite.md"), re.MULTILINE)
+    assert [cell.strip() for cell in line[0].strip("|").split("|")][-2:] == [
+        str(len(seeds)), str(len(names)),
+    ]  # fmt: skip

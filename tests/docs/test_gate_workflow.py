@@ -110,6 +110,7 @@ def test_the_workflow_gates_a_mapper_of_ones_own(place):
     assert "gate: red" in (folder / "summary.md").read_text()
 
 
+@pytest.mark.slow
 def test_a_run_on_another_sequence_is_red(place):
     """As after a change of the cache's key: nothing can be compared, and the gate says so."""
     folder = anew(place)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from functools import cache
 
 import pytest
 
@@ -145,14 +146,13 @@ def python(code, folder, cache):
 
 @pytest.fixture(scope="module")
 def copy(tmp_path_factory):
-    """A copy of the packages and a cache, and what callers said of the code as it is."""
+    """A copy of the packages and a cache, and what a caller says of the code as it is."""
     folder = tmp_path_factory.mktemp("copy")
     for package in PACKAGES:
         shutil.copytree(
             ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__")
         )
-    before = {file: python(code, folder, folder / "cache") for file, code in CALLERS.items()}
-    return folder, before
+    return folder, cache(lambda file: python(CALLERS[file], folder, folder / "cache"))
 
 
 def edited(text, name):
@@ -176,14 +176,14 @@ def test_every_borrowed_function_is_known():
 def test_an_edit_in_another_file_is_seen(copy, name, file):
     folder, before = copy
     path = folder / file
-    text = path.read_text(encoding="utf-8")
+    text, told = path.read_text(encoding="utf-8"), before(file)
     path.write_text(edited(text, name), encoding="utf-8")
     try:
         assert path.read_text(encoding="utf-8") != text
-        assert python(CALLERS[file], folder, folder / "cache") != before[file]
+        assert python(CALLERS[file], folder, folder / "cache") != told
     finally:
         path.write_text(text, encoding="utf-8")
-    assert python(CALLERS[file], folder, folder / "cache") == before[file]
+    assert python(CALLERS[file], folder, folder / "cache") == told
 
 
 def test_no_job_is_kept_that_older_kernels_made(copy):
@@ -192,7 +192,7 @@ def test_no_job_is_kept_that_older_kernels_made(copy):
     path = folder / "emvs/dsi/fusion_kernels.py"
     text = path.read_text(encoding="utf-8")
     found, code, result = python(JOB, folder, folder / "cache").split(maxsplit=2)
-    assert (found, result.strip()) == ("False", before["emvs/dsi/fusion_kernels.py"].strip())
+    assert (found, result.strip()) == ("False", before("emvs/dsi/fusion_kernels.py").strip())
     path.write_text(edited(text, "fold_row"), encoding="utf-8")
     try:
         found, other_code, other_result = python(JOB, folder, folder / "cache").split(maxsplit=2)

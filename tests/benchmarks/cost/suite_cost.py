@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from emvs.errors import InputError
@@ -37,7 +37,7 @@ def main() -> int:
     with exit_code() as code:
         suite, _ = load(asked.suite)
         jobs = {job.name: job for run in asked.runs for job in _jobs(run, suite)}
-        text = table(suite, took(jobs.values()))
+        text = table(suite, took(jobs.values())) + outcomes(jobs.values())
         if asked.page is not None:
             into_page(asked.page, asked.mark, text)
         sys.stdout.write(text)
@@ -62,6 +62,12 @@ def took(jobs: Iterable[JobNote]) -> Took:
         stages = found.setdefault((case, seed), dict.fromkeys(STAGES, 0.0))
         stages[stage] += job.cpu_seconds
     return {sample: stages for sample, stages in found.items() if sample not in unknown}
+
+
+def outcomes(jobs: Collection[JobNote]) -> str:
+    """Markdown: how many jobs there were, and how many of them failed."""
+    failed = sum(bool(job.failure) for job in jobs)
+    return f"\n{len(jobs)} jobs; {failed or 'none'} of them failed.\n"
 
 
 def table(suite: Suite, found: Took) -> str:

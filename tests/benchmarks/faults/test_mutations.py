@@ -55,6 +55,7 @@ def test_every_operator_is_known(tmp_path, monkeypatch):
     assert found == {*((f"c = {a}", f"c = {b}") for a, b in lines.items()), ("f(c)", "pass")}
 
 
+@pytest.mark.slow
 def test_a_copy_has_the_mutation_and_what_else_is_asked_for(tmp_path, some):
     one = some[0][1]
     copy = broken_copy(tmp_path / "copy", one, more=("pyproject.toml",))

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 import pytest
 
+import archive_sizes
 from emvs.errors import InputError
 from eval.archives import fetch as fetching
 from eval.archives.fetch import fetch, verify
@@ -248,3 +249,13 @@ def test_a_manifest_lists_each_once():
     text["schema_version"] = 9
     with pytest.raises(InputError, match="schema version 9"):
         parse(json.dumps(text), "here")
+
+
+def test_the_page_says_how_large_an_archive_is(published, tmp_path, capsys):
+    page = tmp_path / "page.md"
+    page.write_text("Sizes:\n\n<!-- sizes: begin -->\n<!-- sizes: end -->\n")
+    assert archive_sizes.main([str(published), "--page", str(page)]) == 0
+    every = sum(map(len, CONTENT.values())) / 1e6
+    assert f"| `tiny` | 4 | {every:,.1f} MB | 0.0 MB |" in page.read_text()
+    assert "| `quick` | 2 | 0.0 MB |" in capsys.readouterr().out
+    assert archive_sizes.main([str(tmp_path / "nowhere")]) == 2

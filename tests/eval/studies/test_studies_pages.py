@@ -146,6 +146,12 @@ def test_costs_are_summed_per_case_and_carried_over_to_all_seeds():
     assert "| simulate | map | score |" in text
 
 
+def test_jobs_that_failed_are_counted():
+    notes = [*jobs("desk", 0, 10.0), JobNote("score/boxes/seed0", failure="it died")]
+    assert suite_cost.outcomes(notes) == "\n4 jobs; 1 of them failed.\n"
+    assert "none of them failed" in suite_cost.outcomes(notes[:3])
+
+
 def test_sequences_of_an_archive_cost_their_unpacking():
     unpacked = [JobNote("unpack/desk/seed0", "k", cpu_seconds=0.5), *jobs("desk", 0, 10.0)[1:]]
     text = suite_cost.table(load("suite-v2")[0], suite_cost.took(unpacked))

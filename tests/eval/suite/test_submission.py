@@ -357,6 +357,7 @@ def unpacked(ran, out):
     assert main(["archive", "unpack", str(ran / "frozen"), "--out", str(out), "--quiet"]) == 0
 
 
+@pytest.mark.slow
 def test_from_a_package_outside_to_a_row_in_two_commands(ran, tmp_path, capsys):
     """Unpacked recordings and the list are all that it has; it runs without this project."""
     recordings, theirs = tmp_path / "recordings", tmp_path / "theirs"
