@@ -10,7 +10,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from numpy.lib.stride_tricks import as_strided, sliding_window_view
+from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from emvs.dsi import focus_kernels, focus_measures, fusion_kernels
@@ -329,8 +329,7 @@ class FocusPeak:
         self, width_px: int, height_px: int, measure: str, sigma_px: float, planes: int = 0
     ) -> None:
         self._measure, self._sigma_px = focus_measures.measure(measure), sigma_px
-        is_compiled = measure == "variance" and width_px >= focus_kernels.LEAST
-        self._window = _Window(height_px, width_px, sigma_px) if is_compiled else None
+        self._window = _Window(height_px, width_px, sigma_px) if measure == "variance" else None
         self._maxima = RunningMaxima(
             (AS_IT_IS,), width_px, height_px, planes=planes, lowest=-np.inf
         )
@@ -365,20 +364,20 @@ def _in_one_row(planes: Floats) -> tuple[Floats, int]:
 
 
 class _Window:
-    """What the compiled variance needs beside the votes: weights, ways to rows, scratch."""
+    """What the compiled variance needs beside the votes: weights, mirrored indices, scratch."""
 
     def __init__(self, height_px: int, width_px: int, sigma_px: float) -> None:
         weight = focus_measures.half_window(sigma_px)
         radius, threads = len(weight) - 1, numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-        around = sliding_window_view(_mirrored(height_px, radius), 2 * radius + 1)
-        away = (around - around[:, radius : radius + 1]) * width_px
+        columns = -(-width_px // focus_kernels.PAIR) * focus_kernels.PAIR
+        taken = threads, focus_kernels.BLOCK + 2 * radius, columns
+        sums = threads, 2, focus_kernels.BLOCK, columns + 2 * radius
         self.arrays = (
             weight,
-            np.ascontiguousarray(away[:, :radius][:, ::-1]),
-            np.ascontiguousarray(away[:, radius + 1 :]),
+            _mirrored(height_px, radius),
             _mirrored(width_px, radius),
-            np.empty((threads, 2, focus_kernels.BLOCK, width_px + 2 * radius), np.float32),
-            np.empty((threads, width_px), np.float32),
+            *(aligned(math.prod(shape)).reshape(shape) for shape in (taken, sums)),
+            np.empty((threads, columns), np.float32),
         )
 
 

@@ -25,11 +25,11 @@ print(peak.maximum().value.tolist())
 """
 VARIANCE = """
 import numpy as np
-from emvs.dsi.focus_kernels import LEAST
+from emvs.dsi.focus_kernels import PAIR
 from emvs.dsi.maxima import FocusPeak
 from emvs.utils.vectors_kernels import aligned
-peak = FocusPeak(LEAST, 3, "variance", 0.3)
-peak.update(np.arange(3 * LEAST, dtype=np.float32).reshape(1, 3, LEAST) ** 2)
+peak = FocusPeak(PAIR, 3, "variance", 0.3)
+peak.update(np.arange(3 * PAIR, dtype=np.float32).reshape(1, 3, PAIR) ** 2)
 print(aligned(2).tolist(), peak.maximum().value.tolist())
 """
 PIXELS = """

@@ -24,7 +24,7 @@ from emvs.depth.focus import (
     on_surface,
 )
 from emvs.dsi import focus_measures
-from emvs.dsi.focus_kernels import BLOCK, LEAST
+from emvs.dsi.focus_kernels import BLOCK, PAIR
 from emvs.dsi.maxima import FocusPeak, InFocus, Maximum
 from emvs.errors import InputError
 from study_variants import found_in_volumes, maximum_of
@@ -181,11 +181,11 @@ def filtered_variance(plane, sigma_px):
 @given(
     seed=st.integers(0, 2**32 - 1),
     height=st.sampled_from([1, 2, 7, BLOCK, 2 * BLOCK + 3]),
-    width=st.sampled_from([5, LEAST, LEAST + 1, 3 * LEAST - 1]),
+    width=st.sampled_from([5, PAIR, PAIR + 1, 3 * PAIR - 1]),
     sigma_px=st.sampled_from([0.4, 1.3, 2.5]),
 )
 def test_the_compiled_variance_equals_the_measure_and_its_twin(seed, height, width, sigma_px):
-    """Also where the window is higher than the image, and where no vector fits into it."""
+    """Also where the window is higher than the image, and where columns fill no vector."""
     planes = random_planes(seed, 4, height, width)
     compiled = FocusPeak(width, height, "variance", sigma_px)
     for batch in np.split(planes, [seed % 5, 3]):
@@ -198,8 +198,8 @@ def test_the_compiled_variance_equals_the_measure_and_its_twin(seed, height, wid
 
 @pytest.mark.parametrize("sigma_px", [2.5, 9.0])
 def test_a_window_wider_than_the_image_is_mirrored_again(sigma_px):
-    planes = random_planes(11, 2, BLOCK + 1, LEAST + 3)
-    compiled = FocusPeak(LEAST + 3, BLOCK + 1, "variance", sigma_px)
+    planes = random_planes(11, 2, BLOCK + 1, PAIR + 3)
+    compiled = FocusPeak(PAIR + 3, BLOCK + 1, "variance", sigma_px)
     compiled.update(planes)
     slow = np.max([filtered_variance(plane, sigma_px) for plane in planes], axis=0)
     np.testing.assert_allclose(compiled.maximum().value, slow, atol=2e-4 * slow.max())
@@ -207,11 +207,11 @@ def test_a_window_wider_than_the_image_is_mirrored_again(sigma_px):
 
 def test_planes_that_lie_apart_are_the_same_planes():
     """Votes of a camera lie with its dump behind each plane; a view turned round is copied."""
-    planes, found = random_planes(12, 6, 20, 2 * LEAST), []
-    wide = np.full((6, 22, 2 * LEAST), np.nan, F)
+    planes, found = random_planes(12, 6, 20, 2 * PAIR), []
+    wide = np.full((6, 22, 2 * PAIR), np.nan, F)
     wide[:, :20] = planes
     for same in (planes, wide[:, :20], planes[::-1].copy()[::-1]):
-        peak = FocusPeak(2 * LEAST, 20, "variance", 1.3)
+        peak = FocusPeak(2 * PAIR, 20, "variance", 1.3)
         peak.update(same)
         found.append(peak.maximum().value)
     np.testing.assert_array_equal(found[1], found[0])
