@@ -11,8 +11,8 @@ from numba.extending import intrinsic
 import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 from emvs.utils.vectors_kernels import WIDTH
 
-LANES = WIDTH
-"""Pixels side by side in patches: a vector of them, of which eight channels fit in registers."""
+LANES = 2 * WIDTH if WIDTH > 8 else WIDTH
+"""Pixels side by side in patches. With long vectors come twice as many registers, for two each."""
 _ONE = np.float32(1)
 _SHIFT, _HALF = np.int32(19), np.int32(1 << 18)  # 4 of the mantissa's 23 bits stay, rounded
 _ZERO_EXPONENT = np.int32(127 << 4)

@@ -13,7 +13,7 @@ from numba import njit, prange
 
 import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 from emvs.learned.kept_votes_kernels import LANES
-from emvs.utils.vectors_kernels import aligned, larger, load, plus, splat, store
+from emvs.utils.vectors_kernels import WIDTH, aligned, larger, load, plus, splat, store
 
 PAD = 4
 """Samples of nothing before and behind a ray: as far as its convolutions reach."""
@@ -34,7 +34,20 @@ def _rays(shape, samples):
 
 
 @njit(cache=True)
-def _window(values, at, taps, weight, bias, out, to, apart):
+def _write(a, b, c, d, e, f, g, h, out, to, apart):
+    nothing = splat(_ZERO)
+    store(out, to, larger(a, nothing))
+    store(out, to + apart, larger(b, nothing))
+    store(out, to + 2 * apart, larger(c, nothing))
+    store(out, to + 3 * apart, larger(d, nothing))
+    store(out, to + 4 * apart, larger(e, nothing))
+    store(out, to + 5 * apart, larger(f, nothing))
+    store(out, to + 6 * apart, larger(g, nothing))
+    store(out, to + 7 * apart, larger(h, nothing))
+
+
+@njit(cache=True)
+def _two_vectors(values, at, taps, weight, bias, out, to, apart):
     """What is positive of eight channels of a convolution, at one place, for all lanes.
 
     Arrays:
@@ -45,21 +58,36 @@ def _window(values, at, taps, weight, bias, out, to, apart):
     """
     a, b, c, d = splat(bias[0]), splat(bias[1]), splat(bias[2]), splat(bias[3])
     e, f, g, h = splat(bias[4]), splat(bias[5]), splat(bias[6]), splat(bias[7])
+    i, j, k, m, n, o, p, q = a, b, c, d, e, f, g, h
+    for t in range(len(taps)):
+        one, other, w = load(values, at + taps[t]), load(values, at + taps[t] + WIDTH), weight[t]
+        s, u = splat(w[0]), splat(w[1])
+        a, b, i, j = plus(a, s, one), plus(b, u, one), plus(i, s, other), plus(j, u, other)
+        s, u = splat(w[2]), splat(w[3])
+        c, d, k, m = plus(c, s, one), plus(d, u, one), plus(k, s, other), plus(m, u, other)
+        s, u = splat(w[4]), splat(w[5])
+        e, f, n, o = plus(e, s, one), plus(f, u, one), plus(n, s, other), plus(o, u, other)
+        s, u = splat(w[6]), splat(w[7])
+        g, h, p, q = plus(g, s, one), plus(h, u, one), plus(p, s, other), plus(q, u, other)
+    _write(a, b, c, d, e, f, g, h, out, to, apart)
+    _write(i, j, k, m, n, o, p, q, out, to + WIDTH, apart)
+
+
+@njit(cache=True)
+def _one_vector(values, at, taps, weight, bias, out, to, apart):
+    """As `_two_vectors`, for lanes that are one vector: eight sums fit in sixteen registers."""
+    a, b, c, d = splat(bias[0]), splat(bias[1]), splat(bias[2]), splat(bias[3])
+    e, f, g, h = splat(bias[4]), splat(bias[5]), splat(bias[6]), splat(bias[7])
     for t in range(len(taps)):
         value, w = load(values, at + taps[t]), weight[t]
         a, b = plus(a, splat(w[0]), value), plus(b, splat(w[1]), value)
         c, d = plus(c, splat(w[2]), value), plus(d, splat(w[3]), value)
         e, f = plus(e, splat(w[4]), value), plus(f, splat(w[5]), value)
         g, h = plus(g, splat(w[6]), value), plus(h, splat(w[7]), value)
-    nothing = splat(_ZERO)
-    store(out, to, larger(a, nothing))
-    store(out, to + apart, larger(b, nothing))
-    store(out, to + 2 * apart, larger(c, nothing))
-    store(out, to + 3 * apart, larger(d, nothing))
-    store(out, to + 4 * apart, larger(e, nothing))
-    store(out, to + 5 * apart, larger(f, nothing))
-    store(out, to + 6 * apart, larger(g, nothing))
-    store(out, to + 7 * apart, larger(h, nothing))
+    _write(a, b, c, d, e, f, g, h, out, to, apart)
+
+
+_window = _two_vectors if LANES > WIDTH else _one_vector
 
 
 @njit(cache=True)
