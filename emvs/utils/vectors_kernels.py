@@ -20,7 +20,8 @@ from numba.extending import intrinsic, models, overload, register_model
 
 import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
-_FEATURES = numba.config.CPU_FEATURES or get_host_cpu_features().flatten()  # type: ignore[attr-defined]
+_TOLD: str | None = numba.config.CPU_FEATURES  # type: ignore[attr-defined]
+_FEATURES = get_host_cpu_features().flatten() if _TOLD is None else _TOLD
 WIDTH = 16 if "+avx512f" in _FEATURES.split(",") else 8
 """Numbers in a vector. A longer one than the registers would take several, and there are few."""
 _VECTOR = ir.VectorType(ir.FloatType(), WIDTH)
