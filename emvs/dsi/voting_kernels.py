@@ -12,7 +12,7 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from emvs.utils.vectors_kernels import WIDTH
+from emvs.utils.vectors_kernels import WIDTH, address
 
 # A thousand rays (16 kB) stay in L1 while every plane of the pass reads them again.
 CHUNK = 1024
@@ -164,11 +164,6 @@ def vote(
                     _scatter(cell[task], fx[task], fy[task], hi - lo, width, grids[p])
 
 
-def _address(context: Any, builder: Any, array_type: Any, array: Any, index: Any) -> Any:
-    data = context.make_array(array_type)(context, builder, array).data
-    return builder.gep(data, [index])
-
-
 @intrinsic
 def add_pair(_typing: Any, grid: Any, cell: Any, first: Any, second: Any) -> Any:
     """Adds `first, second` to `grid[cell], grid[cell + 1]` by one 64-bit load, add and store.
@@ -179,8 +174,7 @@ def add_pair(_typing: Any, grid: Any, cell: Any, first: Any, second: Any) -> Any
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         grid_, cell_, first_, second_ = args
-        address = _address(context, builder, signature.args[0], grid_, cell_)
-        pointer = builder.bitcast(address, _PAIR.as_pointer())
+        pointer = address(context, builder, signature.args[0], grid_, cell_, _PAIR)
         pair = ir.Constant(_PAIR, ir.Undefined)
         pair = builder.insert_element(pair, first_, _INT32(0))
         pair = builder.insert_element(pair, second_, _INT32(1))
@@ -197,8 +191,7 @@ def prefetch(_typing: Any, array: Any, index: Any) -> Any:
     """Asks the cache for the line of `array[index]`, which need not exist."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        address = _address(context, builder, signature.args[0], *args)
-        pointer = builder.bitcast(address, _INT8.as_pointer())
+        pointer = address(context, builder, signature.args[0], *args, _INT8)
         kind = ir.FunctionType(ir.VoidType(), [_INT8.as_pointer(), _INT32, _INT32, _INT32])
         function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
         read, keep, data = _INT32(0), _INT32(3), _INT32(1)

@@ -9,7 +9,7 @@ from numba import njit, prange, types
 from numba.extending import intrinsic
 
 import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from emvs.utils.vectors_kernels import WIDTH
+from emvs.utils.vectors_kernels import WIDTH, address, everywhere
 
 LANES = 2 * WIDTH if WIDTH > 8 else WIDTH
 """Pixels side by side in patches. With long vectors come twice as many registers, for two each."""
@@ -48,10 +48,8 @@ def _word(_typing, codes, _index):
     """Four codes from that number of a contiguous 1-D array on, as a uint32; unchecked."""
 
     def codegen(context, builder, signature, args):
-        data = context.make_array(signature.args[0])(context, builder, args[0]).data
-        return builder.load(
-            builder.bitcast(builder.gep(data, [args[1]]), _INT32.as_pointer()), align=1
-        )
+        place = address(context, builder, signature.args[0], *args, _INT32)
+        return builder.load(place, align=1)
 
     return types.uint32(codes, types.intp), codegen
 
@@ -84,21 +82,16 @@ def _votes(_typing, words, _at, _byte, out, _to):
         def vector(number):
             return ir.Constant(_WORDS, [int(number)] * WIDTH)
 
-        def address(place, kind):
-            data = context.make_array(signature.args[place])(context, builder, args[place]).data
-            return builder.bitcast(builder.gep(data, [args[place + 1]]), kind.as_pointer())
-
-        codes = builder.load(address(0, _WORDS), align=4)
-        nothing = ir.Constant(_WORDS, ir.Undefined)
-        shift = builder.mul(builder.trunc(args[2], _INT32), _INT32(8))
-        shift = builder.insert_element(nothing, shift, _INT32(0))
-        shift = builder.shuffle_vector(shift, nothing, ir.Constant(_WORDS, None))
-        codes = builder.and_(builder.lshr(codes, shift), vector(255))
+        source = address(context, builder, signature.args[0], *args[:2], _WORDS)
+        bits = builder.mul(builder.trunc(args[2], _INT32), _INT32(8))
+        codes = builder.lshr(builder.load(source, align=4), everywhere(builder, bits, _WORDS))
+        codes = builder.and_(codes, vector(255))
         bits = builder.shl(builder.add(codes, vector(_ZERO_EXPONENT)), vector(_SHIFT))
         floats = ir.VectorType(ir.FloatType(), WIDTH)
         one = ir.Constant(floats, [1.0] * WIDTH)
         votes = builder.fsub(builder.bitcast(bits, floats), one)
-        builder.store(votes, address(3, floats), align=4)
+        target = address(context, builder, signature.args[3], *args[3:], floats)
+        builder.store(votes, target, align=4)
         return context.get_dummy_value()
 
     return types.void(words, types.intp, types.intp, out, types.intp), codegen

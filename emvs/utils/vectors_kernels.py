@@ -43,9 +43,17 @@ class _Model(models.PrimitiveModel):
         super().__init__(manager, kind, _VECTOR)
 
 
-def _address(context, builder, kind, array, index):
-    data = context.make_array(kind)(context, builder, array).data
-    return builder.bitcast(builder.gep(data, [index]), _VECTOR.as_pointer())
+def address(context, builder, array_type, array, index, kind):
+    """Where number `index` of a contiguous array lies, as a pointer to an LLVM type; unchecked."""
+    data = context.make_array(array_type)(context, builder, array).data
+    return builder.bitcast(builder.gep(data, [index]), kind.as_pointer())
+
+
+def everywhere(builder, number, kind):
+    """An LLVM vector of one number in every place."""
+    nothing, whole = ir.Constant(kind, ir.Undefined), ir.VectorType(ir.IntType(32), kind.count)
+    one = builder.insert_element(nothing, number, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(one, nothing, ir.Constant(whole, None))
 
 
 @intrinsic
@@ -53,8 +61,8 @@ def load(_typing, array, _index):
     """The vector that begins at that number of a contiguous 1-D float32 array; unchecked."""
 
     def codegen(context, builder, signature, args):
-        address = _address(context, builder, signature.args[0], *args)
-        return builder.load(address, align=4)
+        place = address(context, builder, signature.args[0], *args, _VECTOR)
+        return builder.load(place, align=4)
 
     return vector(array, types.intp), codegen
 
@@ -64,8 +72,8 @@ def store(_typing, array, _index, value):
     """Writes a vector into such an array from a number on, likewise unchecked."""
 
     def codegen(context, builder, signature, args):
-        address = _address(context, builder, signature.args[0], *args[:2])
-        builder.store(args[2], address, align=4)
+        place = address(context, builder, signature.args[0], *args[:2], _VECTOR)
+        builder.store(args[2], place, align=4)
         return context.get_dummy_value()
 
     return types.void(array, types.intp, value), codegen
@@ -76,10 +84,7 @@ def splat(_typing, _number):
     """A vector of one float32, in every place."""
 
     def codegen(_context, builder, _signature, args):
-        nothing, first = ir.Constant(_VECTOR, ir.Undefined), ir.Constant(ir.IntType(32), 0)
-        one = builder.insert_element(nothing, args[0], first)
-        everywhere = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), None)
-        return builder.shuffle_vector(one, nothing, everywhere)
+        return everywhere(builder, args[0], _VECTOR)
 
     return vector(types.float32), codegen
 

@@ -81,9 +81,9 @@ CALLERS = {
 EDITS = {
     "aligned": ("np.zeros(count", "np.ones(count"),
     "larger": ('fcmp_ordered(">"', 'fcmp_ordered("<"'),
-    "load": ("load(address, align=4)", "fneg(builder.load(address, align=4))"),
+    "load": ("load(place, align=4)", "fneg(builder.load(place, align=4))"),
     "plus": ("[args[1], args[2], args[0]]", "[args[1], args[1], args[0]]"),
-    "splat": ("nothing, args[0], first", "nothing, builder.fadd(args[0], args[0]), first"),
+    "splat": ("everywhere(builder, args[0]", "everywhere(builder, builder.fadd(args[0], args[0])"),
     "store": ("builder.store(args[2],", "builder.store(builder.fneg(args[2]),"),
     "fold_row": ("if value > top", "if value < top"),
     "paths_of_row": ("rho_b[y], ways[0], lens", "rho_b[y], ways[0] + 0.1, lens"),
