@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, FiniteFloat, model_validator
 
-from emvs.parameters import ParameterGroup
+from eventsweep.emvs.parameters import ParameterGroup
 
 DEFAULT_DEPTH_RANGE_M = (0.2, 5.0)
 Positive = Annotated[FiniteFloat, Field(gt=0)]

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
-from emvs.data.recording import DerivedRecording, Recording
-from emvs.utils.runtime import Progress, silent
-from emvs.windows import time_steps
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.recording import DerivedRecording, Recording
+from eventsweep.emvs.utils.runtime import Progress, silent
+from eventsweep.emvs.windows import time_steps
 
 Mask = NDArray[np.bool_]
 Counts = NDArray[np.int64]

@@ -8,30 +8,30 @@ from pathlib import Path
 
 import numpy as np
 
-from emvs.baselines import DepthEstimator
-from emvs.config import MapperConfig
-from emvs.data.recording import Recording
-from emvs.depth.depth_map import DepthMap, extract, union
-from emvs.depth.focus import extract_in_focus, parallax_baseline_m
-from emvs.depth.precision import check_precision, stated
-from emvs.dsi.backend import SweepSettings
-from emvs.dsi.backprojection import back_project
-from emvs.dsi.device import Device, device_for_methods, projector_on
-from emvs.dsi.maxima import Measures
-from emvs.dsi.method import WHOLE, Method, single_cameras
-from emvs.dsi.slices import Slices
-from emvs.dsi.sweep import SweepResult, group_by_split, sweep
-from emvs.dsi.voting import VoteCounts
-from emvs.errors import InputError, check_type
-from emvs.learned.derd import check_derd, extract_derd
-from emvs.learned.extract import extract_learned
-from emvs.learned.kept_votes import KeptVotes
-from emvs.learned.network import network
-from emvs.methods import AnyMethod, methods_by_name, with_volume
-from emvs.reference_view import ReferenceView, reference_view
-from emvs.utils.runtime import Progress, Stopwatch, check_openmp, silent
-from emvs.window_result import CameraCounts, WindowResult
-from emvs.windows import Window, choose_window
+from eventsweep.emvs.baselines import DepthEstimator
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.depth.depth_map import DepthMap, extract, union
+from eventsweep.emvs.depth.focus import extract_in_focus, parallax_baseline_m
+from eventsweep.emvs.depth.precision import check_precision, stated
+from eventsweep.emvs.dsi.backend import SweepSettings
+from eventsweep.emvs.dsi.backprojection import back_project
+from eventsweep.emvs.dsi.device import Device, device_for_methods, projector_on
+from eventsweep.emvs.dsi.maxima import Measures
+from eventsweep.emvs.dsi.method import WHOLE, Method, single_cameras
+from eventsweep.emvs.dsi.slices import Slices
+from eventsweep.emvs.dsi.sweep import SweepResult, group_by_split, sweep
+from eventsweep.emvs.dsi.voting import VoteCounts
+from eventsweep.emvs.errors import InputError, check_type
+from eventsweep.emvs.learned.derd import check_derd, extract_derd
+from eventsweep.emvs.learned.extract import extract_learned
+from eventsweep.emvs.learned.kept_votes import KeptVotes
+from eventsweep.emvs.learned.network import network
+from eventsweep.emvs.methods import AnyMethod, methods_by_name, with_volume
+from eventsweep.emvs.reference_view import ReferenceView, reference_view
+from eventsweep.emvs.utils.runtime import Progress, Stopwatch, check_openmp, silent
+from eventsweep.emvs.window_result import CameraCounts, WindowResult
+from eventsweep.emvs.windows import Window, choose_window
 
 
 def map_window(

@@ -20,12 +20,20 @@ from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from emvs import baselines
-from emvs.baselines import BaselineEstimator, DepthEstimator
-from emvs.dsi import fusion_kernels
-from emvs.dsi.method import CODES, MEANS, Method, MethodName, Split, single_camera, single_cameras
-from emvs.errors import InputError, check_type, check_whole
-from emvs.utils.plugins import files_of, run_point
+from eventsweep.emvs import baselines
+from eventsweep.emvs.baselines import BaselineEstimator, DepthEstimator
+from eventsweep.emvs.dsi import fusion_kernels
+from eventsweep.emvs.dsi.method import (
+    CODES,
+    MEANS,
+    Method,
+    MethodName,
+    Split,
+    single_camera,
+    single_cameras,
+)
+from eventsweep.emvs.errors import InputError, check_type, check_whole
+from eventsweep.emvs.utils.plugins import files_of, run_point
 
 # What a name stands for: one way to a volume, or what makes its depth map without any
 AnyMethod = Method | DepthEstimator

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from emvs.errors import InputError, shown
+from eventsweep.emvs.errors import InputError, shown
 
 
 class ParameterGroup(BaseModel):

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from emvs.config import MapperConfig
-from emvs.data.recording import DerivedRecording, Recording
-from emvs.errors import InputError
-from emvs.reference_view import ReferenceView
-from emvs.utils.files import bytes_text, free_bytes
-from emvs.windows import Window, time_steps
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.recording import DerivedRecording, Recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.reference_view import ReferenceView
+from eventsweep.emvs.utils.files import bytes_text, free_bytes
+from eventsweep.emvs.windows import Window, time_steps
 
 _EVENT_BYTES = 13 + 16  # columns of the event, float32 of its ray
 _PIXEL_BYTES = 4 + 4 + 4 + 1  # depth, confidence, argmax, mask

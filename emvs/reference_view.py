@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import DEFAULT_DEPTH_RANGE_M, MapperConfig
-from emvs.data.recording import Recording
-from emvs.errors import InputError
-from emvs.geometry.camera import Camera
+from eventsweep.emvs.config import DEFAULT_DEPTH_RANGE_M, MapperConfig
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
 
 
 @dataclass(frozen=True, eq=False)

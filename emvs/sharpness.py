@@ -15,12 +15,12 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs import sharpness_kernels
-from emvs.data.events import Events
-from emvs.dsi.rays import Rays, event_rays
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs import sharpness_kernels
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.dsi.rays import Rays, event_rays
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 # Of the rays of the view. Sums over all of them follow what votes at random do, too, and their

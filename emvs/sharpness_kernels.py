@@ -10,7 +10,7 @@ its cache. So one call does all, and the sums do not depend on the number of thr
 import numpy as np
 from numba import njit, prange
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
 

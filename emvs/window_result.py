@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
-from emvs.depth.depth_map import DepthMap
-from emvs.dsi.rays import RayCounts
-from emvs.dsi.slices import Slices
-from emvs.dsi.voting import VoteCounts
-from emvs.errors import ByName
-from emvs.reference_view import ReferenceView
-from emvs.windows import Window
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.dsi.rays import RayCounts
+from eventsweep.emvs.dsi.slices import Slices
+from eventsweep.emvs.dsi.voting import VoteCounts
+from eventsweep.emvs.errors import ByName
+from eventsweep.emvs.reference_view import ReferenceView
+from eventsweep.emvs.windows import Window
 
 
 @dataclass(frozen=True)

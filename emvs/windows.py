@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
-from emvs.data.recording import Recording
-from emvs.errors import InputError
-from emvs.geometry.trajectory import Trajectory
-from emvs.utils.runtime import Progress, silent
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.utils.runtime import Progress, silent
 
 MOST_WINDOWS = 100_000
 Times = NDArray[np.int64]

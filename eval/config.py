@@ -8,11 +8,11 @@ from typing import Any, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from emvs.config import MapperConfig
-from emvs.errors import InputError
-from emvs.parameters import ParameterGroup, explain
-from emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
-from sim.config import SimConfig
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.parameters import ParameterGroup, explain
+from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
+from eventsweep.sim.config import SimConfig
 
 RankingMetric = Literal[
     "mean_error", "median_error", "rmse", "abs_rel", "aerr_r", "silog", "bad_published"

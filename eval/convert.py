@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from emvs.data.events import Events
-from emvs.data.poses import write_tum
-from emvs.datasets.export import RecordingExport, kinds, write_recording
-from emvs.datasets.posed import EventSource
-from emvs.datasets.raw_streams import Readable, open_readable
-from emvs.errors import InputError
-from emvs.formats import FORMATS, calibration_writers, depth, write_events
-from emvs.formats.tables.columns import ColumnMap
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
-from emvs.utils.outputs import check_output, inputs_of, output_file
-from eval.progress import Progress
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.poses import write_tum
+from eventsweep.emvs.datasets.export import RecordingExport, kinds, write_recording
+from eventsweep.emvs.datasets.posed import EventSource
+from eventsweep.emvs.datasets.raw_streams import Readable, open_readable
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats import FORMATS, calibration_writers, depth, write_events
+from eventsweep.emvs.formats.tables.columns import ColumnMap
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.utils.outputs import check_output, inputs_of, output_file
+from eventsweep.eval.progress import Progress
 
 POSES = ("tum", "kitti")
 CLOUDS = ("ply", "pcd")
@@ -163,8 +163,8 @@ def _windows(
     source: Path, out: Path, options: Options, inputs: tuple[Path, ...], progress: Progress
 ) -> Written:
     """Events and the depth at their end, a file per window."""
-    from emvs.datasets import open_recording
-    from emvs.datasets.training import WINDOW_S, TrainingWindows, write_windows
+    from eventsweep.emvs.datasets import open_recording
+    from eventsweep.emvs.datasets.training import WINDOW_S, TrainingWindows, write_windows
 
     recording: Any = open_recording(source)
     names = list(recording.rig.camera_names)
@@ -245,7 +245,7 @@ def _start_us(readable: Readable) -> int:
 
 
 def _poses(source: Path, out: Path, options: Options) -> str:
-    from emvs.data.poses import write_kitti
+    from eventsweep.emvs.data.poses import write_kitti
 
     found = _trajectory(source, options.unit)
     if options.shift_us is None or options.shift_us:
@@ -259,10 +259,10 @@ def _poses(source: Path, out: Path, options: Options) -> str:
 
 
 def _trajectory(source: Path, unit: str) -> Trajectory:
-    from emvs.data.poses import read_poses
-    from emvs.datasets import open_recording
-    from emvs.datasets.bags import read_bag_poses
-    from emvs.datasets.custom import is_bag
+    from eventsweep.emvs.data.poses import read_poses
+    from eventsweep.emvs.datasets import open_recording
+    from eventsweep.emvs.datasets.bags import read_bag_poses
+    from eventsweep.emvs.datasets.custom import is_bag
 
     if is_bag(source):
         return read_bag_poses(source)
@@ -272,8 +272,8 @@ def _trajectory(source: Path, unit: str) -> Trajectory:
 
 
 def _rig(source: Path) -> Rig:
-    from emvs.datasets import open_recording
-    from emvs.formats.calibration import read_rig
+    from eventsweep.emvs.datasets import open_recording
+    from eventsweep.emvs.formats.calibration import read_rig
 
     if source.is_dir() or source.suffix in (".toml", ".bag"):
         return open_recording(source).rig
@@ -285,8 +285,8 @@ def _depth(source: Path, out: Path, options: Options) -> str:
     if options.to != "disparity-png":
         depth.WRITERS[options.to](out, depth_m)
         return f"depth map of {depth_m.shape[1]}x{depth_m.shape[0]} as {options.to}"
-    from emvs.datasets.dsec import write_disparity
-    from emvs.utils.files import atomic_path
+    from eventsweep.emvs.datasets.dsec import write_disparity
+    from eventsweep.emvs.utils.files import atomic_path
 
     focal_px = _focal_px(source)
     if options.baseline_m is None:
@@ -311,8 +311,8 @@ def _focal_px(source: Path) -> float:
 
 
 def _cloud(source: Path, out: Path, to: str) -> str:
-    from emvs.depth.tsdf import load_open3d
-    from emvs.utils.files import atomic_path
+    from eventsweep.emvs.depth.tsdf import load_open3d
+    from eventsweep.emvs.utils.files import atomic_path
 
     if source.suffix not in (".ply", ".pcd") or not source.is_file():
         raise InputError(f"{source}: no point cloud; needs a .ply or .pcd file")

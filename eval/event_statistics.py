@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events, count_late
+from eventsweep.emvs.data.events import Events, count_late
 
 _BINS = 512
 _FIRST_BIN_US = 1000

@@ -13,14 +13,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from emvs.data.recording import Recording
-from emvs.datasets.posed import PosedRecording
-from emvs.datasets.raw_streams import Readable, open_readable
-from emvs.formats.tables.columns import ColumnMap
-from emvs.utils.files import atomic_path
-from eval.event_statistics import StreamCount, count_stream
-from eval.figures.plots import ESTIMATE_COLOUR, TRUTH_COLOUR
-from eval.progress import Progress
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.datasets.posed import PosedRecording
+from eventsweep.emvs.datasets.raw_streams import Readable, open_readable
+from eventsweep.emvs.formats.tables.columns import ColumnMap
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.eval.event_statistics import StreamCount, count_stream
+from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, TRUTH_COLOUR
+from eventsweep.eval.progress import Progress
 
 _POSE_GAP_FACTOR = 5
 _MOST_STREAMS = 8

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 from scipy.spatial.transform import Rotation
 
-from emvs.data.altered import AlteredRecording
-from emvs.data.events import Events
-from emvs.data.recording import DerivedRecording, Recording
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.data.altered import AlteredRecording
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.recording import DerivedRecording, Recording
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
 
 NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 

@@ -13,23 +13,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from emvs.config import MapperConfig
-from emvs.errors import InputError
-from emvs.utils.outputs import atomic_dir, check_files, output_folder
-from eval.config import EvalConfig, Settings
-from eval.progress import MapBars, Progress, Silent
-from scenes import case_name
-from sim.config import SimConfig
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.outputs import atomic_dir, check_files, output_folder
+from eventsweep.eval.config import EvalConfig, Settings
+from eventsweep.eval.progress import MapBars, Progress, Silent
+from eventsweep.scenes import case_name
+from eventsweep.sim.config import SimConfig
 
 if TYPE_CHECKING:
-    from emvs.check.findings import Finding
-    from emvs.data.recording import Recording
-    from emvs.maps.folder import StoredMap, StoredWindow
-    from eval.scoring import run_folder
-    from eval.scoring.pairing import Estimate
-    from eval.scoring.predictions import NamedFolder, Prediction, TargetView
-    from eval.scoring.results import Results, Row
-    from sim.config import SimConfig
+    from eventsweep.emvs.check.findings import Finding
+    from eventsweep.emvs.data.recording import Recording
+    from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
+    from eventsweep.eval.scoring import run_folder
+    from eventsweep.eval.scoring.pairing import Estimate
+    from eventsweep.eval.scoring.predictions import NamedFolder, Prediction, TargetView
+    from eventsweep.eval.scoring.results import Results, Row
+    from eventsweep.sim.config import SimConfig
 
 _SILENT = Silent()
 _RESULTS = ("results.json", "results.csv")
@@ -69,7 +69,7 @@ def run_cases(
     Raises:
         InputError: an unknown case, rig, method or impossible value, or an existing `out`.
     """
-    from eval.scoring import run_folder
+    from eventsweep.eval.scoring import run_folder
 
     _check_run(cases, settings, rig)
     with atomic_dir(out, force=force, inputs=_inputs(cases, settings)) as folder:
@@ -107,8 +107,8 @@ def simulate_scene(
         progress.stage(f"simulate {case_name(scene)}", 1) as update,
         _collection_paused() as resume,
     ):
-        import scenes
-        from sim.simulate import simulate
+        from eventsweep import scenes
+        from eventsweep.sim.simulate import simulate
 
         def show(done_us: int, total_us: int, events: int) -> None:
             resume()  # the first picture is there: nothing is imported any more
@@ -160,9 +160,9 @@ def score_folder(
         InputError: no map there, a recording without ground truth, damaged files, or a prediction
             that is not complete.
     """
-    from eval.scoring import run_folder
-    from eval.scoring.predictions import NamedFolder
-    from eval.scoring.results import write_results
+    from eventsweep.eval.scoring import run_folder
+    from eventsweep.eval.scoring.predictions import NamedFolder
+    from eventsweep.eval.scoring.results import write_results
 
     given = tuple(map(NamedFolder.of, predictions))
     names = (*_RESULTS, run_folder.KEPT_FOLDER) if predictions else _RESULTS
@@ -187,8 +187,8 @@ class _Predictions:
         config: EvalConfig,
     ) -> Iterator[Mapping[str, Estimate]] | None:  # fmt: skip
         """For each window, by name; None without any: nothing is read to check them against."""
-        from eval.scoring.predictions import open_predictions
-        from eval.scoring.run_folder import target_view
+        from eventsweep.eval.scoring.predictions import open_predictions
+        from eventsweep.eval.scoring.run_folder import target_view
 
         if not self.folders:
             return None
@@ -198,8 +198,8 @@ class _Predictions:
     def _read(
         self, case: str, views: Sequence[TargetView], opened: Sequence[Prediction]
     ) -> Iterator[Mapping[str, Estimate]]:
-        from eval.scoring.predictions import estimates_of
-        from eval.scoring.run_folder import keep
+        from eventsweep.eval.scoring.predictions import estimates_of
+        from eventsweep.eval.scoring.run_folder import keep
 
         for view in views:
             estimates = estimates_of(opened, view)
@@ -208,12 +208,12 @@ class _Predictions:
 
 
 def _scored(maps: Mapping[str, StoredMap], config: EvalConfig, others: _Predictions) -> Results:
-    from emvs.data.sequence import Sequence as EventSequence
-    from eval.scoring import run_folder
-    from eval.scoring.metric_versions import metric_versions
-    from eval.scoring.pairing import REFERENCE
-    from eval.scoring.results import Results
-    from eval.scoring.score import rig_rows, score_windows
+    from eventsweep.emvs.data.sequence import Sequence as EventSequence
+    from eventsweep.eval.scoring import run_folder
+    from eventsweep.eval.scoring.metric_versions import metric_versions
+    from eventsweep.eval.scoring.pairing import REFERENCE
+    from eventsweep.eval.scoring.results import Results
+    from eventsweep.eval.scoring.score import rig_rows, score_windows
 
     rows: list[Row] = []
     sequences = {}
@@ -267,11 +267,11 @@ def check_case(
         InputError: an unknown scene, rig or method, a setting of the simulator that has no effect,
             a GPU that is not there, or no OpenMP.
     """
-    import scenes
-    from emvs import methods
-    from emvs.dsi.device import check_device
-    from emvs.utils.runtime import check_openmp
-    from sim.mjcf import is_model_file
+    from eventsweep import scenes
+    from eventsweep.emvs import methods
+    from eventsweep.emvs.dsi.device import check_device
+    from eventsweep.emvs.utils.runtime import check_openmp
+    from eventsweep.sim.mjcf import is_model_file
 
     check_openmp()
     configured = sim or SimConfig()
@@ -303,9 +303,9 @@ def map_recording(
     Raises:
         InputError: what `open_recording` or `map_windows` refuses.
     """
-    from emvs.datasets import open_recording
-    from emvs.maps.folder import RecordingInfo, StoredMap
-    from emvs.maps.sliding import map_windows
+    from eventsweep.emvs.datasets import open_recording
+    from eventsweep.emvs.maps.folder import RecordingInfo, StoredMap
+    from eventsweep.emvs.maps.sliding import map_windows
 
     recording = open_recording(path)
     about = RecordingInfo.of(recording, path, out)
@@ -325,7 +325,7 @@ def _doubting(
     progress: Callable[[str, int, int], None],
 ) -> Callable[[str, int, int], None]:  # fmt: skip
     """A progress that tells doubts once, at the first step of mapping, and passes all steps on."""
-    from emvs.check.recording import doubts
+    from eventsweep.emvs.check.recording import doubts
 
     waiting = [True]
 

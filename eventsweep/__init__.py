@@ -15,37 +15,37 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from emvs.calibrate.refine import RefineConfig, Refinement
-    from emvs.check.findings import Finding
-    from emvs.check.findings import Report as CheckReport
-    from emvs.config import MapperConfig
-    from emvs.data.events import Events
-    from emvs.data.recording import Recording
-    from emvs.data.sequence import Sequence
-    from emvs.datasets import open_recording
-    from emvs.datasets.training import TrainingWindows
-    from emvs.depth.depth_map import DepthMap
-    from emvs.dsi.method import Method
-    from emvs.errors import InputError
-    from emvs.geometry.camera import Camera
-    from emvs.geometry.rig import Rig
-    from emvs.geometry.trajectory import Trajectory
-    from emvs.methods import overview as methods
-    from emvs.methods import register as register_method
-    from emvs.window_result import WindowResult
-    from eval.config import EvalConfig
-    from eval.scoring.method_scores import ALL_METRICS as METRICS
-    from eval.scoring.results import Results
     from eventsweep.calibration import calibrate
+    from eventsweep.emvs.calibrate.refine import RefineConfig, Refinement
+    from eventsweep.emvs.check.findings import Finding
+    from eventsweep.emvs.check.findings import Report as CheckReport
+    from eventsweep.emvs.config import MapperConfig
+    from eventsweep.emvs.data.events import Events
+    from eventsweep.emvs.data.recording import Recording
+    from eventsweep.emvs.data.sequence import Sequence
+    from eventsweep.emvs.datasets import open_recording
+    from eventsweep.emvs.datasets.training import TrainingWindows
+    from eventsweep.emvs.depth.depth_map import DepthMap
+    from eventsweep.emvs.dsi.method import Method
+    from eventsweep.emvs.errors import InputError
+    from eventsweep.emvs.geometry.camera import Camera
+    from eventsweep.emvs.geometry.rig import Rig
+    from eventsweep.emvs.geometry.trajectory import Trajectory
+    from eventsweep.emvs.methods import overview as methods
+    from eventsweep.emvs.methods import register as register_method
+    from eventsweep.emvs.window_result import WindowResult
+    from eventsweep.eval.config import EvalConfig
+    from eventsweep.eval.scoring.method_scores import ALL_METRICS as METRICS
+    from eventsweep.eval.scoring.results import Results
     from eventsweep.mapping import check, map_window, map_windows
+    from eventsweep.scenes import load as load_scene
+    from eventsweep.scenes import names as scene_names
     from eventsweep.scoring import score
+    from eventsweep.sim.config import ModelConfig, PixelConfig, SimConfig, VideoConfig
+    from eventsweep.sim.event_camera import EventCamera, EventRig
+    from eventsweep.sim.sensor.esim import EventSimulator
+    from eventsweep.sim.video.record import RecordedVideo
     from eventsweep.simulation import simulate, video_to_events
-    from scenes import load as load_scene
-    from scenes import names as scenes
-    from sim.config import ModelConfig, PixelConfig, SimConfig, VideoConfig
-    from sim.event_camera import EventCamera, EventRig
-    from sim.sensor.esim import EventSimulator
-    from sim.video.record import RecordedVideo
 
     __version__: str
 
@@ -86,7 +86,7 @@ __all__ = [
     "methods",
     "open_recording",
     "register_method",
-    "scenes",
+    "scene_names",
     "score",
     "simulate",
     "video_to_events",
@@ -94,42 +94,42 @@ __all__ = [
 
 # The name -> where it is.
 _PLACES = {
-    "METRICS": "eval.scoring.method_scores:ALL_METRICS",
-    "Camera": "emvs.geometry.camera:Camera",
-    "CheckReport": "emvs.check.findings:Report",
-    "DepthMap": "emvs.depth.depth_map:DepthMap",
-    "EvalConfig": "eval.config:EvalConfig",
-    "EventCamera": "sim.event_camera:EventCamera",
-    "EventRig": "sim.event_camera:EventRig",
-    "EventSimulator": "sim.sensor.esim:EventSimulator",
-    "Events": "emvs.data.events:Events",
-    "Finding": "emvs.check.findings:Finding",
-    "InputError": "emvs.errors:InputError",
-    "MapperConfig": "emvs.config:MapperConfig",
-    "ModelConfig": "sim.config:ModelConfig",
-    "Method": "emvs.dsi.method:Method",
-    "PixelConfig": "sim.config:PixelConfig",
-    "RecordedVideo": "sim.video.record:RecordedVideo",
-    "Recording": "emvs.data.recording:Recording",
-    "RefineConfig": "emvs.calibrate.refine:RefineConfig",
-    "Refinement": "emvs.calibrate.refine:Refinement",
-    "Results": "eval.scoring.results:Results",
-    "Rig": "emvs.geometry.rig:Rig",
-    "Sequence": "emvs.data.sequence:Sequence",
-    "SimConfig": "sim.config:SimConfig",
-    "TrainingWindows": "emvs.datasets.training:TrainingWindows",
-    "Trajectory": "emvs.geometry.trajectory:Trajectory",
-    "VideoConfig": "sim.config:VideoConfig",
-    "WindowResult": "emvs.window_result:WindowResult",
+    "METRICS": "eventsweep.eval.scoring.method_scores:ALL_METRICS",
+    "Camera": "eventsweep.emvs.geometry.camera:Camera",
+    "CheckReport": "eventsweep.emvs.check.findings:Report",
+    "DepthMap": "eventsweep.emvs.depth.depth_map:DepthMap",
+    "EvalConfig": "eventsweep.eval.config:EvalConfig",
+    "EventCamera": "eventsweep.sim.event_camera:EventCamera",
+    "EventRig": "eventsweep.sim.event_camera:EventRig",
+    "EventSimulator": "eventsweep.sim.sensor.esim:EventSimulator",
+    "Events": "eventsweep.emvs.data.events:Events",
+    "Finding": "eventsweep.emvs.check.findings:Finding",
+    "InputError": "eventsweep.emvs.errors:InputError",
+    "MapperConfig": "eventsweep.emvs.config:MapperConfig",
+    "ModelConfig": "eventsweep.sim.config:ModelConfig",
+    "Method": "eventsweep.emvs.dsi.method:Method",
+    "PixelConfig": "eventsweep.sim.config:PixelConfig",
+    "RecordedVideo": "eventsweep.sim.video.record:RecordedVideo",
+    "Recording": "eventsweep.emvs.data.recording:Recording",
+    "RefineConfig": "eventsweep.emvs.calibrate.refine:RefineConfig",
+    "Refinement": "eventsweep.emvs.calibrate.refine:Refinement",
+    "Results": "eventsweep.eval.scoring.results:Results",
+    "Rig": "eventsweep.emvs.geometry.rig:Rig",
+    "Sequence": "eventsweep.emvs.data.sequence:Sequence",
+    "SimConfig": "eventsweep.sim.config:SimConfig",
+    "TrainingWindows": "eventsweep.emvs.datasets.training:TrainingWindows",
+    "Trajectory": "eventsweep.emvs.geometry.trajectory:Trajectory",
+    "VideoConfig": "eventsweep.sim.config:VideoConfig",
+    "WindowResult": "eventsweep.emvs.window_result:WindowResult",
     "calibrate": "eventsweep.calibration:calibrate",
     "check": "eventsweep.mapping:check",
-    "load_scene": "scenes:load",
+    "load_scene": "eventsweep.scenes:load",
     "map_window": "eventsweep.mapping:map_window",
     "map_windows": "eventsweep.mapping:map_windows",
-    "methods": "emvs.methods:overview",
-    "open_recording": "emvs.datasets:open_recording",
-    "register_method": "emvs.methods:register",
-    "scenes": "scenes:names",
+    "methods": "eventsweep.emvs.methods:overview",
+    "open_recording": "eventsweep.emvs.datasets:open_recording",
+    "register_method": "eventsweep.emvs.methods:register",
+    "scene_names": "eventsweep.scenes:names",
     "score": "eventsweep.scoring:score",
     "simulate": "eventsweep.simulation:simulate",
     "video_to_events": "eventsweep.simulation:video_to_events",
@@ -143,7 +143,6 @@ if not TYPE_CHECKING:  # with it, a type checker would take any name for granted
 
         Raises:
             AttributeError: there is no such name.
-            ImportError: a folder of the user's hides a package of ours.
         """
         if name == "__version__":
             from importlib.metadata import version
@@ -153,10 +152,7 @@ if not TYPE_CHECKING:  # with it, a type checker would take any name for granted
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         from importlib import import_module
 
-        from eventsweep.installation import refuse_hidden
-
         module, attribute = _PLACES[name].split(":")
-        refuse_hidden(module)
         value: object = getattr(import_module(module), attribute)
         globals()[name] = value
         return value

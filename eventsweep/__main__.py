@@ -1,8 +1,4 @@
-"""The command line, `eventsweep` and `python -m eventsweep`, wherever it is started.
-
-A folder of the user's called `eval` or `sim`, and a PYTHONPATH that names its parent, must not take
-the place of our packages; so ours are put first before any of them is imported.
-"""
+"""The command line, `eventsweep` and `python -m eventsweep`, wherever it is started."""
 
 from __future__ import annotations
 
@@ -25,25 +21,17 @@ def _is_worker() -> bool:
 
 
 # Imports take a quarter of a second, in which Ctrl-C would show where it struck. `exit_code` of
-# `eval.cli` takes over.
+# `eventsweep.eval.cli` takes over.
 if __name__ in ("__main__", "eventsweep.__main__") and not _is_worker():
     signal.signal(signal.SIGTERM, _leave)
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _leave)
 
-from eventsweep.installation import PACKAGES, put_first, refuse_hidden  # noqa: E402
-
 
 def main() -> None:
     """Runs one command and ends the process with its code."""
-    put_first()
-    try:
-        refuse_hidden(PACKAGES[-1])
-    except ImportError as error:
-        sys.stderr.write(f"eventsweep: {error}\n")
-        sys.exit(2)
     gc.disable()  # what imports make stays: looking through it again and again frees nothing
-    from eval.cli.main import main as command
+    from eventsweep.eval.cli.main import main as command
 
     gc.enable()
     command()

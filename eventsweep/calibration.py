@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from emvs.calibrate.refine import RefineConfig, Refinement, refine
-from emvs.data.recording import Recording
-from emvs.errors import check_path
-from emvs.utils.runtime import Progress, silent
+from eventsweep.emvs.calibrate.refine import RefineConfig, Refinement, refine
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.errors import check_path
+from eventsweep.emvs.utils.runtime import Progress, silent
 from eventsweep.mapping import opened
 
 
@@ -35,9 +35,9 @@ def calibrate(
         InputError: no poses, nothing to refine, a rig of one camera where two are needed, too short
             a recording, or an output that exists.
     """
-    from emvs.calibrate.folder import write_refined
-    from emvs.utils.outputs import atomic_dir, check_output
-    from emvs.utils.ownership import mark
+    from eventsweep.emvs.calibrate.folder import write_refined
+    from eventsweep.emvs.utils.outputs import atomic_dir, check_output
+    from eventsweep.emvs.utils.ownership import mark
 
     given = opened(recording)
     inputs = (recording,) if isinstance(recording, str | Path) else ()

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from emvs import mapper
-from emvs.check import recording as checks
-from emvs.check.findings import Report
-from emvs.config import MapperConfig
-from emvs.data.recording import Recording
-from emvs.datasets import open_recording
-from emvs.errors import InputError, check_path, shown
-from emvs.maps import sliding
-from emvs.maps.folder import RecordingInfo, StoredMap, read_map
-from emvs.preflight import check_window_fits
-from emvs.utils.runtime import Progress, silent
-from emvs.window_result import WindowResult
-from emvs.windows import choose_window
+from eventsweep.emvs import mapper
+from eventsweep.emvs.check import recording as checks
+from eventsweep.emvs.check.findings import Report
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.errors import InputError, check_path, shown
+from eventsweep.emvs.maps import sliding
+from eventsweep.emvs.maps.folder import RecordingInfo, StoredMap, read_map
+from eventsweep.emvs.preflight import check_window_fits
+from eventsweep.emvs.utils.runtime import Progress, silent
+from eventsweep.emvs.window_result import WindowResult
+from eventsweep.emvs.windows import choose_window
 
 # Of `Recording`, all that a mapper needs.
 _MEMBERS = ("name", "rig", "trajectory", "depth_range_m", "event_span_us", "events")

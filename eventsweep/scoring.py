@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from emvs.data.recording import Recording
-from emvs.data.sequence import Sequence
-from emvs.errors import InputError, check_type
-from emvs.maps.folder import StoredMap
-from emvs.window_result import WindowResult
-from eval import pipeline
-from eval.config import EvalConfig
-from eval.scoring import run_folder
-from eval.scoring.metric_versions import metric_versions
-from eval.scoring.pairing import REFERENCE
-from eval.scoring.results import Results
-from eval.scoring.score import case_rows, pairs_of_maps, rig_rows
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.errors import InputError, check_type
+from eventsweep.emvs.maps.folder import StoredMap
+from eventsweep.emvs.window_result import WindowResult
+from eventsweep.eval import pipeline
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.scoring import run_folder
+from eventsweep.eval.scoring.metric_versions import metric_versions
+from eventsweep.eval.scoring.pairing import REFERENCE
+from eventsweep.eval.scoring.results import Results
+from eventsweep.eval.scoring.score import case_rows, pairs_of_maps, rig_rows
 from eventsweep.mapping import opened
 
 _WINDOW = "w000"

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import scenes
-from emvs.data.sequence import Sequence
-from emvs.errors import check_path, check_type, check_whole
-from emvs.geometry.rig import Rig
-from sim.config import PixelConfig, SimConfig, VideoConfig
-from sim.rigs import rig as named_rig
-from sim.scene import Scene
-from sim.simulate import Progress
-from sim.simulate import simulate as simulate_to_disk
-from sim.video.record import Progress as VideoProgress
-from sim.video.record import RecordedVideo, View, record
+from eventsweep import scenes
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.errors import check_path, check_type, check_whole
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.config import PixelConfig, SimConfig, VideoConfig
+from eventsweep.sim.rigs import rig as named_rig
+from eventsweep.sim.scene import Scene
+from eventsweep.sim.simulate import Progress
+from eventsweep.sim.simulate import simulate as simulate_to_disk
+from eventsweep.sim.video.record import Progress as VideoProgress
+from eventsweep.sim.video.record import RecordedVideo, View, record
 
 
 def _silent(*_progress: float) -> None:

@@ -17,13 +17,13 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from emvs.errors import InputError, shown
-from emvs.utils.plugins import run_point
+from eventsweep.emvs.errors import InputError, shown
+from eventsweep.emvs.utils.plugins import run_point
 
 if TYPE_CHECKING:
-    from emvs.geometry.rig import Rig
-    from sim.config import SimConfig
-    from sim.scene import Scene
+    from eventsweep.emvs.geometry.rig import Rig
+    from eventsweep.sim.config import SimConfig
+    from eventsweep.sim.scene import Scene
 
 GROUP = "eventsweep.scenes"
 
@@ -77,7 +77,7 @@ def summaries() -> dict[str, str]:
 
 def case_name(scene: str) -> str:
     """What results call a scene: its name, or that of a model's file."""
-    from sim.mjcf import is_model_file
+    from eventsweep.sim.mjcf import is_model_file
 
     return Path(scene).stem if is_model_file(scene) else scene
 
@@ -90,11 +90,11 @@ def rig_for(scene: str, rig: Rig | str | None, config: SimConfig) -> Rig:
     """
     if rig is not None and not isinstance(rig, str):
         return rig
-    from sim.mjcf import is_model_file
-    from sim.rigs import rig as named_rig
+    from eventsweep.sim.mjcf import is_model_file
+    from eventsweep.sim.rigs import rig as named_rig
 
     if is_model_file(scene):
-        from sim.model.scenes import rig_on
+        from eventsweep.sim.model.scenes import rig_on
 
         return rig_on(Path(scene), rig, config.model.mount)
     return named_rig(rig or load(scene).rig)
@@ -120,13 +120,13 @@ def prepared(
     Raises:
         InputError: an unknown scene, rig or camera, or an unusable model.
     """
-    from sim.mjcf import is_model_file
+    from eventsweep.sim.mjcf import is_model_file
 
     chosen = rig_for(scene, rig, config)
     if not is_model_file(scene):
         _refuse_model(scene, config)
         return Prepared(load(scene), chosen, config)
-    from sim.model.scenes import scene_of
+    from eventsweep.sim.model.scenes import scene_of
 
     made, noted = scene_of(Path(scene), config, chosen, seed, notice)
     return Prepared(made, chosen, noted)
@@ -153,7 +153,7 @@ def _points() -> dict[str, EntryPoint]:
 
 
 def _of_point(point: EntryPoint) -> Scene:
-    from sim.scene import Scene
+    from eventsweep.sim.scene import Scene
 
     found = run_point(point, "its scene {} cannot be loaded", lambda scene: scene)
     if not isinstance(found, Scene):

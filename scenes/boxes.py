@@ -9,27 +9,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import Generator, default_rng
 
-from scenes.parts.texture_cache import kept
-from sim.motion.curves import HeadSway, Wave, look_at
-from sim.scene import Scene
+from eventsweep.scenes.parts.texture_cache import kept
+from eventsweep.sim.motion.curves import HeadSway, Wave, look_at
+from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures.noise import Image
+    from eventsweep.scenes.textures.noise import Image
 
 _GOODS = ("carton_a", "carton_b", "carton_c", "crate", "toolbox")
 
 
 @kept
 def _textures() -> Mapping[str, Image]:
-    from scenes.textures.noise import streams
+    from eventsweep.scenes.textures.noise import streams
 
     return {**_room(streams(31, 9)), **_things(streams(32, 15))}
 
 
 def _room(rng: list[Generator]) -> dict[str, Image]:
-    from scenes import textures as tx
+    from eventsweep.scenes import textures as tx
 
     concrete = ((0.3, 0.31, 0.31), (0.92, 0.91, 0.86))
     return {
@@ -55,7 +55,7 @@ def _room(rng: list[Generator]) -> dict[str, Image]:
 
 
 def _things(rng: list[Generator]) -> dict[str, Image]:
-    from scenes import textures as tx
+    from eventsweep.scenes import textures as tx
 
     return {
         "crate": tx.crate(384, rng[0]),
@@ -77,8 +77,8 @@ def _things(rng: list[Generator]) -> dict[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from scenes.parts.props import cable
-    from scenes.parts.shadows import bake
+    from eventsweep.scenes.parts.props import cable
+    from eventsweep.scenes.parts.shadows import bake
 
     rng = default_rng(34)
     _rack(spec, rng)
@@ -98,7 +98,7 @@ def _rack(spec: mujoco.MjSpec, rng: Generator) -> None:
     """A rack along the back wall, left, with boxes of all sizes on its boards."""
     from scipy.spatial.transform import Rotation
 
-    from scenes.parts.props import box
+    from eventsweep.scenes.parts.props import box
 
     left, right, y = -2.1, -0.35, 5.3
     for k, x in enumerate((left, left, right, right)):
@@ -119,7 +119,7 @@ def _rack(spec: mujoco.MjSpec, rng: Generator) -> None:
 
 def _ladder(spec: mujoco.MjSpec) -> None:
     """Leans a ladder against the right wall: two rails and nine rungs."""
-    from scenes.parts.props import rod
+    from eventsweep.scenes.parts.props import rod
 
     foot, head = np.array([1.75, 4.5, 0.0]), np.array([2.4, 4.5, 2.5])
     side = np.array([0.0, 0.21, 0.0])

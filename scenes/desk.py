@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import Generator, default_rng
 
-from scenes.parts.texture_cache import kept
-from sim.motion.curves import HeadSway, Wave, look_at
-from sim.scene import Scene
+from eventsweep.scenes.parts.texture_cache import kept
+from eventsweep.sim.motion.curves import HeadSway, Wave, look_at
+from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures.noise import Colour, Image
+    from eventsweep.scenes.textures.noise import Colour, Image
 
 _BOOK_COLOURS: tuple[tuple[Colour, Colour], ...] = (
     ((0.52, 0.16, 0.14), (0.86, 0.76, 0.45)),
@@ -32,13 +32,13 @@ _BOOK_COLOURS: tuple[tuple[Colour, Colour], ...] = (
 
 @kept
 def _textures() -> Mapping[str, Image]:
-    from scenes.textures.noise import streams
+    from eventsweep.scenes.textures.noise import streams
 
     return {**_room(streams(11, 11)), **_things(streams(12, 15)), **_books(streams(13, 8))}
 
 
 def _room(rng: list[Generator]) -> dict[str, Image]:
-    from scenes import textures as tx
+    from eventsweep.scenes import textures as tx
 
     return {
         "desk_top": tx.wood((1024, 2048), rng[0]),
@@ -56,7 +56,7 @@ def _room(rng: list[Generator]) -> dict[str, Image]:
 
 
 def _things(rng: list[Generator]) -> dict[str, Image]:
-    from scenes import textures as tx
+    from eventsweep.scenes import textures as tx
 
     plastic = ((0.3, 0.31, 0.33), (0.62, 0.63, 0.64))
     return {
@@ -79,14 +79,14 @@ def _things(rng: list[Generator]) -> dict[str, Image]:
 
 
 def _books(rng: list[Generator]) -> dict[str, Image]:
-    from scenes import textures as tx
+    from eventsweep.scenes import textures as tx
 
     return {f"book_{k}": tx.book(256, rng[k], *colours) for k, colours in enumerate(_BOOK_COLOURS)}
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from scenes.parts.props import book_row, cable, plant
-    from scenes.parts.shadows import bake
+    from eventsweep.scenes.parts.props import book_row, cable, plant
+    from eventsweep.scenes.parts.shadows import bake
 
     rng = default_rng(14)
     for board, top_m in enumerate((0.112, 0.472, 0.812, 1.142, 1.472)):
@@ -107,7 +107,7 @@ def _stack(spec: mujoco.MjSpec, rng: Generator) -> None:
     """Lays three books on top of each other, spines towards the viewer."""
     from scipy.spatial.transform import Rotation
 
-    from scenes.parts.props import box
+    from eventsweep.scenes.parts.props import box
 
     base_m = 0.74
     for k, half_thick_m in enumerate((0.017, 0.012, 0.014)):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from scenes.parts.drive import CAR
-from scenes.parts.street import edit, textures
-from sim.motion.curves import HeadSway
-from sim.scene import Scene
+from eventsweep.scenes.parts.drive import CAR
+from eventsweep.scenes.parts.street import edit, textures
+from eventsweep.sim.motion.curves import HeadSway
+from eventsweep.sim.scene import Scene
 
 
 def _motion(_duration_s: float, seed: int) -> HeadSway:

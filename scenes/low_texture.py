@@ -6,20 +6,20 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenes.parts.texture_cache import kept
-from sim.motion.curves import HeadSway, look_at
-from sim.scene import Scene
+from eventsweep.scenes.parts.texture_cache import kept
+from eventsweep.sim.motion.curves import HeadSway, look_at
+from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures.noise import Image
+    from eventsweep.scenes.textures.noise import Image
 
 
 @kept
 def _textures() -> Mapping[str, Image]:
-    from scenes import textures as tx
-    from scenes.parts.stock import made, painted
+    from eventsweep.scenes import textures as tx
+    from eventsweep.scenes.parts.stock import made, painted
 
     grey = ((0.50, 0.50, 0.49), (0.53, 0.53, 0.52))
     return made(
@@ -37,8 +37,8 @@ def _textures() -> Mapping[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from scenes.parts.furniture import BodyBuilder
-    from scenes.parts.shadows import bake
+    from eventsweep.scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.shadows import bake
 
     at = BodyBuilder(spec, "room")
     for x in (-2.14, 2.14):

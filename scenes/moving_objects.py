@@ -7,24 +7,24 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenes.parts.bodies import Bodies, make_solid
-from scenes.parts.texture_cache import kept
-from sim.motion.curves import HeadSway, look_at
-from sim.scene import Scene
+from eventsweep.scenes.parts.bodies import Bodies, make_solid
+from eventsweep.scenes.parts.texture_cache import kept
+from eventsweep.sim.motion.curves import HeadSway, look_at
+from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures.noise import Image
+    from eventsweep.scenes.textures.noise import Image
 
 _MJCF = Path(__file__).with_name("gym.xml")
 
 
 @kept
 def _textures() -> Mapping[str, Image]:
-    from scenes import textures as tx
-    from scenes.parts.print import plain_carton
-    from scenes.parts.stock import faded, made, painted
+    from eventsweep.scenes import textures as tx
+    from eventsweep.scenes.parts.print import plain_carton
+    from eventsweep.scenes.parts.stock import faded, made, painted
 
     maple = ((0.42, 0.31, 0.20), (0.70, 0.55, 0.38))
     mat = ((0.14, 0.24, 0.42), (0.34, 0.46, 0.64))
@@ -61,7 +61,7 @@ def _build(spec: mujoco.MjSpec) -> None:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from scenes.parts.shadows import bake
+    from eventsweep.scenes.parts.shadows import bake
 
     _static(spec)
     bake(spec, floor="parquet")
@@ -71,7 +71,7 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _static(spec: mujoco.MjSpec) -> None:
     """Wall bars, bench, mats, vaulting box, a hoop and a banner."""
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     bars = BodyBuilder(spec, "bars", (-1.75, 6.86, 0))
     for x in (-0.9, 0.0, 0.9):

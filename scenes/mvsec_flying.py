@@ -9,21 +9,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import default_rng
 
-from scenes.parts.texture_cache import kept
-from sim.motion.curves import HeadSway, Wave, look_at
-from sim.scene import Scene
+from eventsweep.scenes.parts.texture_cache import kept
+from eventsweep.sim.motion.curves import HeadSway, Wave, look_at
+from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures.noise import Image
+    from eventsweep.scenes.textures.noise import Image
 
 
 @kept
 def _textures() -> Mapping[str, Image]:
-    from scenes import textures as tx
-    from scenes.parts.print import plain_carton
-    from scenes.parts.stock import faded, made, painted
+    from eventsweep.scenes import textures as tx
+    from eventsweep.scenes.parts.print import plain_carton
+    from eventsweep.scenes.parts.stock import faded, made, painted
 
     concrete = ((0.34, 0.345, 0.35), (0.62, 0.62, 0.6))
     return made(
@@ -57,7 +57,7 @@ def _textures() -> Mapping[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from scenes.parts.shadows import bake
+    from eventsweep.scenes.parts.shadows import bake
 
     _boxes(spec)
     _drums(spec)
@@ -68,7 +68,7 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 
 def _boxes(spec: mujoco.MjSpec) -> None:
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "boxes")
     at.box((0.30, 0.28, 0.28), (-0.62, 1.72, 0.28), "carton_a", (0, 0, 24))
@@ -87,7 +87,7 @@ def _boxes(spec: mujoco.MjSpec) -> None:
 
 
 def _drums(spec: mujoco.MjSpec) -> None:
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "drums")
     places = ((-1.55, 2.75), (-2.05, 5.0), (2.35, 3.95), (0.95, 5.5), (3.6, 5.2))
@@ -105,7 +105,7 @@ def _drums(spec: mujoco.MjSpec) -> None:
 
 def _tarps(spec: mujoco.MjSpec) -> None:
     """Tarpaulins thrown over crates and hung on a line: strips that swing to and fro."""
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     line = BodyBuilder(spec, "tarp_line", (2.05, 5.35, 0), -12)
     line.rod((-1.2, 0, 2.1), (1.2, 0, 2.1), 0.02, "beam")
@@ -127,7 +127,7 @@ def _tarps(spec: mujoco.MjSpec) -> None:
 
 def _net(spec: mujoco.MjSpec) -> None:
     """The net that keeps drones in, on posts along the left side."""
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     net = BodyBuilder(spec, "net", (-3.55, 0, 0))
     for y in (2.6, 4.1, 5.6):
@@ -141,7 +141,7 @@ def _net(spec: mujoco.MjSpec) -> None:
 
 def _roof(spec: mujoco.MjSpec) -> None:
     """Trusses and rows of lamps under the ceiling."""
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     roof = BodyBuilder(spec, "roof")
     for y in (4.6, 6.0):

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import default_rng
 
-from scenes.parts.texture_cache import kept
-from sim.motion.curves import HeadSway, Wave, look_at
-from sim.scene import Scene
+from eventsweep.scenes.parts.texture_cache import kept
+from eventsweep.sim.motion.curves import HeadSway, Wave, look_at
+from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
-    from scenes.textures.noise import Image
+    from eventsweep.scenes.textures.noise import Image
 
 PLANE_DEPTHS_M = (0.8, 1.1, 1.6, 2.4, 4.0)
 """Z-depth of the geoms panel_0 to panel_4 in every camera, at every time."""
@@ -32,7 +32,7 @@ _TINTS = (
 
 @kept
 def _textures() -> Mapping[str, Image]:
-    from scenes import textures as tx
+    from eventsweep.scenes import textures as tx
 
     pictures: dict[str, Image] = {}
     rngs = tx.streams(21, len(_TINTS))

@@ -6,21 +6,21 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scenes.parts.texture_cache import kept
-from sim.motion.curves import HeadSway, look_at
-from sim.scene import Scene
+from eventsweep.scenes.parts.texture_cache import kept
+from eventsweep.sim.motion.curves import HeadSway, look_at
+from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures.noise import Image
+    from eventsweep.scenes.textures.noise import Image
 
 
 @kept
 def _textures() -> Mapping[str, Image]:
-    from scenes import textures as tx
-    from scenes.parts.print import plain_carton
-    from scenes.parts.stock import faded, made, painted
+    from eventsweep.scenes import textures as tx
+    from eventsweep.scenes.parts.print import plain_carton
+    from eventsweep.scenes.parts.stock import faded, made, painted
 
     marble = ((0.30, 0.29, 0.28), (0.46, 0.45, 0.43))
     glaze = ((0.50, 0.54, 0.56), (0.62, 0.66, 0.67))
@@ -46,8 +46,8 @@ def _textures() -> Mapping[str, Image]:
 def _edit(spec: mujoco.MjSpec) -> None:
     from numpy.random import default_rng
 
-    from scenes.parts import furniture as fu
-    from scenes.parts.props import plant
+    from eventsweep.scenes.parts import furniture as fu
+    from eventsweep.scenes.parts.props import plant
 
     _line(spec)
     _on_walls(spec)
@@ -73,7 +73,7 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _line(spec: mujoco.MjSpec) -> None:
     """Kitchen units along the back wall: steel, lacquer, glazed tiles, pans on a rail."""
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "units", (0, 5.02, 0))
     for k in range(5):
@@ -101,7 +101,7 @@ def _on_walls(spec: mujoco.MjSpec) -> None:
 
     The floor is the one mirror: MuJoCo draws the reflections of one surface per scene.
     """
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "on_walls")
     at.box((0.8, 0.55, 0.012), (2.33, 3.3, 1.45), "glass", (0, -90, 0))

@@ -8,23 +8,23 @@ from typing import TYPE_CHECKING
 
 from numpy.random import default_rng
 
-from scenes.parts.texture_cache import kept
-from sim.motion.curves import HeadSway, look_at
-from sim.scene import Scene
+from eventsweep.scenes.parts.texture_cache import kept
+from eventsweep.sim.motion.curves import HeadSway, look_at
+from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures.noise import Field, Image
+    from eventsweep.scenes.textures.noise import Field, Image
 
 _PICKET_M = ((-0.042, 0.05), (0.042, 0.05), (0.042, 0.92), (0.0, 1.0), (-0.042, 0.92))
 
 
 @kept
 def _textures() -> Mapping[str, Image]:
-    from scenes import textures as tx
-    from scenes.parts.stock import made
-    from scenes.textures import facades, outdoor
+    from eventsweep.scenes import textures as tx
+    from eventsweep.scenes.parts.stock import made
+    from eventsweep.scenes.textures import facades, outdoor
 
     plank = ((0.62, 0.6, 0.56), (0.82, 0.8, 0.76))
     return made(
@@ -58,7 +58,7 @@ def _slats(size_px: int) -> Field:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from scenes.parts.shadows import bake
+    from eventsweep.scenes.parts.shadows import bake
 
     _walls(spec)
     _fences(spec)
@@ -68,7 +68,7 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _walls(spec: mujoco.MjSpec) -> None:
     """A brick house at the back with shutters, a board fence at both sides."""
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "walls")
     at.box((3.6, 0.1, 1.7), (0, 7.2, 1.7), "brick")
@@ -83,8 +83,8 @@ def _walls(spec: mujoco.MjSpec) -> None:
 
 def _fences(spec: mujoco.MjSpec) -> None:
     """Two picket fences across the view, one behind the other."""
-    from scenes.parts import mesh
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts import mesh
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     mesh.prism(spec, "picket", _PICKET_M, 0.011)
     for row, (y, x0, count, yaw) in enumerate(((2.6, -2.6, 22, 8.0), (4.9, -2.9, 38, -5.0))):
@@ -99,8 +99,8 @@ def _fences(spec: mujoco.MjSpec) -> None:
 
 def _rows(spec: mujoco.MjSpec) -> None:
     """Pots in a row, posts in a row, slats of a pergola overhead."""
-    from scenes.parts.furniture import BodyBuilder
-    from scenes.parts.props import plant
+    from eventsweep.scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.props import plant
 
     rng = default_rng(352)
     at = BodyBuilder(spec, "rows")

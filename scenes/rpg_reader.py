@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from scenes.parts.office import case
+from eventsweep.scenes.parts.office import case
 
 SCENE = case(
     "rpg-reader",

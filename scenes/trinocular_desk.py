@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from scenes.desk import SCENE as _DESK
+from eventsweep.scenes.desk import SCENE as _DESK
 
 SCENE = replace(
     _DESK,

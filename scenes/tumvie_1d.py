@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from scenes.parts.heads import Centred, centred
-from scenes.parts.mocap import case
-from sim.motion.curves import look_at
-from sim.motion.head_motion import translate_1d
+from eventsweep.scenes.parts.heads import Centred, centred
+from eventsweep.scenes.parts.mocap import case
+from eventsweep.sim.motion.curves import look_at
+from eventsweep.sim.motion.head_motion import translate_1d
 
 
 def _motion(duration_s: float, seed: int) -> Centred:

@@ -8,23 +8,23 @@ from typing import TYPE_CHECKING
 
 from numpy.random import Generator, default_rng
 
-from scenes.parts.texture_cache import kept
-from sim.motion import Motion, head_motion
-from sim.motion.curves import look_at
-from sim.scene import Scene
+from eventsweep.scenes.parts.texture_cache import kept
+from eventsweep.sim.motion import Motion, head_motion
+from eventsweep.sim.motion.curves import look_at
+from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures.noise import Image
+    from eventsweep.scenes.textures.noise import Image
 
 
 @kept
 def _textures() -> Mapping[str, Image]:
-    from scenes import textures as tx
-    from scenes.parts.stock import made, painted
-    from scenes.textures import facades, outdoor
-    from scenes.textures.facades import Front
+    from eventsweep.scenes import textures as tx
+    from eventsweep.scenes.parts.stock import made, painted
+    from eventsweep.scenes.textures import facades, outdoor
+    from eventsweep.scenes.textures.facades import Front
 
     stone = ((0.42, 0.41, 0.38), (0.66, 0.64, 0.6))
     plank = ((0.3, 0.24, 0.18), (0.64, 0.55, 0.44))
@@ -64,7 +64,7 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _arcade(spec: mujoco.MjSpec) -> None:
     """Wall with doors at the left, columns at the right, beams and boards overhead."""
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "arcade")
     at.box((0.2, 8.5, 1.6), (-1.9, 7.5, 1.6), "wall")
@@ -91,9 +91,9 @@ def _arcade(spec: mujoco.MjSpec) -> None:
 
 def _things(spec: mujoco.MjSpec, rng: Generator) -> None:
     """Benches, bins, pots and bicycle racks under the roof."""
-    from scenes.parts.furniture import BodyBuilder
-    from scenes.parts.outside import bench
-    from scenes.parts.props import plant
+    from eventsweep.scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.outside import bench
+    from eventsweep.scenes.parts.props import plant
 
     bench(
         spec,
@@ -120,8 +120,8 @@ def _things(spec: mujoco.MjSpec, rng: Generator) -> None:
 
 def _yard(spec: mujoco.MjSpec, rng: Generator) -> None:
     """Lawn, trees, hedges, a fence, and the buildings around them."""
-    from scenes.parts import outside as out
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts import outside as out
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "yard")
     at.box((9.0, 3.0, 6.5), (-1.0, 30.0, 6.5), "front_a")

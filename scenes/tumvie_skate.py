@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from scenes.parts.corridor import edit, textures
-from sim.motion import Motion, head_motion
-from sim.motion.curves import look_at
-from sim.scene import Scene
+from eventsweep.scenes.parts.corridor import edit, textures
+from eventsweep.sim.motion import Motion, head_motion
+from eventsweep.sim.motion.curves import look_at
+from eventsweep.sim.scene import Scene
 
 
 def _motion(duration_s: float, seed: int) -> Motion:

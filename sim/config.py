@@ -7,9 +7,9 @@ from typing import Annotated, Literal, NamedTuple
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from emvs.errors import InputError, shown
-from emvs.parameters import ParameterGroup
-from sim.sensor_presets import PRESETS, SensorConfig
+from eventsweep.emvs.errors import InputError, shown
+from eventsweep.emvs.parameters import ParameterGroup
+from eventsweep.sim.sensor_presets import PRESETS, SensorConfig
 
 TruthName = Literal["flow", "segmentation", "boundary", "twist", "event_depth"]
 """Ground truth on request, see the page `truth`."""

@@ -18,34 +18,34 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
-from emvs.data.writer import SequenceWriter
-from emvs.errors import InputError, check_type
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
-from emvs.utils.outputs import check_output
-from sim.config import SimConfig
-from sim.graphics import import_mujoco
-from sim.ground_truth import geom_table
-from sim.model.mounts import find_mount, rig_of_cameras
-from sim.model.scenes import Held, clip_of
-from sim.model.survey import ends_m, range_of
-from sim.model.tracks import LiveMotion, LiveTrack
-from sim.motion.animation import moving_geoms
-from sim.parallel.render_job import (
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.writer import SequenceWriter
+from eventsweep.emvs.errors import InputError, check_type
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.utils.outputs import check_output
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.ground_truth import geom_table
+from eventsweep.sim.model.mounts import find_mount, rig_of_cameras
+from eventsweep.sim.model.scenes import Held, clip_of
+from eventsweep.sim.model.survey import ends_m, range_of
+from eventsweep.sim.model.tracks import LiveMotion, LiveTrack
+from eventsweep.sim.motion.animation import moving_geoms
+from eventsweep.sim.parallel.render_job import (
     ChunkRenderer,
     RenderedFrame,
     RenderJob,
     chunk_bounds_us,
     longest_chunk_us,
 )
-from sim.parallel.sensors import Cameras, Packet
-from sim.rendering.renderer import StereoRenderer
-from sim.rigs import rig as named_rig
-from sim.sampling import why_linear_model, with_sampling
-from sim.scene import Scene
+from eventsweep.sim.parallel.sensors import Cameras, Packet
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.rigs import rig as named_rig
+from eventsweep.sim.sampling import why_linear_model, with_sampling
+from eventsweep.sim.scene import Scene
 
 Pose = NDArray[np.float64]
 _FOR_EVER_US = 1 << 62

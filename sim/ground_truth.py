@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from emvs.data.events import Events
-from emvs.data.tables import Geom
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from sim.ground_truth_kernels import fill_event_depth
-from sim.motion import Motion
-from sim.motion.animation import moving_geoms
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.tables import Geom
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.ground_truth_kernels import fill_event_depth
+from eventsweep.sim.motion import Motion
+from eventsweep.sim.motion.animation import moving_geoms
 
 BOUNDARY_JUMP = 0.02
 """A depth discontinuity: inverse depth misses a plane's continuation by this share of itself."""

@@ -11,9 +11,9 @@ from html import unescape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from emvs.errors import InputError
-from emvs.utils.inputs import read_text
-from sim.graphics import import_mujoco
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.inputs import read_text
+from eventsweep.sim.graphics import import_mujoco
 
 if TYPE_CHECKING:
     import mujoco

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
 
 _SUFFIXES = (".json", ".yaml", ".yml")
 
@@ -145,7 +145,7 @@ def rig(name_or_path: str) -> Rig:
     if name_or_path in RIGS:
         return RIGS[name_or_path]
     if name_or_path.lower().endswith(_SUFFIXES):
-        from emvs.formats.calibration import read_rig
+        from eventsweep.emvs.formats.calibration import read_rig
 
         return read_rig(Path(name_or_path))
     raise InputError(

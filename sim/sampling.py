@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from emvs.errors import InputError
-from emvs.geometry.rig import Rig
-from sim.config import SAMPLINGS, SimConfig
-from sim.rendering import lens
-from sim.scene import Scene
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.config import SAMPLINGS, SimConfig
+from eventsweep.sim.rendering import lens
+from eventsweep.sim.scene import Scene
 
 _MOST = 8
 # What carried light may touch beyond the furthest motion.

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.poses import read_tum
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.trajectory import Trajectory
-from sim.config import ReplayConfig, SimConfig
-from sim.mjcf import read_spec
-from sim.motion import Motion
-from sim.motion.animation import Animation
-from sim.motion.curves import CurveMotion, moved
-from sim.motion.replay import Replay
+from eventsweep.emvs.data.poses import read_tum
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.sim.config import ReplayConfig, SimConfig
+from eventsweep.sim.mjcf import read_spec
+from eventsweep.sim.motion import Motion
+from eventsweep.sim.motion.animation import Animation
+from eventsweep.sim.motion.curves import CurveMotion, moved
+from eventsweep.sim.motion.replay import Replay
 
 if TYPE_CHECKING:
     import mujoco
@@ -180,7 +180,9 @@ def _hand_eye(config: ReplayConfig) -> Array:
         if config.imu_cam is not None:
             raise InputError("replay.imu_cam without replay.hand_eye: give both, or neither")
         return np.eye(4)
-    from emvs.datasets.custom import read_hand_eye  # the readers of all formats come with it
+    from eventsweep.emvs.datasets.custom import (
+        read_hand_eye,  # the readers of all formats come with it
+    )
 
     return read_hand_eye(Path(config.hand_eye), config.imu_cam)
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
-from emvs.parameters import ParameterGroup
+from eventsweep.emvs.parameters import ParameterGroup
 
 PresetName = Literal["ideal", "davis240", "davis346", "gen4"]
 

@@ -19,33 +19,38 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.image_stores import Photo
-from emvs.data.writer import SequenceWriter
-from emvs.errors import InputError
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
-from emvs.utils.files import bytes_text, free_bytes
-from emvs.utils.outputs import check_output
-from emvs.utils.runtime import versions
-from sim.config import SimConfig
-from sim.graphics import import_mujoco, note
-from sim.ground_truth import geom_table
-from sim.motion.curves import sampled
-from sim.parallel.checkpoint import CheckpointFolder, CheckpointWriter, Notice, Stopped
-from sim.parallel.render_job import (
+from eventsweep.emvs.data.image_stores import Photo
+from eventsweep.emvs.data.writer import SequenceWriter
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.utils.files import bytes_text, free_bytes
+from eventsweep.emvs.utils.outputs import check_output
+from eventsweep.emvs.utils.runtime import versions
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.graphics import import_mujoco, note
+from eventsweep.sim.ground_truth import geom_table
+from eventsweep.sim.motion.curves import sampled
+from eventsweep.sim.parallel.checkpoint import CheckpointFolder, CheckpointWriter, Notice, Stopped
+from eventsweep.sim.parallel.render_job import (
     RenderedFrame,
     RenderJob,
     chunk_bounds_us,
     longest_chunk_us,
 )
-from sim.parallel.sensors import Cameras, Packet
-from sim.parallel.workers import frames_from_workers, frames_in_process, slot_bytes, slot_count
-from sim.rendering.adaptive_sampling import truth_times_us
-from sim.rendering.renderer import StereoRenderer
-from sim.sampling import why_linear, with_sampling
-from sim.scene import Scene, replayed
-from sim.sensor.frame_camera import DENSE_PX, FrameCamera, exposure_spans_us
-from sim.sensor.imu import imu_samples
+from eventsweep.sim.parallel.sensors import Cameras, Packet
+from eventsweep.sim.parallel.workers import (
+    frames_from_workers,
+    frames_in_process,
+    slot_bytes,
+    slot_count,
+)
+from eventsweep.sim.rendering.adaptive_sampling import truth_times_us
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.sampling import why_linear, with_sampling
+from eventsweep.sim.scene import Scene, replayed
+from eventsweep.sim.sensor.frame_camera import DENSE_PX, FrameCamera, exposure_spans_us
+from eventsweep.sim.sensor.imu import imu_samples
 
 Progress = Callable[[int, int, int], None]
 """Called after every frame with time done, time in total (µs) and events written so far."""

@@ -17,10 +17,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from PIL import Image
 
-from emvs.data.sequence import Sequence
-from emvs.maps.folder import read_map
-from eval.figures.colormaps import depth_scale
-from eval.scoring.results import read_results
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.maps.folder import read_map
+from eventsweep.eval.figures.colormaps import depth_scale
+from eventsweep.eval.scoring.results import read_results
 
 DOCS = Path(__file__).parents[1]
 # metric -> title, factor from its unit to the title's, digits

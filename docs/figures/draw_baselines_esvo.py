@@ -19,10 +19,10 @@ import numpy as np
 # What writes into pages lies beside the other tools, not in a package.
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "benchmarks" / "tables"))
 
-from emvs.config import MapperConfig
-from emvs.data.sequence import Sequence
-from emvs.mapper import map_window
-from eval.figures.colormaps import depth_scale
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.mapper import map_window
+from eventsweep.eval.figures.colormaps import depth_scale
 from markdown_blocks import into_page
 
 DOCS = Path(__file__).parents[1]

@@ -16,9 +16,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 import open3d as o3d
 
-from emvs.dsi.method import file_name
-from emvs.geometry import se3
-from emvs.maps.folder import read_map
+from eventsweep.emvs.dsi.method import file_name
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.maps.folder import read_map
 
 SIZE_PX, DPI = (480, 360), 80
 

@@ -17,9 +17,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 
-from emvs.depth.depth_map import DepthMap
-from emvs.maps.folder import read_map
-from eval.cli.exit_codes import exit_code
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.maps.folder import read_map
+from eventsweep.eval.cli.exit_codes import exit_code
 
 _MOST_ERROR = 0.2
 _PANEL_INCHES = 3.4

@@ -10,11 +10,11 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-import scenes
-from sim.config import ShutterConfig, SimConfig
-from sim.rendering.renderer import StereoRenderer
-from sim.rigs import RIGS
-from sim.sensor.frame_camera import capture, develop, gain_for
+from eventsweep import scenes
+from eventsweep.sim.config import ShutterConfig, SimConfig
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.rigs import RIGS
+from eventsweep.sim.sensor.frame_camera import capture, develop, gain_for
 
 IMAGES = Path(__file__).parents[1] / "images"
 RIG_NAMES = ("mvsec", "dsec", "tumvie-kb4")

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import eventsweep as es
-from eval.figures.colormaps import depth_scale
-from eval.figures.images import depth_image
+from eventsweep.eval.figures.colormaps import depth_scale
+from eventsweep.eval.figures.images import depth_image
 
 DOCS = Path(__file__).parents[1]
 EVENTS_US, FALL_S, FALLEN_US = 5_000, 0.3, 250_000

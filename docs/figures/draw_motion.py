@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.motion.curves import look_at
-from sim.motion.head_motion import generate
-from sim.motion.head_styles import STYLES
+from eventsweep.sim.motion.curves import look_at
+from eventsweep.sim.motion.head_motion import generate
+from eventsweep.sim.motion.head_styles import STYLES
 
 # Okabe and Ito's colours, told apart by colour-blind readers; the line styles tell them apart too.
 _LINES = (("#0072B2", "-"), ("#D55E00", "--"), ("#009E73", ":"))

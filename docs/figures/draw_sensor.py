@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_samples import EPS, flat, gaps_us, per_pixel, run
 
-from emvs.data.events import Events
-from sim.config import SimConfig
-from sim.sensor.labels import Label
-from sim.sensor.sensor import Sensor
-from sim.sensor_presets import SensorParameters
+from eventsweep.emvs.data.events import Events
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.sensor.labels import Label
+from eventsweep.sim.sensor.sensor import Sensor
+from eventsweep.sim.sensor_presets import SensorParameters
 
 # Okabe and Ito's colours, told apart by all.
 _BLUE, _ORANGE, _GREEN, _PINK, _GREY = "#0072B2", "#E69F00", "#009E73", "#CC79A7", "#777777"

@@ -14,12 +14,12 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-import scenes
-from emvs.data.sequence import Sequence
-from eval.figures.colormaps import depth_scale
-from sim.config import SimConfig
-from sim.rigs import RIGS
-from sim.simulate import simulate
+from eventsweep import scenes
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.eval.figures.colormaps import depth_scale
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.rigs import RIGS
+from eventsweep.sim.simulate import simulate
 
 PICTURE = Path(__file__).parents[1] / "images" / "truth.png"
 TRUTH = ("flow", "segmentation", "boundary", "event_depth")

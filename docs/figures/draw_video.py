@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import eventsweep as es
-import scenes
-from sim.rendering.renderer import StereoRenderer
-from sim.rigs import RIGS
-from sim.sensor_presets import PresetName, SensorConfig
+from eventsweep import scenes
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.rigs import RIGS
+from eventsweep.sim.sensor_presets import PresetName, SensorConfig
 
 IMAGES = Path(__file__).parents[1] / "images"
 RATE_HZ, COUNT, SHOWN = 240.0, 30, 24

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import scenes
-from sim.rendering.renderer import StereoRenderer
-from sim.rigs import rig
+from eventsweep import scenes
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.rigs import rig
 
 INDOOR = (
     "tumvie-6dof", "tumvie-desk2", "tumvie-1d", "tumvie-3d", "mvsec-flying", "hdr-window",

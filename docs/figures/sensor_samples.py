@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
-from sim.config import SimConfig
-from sim.sensor.sensor import Sensor
-from sim.sensor_presets import SensorConfig
+from eventsweep.emvs.data.events import Events
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.sensor.sensor import Sensor
+from eventsweep.sim.sensor_presets import SensorConfig
 
 Frame = NDArray[np.float32]
 EPS = 1e-4

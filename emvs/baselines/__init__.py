@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from emvs.dsi.method import OWN_UNIT, NamedMethod
+from eventsweep.emvs.dsi.method import OWN_UNIT, NamedMethod
 
 if TYPE_CHECKING:
-    from emvs.config import MapperConfig
-    from emvs.data.recording import Recording
-    from emvs.depth.depth_map import DepthMap
-    from emvs.reference_view import ReferenceView
-    from emvs.windows import Window
+    from eventsweep.emvs.config import MapperConfig
+    from eventsweep.emvs.data.recording import Recording
+    from eventsweep.emvs.depth.depth_map import DepthMap
+    from eventsweep.emvs.reference_view import ReferenceView
+    from eventsweep.emvs.windows import Window
 
     Estimate = Callable[[Recording, Window, ReferenceView, MapperConfig], DepthMap]
 
@@ -90,37 +90,37 @@ BASELINES: tuple[BaselineEstimator, ...] = (
     BaselineEstimator(
         "SGM/ts",
         "semi-global matching of the two time surfaces at the reference time",
-        imported_when_called("emvs.baselines.sgm", "estimate_time_surfaces"),
+        imported_when_called("eventsweep.emvs.baselines.sgm", "estimate_time_surfaces"),
         confidence="time surface, 0..1",
     ),
     BaselineEstimator(
         "SGM/window",
         "SGM/ts at 20 Hz, averaged over the window by the poses",
-        imported_when_called("emvs.baselines.sgm", "estimate_window"),
+        imported_when_called("eventsweep.emvs.baselines.sgm", "estimate_window"),
         confidence="sum of time surfaces",
     ),
     BaselineEstimator(
         "ESVO/own-rate",
         "ESVO's mapping: events refined on time surfaces, the newest maps fused",
-        imported_when_called("emvs.baselines.esvo", "estimate"),
+        imported_when_called("eventsweep.emvs.baselines.esvo", "estimate"),
         confidence="1 / σ of inverse depth, m",
     ),
     BaselineEstimator(
         "ESVO/window",
         "ESVO's mapping, every map of the window fused",
-        imported_when_called("emvs.baselines.esvo", "estimate_window"),
+        imported_when_called("eventsweep.emvs.baselines.esvo", "estimate_window"),
         confidence="1 / σ of inverse depth, m",
     ),
     BaselineEstimator(
         "GTS/events",
         "pairs of events that coincide in row, time and motion",
-        imported_when_called("emvs.baselines.gts", "estimate"),
+        imported_when_called("eventsweep.emvs.baselines.gts", "estimate"),
         confidence="1 / (1 + energy), 0..1",
     ),
     BaselineEstimator(
         "Frames/sgm",
         "semi-global matching of an ordinary stereo camera's pictures",
-        imported_when_called("emvs.baselines.sgm", "estimate_frames"),
+        imported_when_called("eventsweep.emvs.baselines.sgm", "estimate_frames"),
         needs="frames of an ordinary camera",
         confidence="contrast, grey levels",
     ),

@@ -15,20 +15,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.baselines.esvo_filter import Estimates, fuse_into, propagate, regularised
-from emvs.baselines.esvo_kernels import deviation_of, search
-from emvs.baselines.esvo_refinement import Lines, Refined, refine
-from emvs.baselines.rectification import Rectified, depth_map
-from emvs.baselines.sgm import disparity_range_px, instants_us
-from emvs.baselines.time_surface import TimeSurface
-from emvs.config import EsvoParameters, MapperConfig, Matching
-from emvs.data.events import Events
-from emvs.data.recording import Recording
-from emvs.depth.depth_map import DepthMap
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.reference_view import ReferenceView
-from emvs.windows import Window
+from eventsweep.emvs.baselines.esvo_filter import Estimates, fuse_into, propagate, regularised
+from eventsweep.emvs.baselines.esvo_kernels import deviation_of, search
+from eventsweep.emvs.baselines.esvo_refinement import Lines, Refined, refine
+from eventsweep.emvs.baselines.rectification import Rectified, depth_map
+from eventsweep.emvs.baselines.sgm import disparity_range_px, instants_us
+from eventsweep.emvs.baselines.time_surface import TimeSurface
+from eventsweep.emvs.config import EsvoParameters, MapperConfig, Matching
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.reference_view import ReferenceView
+from eventsweep.emvs.windows import Window
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.float32]

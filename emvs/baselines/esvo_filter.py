@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.baselines.esvo_kernels import fuse, smooth
-from emvs.config import CleanUp, Regularisation
+from eventsweep.emvs.baselines.esvo_kernels import fuse, smooth
+from eventsweep.emvs.config import CleanUp, Regularisation
 
 Floats = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.baselines.esvo_kernels import refine_all
-from emvs.config import Refinement
+from eventsweep.emvs.baselines.esvo_kernels import refine_all
+from eventsweep.emvs.config import Refinement
 
 Image = NDArray[np.float32]
 Floats = NDArray[np.float64]

@@ -17,15 +17,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.baselines.gts_kernels import NEVER, fit, search
-from emvs.baselines.rectification import Rectified, depth_map, see
-from emvs.baselines.sgm import disparity_range_px
-from emvs.config import Coincidence, GtsParameters, MapperConfig
-from emvs.data.recording import Recording
-from emvs.depth.depth_map import DepthMap
-from emvs.errors import InputError
-from emvs.reference_view import ReferenceView
-from emvs.windows import Window
+from eventsweep.emvs.baselines.gts_kernels import NEVER, fit, search
+from eventsweep.emvs.baselines.rectification import Rectified, depth_map, see
+from eventsweep.emvs.baselines.sgm import disparity_range_px
+from eventsweep.emvs.config import Coincidence, GtsParameters, MapperConfig
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.reference_view import ReferenceView
+from eventsweep.emvs.windows import Window
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -15,16 +15,16 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from emvs.baselines.rectification_kernels import splat
-from emvs.config import MapperConfig
-from emvs.data.events import Events
-from emvs.data.recording import Recording
-from emvs.depth.depth_map import DepthMap, without_border
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.reference_view import ReferenceView
+from eventsweep.emvs.baselines.rectification_kernels import splat
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.depth.depth_map import DepthMap, without_border
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.reference_view import ReferenceView
 
 # Beyond these the views no longer show what the cameras see.
 _MAX_SLOPE_DEG = 40.0

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
 
 @njit(cache=True)

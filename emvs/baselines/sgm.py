@@ -22,16 +22,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.baselines.rectification import Rectified, Seen, depth_map, see_disparities
-from emvs.baselines.time_surface import TimeSurface
-from emvs.baselines.time_surface_kernels import NEVER_US
-from emvs.config import FrameParameters, MapperConfig, SemiGlobal, SgmParameters
-from emvs.data.image_stores import Photo
-from emvs.data.recording import Recording
-from emvs.depth.depth_map import DepthMap
-from emvs.errors import InputError
-from emvs.reference_view import ReferenceView, inverse_depth_at
-from emvs.windows import Window
+from eventsweep.emvs.baselines.rectification import Rectified, Seen, depth_map, see_disparities
+from eventsweep.emvs.baselines.time_surface import TimeSurface
+from eventsweep.emvs.baselines.time_surface_kernels import NEVER_US
+from eventsweep.emvs.config import FrameParameters, MapperConfig, SemiGlobal, SgmParameters
+from eventsweep.emvs.data.image_stores import Photo
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.reference_view import ReferenceView, inverse_depth_at
+from eventsweep.emvs.windows import Window
 
 Image = NDArray[np.float32]
 _GAMMA = 2.2  # cameras deliver pictures that are encoded so

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.baselines.time_surface_kernels import NEVER_US, decay, stamp
-from emvs.data.events import Events
-from emvs.errors import InputError
+from eventsweep.emvs.baselines.time_surface_kernels import NEVER_US, decay, stamp
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError
 
 Polarity = Literal["both", "brighter", "darker"]
 Image = NDArray[np.float32]

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from emvs.calibrate.objective import Objective
-from emvs.calibrate.parameters import Correction
-from emvs.calibrate.quadratic import Paraboloid, fit
-from emvs.geometry import se3
-from emvs.geometry.trajectory import Trajectory
-from emvs.sharpness import Told, WindowEvents
+from eventsweep.emvs.calibrate.objective import Objective
+from eventsweep.emvs.calibrate.parameters import Correction
+from eventsweep.emvs.calibrate.quadratic import Paraboloid, fit
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.sharpness import Told, WindowEvents
 
 Floats = NDArray[np.float64]
 _LAG_STEP_MS = 1.0

@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.baselines.rectification import Rectified
-from emvs.data.events import Events
-from emvs.data.recording import Recording
+from eventsweep.emvs.baselines.rectification import Rectified
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.recording import Recording
 
 Floats = NDArray[np.float64]
 _HALF_PX = (15, 8)  # columns and rows of a patch to each side of its middle

@@ -18,25 +18,25 @@ from typing import Any
 
 import tomli_w
 
-from emvs.calibrate.refine import Estimate, Refinement
-from emvs.data.poses import write_tum
-from emvs.data.recording import Recording
-from emvs.data.sequence import Sequence
-from emvs.datasets import dsec
-from emvs.datasets.custom import FILE_NAME, read_descriptor
-from emvs.datasets.ecd import EventCameraDataset
-from emvs.datasets.posed import EventSource, PosedRecording
-from emvs.errors import InputError
-from emvs.formats.calibration_values import parsed
-from emvs.formats.calibration_writers import (
+from eventsweep.emvs.calibrate.refine import Estimate, Refinement
+from eventsweep.emvs.data.poses import write_tum
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.datasets import dsec
+from eventsweep.emvs.datasets.custom import FILE_NAME, read_descriptor
+from eventsweep.emvs.datasets.ecd import EventCameraDataset
+from eventsweep.emvs.datasets.posed import EventSource, PosedRecording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats.calibration_values import parsed
+from eventsweep.emvs.formats.calibration_writers import (
     write_basalt,
     write_kalibr,
     write_opencv,
     write_rig_json,
 )
-from emvs.formats.opencv_calibration import is_opencv
-from emvs.geometry.rig import Rig
-from emvs.utils.runtime import versions
+from eventsweep.emvs.formats.opencv_calibration import is_opencv
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.utils.runtime import versions
 
 RIG_FILE, POSES_FILE, INFO_FILE = "rig.json", "poses.txt", "refinement.json"
 SCHEMA_VERSION = 1

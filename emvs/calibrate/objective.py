@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.calibrate.parameters import Correction
-from emvs.data.recording import Recording
-from emvs.sharpness import Level, Sharpness, Told, WindowEvents
+from eventsweep.emvs.calibrate.parameters import Correction
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.sharpness import Level, Sharpness, Told, WindowEvents
 
 Floats = NDArray[np.float64]
 FINE, MIDDLE, COARSE = Level(1, 64), Level(2, 40), Level(4, 24)

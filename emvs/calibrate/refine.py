@@ -21,18 +21,23 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import t as student_t
 
-from emvs.calibrate.angular_velocity import PoseTurns, align, camera_turn_rates, turn_rates
-from emvs.calibrate.objective import COARSE, FINE, MIDDLE, Objective
-from emvs.calibrate.parameters import AXES, Correction, Parameter, parameters_of
-from emvs.calibrate.quadratic import Function, climb, evaluations, higher
-from emvs.calibrate.search import approach, scans, steps
-from emvs.calibrate.windows import WindowPlan, read_windows, window_spans
-from emvs.config import MapperConfig
-from emvs.data.altered import AlteredRecording
-from emvs.data.recording import Recording
-from emvs.errors import InputError
-from emvs.reference_view import depth_range_m
-from emvs.utils.runtime import Progress, check_openmp, silent, use_threads
+from eventsweep.emvs.calibrate.angular_velocity import (
+    PoseTurns,
+    align,
+    camera_turn_rates,
+    turn_rates,
+)
+from eventsweep.emvs.calibrate.objective import COARSE, FINE, MIDDLE, Objective
+from eventsweep.emvs.calibrate.parameters import AXES, Correction, Parameter, parameters_of
+from eventsweep.emvs.calibrate.quadratic import Function, climb, evaluations, higher
+from eventsweep.emvs.calibrate.search import approach, scans, steps
+from eventsweep.emvs.calibrate.windows import WindowPlan, read_windows, window_spans
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.altered import AlteredRecording
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.reference_view import depth_range_m
+from eventsweep.emvs.utils.runtime import Progress, check_openmp, silent, use_threads
 
 Floats = NDArray[np.float64]
 _SURE = 0.975  # quantile of the two-sided 95 % that uncertainties state

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.calibrate.objective import COARSE, MIDDLE, Objective
-from emvs.calibrate.parameters import Correction, Parameter
-from emvs.sharpness import Level
+from eventsweep.emvs.calibrate.objective import COARSE, MIDDLE, Objective
+from eventsweep.emvs.calibrate.parameters import Correction, Parameter
+from eventsweep.emvs.sharpness import Level
 
 Floats = NDArray[np.float64]
 Heard = Callable[[str], None]

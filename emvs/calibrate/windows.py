@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from emvs.data.recording import Recording
-from emvs.errors import InputError
-from emvs.sharpness import WindowEvents
-from emvs.utils.runtime import Progress, silent
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.sharpness import WindowEvents
+from eventsweep.emvs.utils.runtime import Progress, silent
 
 _CANDIDATES = 5  # of each of the stretches that a recording is cut into; one is taken
 _FEWEST_EVENTS = 1000

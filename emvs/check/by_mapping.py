@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.check.alternatives import (
+from eventsweep.emvs.check.alternatives import (
     MARGIN,
     Alter,
     Alternative,
@@ -28,14 +28,14 @@ from emvs.check.alternatives import (
     of_pair,
     of_poses,
 )
-from emvs.check.findings import Finding, Series, Verdict
-from emvs.config import MapperConfig
-from emvs.data.events import Events
-from emvs.data.recording import DerivedRecording, Recording
-from emvs.errors import InputError
-from emvs.reference_view import depth_range_m
-from emvs.sharpness import Level, Sharpness, Told, WindowEvents
-from emvs.utils.runtime import Progress, silent, use_threads
+from eventsweep.emvs.check.findings import Finding, Series, Verdict
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.recording import DerivedRecording, Recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.reference_view import depth_range_m
+from eventsweep.emvs.sharpness import Level, Sharpness, Told, WindowEvents
+from eventsweep.emvs.utils.runtime import Progress, silent, use_threads
 
 Gains = NDArray[np.float64]
 WINDOWS, WINDOW_US, EVENTS, LEVEL = 3, 200_000, 25_000, Level(1, 80)

@@ -7,12 +7,12 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.check.events import worst_camera
-from emvs.check.findings import Finding, Series, Verdict, above, judged
-from emvs.data.recording import Recording
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
+from eventsweep.emvs.check.events import worst_camera
+from eventsweep.emvs.check.findings import Finding, Series, Verdict, above, judged
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
 
 Floats = NDArray[np.float64]
 # Pixels of event cameras are square; calibrations of data sets have fx / fy within 1 %.

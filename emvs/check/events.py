@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.check.findings import Finding, Series, Verdict, above, below, judged, worst
-from emvs.check.streams import BIN_US, Stream
-from emvs.data.recording import Recording
-from emvs.errors import significant
-from emvs.hot_pixels import hot_mask
+from eventsweep.emvs.check.findings import Finding, Series, Verdict, above, below, judged, worst
+from eventsweep.emvs.check.streams import BIN_US, Stream
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.errors import significant
+from eventsweep.emvs.hot_pixels import hot_mask
 
 # Events per second and pixel. Moving heads before textured rooms send 1 to 60 on the twins, and
 # 1 to 30 in the recordings of MVSEC and TUM-VIE; a unit of time that is wrong is wrong by 1000.

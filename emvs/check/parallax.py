@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.check.findings import Finding, Series, below, judged
-from emvs.config import MapperConfig
-from emvs.data.recording import Recording
-from emvs.errors import InputError, significant
-from emvs.reference_view import depth_range_m
-from emvs.windows import choose_window, plan_windows
+from eventsweep.emvs.check.findings import Finding, Series, below, judged
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.errors import InputError, significant
+from eventsweep.emvs.reference_view import depth_range_m
+from eventsweep.emvs.windows import choose_window, plan_windows
 
 Times = NDArray[np.int64]
 # Pixels by which the nearest depth moves: one is what the volume resolves at all; ten make a

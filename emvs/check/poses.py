@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from emvs.check.events import time_unit
-from emvs.check.findings import Finding, Series, Verdict, above, below, judged
-from emvs.data.recording import Recording
-from emvs.errors import significant
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.check.events import time_unit
+from eventsweep.emvs.check.findings import Finding, Series, Verdict, above, below, judged
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.errors import significant
+from eventsweep.emvs.geometry.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
 STEP_US = 50_000

@@ -9,18 +9,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from emvs.check.by_mapping import check_by_mapping
-from emvs.check.cameras import check_cameras, check_rectification
-from emvs.check.events import check_events
-from emvs.check.findings import Finding, Report
-from emvs.check.parallax import check_parallax
-from emvs.check.poses import check_poses
-from emvs.check.streams import pieces, read_streams
-from emvs.config import MapperConfig
-from emvs.data.recording import Recording
-from emvs.datasets import NoRecordingError, open_recording
-from emvs.errors import InputError
-from emvs.utils.runtime import Progress, silent
+from eventsweep.emvs.check.by_mapping import check_by_mapping
+from eventsweep.emvs.check.cameras import check_cameras, check_rectification
+from eventsweep.emvs.check.events import check_events
+from eventsweep.emvs.check.findings import Finding, Report
+from eventsweep.emvs.check.parallax import check_parallax
+from eventsweep.emvs.check.poses import check_poses
+from eventsweep.emvs.check.streams import pieces, read_streams
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.datasets import NoRecordingError, open_recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.runtime import Progress, silent
 
 _RECTIFIED_US = 400_000
 Unchecked = list[tuple[str, str]]

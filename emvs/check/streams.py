@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
-from emvs.data.recording import Recording
-from emvs.utils.runtime import Progress, silent
-from emvs.windows import time_steps
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.utils.runtime import Progress, silent
+from eventsweep.emvs.windows import time_steps
 
 BIN_US = 1000
 """Width of a bin of rates."""

@@ -15,9 +15,15 @@ import h5py
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from emvs.data.events import Events, check_sorted
-from emvs.data.hdf5 import COMPRESSION, ClosingWriter, Hdf5Writer, check_dataset, open_hdf5
-from emvs.errors import InputError
+from eventsweep.emvs.data.events import Events, check_sorted
+from eventsweep.emvs.data.hdf5 import (
+    COMPRESSION,
+    ClosingWriter,
+    Hdf5Writer,
+    check_dataset,
+    open_hdf5,
+)
+from eventsweep.emvs.errors import InputError
 
 _CHUNK = 1 << 17
 _COLUMNS = {"x": np.uint16, "y": np.uint16, "t": np.int64, "p": np.uint8}

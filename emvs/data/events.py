@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError, check_array
+from eventsweep.emvs.errors import InputError, check_array
 
 
 @dataclass(frozen=True, slots=True)

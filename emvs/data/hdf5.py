@@ -16,8 +16,8 @@ import h5py
 import hdf5plugin
 import numpy as np
 
-from emvs.errors import InputError, quoted
-from emvs.utils.inputs import check_file
+from eventsweep.emvs.errors import InputError, quoted
+from eventsweep.emvs.utils.inputs import check_file
 
 # LZ4 writes ten times as fast as zstd for 1.3 bytes more per event.
 COMPRESSION = {

@@ -14,8 +14,14 @@ import hdf5plugin
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.hdf5 import COMPRESSION, ClosingWriter, Hdf5Writer, check_dataset, open_hdf5
-from emvs.errors import InputError
+from eventsweep.emvs.data.hdf5 import (
+    COMPRESSION,
+    ClosingWriter,
+    Hdf5Writer,
+    check_dataset,
+    open_hdf5,
+)
+from eventsweep.emvs.errors import InputError
 
 Image = NDArray[Any]
 _ALWAYS: dict[str, np.dtype[Any]] = {

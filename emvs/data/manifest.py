@@ -9,8 +9,8 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from emvs.errors import InputError, quoted
-from emvs.utils.inputs import TABLE_BYTES, check_file, read_text
+from eventsweep.emvs.errors import InputError, quoted
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, read_text
 
 SCHEMA_VERSION = 1
 FILE_NAME = "manifest.json"

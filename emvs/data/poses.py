@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError, said
-from emvs.geometry.trajectory import Trajectory
-from emvs.utils.files import atomic_path
-from emvs.utils.inputs import TABLE_BYTES, read_text
+from eventsweep.emvs.errors import InputError, said
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, read_text
 
 POSES_FILE = "poses.txt"
 """Of a sequence."""

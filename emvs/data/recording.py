@@ -7,9 +7,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
 
 
 class Recording(Protocol):

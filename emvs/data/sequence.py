@@ -9,17 +9,17 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data import manifest
-from emvs.data.event_store import EventStoreReader
-from emvs.data.events import Events
-from emvs.data.image_stores import FRAMES_FILE, FrameReader, Photo, TruthReader
-from emvs.data.poses import POSES_FILE, read_tum
-from emvs.data.recording import summary
-from emvs.data.tables import IMU_FILE, Geom, ImuSamples, read_geoms, read_imu
-from emvs.errors import InputError, check_path
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
-from emvs.utils.inputs import SETTINGS_BYTES, TABLE_BYTES, parse_json, read_text
+from eventsweep.emvs.data import manifest
+from eventsweep.emvs.data.event_store import EventStoreReader
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.image_stores import FRAMES_FILE, FrameReader, Photo, TruthReader
+from eventsweep.emvs.data.poses import POSES_FILE, read_tum
+from eventsweep.emvs.data.recording import summary
+from eventsweep.emvs.data.tables import IMU_FILE, Geom, ImuSamples, read_geoms, read_imu
+from eventsweep.emvs.errors import InputError, check_path
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, TABLE_BYTES, parse_json, read_text
 
 Reader = TypeVar("Reader")
 

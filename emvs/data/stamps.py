@@ -7,8 +7,8 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import NamedTuple
 
-from emvs.errors import InputError, quoted, said
-from emvs.utils.inputs import TABLE_BYTES, read_text
+from eventsweep.emvs.errors import InputError, quoted, said
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, read_text
 
 STAMP_FILES = ("timestamps.txt", "images.txt", "timestamps.csv", "images.csv")
 """Names by which a folder's times are found."""

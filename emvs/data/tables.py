@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
 
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.utils.files import atomic_path
-from emvs.utils.inputs import TABLE_BYTES, check_file, read_text
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, read_text
 
 Array = NDArray[np.float64]
 IMU_FILE = "imu.csv"

@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data import manifest
-from emvs.data.event_store import EventStoreWriter
-from emvs.data.events import Events
-from emvs.data.image_stores import FRAMES_FILE, FrameWriter, Photo, TruthWriter
-from emvs.data.poses import POSES_FILE, write_tum
-from emvs.data.tables import IMU_FILE, GeomTable, ImuSamples, write_geoms, write_imu
-from emvs.errors import InputError
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
-from emvs.utils.outputs import atomic_dir, check_output
-from emvs.utils.runtime import versions
+from eventsweep.emvs.data import manifest
+from eventsweep.emvs.data.event_store import EventStoreWriter
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.image_stores import FRAMES_FILE, FrameWriter, Photo, TruthWriter
+from eventsweep.emvs.data.poses import POSES_FILE, write_tum
+from eventsweep.emvs.data.tables import IMU_FILE, GeomTable, ImuSamples, write_geoms, write_imu
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.utils.outputs import atomic_dir, check_output
+from eventsweep.emvs.utils.runtime import versions
 
 
 class SequenceWriter:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from emvs.data.manifest import FILE_NAME
-from emvs.data.recording import Recording
-from emvs.data.sequence import Sequence
-from emvs.datasets.ecd import FILES, EventCameraDataset
-from emvs.errors import InputError, check_path
+from eventsweep.emvs.data.manifest import FILE_NAME
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.datasets.ecd import FILES, EventCameraDataset
+from eventsweep.emvs.errors import InputError, check_path
 
 DESCRIPTOR = "recording.toml"
 
@@ -52,12 +52,12 @@ def open_recording(path: str | Path) -> Recording:
 
 
 def _file(path: Path) -> Recording:
-    from emvs.datasets.custom import open_described
+    from eventsweep.emvs.datasets.custom import open_described
 
     if path.suffix == ".toml":
         return open_described(path)
     if path.suffix == ".bag":
-        from emvs.datasets.rosbag import open_bag_recording
+        from eventsweep.emvs.datasets.rosbag import open_bag_recording
 
         return open_bag_recording(path)
     raise NoRecordingError(
@@ -67,7 +67,7 @@ def _file(path: Path) -> Recording:
 
 def _data_set(path: Path) -> Recording | None:
     """A data set with a module of its own, if the folder looks like one."""
-    from emvs.datasets import dsec, mvsec, rosbag, tumvie
+    from eventsweep.emvs.datasets import dsec, mvsec, rosbag, tumvie
 
     if dsec.is_dsec(path):
         return dsec.open_dsec(path)

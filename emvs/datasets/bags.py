@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError, quoted, said
-from emvs.formats.calibration_values import camera_of
-from emvs.formats.rosbag import opened_bag
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera, Model
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.errors import InputError, quoted, said
+from eventsweep.emvs.formats.calibration_values import camera_of
+from eventsweep.emvs.formats.rosbag import opened_bag
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera, Model
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
 
 _TYPE = "sensor_msgs/msg/CameraInfo"
 _NOT_RIGID_M = 1e-3

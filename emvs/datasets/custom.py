@@ -9,19 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from emvs.data.poses import read_poses
-from emvs.datasets.own_truth import TruthTable, open_truth
-from emvs.datasets.posed import EventSource, PosedRecording, on_first_camera
-from emvs.errors import InputError
-from emvs.formats.calibration import read_imu_cam, read_rig
-from emvs.formats.calibration_values import matrix, parsed, pose_of
-from emvs.formats.tables.columns import ColumnMap
-from emvs.geometry import se3
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
-from emvs.parameters import first_fault
-from emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
-from emvs.utils.release import page
+from eventsweep.emvs.data.poses import read_poses
+from eventsweep.emvs.datasets.own_truth import TruthTable, open_truth
+from eventsweep.emvs.datasets.posed import EventSource, PosedRecording, on_first_camera
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats.calibration import read_imu_cam, read_rig
+from eventsweep.emvs.formats.calibration_values import matrix, parsed, pose_of
+from eventsweep.emvs.formats.tables.columns import ColumnMap
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.parameters import first_fault
+from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
+from eventsweep.emvs.utils.release import page
 
 FILE_NAME = "recording.toml"
 
@@ -164,7 +164,7 @@ def assembled(folder: Path, what: Descriptor, layout: str) -> PosedRecording:
 def _rig(path: Path, what: Descriptor) -> Rig:
     if not is_bag(path):
         return read_rig(path, what.calibration.cameras)
-    from emvs.datasets.bags import read_bag_rig
+    from eventsweep.emvs.datasets.bags import read_bag_rig
 
     return read_bag_rig(path, [one.stream for one in what.events])
 
@@ -172,7 +172,7 @@ def _rig(path: Path, what: Descriptor) -> Rig:
 def _poses(path: Path, table: PosesTable) -> Trajectory:
     if not is_bag(path):
         return read_poses(path, table.unit, table.time_offset_us)
-    from emvs.datasets.bags import read_bag_poses
+    from eventsweep.emvs.datasets.bags import read_bag_poses
 
     return read_bag_poses(path, table.topic, table.time_offset_us)
 

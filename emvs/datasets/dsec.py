@@ -12,26 +12,26 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from emvs.data.hdf5 import Hdf5Writer, check_dataset
-from emvs.data.recording import Recording
-from emvs.datasets.custom import (
+from eventsweep.emvs.data.hdf5 import Hdf5Writer, check_dataset
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.datasets.custom import (
     CalibrationTable,
     Descriptor,
     EventsTable,
     PosesTable,
     assembled,
 )
-from emvs.datasets.files import find_one, find_optional
-from emvs.datasets.posed import PosedRecording
-from emvs.errors import InputError
-from emvs.formats.calibration_values import camera_of, entry_of, numbers_of, parsed
-from emvs.formats.calibration_writers import kalibr_camera
-from emvs.formats.depth import read_png
-from emvs.formats.tables.hdf5_layouts import opened_hdf5
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.utils.inputs import TABLE_BYTES, read_text
+from eventsweep.emvs.datasets.files import find_one, find_optional
+from eventsweep.emvs.datasets.posed import PosedRecording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats.calibration_values import camera_of, entry_of, numbers_of, parsed
+from eventsweep.emvs.formats.calibration_writers import kalibr_camera
+from eventsweep.emvs.formats.depth import read_png
+from eventsweep.emvs.formats.tables.hdf5_layouts import opened_hdf5
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, read_text
 
 LEFT = "events/left/events.h5"
 _CAMERAS = ("calibration/cam_to_cam.yaml", "cam_to_cam.yaml")
@@ -138,7 +138,7 @@ class DsecDisparity:
 
     def view_depth_m(self, t_us: int) -> NDArray[np.float32]:
         """(H, W) z-depth in the undistorted view at one of the times, m, NaN where unknown."""
-        from emvs.geometry.warp import turn_depth
+        from eventsweep.emvs.geometry.warp import turn_depth
 
         path = self._images[int(np.argmax(self.t_us == t_us))]
         rectified, R_rect_cam, focal_baseline = self._rectification
@@ -264,7 +264,7 @@ def write_calibration(folder: Path, rig: Rig) -> None:
 
 def write_truth(folder: Path, recording: Recording, shift_us: int) -> None:
     """Writes disparity images of the left camera, where the recording has ground truth."""
-    from emvs.geometry.warp import turn_depth
+    from eventsweep.emvs.geometry.warp import turn_depth
 
     view_depth = getattr(recording, "truth_view_depth_m", None)
     times = getattr(recording, "truth_times_us", None)

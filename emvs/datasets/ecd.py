@@ -14,17 +14,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
-from emvs.data.poses import read_tum
-from emvs.data.recording import summary
-from emvs.errors import InputError, said
-from emvs.formats.depth import read_grey
-from emvs.formats.prophesee import STREAM
-from emvs.formats.tables.text import TextLayout, TextReader
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
-from emvs.utils.inputs import SETTINGS_BYTES, TABLE_BYTES, read_text
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.poses import read_tum
+from eventsweep.emvs.data.recording import summary
+from eventsweep.emvs.errors import InputError, said
+from eventsweep.emvs.formats.depth import read_grey
+from eventsweep.emvs.formats.prophesee import STREAM
+from eventsweep.emvs.formats.tables.text import TextLayout, TextReader
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, TABLE_BYTES, read_text
 
 FILES = ("events.txt", "calib.txt", "groundtruth.txt")
 # Every sequence of the data set comes from a DAVIS240C; frames, where there are any, say it again.

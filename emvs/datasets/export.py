@@ -12,19 +12,24 @@ import numpy as np
 import tomli_w
 import yaml
 
-from emvs.data.events import Events
-from emvs.data.poses import write_tum
-from emvs.data.recording import Recording
-from emvs.datasets import dsec
-from emvs.datasets.posed import EventSource
-from emvs.errors import InputError
-from emvs.formats import FORMATS, _in_time_order, write_events
-from emvs.formats.base import Checker
-from emvs.formats.calibration_writers import basalt, kalibr_chain, pose_values, write_rig_json
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
-from emvs.utils.outputs import atomic_dir
-from emvs.utils.ownership import mark
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.poses import write_tum
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.datasets import dsec
+from eventsweep.emvs.datasets.posed import EventSource
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats import FORMATS, _in_time_order, write_events
+from eventsweep.emvs.formats.base import Checker
+from eventsweep.emvs.formats.calibration_writers import (
+    basalt,
+    kalibr_chain,
+    pose_values,
+    write_rig_json,
+)
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.utils.outputs import atomic_dir
+from eventsweep.emvs.utils.ownership import mark
 
 Told = Callable[[int], None]
 
@@ -153,7 +158,7 @@ def _tumvie(job: RecordingExport, folder: Path) -> None:
 
 
 def _mvsec(job: RecordingExport, folder: Path) -> None:
-    from emvs.datasets.mvsec import write_truth
+    from eventsweep.emvs.datasets.mvsec import write_truth
 
     name, size = job.recording.name, job.rig.cameras[0]
     streams = {"davis/left": job.packets(0), "davis/right": job.packets(1)}
@@ -165,7 +170,7 @@ def _mvsec(job: RecordingExport, folder: Path) -> None:
 
 
 def _rosbag(job: RecordingExport, folder: Path) -> None:
-    from emvs.datasets.rosbag import RecordingBag
+    from eventsweep.emvs.datasets.rosbag import RecordingBag
 
     path, sensor = folder / f"{job.recording.name}.bag", job.rig.cameras[0]
     size = (sensor.width_px, sensor.height_px)
@@ -187,7 +192,7 @@ def _rosbag(job: RecordingExport, folder: Path) -> None:
 def _sequence(
     job: RecordingExport, folder: Path, *, force: bool = False, inputs: Collection[Path] = ()
 ) -> None:
-    from emvs.data.writer import SequenceWriter
+    from eventsweep.emvs.data.writer import SequenceWriter
 
     moved = Rig(job.rig.name, job.rig.cameras, job.T_cam0_cam(), job.rig.camera_names)
     done = 0

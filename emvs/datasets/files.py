@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from emvs.errors import InputError
+from eventsweep.emvs.errors import InputError
 
 
 def find_one(folder: Path, patterns: Iterable[str], what: str) -> Path:

@@ -11,10 +11,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.recording import Recording
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.warp import move_depth
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.warp import move_depth
 
 
 class TruthRecording(Recording, Protocol):

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.hdf5 import Hdf5Writer
-from emvs.data.recording import Recording
-from emvs.data.sequence import Sequence
-from emvs.datasets.files import find_one
-from emvs.datasets.posed import EventSource, PosedRecording
-from emvs.errors import InputError
-from emvs.formats.calibration import read_rig
-from emvs.formats.tables.hdf5_layouts import check_columns, opened_hdf5
-from emvs.geometry.camera import Camera
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.data.hdf5 import Hdf5Writer
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.datasets.files import find_one
+from eventsweep.emvs.datasets.posed import EventSource, PosedRecording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats.calibration import read_rig
+from eventsweep.emvs.formats.tables.hdf5_layouts import check_columns, opened_hdf5
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.trajectory import Trajectory
 
 DATA = "*_data.hdf5"
 _LARGEST_S = 1 << 40
@@ -115,7 +115,7 @@ class MvsecDepth:
         """(H, W) z-depth in the undistorted view at one of the times, m."""
         with opened_hdf5(self._path) as file:
             raw = np.asarray(file[self._DEPTH][int(np.argmax(self.t_us == t_us))], np.float32)
-        from emvs.geometry.warp import undistort_depth
+        from eventsweep.emvs.geometry.warp import undistort_depth
 
         return undistort_depth(np.where(raw > 0, raw, np.nan).astype(np.float32), self._camera)
 

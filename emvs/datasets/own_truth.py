@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from emvs.data.stamps import read_stamps
-from emvs.errors import InputError, heed_interrupt, said
-from emvs.formats.depth import read_depth, read_exr, read_png
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
-from emvs.geometry.warp import nearest_depth, undistort_depth
-from emvs.utils.release import install
+from eventsweep.emvs.data.stamps import read_stamps
+from eventsweep.emvs.errors import InputError, heed_interrupt, said
+from eventsweep.emvs.formats.depth import read_depth, read_exr, read_png
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.geometry.warp import nearest_depth, undistort_depth
+from eventsweep.emvs.utils.release import install
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 

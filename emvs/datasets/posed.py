@@ -14,14 +14,14 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events, count_late
-from emvs.data.recording import summary
-from emvs.errors import InputError
-from emvs.formats import open_events
-from emvs.formats.base import EventReader
-from emvs.formats.tables.columns import ColumnMap
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.data.events import Events, count_late
+from eventsweep.emvs.data.recording import summary
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats import open_events
+from eventsweep.emvs.formats.base import EventReader
+from eventsweep.emvs.formats.tables.columns import ColumnMap
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
 
 
 class DepthTruth(Protocol):

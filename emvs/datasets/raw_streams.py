@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from emvs.data.recording import Recording
-from emvs.data.sequence import Sequence
-from emvs.datasets import open_recording
-from emvs.datasets.ecd import EventCameraDataset
-from emvs.datasets.posed import EventSource, PosedRecording
-from emvs.errors import InputError
-from emvs.formats import FORMATS, open_events
-from emvs.formats.tables.columns import ColumnMap
-from emvs.geometry.rig import Rig
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.datasets.ecd import EventCameraDataset
+from eventsweep.emvs.datasets.posed import EventSource, PosedRecording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats import FORMATS, open_events
+from eventsweep.emvs.formats.tables.columns import ColumnMap
+from eventsweep.emvs.geometry.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def open_readable(path: Path, columns: ColumnMap | None = None) -> Readable:
         return _recording(path)
     reader, why = open_events(path, columns), ""
     if reader.format.startswith("rosbag"):
-        from emvs.datasets.rosbag import lacks
+        from eventsweep.emvs.datasets.rosbag import lacks
 
         why = lacks(path)
         if not why:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from emvs.datasets.bags import info_topic, pose_topic, topics
-from emvs.datasets.custom import (
+from eventsweep.emvs.datasets.bags import info_topic, pose_topic, topics
+from eventsweep.emvs.datasets.custom import (
     CalibrationTable,
     Descriptor,
     EventsTable,
@@ -17,15 +17,15 @@ from emvs.datasets.custom import (
     assembled,
     is_bag,
 )
-from emvs.datasets.files import find_optional
-from emvs.datasets.posed import PosedRecording
-from emvs.errors import InputError
-from emvs.formats import open_events
-from emvs.formats.rosbag import RosbagWriter
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.datasets.files import find_optional
+from eventsweep.emvs.datasets.posed import PosedRecording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats import open_events
+from eventsweep.emvs.formats.rosbag import RosbagWriter
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
 
 POSE_TOPIC = "/T_world_cam0"
 _LENS = {"pinhole": "plumb_bob", "radtan": "plumb_bob", "kb4": "equidistant"}

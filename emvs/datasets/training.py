@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.sequence import Sequence
-from emvs.datasets import open_recording
-from emvs.datasets.ground_truth import TruthRecording
-from emvs.errors import InputError, check_type
-from emvs.geometry.warp import distort_depth
-from emvs.utils.outputs import atomic_dir
-from emvs.utils.ownership import mark
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.datasets.ground_truth import TruthRecording
+from eventsweep.emvs.errors import InputError, check_type
+from eventsweep.emvs.geometry.warp import distort_depth
+from eventsweep.emvs.utils.outputs import atomic_dir
+from eventsweep.emvs.utils.ownership import mark
 
 Window = dict[str, Any]
 MANIFEST = "windows.json"

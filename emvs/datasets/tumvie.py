@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from emvs.datasets.custom import (
+from eventsweep.emvs.datasets.custom import (
     CalibrationTable,
     Descriptor,
     EventsTable,
     PosesTable,
     assembled,
 )
-from emvs.datasets.files import find_one, find_optional
-from emvs.datasets.posed import PosedRecording
-from emvs.errors import InputError
+from eventsweep.emvs.datasets.files import find_one, find_optional
+from eventsweep.emvs.datasets.posed import PosedRecording
+from eventsweep.emvs.errors import InputError
 
 LEFT = "*events_left.h5"
 _RIGHT = "*events_right.h5"
@@ -66,7 +66,7 @@ def _from_imu(recording: PosedRecording, calibration: Path) -> PosedRecording:
     """VIO poses are the IMU's: carries them to the left event camera."""
     from dataclasses import replace
 
-    from emvs.formats.calibration import read_imu_cam
+    from eventsweep.emvs.formats.calibration import read_imu_cam
 
     return replace(recording, trajectory=recording.trajectory.times(read_imu_cam(calibration)))
 

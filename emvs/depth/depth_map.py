@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
-from emvs.depth import median_kernels
-from emvs.dsi.maxima import Maximum
-from emvs.geometry.camera import Camera
-from emvs.reference_view import ReferenceView, inverse_depth_at
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth import median_kernels
+from eventsweep.emvs.dsi.maxima import Maximum
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.reference_view import ReferenceView, inverse_depth_at
 
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]

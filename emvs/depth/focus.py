@@ -9,16 +9,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
-from emvs.data.recording import Recording
-from emvs.depth import surface_kernels
-from emvs.depth.depth_map import DepthMap, eight_bits, without_border
-from emvs.depth.precision import stated
-from emvs.dsi import focus_measures
-from emvs.dsi.maxima import InFocus, Maximum
-from emvs.errors import InputError
-from emvs.reference_view import ReferenceView, inverse_depth_at
-from emvs.windows import Window
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.depth import surface_kernels
+from eventsweep.emvs.depth.depth_map import DepthMap, eight_bits, without_border
+from eventsweep.emvs.depth.precision import stated
+from eventsweep.emvs.dsi import focus_measures
+from eventsweep.emvs.dsi.maxima import InFocus, Maximum
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.reference_view import ReferenceView, inverse_depth_at
+from eventsweep.emvs.windows import Window
 
 Floats = NDArray[np.float32]
 Mask = NDArray[np.bool_]

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.depth.depth_map import DepthMap
 
 if TYPE_CHECKING:
     from scipy.spatial import Delaunay

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from numba import njit, prange
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
 
 @njit(cache=True)

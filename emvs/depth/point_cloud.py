@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.depth.depth_map import DepthMap
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.utils.files import atomic_path
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.utils.files import atomic_path
 
 ColourBy = Literal["depth", "confidence"]
 _BITS = 21  # per axis of a voxel's key; three fit an int64

@@ -18,18 +18,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
-from emvs.depth.depth_map import DepthMap, without_border
-from emvs.dsi.method import MethodName
-from emvs.errors import InputError
-from emvs.utils.inputs import parse_json
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth.depth_map import DepthMap, without_border
+from eventsweep.emvs.dsi.method import MethodName
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.inputs import parse_json
 
 Floats = NDArray[np.float32]
 BAND = 0.68
 """Share of errors that the stated error holds."""
 WITHIN_PX = 1.0
 """What precision counts as right: so many pixels of disparity, at most."""
-PRECISION = Path(str(files("emvs.depth"))) / "precision.json"
+PRECISION = Path(str(files("eventsweep.emvs.depth"))) / "precision.json"
 """The tables that ship."""
 
 

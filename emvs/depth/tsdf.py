@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError, heed_interrupt
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.utils.files import atomic_path
-from emvs.utils.release import install
+from eventsweep.emvs.errors import InputError, heed_interrupt
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.release import install
 
 _BLOCK_VOXELS, _FIRST_BLOCKS = 8, 10_000
 _LIBRARIES = (

@@ -9,12 +9,12 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.dsi.maxima import FocusMaxima, InFocus, Maximum, Measures, RunningMaxima
-from emvs.dsi.method import Method
-from emvs.dsi.rays import Rays
-from emvs.dsi.slices import SliceRecorder
-from emvs.dsi.voting import Scratch, VoteCounts, batch_planes, cast_all
-from emvs.utils.runtime import use_threads
+from eventsweep.emvs.dsi.maxima import FocusMaxima, InFocus, Maximum, Measures, RunningMaxima
+from eventsweep.emvs.dsi.method import Method
+from eventsweep.emvs.dsi.rays import Rays
+from eventsweep.emvs.dsi.slices import SliceRecorder
+from eventsweep.emvs.dsi.voting import Scratch, VoteCounts, batch_planes, cast_all
+from eventsweep.emvs.utils.runtime import use_threads
 
 Floats = NDArray[np.float32]
 

@@ -11,15 +11,15 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
-from emvs.data.recording import Recording
-from emvs.dsi.method import Split
-from emvs.dsi.rays import RayCounts, Rays, event_rays, grouped_by_rows
-from emvs.errors import InputError
-from emvs.geometry.camera import Camera
-from emvs.reference_view import ReferenceView
-from emvs.utils.runtime import Progress, silent
-from emvs.windows import Window
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.dsi.method import Split
+from eventsweep.emvs.dsi.rays import RayCounts, Rays, event_rays, grouped_by_rows
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.reference_view import ReferenceView
+from eventsweep.emvs.utils.runtime import Progress, silent
+from eventsweep.emvs.windows import Window
 
 
 @dataclass(frozen=True, eq=False)

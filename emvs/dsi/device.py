@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
-from emvs.config import DeviceName
-from emvs.dsi.backend import Backend, CpuBackend, Task
-from emvs.dsi.backprojection import AnyRays, CpuProjector, Projector
-from emvs.dsi.method import Method
+from eventsweep.emvs.config import DeviceName
+from eventsweep.emvs.dsi.backend import Backend, CpuBackend, Task
+from eventsweep.emvs.dsi.backprojection import AnyRays, CpuProjector, Projector
+from eventsweep.emvs.dsi.method import Method
 
 _log = logging.getLogger(__name__)
 
@@ -40,7 +40,7 @@ def choose_device(wanted: DeviceName) -> Device:
     if wanted == "cpu":
         return CPU
     # A GPU's libraries take seconds to load, and not everybody has them.
-    from emvs.dsi.cuda import device as cuda_device
+    from eventsweep.emvs.dsi.cuda import device as cuda_device
 
     reason = cuda_device.missing()
     if wanted == "auto" and reason is not None:
@@ -90,7 +90,7 @@ def projector_on(device: Device) -> Projector:
     """What turns events into rays on a device."""
     if device.kind == "cpu":
         return CpuProjector()
-    from emvs.dsi.cuda.backprojection import CudaProjector
+    from eventsweep.emvs.dsi.cuda.backprojection import CudaProjector
 
     return CudaProjector()
 
@@ -110,6 +110,6 @@ def backend_on(device: Device, task: Task, rays: Sequence[AnyRays]) -> Backend:
     device_rays: Any = rays
     if device.kind == "cpu":
         return CpuBackend(task, device_rays)
-    from emvs.dsi.cuda.backend import CudaBackend
+    from eventsweep.emvs.dsi.cuda.backend import CudaBackend
 
     return CudaBackend(task, device_rays)

@@ -6,9 +6,9 @@
 import numpy as np
 from numba import get_thread_id, njit, prange  # type: ignore[attr-defined]
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from emvs.dsi.fusion_kernels import fold_row
-from emvs.utils.vectors_kernels import WIDTH, larger, load, plus, splat, store
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.emvs.dsi.fusion_kernels import fold_row
+from eventsweep.emvs.utils.vectors_kernels import WIDTH, larger, load, plus, splat, store
 
 BLOCK = 16
 """Rows whose votes of one plane, and whose state, stay in a core's second cache."""

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
+from eventsweep.emvs.errors import InputError
 
 Floats = NDArray[np.float32]
 

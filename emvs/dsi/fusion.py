@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from emvs.dsi import fusion_kernels
-from emvs.dsi.method import CODES, Fusion, FusionTables, Method, Volume
-from emvs.errors import InputError
+from eventsweep.emvs.dsi import fusion_kernels
+from eventsweep.emvs.dsi.method import CODES, Fusion, FusionTables, Method, Volume
+from eventsweep.emvs.errors import InputError
 
 
 def fuse(code: int, volumes: Volume) -> Volume:

@@ -6,7 +6,7 @@
 import numpy as np
 from numba import njit, prange
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
 # Numba cannot call through a table of functions, so the table is of codes (`emvs.dsi.fusion`).
 MIN, HARMONIC, GEOMETRIC, ARITHMETIC, RMS, MAX, HARMONIC_EPS = range(7)

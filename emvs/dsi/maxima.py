@@ -13,10 +13,10 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
-from emvs.dsi import focus_kernels, focus_measures, fusion_kernels
-from emvs.dsi.fusion import fuse_by
-from emvs.dsi.method import FusionTables, Method
-from emvs.utils.vectors_kernels import aligned
+from eventsweep.emvs.dsi import focus_kernels, focus_measures, fusion_kernels
+from eventsweep.emvs.dsi.fusion import fuse_by
+from eventsweep.emvs.dsi.method import FusionTables, Method
+from eventsweep.emvs.utils.vectors_kernels import aligned
 
 Floats = NDArray[np.float32]
 _INT16 = 32767  # so many planes can be counted by 16 bits

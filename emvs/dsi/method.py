@@ -10,8 +10,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.dsi import fusion_kernels
-from emvs.errors import check_type
+from eventsweep.emvs.dsi import fusion_kernels
+from eventsweep.emvs.errors import check_type
 
 Volume = NDArray[np.float32]
 # A fusion of one's own: votes (C, intervals, N, H, W) to (N, H, W)

@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from emvs.data.events import Events
-from emvs.dsi import rays_kernels
-from emvs.dsi.rays_kernels import RAY_BLOCK, count_bands, move_to_bands
-from emvs.dsi.voting_kernels import CHUNK
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.dsi import rays_kernels
+from eventsweep.emvs.dsi.rays_kernels import RAY_BLOCK, count_bands, move_to_bands
+from eventsweep.emvs.dsi.voting_kernels import CHUNK
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
 PACKET = 1024  # events that share one pose in the authors' implementation

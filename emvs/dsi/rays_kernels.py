@@ -6,7 +6,7 @@
 import numpy as np
 from numba import njit, prange
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
 VOTES, NO_POSE, NO_RAY, BACKWARDS = range(4)
 EVENT_BLOCK = 4096  # events that a thread casts in one go

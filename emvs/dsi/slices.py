@@ -11,9 +11,9 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.dsi.fusion import fuse_by
-from emvs.dsi.method import Method
-from emvs.utils.files import atomic_path
+from eventsweep.emvs.dsi.fusion import fuse_by
+from eventsweep.emvs.dsi.method import Method
+from eventsweep.emvs.utils.files import atomic_path
 
 Floats = NDArray[np.float32]
 

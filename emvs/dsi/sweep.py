@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.dsi.backend import Backend, SweepSettings, Task
-from emvs.dsi.backprojection import Projected
-from emvs.dsi.device import CPU, Device, backend_on
-from emvs.dsi.maxima import InFocus, Maximum
-from emvs.dsi.method import WHOLE, Method, Split, single_cameras
-from emvs.dsi.slices import Slices, volume_writer
-from emvs.dsi.voting import VoteCounts
-from emvs.reference_view import ReferenceView
-from emvs.utils.runtime import Progress, silent
+from eventsweep.emvs.dsi.backend import Backend, SweepSettings, Task
+from eventsweep.emvs.dsi.backprojection import Projected
+from eventsweep.emvs.dsi.device import CPU, Device, backend_on
+from eventsweep.emvs.dsi.maxima import InFocus, Maximum
+from eventsweep.emvs.dsi.method import WHOLE, Method, Split, single_cameras
+from eventsweep.emvs.dsi.slices import Slices, volume_writer
+from eventsweep.emvs.dsi.voting import VoteCounts
+from eventsweep.emvs.reference_view import ReferenceView
+from eventsweep.emvs.utils.runtime import Progress, silent
 
 Keep = Callable[[int, NDArray[np.float32]], None]
 

@@ -9,9 +9,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.dsi import voting_kernels
-from emvs.dsi.rays import Rays
-from emvs.utils.vectors_kernels import aligned
+from eventsweep.emvs.dsi import voting_kernels
+from eventsweep.emvs.dsi.rays import Rays
+from eventsweep.emvs.utils.vectors_kernels import aligned
 
 # Planes that share one pass over the rays, and so are read and written in turns: with one, the
 # sweep waits for the stream of rays.

@@ -11,8 +11,8 @@ from numba import njit, prange
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from emvs.utils.vectors_kernels import WIDTH, address
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.emvs.utils.vectors_kernels import WIDTH, address
 
 # A thousand rays (16 kB) stay in L1 while every plane of the pass reads them again.
 CHUNK = 1024

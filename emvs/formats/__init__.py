@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from emvs.data.events import Events
-from emvs.errors import InputError
-from emvs.formats.base import (
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats.base import (
     ANY_PX,
     ANY_US,
     DOUBLE_US,
@@ -25,9 +25,9 @@ from emvs.formats.base import (
     StreamWriter,
     only_stream,
 )
-from emvs.formats.prophesee import opened
-from emvs.formats.tables.columns import ColumnMap
-from emvs.utils.files import atomic_path
+from eventsweep.emvs.formats.prophesee import opened
+from eventsweep.emvs.formats.tables.columns import ColumnMap
+from eventsweep.emvs.utils.files import atomic_path
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _OLD_AEDAT = b"#!AER-DAT"
@@ -243,7 +243,7 @@ def _plain(path: Path, reader: EventReader, columns: ColumnMap | None) -> EventR
 
 
 def _folder(path: Path) -> EventReader:
-    from emvs.formats.rosbag import RosbagReader
+    from eventsweep.emvs.formats.rosbag import RosbagReader
 
     if not (path / "metadata.yaml").exists():
         raise InputError(f"{path}: a folder without metadata.yaml; needs a file, or a ROS2 bag")
@@ -254,34 +254,34 @@ def _table(head: bytes) -> Callable[[Path, ColumnMap | None], EventReader] | Non
     """What opens a file of columns, by its first bytes; None for other formats."""
     # Each import waits until its format is met: together they cost half a second.
     if head.startswith(_HDF5):
-        from emvs.formats.tables.hdf5 import Hdf5Reader
+        from eventsweep.emvs.formats.tables.hdf5 import Hdf5Reader
 
         return Hdf5Reader
     if head.startswith((b"PK\x03\x04", b"\x93NUMPY")):
-        from emvs.formats.tables.npz import NpyReader, NpzReader
+        from eventsweep.emvs.formats.tables.npz import NpyReader, NpzReader
 
         return NpyReader if head.startswith(b"\x93") else NpzReader
     if head.startswith(b"PAR1"):
-        from emvs.formats.tables.parquet import ParquetReader
+        from eventsweep.emvs.formats.tables.parquet import ParquetReader
 
         return ParquetReader
     if head.startswith((b"#ROSBAG V", _OLD_AEDAT, b"%")):
         return None
-    from emvs.formats.tables.text import TextReader
+    from eventsweep.emvs.formats.tables.text import TextReader
 
     return TextReader
 
 
 def _file(path: Path, head: bytes) -> EventReader:
     if head.startswith(b"#ROSBAG V"):
-        from emvs.formats.rosbag import RosbagReader
+        from eventsweep.emvs.formats.rosbag import RosbagReader
 
         return RosbagReader(path)
     if head.startswith(_OLD_AEDAT):
-        from emvs.formats.aedat4 import Aedat4Reader
+        from eventsweep.emvs.formats.aedat4 import Aedat4Reader
 
         return Aedat4Reader(path)
-    from emvs.formats.prophesee import RawReader
+    from eventsweep.emvs.formats.prophesee import RawReader
 
     return RawReader(path)
 
@@ -360,8 +360,8 @@ def _writer(
     height_px: int,
     names: Sequence[str],
 ) -> StreamWriter:
-    from emvs.formats import prophesee
-    from emvs.formats.tables import hdf5, npz, text
+    from eventsweep.emvs.formats import prophesee
+    from eventsweep.emvs.formats.tables import hdf5, npz, text
 
     match kind:
         case "evt2" | "evt3":
@@ -377,10 +377,10 @@ def _writer(
         case "mvsec":
             return hdf5.MvsecWriter(path, names)
         case "aedat4":
-            from emvs.formats.aedat4 import Aedat4Writer
+            from eventsweep.emvs.formats.aedat4 import Aedat4Writer
 
             return Aedat4Writer(path, width_px, height_px, names)
         case _:
-            from emvs.formats.rosbag import RosbagWriter
+            from eventsweep.emvs.formats.rosbag import RosbagWriter
 
             return RosbagWriter(path, width_px, height_px, names)

@@ -15,11 +15,11 @@ from xml.etree import ElementTree
 import lz4.frame
 import numpy as np
 
-from emvs.data.events import Events
-from emvs.errors import InputError, quoted, said
-from emvs.formats.base import FileWriter
-from emvs.formats.blocks import MOST_BYTES, BlockReader, to_events, unpacked
-from emvs.formats.prophesee import opened
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError, quoted, said
+from eventsweep.emvs.formats.base import FileWriter
+from eventsweep.emvs.formats.blocks import MOST_BYTES, BlockReader, to_events, unpacked
+from eventsweep.emvs.formats.prophesee import opened
 
 MAGIC = b"#!AER-DAT4.0\r\n"
 EVENT = np.dtype(

@@ -8,8 +8,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-from emvs.data.events import Events, check_sorted
-from emvs.errors import InputError
+from eventsweep.emvs.data.events import Events, check_sorted
+from eventsweep.emvs.errors import InputError
 
 # Packets of events per stream name, each stream in the order in which it is to be written
 Streams = Mapping[str, Iterable[Events]]

@@ -14,8 +14,8 @@ import lz4.frame
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
-from emvs.errors import InputError, quoted, said
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError, quoted, said
 
 if sys.version_info >= (3, 14):
     from compression import zstd

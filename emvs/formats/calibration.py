@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError, said
-from emvs.formats.calibration_values import (
+from eventsweep.emvs.errors import InputError, said
+from eventsweep.emvs.formats.calibration_values import (
     FORMATS,
     camera_of,
     entry_of,
@@ -23,10 +23,10 @@ from emvs.formats.calibration_values import (
     parsed,
     pose_of,
 )
-from emvs.formats.opencv_calibration import is_opencv, opencv_cameras
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera, Model
-from emvs.geometry.rig import Rig
+from eventsweep.emvs.formats.opencv_calibration import is_opencv, opencv_cameras
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera, Model
+from eventsweep.emvs.geometry.rig import Rig
 
 _TERMS = {"kb4": ("k1", "k2", "k3", "k4"), "pinhole": (), "radtan4": ("k1", "k2", "p1", "p2")}
 _BASALT: dict[str, tuple[Model, str]] = {"kb4": ("kb4", "kb4"), "pinhole": ("pinhole", "pinhole")}

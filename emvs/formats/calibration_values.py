@@ -11,10 +11,10 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from emvs.errors import InputError, said
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera, Model
-from emvs.utils.inputs import SETTINGS_BYTES, read_text
+from eventsweep.emvs.errors import InputError, said
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera, Model
+from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, read_text
 
 FORMATS = "needs a file of Kalibr, Basalt, DSEC, OpenCV or ROS, or a rig.json"
 """What a calibration may be, for messages."""

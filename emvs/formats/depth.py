@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError, heed_interrupt, said
-from emvs.utils.files import atomic_path
-from emvs.utils.inputs import TABLE_BYTES, check_file
-from emvs.utils.release import install
+from eventsweep.emvs.errors import InputError, heed_interrupt, said
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file
+from eventsweep.emvs.utils.release import install
 
 if TYPE_CHECKING:
     from PIL.PngImagePlugin import PngImageFile

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from emvs.data.events import Events
-from emvs.errors import InputError, quoted
-from emvs.formats.prophesee import CODINGS, decode_words
-from emvs.formats.prophesee_kernels import State
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError, quoted
+from eventsweep.emvs.formats.prophesee import CODINGS, decode_words
+from eventsweep.emvs.formats.prophesee_kernels import State
 
 TYPES = ("event_camera_msgs/msg/EventPacket", "event_array_msgs/msg/EventArray")
 ENCODINGS = ("evt3", "mono")

@@ -7,9 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from emvs.formats.calibration_values import camera_of, entry_of, matrix, number_of, numbers_of
-from emvs.geometry.camera import Camera, Model
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats.calibration_values import (
+    camera_of,
+    entry_of,
+    matrix,
+    number_of,
+    numbers_of,
+)
+from eventsweep.emvs.geometry.camera import Camera, Model
 
 _LENSES: dict[str, Model] = {
     "plumb_bob": "radtan", "rational_polynomial": "radtan", "pinhole": "radtan",

@@ -15,12 +15,12 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
-from emvs.errors import InputError, quoted
-from emvs.formats import prophesee_kernels
-from emvs.formats.base import FileWriter
-from emvs.formats.blocks import BlockReader
-from emvs.formats.prophesee_kernels import (
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError, quoted
+from eventsweep.emvs.formats import prophesee_kernels
+from eventsweep.emvs.formats.base import FileWriter
+from eventsweep.emvs.formats.blocks import BlockReader
+from eventsweep.emvs.formats.prophesee_kernels import (
     LOOPS,
     UNTIMED,
     State,
@@ -29,7 +29,7 @@ from emvs.formats.prophesee_kernels import (
     encoder_state,
     initial_state,
 )
-from emvs.utils.inputs import check_file
+from eventsweep.emvs.utils.inputs import check_file
 
 _BLOCK_BYTES = 1 << 20
 _ROOM = 1 << 19

@@ -14,13 +14,13 @@ import numpy as np
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from emvs.data.events import Events
-from emvs.errors import InputError, quoted, said
-from emvs.formats import event_packets
-from emvs.formats.base import StreamWriter
-from emvs.formats.blocks import BlockReader, BoundedPath, unpacked, within
-from emvs.formats.prophesee_kernels import State, initial_state
-from emvs.formats.rosbag_kernels import decode_array, encode_array
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError, quoted, said
+from eventsweep.emvs.formats import event_packets
+from eventsweep.emvs.formats.base import StreamWriter
+from eventsweep.emvs.formats.blocks import BlockReader, BoundedPath, unpacked, within
+from eventsweep.emvs.formats.prophesee_kernels import State, initial_state
+from eventsweep.emvs.formats.rosbag_kernels import decode_array, encode_array
 
 _BLOCK_EVENTS = 1 << 18
 _MOST_NS = 1 << 62

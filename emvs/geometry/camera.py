@@ -14,7 +14,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from emvs.errors import InputError, check_type, check_whole, quoted, shown
+from eventsweep.emvs.errors import InputError, check_type, check_whole, quoted, shown
 
 Model = Literal["pinhole", "radtan", "kb4"]
 # A distorted position that cannot be reproduced to this many pixels has no ray.

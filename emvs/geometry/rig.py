@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError, check_array, check_type, shown
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
+from eventsweep.emvs.errors import InputError, check_array, check_type, shown
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from emvs.errors import InputError, check_array, shown
-from emvs.geometry import se3
+from eventsweep.emvs.errors import InputError, check_array, shown
+from eventsweep.emvs.geometry import se3
 
 _UNIT_TOLERANCE = 1e-3
 

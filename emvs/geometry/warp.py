@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.camera import Camera
 
 _MOST_RADIUS_PX = 32
 

@@ -17,16 +17,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
-from emvs.depth.depth_map import DepthMap, confidence_mask, extract, without_border
-from emvs.dsi.maxima import Maximum
-from emvs.dsi.method import Method
-from emvs.errors import InputError
-from emvs.learned import derd_kernels
-from emvs.learned.inputs import fused_patches
-from emvs.learned.kept_votes import KeptVotes
-from emvs.learned.weights import Weights, packaged, read_weights, stamp
-from emvs.reference_view import ReferenceView
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth.depth_map import DepthMap, confidence_mask, extract, without_border
+from eventsweep.emvs.dsi.maxima import Maximum
+from eventsweep.emvs.dsi.method import Method
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.learned import derd_kernels
+from eventsweep.emvs.learned.inputs import fused_patches
+from eventsweep.emvs.learned.kept_votes import KeptVotes
+from eventsweep.emvs.learned.weights import Weights, packaged, read_weights, stamp
+from eventsweep.emvs.reference_view import ReferenceView
 
 NAME = "derd-net"
 """Of the network in manifests."""

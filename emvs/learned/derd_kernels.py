@@ -6,7 +6,7 @@
 import numpy as np
 from numba import njit, prange
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
 _ZERO, _ONE = np.float32(0), np.float32(1)
 _CONTRACT = {"contract"}  # a product and a sum in one instruction; the order of sums stays

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
-from emvs.depth.depth_map import DepthMap
-from emvs.depth.focus import estimate_in_focus
-from emvs.depth.precision import stated
-from emvs.dsi.maxima import InFocus, Maximum
-from emvs.dsi.method import Method
-from emvs.learned.inputs import BATCH, Candidates, candidates, channels
-from emvs.learned.kept_votes import KeptVotes
-from emvs.learned.network import Network, network
-from emvs.reference_view import ReferenceView, inverse_depth_at
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.depth.focus import estimate_in_focus
+from eventsweep.emvs.depth.precision import stated
+from eventsweep.emvs.dsi.maxima import InFocus, Maximum
+from eventsweep.emvs.dsi.method import Method
+from eventsweep.emvs.learned.inputs import BATCH, Candidates, candidates, channels
+from eventsweep.emvs.learned.kept_votes import KeptVotes
+from eventsweep.emvs.learned.network import Network, network
+from eventsweep.emvs.reference_view import ReferenceView, inverse_depth_at
 
 AT_PX = 10.0
 """Disparity to which `learned_error_px` refers, px."""

@@ -14,15 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.depth.depth_map import without_border
-from emvs.depth.focus import FocusEstimate, disparity_at
-from emvs.dsi.fusion import fuse_by
-from emvs.dsi.maxima import InFocus, Maximum
-from emvs.dsi.method import Method
-from emvs.learned import inputs_kernels
-from emvs.learned.kept_votes import LANES, KeptVotes
-from emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX
-from emvs.utils.vectors_kernels import aligned
+from eventsweep.emvs.depth.depth_map import without_border
+from eventsweep.emvs.depth.focus import FocusEstimate, disparity_at
+from eventsweep.emvs.dsi.fusion import fuse_by
+from eventsweep.emvs.dsi.maxima import InFocus, Maximum
+from eventsweep.emvs.dsi.method import Method
+from eventsweep.emvs.learned import inputs_kernels
+from eventsweep.emvs.learned.kept_votes import LANES, KeptVotes
+from eventsweep.emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX
+from eventsweep.emvs.utils.vectors_kernels import aligned
 
 BATCH = 128
 """Pixels whose patches are in memory at a time."""

@@ -6,9 +6,9 @@
 import numpy as np
 from numba import njit, prange
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from emvs.learned.kept_votes_kernels import LANES
-from emvs.utils.vectors_kernels import WIDTH, larger, load, splat, store
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.emvs.learned.kept_votes_kernels import LANES
+from eventsweep.emvs.utils.vectors_kernels import WIDTH, larger, load, splat, store
 
 _LEAST_VOTES, _ONE, _ZERO = np.float32(1e-6), np.float32(1), np.float32(0)
 

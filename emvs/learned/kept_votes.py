@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.learned import kept_votes_kernels
+from eventsweep.emvs.learned import kept_votes_kernels
 
 LANES = kept_votes_kernels.LANES
 """Pixels side by side in patches."""

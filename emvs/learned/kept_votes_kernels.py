@@ -8,8 +8,8 @@ from llvmlite import ir
 from numba import njit, prange, types
 from numba.extending import intrinsic
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from emvs.utils.vectors_kernels import WIDTH, address, everywhere
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.emvs.utils.vectors_kernels import WIDTH, address, everywhere
 
 LANES = 2 * WIDTH if WIDTH > 8 else WIDTH
 """Pixels side by side in patches. With long vectors come twice as many registers, for two each."""

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.depth.precision import Precision, table_name
-from emvs.learned import kept_votes_kernels, network_kernels
-from emvs.learned.weights import Weights, packaged, read_weights, stamp
+from eventsweep.emvs.depth.precision import Precision, table_name
+from eventsweep.emvs.learned import kept_votes_kernels, network_kernels
+from eventsweep.emvs.learned.weights import Weights, packaged, read_weights, stamp
 
 NAME = "eventsweep-learned-1"
 """Of the network in manifests: another architecture, or other inputs, is another network."""

@@ -11,9 +11,9 @@ of taps, `_window`, which keeps its sums in registers; nothing else here takes m
 import numpy as np
 from numba import njit, prange
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from emvs.learned.kept_votes_kernels import LANES
-from emvs.utils.vectors_kernels import WIDTH, aligned, larger, load, plus, splat, store
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.emvs.learned.kept_votes_kernels import LANES
+from eventsweep.emvs.utils.vectors_kernels import WIDTH, aligned, larger, load, plus, splat, store
 
 PAD = 4
 """Samples of nothing before and behind a ray: as far as its convolutions reach."""

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
-from emvs.dsi.method import MethodName
-from emvs.errors import DAMAGED_NPY, InputError
-from emvs.utils.files import atomic_path
-from emvs.utils.inputs import SETTINGS_BYTES, check_file, parse_json, read_text
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.dsi.method import MethodName
+from eventsweep.emvs.errors import DAMAGED_NPY, InputError
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, check_file, parse_json, read_text
 
 MOST_BYTES = 1 << 24
 """More than any weights here; what an archive unpacks to counts, too."""
@@ -46,7 +46,7 @@ class Weights:
 
 def packaged(name: str) -> Path:
     """The file of weights that ship with the package."""
-    return Path(str(files("emvs.learned"))) / "weights" / f"{name}.npz"
+    return Path(str(files("eventsweep.emvs.learned"))) / "weights" / f"{name}.npz"
 
 
 def files_of_weights(config: MapperConfig) -> tuple[Path, ...]:

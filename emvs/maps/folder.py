@@ -13,19 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from emvs.config import MapperConfig
-from emvs.data.recording import Recording
-from emvs.depth.depth_map import DepthMap
-from emvs.depth.inpainting import Dense, inpaint, write_dense
-from emvs.depth.point_cloud import back_project_map, without_outliers, write_ply
-from emvs.dsi.method import file_name
-from emvs.dsi.slices import Slices
-from emvs.errors import DAMAGED_NPY, InputError
-from emvs.geometry.camera import Camera
-from emvs.parameters import first_fault
-from emvs.utils.inputs import TABLE_BYTES, check_file, parse_json, read_text
-from emvs.utils.runtime import versions
-from emvs.window_result import WindowResult
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.depth.inpainting import Dense, inpaint, write_dense
+from eventsweep.emvs.depth.point_cloud import back_project_map, without_outliers, write_ply
+from eventsweep.emvs.dsi.method import file_name
+from eventsweep.emvs.dsi.slices import Slices
+from eventsweep.emvs.errors import DAMAGED_NPY, InputError
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.parameters import first_fault
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, parse_json, read_text
+from eventsweep.emvs.utils.runtime import versions
+from eventsweep.emvs.window_result import WindowResult
 
 SCHEMA_VERSION = 1
 CURE = "run `eventsweep map` again"
@@ -53,7 +53,7 @@ class RecordingInfo(_Model):
         path, map_folder = path.resolve(), map_folder.resolve()
         together = path.parent == map_folder.parent
         # Imported here: HDF5 is a library that reading a map's index does without.
-        from emvs.data.sequence import Sequence as EventSequence
+        from eventsweep.emvs.data.sequence import Sequence as EventSequence
 
         digest = recording.manifest.digest() if isinstance(recording, EventSequence) else None
         place = f"../{path.name}" if together else str(path)

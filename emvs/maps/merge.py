@@ -8,21 +8,21 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-from emvs.config import FuseConfig
-from emvs.depth.depth_map import DepthMap
-from emvs.depth.inpainting import inpaint
-from emvs.depth.point_cloud import (
+from eventsweep.emvs.config import FuseConfig
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.depth.inpainting import inpaint
+from eventsweep.emvs.depth.point_cloud import (
     VoxelCloud,
     back_project_map,
     depth_colours,
     without_outliers,
     write_ply,
 )
-from emvs.depth.tsdf import SurfaceFusion, write_mesh
-from emvs.dsi.method import file_name
-from emvs.errors import InputError
-from emvs.maps.folder import StoredMap
-from emvs.utils.outputs import atomic_dir
+from eventsweep.emvs.depth.tsdf import SurfaceFusion, write_mesh
+from eventsweep.emvs.dsi.method import file_name
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.maps.folder import StoredMap
+from eventsweep.emvs.utils.outputs import atomic_dir
 
 FOLDER = "global"
 _PREFERRED = "Alg1/H"

@@ -15,15 +15,15 @@ from types import TracebackType
 
 import numpy as np
 
-from emvs.config import MapperConfig
-from emvs.data.events import Events
-from emvs.data.recording import DerivedRecording, Recording
-from emvs.dsi.device import Device, check_device, device_for_methods, projector_on
-from emvs.errors import InputError
-from emvs.geometry.rig import Rig
-from emvs.hot_pixels import HotPixels, WithoutPixels, find_hot_pixels
-from emvs.mapper import check_request, map_window
-from emvs.maps.folder import (
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.recording import DerivedRecording, Recording
+from eventsweep.emvs.dsi.device import Device, check_device, device_for_methods, projector_on
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.hot_pixels import HotPixels, WithoutPixels, find_hot_pixels
+from eventsweep.emvs.mapper import check_request, map_window
+from eventsweep.emvs.maps.folder import (
     SCHEMA_VERSION,
     HotPixelInfo,
     MapInfo,
@@ -34,13 +34,13 @@ from emvs.maps.folder import (
     write_index,
     write_window,
 )
-from emvs.maps.store import MapStore, identity, open_store, read_entry, write_entry
-from emvs.methods import methods_by_name
-from emvs.preflight import check_view_fits, check_window_fits
-from emvs.reference_view import reference_view
-from emvs.utils.outputs import atomic_dir, check_output, cure, inputs_of, real
-from emvs.utils.runtime import Progress, silent, versions
-from emvs.windows import Window, WindowPlan, check_poses, choose_window, plan_windows
+from eventsweep.emvs.maps.store import MapStore, identity, open_store, read_entry, write_entry
+from eventsweep.emvs.methods import methods_by_name
+from eventsweep.emvs.preflight import check_view_fits, check_window_fits
+from eventsweep.emvs.reference_view import reference_view
+from eventsweep.emvs.utils.outputs import atomic_dir, check_output, cure, inputs_of, real
+from eventsweep.emvs.utils.runtime import Progress, silent, versions
+from eventsweep.emvs.windows import Window, WindowPlan, check_poses, choose_window, plan_windows
 
 # The hot pixels of every camera; None where the filter is off
 Hot = tuple[HotPixels, ...] | None

@@ -14,13 +14,13 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from emvs.data.recording import Recording
-from emvs.errors import InputError
-from emvs.maps.folder import MapInfo, WindowInfo, read_info
-from emvs.utils.files import atomic_path, made_parent
-from emvs.utils.inputs import TABLE_BYTES, read_text
-from emvs.utils.outputs import atomic_dir, check_output, claimed, cure, real, replace_dir
-from emvs.utils.ownership import named, remove_ours, strangers
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.maps.folder import MapInfo, WindowInfo, read_info
+from eventsweep.emvs.utils.files import atomic_path, made_parent
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, read_text
+from eventsweep.emvs.utils.outputs import atomic_dir, check_output, claimed, cure, real, replace_dir
+from eventsweep.emvs.utils.ownership import named, remove_ours, strangers
 
 _INDEX, _ENTRY = "map.json", "window.json"
 _ENTRIES = '  "windows": []'

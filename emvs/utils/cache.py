@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from emvs.errors import InputError
-from emvs.utils.outputs import atomic_dir
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.outputs import atomic_dir
 
 _FORMAT = 1
 _ENTRY, _DATA, _LOCKS = "entry.json", "data", "locks"

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from emvs.errors import InputError
+from eventsweep.emvs.errors import InputError
 
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _UNITS = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")

@@ -12,7 +12,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from emvs.errors import InputError
+from eventsweep.emvs.errors import InputError
 
 SETTINGS_BYTES = 1 << 18
 """More than any calibration, rig or table of settings."""

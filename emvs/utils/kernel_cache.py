@@ -21,7 +21,7 @@ from pathlib import Path
 import llvmlite
 import numba
 
-from emvs.errors import InputError
+from eventsweep.emvs.errors import InputError
 
 _ROOT = Path(__file__).parents[2]
 _PACKAGES = ("emvs", "sim", "eval")

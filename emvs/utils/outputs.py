@@ -20,9 +20,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from emvs.errors import InputError
-from emvs.utils.files import flush, made_parent, names_full_disk, umask
-from emvs.utils.ownership import named, remove_ours, strangers
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.files import flush, made_parent, names_full_disk, umask
+from eventsweep.emvs.utils.ownership import named, remove_ours, strangers
 
 _ANOTHER = "choose another output"
 _LOCK = b"eventsweep: a run is writing the output of this name\n"

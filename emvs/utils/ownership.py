@@ -15,7 +15,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.files import atomic_path
 
 MARKER = ".eventsweep.json"
 """The marker of folders in which no file is known to be ours by its name: written by `mark`."""

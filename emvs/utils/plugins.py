@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
 
-from emvs.errors import InputError, heed_interrupt
+from eventsweep.emvs.errors import InputError, heed_interrupt
 
 Value = TypeVar("Value")
 FUNCTION = "MODULE:FUNCTION or FILE.py:FUNCTION"

@@ -10,8 +10,8 @@ from importlib import metadata
 
 import numba
 
-from emvs.errors import InputError, heed_interrupt
-from emvs.utils.kernel_cache import use_kernel_cache
+from eventsweep.emvs.errors import InputError, heed_interrupt
+from eventsweep.emvs.utils.kernel_cache import use_kernel_cache
 
 # progress(stage, done, total)
 Progress = Callable[[str, int, int], None]

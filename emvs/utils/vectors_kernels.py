@@ -18,7 +18,7 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic, models, overload, register_model
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
 _TOLD: str | None = numba.config.CPU_FEATURES  # type: ignore[attr-defined]
 _FEATURES = get_host_cpu_features().flatten() if _TOLD is None else _TOLD

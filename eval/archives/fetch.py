@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import IO, Protocol
 from urllib.parse import quote, urlsplit
 
-from emvs.errors import InputError
-from emvs.utils.files import bytes_text, free_bytes, names_full_disk
-from emvs.utils.inputs import TABLE_BYTES, check_file
-from eval.archives import manifest as manifests
-from eval.archives.manifest import FILE_NAME, ArchiveManifest, PackedSequence
-from eval.archives.tarball import sha256_of
-from eval.progress import Progress
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.files import bytes_text, free_bytes, names_full_disk
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file
+from eventsweep.eval.archives import manifest as manifests
+from eventsweep.eval.archives.manifest import FILE_NAME, ArchiveManifest, PackedSequence
+from eventsweep.eval.archives.tarball import sha256_of
+from eventsweep.eval.progress import Progress
 
 TIMEOUT_S = 30.0
 ATTEMPTS = 4

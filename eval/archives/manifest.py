@@ -14,11 +14,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from emvs.data.manifest import FileEntry
-from emvs.errors import InputError
-from emvs.parameters import first_fault
-from emvs.utils.files import atomic_path
-from emvs.utils.inputs import TABLE_BYTES, check_file
+from eventsweep.emvs.data.manifest import FileEntry
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.parameters import first_fault
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file
 
 SCHEMA_VERSION = 1
 FILE_NAME = "archive.json"

@@ -11,9 +11,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Protocol, cast
 
-from emvs.errors import InputError, quoted
-from emvs.utils.files import names_full_disk
-from emvs.utils.inputs import check_file
+from eventsweep.emvs.errors import InputError, quoted
+from eventsweep.emvs.utils.files import names_full_disk
+from eventsweep.emvs.utils.inputs import check_file
 
 if sys.version_info >= (3, 14):
     from compression import zstd

@@ -15,13 +15,13 @@ from typing import Annotated, Any
 from cyclopts import Group, Parameter
 from pydantic import BaseModel
 
-from emvs.config import MapperConfig
-from emvs.errors import InputError
-from emvs.utils.outputs import check_output
-from eval.cli import names
-from eval.cli.help import HELP_FLAGS, RARE, Program, readable
-from eval.config import EvalConfig, Settings, load, unread
-from sim.config import SimConfig
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.outputs import check_output
+from eventsweep.eval.cli import names
+from eventsweep.eval.cli.help import HELP_FLAGS, RARE, Program, readable
+from eventsweep.eval.config import EvalConfig, Settings, load, unread
+from eventsweep.sim.config import SimConfig
 
 SIM_GROUP, _MAP, _SCORE, JOBS, COMMON_GROUP = map(
     Group.create_ordered,
@@ -69,7 +69,7 @@ class Quiet:
 
     def console(self) -> Any:
         """Where progress and summaries go."""
-        from eval.cli.console import Console
+        from eventsweep.eval.cli.console import Console
 
         return Console(quiet=self.quiet, as_json=False)
 
@@ -84,7 +84,7 @@ class Common(Quiet):
 
     def console(self) -> Any:
         """Where progress and summaries go."""
-        from eval.cli.console import Console
+        from eventsweep.eval.cli.console import Console
 
         return Console(quiet=self.quiet, as_json=self.json)
 

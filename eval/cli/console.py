@@ -12,20 +12,20 @@ from rich.console import Console as RichConsole
 from rich.markup import escape
 from rich.table import Table
 
-from eval.cli.exit_codes import with_flags
-from eval.numbers import shown, thousands
-from eval.progress import Bars, Progress, Silent
+from eventsweep.eval.cli.exit_codes import with_flags
+from eventsweep.eval.numbers import shown, thousands
+from eventsweep.eval.progress import Bars, Progress, Silent
 
 if TYPE_CHECKING:
-    from emvs.check.findings import Finding, Report
-    from emvs.maps.folder import StoredMap, StoredWindow
-    from emvs.maps.merge import FusedInfo
-    from eval.ranking.summary import Ranked
-    from eval.report.calibrate_page import Calibrated
-    from eval.report.compare.differences import Pair
-    from eval.report.compare.page import Comparison
-    from eval.scoring.results import Results, Row
-    from sim.video.record import RecordedVideo
+    from eventsweep.emvs.check.findings import Finding, Report
+    from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
+    from eventsweep.emvs.maps.merge import FusedInfo
+    from eventsweep.eval.ranking.summary import Ranked
+    from eventsweep.eval.report.calibrate_page import Calibrated
+    from eventsweep.eval.report.compare.differences import Pair
+    from eventsweep.eval.report.compare.page import Comparison
+    from eventsweep.eval.scoring.results import Results, Row
+    from eventsweep.sim.video.record import RecordedVideo
 
 _MOST_SKIPPED_SHOWN = 5
 _NAME_WIDTH = 30
@@ -45,8 +45,8 @@ class Console:
     def results(self, results: Results, ranking_metric: str) -> None:
         """The ranking of each case, and what it says in words."""
         # Here as everywhere in this file: no command waits for what another one prints.
-        from eval.report import ranking
-        from eval.scoring.results import POOLED, to_json
+        from eventsweep.eval.report import ranking
+        from eventsweep.eval.scoring.results import POOLED, to_json
 
         if self._as_json:
             self._out.out(to_json(results), end="", highlight=False)
@@ -94,7 +94,7 @@ class Console:
 
     def sequence(self, path: Path) -> None:
         """What a sequence holds."""
-        from emvs.data.sequence import Sequence as EventSequence
+        from eventsweep.emvs.data.sequence import Sequence as EventSequence
 
         sequence = EventSequence.open(path)
         counts = sequence.manifest.event_counts
@@ -134,7 +134,7 @@ class Console:
 
     def calibrated(self, calibrated: Calibrated) -> None:
         """Each parameter with its correction and uncertainty, or why it was refused."""
-        from eval.report.calibrate_page import facts_of
+        from eventsweep.eval.report.calibrate_page import facts_of
 
         self._dump(facts_of(calibrated))
         if not self._show:
@@ -147,7 +147,7 @@ class Console:
 
     def compared(self, comparison: Comparison) -> None:
         """Which settings differ, and the verdict of each method's ranking number."""
-        from eval.report.compare import page as compare_page
+        from eventsweep.eval.report.compare import page as compare_page
 
         self._dump(compare_page.facts_of(comparison))
         if not self._show:
@@ -221,7 +221,7 @@ _COLUMNS = ("points", "mean_error", "common_mean_error", "median_error", "abs_re
 
 
 def _ranking(case: str, rows: Sequence[Row], metric: str) -> Table:
-    from eval.report import ranking
+    from eventsweep.eval.report import ranking
 
     content = ranking.table(rows, metric, _COLUMNS)
     table = Table(title=f"{case}, by {ranking.column(metric).title}", title_justify="left")
@@ -263,8 +263,8 @@ def _checked(report: Report) -> Table:
 
 def _compared(pair: Pair) -> Table:
     """One line per method, of the first metric that is judged."""
-    from eval.report import ranking
-    from eval.report.compare.differences import interval_text, signed
+    from eventsweep.eval.report import ranking
+    from eventsweep.eval.report.compare.differences import interval_text, signed
 
     metric = pair.headline[0].metric if pair.headline else ""
     found = [one for one in pair.headline if one.metric == metric]

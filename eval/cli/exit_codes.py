@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from emvs.errors import InputError
+from eventsweep.emvs.errors import InputError
 
 if TYPE_CHECKING:
-    from emvs.maps.folder import MapInfo
-    from emvs.parameters import ParameterGroup
+    from eventsweep.emvs.maps.folder import MapInfo
+    from eventsweep.emvs.parameters import ParameterGroup
 
 OK, INCOMPLETE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -25,7 +25,7 @@ OK, INCOMPLETE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 # which lose it, crash, or make another error of it: functions that HDF5 calls from C, and imports.
 _NOT_NOW = frozenset(
     {
-        "emvs.data.hdf5",
+        "eventsweep.emvs.data.hdf5",
         "_frozen_importlib",
         "_frozen_importlib_external",
         "importlib._bootstrap",
@@ -33,7 +33,7 @@ _NOT_NOW = frozenset(
     }
 )
 # What calls it may itself be running inside an import, which ends only when the command does.
-_OUTERMOST = "eval.cli.main"
+_OUTERMOST = "eventsweep.eval.cli.main"
 _SOON_S = 0.05
 _INTERRUPTED = "interrupted: no half-written output; the same command takes up finished parts"
 
@@ -135,7 +135,7 @@ def with_flags(words: str) -> str:
 
 def _sim_flag(found: re.Match[str]) -> str:
     """The flag of a setting in a group of the simulator's; a file such as `imu.csv` is none."""
-    from sim.config import SimConfig
+    from eventsweep.sim.config import SimConfig
 
     group, name = found.groups()
     settings: ParameterGroup = getattr(SimConfig(), group)

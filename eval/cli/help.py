@@ -41,7 +41,7 @@ _COMMON_SETTINGS = frozenset(
     }
 )
 _CLOSE = 0.7
-_OURS = ("emvs", "sim", "eval")
+_OURS = "eventsweep."
 
 _shown: ContextVar[Shown] = ContextVar("shown", default="as declared")
 _asked: ContextVar[Shown] = ContextVar("asked", default="brief")
@@ -131,7 +131,7 @@ def _texts_of(
 
 def _attribute_text(owner: type, name: str) -> str:
     """The docstring of a class's attribute; empty where it has none."""
-    own = (one for one in owner.__mro__ if one.__module__.partition(".")[0] in _OURS)
+    own = (one for one in owner.__mro__ if one.__module__.startswith(_OURS))
     texts = (_attribute_texts(one.__module__).get((one.__name__, name), "") for one in own)
     return next(filter(None, texts), "")
 

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from emvs.errors import InputError
-from eval.cli.app import JOBS
-from eval.cli.help import RARE
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.app import JOBS
+from eventsweep.eval.cli.help import RARE
 
 if TYPE_CHECKING:
-    from eval.jobs.scheduler import Workers
-    from eval.progress import Progress
-    from eval.scoring.predictions import NamedFolder
-    from eval.suite.archive import SequenceArchive
-    from eval.suite.definition import Suite
-    from eval.suite.results import SuiteResult
+    from eventsweep.eval.jobs.scheduler import Workers
+    from eventsweep.eval.progress import Progress
+    from eventsweep.eval.scoring.predictions import NamedFolder
+    from eventsweep.eval.suite.archive import SequenceArchive
+    from eventsweep.eval.suite.definition import Suite
+    from eventsweep.eval.suite.results import SuiteResult
 
 _JobFlag = Parameter(group=JOBS)
 _JobSwitch = Parameter(group=JOBS, negative=())
@@ -69,7 +69,7 @@ class JobFlags:
 
     def cache_folder(self) -> Path:
         """The cache's folder, absolute."""
-        from emvs.utils.cache import default_cache
+        from eventsweep.emvs.utils.cache import default_cache
 
         return (self.cache or default_cache()).absolute()
 
@@ -80,16 +80,16 @@ class JobFlags:
             InputError: no workers asked for, flags that say nothing together, or a scheduler that
                 is not there.
         """
-        from emvs.utils.cache import Cache
+        from eventsweep.emvs.utils.cache import Cache
 
         self.check()
         folder = self.cache_folder()
         if self.scheduler is not None:
-            from eval.jobs.dask import Cluster, dask_workers
+            from eventsweep.eval.jobs.dask import Cluster, dask_workers
 
             files = (self.tls_ca, self.tls_cert, self.tls_key)
             return dask_workers(Cluster(self.scheduler, self.remote, *files), folder)
-        from eval.jobs.local import default_workers, local_workers
+        from eventsweep.eval.jobs.local import default_workers, local_workers
 
         count = default_workers() if self.workers is None else self.workers
         return local_workers(count, Cache(folder).folder)
@@ -142,7 +142,7 @@ def run_with_flags(
         predictions: folders with depth maps of others.
         archive: where the sequences are; by default they are simulated.
     """
-    from eval.suite.run import run_suite, with_speed
+    from eventsweep.eval.suite.run import run_suite, with_speed
 
     result = run_suite(
         suite, subset, flags.open, progress,

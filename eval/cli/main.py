@@ -8,12 +8,12 @@ from importlib import import_module
 
 from cyclopts import CycloptsError
 
-from emvs.errors import InputError
-from emvs.parameters import explain
-from eval import config
-from eval.cli.app import app
-from eval.cli.exit_codes import exit_code
-from eval.cli.help import refusal
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.parameters import explain
+from eventsweep.eval import config
+from eventsweep.eval.cli.app import app
+from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.cli.help import refusal
 
 VERBS = (
     "archive", "calibrate", "check", "compare", "completion", "convert", "events", "fuse", "gate",
@@ -21,7 +21,7 @@ VERBS = (
     "suite", "train",
 )  # fmt: skip
 for _verb in VERBS:  # importing its module registers a verb
-    import_module(f"eval.cli.verbs.{_verb}")
+    import_module(f"eventsweep.eval.cli.verbs.{_verb}")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

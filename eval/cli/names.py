@@ -9,47 +9,47 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from emvs.geometry.rig import Rig
+    from eventsweep.emvs.geometry.rig import Rig
 
 
 def scenes(_: Any = None) -> Mapping[str, str]:
     """Scenes."""
-    from scenes import summaries
+    from eventsweep.scenes import summaries
 
     return summaries()
 
 
 def rigs(_: Any = None) -> Mapping[str, str]:
     """Rigs."""
-    from sim.rigs import RIGS
+    from eventsweep.sim.rigs import RIGS
 
     return {name: _rig_line(rig) for name, rig in RIGS.items()}
 
 
 def sensors(_: Any = None) -> Mapping[str, str]:
     """Sensor presets."""
-    from sim.sensor_presets import PRESETS
+    from eventsweep.sim.sensor_presets import PRESETS
 
     return {name: preset.summary for name, preset in PRESETS.items()}
 
 
 def head_styles(_: Any = None) -> Mapping[str, str]:
     """Ways of moving the head."""
-    from sim.motion.head_styles import STYLES
+    from eventsweep.sim.motion.head_styles import STYLES
 
     return {name: style.summary for name, style in STYLES.items()}
 
 
 def methods(_: Any = None) -> Mapping[str, str]:
     """Methods of mapping, and grammars of their families."""
-    from emvs.methods import overview
+    from eventsweep.emvs.methods import overview
 
     return overview()
 
 
 def method_names(_: Any = None) -> Mapping[str, str]:
     """Methods that a shell can complete: of families, whose names are made by a grammar, some."""
-    from emvs.methods import FAMILIES, overview
+    from eventsweep.emvs.methods import FAMILIES, overview
 
     whole = {name: text for name, text in overview().items() if " " not in name}
     examples = {name: one.summary for one in FAMILIES.values() for name in one.examples}
@@ -58,7 +58,7 @@ def method_names(_: Any = None) -> Mapping[str, str]:
 
 def metrics(_: Any = None) -> Mapping[str, str]:
     """Metrics."""
-    from eval.scoring.method_scores import ALL_METRICS
+    from eventsweep.eval.scoring.method_scores import ALL_METRICS
 
     direction = {"none": "neither end is better"}
     return {
@@ -70,7 +70,7 @@ def metrics(_: Any = None) -> Mapping[str, str]:
 
 def studies(_: Any = None) -> Mapping[str, str]:
     """Studies."""
-    from eval.studies.definitions import STUDIES
+    from eventsweep.eval.studies.definitions import STUDIES
 
     return {
         study.name: f"{study.axis}, {study.amounts[0]:g} to {study.amounts[-1]:g} {study.unit}"
@@ -80,14 +80,14 @@ def studies(_: Any = None) -> Mapping[str, str]:
 
 def suites(_: Any = None) -> Mapping[str, str]:
     """Suites and their subsets."""
-    from eval.suite.definition import overview
+    from eventsweep.eval.suite.definition import overview
 
     return overview()
 
 
 def formats(_: Any = None) -> Mapping[str, str]:
     """Event formats."""
-    from emvs.formats import FORMATS
+    from eventsweep.emvs.formats import FORMATS
 
     return {
         name: f"{one.what}, {'read and written' if one.writes else 'read only'}"

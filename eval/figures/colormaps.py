@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
-from emvs.dsi.method import MethodName
+from eventsweep.emvs.dsi.method import MethodName
 
 BLANK = 255  # palette row of pixels that hold no value
 _LEVELS = 255

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from emvs.errors import InputError
-from eval.figures.colormaps import BLANK, Scale, grey_palette, nice_above
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.figures.colormaps import BLANK, Scale, grey_palette, nice_above
 
 FloatImage = NDArray[np.floating]
 MaskImage = NDArray[np.bool_]

@@ -15,11 +15,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from eval.figures.colormaps import INK, line_style, nice_between, spaced
-from eval.scoring.curves import ThresholdCurve
-from eval.scoring.method_scores import CAUSE_PREFIX
-from eval.scoring.outlier_causes import CAUSES
-from eval.scoring.results import Row
+from eventsweep.eval.figures.colormaps import INK, line_style, nice_between, spaced
+from eventsweep.eval.scoring.curves import ThresholdCurve
+from eventsweep.eval.scoring.method_scores import CAUSE_PREFIX
+from eventsweep.eval.scoring.outlier_causes import CAUSES
+from eventsweep.eval.scoring.results import Row
 
 STYLE: Any = {
     "svg.fonttype": "none",

@@ -9,8 +9,8 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from eval.figures.colormaps import line_style
-from eval.figures.plots import STYLE, svg_of
+from eventsweep.eval.figures.colormaps import line_style
+from eventsweep.eval.figures.plots import STYLE, svg_of
 
 _SIZE = (10.5, 4.6)
 _MARKER = 5.5

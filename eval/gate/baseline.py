@@ -11,10 +11,10 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from emvs.errors import InputError
-from emvs.utils.files import atomic_path
-from eval.scoring.results import read_json
-from eval.suite.series import SPEED_METRIC, Key, Measured, Series
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.eval.scoring.results import read_json
+from eventsweep.eval.suite.series import SPEED_METRIC, Key, Measured, Series
 
 SCHEMA_VERSION = 1
 _CURE = "write it again with `eventsweep gate --update --reason ...`"

@@ -15,10 +15,10 @@ from typing import Literal
 import numpy as np
 from scipy import stats
 
-from emvs.errors import InputError
-from eval.scoring.metrics import PRIMARY
-from eval.suite.results import EVENTS
-from eval.suite.series import SPEED_METRIC, Key, Measured, Series
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.scoring.metrics import PRIMARY
+from eventsweep.eval.suite.results import EVENTS
+from eventsweep.eval.suite.series import SPEED_METRIC, Key, Measured, Series
 
 Status = Literal["changed", "worse", "failed", "gone", "not comparable", "better", "new", "same"]
 LOST: tuple[Status, ...] = ("failed", "gone", "not comparable")

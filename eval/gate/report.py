@@ -10,11 +10,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from xml.etree import ElementTree as xml
 
-from emvs.errors import significant
-from emvs.utils.files import atomic_path
-from eval.gate.compare import COMPARED, INPUT, Verdict, is_red
-from eval.numbers import in_shown_unit, shown_unit
-from eval.suite.results import EVENTS
+from eventsweep.emvs.errors import significant
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.eval.gate.compare import COMPARED, INPUT, Verdict, is_red
+from eventsweep.eval.numbers import in_shown_unit, shown_unit
+from eventsweep.eval.suite.results import EVENTS
 
 HEADINGS = ("verdict", "case", "method", "metric", "baseline", "now", "change", "allowed", "why")
 CAPTION = "all that is not the same; what stands in brackets is shown and decides nothing"

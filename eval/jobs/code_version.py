@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
-PACKAGES = ("emvs", "sim", "scenes", "eval")
+_PREFIX = "eventsweep."
 _NOT_MEANING = {"ctx", "kind", "type_comment", "type_params", "lineno", "col_offset"}
 
 
@@ -35,7 +35,7 @@ def code_version(roots: Iterable[str], files: Iterable[Path] = ()) -> str:
 
 def source_digest(modules: Iterable[str], files: Iterable[Path] = ()) -> str:
     """Hashes the source of exactly these modules, and files."""
-    lines = [f"{name} {_source_hash(name)}" for name in sorted(modules)]
+    lines = [f"{name.removeprefix(_PREFIX)} {_source_hash(name)}" for name in sorted(modules)]
     lines += [f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in files]
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
@@ -86,7 +86,7 @@ def _imported(tree: ast.Module) -> Iterator[str]:
 
 
 def _ours(name: str) -> bool:
-    return name.split(".")[0] in PACKAGES
+    return name.startswith(_PREFIX)
 
 
 @cache
@@ -122,7 +122,7 @@ def _words(node: object) -> Iterator[str]:
     """What a syntax tree says, without places, doc strings and what differs between Pythons."""
     if isinstance(node, ast.AST):
         yield f"({type(node).__name__}"
-        for field, value in ast.iter_fields(node):
+        for field, value in _fields(node):
             if field not in _NOT_MEANING and value is not None and value != []:
                 yield field
                 yield from _words(value)
@@ -131,6 +131,15 @@ def _words(node: object) -> Iterator[str]:
         yield from (word for item in node if not _is_text(item) for word in _words(item))
     else:
         yield repr(node)
+
+
+def _fields(node: ast.AST) -> Iterator[tuple[str, object]]:
+    """Fields of a node; imports name modules by their place in the repository."""
+    for field, value in ast.iter_fields(node):
+        if field == "module" and isinstance(value, str):
+            yield field, value.removeprefix(_PREFIX)
+        else:
+            yield field, value
 
 
 def _is_text(node: object) -> bool:

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
-from emvs.errors import InputError, heed_interrupt
-from emvs.utils.release import install
-from eval.jobs.job import Failed, Job, Outcome, code_of, do
+from eventsweep.emvs.errors import InputError, heed_interrupt
+from eventsweep.emvs.utils.release import install
+from eventsweep.eval.jobs.job import Failed, Job, Outcome, code_of, do
 
 if TYPE_CHECKING:
     from distributed import Client, Future

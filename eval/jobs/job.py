@@ -14,10 +14,10 @@ from functools import cache as once
 from pathlib import Path
 from typing import Any, Protocol, cast
 
-from emvs.errors import InputError
-from emvs.utils.cache import Cache, CacheEntry, key_of
-from emvs.utils.runtime import versions
-from eval.jobs.code_version import code_version
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.cache import Cache, CacheEntry, key_of
+from eventsweep.emvs.utils.runtime import versions
+from eventsweep.eval.jobs.code_version import code_version
 
 SEQUENCE = "sequence"
 RESULT = "result.json"

@@ -11,9 +11,9 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
-from emvs.utils.cache import Cache
-from emvs.utils.processes import end_with_parent
-from eval.jobs.job import Done, Failed, Job, Outcome, do, find
+from eventsweep.emvs.utils.cache import Cache
+from eventsweep.emvs.utils.processes import end_with_parent
+from eventsweep.eval.jobs.job import Done, Failed, Job, Outcome, do, find
 
 # One thread per worker: the jobs are the parallelism. Mesa's rasteriser counts helpers beside the
 # calling thread, the others count all threads.

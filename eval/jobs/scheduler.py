@@ -7,8 +7,8 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from eval.jobs.job import Failed, Job, Outcome, order
-from eval.progress import Progress
+from eventsweep.eval.jobs.job import Failed, Job, Outcome, order
+from eventsweep.eval.progress import Progress
 
 
 class Workers(Protocol):

@@ -12,16 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
-from emvs.config import MapperConfig
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.depth.depth_map import DepthMap
-from emvs.depth.precision import BAND, WITHIN_PX, Precision, table_name
-from emvs.errors import InputError
-from emvs.mapper import map_window
-from eval.config import EvalConfig
-from eval.learning.sequences import TrainingSequence, windows
-from eval.scoring.pairing import Truth
-from eval.scoring.run_folder import truth_of
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.depth.precision import BAND, WITHIN_PX, Precision, table_name
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.mapper import map_window
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.learning.sequences import TrainingSequence, windows
+from eventsweep.eval.scoring.pairing import Truth
+from eventsweep.eval.scoring.run_folder import truth_of
 
 _BINS = 48
 _FEWEST = 20  # points of a bin, at least

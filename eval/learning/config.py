@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, model_validator
 
-from emvs.parameters import ParameterGroup
+from eventsweep.emvs.parameters import ParameterGroup
 
 Positive = Annotated[float, Field(gt=0)]
 History = list[dict[str, float]]

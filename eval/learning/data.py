@@ -9,20 +9,20 @@ from pathlib import Path
 
 import numpy as np
 
-import scenes
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.errors import InputError
-from emvs.utils.processes import end_with_parent
-from eval.jobs.code_version import closure, definition_digest
-from eval.learning.config import NetworkName, TrainingConfig
-from eval.learning.samples import SampleSet
-from eval.learning.sequences import Part, TrainingSequence, sequences
-from eval.learning.tasks import TASKS
-from eval.progress import Progress
-from sim.config import SimConfig
-from sim.rigs import rig
-from sim.sensor_presets import SensorConfig
-from sim.simulate import simulate
+from eventsweep import scenes
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.processes import end_with_parent
+from eventsweep.eval.jobs.code_version import closure, definition_digest
+from eventsweep.eval.learning.config import NetworkName, TrainingConfig
+from eventsweep.eval.learning.samples import SampleSet
+from eventsweep.eval.learning.sequences import Part, TrainingSequence, sequences
+from eventsweep.eval.learning.tasks import TASKS
+from eventsweep.eval.progress import Progress
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.rigs import rig
+from eventsweep.sim.sensor_presets import SensorConfig
+from eventsweep.sim.simulate import simulate
 
 PARTS: tuple[Part, ...] = ("training", "calibration")
 

@@ -10,8 +10,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from emvs.learned.derd import UniformIn
-from eval.learning.trainable import Inputs, Outcome, Trainable
+from eventsweep.emvs.learned.derd import UniformIn
+from eventsweep.eval.learning.trainable import Inputs, Outcome, Trainable
 
 
 class DerdNetwork(Trainable):

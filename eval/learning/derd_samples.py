@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.depth.depth_map import confidence_mask, without_border
-from emvs.learned.derd import PLANES, SIDE_PX, DepthRange, columns_of, selecting
-from emvs.methods import build_derd
-from eval.config import EvalConfig
-from eval.learning.samples import SampleSet, Swept, swept_window, window_config
-from eval.learning.sequences import TrainingSequence, TrainingWindow, windows
-from eval.scoring.run_folder import truth_of
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.depth.depth_map import confidence_mask, without_border
+from eventsweep.emvs.learned.derd import PLANES, SIDE_PX, DepthRange, columns_of, selecting
+from eventsweep.emvs.methods import build_derd
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.learning.samples import SampleSet, Swept, swept_window, window_config
+from eventsweep.eval.learning.sequences import TrainingSequence, TrainingWindow, windows
+from eventsweep.eval.scoring.run_folder import truth_of
 
 Floats = NDArray[np.float32]
 LEAST_C = MapperConfig().threshold_c

@@ -11,14 +11,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from emvs.errors import InputError
-from emvs.utils.files import atomic_path
-from eval.learning.config import History, TrainingConfig
-from eval.learning.network import MOST_PX
-from eval.learning.samples import SampleSet
-from eval.learning.tasks import TASKS, untrained
-from eval.learning.trainable import Inputs
-from eval.progress import Update
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.eval.learning.config import History, TrainingConfig
+from eventsweep.eval.learning.network import MOST_PX
+from eventsweep.eval.learning.samples import SampleSet
+from eventsweep.eval.learning.tasks import TASKS, untrained
+from eventsweep.eval.learning.trainable import Inputs
+from eventsweep.eval.progress import Update
 
 _JUDGED_AT_ONCE = 2048
 

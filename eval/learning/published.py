@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from emvs.learned.derd import LAYERS, MOST_MODELS, NAME
-from emvs.learned.weights import MOST_BYTES, write_weights
-from emvs.utils.inputs import check_file
-from emvs.utils.release import install
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.learned.derd import LAYERS, MOST_MODELS, NAME
+from eventsweep.emvs.learned.weights import MOST_BYTES, write_weights
+from eventsweep.emvs.utils.inputs import check_file
+from eventsweep.emvs.utils.release import install
 
 STATE = "model_state_dict"
 """Under which the authors save the model, beside the optimiser."""

@@ -10,27 +10,27 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
-from emvs.data.recording import Recording
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.depth.focus import estimate_in_focus, parallax_baseline_m
-from emvs.dsi.backprojection import back_project
-from emvs.dsi.device import CPU, projector_on
-from emvs.dsi.method import WHOLE, Method
-from emvs.dsi.sweep import SweepResult, group_by_split, sweep
-from emvs.learned.inputs import BATCH, Candidates, as_patches, candidates, channels
-from emvs.learned.kept_votes import KeptVotes, votes_of_codes
-from emvs.learned.network import CHANNELS, DEPTH, SIDE_PX
-from emvs.mapper import sweep_settings
-from emvs.methods import build_focus
-from emvs.reference_view import ReferenceView, reference_view
-from emvs.utils.files import atomic_path
-from emvs.windows import choose_window
-from eval.config import EvalConfig
-from eval.learning.sequences import TrainingWindow
-from eval.perturbations import Perturbation, perturbed
-from eval.scoring.pairing import Truth
-from eval.scoring.run_folder import truth_of
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.depth.focus import estimate_in_focus, parallax_baseline_m
+from eventsweep.emvs.dsi.backprojection import back_project
+from eventsweep.emvs.dsi.device import CPU, projector_on
+from eventsweep.emvs.dsi.method import WHOLE, Method
+from eventsweep.emvs.dsi.sweep import SweepResult, group_by_split, sweep
+from eventsweep.emvs.learned.inputs import BATCH, Candidates, as_patches, candidates, channels
+from eventsweep.emvs.learned.kept_votes import KeptVotes, votes_of_codes
+from eventsweep.emvs.learned.network import CHANNELS, DEPTH, SIDE_PX
+from eventsweep.emvs.mapper import sweep_settings
+from eventsweep.emvs.methods import build_focus
+from eventsweep.emvs.reference_view import ReferenceView, reference_view
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.windows import choose_window
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.learning.sequences import TrainingWindow
+from eventsweep.eval.perturbations import Perturbation, perturbed
+from eventsweep.eval.scoring.pairing import Truth
+from eventsweep.eval.scoring.run_folder import truth_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from sim.sensor_presets import PresetName
+from eventsweep.sim.sensor_presets import PresetName
 
 FIRST_SEED = 1000
 Part = Literal["training", "calibration"]

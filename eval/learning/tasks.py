@@ -6,15 +6,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.learned import derd, network
-from eval.learning.config import NetworkName, TrainingConfig
-from eval.learning.derd_samples import DerdSamples, derd_samples, derd_windows
-from eval.learning.samples import Samples, SampleSet, samples
-from eval.learning.sequences import TrainingSequence, TrainingWindow, windows
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.learned import derd, network
+from eventsweep.eval.learning.config import NetworkName, TrainingConfig
+from eventsweep.eval.learning.derd_samples import DerdSamples, derd_samples, derd_windows
+from eventsweep.eval.learning.samples import Samples, SampleSet, samples
+from eventsweep.eval.learning.sequences import TrainingSequence, TrainingWindow, windows
 
 if TYPE_CHECKING:
-    from eval.learning.trainable import Trainable
+    from eventsweep.eval.learning.trainable import Trainable
 
 
 @dataclass(frozen=True)
@@ -68,9 +68,9 @@ def untrained(config: TrainingConfig) -> Trainable:
         ModuleNotFoundError: torch is not installed.
     """
     if config.network == "learned":
-        from eval.learning.network import Network
+        from eventsweep.eval.learning.network import Network
 
         return Network(network.Architecture())
-    from eval.learning.derd_network import DerdNetwork
+    from eventsweep.eval.learning.derd_network import DerdNetwork
 
     return DerdNetwork(config.uniform_in)

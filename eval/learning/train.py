@@ -9,19 +9,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from emvs.errors import InputError
-from emvs.learned.weights import write_weights
-from emvs.utils.files import atomic_path
-from emvs.utils.inputs import SETTINGS_BYTES, parse_json, read_text
-from emvs.utils.release import install
-from emvs.utils.runtime import versions
-from eval.learning import confidence, data
-from eval.learning.config import History, TrainingConfig
-from eval.learning.tasks import TASKS, Task
-from eval.progress import Progress
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.learned.weights import write_weights
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, parse_json, read_text
+from eventsweep.emvs.utils.release import install
+from eventsweep.emvs.utils.runtime import versions
+from eventsweep.eval.learning import confidence, data
+from eventsweep.eval.learning.config import History, TrainingConfig
+from eventsweep.eval.learning.tasks import TASKS, Task
+from eventsweep.eval.progress import Progress
 
 if TYPE_CHECKING:
-    from eval.learning.fit import Fitting
+    from eventsweep.eval.learning.fit import Fitting
 
 ASKED_NAME = "training.json"
 CHECKPOINT_NAME = "checkpoint.pt"
@@ -85,7 +85,7 @@ def _precision(folder: Path, config: TrainingConfig, weights: Path) -> dict[str,
 
 def _fitting() -> type[Fitting]:
     try:
-        from eval.learning.fit import Fitting
+        from eventsweep.eval.learning.fit import Fitting
     except ModuleNotFoundError as error:
         if error.name != "torch":
             raise

@@ -14,12 +14,12 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from emvs.errors import InputError
-from eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
-from eval.scoring.metrics import Better
-from eval.scoring.outlier_causes import CAUSES
-from eval.scoring.results import POOLED, Row, Value, read_json
-from eval.suite.results import (
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
+from eventsweep.eval.scoring.metrics import Better
+from eventsweep.eval.scoring.outlier_causes import CAUSES
+from eventsweep.eval.scoring.results import POOLED, Row, Value, read_json
+from eventsweep.eval.suite.results import (
     DEFAULT_MAPPER,
     EVENTS,
     FILE_NAME,
@@ -28,7 +28,7 @@ from eval.suite.results import (
     SuiteResult,
     read_suite,
 )
-from eval.suite.submission import perfect_scores
+from eventsweep.eval.suite.submission import perfect_scores
 
 DATA_NAME = "ranking.json"
 RANKED_BY = "mean_error"

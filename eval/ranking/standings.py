@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from eval.scoring.metrics import Better
-from eval.scoring.significance import ALPHA, LEVEL, RESAMPLES, holm, stratified_p
+from eventsweep.eval.scoring.metrics import Better
+from eventsweep.eval.scoring.significance import ALPHA, LEVEL, RESAMPLES, holm, stratified_p
 
 Floats = NDArray[np.float64]
 Table = Mapping[str, Sequence[Sequence[float]]]

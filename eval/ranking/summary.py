@@ -9,12 +9,20 @@ from typing import get_args
 
 import numpy as np
 
-from eval.ranking.entries import COVERAGES, RANKED_BY, Joined, RankingEntry, Unit, finite_mean, join
-from eval.ranking.standings import Standing, Table, places, standings
-from eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
-from eval.scoring.metrics import Better
-from eval.scoring.outlier_causes import CAUSES
-from eval.suite.definition import Condition
+from eventsweep.eval.ranking.entries import (
+    COVERAGES,
+    RANKED_BY,
+    Joined,
+    RankingEntry,
+    Unit,
+    finite_mean,
+    join,
+)
+from eventsweep.eval.ranking.standings import Standing, Table, places, standings
+from eventsweep.eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
+from eventsweep.eval.scoring.metrics import Better
+from eventsweep.eval.scoring.outlier_causes import CAUSES
+from eventsweep.eval.suite.definition import Condition
 
 MAIN = RANKED_BY
 OTHERS = (

@@ -13,23 +13,23 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from emvs.baselines.rectification import Rectified
-from emvs.calibrate.epipolar import epipolar_residuals_px
-from emvs.calibrate.folder import estimate_facts, write_refined
-from emvs.calibrate.refine import Estimate, RefineConfig, Refinement, refine
-from emvs.config import MapperConfig
-from emvs.data.recording import Recording
-from emvs.errors import InputError
-from emvs.mapper import map_window
-from emvs.reference_view import depth_range_m
-from emvs.utils.outputs import atomic_dir
-from emvs.utils.ownership import mark
-from emvs.utils.runtime import versions
-from emvs.window_result import WindowResult
-from emvs.windows import Window
-from eval.figures.colormaps import depth_scale
-from eval.figures.images import depth_image, point_size_px
-from eval.figures.plots import (
+from eventsweep.emvs.baselines.rectification import Rectified
+from eventsweep.emvs.calibrate.epipolar import epipolar_residuals_px
+from eventsweep.emvs.calibrate.folder import estimate_facts, write_refined
+from eventsweep.emvs.calibrate.refine import Estimate, RefineConfig, Refinement, refine
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.reference_view import depth_range_m
+from eventsweep.emvs.utils.outputs import atomic_dir
+from eventsweep.emvs.utils.ownership import mark
+from eventsweep.emvs.utils.runtime import versions
+from eventsweep.emvs.window_result import WindowResult
+from eventsweep.emvs.windows import Window
+from eventsweep.eval.figures.colormaps import depth_scale
+from eventsweep.eval.figures.images import depth_image, point_size_px
+from eventsweep.eval.figures.plots import (
     ESTIMATE_COLOUR,
     STYLE,
     TRUTH_COLOUR,
@@ -37,8 +37,8 @@ from eval.figures.plots import (
     slice_svg,
     svg_of,
 )
-from eval.progress import Progress
-from eval.report.html import (
+from eventsweep.eval.progress import Progress
+from eventsweep.eval.report.html import (
     REPORT_NAME,
     Grid,
     GridCell,

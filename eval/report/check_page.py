@@ -14,10 +14,17 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 from PIL import Image
 
-from emvs.check.findings import VERDICTS, Finding, Report, Series
-from emvs.utils.runtime import versions
-from eval.figures.plots import ESTIMATE_COLOUR, STYLE, svg_of
-from eval.report.html import REPORT_NAME, environment, files_in, inline, plural, versions_grid
+from eventsweep.emvs.check.findings import VERDICTS, Finding, Report, Series
+from eventsweep.emvs.utils.runtime import versions
+from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, STYLE, svg_of
+from eventsweep.eval.report.html import (
+    REPORT_NAME,
+    environment,
+    files_in,
+    inline,
+    plural,
+    versions_grid,
+)
 
 JSON_NAME = "check.json"
 FILES = (REPORT_NAME, JSON_NAME)

@@ -159,7 +159,7 @@ def svg_uri(drawing: str) -> str:
 def environment() -> jinja2.Environment:
     """Templates that escape everything that is not marked as safe."""
     return jinja2.Environment(
-        loader=jinja2.PackageLoader("eval.report", "templates"),
+        loader=jinja2.PackageLoader("eventsweep.eval.report", "templates"),
         autoescape=True,
         trim_blocks=True,
         undefined=jinja2.StrictUndefined,
@@ -168,5 +168,9 @@ def environment() -> jinja2.Environment:
 
 def inline(name: str) -> Markup:
     """A file beside the templates, as it stands."""
-    text = resources.files("eval.report").joinpath("templates", name).read_text(encoding="utf-8")
+    text = (
+        resources.files("eventsweep.eval.report")
+        .joinpath("templates", name)
+        .read_text(encoding="utf-8")
+    )
     return Markup(text)

@@ -14,11 +14,11 @@ from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from eval.figures.colormaps import Scale, depth_scale, events_scale
-from eval.figures.images import depth_image, events_image, frame_image, point_size_px
-from eval.report.run_data import CaseData, MethodData, WindowData
-from eval.scoring.pairing import REFERENCE
-from eval.scoring.predictions import FAMILY
+from eventsweep.eval.figures.colormaps import Scale, depth_scale, events_scale
+from eventsweep.eval.figures.images import depth_image, events_image, frame_image, point_size_px
+from eventsweep.eval.report.run_data import CaseData, MethodData, WindowData
+from eventsweep.eval.scoring.pairing import REFERENCE
+from eventsweep.eval.scoring.predictions import FAMILY
 
 _PANEL_INCHES, _DPI, _MOST_OTHERS, _COLUMNS = 4.2, 90, 2, 6
 Drawing = Callable[[Axes], None]

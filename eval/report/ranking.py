@@ -8,15 +8,15 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from eval.numbers import shown, shown_unit
-from eval.scoring.method_scores import ALL_METRICS, BAD_POINTS, CAUSE_PREFIX
-from eval.scoring.metrics import Better
-from eval.scoring.outlier_causes import CAUSES
-from eval.scoring.pairing import COMPARED, HARMONIC, REFERENCE, SHARED
-from eval.scoring.predictions import FAMILY
-from eval.scoring.regions import REGIONS
-from eval.scoring.results import RIG, Row
-from eval.scoring.score import BASELINE, TRAVEL
+from eventsweep.eval.numbers import shown, shown_unit
+from eventsweep.eval.scoring.method_scores import ALL_METRICS, BAD_POINTS, CAUSE_PREFIX
+from eventsweep.eval.scoring.metrics import Better
+from eventsweep.eval.scoring.outlier_causes import CAUSES
+from eventsweep.eval.scoring.pairing import COMPARED, HARMONIC, REFERENCE, SHARED
+from eventsweep.eval.scoring.predictions import FAMILY
+from eventsweep.eval.scoring.regions import REGIONS
+from eventsweep.eval.scoring.results import RIG, Row
+from eventsweep.eval.scoring.score import BASELINE, TRAVEL
 
 FUSED_PREFIX = "Alg1/"
 SINGLE_PREFIX = "EMVS/"

@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.depth.depth_map import DepthMap
-from emvs.depth.point_cloud import back_project_map, without_outliers
-from emvs.dsi.method import file_name
-from emvs.errors import InputError, heed_interrupt
-from emvs.maps.folder import StoredMap, StoredWindow
-from emvs.utils.files import atomic_path
-from emvs.utils.release import install
-from eval.config import EvalConfig
-from eval.scoring.regions import on_view
-from eval.scoring.run_folder import (
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.depth.point_cloud import back_project_map, without_outliers
+from eventsweep.emvs.dsi.method import file_name
+from eventsweep.emvs.errors import InputError, heed_interrupt
+from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.release import install
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.scoring.regions import on_view
+from eventsweep.eval.scoring.run_folder import (
     Scored,
     existing_recording,
     find_maps,

@@ -10,20 +10,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-import scenes
-from emvs.data.image_stores import Photo
-from emvs.data.recording import Recording
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.depth.depth_map import DepthMap
-from emvs.dsi.slices import Slices
-from emvs.geometry.camera import Camera
-from emvs.maps.folder import StoredMap, StoredWindow
-from eval.config import EvalConfig
-from eval.figures.plots import DsiSlice
-from eval.numbers import thousands
-from eval.scoring.pairing import Truth
-from eval.scoring.results import JSON_NAME, Results, Row, read_results
-from eval.scoring.run_folder import (
+from eventsweep import scenes
+from eventsweep.emvs.data.image_stores import Photo
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.dsi.slices import Slices
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.figures.plots import DsiSlice
+from eventsweep.eval.numbers import thousands
+from eventsweep.eval.scoring.pairing import Truth
+from eventsweep.eval.scoring.results import JSON_NAME, Results, Row, read_results
+from eventsweep.eval.scoring.run_folder import (
     CONFIG_FILE,
     Scored,
     existing_recording,

@@ -11,11 +11,11 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from emvs.dsi.method import OWN_UNIT, VOTES
-from emvs.methods import named
-from emvs.utils.files import atomic_path
-from emvs.utils.outputs import check_files
-from eval.figures.colormaps import (
+from eventsweep.emvs.dsi.method import OWN_UNIT, VOTES
+from eventsweep.emvs.methods import named
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.outputs import check_files
+from eventsweep.eval.figures.colormaps import (
     Scale,
     confidence_scale,
     depth_scale,
@@ -23,7 +23,7 @@ from eval.figures.colormaps import (
     events_scale,
     line_style,
 )
-from eval.figures.images import (
+from eventsweep.eval.figures.images import (
     IndexedImage,
     behind_image,
     confidence_image,
@@ -38,11 +38,11 @@ from eval.figures.images import (
     photo_image,
     point_size_px,
 )
-from eval.figures.plots import causes_svg, curves_svg, outlier_causes, slice_svg
-from eval.numbers import shown, thousands
-from eval.report.html import REPORT_NAME, environment, files_in, inline, plural
-from eval.report.overview import overview_png
-from eval.report.ranking import (
+from eventsweep.eval.figures.plots import causes_svg, curves_svg, outlier_causes, slice_svg
+from eventsweep.eval.numbers import shown, thousands
+from eventsweep.eval.report.html import REPORT_NAME, environment, files_in, inline, plural
+from eventsweep.eval.report.overview import overview_png
+from eventsweep.eval.report.ranking import (
     column,
     findings,
     mean_over_cases,
@@ -50,11 +50,11 @@ from eval.report.ranking import (
     table,
     with_unit,
 )
-from eval.report.run_data import CaseData, MethodData, RunData, WindowData, load_run
-from eval.report.viewer import window_json
-from eval.scoring.curves import THRESHOLDS_CM, ThresholdCurve
-from eval.scoring.pairing import REFERENCE
-from eval.scoring.results import POOLED, RIG, Row
+from eventsweep.eval.report.run_data import CaseData, MethodData, RunData, WindowData, load_run
+from eventsweep.eval.report.viewer import window_json
+from eventsweep.eval.scoring.curves import THRESHOLDS_CM, ThresholdCurve
+from eventsweep.eval.scoring.pairing import REFERENCE
+from eventsweep.eval.scoring.results import POOLED, RIG, Row
 
 _CAPTION = ("points", "completeness", "mean_error", "median_error", "bad_published")
 OVERVIEW_NAME = "overview.png"

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict
 
-from emvs.errors import InputError
-from emvs.utils.files import atomic_path
-from emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
-from emvs.utils.outputs import check_files
-from eval.figures.colormaps import INK, line_style
-from eval.numbers import shown
-from eval.report.html import (
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
+from eventsweep.emvs.utils.outputs import check_files
+from eventsweep.eval.figures.colormaps import INK, line_style
+from eventsweep.eval.numbers import shown
+from eventsweep.eval.report.html import (
     REPORT_NAME,
     Grid,
     GridCell,
@@ -26,9 +26,9 @@ from eval.report.html import (
     plural,
     versions_grid,
 )
-from eval.report.ranking import column, definition
-from eval.scoring.results import Value, read_json
-from eval.studies.curves import BREAKS_AT
+from eventsweep.eval.report.ranking import column, definition
+from eventsweep.eval.scoring.results import Value, read_json
+from eventsweep.eval.studies.curves import BREAKS_AT
 
 # The colours of `report.css`, which does not reach into an image; the first patch is its ground.
 _GROUND = (

@@ -9,12 +9,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import get_args
 
-from emvs.utils.files import atomic_path
-from emvs.utils.outputs import check_files
-from eval.config import EvalConfig, RankingMetric
-from eval.figures.colormaps import line_style
-from eval.numbers import shown
-from eval.report.html import (
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.outputs import check_files
+from eventsweep.eval.config import EvalConfig, RankingMetric
+from eventsweep.eval.figures.colormaps import line_style
+from eventsweep.eval.numbers import shown
+from eventsweep.eval.report.html import (
     REPORT_NAME,
     Grid,
     GridCell,
@@ -27,7 +27,7 @@ from eval.report.html import (
     png_uri,
     versions_grid,
 )
-from eval.report.ranking import (
+from eventsweep.eval.report.ranking import (
     RANKING_COLUMNS,
     RankingLine,
     RankingTable,
@@ -36,10 +36,10 @@ from eval.report.ranking import (
     mean_over_cases,
     table,
 )
-from eval.scoring.results import POOLED, Row
-from eval.suite.output import CSV_NAME, PICTURES_FOLDER
-from eval.suite.results import FILE_NAME, SuiteResult, read_suite
-from eval.suite.series import Series, of_suite
+from eventsweep.eval.scoring.results import POOLED, Row
+from eventsweep.eval.suite.output import CSV_NAME, PICTURES_FOLDER
+from eventsweep.eval.suite.results import FILE_NAME, SuiteResult, read_suite
+from eventsweep.eval.suite.series import Series, of_suite
 
 _NO_PICTURES: Mapping[str, str] = MappingProxyType({})
 _ABOUT = (

@@ -13,35 +13,35 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from emvs.config import MapperConfig
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.utils.cache import Cache
-from emvs.utils.outputs import atomic_dir, check_files
-from emvs.utils.ownership import mark, remove_ours
-from eval.config import EvalConfig
-from eval.figures.colormaps import depth_scale, error_scale
-from eval.figures.images import (
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.utils.cache import Cache
+from eventsweep.emvs.utils.outputs import atomic_dir, check_files
+from eventsweep.emvs.utils.ownership import mark, remove_ours
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.figures.colormaps import depth_scale, error_scale
+from eventsweep.eval.figures.images import (
     depth_image,
     error_cap_cm,
     error_image,
     error_of,
     point_size_px,
 )
-from eval.jobs.job import SEQUENCE, Job, stored
-from eval.ranking.entries import shown_name
-from eval.report.overview import overview_png
-from eval.report.ranking import ranked_methods
-from eval.report.run_data import CaseData, MethodData, WindowData, window_data
-from eval.scoring.predictions import FAMILY, NamedFolder, Prediction, TargetView, plain
-from eval.scoring.results import POOLED
-from eval.suite.archive import SequenceArchive
-from eval.suite.definition import Suite
-from eval.suite.output import PICTURES_FOLDER
-from eval.suite.predictions import assignment, open_predictions
-from eval.suite.results import Sample, SuiteResult, mapper_method
-from eval.suite.run import suite_jobs
-from eval.suite.stages.predict import opened
-from eval.suite.stages.score import mapped_window
+from eventsweep.eval.jobs.job import SEQUENCE, Job, stored
+from eventsweep.eval.ranking.entries import shown_name
+from eventsweep.eval.report.overview import overview_png
+from eventsweep.eval.report.ranking import ranked_methods
+from eventsweep.eval.report.run_data import CaseData, MethodData, WindowData, window_data
+from eventsweep.eval.scoring.predictions import FAMILY, NamedFolder, Prediction, TargetView, plain
+from eventsweep.eval.scoring.results import POOLED
+from eventsweep.eval.suite.archive import SequenceArchive
+from eventsweep.eval.suite.definition import Suite
+from eventsweep.eval.suite.output import PICTURES_FOLDER
+from eventsweep.eval.suite.predictions import assignment, open_predictions
+from eventsweep.eval.suite.results import Sample, SuiteResult, mapper_method
+from eventsweep.eval.suite.run import suite_jobs
+from eventsweep.eval.suite.stages.predict import opened
+from eventsweep.eval.suite.stages.score import mapped_window
 
 METHODS_NAME = "methods.json"
 """Which case each method's pictures show."""

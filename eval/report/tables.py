@@ -13,13 +13,19 @@ from typing import Literal
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from emvs.utils.outputs import files_together
-from emvs.utils.ownership import MARKER, mark
-from eval.figures.plots import STYLE, causes_figure, curves_figure, outlier_causes, slice_figure
-from eval.report.ranking import RankingTable, column, mean_over_cases, table
-from eval.report.run_data import CaseData, RunData, load_run
-from eval.report.run_page import curves_of, with_predictions
-from eval.scoring.results import POOLED, is_undefined
+from eventsweep.emvs.utils.outputs import files_together
+from eventsweep.emvs.utils.ownership import MARKER, mark
+from eventsweep.eval.figures.plots import (
+    STYLE,
+    causes_figure,
+    curves_figure,
+    outlier_causes,
+    slice_figure,
+)
+from eventsweep.eval.report.ranking import RankingTable, column, mean_over_cases, table
+from eventsweep.eval.report.run_data import CaseData, RunData, load_run
+from eventsweep.eval.report.run_page import curves_of, with_predictions
+from eventsweep.eval.scoring.results import POOLED, is_undefined
 
 FORMATS = ("csv", "tex", "md")
 _TEX = {

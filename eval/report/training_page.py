@@ -11,14 +11,22 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from emvs.depth.precision import Precision
-from emvs.utils.files import atomic_path
-from emvs.utils.runtime import versions
-from eval.figures.colormaps import INK, line_style
-from eval.figures.plots import ESTIMATE_COLOUR, STYLE, svg_of
-from eval.learning.config import History
-from eval.learning.train import Trained
-from eval.report.html import REPORT_NAME, Grid, GridCell, Head, environment, files_in, inline
+from eventsweep.emvs.depth.precision import Precision
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.runtime import versions
+from eventsweep.eval.figures.colormaps import INK, line_style
+from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, STYLE, svg_of
+from eventsweep.eval.learning.config import History
+from eventsweep.eval.learning.train import Trained
+from eventsweep.eval.report.html import (
+    REPORT_NAME,
+    Grid,
+    GridCell,
+    Head,
+    environment,
+    files_in,
+    inline,
+)
 
 _SIZE_INCHES = (5.2, 2.8)
 

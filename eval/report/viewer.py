@@ -12,8 +12,8 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from eval.figures.colormaps import BLANK, Scale
-from eval.report.run_data import MethodData, WindowData
+from eventsweep.eval.figures.colormaps import BLANK, Scale
+from eventsweep.eval.report.run_data import MethodData, WindowData
 
 MOST_POINTS = 30_000
 """Points of one cloud that the page draws; more are thinned out evenly."""

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.scoring.metrics import FloatArray, Metric, Pairs, Pooling
+from eventsweep.eval.scoring.metrics import FloatArray, Metric, Pairs, Pooling
 
 THRESHOLDS_CM: tuple[int, ...] = tuple(range(1, 16))
 THRESHOLDS_PERCENT: tuple[int, ...] = (1, 2, 5, 10, 20)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import DAMAGED_NPY, InputError, heed_interrupt
-from emvs.utils.release import install
+from eventsweep.emvs.errors import DAMAGED_NPY, InputError, heed_interrupt
+from eventsweep.emvs.utils.release import install
 
 Image = NDArray[np.float64]
 

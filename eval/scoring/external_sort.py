@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
+from eventsweep.emvs.errors import InputError
 
 Floats = NDArray[np.float64]
 Edges = NDArray[np.int64]

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from emvs.errors import ByName
-from eval.scoring.curves import COVERAGE_METRICS, CURVE_METRICS
-from eval.scoring.metrics import CELL_METRICS, METRICS, Better, Metric, Pairs
-from eval.scoring.outlier_causes import CAUSES
-from eval.scoring.pairing import ALL, COMMON, HARMONIC, SHARED, MethodPairs
+from eventsweep.emvs.errors import ByName
+from eventsweep.eval.scoring.curves import COVERAGE_METRICS, CURVE_METRICS
+from eventsweep.eval.scoring.metrics import CELL_METRICS, METRICS, Better, Metric, Pairs
+from eventsweep.eval.scoring.outlier_causes import CAUSES
+from eventsweep.eval.scoring.pairing import ALL, COMMON, HARMONIC, SHARED, MethodPairs
 
 COMMON_PREFIX = "common_"
 CAUSE_PREFIX = "cause_"

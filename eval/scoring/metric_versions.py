@@ -6,15 +6,15 @@ import hashlib
 
 import numpy as np
 
-from eval.jobs.code_version import source_digest
-from eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
-from eval.scoring.outlier_causes import CAUSES
-from eval.scoring.pairing import Estimate, MethodPairs, Truth, pair_methods
-from eval.scoring.regions import DRAWN
-from eval.scoring.results import POOLED
-from eval.scoring.score import case_rows
+from eventsweep.eval.jobs.code_version import source_digest
+from eventsweep.eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
+from eventsweep.eval.scoring.outlier_causes import CAUSES
+from eventsweep.eval.scoring.pairing import Estimate, MethodPairs, Truth, pair_methods
+from eventsweep.eval.scoring.regions import DRAWN
+from eventsweep.eval.scoring.results import POOLED
+from eventsweep.eval.scoring.score import case_rows
 
-CAUSE_MODULES = ("eval.scoring.outlier_causes", "eval.scoring.regions")
+CAUSE_MODULES = ("eventsweep.eval.scoring.outlier_causes", "eventsweep.eval.scoring.regions")
 """What decides why a pixel is bad: too much to be pinned down by a few fixed maps."""
 
 

@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from eval.scoring.regions import log_gradient, on_view
-from sim.sensor.labels import Label
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.eval.scoring.regions import log_gradient, on_view
+from eventsweep.sim.sensor.labels import Label
 
 CAUSES: dict[str, str] = {
     "out_of_range": "the true depth lies outside the planes that were swept",

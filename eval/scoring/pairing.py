@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from eval.scoring.metrics import OUTLIER_RELATIVE_ERROR, Pairs, cell_error
-from eval.scoring.regions import away_from_border
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.scoring.metrics import OUTLIER_RELATIVE_ERROR, Pairs, cell_error
+from eventsweep.eval.scoring.regions import away_from_border
 
 REFERENCE = "Alg1/H"
 """The method that others are held against, on the pixels that both report."""

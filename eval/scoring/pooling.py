@@ -14,10 +14,10 @@ from types import TracebackType
 
 import numpy as np
 
-from emvs.errors import InputError
-from eval.scoring.curves import COVERAGES_PERCENT
-from eval.scoring.external_sort import MOST_AT_ONCE, Floats, SortedRuns
-from eval.scoring.method_scores import (
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.scoring.curves import COVERAGES_PERCENT
+from eventsweep.eval.scoring.external_sort import MOST_AT_ONCE, Floats, SortedRuns
+from eventsweep.eval.scoring.method_scores import (
     ALL_METRICS,
     Score,
     cause_scores,
@@ -25,9 +25,9 @@ from eval.scoring.method_scores import (
     full_name,
     metrics_of,
 )
-from eval.scoring.metrics import Metric, Pairs
-from eval.scoring.outlier_causes import pooled_causes
-from eval.scoring.pairing import ALL, MethodPairs
+from eventsweep.eval.scoring.metrics import Metric, Pairs
+from eventsweep.eval.scoring.outlier_causes import pooled_causes
+from eventsweep.eval.scoring.pairing import ALL, MethodPairs
 
 _NAN = float("nan")
 

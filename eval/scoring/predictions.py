@@ -12,17 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
-from emvs.errors import InputError
-from emvs.parameters import first_fault
-from emvs.utils.inputs import SETTINGS_BYTES, TABLE_BYTES, check_file, parse_toml, read_text
-from eval.scoring.depth_files import (
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.parameters import first_fault
+from eventsweep.emvs.utils.inputs import (
+    SETTINGS_BYTES,
+    TABLE_BYTES,
+    check_file,
+    parse_toml,
+    read_text,
+)
+from eventsweep.eval.scoring.depth_files import (
     SUFFIXES,
     depths_in,
     is_integral,
     read_confidence,
     read_stored,
 )
-from eval.scoring.pairing import Estimate
+from eventsweep.eval.scoring.pairing import Estimate
 
 UNIT_FACTOR = 30.0
 """A median depth farther than this from the true one is of another unit, or no depth at all."""

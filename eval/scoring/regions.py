@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.sequence import Sequence
-from emvs.geometry.camera import Camera
-from eval.config import EvalConfig
-from sim.ground_truth import boundary
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.eval.config import EvalConfig
+from eventsweep.sim.ground_truth import boundary
 
 MaskImage = NDArray[np.bool_]
 _DARK = 8.0

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import BeforeValidator, ConfigDict, PlainSerializer, TypeAdapter, ValidationError
 
-from emvs.errors import InputError
-from emvs.parameters import first_fault
-from emvs.utils.files import atomic_path
-from emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
-from emvs.utils.runtime import versions
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.parameters import first_fault
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
+from eventsweep.emvs.utils.runtime import versions
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -13,21 +13,21 @@ from typing import Any
 
 import numpy as np
 
-from emvs.config import MapperConfig
-from emvs.data.recording import Recording
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.datasets import open_recording
-from emvs.datasets.ground_truth import truth_at
-from emvs.datasets.posed import PosedRecording
-from emvs.depth.depth_map import DepthMap
-from emvs.dsi.method import file_name
-from emvs.errors import InputError
-from emvs.maps.folder import StoredMap, StoredWindow, read_map
-from emvs.utils.outputs import atomic_dir, real
-from emvs.utils.ownership import MARKER, mark, remove_ours
-from eval.config import EvalConfig
-from eval.scoring.pairing import Estimate, Truth
-from eval.scoring.predictions import DESCRIPTION, FAMILY, Prediction, TargetView, plain
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.datasets.ground_truth import truth_at
+from eventsweep.emvs.datasets.posed import PosedRecording
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.dsi.method import file_name
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.maps.folder import StoredMap, StoredWindow, read_map
+from eventsweep.emvs.utils.outputs import atomic_dir, real
+from eventsweep.emvs.utils.ownership import MARKER, mark, remove_ours
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.scoring.pairing import Estimate, Truth
+from eventsweep.eval.scoring.predictions import DESCRIPTION, FAMILY, Prediction, TargetView, plain
 
 MAP_FOLDER, SEQUENCE_FOLDER, CONFIG_FILE = "map", "sequence", "config.toml"
 KEPT_FOLDER = "predictions"

@@ -11,16 +11,16 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.depth.depth_map import DepthMap
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.maps.folder import StoredWindow, WindowInfo
-from emvs.windows import Window
-from eval.config import EvalConfig
-from eval.scoring.method_scores import Score, score_method, score_pairs
-from eval.scoring.outlier_causes import OutlierClassifier, count_events
-from eval.scoring.pairing import (
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.maps.folder import StoredWindow, WindowInfo
+from eventsweep.emvs.windows import Window
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.scoring.method_scores import Score, score_method, score_pairs
+from eventsweep.eval.scoring.outlier_causes import OutlierClassifier, count_events
+from eventsweep.eval.scoring.pairing import (
     DepthImage,
     Estimate,
     MaskImage,
@@ -30,11 +30,11 @@ from eval.scoring.pairing import (
     pair,
     pair_methods,
 )
-from eval.scoring.pooling import CasePool
-from eval.scoring.predictions import UNIT_FACTOR
-from eval.scoring.regions import region_masks
-from eval.scoring.results import MEAN, POOLED, RIG, Row
-from eval.scoring.run_folder import Scored, truth_of
+from eventsweep.eval.scoring.pooling import CasePool
+from eventsweep.eval.scoring.predictions import UNIT_FACTOR
+from eventsweep.eval.scoring.regions import region_masks
+from eventsweep.eval.scoring.results import MEAN, POOLED, RIG, Row
+from eventsweep.eval.scoring.run_folder import Scored, truth_of
 
 Windows = Mapping[str, Mapping[str, MethodPairs]] | Iterable[tuple[str, Mapping[str, MethodPairs]]]
 BASELINE, TRAVEL = "baseline", "lateral_travel"

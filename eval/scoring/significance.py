@@ -27,9 +27,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri, stdtr, stdtrit
 
-from emvs.errors import InputError
-from eval.scoring.metrics import Better
-from eval.scoring.results import MEAN, Results, Row
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.scoring.metrics import Better
+from eventsweep.eval.scoring.results import MEAN, Results, Row
 
 RESAMPLES = 2000
 LEAST_RESAMPLES = 20

@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from emvs.utils.files import atomic_path
-from eval.figures.colormaps import INK, line_style
-from eval.figures.plots import STYLE
-from eval.scoring.significance import stratified_interval
-from eval.studies.definitions import Study
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.eval.figures.colormaps import INK, line_style
+from eventsweep.eval.figures.plots import STYLE
+from eventsweep.eval.scoring.significance import stratified_interval
+from eventsweep.eval.studies.definitions import Study
 
 METRICS = ("mean_error", "bad_published", "points")
 BREAKS_AT = 2.0

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from emvs.errors import InputError
+from eventsweep.emvs.errors import InputError
 
 METHODS = ("Alg1/H", "Alg1/min", "Alg1/A", "Alg2/AtHc@4", "EMVS/cam0")
 CASES = ("boxes", "desk", "planes")

@@ -15,18 +15,18 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from emvs.config import MapperConfig
-from emvs.errors import InputError
-from emvs.utils.outputs import check_files, files_together
-from emvs.utils.runtime import versions
-from eval.config import EvalConfig
-from eval.jobs.job import Done, Failed, Job, Outcome
-from eval.jobs.scheduler import Open, run_jobs
-from eval.numbers import shown, shown_unit
-from eval.pipeline import check_case
-from eval.progress import Progress
-from eval.scoring.results import POOLED
-from eval.studies.curves import (
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.outputs import check_files, files_together
+from eventsweep.emvs.utils.runtime import versions
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.jobs.job import Done, Failed, Job, Outcome
+from eventsweep.eval.jobs.scheduler import Open, run_jobs
+from eventsweep.eval.numbers import shown, shown_unit
+from eventsweep.eval.pipeline import check_case
+from eventsweep.eval.progress import Progress
+from eventsweep.eval.scoring.results import POOLED
+from eventsweep.eval.studies.curves import (
     BREAKS_AT,
     METRICS,
     RobustnessCurve,
@@ -35,9 +35,9 @@ from eval.studies.curves import (
     draw,
     sample_words,
 )
-from eval.studies.definitions import MARGIN_S, SECONDS, Change, Study
-from eval.suite.results import sample_from
-from eval.suite.stages.simulate import scene_digest, sequence_parameters
+from eventsweep.eval.studies.definitions import MARGIN_S, SECONDS, Change, Study
+from eventsweep.eval.suite.results import sample_from
+from eventsweep.eval.suite.stages.simulate import scene_digest, sequence_parameters
 
 
 @dataclass(frozen=True)
@@ -240,9 +240,13 @@ def _score_job(
     simulated = f"{case}/seed{seed}"
     place = f"{simulated}/{study.name}={amount:g}"
     sequence = (
-        Job(f"simulate/{place}", "eval.studies.stages.simulate", {**facts, "change": change.scene})
+        Job(
+            f"simulate/{place}",
+            "eventsweep.eval.studies.stages.simulate",
+            {**facts, "change": change.scene},
+        )
         if change.scene or change.sim
-        else Job(f"simulate/{simulated}", "eval.suite.stages.simulate", facts)
+        else Job(f"simulate/{simulated}", "eventsweep.eval.suite.stages.simulate", facts)
     )
     mapping = {
         "window": "w000",
@@ -250,7 +254,7 @@ def _score_job(
         "perturb": change.perturb,
         "seed": seed,
     }
-    mapped = Job(f"map/{place}", "eval.suite.stages.map", mapping, (sequence,))
+    mapped = Job(f"map/{place}", "eventsweep.eval.suite.stages.map", mapping, (sequence,))
     scoring = {
         "case": case,
         "seed": seed,
@@ -258,7 +262,7 @@ def _score_job(
         "score": EvalConfig().model_dump(mode="json"),
         "scene_digest": scene_digest(case),
     }
-    return Job(f"score/{place}", "eval.suite.stages.score", scoring, (sequence, mapped))
+    return Job(f"score/{place}", "eventsweep.eval.suite.stages.score", scoring, (sequence, mapped))
 
 
 def window_of(change: Change, seconds: float) -> dict[str, Any]:

@@ -16,32 +16,32 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import scenes
-from emvs.data import manifest as sequences
-from emvs.data.manifest import FileEntry
-from emvs.datasets import open_recording
-from emvs.errors import InputError
-from emvs.utils.cache import Cache
-from emvs.utils.inputs import check_file
-from emvs.utils.outputs import atomic_dir, check_output
-from emvs.utils.ownership import mark
-from eval.archives import manifest as manifests
-from eval.archives.manifest import (
+from eventsweep import scenes
+from eventsweep.emvs.data import manifest as sequences
+from eventsweep.emvs.data.manifest import FileEntry
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.cache import Cache
+from eventsweep.emvs.utils.inputs import check_file
+from eventsweep.emvs.utils.outputs import atomic_dir, check_output
+from eventsweep.emvs.utils.ownership import mark
+from eventsweep.eval.archives import manifest as manifests
+from eventsweep.eval.archives.manifest import (
     LICENCE,
     SUFFIX,
     ArchiveManifest,
     PackedSequence,
     packed_files,
 )
-from eval.archives.tarball import pack, sha256_of, unpack
-from eval.jobs.job import SEQUENCE, Failed, Job, entry
-from eval.jobs.scheduler import Open, run_jobs
-from eval.progress import Progress
-from eval.suite.definition import Suite
-from eval.suite.results import ArchiveFacts
-from eval.suite.stages.map import told
-from eval.suite.stages.simulate import scene_digest, sequence_parameters
-from eval.suite.stages.tell import write_told
+from eventsweep.eval.archives.tarball import pack, sha256_of, unpack
+from eventsweep.eval.jobs.job import SEQUENCE, Failed, Job, entry
+from eventsweep.eval.jobs.scheduler import Open, run_jobs
+from eventsweep.eval.progress import Progress
+from eventsweep.eval.suite.definition import Suite
+from eventsweep.eval.suite.results import ArchiveFacts
+from eventsweep.eval.suite.stages.map import told
+from eventsweep.eval.suite.stages.simulate import scene_digest, sequence_parameters
+from eventsweep.eval.suite.stages.tell import write_told
 
 SECRET_BYTES = 16
 _MOST_SECRET_BYTES = 1 << 16
@@ -97,7 +97,7 @@ class SequenceArchive:
             raise InputError(f"{path}: is not there: fetch {case} with seed {seed}")
         files = {name: entry.model_dump() for name, entry in packed.files.items()}
         parameters = {**packed.drawn_from, "seed": seed, "files": files}
-        stage = "eval.suite.stages.unpack"
+        stage = "eventsweep.eval.suite.stages.unpack"
         return Job(f"unpack/{packed.place}", stage, parameters, (), (str(path),)), packed.scene
 
 
@@ -115,7 +115,7 @@ def simulated(suite: Suite, case: str, seed: int) -> tuple[Job, str]:
     """The job that simulates the sequence of a case, and the hash of its scene."""
     spec = suite.cases[case]
     facts = sequence_parameters(spec.scene, spec.rig, seed, suite.sim_of(spec))
-    job = Job(f"simulate/{case}/seed{seed}", "eval.suite.stages.simulate", facts)
+    job = Job(f"simulate/{case}/seed{seed}", "eventsweep.eval.suite.stages.simulate", facts)
     return job, _scene_digest(spec.scene)
 
 
@@ -154,7 +154,9 @@ class ArchivePlan:
         if self.truth:
             return sequence
         parameters = {"perturb": spec.imperfection, "seed": seed}
-        return Job(f"tell/{case}/seed{seed}", "eval.suite.stages.tell", parameters, (sequence,))
+        return Job(
+            f"tell/{case}/seed{seed}", "eventsweep.eval.suite.stages.tell", parameters, (sequence,)
+        )
 
 
 def hidden_seed(secret: bytes, suite: str, case: str, number: int) -> int:

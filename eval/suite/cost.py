@@ -11,15 +11,15 @@ import time
 from pathlib import Path
 from typing import Any
 
-from emvs.config import MapperConfig
-from emvs.utils.cache import Cache
-from eval.jobs.job import SEQUENCE, entry
-from eval.jobs.local import ONE_THREAD, environment
-from eval.progress import Progress
-from eval.suite.archive import SequenceArchive
-from eval.suite.definition import Suite
-from eval.suite.results import MeasuredCost, SuiteResult, mapper_method
-from eval.suite.run import suite_jobs
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.utils.cache import Cache
+from eventsweep.eval.jobs.job import SEQUENCE, entry
+from eventsweep.eval.jobs.local import ONE_THREAD, environment
+from eventsweep.eval.progress import Progress
+from eventsweep.eval.suite.archive import SequenceArchive
+from eventsweep.eval.suite.definition import Suite
+from eventsweep.eval.suite.results import MeasuredCost, SuiteResult, mapper_method
+from eventsweep.eval.suite.run import suite_jobs
 
 REPEATS = 3
 
@@ -67,8 +67,8 @@ def measured_costs(
 
 def _mapped(sequence: str, settings: dict[str, Any]) -> tuple[float, float]:
     """CPU seconds of mapping, the least of several times, and the process's peak memory, MB."""
-    from emvs.datasets import open_recording
-    from emvs.mapper import map_window
+    from eventsweep.emvs.datasets import open_recording
+    from eventsweep.emvs.mapper import map_window
 
     recording = open_recording(sequence)
     config = MapperConfig.model_validate({**settings, "threads": 1})

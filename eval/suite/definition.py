@@ -24,11 +24,11 @@ from pydantic import (
     model_validator,
 )
 
-from emvs.errors import InputError
-from emvs.parameters import explain
-from emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
-from eval.config import Settings
-from eval.perturbations import amounts
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.parameters import explain
+from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
+from eventsweep.eval.config import Settings
+from eventsweep.eval.perturbations import amounts
 
 FOLDER = Path(__file__).parent / "definitions"
 GATED = "suite-v2"

@@ -13,19 +13,19 @@ from typing import Any
 from rich.console import Console as RichConsole
 from rich.table import Table
 
-from emvs.utils.cache import Cache
-from emvs.utils.files import atomic_path, bytes_text
-from emvs.utils.outputs import check_files, output_folder
-from eval.archives.manifest import ArchiveManifest, PackedSequence
-from eval.jobs.job import SEQUENCE, stored
-from eval.numbers import shown, shown_unit
-from eval.suite.archive import SequenceArchive
-from eval.suite.definition import Suite
-from eval.suite.predictions import assignment
-from eval.suite.results import FILE_NAME, SuiteResult, write_suite
-from eval.suite.run import extent, suite_jobs
-from eval.suite.series import Series, of_suite
-from eval.suite.submission import Asked, SubmissionFacts
+from eventsweep.emvs.utils.cache import Cache
+from eventsweep.emvs.utils.files import atomic_path, bytes_text
+from eventsweep.emvs.utils.outputs import check_files, output_folder
+from eventsweep.eval.archives.manifest import ArchiveManifest, PackedSequence
+from eventsweep.eval.jobs.job import SEQUENCE, stored
+from eventsweep.eval.numbers import shown, shown_unit
+from eventsweep.eval.suite.archive import SequenceArchive
+from eventsweep.eval.suite.definition import Suite
+from eventsweep.eval.suite.predictions import assignment
+from eventsweep.eval.suite.results import FILE_NAME, SuiteResult, write_suite
+from eventsweep.eval.suite.run import extent, suite_jobs
+from eventsweep.eval.suite.series import Series, of_suite
+from eventsweep.eval.suite.submission import Asked, SubmissionFacts
 
 CSV_NAME, PICTURES_FOLDER = "suite.csv", "pictures"
 _SHOWN = ("points", "median_error", "mean_error", "abs_rel", "bad_published", "completeness")

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import scenes
-from emvs.errors import InputError
-from emvs.geometry.camera import Camera
-from eval.jobs.job import Job
-from eval.scoring.predictions import (
+from eventsweep import scenes
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.eval.jobs.job import Job
+from eventsweep.eval.scoring.predictions import (
     NamedFolder,
     Prediction,
     PredictionFacts,
@@ -30,8 +30,8 @@ from eval.scoring.predictions import (
     method_name,
     timed_files,
 )
-from eval.suite.definition import Suite
-from sim.rigs import rig as named_rig
+from eventsweep.eval.suite.definition import Suite
+from eventsweep.sim.rigs import rig as named_rig
 
 LISTING = "eventsweep suite SUITE --list-cases"
 Shown = tuple[str, int, int]
@@ -151,7 +151,7 @@ class SuitePrediction:
         }
         return Job(
             f"predict/{place}/{self.name}",
-            "eval.suite.stages.predict",
+            "eventsweep.eval.suite.stages.predict",
             parameters,
             (score.needs[0], *maps),
             (str(self.folder),),

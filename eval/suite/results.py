@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 
 from pydantic import ConfigDict, TypeAdapter
 
-from emvs.utils.files import atomic_path
-from emvs.utils.runtime import versions
-from eval.scoring.results import Row, platform_name, read_json
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.runtime import versions
+from eventsweep.eval.scoring.results import Row, platform_name, read_json
 
 SCHEMA_VERSION = 1
 FILE_NAME = "suite.json"

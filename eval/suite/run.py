@@ -15,23 +15,23 @@ from pathlib import Path
 
 import numpy as np
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from emvs.config import MapperConfig
-from emvs.datasets import open_recording
-from emvs.errors import InputError
-from emvs.mapper import map_window
-from emvs.utils.cache import Cache
-from eval.jobs.job import SEQUENCE, Done, Failed, Job, Outcome, entry
-from eval.jobs.scheduler import Open, run_jobs
-from eval.pipeline import check_case
-from eval.progress import Progress
-from eval.scoring.predictions import NamedFolder
-from eval.suite.archive import SequenceArchive, simulated
-from eval.suite.definition import Suite
-from eval.suite.predictions import assignment, open_predictions
-from eval.suite.results import JobNote, Sample, SuiteResult, sample_from
-from eval.suite.speed_kernels import calibration
-from sim.config import SimConfig
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.utils.cache import Cache
+from eventsweep.eval.jobs.job import SEQUENCE, Done, Failed, Job, Outcome, entry
+from eventsweep.eval.jobs.scheduler import Open, run_jobs
+from eventsweep.eval.pipeline import check_case
+from eventsweep.eval.progress import Progress
+from eventsweep.eval.scoring.predictions import NamedFolder
+from eventsweep.eval.suite.archive import SequenceArchive, simulated
+from eventsweep.eval.suite.definition import Suite
+from eventsweep.eval.suite.predictions import assignment, open_predictions
+from eventsweep.eval.suite.results import JobNote, Sample, SuiteResult, sample_from
+from eventsweep.eval.suite.speed_kernels import calibration
+from eventsweep.sim.config import SimConfig
 
 REPEATS = 3
 _VOTES, _CELLS = 60_000_000, 1 << 17
@@ -176,7 +176,12 @@ def _score_job(suite: Suite, case: str, seed: int, sequence: Job, digest: str) -
             name = f"w{number:03d}"
             mapping = {"window": name, "map": {**suite.mappers[mapper], **times}, **wrong}
             maps.append(
-                Job(f"map/{place}/{mapper}/{name}", "eval.suite.stages.map", mapping, (sequence,))
+                Job(
+                    f"map/{place}/{mapper}/{name}",
+                    "eventsweep.eval.suite.stages.map",
+                    mapping,
+                    (sequence,),
+                )
             )
             mappers.append(mapper)
     wanted = {
@@ -186,7 +191,7 @@ def _score_job(suite: Suite, case: str, seed: int, sequence: Job, digest: str) -
         "score": suite.score,
         "scene_digest": digest,
     }
-    return Job(f"score/{place}", "eval.suite.stages.score", wanted, (sequence, *maps))
+    return Job(f"score/{place}", "eventsweep.eval.suite.stages.score", wanted, (sequence, *maps))
 
 
 def with_speed(

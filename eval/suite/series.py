@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ConfigDict
 
-from emvs.errors import InputError
-from eval.scoring.metrics import Better
-from eval.scoring.results import POOLED, Results, Row, Value, read_results
-from eval.suite.results import FILE_NAME, Sample, SuiteResult, read_suite
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.scoring.metrics import Better
+from eventsweep.eval.scoring.results import POOLED, Results, Row, Value, read_results
+from eventsweep.eval.suite.results import FILE_NAME, Sample, SuiteResult, read_suite
 
 SPEED_METHOD, SPEED_METRIC = "mapper", "cpu_time_ratio"
 

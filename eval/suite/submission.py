@@ -19,14 +19,14 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
-from emvs.errors import DAMAGED_NPY, InputError, quoted
-from emvs.parameters import first_fault
-from emvs.utils.cache import Cache, key_of
-from emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
-from emvs.utils.outputs import output_file
-from eval.archives.manifest import ArchiveManifest, PackedFile
-from eval.archives.tarball import first_member, pack, sha256_of, unpack
-from eval.scoring.predictions import (
+from eventsweep.emvs.errors import DAMAGED_NPY, InputError, quoted
+from eventsweep.emvs.parameters import first_fault
+from eventsweep.emvs.utils.cache import Cache, key_of
+from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
+from eventsweep.emvs.utils.outputs import output_file
+from eventsweep.eval.archives.manifest import ArchiveManifest, PackedFile
+from eventsweep.eval.archives.tarball import first_member, pack, sha256_of, unpack
+from eventsweep.eval.scoring.predictions import (
     DESCRIPTION,
     NamedFolder,
     Prediction,
@@ -36,10 +36,10 @@ from eval.scoring.predictions import (
     plain,
     timed_files,
 )
-from eval.scoring.results import POOLED
-from eval.suite.definition import Suite
-from eval.suite.predictions import Assignment, assignment, open_predictions
-from eval.suite.results import Sample
+from eventsweep.eval.scoring.results import POOLED
+from eventsweep.eval.suite.definition import Suite
+from eventsweep.eval.suite.predictions import Assignment, assignment, open_predictions
+from eventsweep.eval.suite.results import Sample
 
 FACTS = "submission.toml"
 MANIFEST = ".manifest.json"

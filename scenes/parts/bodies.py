@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from sim.graphics import import_mujoco
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.graphics import import_mujoco
 
 if TYPE_CHECKING:
     import mujoco

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 from numpy.random import default_rng
 
-from scenes.parts.texture_cache import kept
+from eventsweep.scenes.parts.texture_cache import kept
 
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures.noise import Image
+    from eventsweep.scenes.textures.noise import Image
 
 _WALL_M = 1.3
 """The walls stand at this distance from the middle."""
@@ -21,10 +21,10 @@ _WALL_M = 1.3
 @kept
 def textures() -> Mapping[str, Image]:
     """Makes every texture of corridor.xml."""
-    from scenes import textures as tx
-    from scenes.parts.print import plain_carton
-    from scenes.parts.stock import faded, made, painted
-    from scenes.textures import facades
+    from eventsweep.scenes import textures as tx
+    from eventsweep.scenes.parts.print import plain_carton
+    from eventsweep.scenes.parts.stock import faded, made, painted
+    from eventsweep.scenes.textures import facades
 
     lino = ((0.30, 0.33, 0.33), (0.52, 0.54, 0.52))
     panel = ((0.62, 0.62, 0.6), (0.8, 0.8, 0.78))
@@ -54,7 +54,7 @@ def textures() -> Mapping[str, Image]:
 
 def edit(spec: mujoco.MjSpec) -> None:
     """Fills the corridor."""
-    from scenes.parts.shadows import bake
+    from eventsweep.scenes.parts.shadows import bake
 
     _doors(spec)
     _walls(spec)
@@ -64,7 +64,7 @@ def edit(spec: mujoco.MjSpec) -> None:
 
 
 def _doors(spec: mujoco.MjSpec) -> None:
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "doors")
     places = (
@@ -94,7 +94,7 @@ def _doors(spec: mujoco.MjSpec) -> None:
 
 def _walls(spec: mujoco.MjSpec) -> None:
     """Skirting boards, hand rail, posters and notice boards."""
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "on_walls")
     for side in (-1, 1):
@@ -116,8 +116,8 @@ def _walls(spec: mujoco.MjSpec) -> None:
 
 def _standing(spec: mujoco.MjSpec) -> None:
     """Lockers, cabinet, chairs, bins, plants and cartons along the walls."""
-    from scenes.parts import furniture as fu
-    from scenes.parts.props import plant
+    from eventsweep.scenes.parts import furniture as fu
+    from eventsweep.scenes.parts.props import plant
 
     rng = default_rng(312)
     at = fu.BodyBuilder(spec, "standing")
@@ -141,7 +141,7 @@ def _standing(spec: mujoco.MjSpec) -> None:
 
 def _ceiling(spec: mujoco.MjSpec) -> None:
     """Lamps, exit signs, smoke detectors and pipes: too high for the shadows on the floor."""
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "ceiling_things")
     for k in range(8):

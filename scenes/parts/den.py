@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import Generator, default_rng
 
-from scenes.parts.texture_cache import kept
-from sim.motion import Motion
-from sim.scene import Scene
+from eventsweep.scenes.parts.texture_cache import kept
+from eventsweep.sim.motion import Motion
+from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.parts.furniture import Point
-    from scenes.textures.noise import Image
+    from eventsweep.scenes.parts.furniture import Point
+    from eventsweep.scenes.textures.noise import Image
 
 _WINDOW: Point = (0.35, 3.5, 1.6)
 
@@ -54,7 +54,7 @@ def case(
 
 def day(spec: mujoco.MjSpec, _bulb_m: Point) -> None:
     """Sun on the garden; the room has what the window lets in."""
-    from scenes.parts.glow import cast
+    from eventsweep.scenes.parts.glow import cast
 
     _dim(spec, ambient=0.06, key=0.0)
     _lamp(spec, "window_light", _WINDOW, (0, -1, 0), 1.0, (0.5, 0.0, 0.9))
@@ -74,7 +74,7 @@ def day(spec: mujoco.MjSpec, _bulb_m: Point) -> None:
 
 def night(spec: mujoco.MjSpec, bulb_m: Point) -> None:
     """A lamp on the desk, a lit window across the garden, and next to nothing else."""
-    from scenes.parts.glow import cast
+    from eventsweep.scenes.parts.glow import cast
 
     _dim(spec, ambient=0.005, key=0.004)
     _lamp(spec, "lamp_light", bulb_m, (0, 0, -1), 8.0, (0.25, 0.0, 6.0))
@@ -118,8 +118,8 @@ def _lamp(
 
 @kept
 def _textures() -> Mapping[str, Image]:
-    from scenes import textures as tx
-    from scenes.parts.stock import made, stock
+    from eventsweep.scenes import textures as tx
+    from eventsweep.scenes.parts.stock import made, stock
 
     brick = ((0.5, 0.3, 0.22), (0.74, 0.52, 0.42))
     room = {
@@ -138,7 +138,7 @@ def _textures() -> Mapping[str, Image]:
 
 def _sky(rng: Generator) -> Image:
     """Broken clouds."""
-    from scenes import textures as tx
+    from eventsweep.scenes import textures as tx
 
     clouds = np.clip(2.2 * tx.fractal((384, 512), rng, 1.5) - 0.6, 0, 1)
     return tx.finish(tx.blend(clouds, (0.42, 0.58, 0.82), (0.96, 0.96, 0.95)))
@@ -146,8 +146,8 @@ def _sky(rng: Generator) -> Image:
 
 def _furnish(spec: mujoco.MjSpec) -> Point:
     """Puts everything into the room; returns where the desk lamp's bulb is."""
-    from scenes.parts import furniture as fu
-    from scenes.parts.props import plant
+    from eventsweep.scenes.parts import furniture as fu
+    from eventsweep.scenes.parts.props import plant
 
     rng = default_rng(243)
     fu.table(spec, "desk", (-1.12, 1.85, 0), (1.3, 0.7, 0.74), 18)
@@ -172,7 +172,7 @@ def _furnish(spec: mujoco.MjSpec) -> Point:
 
 def _dark_corner(spec: mujoco.MjSpec) -> None:
     """Armchair, crate and cartons at the right, far from any light."""
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "armchair", (1.5, 2.0, 0), -38)
     at.box((0.3, 0.3, 0.16), (0, 0, 0.28), "sofa")
@@ -188,7 +188,7 @@ def _dark_corner(spec: mujoco.MjSpec) -> None:
 
 def _near(spec: mujoco.MjSpec) -> None:
     """A low table within a metre: what every view has in its lower half."""
-    from scenes.parts import furniture as fu
+    from eventsweep.scenes.parts import furniture as fu
 
     fu.table(spec, "low", (0.45, 1.0, 0), (1.0, 0.6, 0.74), 6)
     at = fu.BodyBuilder(spec, "low_things", (0.45, 1.0, 0.74), 6)
@@ -201,7 +201,7 @@ def _near(spec: mujoco.MjSpec) -> None:
 
 
 def _curtains(spec: mujoco.MjSpec) -> None:
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "curtains", (0, 3.22, 1.35))
     for side, first in ((-1, -0.40), (1, 1.10)):
@@ -212,7 +212,7 @@ def _curtains(spec: mujoco.MjSpec) -> None:
 
 def _garden(spec: mujoco.MjSpec, rng: Generator) -> None:
     """A tree, a hedge, and the windows and roof of the house across."""
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "garden")
     at.rod((-0.5, 6.6, -0.3), (-0.42, 6.6, 2.0), 0.12, "bark")

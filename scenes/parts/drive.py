@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.motion.curves import HeadSway, Vector3, Wave, look_at
+from eventsweep.sim.motion.curves import HeadSway, Vector3, Wave, look_at
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike
 
-from scenes.parts.props import book_row
+from eventsweep.scenes.parts.props import book_row
 
 if TYPE_CHECKING:
     import mujoco

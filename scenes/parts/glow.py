@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scenes.textures.noise import DARKEST, Field
-from sim.graphics import import_mujoco
-from sim.scene import put_texture
+from eventsweep.scenes.textures.noise import DARKEST, Field
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.scene import put_texture
 
 if TYPE_CHECKING:
     import mujoco

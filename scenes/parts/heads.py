@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.motion import Motion
+from eventsweep.sim.motion import Motion
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from scenes.parts.shadows import SHELL_GROUP
-from scenes.textures.outdoor import PALETTE_CELLS
+from eventsweep.scenes.parts.shadows import SHELL_GROUP
+from eventsweep.scenes.textures.outdoor import PALETTE_CELLS
 
 if TYPE_CHECKING:
     import mujoco

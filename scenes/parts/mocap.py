@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 from numpy.random import Generator, default_rng
 
-from scenes.parts.texture_cache import kept
-from sim.motion import Motion
-from sim.scene import Scene
+from eventsweep.scenes.parts.texture_cache import kept
+from eventsweep.sim.motion import Motion
+from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures.noise import Image
+    from eventsweep.scenes.textures.noise import Image
 
 
 def case(name: str, summary: str, motion: Callable[[float, int], Motion]) -> Scene:
@@ -34,9 +34,9 @@ def case(name: str, summary: str, motion: Callable[[float, int], Motion]) -> Sce
 
 @kept
 def _textures() -> Mapping[str, Image]:
-    from scenes import textures as tx
-    from scenes.parts.print import apriltags, whiteboard
-    from scenes.parts.stock import made, painted, stock
+    from eventsweep.scenes import textures as tx
+    from eventsweep.scenes.parts.print import apriltags, whiteboard
+    from eventsweep.scenes.parts.stock import made, painted, stock
 
     carpet = ((0.25, 0.26, 0.28), (0.33, 0.34, 0.36))
     room = {
@@ -51,8 +51,8 @@ def _textures() -> Mapping[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from scenes.parts.props import plant
-    from scenes.parts.shadows import bake
+    from eventsweep.scenes.parts.props import plant
+    from eventsweep.scenes.parts.shadows import bake
 
     rng = default_rng(213)
     _near_table(spec)
@@ -66,8 +66,8 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _near_table(spec: mujoco.MjSpec) -> None:
     """What stands within reach of a head at the origin; the top lies at 0.76 m."""
-    from scenes.parts import furniture as fu
-    from scenes.parts.props import cable
+    from eventsweep.scenes.parts import furniture as fu
+    from eventsweep.scenes.parts.props import cable
 
     fu.table(spec, "near", (-0.15, 0.72, 0), (1.5, 0.74, 0.76))
     things = fu.BodyBuilder(spec, "near_things", (0, 0, 0.76))
@@ -94,7 +94,7 @@ def _near_table(spec: mujoco.MjSpec) -> None:
 
 def _second_desk(spec: mujoco.MjSpec, rng: Generator) -> None:
     """A work place at the right, for the case that looks at desks."""
-    from scenes.parts import furniture as fu
+    from eventsweep.scenes.parts import furniture as fu
 
     fu.table(spec, "second", (1.62, 1.55, 0), (1.5, 0.72, 0.74), -18)
     at = fu.BodyBuilder(spec, "second_things", (1.62, 1.55, 0.74), -18)
@@ -110,7 +110,7 @@ def _second_desk(spec: mujoco.MjSpec, rng: Generator) -> None:
 
 
 def _left_desk(spec: mujoco.MjSpec) -> None:
-    from scenes.parts import furniture as fu
+    from eventsweep.scenes.parts import furniture as fu
 
     fu.table(spec, "left", (-1.65, 2.0, 0), (1.3, 0.66, 0.74), 32)
     fu.monitor(spec, "left_monitor", (-1.72, 2.12, 0.74), 30, 0.6)
@@ -126,7 +126,7 @@ def _left_desk(spec: mujoco.MjSpec) -> None:
 
 def _floor(spec: mujoco.MjSpec) -> None:
     """Cartons, a ball, a planter and a bag, 1.6 to 3.4 m away."""
-    from scenes.parts import furniture as fu
+    from eventsweep.scenes.parts import furniture as fu
 
     at = fu.BodyBuilder(spec, "stack")
     at.box((0.26, 0.22, 0.21), (0.62, 2.72, 0.21), "carton_a", (0, 0, -14))
@@ -141,7 +141,7 @@ def _floor(spec: mujoco.MjSpec) -> None:
 
 
 def _tripods(spec: mujoco.MjSpec) -> None:
-    from scenes.parts import furniture as fu
+    from eventsweep.scenes.parts import furniture as fu
 
     fu.tripod(spec, "tripod_a", (-0.42, 2.0, 0), 1.32, 14)
     fu.tripod(spec, "tripod_b", (1.52, 2.95, 0), 1.7, -28)

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import default_rng
 
-from scenes.parts.texture_cache import kept
-from sim.motion import Motion
-from sim.motion.curves import HeadSway, Vector3, Wave, look_at
-from sim.scene import Scene
+from eventsweep.scenes.parts.texture_cache import kept
+from eventsweep.sim.motion import Motion
+from eventsweep.sim.motion.curves import HeadSway, Vector3, Wave, look_at
+from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures.noise import Image
+    from eventsweep.scenes.textures.noise import Image
 
 
 def case(name: str, summary: str, eye_m: Vector3, target_m: Vector3) -> Scene:
@@ -60,9 +60,9 @@ def _by_hand(eye_m: Vector3, target_m: Vector3, seed: int) -> HeadSway:
 
 @kept
 def _textures() -> Mapping[str, Image]:
-    from scenes import textures as tx
-    from scenes.parts.print import whiteboard
-    from scenes.parts.stock import made, stock
+    from eventsweep.scenes import textures as tx
+    from eventsweep.scenes.parts.print import whiteboard
+    from eventsweep.scenes.parts.stock import made, stock
 
     carpet = ((0.22, 0.24, 0.28), (0.44, 0.46, 0.5))
     sofa = ((0.30, 0.12, 0.12), (0.56, 0.3, 0.27))
@@ -87,9 +87,9 @@ def _textures() -> Mapping[str, Image]:
 
 
 def _edit(spec: mujoco.MjSpec) -> None:
-    from scenes.parts.furniture import bin_, chair, shelf
-    from scenes.parts.props import plant
-    from scenes.parts.shadows import bake
+    from eventsweep.scenes.parts.furniture import bin_, chair, shelf
+    from eventsweep.scenes.parts.props import plant
+    from eventsweep.scenes.parts.shadows import bake
 
     rng = default_rng(223)
     _monitor_corner(spec)
@@ -105,7 +105,7 @@ def _edit(spec: mujoco.MjSpec) -> None:
 
 def _monitor_corner(spec: mujoco.MjSpec) -> None:
     """A work place at the left: monitor, keyboard, mug, papers, a lamp."""
-    from scenes.parts import furniture as fu
+    from eventsweep.scenes.parts import furniture as fu
 
     fu.table(spec, "desk", (-2.0, 1.7, 0), (1.6, 0.76, 0.74))
     fu.monitor(spec, "monitor", (-2.02, 1.86, 0.74), 8, 0.56)
@@ -121,8 +121,8 @@ def _monitor_corner(spec: mujoco.MjSpec) -> None:
 
 
 def _reader_corner(spec: mujoco.MjSpec) -> None:
-    from scenes.parts import furniture as fu
-    from scenes.parts.person import reader
+    from eventsweep.scenes.parts import furniture as fu
+    from eventsweep.scenes.parts.person import reader
 
     fu.chair(spec, "reader_chair", (1.55, 2.66, 0))
     reader(spec, "reader", (1.55, 2.62, 0), -8)
@@ -137,7 +137,7 @@ def _reader_corner(spec: mujoco.MjSpec) -> None:
 
 def _boxes_corner(spec: mujoco.MjSpec) -> None:
     """Boxes on the floor in the middle of the room."""
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "boxes")
     at.box((0.24, 0.20, 0.20), (0.10, 2.45, 0.20), "carton_a", (0, 0, 22))
@@ -151,7 +151,7 @@ def _boxes_corner(spec: mujoco.MjSpec) -> None:
 
 
 def _beside_the_bin(spec: mujoco.MjSpec) -> None:
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "litter")
     at.ball((0.05, 0.045, 0.04), (-0.1, 1.16, 0.04), "white", (20, 30, 0))

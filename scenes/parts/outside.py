@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import Generator
 
-from scenes.parts import mesh
-from scenes.parts.furniture import BodyBuilder, Point
+from eventsweep.scenes.parts import mesh
+from eventsweep.scenes.parts.furniture import BodyBuilder, Point
 
 if TYPE_CHECKING:
     import mujoco

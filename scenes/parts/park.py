@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.random import Generator, default_rng
 
-from scenes.parts.texture_cache import kept
+from eventsweep.scenes.parts.texture_cache import kept
 
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.textures.noise import Image
+    from eventsweep.scenes.textures.noise import Image
 
 
 _BUSHES_M = (
@@ -28,11 +28,11 @@ _OAKS_M = (
 @kept
 def textures() -> Mapping[str, Image]:
     """Makes every texture of park.xml."""
-    from scenes import textures as tx
-    from scenes.parts.stock import made
-    from scenes.parts.street import disc, front_maker
-    from scenes.textures import outdoor
-    from scenes.textures.facades import Front
+    from eventsweep.scenes import textures as tx
+    from eventsweep.scenes.parts.stock import made
+    from eventsweep.scenes.parts.street import disc, front_maker
+    from eventsweep.scenes.textures import outdoor
+    from eventsweep.scenes.textures.facades import Front
 
     dust = ((0.34, 0.31, 0.27), (0.72, 0.68, 0.6))
     plank = ((0.3, 0.24, 0.18), (0.64, 0.55, 0.44))
@@ -71,8 +71,8 @@ def edit(spec: mujoco.MjSpec) -> None:
 
 def _avenue(spec: mujoco.MjSpec, rng: Generator) -> None:
     """Trees along the path, bushes between them, and a copse on the right."""
-    from scenes.parts import mesh
-    from scenes.parts.outside import Trees, shade
+    from eventsweep.scenes.parts import mesh
+    from eventsweep.scenes.parts.outside import Trees, shade
 
     near = Trees.grown(spec, "lime", rng, half_m=(1.9, 1.9, 2.2), leaf_m=0.06, leaves=3200, kinds=2)
     wood = Trees.grown(spec, "oak", rng, half_m=(3.4, 3.4, 3.0), leaf_m=0.14, leaves=1600)
@@ -93,8 +93,8 @@ def _avenue(spec: mujoco.MjSpec, rng: Generator) -> None:
 
 
 def _roadside(spec: mujoco.MjSpec) -> None:
-    from scenes.parts import outside as out
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts import outside as out
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     out.fence(spec, "fence_left", (-3.1, 5.5), (-3.1, 34.0), every_m=2.2)
     out.fence(spec, "fence_right", (3.1, 36.0), (3.1, 62.0), every_m=3.0)
@@ -113,8 +113,8 @@ def _roadside(spec: mujoco.MjSpec) -> None:
 
 
 def _village(spec: mujoco.MjSpec) -> None:
-    from scenes.parts.furniture import BodyBuilder
-    from scenes.parts.outside import house
+    from eventsweep.scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.outside import house
 
     places = (
         (-15.0, 47.0, (5.0, 4.0, 2.9), "a", 12), (12.5, 74.0, (6.0, 4.5, 3.0), "c", -8),
@@ -133,7 +133,7 @@ def _village(spec: mujoco.MjSpec) -> None:
 
 def _horizon(spec: mujoco.MjSpec, rng: Generator) -> None:
     """Hedges between the fields and a wooded ridge at the far end."""
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "horizon")
     at.box((14, 0.8, 0.9), (-24, 30.0, 0.9), "hedge", (0, 0, 6))

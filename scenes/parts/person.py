@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from scenes.parts.furniture import BodyBuilder, Point
+from eventsweep.scenes.parts.furniture import BodyBuilder, Point
 
 if TYPE_CHECKING:
     import mujoco

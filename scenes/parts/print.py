@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 from numpy.random import Generator
 
-from scenes.textures.cubes import cube
-from scenes.textures.noise import Image, finish, fractal
-from scenes.textures.printing import chart, paragraph, words, write
-from scenes.textures.surfaces import cardboard
+from eventsweep.scenes.textures.cubes import cube
+from eventsweep.scenes.textures.noise import Image, finish, fractal
+from eventsweep.scenes.textures.printing import chart, paragraph, words, write
+from eventsweep.scenes.textures.surfaces import cardboard
 
 _PENS = ((0.4, 0.4, 0.43), (0.36, 0.44, 0.64), (0.68, 0.4, 0.38))
 

@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from scenes.textures.noise import DARKEST
-from sim.graphics import import_mujoco
-from sim.scene import put_texture
+from eventsweep.emvs.errors import InputError
+from eventsweep.scenes.textures.noise import DARKEST
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.scene import put_texture
 
 if TYPE_CHECKING:
     import mujoco

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 
 if TYPE_CHECKING:
-    from scenes.textures.noise import Colour, Image
+    from eventsweep.scenes.textures.noise import Colour, Image
 
 Maker = Callable[[Generator], "Image"]
 
@@ -33,7 +33,7 @@ def painted(tone: float, tint: Colour = (1.0, 0.985, 0.95), spread: float = 0.05
         tint: factors of red, green and blue.
         spread: from the mean to the darkest and the brightest grain.
     """
-    from scenes import textures as tx
+    from eventsweep.scenes import textures as tx
 
     red, green, blue = tint
     low, high = ((red * t, green * t, blue * t) for t in (tone - spread, tone + spread))
@@ -61,20 +61,20 @@ def stock(seed: int) -> dict[str, Image]:
 
 def made(seed: int, makers: dict[str, Maker]) -> dict[str, Image]:
     """Runs `makers`, each with a generator of its own drawn from `seed` and the order."""
-    from scenes.textures.noise import streams
+    from eventsweep.scenes.textures.noise import streams
 
     rngs = streams(seed, len(makers))
     return {name: make(rng) for (name, make), rng in zip(makers.items(), rngs, strict=True)}
 
 
 def _book(colour: Colour, accent: Colour) -> Maker:
-    from scenes import textures as tx
+    from eventsweep.scenes import textures as tx
 
     return faded(lambda rng: tx.book(192, rng, colour, accent), 0.4)
 
 
 def _surfaces() -> dict[str, Maker]:
-    from scenes import textures as tx
+    from eventsweep.scenes import textures as tx
 
     beech = ((0.57, 0.44, 0.30), (0.72, 0.56, 0.39))
     return {
@@ -93,8 +93,8 @@ def _surfaces() -> dict[str, Maker]:
 
 
 def _objects() -> dict[str, Maker]:
-    from scenes import textures as tx
-    from scenes.parts.print import plain_carton
+    from eventsweep.scenes import textures as tx
+    from eventsweep.scenes.parts.print import plain_carton
 
     return {
         "carton_a": faded(lambda rng: tx.carton(256, rng, (0.2, 0.4, 0.6)), 0.65),
@@ -111,7 +111,7 @@ def _objects() -> dict[str, Maker]:
 
 
 def _print() -> dict[str, Maker]:
-    from scenes import textures as tx
+    from eventsweep.scenes import textures as tx
 
     return {
         "screen": faded(lambda rng: tx.screen((540, 960), rng), 0.4),

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 from numpy.random import Generator, default_rng
 
-from scenes.parts.texture_cache import kept
+from eventsweep.scenes.parts.texture_cache import kept
 
 if TYPE_CHECKING:
     import mujoco
 
-    from scenes.parts.stock import Maker
-    from scenes.textures.facades import Front
-    from scenes.textures.noise import Image
+    from eventsweep.scenes.parts.stock import Maker
+    from eventsweep.scenes.textures.facades import Front
+    from eventsweep.scenes.textures.noise import Image
 
 _PAINTS = {"a": (0.62, 0.24, 0.2), "b": (0.72, 0.74, 0.76), "c": (0.26, 0.38, 0.56)}
 _END_M = 49.0
@@ -24,10 +24,10 @@ _END_M = 49.0
 @kept
 def textures() -> Mapping[str, Image]:
     """Makes every texture of street.xml."""
-    from scenes import textures as tx
-    from scenes.parts.stock import made
-    from scenes.textures import outdoor, vehicles
-    from scenes.textures.facades import Front
+    from eventsweep.scenes import textures as tx
+    from eventsweep.scenes.parts.stock import made
+    from eventsweep.scenes.textures import outdoor, vehicles
+    from eventsweep.scenes.textures.facades import Front
 
     slabs = ((0.44, 0.43, 0.41), (0.68, 0.67, 0.63))
     fronts = {
@@ -57,7 +57,7 @@ def textures() -> Mapping[str, Image]:
 
 def front_maker(shape: tuple[int, int], front: Front) -> Maker:
     """Returns the maker of a house's front."""
-    from scenes.textures.facades import facade
+    from eventsweep.scenes.textures.facades import facade
 
     return lambda rng: facade(shape, rng, front)
 
@@ -67,8 +67,8 @@ def disc(size_px: int, rng: Generator, colour: tuple[float, float, float], text:
     import cv2
     import numpy as np
 
-    from scenes import textures as tx
-    from scenes.textures.printing import write
+    from eventsweep.scenes import textures as tx
+    from eventsweep.scenes.textures.printing import write
 
     face = np.empty((size_px, size_px, 3), np.float32)
     face[:] = colour
@@ -86,7 +86,7 @@ def disc(size_px: int, rng: Generator, colour: tuple[float, float, float], text:
 
 def edit(spec: mujoco.MjSpec) -> None:
     """Builds the street."""
-    from scenes.parts import outside as out
+    from eventsweep.scenes.parts import outside as out
 
     rng = default_rng(302)
     out.car_meshes(spec)
@@ -106,7 +106,7 @@ def edit(spec: mujoco.MjSpec) -> None:
 
 
 def _houses(spec: mujoco.MjSpec) -> None:
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     rows = {-1: "dabcd", 1: "bcdab"}
     for side, order in rows.items():
@@ -125,7 +125,7 @@ def _houses(spec: mujoco.MjSpec) -> None:
 
 
 def _cars(spec: mujoco.MjSpec, rng: Generator) -> None:
-    from scenes.parts.outside import car
+    from eventsweep.scenes.parts.outside import car
 
     for side in (-1, 1):
         y = 6.4 if side < 0 else 9.2
@@ -139,7 +139,7 @@ def _cars(spec: mujoco.MjSpec, rng: Generator) -> None:
 
 def _pavements(spec: mujoco.MjSpec) -> None:
     """Kerbs, bollards, bins, a bicycle stand and boxes of the post."""
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "pavement_things")
     for side in (-1, 1):
@@ -159,7 +159,7 @@ def _pavements(spec: mujoco.MjSpec) -> None:
 
 def _paint(spec: mujoco.MjSpec) -> None:
     """Road markings: dashes in the middle, a crossing, parking bays."""
-    from scenes.parts.furniture import BodyBuilder
+    from eventsweep.scenes.parts.furniture import BodyBuilder
 
     at = BodyBuilder(spec, "markings")
     for k in range(7):
@@ -172,7 +172,7 @@ def _paint(spec: mujoco.MjSpec) -> None:
 
 
 def _wires(spec: mujoco.MjSpec) -> None:
-    from scenes.parts.props import cable
+    from eventsweep.scenes.parts.props import cable
 
     for k, (y, z) in enumerate(((13.0, 7.4), (27.0, 7.8))):
         points = [(-7.6, y, z), (-2.5, y, z - 0.55), (2.5, y, z - 0.55), (7.6, y, z)]

@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from emvs.errors import InputError
-from emvs.utils.cache import Cache, CacheEntry, default_cache, key_of
-from emvs.utils.kernel_cache import digests
-from emvs.utils.runtime import versions
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.cache import Cache, CacheEntry, default_cache, key_of
+from eventsweep.emvs.utils.kernel_cache import digests
+from eventsweep.emvs.utils.runtime import versions
 
 if TYPE_CHECKING:
-    from scenes.textures.noise import Image
+    from eventsweep.scenes.textures.noise import Image
 
 _PACKAGE = Path(__file__).parents[1]
 # The textures of all scenes take 0.3 GB.

@@ -4,8 +4,8 @@ Every function takes its size in texels and a `numpy.random.Generator`, and retu
 uint8 within [DARKEST, BRIGHTEST]; cube maps are six square faces on top of each other.
 """
 
-from scenes.textures.cubes import ball, cube, solid, wrap
-from scenes.textures.noise import (
+from eventsweep.scenes.textures.cubes import ball, cube, solid, wrap
+from eventsweep.scenes.textures.noise import (
     BRIGHTEST,
     DARKEST,
     Colour,
@@ -16,9 +16,9 @@ from scenes.textures.noise import (
     fractal,
     streams,
 )
-from scenes.textures.objects import book, can, carton, crate, drum, keyboard, toy_block
-from scenes.textures.printing import label, page, poster, screen
-from scenes.textures.surfaces import bricks, cardboard, cloth, cork, plaster, tiles, wood
+from eventsweep.scenes.textures.objects import book, can, carton, crate, drum, keyboard, toy_block
+from eventsweep.scenes.textures.printing import label, page, poster, screen
+from eventsweep.scenes.textures.surfaces import bricks, cardboard, cloth, cork, plaster, tiles, wood
 
 __all__ = [
     "BRIGHTEST",

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.random import Generator
 
-from scenes.textures.noise import Colour, Field, Image, blend, finish
+from eventsweep.scenes.textures.noise import Colour, Field, Image, blend, finish
 
 
 def cube(front: Image, right: Image, back: Image, left: Image, top: Image, bottom: Image) -> Image:

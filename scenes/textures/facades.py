@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.random import Generator
 
-from scenes.textures.noise import Colour, Field, Image, finish, fractal
-from scenes.textures.printing import words, write
-from scenes.textures.surfaces import bricks, plaster
+from eventsweep.scenes.textures.noise import Colour, Field, Image, finish, fractal
+from eventsweep.scenes.textures.printing import words, write
+from eventsweep.scenes.textures.surfaces import bricks, plaster
 
 Rect = tuple[int, int, int, int]  # left, top, right, bottom, px
 

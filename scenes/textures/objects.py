@@ -8,10 +8,19 @@ import cv2
 import numpy as np
 from numpy.random import Generator
 
-from scenes.textures.cubes import cube, wrap
-from scenes.textures.noise import BRIGHTEST, DARKEST, Colour, Field, Image, blend, finish, fractal
-from scenes.textures.printing import label, paragraph, words, write
-from scenes.textures.surfaces import cardboard, wood
+from eventsweep.scenes.textures.cubes import cube, wrap
+from eventsweep.scenes.textures.noise import (
+    BRIGHTEST,
+    DARKEST,
+    Colour,
+    Field,
+    Image,
+    blend,
+    finish,
+    fractal,
+)
+from eventsweep.scenes.textures.printing import label, paragraph, words, write
+from eventsweep.scenes.textures.surfaces import cardboard, wood
 
 
 def book(size_px: int, rng: Generator, colour: Colour, accent: Colour) -> Image:

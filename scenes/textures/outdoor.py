@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.random import Generator
 
-from scenes.textures.cubes import wrap
-from scenes.textures.noise import Colour, Field, Image, blend, finish, fractal
+from eventsweep.scenes.textures.cubes import wrap
+from eventsweep.scenes.textures.noise import Colour, Field, Image, blend, finish, fractal
 
 _GREEN: tuple[Colour, Colour] = ((0.10, 0.18, 0.06), (0.52, 0.64, 0.28))
 _BARK: tuple[Colour, Colour] = ((0.16, 0.12, 0.09), (0.58, 0.5, 0.42))
@@ -152,7 +152,7 @@ def sky(size_px: int, rng: Generator, cover: float = 0.45) -> Image:
 
 def _sky_directions(size_px: int) -> Field:
     """World directions (3, 6 N, N), z up, of a skybox's texels."""
-    from scenes.textures.cubes import _directions
+    from eventsweep.scenes.textures.cubes import _directions
 
     across, up, back = _directions(size_px)
     return np.stack([across, -back, up])

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from scenes.textures.noise import Colour, Field, Image, blend, finish, fractal
+from eventsweep.scenes.textures.noise import Colour, Field, Image, blend, finish, fractal
 
 # fmt: off
 _SYLLABLES = (

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.random import Generator
 
-from scenes.textures.noise import Colour, Field, Image, blend, finish, fractal
+from eventsweep.scenes.textures.noise import Colour, Field, Image, blend, finish, fractal
 
 _OAK: tuple[Colour, Colour] = ((0.22, 0.13, 0.07), (0.72, 0.52, 0.33))
 _CLAY: tuple[Colour, Colour] = ((0.34, 0.14, 0.1), (0.72, 0.42, 0.32))

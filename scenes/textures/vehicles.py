@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.random import Generator
 
-from scenes.textures.cubes import wrap
-from scenes.textures.noise import Colour, Image, finish, fractal
+from eventsweep.scenes.textures.cubes import wrap
+from eventsweep.scenes.textures.noise import Colour, Image, finish, fractal
 
 
 def car_side(shape: tuple[int, int], rng: Generator, colour: Colour) -> Image:

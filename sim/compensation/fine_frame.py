@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.compensation.range_kernels import cell_range, spread_most
+from eventsweep.sim.compensation.range_kernels import cell_range, spread_most
 
 Image = NDArray[np.float32]
 

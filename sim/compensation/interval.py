@@ -16,11 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.geometry import se3
-from emvs.geometry.camera import TERMS, Camera
-from sim.compensation.fine_frame import FineFrame, Image
-from sim.compensation.path_kernels import fill_picture, fill_places, longest_way
-from sim.rendering.moving_bodies import BodyPixels
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import TERMS, Camera
+from eventsweep.sim.compensation.fine_frame import FineFrame, Image
+from eventsweep.sim.compensation.path_kernels import fill_picture, fill_places, longest_way
+from eventsweep.sim.rendering.moving_bodies import BodyPixels
 
 Pose = NDArray[np.float64]
 Moved = Callable[[int, int], Pose]

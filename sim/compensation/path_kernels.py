@@ -8,8 +8,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from sim.compensation.light_kernels import light_at
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.sim.compensation.light_kernels import light_at
 
 PINHOLE, RADTAN, KB4 = 0, 1, 2
 """Lens models, as the numbers that compiled code takes."""

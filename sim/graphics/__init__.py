@@ -8,8 +8,16 @@ import os
 import sys
 from typing import Any
 
-from emvs.errors import InputError, heed_interrupt
-from sim.graphics.choice import NOTE, Choice, Driver, choose, equal_devices, has_gpu, probe
+from eventsweep.emvs.errors import InputError, heed_interrupt
+from eventsweep.sim.graphics.choice import (
+    NOTE,
+    Choice,
+    Driver,
+    choose,
+    equal_devices,
+    has_gpu,
+    probe,
+)
 
 # What each back end loads (any one of each group), in order of preference. EGL needs no display
 # and uses a GPU where there is one.

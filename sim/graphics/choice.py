@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from emvs.errors import InputError
+from eventsweep.emvs.errors import InputError
 
 # Why drawing is done in software although there is a GPU; told by `sim.simulate`.
 NOTE = "EVENTSWEEP_GRAPHICS_NOTE"

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError, heed_interrupt
-from emvs.utils.inputs import read_text
-from emvs.utils.plugins import FUNCTION
-from emvs.utils.plugins import named as named_function
-from sim.graphics import import_mujoco
-from sim.mjcf import named
-from sim.model.tracks import StateTrack, state_of
+from eventsweep.emvs.errors import InputError, heed_interrupt
+from eventsweep.emvs.utils.inputs import read_text
+from eventsweep.emvs.utils.plugins import FUNCTION
+from eventsweep.emvs.utils.plugins import named as named_function
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.mjcf import named
+from eventsweep.sim.model.tracks import StateTrack, state_of
 
 Controller = Callable[[Any, Any], object]
 """`control(model, data)`, called before each step: sets `data.ctrl`, forces or mocap poses."""

@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from sim.graphics import import_mujoco
-from sim.mjcf import named
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.mjcf import named
 
 Pose = NDArray[np.float64]
 KINDS = ("camera", "site", "body")

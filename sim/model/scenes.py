@@ -13,22 +13,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.poses import read_tum
-from emvs.errors import InputError
-from emvs.geometry.rig import Rig
-from sim.config import SimConfig
-from sim.mjcf import digests, model_of
-from sim.model.drives import at_rest, initial_data, load_controller, read_joints, run_dynamics
-from sim.model.mounts import Mount, find_mount, first_camera, has_resolution, rig_of_cameras
-from sim.model.survey import survey
-from sim.model.tracks import CarriedMotion, StateTrack
-from sim.motion import Motion
-from sim.motion.animation import moving_geoms
-from sim.motion.curves import CurveMotion
-from sim.motion.head_motion import generate, placed
-from sim.motion.head_styles import STYLES
-from sim.rigs import rig as named_rig
-from sim.scene import Scene
+from eventsweep.emvs.data.poses import read_tum
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.mjcf import digests, model_of
+from eventsweep.sim.model.drives import (
+    at_rest,
+    initial_data,
+    load_controller,
+    read_joints,
+    run_dynamics,
+)
+from eventsweep.sim.model.mounts import (
+    Mount,
+    find_mount,
+    first_camera,
+    has_resolution,
+    rig_of_cameras,
+)
+from eventsweep.sim.model.survey import survey
+from eventsweep.sim.model.tracks import CarriedMotion, StateTrack
+from eventsweep.sim.motion import Motion
+from eventsweep.sim.motion.animation import moving_geoms
+from eventsweep.sim.motion.curves import CurveMotion
+from eventsweep.sim.motion.head_motion import generate, placed
+from eventsweep.sim.motion.head_styles import STYLES
+from eventsweep.sim.rigs import rig as named_rig
+from eventsweep.sim.scene import Scene
 
 Array = NDArray[np.float64]
 DYNAMICS = "dynamics"

@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from emvs.geometry.rig import Rig
-from sim.config import SimConfig
-from sim.motion.animation import moving_geoms
-from sim.rendering.renderer import Frame, StereoRenderer
-from sim.sampling import MIRRORS, why_linear
-from sim.scene import Scene, replayed
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.motion.animation import moving_geoms
+from eventsweep.sim.rendering.renderer import Frame, StereoRenderer
+from eventsweep.sim.sampling import MIRRORS, why_linear
+from eventsweep.sim.scene import Scene, replayed
 
 _LOOKS = 9
 # Between neighbouring pixels, in log intensity: what a contrast threshold of 0.2 notices.

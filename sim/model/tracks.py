@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.graphics import import_mujoco
-from sim.mjcf import model_of
-from sim.model.mounts import Mount
-from sim.motion.animation import Animation
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.mjcf import model_of
+from eventsweep.sim.model.mounts import Mount
+from eventsweep.sim.motion.animation import Animation
 
 Array = NDArray[np.float64]
 # Of a microsecond.

@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from emvs.errors import InputError
-from sim.motion import Motion
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.motion import Motion
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline, CubicSpline
     from scipy.spatial.transform import RotationSpline
 
-    from emvs.geometry.trajectory import Trajectory
+    from eventsweep.emvs.geometry.trajectory import Trajectory
 
 Vector3 = tuple[float, float, float]
 Array = NDArray[np.float64]
@@ -70,7 +70,7 @@ def sampled(motion: Motion, duration_s: float, rate_hz: float) -> Trajectory:
 
     Times are rounded to the microsecond before the curve is asked, so stored poses are exact.
     """
-    from emvs.geometry.trajectory import Trajectory
+    from eventsweep.emvs.geometry.trajectory import Trajectory
 
     duration_us = round(duration_s * 1e6)
     count = max(2, int(np.ceil(duration_us * 1e-6 * rate_hz - 1e-9)) + 1)
@@ -242,7 +242,7 @@ class CurveMotion:
 
     def poses(self, times_s: ArrayLike) -> Array:
         """Poses (N, 4, 4) at (N,) times: many at once, a hundred times faster than one by one."""
-        from emvs.geometry import se3
+        from eventsweep.emvs.geometry import se3
 
         channels = self.spline[0](self._times(times_s))
         return se3.from_quat_xyzw(channels[:, :3], channels[:, 3:])
@@ -303,7 +303,7 @@ def curve_of(motion: Motion, duration_s: float, rate_hz: float = 250.0) -> Curve
 
     At 250 Hz a 10 Hz sine is met to 1e-6 of its amplitude, its acceleration to 1e-3.
     """
-    from emvs.geometry import se3
+    from eventsweep.emvs.geometry import se3
 
     if isinstance(motion, CurveMotion) and abs(motion.duration_s - duration_s) < 1e-9:
         return motion

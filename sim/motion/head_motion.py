@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from emvs.errors import InputError
-from sim.motion.curves import CurveMotion, curve, look_at, moved
-from sim.motion.head_styles import KNOT_HZ, STYLES, HeadStyle
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.motion.curves import CurveMotion, curve, look_at, moved
+from eventsweep.sim.motion.head_styles import KNOT_HZ, STYLES, HeadStyle
 
 Array = NDArray[np.float64]
 # Knots beyond the end of a motion.

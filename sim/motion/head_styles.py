@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sim.motion.curves import Vector3
+from eventsweep.sim.motion.curves import Vector3
 
 Band = tuple[float, float]
 

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from emvs.geometry import se3
-from sim.motion.curves import CurveMotion, curve
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.sim.motion.curves import CurveMotion, curve
 
 if TYPE_CHECKING:
-    from emvs.geometry.trajectory import Trajectory
+    from eventsweep.emvs.geometry.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 _ORDER = 3

@@ -23,13 +23,19 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.event_store import EventStoreReader, EventStoreWriter
-from emvs.data.image_stores import FrameReader, FrameWriter, Photo, TruthReader, TruthWriter
-from emvs.errors import InputError
-from emvs.geometry.rig import Rig
-from emvs.utils.files import atomic_path, made_parent
-from emvs.utils.outputs import real, remove_abandoned
-from emvs.utils.ownership import named
+from eventsweep.emvs.data.event_store import EventStoreReader, EventStoreWriter
+from eventsweep.emvs.data.image_stores import (
+    FrameReader,
+    FrameWriter,
+    Photo,
+    TruthReader,
+    TruthWriter,
+)
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.utils.files import atomic_path, made_parent
+from eventsweep.emvs.utils.outputs import real, remove_abandoned
+from eventsweep.emvs.utils.ownership import named
 
 Notice = Callable[[str], None]
 """Called with one line for people to read."""

@@ -15,17 +15,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.geometry import se3
-from emvs.geometry.rig import Rig
-from sim import ground_truth
-from sim.compensation.interval import Interval, interval_between
-from sim.config import SimConfig
-from sim.motion import Motion
-from sim.rendering.adaptive_sampling import RigFrame, adaptive_frames
-from sim.rendering.moving_bodies import MovingBodies
-from sim.rendering.renderer import StereoRenderer
-from sim.sampling import border_px
-from sim.scene import Scene
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim import ground_truth
+from eventsweep.sim.compensation.interval import Interval, interval_between
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.motion import Motion
+from eventsweep.sim.rendering.adaptive_sampling import RigFrame, adaptive_frames
+from eventsweep.sim.rendering.moving_bodies import MovingBodies
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.sampling import border_px
+from eventsweep.sim.scene import Scene
 
 # Chunks in which surfaces are drawn in one order; a new one costs a frame.
 _ORDERED_ALIKE = 8

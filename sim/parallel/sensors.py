@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
-from sim.compensation.fine_frame import FineFrame
-from sim.compensation.interval import Passage, lens_of
-from sim.ground_truth import event_depth_m
-from sim.parallel.checkpoint import State
-from sim.parallel.render_job import RenderedFrame, RenderJob
-from sim.sensor.sensor import Sensor, part_of
+from eventsweep.emvs.data.events import Events
+from eventsweep.sim.compensation.fine_frame import FineFrame
+from eventsweep.sim.compensation.interval import Passage, lens_of
+from eventsweep.sim.ground_truth import event_depth_m
+from eventsweep.sim.parallel.checkpoint import State
+from eventsweep.sim.parallel.render_job import RenderedFrame, RenderJob
+from eventsweep.sim.sensor.sensor import Sensor, part_of
 
 
 class Packet(NamedTuple):

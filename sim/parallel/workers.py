@@ -22,18 +22,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from emvs.utils.processes import end_with_parent
-from sim.compensation.fine_frame import FineFrame
-from sim.compensation.interval import Interval
-from sim.graphics import worker_devices
-from sim.graphics.choice import DEVICE
-from sim.parallel.checkpoint import Stopped
-from sim.parallel.render_job import ChunkRenderer, RenderedFrame, RenderJob, TruthImages
-from sim.rendering import lens
-from sim.rendering.fine_light import light_shape
-from sim.rendering.renderer import StereoRenderer
-from sim.sampling import border_px
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.processes import end_with_parent
+from eventsweep.sim.compensation.fine_frame import FineFrame
+from eventsweep.sim.compensation.interval import Interval
+from eventsweep.sim.graphics import worker_devices
+from eventsweep.sim.graphics.choice import DEVICE
+from eventsweep.sim.parallel.checkpoint import Stopped
+from eventsweep.sim.parallel.render_job import ChunkRenderer, RenderedFrame, RenderJob, TruthImages
+from eventsweep.sim.rendering import lens
+from eventsweep.sim.rendering.fine_light import light_shape
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.sampling import border_px
 
 _BYTES_PER_WORKER = 192 << 20
 _MIN_SLOTS, _MAX_SLOTS = 3, 512

@@ -15,16 +15,16 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from sim.config import SimConfig
-from sim.motion import Motion
-from sim.rendering.lens import bearing_steps
-from sim.rendering.moving_bodies import BodyPixels, MovingBodies
-from sim.rendering.pixel_kernels import squared_displacement, squared_displacement_lens
-from sim.rendering.renderer import Frame
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.motion import Motion
+from eventsweep.sim.rendering.lens import bearing_steps
+from eventsweep.sim.rendering.moving_bodies import BodyPixels, MovingBodies
+from eventsweep.sim.rendering.pixel_kernels import squared_displacement, squared_displacement_lens
+from eventsweep.sim.rendering.renderer import Frame
 
 # Aim below the limit: motion accelerates, and the backward check must pass as well.
 _AIM, _CLOSE = 0.93, 0.85

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from sim.rendering.gl_objects import GLObjects, opengl
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.rendering.gl_objects import GLObjects, opengl
 
 Colours = NDArray[np.uint8] | NDArray[np.float32]
 _CLAMPS = ("GL_CLAMP_VERTEX_COLOR", "GL_CLAMP_FRAGMENT_COLOR", "GL_CLAMP_READ_COLOR")

@@ -11,10 +11,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.geometry.camera import Camera
-from sim.rendering import box_kernels, pixel_kernels
-from sim.rendering.draw_target import DrawTarget
-from sim.rendering.lens import LensMap
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.sim.rendering import box_kernels, pixel_kernels
+from eventsweep.sim.rendering.draw_target import DrawTarget
+from eventsweep.sim.rendering.lens import LensMap
 
 Image = NDArray[np.float32]
 

@@ -6,7 +6,7 @@ import importlib
 from contextlib import ExitStack
 from typing import Any
 
-from emvs.errors import InputError
+from eventsweep.emvs.errors import InputError
 
 # Format of texels -> what OpenGL is told that comes in.
 _INCOMING = {

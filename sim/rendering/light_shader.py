@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from emvs.errors import InputError
-from sim.rendering.draw_target import DrawTarget
-from sim.rendering.fine_light import FineView, Image
-from sim.rendering.gl_objects import GLObjects, opengl
-from sim.rendering.pixel_kernels import LUMA
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.rendering.draw_target import DrawTarget
+from eventsweep.sim.rendering.fine_light import FineView, Image
+from eventsweep.sim.rendering.gl_objects import GLObjects, opengl
+from eventsweep.sim.rendering.pixel_kernels import LUMA
 
 _HEADER = "#version 400 compatibility\n"
 _VERTEX = _HEADER + "void main() { gl_Position = gl_Vertex; }\n"

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.geometry import se3
-from sim.graphics import import_mujoco
-from sim.motion.animation import Animation, moving_geoms
+from eventsweep.emvs.geometry import se3
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.motion.animation import Animation, moving_geoms
 
 if TYPE_CHECKING:
-    from sim.rendering.renderer import StereoRenderer
+    from eventsweep.sim.rendering.renderer import StereoRenderer
 
 Pose = NDArray[np.float64]
 # Poses are asked for again within few steps, by every camera and both ways.

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
 # Rec. 709 luma of linear RGB; the last bit makes white exactly 1.
 LUMA = (0.2126, 0.7152, 0.0722)

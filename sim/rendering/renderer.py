@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from sim.graphics import current_driver, import_mujoco, open_context
-from sim.mjcf import compiled
-from sim.motion.animation import Animation
-from sim.rendering import lens, pixel_kernels
-from sim.rendering.draw_target import Colours, DrawTarget, sharpen_textures
-from sim.rendering.fine_light import FineLight, FineView, KernelLight
-from sim.rendering.light_shader import NoShader, ShaderLight
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.graphics import current_driver, import_mujoco, open_context
+from eventsweep.sim.mjcf import compiled
+from eventsweep.sim.motion.animation import Animation
+from eventsweep.sim.rendering import lens, pixel_kernels
+from eventsweep.sim.rendering.draw_target import Colours, DrawTarget, sharpen_textures
+from eventsweep.sim.rendering.fine_light import FineLight, FineView, KernelLight
+from eventsweep.sim.rendering.light_shader import NoShader, ShaderLight
 
 if TYPE_CHECKING:
     import mujoco

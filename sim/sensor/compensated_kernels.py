@@ -12,10 +12,10 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from sim.compensation.light_kernels import light_at
-from sim.compensation.path_kernels import paths_of_row, places_on
-from sim.sensor.esim_kernels import NEAR, level_of, number_of_falls, number_of_rises
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.sim.compensation.light_kernels import light_at
+from eventsweep.sim.compensation.path_kernels import paths_of_row, places_on
+from eventsweep.sim.sensor.esim_kernels import NEAR, level_of, number_of_falls, number_of_rises
 
 # Steps are never shorter and never longer than this way, px.
 _LEAST_PX, _MOST_PX = 0.1, 1.0

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
-from emvs.errors import InputError, check_array, check_whole
-from sim.compensation.interval import Passage
-from sim.config import PixelConfig
-from sim.sensor import compensated_kernels
-from sim.sensor import esim_kernels as kernels
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError, check_array, check_whole
+from eventsweep.sim.compensation.interval import Passage
+from eventsweep.sim.config import PixelConfig
+from eventsweep.sim.sensor import compensated_kernels
+from eventsweep.sim.sensor import esim_kernels as kernels
 
 # Long before any time stamp, so that a pixel's first event is never held back.
 NEVER_US = -(2**62)

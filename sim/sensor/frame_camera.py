@@ -16,12 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.image_stores import Photo
-from emvs.errors import InputError
-from sim.config import FramesConfig, ShutterConfig, SimConfig
-from sim.motion import Motion
-from sim.rendering.adaptive_sampling import FrameSource, adaptive_frames
-from sim.rendering.moving_bodies import MovingBodies
+from eventsweep.emvs.data.image_stores import Photo
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.config import FramesConfig, ShutterConfig, SimConfig
+from eventsweep.sim.motion import Motion
+from eventsweep.sim.rendering.adaptive_sampling import FrameSource, adaptive_frames
+from eventsweep.sim.rendering.moving_bodies import MovingBodies
 
 DENSE_PX = 0.5
 """Pictures this far apart, at most, are taken for linear in time, px."""

@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.tables import ImuSamples
-from emvs.errors import InputError
-from emvs.geometry import se3
-from sim.config import ImuConfig
-from sim.motion import Motion
-from sim.motion.curves import curve_of
+from eventsweep.emvs.data.tables import ImuSamples
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.sim.config import ImuConfig
+from eventsweep.sim.motion import Motion
+from eventsweep.sim.motion.curves import curve_of
 
 Array = NDArray[np.float64]
 GRAVITY_M_S2 = (0.0, 0.0, -9.80665)

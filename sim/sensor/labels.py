@@ -9,7 +9,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
+from eventsweep.emvs.data.events import Events
 
 
 class Label(IntEnum):

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.sensor.labels import Label
-from sim.sensor.pixels import Batch
-from sim.sensor.random_streams import Randomness, Use
-from sim.sensor_presets import SensorParameters
+from eventsweep.sim.sensor.labels import Label
+from eventsweep.sim.sensor.pixels import Batch
+from eventsweep.sim.sensor.random_streams import Randomness, Use
+from eventsweep.sim.sensor_presets import SensorParameters
 
 
 class Noise:

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.sensor import pixels_kernels as kernels
-from sim.sensor.esim import log_intensity, time_order
-from sim.sensor.esim_kernels import PIXEL
-from sim.sensor.pixels_kernels import low_pass
-from sim.sensor.random_streams import Randomness, Use
-from sim.sensor_presets import SensorParameters
+from eventsweep.sim.sensor import pixels_kernels as kernels
+from eventsweep.sim.sensor.esim import log_intensity, time_order
+from eventsweep.sim.sensor.esim_kernels import PIXEL
+from eventsweep.sim.sensor.pixels_kernels import low_pass
+from eventsweep.sim.sensor.random_streams import Randomness, Use
+from eventsweep.sim.sensor_presets import SensorParameters
 
 # Mismatch never takes a threshold below this share of its nominal value.
 _LEAST_THRESHOLD = 0.1

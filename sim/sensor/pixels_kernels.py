@@ -12,15 +12,15 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from sim.sensor.esim_kernels import (
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.sim.sensor.esim_kernels import (
     NEAR,
     crossing_offset_us,
     level_of,
     number_of_falls,
     number_of_rises,
 )
-from sim.sensor.labels import Label
+from eventsweep.sim.sensor.labels import Label
 
 # Compiled code takes plain numbers only.
 _SIGNAL, _LEAK = int(Label.SIGNAL), int(Label.LEAK)

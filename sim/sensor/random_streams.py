@@ -6,7 +6,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from emvs.errors import InputError
+from eventsweep.emvs.errors import InputError
 
 
 class Use(IntEnum):

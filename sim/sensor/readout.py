@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.sensor import readout_kernels as kernels
-from sim.sensor.esim import NEVER_US
-from sim.sensor.pixels import Batch
-from sim.sensor.random_streams import Randomness, Use
-from sim.sensor_presets import SensorParameters
+from eventsweep.sim.sensor import readout_kernels as kernels
+from eventsweep.sim.sensor.esim import NEVER_US
+from eventsweep.sim.sensor.pixels import Batch
+from eventsweep.sim.sensor.random_streams import Randomness, Use
+from eventsweep.sim.sensor_presets import SensorParameters
 
 
 class Latency:

@@ -12,17 +12,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
-from sim.compensation.interval import Passage
-from sim.config import PixelConfig
-from sim.sensor import pixels_kernels
-from sim.sensor.esim import NEVER_US, EventSimulator, time_before
-from sim.sensor.frame_camera import DENSE_PX
-from sim.sensor.labels import Drop, Label, LabelledEvents, count_names
-from sim.sensor.noise import Noise
-from sim.sensor.pixels import Batch, Pixels
-from sim.sensor.random_streams import Randomness
-from sim.sensor.readout import Arbiter, Latency
+from eventsweep.emvs.data.events import Events
+from eventsweep.sim.compensation.interval import Passage
+from eventsweep.sim.config import PixelConfig
+from eventsweep.sim.sensor import pixels_kernels
+from eventsweep.sim.sensor.esim import NEVER_US, EventSimulator, time_before
+from eventsweep.sim.sensor.frame_camera import DENSE_PX
+from eventsweep.sim.sensor.labels import Drop, Label, LabelledEvents, count_names
+from eventsweep.sim.sensor.noise import Noise
+from eventsweep.sim.sensor.pixels import Batch, Pixels
+from eventsweep.sim.sensor.random_streams import Randomness
+from eventsweep.sim.sensor.readout import Arbiter, Latency
 
 State = dict[str, NDArray[Any]]
 

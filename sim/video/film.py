@@ -10,13 +10,13 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from sim.config import PixelConfig, VideoConfig
-from sim.sensor.labels import LabelledEvents
-from sim.sensor.sensor import Sensor
-from sim.video.frames import Frame, Frames, checked
-from sim.video.light import Light
-from sim.video.upsampling import find_upsampler, upsampled
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.config import PixelConfig, VideoConfig
+from eventsweep.sim.sensor.labels import LabelledEvents
+from eventsweep.sim.sensor.sensor import Sensor
+from eventsweep.sim.video.frames import Frame, Frames, checked
+from eventsweep.sim.video.light import Light
+from eventsweep.sim.video.upsampling import find_upsampler, upsampled
 
 Item = TypeVar("Item")
 TOO_FAST = 0.2

@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.stamps import STAMP_FILES, Stamps, read_stamps
-from emvs.errors import InputError, quoted
-from emvs.utils.inputs import check_file
-from sim.config import VideoConfig
-from sim.video.images import READERS, Image, quiet_opencv, read_image
+from eventsweep.emvs.data.stamps import STAMP_FILES, Stamps, read_stamps
+from eventsweep.emvs.errors import InputError, quoted
+from eventsweep.emvs.utils.inputs import check_file
+from eventsweep.sim.config import VideoConfig
+from eventsweep.sim.video.images import READERS, Image, quiet_opencv, read_image
 
 IMAGE_FOLDERS = ("imgs", "images")
 """Where images lie beside the file of their times, in the layouts of vid2e and others."""

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import DAMAGED_NPY, InputError, said
-from emvs.formats.depth import check_png, read_exr
-from emvs.utils.inputs import check_file
+from eventsweep.emvs.errors import DAMAGED_NPY, InputError, said
+from eventsweep.emvs.formats.depth import check_png, read_exr
+from eventsweep.emvs.utils.inputs import check_file
 
 Image = NDArray[Any]
 """(H, W) grey levels or (H, W, 3) red, green, blue; uint8, uint16 or float32."""

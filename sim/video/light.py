@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from sim.config import Encoding, VideoConfig
-from sim.video.images import Image
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.config import Encoding, VideoConfig
+from eventsweep.sim.video.images import Image
 
 # Luminance of linear red, green and blue with BT.709's primaries, which sRGB shares.
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722])

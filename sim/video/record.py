@@ -10,18 +10,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from emvs.data.poses import read_poses
-from emvs.data.writer import SequenceWriter
-from emvs.errors import InputError
-from emvs.formats import FORMATS, write_events
-from emvs.formats.calibration import read_rig
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
-from emvs.utils.outputs import check_output, output_file
-from sim.config import PixelConfig, VideoConfig
-from sim.video.film import TOO_FAST, Film
-from sim.video.frames import open_frames
+from eventsweep.emvs.data.poses import read_poses
+from eventsweep.emvs.data.writer import SequenceWriter
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats import FORMATS, write_events
+from eventsweep.emvs.formats.calibration import read_rig
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.utils.outputs import check_output, output_file
+from eventsweep.sim.config import PixelConfig, VideoConfig
+from eventsweep.sim.video.film import TOO_FAST, Film
+from eventsweep.sim.video.frames import open_frames
 
 Progress = Callable[[float, int], None]
 """Called with the share of the video that is done, 0 to 1, and the events so far."""

@@ -8,10 +8,10 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from emvs.errors import InputError, heed_interrupt, said, shown
-from emvs.utils.plugins import FUNCTION, named
-from sim.video.frames import Frame
-from sim.video.images import Image
+from eventsweep.emvs.errors import InputError, heed_interrupt, said, shown
+from eventsweep.emvs.utils.plugins import FUNCTION, named
+from eventsweep.sim.video.frames import Frame
+from eventsweep.sim.video.images import Image
 
 GROUP = "eventsweep.upsamplers"
 Value = TypeVar("Value")

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from emvs import methods
-from eval.cli.main import main
+from eventsweep.emvs import methods
+from eventsweep.eval.cli.main import main
 from places import ROOT
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

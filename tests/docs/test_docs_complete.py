@@ -14,14 +14,20 @@ from fnmatch import fnmatchcase
 
 import pytest
 
-from emvs.config import MapperConfig
-from emvs.depth.inpainting import Dense
-from emvs.maps.folder import HotPixelInfo, MapInfo, RecordingInfo, SkippedWindow, WindowInfo
-from emvs.maps.merge import FusedInfo
-from eval.config import EvalConfig
-from eval.scoring.results import Results, write_results
-from eval.suite.definition import load
-from eval.suite.run import extent, suite_jobs
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth.inpainting import Dense
+from eventsweep.emvs.maps.folder import (
+    HotPixelInfo,
+    MapInfo,
+    RecordingInfo,
+    SkippedWindow,
+    WindowInfo,
+)
+from eventsweep.emvs.maps.merge import FusedInfo
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.scoring.results import Results, write_results
+from eventsweep.eval.suite.definition import load
+from eventsweep.eval.suite.run import extent, suite_jobs
 from places import ROOT, TOOLS
 from settings_table import TABLES, main, settings_block
 

@@ -22,7 +22,7 @@ MAPPER = """#!{python}
 import argparse, json, os
 from pathlib import Path
 import numpy as np
-from emvs.data.sequence import Sequence
+from eventsweep.emvs.data.sequence import Sequence
 
 parser = argparse.ArgumentParser()
 for name in ("--sequence", "--views", "--out"):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from eval.ranking import summary
-from eval.ranking.entries import DATA_NAME, read_data
+from eventsweep.eval.ranking import summary
+from eventsweep.eval.ranking.entries import DATA_NAME, read_data
 from places import ROOT
 from ranking_table import DATA, main, ranking_block
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from emvs.errors import InputError
-from eval.gate.baseline import read_baseline
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.gate.baseline import read_baseline
 from markdown_blocks import with_block
 from places import ROOT
 from readme_table import main, results_block

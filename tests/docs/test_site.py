@@ -17,7 +17,7 @@ import pytest
 import yaml
 
 import eventsweep as es
-from emvs.utils import release
+from eventsweep.emvs.utils import release
 from places import ROOT
 
 DOCS = ROOT / "docs"

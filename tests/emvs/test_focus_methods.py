@@ -9,15 +9,15 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from emvs.config import MapperConfig
-from emvs.depth.focus import FocusConfig, at_least, judge
-from emvs.dsi import focus_measures
-from emvs.dsi.maxima import RunningMaxima
-from emvs.errors import InputError
-from emvs.geometry.trajectory import Trajectory
-from emvs.mapper import map_window
-from emvs.methods import methods_by_name, overview
-from emvs.reference_view import inverse_depth_at
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth.focus import FocusConfig, at_least, judge
+from eventsweep.emvs.dsi import focus_measures
+from eventsweep.emvs.dsi.maxima import RunningMaxima
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.methods import methods_by_name, overview
+from eventsweep.emvs.reference_view import inverse_depth_at
 from point_world import Recorded, fronto_parallel, pinhole, stereo_rig
 from study_variants import found_in_volumes
 

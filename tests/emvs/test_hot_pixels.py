@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emvs.config import MapperConfig
-from emvs.data.events import Events
-from emvs.hot_pixels import WithoutPixels, find_hot_pixels, hot_mask
-from emvs.mapper import map_window
-from emvs.maps.folder import RecordingInfo, read_map
-from emvs.maps.sliding import map_windows
-from emvs.windows import choose_window
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.hot_pixels import WithoutPixels, find_hot_pixels, hot_mask
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.maps.folder import RecordingInfo, read_map
+from eventsweep.emvs.maps.sliding import map_windows
+from eventsweep.emvs.windows import choose_window
 from point_world import fronto_parallel
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4, planes=20, methods=("Alg1/H", "EMVS/cam0"))

@@ -11,32 +11,32 @@ from functools import cache
 
 import pytest
 
-from emvs.utils import kernel_cache
+from eventsweep.emvs.utils import kernel_cache
 from places import ROOT
 
 PACKAGES = ("emvs", "sim", "eval")
 
 FOLD = """
 import numpy as np
-from emvs.dsi.maxima import FocusPeak
+from eventsweep.emvs.dsi.maxima import FocusPeak
 peak = FocusPeak(4, 3, "variance", 0.3)
 peak.update(np.arange(12, dtype=np.float32).reshape(1, 3, 4) ** 2)
 print(peak.maximum().value.tolist())
 """
 VARIANCE = """
 import numpy as np
-from emvs.dsi.focus_kernels import PAIR
-from emvs.dsi.maxima import FocusPeak
-from emvs.utils.vectors_kernels import aligned
+from eventsweep.emvs.dsi.focus_kernels import PAIR
+from eventsweep.emvs.dsi.maxima import FocusPeak
+from eventsweep.emvs.utils.vectors_kernels import aligned
 peak = FocusPeak(PAIR, 3, "variance", 0.3)
 peak.update(np.arange(3 * PAIR, dtype=np.float32).reshape(1, 3, PAIR) ** 2)
 print(aligned(2).tolist(), peak.maximum().value.tolist())
 """
 PIXELS = """
 import numpy as np
-from sim.sensor.pixels import Pixels
-from sim.sensor.random_streams import Randomness
-from sim.sensor_presets import SensorParameters
+from eventsweep.sim.sensor.pixels import Pixels
+from eventsweep.sim.sensor.random_streams import Randomness
+from eventsweep.sim.sensor_presets import SensorParameters
 pixels = Pixels((1, 2), (0.2, 0.2), 1e-3, SensorParameters(), Randomness(0, 0))
 pixels.start(np.array([[0.2, 0.6]], np.float32))
 for k, frame in enumerate(([0.7, 0.2], [0.25, 0.7])):
@@ -45,9 +45,9 @@ for k, frame in enumerate(([0.7, 0.2], [0.25, 0.7])):
 """
 CARRIED = """
 import numpy as np
-from emvs.geometry.camera import Camera
-from sim.compensation.fine_frame import FineFrame
-from sim.compensation.interval import Passage, interval_between
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.sim.compensation.fine_frame import FineFrame
+from eventsweep.sim.compensation.interval import Passage, interval_between
 light = (0.5 + 0.4 * np.sin(np.arange(29 * 33).reshape(29, 33) / 7)).astype(np.float32)
 depth_m, poses = np.full((3, 5), 2, np.float32), [np.eye(4), np.eye(4), np.eye(4)]
 poses[1][0, 3], poses[2][0, 3] = 0.2, 0.5
@@ -57,7 +57,7 @@ print([picture.tolist() for picture in passage.pictures([3000, 6000])])
 """
 STAGE = f"""
 import contextlib, io
-import emvs.dsi.focus_kernels
+import eventsweep.emvs.dsi.focus_kernels
 def code(parameters):
     return (), ()
 def run(parameters, inputs, out):
@@ -66,7 +66,7 @@ def run(parameters, inputs, out):
     (out / "result.json").write_text(text.getvalue())
 """
 JOB = """
-from eval.jobs.job import Job, do
+from eventsweep.eval.jobs.job import Job, do
 done = do(Job("fold", "fold_stage", {}), "jobs")
 print(done.found, done.code, done.text)
 """
@@ -225,7 +225,7 @@ def test_every_file_with_compiled_functions_names_the_cache_first():
     for file in kernel_cache.kernel_files():
         if compiled(file) and "cuda" not in file.parts:
             names = [a.name for n in tree(file).body if isinstance(n, ast.Import) for a in n.names]
-            assert "emvs.utils.runtime" in names, file
+            assert "eventsweep.emvs.utils.runtime" in names, file
 
 
 @pytest.fixture

@@ -4,17 +4,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from emvs.config import MapperConfig
-from emvs.data.events import Events
-from emvs.dsi.fusion import FUSIONS
-from emvs.dsi.rays import event_rays
-from emvs.dsi.voting import dsi
-from emvs.errors import InputError
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
-from emvs.mapper import map_window
-from emvs.reference_view import inverse_depth_planes
-from emvs.utils import runtime
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.dsi.fusion import FUSIONS
+from eventsweep.emvs.dsi.rays import event_rays
+from eventsweep.emvs.dsi.voting import dsi
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.reference_view import inverse_depth_planes
+from eventsweep.emvs.utils import runtime
 from point_world import fronto_parallel
 
 RANGE = {"min_depth_m": 0.5, "max_depth_m": 4.0}

@@ -9,12 +9,12 @@ import pytest
 CODE = """
 import resource
 import numpy as np
-from emvs.config import MapperConfig
-from emvs.geometry.camera import Camera
-from emvs.data.events import Events
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
-from emvs.mapper import map_window
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.mapper import map_window
 
 N = 4_000_000
 CAMERA = Camera(1280, 720, 1050, 1050, 639.5, 359.5)

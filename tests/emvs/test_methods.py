@@ -7,17 +7,22 @@ from hypothesis import strategies as st
 
 import naive_methods
 import naive_sweep
-from emvs.config import MapperConfig
-from emvs.depth.depth_map import union
-from emvs.dsi import voting
-from emvs.dsi.fusion import fuse_by
-from emvs.dsi.maxima import RunningMaxima
-from emvs.dsi.method import Method, Split
-from emvs.dsi.voting import batch_planes, batches
-from emvs.errors import InputError
-from emvs.mapper import map_window
-from emvs.methods import methods_by_name, overview, register, unregister
-from emvs.reference_view import inverse_depth_at, inverse_depth_planes, is_linear, linear_planes
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth.depth_map import union
+from eventsweep.emvs.dsi import voting
+from eventsweep.emvs.dsi.fusion import fuse_by
+from eventsweep.emvs.dsi.maxima import RunningMaxima
+from eventsweep.emvs.dsi.method import Method, Split
+from eventsweep.emvs.dsi.voting import batch_planes, batches
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.methods import methods_by_name, overview, register, unregister
+from eventsweep.emvs.reference_view import (
+    inverse_depth_at,
+    inverse_depth_planes,
+    is_linear,
+    linear_planes,
+)
 from point_world import fronto_parallel
 
 F = ("min", "H", "G", "A", "RMS", "max")

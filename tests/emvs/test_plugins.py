@@ -6,8 +6,8 @@ import sys
 import pytest
 
 GOOD = """
-from emvs.methods import register
-from emvs.dsi.method import Method
+from eventsweep.emvs.methods import register
+from eventsweep.emvs.dsi.method import Method
 
 def offer():
     register(Method.from_function("Theirs/last", lambda votes: votes[-1, -1], "the last camera"))
@@ -25,7 +25,7 @@ def install(folder, module: str) -> None:
 
 def methods(folder, asked: str):
     code = (
-        "from emvs.methods import methods_by_name; "
+        "from eventsweep.emvs.methods import methods_by_name; "
         f"print([m.name for m in methods_by_name(({asked!r},), 2)])"
     )
     return subprocess.run(
@@ -51,5 +51,7 @@ def test_methods_of_ours_do_not_load_strangers(tmp_path):
 def test_a_package_that_fails_is_named(tmp_path, module):
     install(tmp_path, module)
     error = methods(tmp_path, "Theirs/last").stderr.splitlines()[-1]
-    assert error.startswith("emvs.errors.InputError: theirs: its methods (last = theirs:offer)")
+    assert error.startswith(
+        "eventsweep.emvs.errors.InputError: theirs: its methods (last = theirs:offer)"
+    )
     assert error.endswith("fix or uninstall it")

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from emvs.config import MapperConfig
-from emvs.data.events import Events
-from emvs.depth.depth_map import confidence_mask, eight_bits, masked_median
-from emvs.dsi.maxima import RunningMaxima
-from emvs.dsi.rays import event_rays
-from emvs.dsi.voting import VoteCounts, dsi
-from emvs.geometry.camera import Camera
-from emvs.geometry.trajectory import Trajectory
-from emvs.methods import methods_by_name
-from emvs.reference_view import mcemvs_planes
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.depth.depth_map import confidence_mask, eight_bits, masked_median
+from eventsweep.emvs.dsi.maxima import RunningMaxima
+from eventsweep.emvs.dsi.rays import event_rays
+from eventsweep.emvs.dsi.voting import VoteCounts, dsi
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.methods import methods_by_name
+from eventsweep.emvs.reference_view import mcemvs_planes
 
 CONFIG = MapperConfig(compatibility="mcemvs", planes=64, threshold_c=5)
 # In the outermost pixels single votes are accepted or rejected by rounding.

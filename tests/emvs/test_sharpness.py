@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from emvs import sharpness_kernels
-from emvs.data.altered import AlteredRecording
-from emvs.errors import InputError
-from emvs.geometry.trajectory import Trajectory
-from emvs.sharpness import Level, Sharpness, Told, WindowEvents
+from eventsweep.emvs import sharpness_kernels
+from eventsweep.emvs.data.altered import AlteredRecording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.sharpness import Level, Sharpness, Told, WindowEvents
 from naive_sharpness import naive_ray_maxima
 from point_world import fronto_parallel, stereo_rig
 

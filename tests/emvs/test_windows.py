@@ -14,19 +14,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emvs.config import MapperConfig
-from emvs.data.events import Events
-from emvs.data.recording import DerivedRecording
-from emvs.errors import InputError
-from emvs.geometry.camera import Camera
-from emvs.geometry.trajectory import Trajectory
-from emvs.mapper import map_window
-from emvs.maps.folder import RecordingInfo, read_map
-from emvs.maps.sliding import map_windows
-from emvs.maps.store import open_store
-from emvs.preflight import check_view_fits, need_memory
-from emvs.reference_view import reference_view
-from emvs.windows import _every, check_poses, plan_windows
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.recording import DerivedRecording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.maps.folder import RecordingInfo, read_map
+from eventsweep.emvs.maps.sliding import map_windows
+from eventsweep.emvs.maps.store import open_store
+from eventsweep.emvs.preflight import check_view_fits, need_memory
+from eventsweep.emvs.reference_view import reference_view
+from eventsweep.emvs.windows import _every, check_poses, plan_windows
 from places import HELPERS
 from point_world import Recorded, fronto_parallel, sideways, stereo_rig
 
@@ -469,7 +469,7 @@ def test_a_recording_that_knows_its_length_is_not_read_to_be_counted(tmp_path):
 
 
 def test_volumes_that_the_disk_cannot_hold_name_it_and_what_is_free(tmp_path, monkeypatch):
-    monkeypatch.setattr("emvs.preflight.free_bytes", lambda _: 4096)
+    monkeypatch.setattr("eventsweep.emvs.preflight.free_bytes", lambda _: 4096)
     out = tmp_path / "not" / "there"
     config = CONFIG.model_copy(update={"save_dsi": True})
     words = rf"{re.escape(str(out))}: save_dsi of .* needs [\d.]+ MB, 4.1 kB are free on that disk"
@@ -497,14 +497,14 @@ from pathlib import Path
 
 import numpy as np
 
-from emvs.config import MapperConfig
-from emvs.geometry.camera import Camera
-from emvs.data.events import Events
-from emvs.data.recording import DerivedRecording
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
-from emvs.maps.folder import RecordingInfo
-from emvs.maps.sliding import map_windows
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.recording import DerivedRecording
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.maps.folder import RecordingInfo
+from eventsweep.emvs.maps.sliding import map_windows
 
 SECONDS, PER_SECOND, POINTS = 60, 400_000, 4000
 CAMERA = Camera(1280, 720, 1050, 1050, 639.5, 359.5)

@@ -12,23 +12,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dataset_world import write_sequence
-from emvs.data.events import Events
-from emvs.data.poses import read_kitti, read_poses, read_tum, write_tum
-from emvs.data.sequence import Sequence
-from emvs.datasets.dsec import read_disparity
-from emvs.errors import InputError
-from emvs.formats import calibration_writers as rigs
-from emvs.formats import open_events, write_events
-from emvs.formats.calibration import read_rig
-from emvs.geometry.se3 import from_quat_xyzw
-from emvs.geometry.trajectory import Trajectory
-from eval.cli.main import main
-from eval.convert import Options, convert_file, targets
-from eval.inspect import inspect
 from event_files import ALL, READ_ONLY, WRITTEN, moving_edges, write_any
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.poses import read_kitti, read_poses, read_tum, write_tum
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.datasets.dsec import read_disparity
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats import calibration_writers as rigs
+from eventsweep.emvs.formats import open_events, write_events
+from eventsweep.emvs.formats.calibration import read_rig
+from eventsweep.emvs.geometry.se3 import from_quat_xyzw
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.convert import Options, convert_file, targets
+from eventsweep.eval.inspect import inspect
+from eventsweep.sim.rigs import RIGS
 from memory_convert import run_chain
 from places import ROOT
-from sim.rigs import RIGS
 
 SIZE_PX = (640, 480)
 WIDE = {"width_px": 1280, "height_px": 720}

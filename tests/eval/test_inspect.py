@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emvs.data.events import Events
-from emvs.formats import write_events
-from eval.cli.main import main
-from eval.event_statistics import GAP_US, StreamCount
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.formats import write_events
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.event_statistics import GAP_US, StreamCount
 
 
 def made(times, columns=None) -> Events:

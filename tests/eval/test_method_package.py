@@ -12,8 +12,8 @@ import tomllib
 import numpy as np
 import pytest
 
-from emvs.maps.folder import read_map
-from eval.suite.results import read_suite
+from eventsweep.emvs.maps.folder import read_map
+from eventsweep.eval.suite.results import read_suite
 from places import ROOT
 from small_pair import small_sequence
 from small_suite import case, suite_text

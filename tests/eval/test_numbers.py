@@ -5,9 +5,9 @@ import re
 
 import pytest
 
-from emvs.errors import significant
-from eval.cli.main import main
-from eval.numbers import in_shown_unit, shown, shown_unit, thousands
+from eventsweep.emvs.errors import significant
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.numbers import in_shown_unit, shown, shown_unit, thousands
 from small_pair import small_sequence
 
 

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from emvs.data.altered import AlteredRecording
-from emvs.data.events import Events
-from emvs.geometry import se3
-from emvs.geometry.trajectory import Trajectory
-from eval.perturbations import (
+from eventsweep.emvs.data.altered import AlteredRecording
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.eval.perturbations import (
     Perturbation,
     perturbed,
     perturbed_rig,

@@ -11,16 +11,16 @@ import cv2
 import numpy as np
 import pytest
 
-from emvs.config import MapperConfig
-from emvs.data.sequence import Sequence
-from emvs.mapper import map_window
-from emvs.maps.folder import read_map
-from emvs.utils.ownership import strangers
-from eval.cli.main import main
-from eval.numbers import thousands
-from eval.scoring.metrics import METRICS
-from eval.scoring.results import read_results
-from eval.scoring.score import RIG
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.maps.folder import read_map
+from eventsweep.emvs.utils.ownership import strangers
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.numbers import thousands
+from eventsweep.eval.scoring.metrics import METRICS
+from eventsweep.eval.scoring.results import read_results
+from eventsweep.eval.scoring.score import RIG
 
 
 @pytest.fixture(scope="session")

@@ -5,14 +5,14 @@ from contextlib import contextmanager
 
 import pytest
 
-from emvs.datasets import open_recording
-from emvs.errors import InputError
-from emvs.geometry.rig import Rig
-from emvs.hot_pixels import find_hot_pixels
-from emvs.maps.folder import read_map
-from eval.cli.main import main
-from eval.progress import MapBars
-from eval.scoring.results import read_results
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.hot_pixels import find_hot_pixels
+from eventsweep.emvs.maps.folder import read_map
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.progress import MapBars
+from eventsweep.eval.scoring.results import read_results
 
 SLIDING = ("--map.window-s", "0.04", "--map.stride-s", "0.02", "--map.planes", "20")
 

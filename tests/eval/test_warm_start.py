@@ -11,8 +11,8 @@ HEAVY = ("open3d", "matplotlib", "pandas", "mujoco", "dash", "OpenGL", "hypothes
 # Ends the process where `eventsweep map` reads its first event.
 FIRST_EVENT = """
 import os, sys
-from eval.cli.main import main
-from emvs.data.sequence import Sequence
+from eventsweep.eval.cli.main import main
+from eventsweep.emvs.data.sequence import Sequence
 
 def first(*_):
     print(*sys.modules, flush=True)
@@ -26,8 +26,8 @@ main(["map", sys.argv[1], "--out", sys.argv[2], "--quiet"])
 FIRST_PICTURE = """
 import os, sys
 from numba.core import event
-from eval.cli.main import main
-from sim.rendering.renderer import StereoRenderer
+from eventsweep.eval.cli.main import main
+from eventsweep.sim.rendering.renderer import StereoRenderer
 
 picture = StereoRenderer.frame
 
@@ -44,8 +44,8 @@ with event.install_recorder("numba:compile") as recorder:
 
 COMPILED = """
 from numba.core import event
-from emvs.config import MapperConfig
-from emvs.mapper import map_window
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.mapper import map_window
 from cost_stream import MovingEdges
 
 with event.install_recorder("numba:compile") as recorder:
@@ -74,9 +74,14 @@ def test_the_first_picture_waits_for_nothing_else(tmp_path):
     run(FIRST_PICTURE, tmp_path / "first")
     compiled, *names = run(FIRST_PICTURE, tmp_path / "second")
     assert int(compiled) == 0
-    assert {"mujoco", "sim.simulate", "scenes.low_texture"} <= set(names)
+    assert {"mujoco", "eventsweep.sim.simulate", "eventsweep.scenes.low_texture"} <= set(names)
     # No maps, no scores, and nothing that only draws textures.
-    assert not {"emvs.mapper", "emvs.datasets", "emvs.dsi", "eval.scoring"} & set(names)
+    assert not {
+        "eventsweep.emvs.mapper",
+        "eventsweep.emvs.datasets",
+        "eventsweep.emvs.dsi",
+        "eventsweep.eval.scoring",
+    } & set(names)
     assert not {"scipy.ndimage", "open3d", "matplotlib", "pandas", "dash"} & set(names)
 
 

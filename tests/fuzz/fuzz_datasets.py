@@ -22,18 +22,18 @@ import yaml
 import dataset_files
 import dataset_world as world
 import fuzz_events
-from emvs.data.poses import read_kitti, read_poses, read_tum, write_kitti, write_tum
-from emvs.data.sequence import Sequence
-from emvs.datasets import dsec, open_recording
-from emvs.datasets.custom import read_hand_eye
-from emvs.datasets.dsec import rectification_of
-from emvs.datasets.export import RecordingExport, write_recording
-from emvs.datasets.raw_streams import open_readable
-from emvs.errors import InputError
-from emvs.formats import calibration_writers as rigs
-from emvs.formats.calibration import read_rig
-from emvs.formats.calibration_values import parsed
-from emvs.utils.ownership import MARKER
+from eventsweep.emvs.data.poses import read_kitti, read_poses, read_tum, write_kitti, write_tum
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.datasets import dsec, open_recording
+from eventsweep.emvs.datasets.custom import read_hand_eye
+from eventsweep.emvs.datasets.dsec import rectification_of
+from eventsweep.emvs.datasets.export import RecordingExport, write_recording
+from eventsweep.emvs.datasets.raw_streams import open_readable
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats import calibration_writers as rigs
+from eventsweep.emvs.formats.calibration import read_rig
+from eventsweep.emvs.formats.calibration_values import parsed
+from eventsweep.emvs.utils.ownership import MARKER
 
 SPARE = {"rectify_map.h5", "images.txt", "frame_00000000.png", "hand_eye.yaml", MARKER}
 """What a recording may lack: hand-eye where poses are then the first camera's; whose it is."""

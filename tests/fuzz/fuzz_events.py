@@ -30,10 +30,10 @@ import numpy as np
 
 import event_files
 import naive_formats as naive
-from emvs.data.events import Events
-from emvs.errors import InputError
-from emvs.formats import open_events
-from emvs.formats.tables.columns import ColumnMap
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats import open_events
+from eventsweep.emvs.formats.tables.columns import ColumnMap
 
 SIZE_PX = (1280, 720)
 # A line of what a run prints.

@@ -14,9 +14,9 @@ from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from emvs.formats.calibration_writers import kalibr_chain
-from emvs.geometry import se3
 from event_files import ros2_message, ros2_types
+from eventsweep.emvs.formats.calibration_writers import kalibr_chain
+from eventsweep.emvs.geometry import se3
 
 LENS = {"pinhole": "plumb_bob", "radtan": "plumb_bob", "kb4": "equidistant"}
 MESSAGE = 2000

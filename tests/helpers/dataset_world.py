@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from emvs.data.events import Events
-from emvs.data.writer import SequenceWriter
-from emvs.datasets.export import RecordingExport, write_recording
-from emvs.datasets.raw_streams import open_readable
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.writer import SequenceWriter
+from eventsweep.emvs.datasets.export import RecordingExport, write_recording
+from eventsweep.emvs.datasets.raw_streams import open_readable
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
 
 WIDTH, HEIGHT, FOCAL = 96, 64, 80.0
 LENSES = {

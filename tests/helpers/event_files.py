@@ -17,8 +17,8 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from emvs.data.events import Events
-from emvs.formats import FORMATS, write_events
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.formats import FORMATS, write_events
 
 HAS_PARQUET = importlib.util.find_spec("pyarrow") is not None
 # Formats that open without more words; `hdf5` is any file whose columns somebody states

@@ -7,11 +7,11 @@ from functools import cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from emvs.data.events import Events
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
 from point_world import Recorded
 
 CAMERA = Camera(120, 90, 95.0, 95.0, 60.5, 44.0)

@@ -6,8 +6,8 @@ import signal
 import time
 from pathlib import Path
 
-from emvs.errors import InputError
-from eval.jobs.job import RESULT
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.jobs.job import RESULT
 
 
 def code(parameters):

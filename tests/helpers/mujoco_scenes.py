@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from sim.graphics import import_mujoco
-from sim.motion.curves import HeadSway, look_at
-from sim.scene import Scene
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.motion.curves import HeadSway, look_at
+from eventsweep.sim.scene import Scene
 
 DARK = '<visual><headlight ambient="0 0 0" diffuse="0 0 0" specular="0 0 0"/></visual>'
 NOISE = (

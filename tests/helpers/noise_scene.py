@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 import mujoco_scenes as made
-from sim.config import SimConfig
-from sim.motion.curves import HeadSway, look_at
-from sim.scene import Scene
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.motion.curves import HeadSway, look_at
+from eventsweep.sim.scene import Scene
 
 # Every chunk is a part, so that there is something to resume after each.
 CONFIG = SimConfig(

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from emvs.geometry.camera import Camera
-from sim.compensation.fine_frame import FineFrame
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.sim.compensation.fine_frame import FineFrame
 
 _WAVES = np.array(
     [[9.0, 2.0, 0.4], [-4.0, 7.0, 1.9], [13.0, -5.0, 0.8], [3.0, 11.0, 2.7], [6.0, 6.0, 5.1]]

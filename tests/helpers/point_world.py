@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from emvs.data.events import Events
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)

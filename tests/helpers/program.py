@@ -1,6 +1,6 @@
 """The commands of the program, those of groups too: `run`, `archive make`."""
 
-from eval.cli.main import VERBS, app
+from eventsweep.eval.cli.main import VERBS, app
 
 
 def command(name):

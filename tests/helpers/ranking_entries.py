@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from eval.ranking.entries import METRICS, RankedCase, RankingEntry
-from eval.scoring.method_scores import ALL_METRICS
-from eval.suite.results import ArchiveFacts, MeasuredCost
+from eventsweep.eval.ranking.entries import METRICS, RankedCase, RankingEntry
+from eventsweep.eval.scoring.method_scores import ALL_METRICS
+from eventsweep.eval.suite.results import ArchiveFacts, MeasuredCost
 
 CASES = {"wall": (), "dark": ("light",), "crowd": ("motion", "occlusion")}
 

@@ -6,12 +6,12 @@ from html.parser import HTMLParser
 
 import numpy as np
 
-from emvs.geometry.camera import Camera
-from eval.figures.plots import DsiSlice
-from eval.report.run_data import CaseData, MethodData, RunData, WindowData
-from eval.scoring.pairing import Truth, pair_methods
-from eval.scoring.results import Results
-from eval.scoring.score import case_rows
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.eval.figures.plots import DsiSlice
+from eventsweep.eval.report.run_data import CaseData, MethodData, RunData, WindowData
+from eventsweep.eval.scoring.pairing import Truth, pair_methods
+from eventsweep.eval.scoring.results import Results
+from eventsweep.eval.scoring.score import case_rows
 
 SHAPE = (24, 32)
 # Relative error and share of pixels per method: what the report must find out by itself.

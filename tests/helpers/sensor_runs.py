@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from emvs.data.events import Events
-from sim.config import SimConfig
-from sim.sensor.labels import LabelledEvents
-from sim.sensor.sensor import Sensor
+from eventsweep.emvs.data.events import Events
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.sensor.labels import LabelledEvents
+from eventsweep.sim.sensor.sensor import Sensor
 
 
 def config(refractory_us=0, c_pos=0.2, c_neg=0.2, log_eps=0.02, **sensor):

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from emvs.data.events import Events
-from emvs.data.writer import SequenceWriter
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.writer import SequenceWriter
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
 
 CAMERA = Camera(40, 30, 30, 30, 19.5, 14.5)
 

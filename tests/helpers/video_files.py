@@ -5,10 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from emvs.data.events import Events
-from emvs.data.sequence import Sequence
-from emvs.formats import open_events
-from sim.video import frames as _quiet  # noqa: F401 - FFmpeg heeds it at its first use alone
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.formats import open_events
+from eventsweep.sim.video import frames as _quiet  # noqa: F401 - FFmpeg heeds it at its first use alone
 
 
 def drifting(count, width_px=40, height_px=30, step_px=0.7, colour=False):

@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from emvs.data.events import Events
+from eventsweep.emvs.data.events import Events
 
 
 def events_of(rows):

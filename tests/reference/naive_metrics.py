@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 
-from eval.scoring.metrics import Pairs
-from eval.scoring.outlier_causes import CAUSES
-from eval.scoring.pairing import MethodPairs
+from eventsweep.eval.scoring.metrics import Pairs
+from eventsweep.eval.scoring.outlier_causes import CAUSES
+from eventsweep.eval.scoring.pairing import MethodPairs
 
 
 def all_metrics(depth, mask, truth, valid, baseline_focal, confidence, rho):

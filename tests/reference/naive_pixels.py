@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from emvs.geometry import se3
+from eventsweep.emvs.geometry import se3
 
 
 def average(rgb, window_depth, supersample):

@@ -7,15 +7,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-import scenes
-from emvs.errors import InputError
-from scenes.parts.shadows import SHELL_GROUP, bake
-from scenes.planes import PLANE_DEPTHS_M
-from sim.config import SimConfig
-from sim.graphics import import_mujoco
-from sim.rendering.renderer import StereoRenderer
-from sim.rigs import rig
-from sim.scene import put_texture
+from eventsweep import scenes
+from eventsweep.emvs.errors import InputError
+from eventsweep.scenes.parts.shadows import SHELL_GROUP, bake
+from eventsweep.scenes.planes import PLANE_DEPTHS_M
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.rigs import rig
+from eventsweep.sim.scene import put_texture
 
 NAMES = scenes.names()
 

@@ -12,8 +12,8 @@ from places import ROOT
 MODULE = """
 from pathlib import Path
 import numpy as np
-from sim.motion.curves import HeadSway, look_at
-from sim.scene import Scene
+from eventsweep.sim.motion.curves import HeadSway, look_at
+from eventsweep.sim.scene import Scene
 
 def textures():
     return {"noise": np.random.default_rng(0).integers(20, 250, (64, 64, 3), np.uint8)}

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import scenes
-from emvs.utils.cache import Cache
+from eventsweep import scenes
+from eventsweep.emvs.utils.cache import Cache
+from eventsweep.scenes.parts import texture_cache
+from eventsweep.scenes.parts.texture_cache import kept
 from places import ROOT
-from scenes.parts import texture_cache
-from scenes.parts.texture_cache import kept
 
 QUICK = ("low-texture", "reflective", "repetitive", "thin-structures")
 SLOW = [name for name in scenes.names() if name not in QUICK]

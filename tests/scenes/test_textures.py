@@ -4,13 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from scenes import textures as tx
-from sim.graphics import import_mujoco
-from sim.motion.curves import look_at
-from sim.rendering.renderer import StereoRenderer
-from sim.scene import put_texture
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.scenes import textures as tx
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.motion.curves import look_at
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.scene import put_texture
 
 PALE = ((0.3, 0.3, 0.3), (0.9, 0.9, 0.85))
 MAKERS = {

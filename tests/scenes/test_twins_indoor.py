@@ -5,9 +5,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-import scenes
-from sim.rendering.renderer import StereoRenderer
-from sim.rigs import rig
+from eventsweep import scenes
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.rigs import rig
 from twin_checks import (
     check_original,
     check_same_every_time,

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-import scenes
-from emvs.errors import InputError
-from scenes.parts.bodies import RECORD_S
-from scenes.textures import facades, outdoor, vehicles
-from scenes.textures.noise import BRIGHTEST, DARKEST, streams
-from sim.graphics import import_mujoco
-from sim.rendering.renderer import StereoRenderer
-from sim.rigs import rig
+from eventsweep import scenes
+from eventsweep.emvs.errors import InputError
+from eventsweep.scenes.parts.bodies import RECORD_S
+from eventsweep.scenes.textures import facades, outdoor, vehicles
+from eventsweep.scenes.textures.noise import BRIGHTEST, DARKEST, streams
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.rigs import rig
 from twin_checks import (
     check_original,
     check_same_every_time,

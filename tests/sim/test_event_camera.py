@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 import rover
-from emvs.data.events import Events
-from emvs.data.sequence import Sequence
-from emvs.errors import InputError
-from emvs.geometry.camera import Camera
-from scenes import prepared
-from sim.config import ModelConfig, SimConfig
-from sim.event_camera import EventCamera, EventRig
-from sim.graphics import import_mujoco
-from sim.model.drives import initial_data
-from sim.simulate import simulate
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.scenes import prepared
+from eventsweep.sim.config import ModelConfig, SimConfig
+from eventsweep.sim.event_camera import EventCamera, EventRig
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.model.drives import initial_data
+from eventsweep.sim.simulate import simulate
 
 mujoco = import_mujoco()
 STEPS = 10

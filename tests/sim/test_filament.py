@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import mujoco_scenes as made
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from sim.graphics import import_mujoco
-from sim.motion.curves import look_at
-from sim.rendering.renderer import StereoRenderer
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.motion.curves import look_at
+from eventsweep.sim.rendering.renderer import StereoRenderer
 
 # Filament's own unit of emission for nearly black surfaces, and the light that it adds from all
 # around, which the classic renderer does not know. Measured once: two numbers for seven panels.

@@ -12,21 +12,21 @@ from hypothesis import strategies as st
 
 import mujoco_scenes as made
 import naive_truth
-import scenes
-from emvs.data.events import Events
-from emvs.data.sequence import Sequence
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from eval.config import EvalConfig
-from eval.scoring.run_folder import truth_of
-from sim import ground_truth
-from sim.config import SimConfig
-from sim.ground_truth import warped
-from sim.motion.curves import HeadSway, look_at
-from sim.rendering.renderer import StereoRenderer
-from sim.rigs import rig as named_rig
-from sim.simulate import simulate
+from eventsweep import scenes
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.scoring.run_folder import truth_of
+from eventsweep.sim import ground_truth
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.ground_truth import warped
+from eventsweep.sim.motion.curves import HeadSway, look_at
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.rigs import rig as named_rig
+from eventsweep.sim.simulate import simulate
 
 EVERYTHING = ("flow", "segmentation", "boundary", "twist", "event_depth")
 CONFIG = SimConfig(truth_interval_s=0.02, truth_times_s=(0.007,), truth=EVERYTHING)

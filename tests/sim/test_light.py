@@ -7,12 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mujoco_scenes as made
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from sim.config import LightConfig, SimConfig
-from sim.motion.curves import look_at
-from sim.rendering.renderer import StereoRenderer
-from sim.sensor.esim import EventSimulator
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.config import LightConfig, SimConfig
+from eventsweep.sim.motion.curves import look_at
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.sensor.esim import EventSimulator
 
 RANGE_M = (0.5, 8.0)
 POSE = look_at((0, 0, 1), (2, 0.1, 0.95))

@@ -12,18 +12,18 @@ from scipy.spatial.transform import Rotation
 
 import mujoco_scenes as made
 import replay_cost
-from emvs.data.poses import read_tum, write_tum
-from emvs.data.sequence import Sequence
-from emvs.datasets.custom import read_hand_eye
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.data.poses import read_tum, write_tum
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.datasets.custom import read_hand_eye
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.sim.config import ReplayConfig, SimConfig
+from eventsweep.sim.motion.curves import look_at, sampled
+from eventsweep.sim.motion.head_motion import six_dof
+from eventsweep.sim.scene import replayed
+from eventsweep.sim.simulate import describe, make_job, simulate
 from noise_scene import Killed, scene_in, stop_at
-from sim.config import ReplayConfig, SimConfig
-from sim.motion.curves import look_at, sampled
-from sim.motion.head_motion import six_dof
-from sim.scene import replayed
-from sim.simulate import describe, make_job, simulate
 
 
 @pytest.fixture(scope="module")
@@ -266,7 +266,7 @@ def test_the_table_of_what_smoothing_costs(tum, capsys):
 
 
 def test_the_command_line_replays(folder, tum):
-    from eval.cli.main import main
+    from eventsweep.eval.cli.main import main
 
     out = folder / "cli"
     flags = ["--trajectory", str(tum), "--sim.replay.start-s", "1", "--seconds", "0.02"]

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 import mujoco_scenes as made
-import scenes
-from emvs.data.events import Events
-from emvs.data.sequence import Sequence
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
+from eventsweep import scenes
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.rigs import rig
+from eventsweep.sim.sampling import border_px, why_linear, with_sampling
+from eventsweep.sim.simulate import simulate
 from noise_scene import contents
-from sim.config import SimConfig
-from sim.rendering.renderer import StereoRenderer
-from sim.rigs import rig
-from sim.sampling import border_px, why_linear, with_sampling
-from sim.simulate import simulate
 
 RANGE_M = (0.7, 3.0)
 

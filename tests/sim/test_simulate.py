@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import mujoco_scenes as made
-from emvs.data.sequence import Sequence
-from emvs.errors import InputError
-from sim.config import SimConfig
-from sim.rigs import RIGS, rig
-from sim.sampling import with_sampling
-from sim.simulate import simulate
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.rigs import RIGS, rig
+from eventsweep.sim.sampling import with_sampling
+from eventsweep.sim.simulate import simulate
 
 CONFIG = SimConfig(truth_interval_s=0.01)
 

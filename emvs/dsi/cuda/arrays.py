@@ -18,11 +18,11 @@ import numpy as np
 from numba import cuda
 from numpy.typing import DTypeLike, NDArray
 
-from emvs.data.events import Events
-from emvs.dsi.cuda import device
-from emvs.dsi.cuda.arrays_kernels import copy_bytes, fill
-from emvs.dsi.rays import RayCounts, Rays
-from emvs.errors import InputError
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.dsi.cuda import device
+from eventsweep.emvs.dsi.cuda.arrays_kernels import copy_bytes, fill
+from eventsweep.emvs.dsi.rays import RayCounts, Rays
+from eventsweep.emvs.errors import InputError
 
 _BUFFER_BYTES = 16 << 20
 _of_thread = threading.local()

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from numba import cuda, njit, prange
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
 _PIECE = 1 << 18  # bytes that a thread copies at a time
 

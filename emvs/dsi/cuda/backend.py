@@ -8,18 +8,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.dsi.backend import Outcome, Task
-from emvs.dsi.cuda import arrays, device, fusion_kernels
-from emvs.dsi.cuda.arrays import DeviceRays
-from emvs.dsi.cuda.device import Gpu
-from emvs.dsi.cuda.maxima import SCRATCH_IMAGES, STATE_BYTES, DeviceFocusMaxima, DeviceMaxima
-from emvs.dsi.cuda.voting import VoteVolume
-from emvs.dsi.maxima import FocusMaxima, RunningMaxima
-from emvs.dsi.method import Method
-from emvs.dsi.rays import Rays
-from emvs.dsi.slices import SliceRecorder
-from emvs.dsi.voting import VoteCounts
-from emvs.errors import InputError
+from eventsweep.emvs.dsi.backend import Outcome, Task
+from eventsweep.emvs.dsi.cuda import arrays, device, fusion_kernels
+from eventsweep.emvs.dsi.cuda.arrays import DeviceRays
+from eventsweep.emvs.dsi.cuda.device import Gpu
+from eventsweep.emvs.dsi.cuda.maxima import (
+    SCRATCH_IMAGES,
+    STATE_BYTES,
+    DeviceFocusMaxima,
+    DeviceMaxima,
+)
+from eventsweep.emvs.dsi.cuda.voting import VoteVolume
+from eventsweep.emvs.dsi.maxima import FocusMaxima, RunningMaxima
+from eventsweep.emvs.dsi.method import Method
+from eventsweep.emvs.dsi.rays import Rays
+from eventsweep.emvs.dsi.slices import SliceRecorder
+from eventsweep.emvs.dsi.voting import VoteCounts
+from eventsweep.emvs.errors import InputError
 
 Floats = NDArray[np.float32]
 _CACHE_SHARE = 0.6  # of the second-level cache, for the sums that votes are added to

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
-from emvs.data.recording import Recording
-from emvs.dsi.cuda import arrays, device, rays_kernels
-from emvs.dsi.cuda.arrays import DeviceEvents, DeviceRays
-from emvs.dsi.rays import RayCounts, knots, voters
-from emvs.dsi.rays_kernels import BACKWARDS, NO_POSE, NO_RAY
-from emvs.geometry.camera import Camera
-from emvs.reference_view import ReferenceView
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.dsi.cuda import arrays, device, rays_kernels
+from eventsweep.emvs.dsi.cuda.arrays import DeviceEvents, DeviceRays
+from eventsweep.emvs.dsi.rays import RayCounts, knots, voters
+from eventsweep.emvs.dsi.rays_kernels import BACKWARDS, NO_POSE, NO_RAY
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.reference_view import ReferenceView
 
 
 class CudaProjector:

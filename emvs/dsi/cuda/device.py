@@ -15,8 +15,8 @@ import numba
 from numba import cuda
 from numba.cuda.cudadrv.driver import CudaAPIError
 
-from emvs.errors import InputError
-from emvs.utils.release import install
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.release import install
 
 # The simulator runs kernels as plain Python on the CPU, for tests on tiny inputs: a Python thread
 # for each of theirs.

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numba import cuda
 
-from emvs.dsi.fusion_kernels import (
+from eventsweep.emvs.dsi.fusion_kernels import (
     ARITHMETIC,
     CAMERA,
     GEOMETRIC,

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from emvs.dsi.cuda import arrays, device, focus_kernels, fusion_kernels
-from emvs.dsi.focus_measures import DOG_RATIO, half_window
-from emvs.dsi.fusion_kernels import CAMERA
-from emvs.dsi.maxima import AS_IT_IS, InFocus, Maximum, Measures, beginnings
-from emvs.dsi.method import FusionTables, Method
+from eventsweep.emvs.dsi.cuda import arrays, device, focus_kernels, fusion_kernels
+from eventsweep.emvs.dsi.focus_measures import DOG_RATIO, half_window
+from eventsweep.emvs.dsi.fusion_kernels import CAMERA
+from eventsweep.emvs.dsi.maxima import AS_IT_IS, InFocus, Maximum, Measures, beginnings
+from eventsweep.emvs.dsi.method import FusionTables, Method
 
 _SHARPNESS = {
     "variance": focus_kernels.SQUARE,

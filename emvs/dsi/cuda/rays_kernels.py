@@ -8,9 +8,9 @@ import math
 import numpy as np
 from numba import cuda
 
-from emvs.dsi import rays_kernels
-from emvs.dsi.cuda.device import SLOTS
-from emvs.dsi.rays_kernels import BACKWARDS, NO_POSE, NO_RAY, VOTES
+from eventsweep.emvs.dsi import rays_kernels
+from eventsweep.emvs.dsi.cuda.device import SLOTS
+from eventsweep.emvs.dsi.rays_kernels import BACKWARDS, NO_POSE, NO_RAY, VOTES
 
 WRONG = 4  # outside the sensor, or before the event that came before it
 OUTCOMES = 5

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.dsi.cuda import arrays, device, voting_kernels
-from emvs.dsi.cuda.arrays import DeviceRays
-from emvs.dsi.voting import VoteCounts
-from emvs.errors import InputError
+from eventsweep.emvs.dsi.cuda import arrays, device, voting_kernels
+from eventsweep.emvs.dsi.cuda.arrays import DeviceRays
+from eventsweep.emvs.dsi.voting import VoteCounts
+from eventsweep.emvs.errors import InputError
 
 Floats = NDArray[np.float32]
 

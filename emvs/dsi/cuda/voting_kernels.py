@@ -11,7 +11,7 @@ bilinear vote is two atomic additions of integers, and their order cannot change
 import numpy as np
 from numba import cuda
 
-from emvs.dsi.cuda.device import SLOTS, product
+from eventsweep.emvs.dsi.cuda.device import SLOTS, product
 
 _ZERO, _HALF, _ONE = np.float32(0), np.float32(0.5), np.float32(1)
 _NOWHERE = np.float32(np.nan)

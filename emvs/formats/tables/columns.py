@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError, quoted
+from eventsweep.emvs.errors import InputError, quoted
 
 UNITS_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 # What a column's name says of its unit; None: µs where whole, seconds where floating

@@ -13,14 +13,19 @@ import h5py
 import hdf5plugin
 import numpy as np
 
-from emvs.data.event_store import EventStoreWriter, indexed_slice, with_neighbours
-from emvs.data.events import Events
-from emvs.data.hdf5 import COMPRESSION, Hdf5Writer
-from emvs.errors import InputError
-from emvs.formats.base import GatheringWriter, StreamWriter
-from emvs.formats.blocks import BlockReader, IndexedBlock
-from emvs.formats.tables.columns import ColumnMap
-from emvs.formats.tables.hdf5_layouts import check_columns, hdf5_layout, offset_us, opened_hdf5
+from eventsweep.emvs.data.event_store import EventStoreWriter, indexed_slice, with_neighbours
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.hdf5 import COMPRESSION, Hdf5Writer
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats.base import GatheringWriter, StreamWriter
+from eventsweep.emvs.formats.blocks import BlockReader, IndexedBlock
+from eventsweep.emvs.formats.tables.columns import ColumnMap
+from eventsweep.emvs.formats.tables.hdf5_layouts import (
+    check_columns,
+    hdf5_layout,
+    offset_us,
+    opened_hdf5,
+)
 
 _BLOCK_ROWS = 1 << 19
 _CHUNK_ROWS = 1 << 16

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
 
 @njit(cache=True, nogil=True)

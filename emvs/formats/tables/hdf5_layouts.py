@@ -13,13 +13,19 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
-from emvs.data.hdf5 import check_dataset, open_hdf5
-from emvs.errors import InputError, quoted, said, shown
-from emvs.formats.blocks import checked_times, times_us, to_events
-from emvs.formats.prophesee import STREAM
-from emvs.formats.tables.columns import CURE, ColumnMap, address_of, nameless_unit_s, order_of
-from emvs.formats.tables.hdf5_kernels import convert_rows
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.hdf5 import check_dataset, open_hdf5
+from eventsweep.emvs.errors import InputError, quoted, said, shown
+from eventsweep.emvs.formats.blocks import checked_times, times_us, to_events
+from eventsweep.emvs.formats.prophesee import STREAM
+from eventsweep.emvs.formats.tables.columns import (
+    CURE,
+    ColumnMap,
+    address_of,
+    nameless_unit_s,
+    order_of,
+)
+from eventsweep.emvs.formats.tables.hdf5_kernels import convert_rows
 
 Streams = dict[str, tuple[str, ...]]
 _DAVIS = ("davis/left/events", "davis/right/events")

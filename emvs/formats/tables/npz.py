@@ -20,12 +20,12 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
-from emvs.errors import DAMAGED_NPY, InputError, quoted, said, shown
-from emvs.formats.base import StreamWriter
-from emvs.formats.blocks import BlockReader, Numbers, to_events
-from emvs.formats.prophesee import STREAM, opened
-from emvs.formats.tables.columns import (
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import DAMAGED_NPY, InputError, quoted, said, shown
+from eventsweep.emvs.formats.base import StreamWriter
+from eventsweep.emvs.formats.blocks import BlockReader, Numbers, to_events
+from eventsweep.emvs.formats.prophesee import STREAM, opened
+from eventsweep.emvs.formats.tables.columns import (
     CURE,
     ColumnMap,
     address_of,

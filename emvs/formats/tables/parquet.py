@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from emvs.data.events import Events
-from emvs.errors import InputError, heed_interrupt, quoted, said, shown
-from emvs.formats.blocks import BlockReader, Numbers, to_events
-from emvs.formats.prophesee import STREAM, opened
-from emvs.formats.tables.columns import UNITS_S, ColumnMap, by_names
-from emvs.utils.release import install
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError, heed_interrupt, quoted, said, shown
+from eventsweep.emvs.formats.blocks import BlockReader, Numbers, to_events
+from eventsweep.emvs.formats.prophesee import STREAM, opened
+from eventsweep.emvs.formats.tables.columns import UNITS_S, ColumnMap, by_names
+from eventsweep.emvs.utils.release import install
 
 _ROWS = 1 << 18
 

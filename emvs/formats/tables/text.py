@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
-from emvs.errors import InputError, quoted
-from emvs.formats.base import FileWriter
-from emvs.formats.blocks import BlockReader
-from emvs.formats.prophesee import STREAM, opened
-from emvs.formats.tables.columns import CURE, POLARITIES, TIMES, ColumnMap
-from emvs.formats.tables.text_kernels import format_rows, parse_rows
-from emvs.utils.release import page
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError, quoted
+from eventsweep.emvs.formats.base import FileWriter
+from eventsweep.emvs.formats.blocks import BlockReader
+from eventsweep.emvs.formats.prophesee import STREAM, opened
+from eventsweep.emvs.formats.tables.columns import CURE, POLARITIES, TIMES, ColumnMap
+from eventsweep.emvs.formats.tables.text_kernels import format_rows, parse_rows
+from eventsweep.emvs.utils.release import page
 
 _BLOCK_BYTES = 1 << 22
 _HEAD_BYTES = 1 << 16

@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-import emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
-from emvs.formats.prophesee_kernels import Whole
+import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
+from eventsweep.emvs.formats.prophesee_kernels import Whole
 
 Bytes = NDArray[np.uint8]
 Column = NDArray[np.uint16]

@@ -7,9 +7,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from eval.cli.app import COMMON, NO_NEGATIVE, QUIET, Common, Force, Quiet, SuiteName, app
-from eval.cli.help import HELP_FLAGS, Program
-from eval.cli.job_flags import JOB_FLAGS, JobFlags, seed_numbers
+from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, QUIET, Common, Force, Quiet, SuiteName, app
+from eventsweep.eval.cli.help import HELP_FLAGS, Program
+from eventsweep.eval.cli.job_flags import JOB_FLAGS, JobFlags, seed_numbers
 
 Cases = Annotated[tuple[str, ...], NO_NEGATIVE]
 
@@ -47,11 +47,11 @@ def make(
         secret: File that decides the seeds of a hidden part; only its hash is written.
         licence: Of the data, as SPDX names it.
     """
-    from emvs.utils.cache import Cache
-    from eval.suite import output
-    from eval.suite.archive import ArchivePlan, make_archive, read_secret
-    from eval.suite.definition import load
-    from eval.suite.run import extent
+    from eventsweep.emvs.utils.cache import Cache
+    from eventsweep.eval.suite import output
+    from eventsweep.eval.suite.archive import ArchivePlan, make_archive, read_secret
+    from eventsweep.eval.suite.definition import load
+    from eventsweep.eval.suite.run import extent
 
     suite, subset = load(name)
     cases, numbers = extent(suite, subset, seed_numbers(seeds, "--seeds"), case)
@@ -90,8 +90,8 @@ def fetch(
         case: Only this case, repeatable.
         version: Refuse any archive but this one, such as 0123456789abcdef.
     """
-    from eval.archives.fetch import fetch as fetched
-    from eval.suite import output
+    from eventsweep.eval.archives.fetch import fetch as fetched
+    from eventsweep.eval.suite import output
 
     console = common.console()
     manifest, wanted = fetched(
@@ -114,8 +114,8 @@ def verify(folder: Path, /, *, common: Common = COMMON) -> None:
     Args:
         folder: Folder of `archive make` or `fetch`.
     """
-    from eval.archives.fetch import verify as verified
-    from eval.suite import output
+    from eventsweep.eval.archives.fetch import verify as verified
+    from eventsweep.eval.suite import output
 
     output.show_archive(*verified(folder), as_json=common.json, quiet=common.quiet)
 
@@ -141,8 +141,8 @@ def unpack(
         seeds: Only these seeds, such as 0,1,2.
         case: Only this case, repeatable.
     """
-    from eval.archives.manifest import read
-    from eval.suite.archive import unpack_recordings
+    from eventsweep.eval.archives.manifest import read
+    from eventsweep.eval.suite.archive import unpack_recordings
 
     console = common.console()
     wanted = read(folder).chosen(part, case, seed_numbers(seeds, "--seeds"))

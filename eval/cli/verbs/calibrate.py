@@ -8,8 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from eval.cli.app import COMMON, Common, Force, app
-from eval.cli.help import RARE
+from eventsweep.eval.cli.app import COMMON, Common, Force, app
+from eventsweep.eval.cli.help import RARE
 
 
 @app.command
@@ -44,10 +44,10 @@ def calibrate(
         max_depth_m: Farthest depth; by default the recording's, else 5 m.
         threads: Of the CPU; 0 for all. They do not change the result.
     """
-    from emvs.calibrate.refine import RefineConfig
-    from emvs.datasets import open_recording
-    from emvs.utils.outputs import check_output
-    from eval.report.calibrate_page import calibrate_recording
+    from eventsweep.emvs.calibrate.refine import RefineConfig
+    from eventsweep.emvs.datasets import open_recording
+    from eventsweep.emvs.utils.outputs import check_output
+    from eventsweep.eval.report.calibrate_page import calibrate_recording
 
     check_output(out, force=force, inputs=(recording,))
     names = tuple(name.strip() for name in refine.split(",") if name.strip())

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from eval.cli.app import CONFIGURED, MAP, Configured, Force, MapFlags, app
+from eventsweep.eval.cli.app import CONFIGURED, MAP, Configured, Force, MapFlags, app
 
 SOUND, WRONG = 0, 1
 
@@ -33,12 +33,12 @@ def check(
         out: Folder to write: report.html, with evidence and cures, and check.json.
         mapping: Also map it otherwise: cameras swapped, poses inverted, clocks shifted, other axes.
     """
-    from emvs.check.recording import check_path
-    from emvs.errors import InputError
-    from emvs.utils.outputs import atomic_dir
-    from emvs.utils.ownership import mark
-    from eval.progress import checking
-    from eval.report.check_page import write_check_page
+    from eventsweep.emvs.check.recording import check_path
+    from eventsweep.emvs.errors import InputError
+    from eventsweep.emvs.utils.outputs import atomic_dir
+    from eventsweep.emvs.utils.ownership import mark
+    from eventsweep.eval.progress import checking
+    from eventsweep.eval.report.check_page import write_check_page
 
     if force and out is None:
         raise InputError("--force without --out: nothing is written")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from eval.cli.app import COMMON, NO_NEGATIVE, Common, app
+from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, app
 
 
 @app.command
@@ -22,7 +22,7 @@ def compare(
         results: Folders of `run`, `score` or `suite`, or their results.json or suite.json.
         out: Folder to write: compare.html and tables/.
     """
-    from eval.report.compare.page import HTML_NAME, write_comparison
+    from eventsweep.eval.report.compare.page import HTML_NAME, write_comparison
 
     console = common.console()
     console.compared(write_comparison(results, out))

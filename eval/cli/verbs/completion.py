@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from emvs.errors import InputError
-from eval.cli.app import QUIET, Quiet, app
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.app import QUIET, Quiet, app
 
 Shell = Literal["bash", "zsh", "fish"]
 

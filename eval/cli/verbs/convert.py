@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from emvs.errors import InputError
-from eval.cli.app import QUIET, Force, Quiet, app
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.app import QUIET, Force, Quiet, app
 
 
 @app.command
@@ -52,8 +52,8 @@ def convert(
         stride_s: Least time from the end of one window to the next one's, s; by default each time
             with ground truth ends one.
     """
-    from emvs.formats.tables.columns import column_map
-    from eval.convert import Options, convert_file
+    from eventsweep.emvs.formats.tables.columns import column_map
+    from eventsweep.eval.convert import Options, convert_file
 
     if shift_us and from_zero:
         raise InputError("--shift-us and --from-zero: leave one of them out")

@@ -7,9 +7,9 @@ from typing import Annotated
 
 from cyclopts import Group, Parameter
 
-from eval.cli.app import CONFIGURED, SIM_GROUP, Configured, Force, app
-from eval.cli.help import RARE
-from sim.config import PixelConfig, VideoConfig
+from eventsweep.eval.cli.app import CONFIGURED, SIM_GROUP, Configured, Force, app
+from eventsweep.eval.cli.help import RARE
+from eventsweep.sim.config import PixelConfig, VideoConfig
 
 _VIDEO = Group.create_ordered("Video")
 VideoFlags = Annotated[VideoConfig, Parameter(name="*", group=_VIDEO), RARE]
@@ -43,7 +43,7 @@ def events(
         poses: Poses of the camera in TUM format, on the video's clock.
         seed: Seed of sensor noise.
     """
-    from sim.video.record import View, record
+    from eventsweep.sim.video.record import View, record
 
     common.check(out, source, calibration, poses, video.stamps, force=force)
     wanted = common.settings(sim=sim).sim

@@ -7,9 +7,9 @@ from typing import Annotated
 
 from cyclopts import Group, Parameter
 
-from emvs.config import FuseConfig
-from emvs.errors import InputError
-from eval.cli.app import COMMON, Common, app
+from eventsweep.emvs.config import FuseConfig
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.app import COMMON, Common, app
 
 FuseFlags = Annotated[FuseConfig, Parameter(name="*", group=Group("Fusion parameters"))]
 _DEFAULT = FuseConfig()
@@ -30,8 +30,8 @@ def fuse(
         folder: Folder that `map` wrote; global/METHOD in it is replaced.
         method: Method whose depth maps are joined; by default Alg1/H.
     """
-    from emvs.maps.folder import read_map
-    from emvs.maps.merge import fuse_windows
+    from eventsweep.emvs.maps.folder import read_map
+    from eventsweep.emvs.maps.merge import fuse_windows
 
     if not config.mesh and config.model_fields_set & {"mesh_truncation", "mesh_part"}:
         raise InputError("--mesh-truncation and --mesh-part have no effect without --mesh: add it")

@@ -10,21 +10,21 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from emvs.errors import InputError
-from emvs.utils.outputs import check_output, output_file
-from emvs.utils.ownership import is_our_file
-from eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, SuiteName, app
-from eval.cli.help import RARE
-from eval.cli.job_flags import JOB_FLAGS, JobFlags, run_with_flags, seed_numbers
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.outputs import check_output, output_file
+from eventsweep.emvs.utils.ownership import is_our_file
+from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, SuiteName, app
+from eventsweep.eval.cli.help import RARE
+from eventsweep.eval.cli.job_flags import JOB_FLAGS, JobFlags, run_with_flags, seed_numbers
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from eval.gate.baseline import Baseline
-    from eval.gate.compare import Choice, Tolerances, Verdict
-    from eval.gate.report import VerdictLine
-    from eval.suite.results import SuiteResult
-    from eval.suite.series import Measured
+    from eventsweep.eval.gate.baseline import Baseline
+    from eventsweep.eval.gate.compare import Choice, Tolerances, Verdict
+    from eventsweep.eval.gate.report import VerdictLine
+    from eventsweep.eval.suite.results import SuiteResult
+    from eventsweep.eval.suite.series import Measured
 
 GREEN, RED = 0, 1
 _SUITE = "quick"
@@ -125,13 +125,13 @@ class GateFlags:
 
     def choice(self) -> Choice:
         """What is looked at, and what decides."""
-        from eval.gate.compare import DECIDING, Choice
+        from eventsweep.eval.gate.compare import DECIDING, Choice
 
         return Choice(self.metric or DECIDING, self.case, self.method, self.strict)
 
     def tolerances(self) -> Tolerances:
         """How much is nothing."""
-        from eval.gate.compare import Tolerances
+        from eventsweep.eval.gate.compare import Tolerances
 
         if self.tolerance is None:
             return Tolerances()
@@ -145,8 +145,8 @@ class GateFlags:
 @app.command
 def gate(*, flags: GateFlags, job_flags: JobFlags = JOB_FLAGS, common: Common = COMMON) -> int:
     """Compare a result with a baseline, number by number; exit code 1 if anything is worse."""
-    from eval.gate.baseline import make_baseline, write_baseline
-    from eval.gate.compare import compare, is_red
+    from eventsweep.eval.gate.baseline import make_baseline, write_baseline
+    from eventsweep.eval.gate.compare import compare, is_red
 
     flags.check(job_flags)
     flags.check_files(force=flags.force)
@@ -164,7 +164,7 @@ def gate(*, flags: GateFlags, job_flags: JobFlags = JOB_FLAGS, common: Common = 
 
 
 def _before(flags: GateFlags) -> Baseline | None:
-    from eval.gate.baseline import read_baseline
+    from eventsweep.eval.gate.baseline import read_baseline
 
     if flags.update and not flags.baseline.exists():
         return None
@@ -172,9 +172,9 @@ def _before(flags: GateFlags) -> Baseline | None:
 
 
 def _measured(flags: GateFlags, job_flags: JobFlags, common: Common) -> Measured:
-    from eval.suite import output
-    from eval.suite.definition import load
-    from eval.suite.series import of_suite, read_measured
+    from eventsweep.eval.suite import output
+    from eventsweep.eval.suite.definition import load
+    from eventsweep.eval.suite.series import of_suite, read_measured
 
     if flags.result is not None:
         return read_measured(flags.result)
@@ -198,8 +198,8 @@ def _measured(flags: GateFlags, job_flags: JobFlags, common: Common) -> Measured
 def _report(
     verdicts: Sequence[Verdict], measured: Measured, flags: GateFlags, common: Common
 ) -> None:
-    from eval.gate import report
-    from eval.gate.report import write_junit
+    from eventsweep.eval.gate import report
+    from eventsweep.eval.gate.report import write_junit
 
     # Checked before; what came meanwhile is checked again.
     flags.check_files(force=flags.force)
@@ -222,7 +222,7 @@ def _print(verdicts: Sequence[Verdict], *, as_json: bool, table: bool) -> None:
     """Prints the verdicts; without the table where it would only list a first baseline."""
     from rich.console import Console as RichConsole
 
-    from eval.gate import report
+    from eventsweep.eval.gate import report
 
     out = RichConsole(highlight=False)
     if as_json:
@@ -241,7 +241,7 @@ def _table(rows: Sequence[VerdictLine]) -> Table:
     from rich.table import Table
     from rich.text import Text
 
-    from eval.gate.report import CAPTION
+    from eventsweep.eval.gate.report import CAPTION
 
     table = Table(title=CAPTION, title_justify="left")
     table.add_column("verdict", no_wrap=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from emvs.errors import InputError
-from emvs.utils.outputs import check_output, output_file
-from eval.cli.app import COMMON, Common, Force, app
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.outputs import check_output, output_file
+from eventsweep.eval.cli.app import COMMON, Common, Force, app
 
 
 @app.command
@@ -29,8 +29,8 @@ def info(
             "x=ev/xs,y=ev/ys,t=ev/ts,p=ev/on"; with --time-unit.
         time_unit: What times of such a file count: s, ms, us or ns.
     """
-    from emvs.formats.tables.columns import column_map
-    from eval.inspect import facts, inspect
+    from eventsweep.emvs.formats.tables.columns import column_map
+    from eventsweep.eval.inspect import facts, inspect
 
     if force and picture is None:
         raise InputError("--force without --picture: nothing is written")
@@ -41,11 +41,11 @@ def info(
     readable, counts = inspect(path, console.progress, column_map(columns, time_unit))
     description = facts(readable, counts)
     if not common.quiet:
-        from eval.inspect import show
+        from eventsweep.eval.inspect import show
 
         show(description, as_json=common.json)
     if picture is not None:
-        from eval.inspect import draw
+        from eventsweep.eval.inspect import draw
 
         names = [name for name, _ in readable.streams]
         title = f"{readable.path.resolve().name}: {readable.what}"

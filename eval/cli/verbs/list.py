@@ -6,9 +6,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from emvs.errors import InputError
-from eval.cli.app import app
-from eval.cli.names import KINDS
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.app import app
+from eventsweep.eval.cli.names import KINDS
 
 
 @app.command(name="list")
@@ -24,7 +24,7 @@ def list_names(
         kind: What to list; by default everything.
         json: Print names and descriptions as JSON.
     """
-    from eval.cli.console import Console
+    from eventsweep.eval.cli.console import Console
 
     unknown = next((one for one in kind if one not in KINDS), None)
     if unknown is not None:

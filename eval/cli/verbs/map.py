@@ -7,8 +7,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from emvs.config import DeviceName
-from eval.cli.app import (
+from eventsweep.emvs.config import DeviceName
+from eventsweep.eval.cli.app import (
     CONFIGURED,
     MAP,
     AllowSkipped,
@@ -20,7 +20,7 @@ from eval.cli.app import (
     check_skipping,
     with_values,
 )
-from eval.cli.help import RARE
+from eventsweep.eval.cli.help import RARE
 
 
 @app.command
@@ -50,9 +50,9 @@ def map(  # noqa: A001 - the verb's name
         allow_skipped: Exit with 0 even if some of the sliding windows could not be mapped.
         check: Warn of what looks wrong with the recording, a line each, as `eventsweep check` does.
     """
-    from eval.cli.exit_codes import incomplete
-    from eval.cli.verbs.report import report_stage
-    from eval.pipeline import map_recording
+    from eventsweep.eval.cli.exit_codes import incomplete
+    from eventsweep.eval.cli.verbs.report import report_stage
+    from eventsweep.eval.pipeline import map_recording
 
     flags = with_values(map, methods=method or None, device=device)
     wanted = common.settings(map=flags)

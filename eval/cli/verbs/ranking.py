@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from eval.cli.app import COMMON, NO_NEGATIVE, Common, app
+from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, app
 
 
 @app.command
@@ -22,8 +22,8 @@ def ranking(
         results: Folders of `suite` or of earlier rankings, oldest first, or LABEL=FOLDER.
         out: Folder to write: index.html, ranking.json and pictures.
     """
-    from eval.ranking.entries import read_source
-    from eval.report.standings.page import HTML_NAME, write_ranking
+    from eventsweep.eval.ranking.entries import read_source
+    from eventsweep.eval.report.standings.page import HTML_NAME, write_ranking
 
     page = write_ranking([read_source(one) for one in results], out)
     console = common.console()

@@ -9,9 +9,9 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from emvs.errors import InputError
-from eval.cli.app import NO_NEGATIVE, QUIET, Quiet, app
-from eval.progress import Progress
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.app import NO_NEGATIVE, QUIET, Quiet, app
+from eventsweep.eval.progress import Progress
 
 
 @Parameter(name="*")
@@ -37,7 +37,7 @@ def report_stage(progress: Progress) -> Callable[[Path], None]:
 
     def write(folder: Path) -> None:
         # Its figures need matplotlib: 0.3 s before the first event, were it imported at the top.
-        from eval.report.run_page import write_report
+        from eventsweep.eval.report.run_page import write_report
 
         with progress.stage("report", 1):
             write_report(folder)
@@ -52,8 +52,8 @@ def report(folder: Path, /, *, flags: ReportFlags = _PAGE_ONLY, common: Quiet = 
     Args:
         folder: The folder; report.html in it is replaced.
     """
-    from eval.report.study_page import find_studies, write_study_report
-    from eval.report.suite_page import is_suite_folder, write_suite_report
+    from eventsweep.eval.report.study_page import find_studies, write_study_report
+    from eventsweep.eval.report.suite_page import is_suite_folder, write_suite_report
 
     if is_suite_folder(folder):
         written = _page_only(write_suite_report, folder, flags, "suite")
@@ -76,10 +76,10 @@ def _page_only(
 
 
 def _of_run(folder: Path, flags: ReportFlags) -> list[Path]:
-    from emvs.utils.outputs import check_files
-    from eval.report import tables
-    from eval.report.rerun import write_rerun
-    from eval.report.run_page import write_report
+    from eventsweep.emvs.utils.outputs import check_files
+    from eventsweep.eval.report import tables
+    from eventsweep.eval.report.rerun import write_rerun
+    from eventsweep.eval.report.run_page import write_report
 
     asked = {"tables": flags.tables, "figures": flags.figures, "recording.rrd": flags.rrd}
     check_files(folder, [name for name, wanted in asked.items() if wanted], force=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from emvs.config import DeviceName
-from eval.cli.app import (
+from eventsweep.emvs.config import DeviceName
+from eventsweep.eval.cli.app import (
     CONFIGURED,
     MAP,
     SCORE,
@@ -24,7 +24,7 @@ from eval.cli.app import (
     check_skipping,
     with_values,
 )
-from eval.cli.help import RARE
+from eventsweep.eval.cli.help import RARE
 
 
 @app.command
@@ -60,12 +60,12 @@ def run(
         device: Where the mapper's sweep runs; same as --map.device.
         allow_skipped: Exit with 0 even if some of the sliding windows could not be mapped.
     """
-    from emvs.maps.folder import read_info
-    from eval.cli.exit_codes import incomplete
-    from eval.cli.verbs.report import report_stage
-    from eval.pipeline import run_cases
-    from eval.scoring.run_folder import MAP_FOLDER
-    from scenes import case_name
+    from eventsweep.emvs.maps.folder import read_info
+    from eventsweep.eval.cli.exit_codes import incomplete
+    from eventsweep.eval.cli.verbs.report import report_stage
+    from eventsweep.eval.pipeline import run_cases
+    from eventsweep.eval.scoring.run_folder import MAP_FOLDER
+    from eventsweep.scenes import case_name
 
     wanted = common.settings(
         sim=with_values(sim, duration_s=seconds),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from eval.cli.app import CONFIGURED, SCORE, Configured, Predictions, ScoreFlags, app
+from eventsweep.eval.cli.app import CONFIGURED, SCORE, Configured, Predictions, ScoreFlags, app
 
 
 @app.command
@@ -22,7 +22,7 @@ def score(
         folder: What `run` or `map` wrote; results.json and results.csv in it are written anew.
         prediction: NAME=DIR or DIR with depth maps of another method, scored too; repeatable.
     """
-    from eval.pipeline import score_folder
+    from eventsweep.eval.pipeline import score_folder
 
     wanted = common.settings(score=score)
     console = common.console()

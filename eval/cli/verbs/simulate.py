@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from eval.cli.app import (
+from eventsweep.eval.cli.app import (
     CONFIGURED,
     NO_NEGATIVE,
     SIM,
@@ -56,7 +56,7 @@ def simulate(
         workers: Processes that render.
         fresh: Discard the work of an interrupted run instead of continuing it.
     """
-    from eval.pipeline import simulate_scene
+    from eventsweep.eval.pipeline import simulate_scene
 
     if motion and Path(motion).suffix in _POSES:
         trajectory, motion = trajectory or Path(motion), None

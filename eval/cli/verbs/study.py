@@ -7,11 +7,11 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from emvs.utils.outputs import output_folder
-from eval.cli import names
-from eval.cli.app import COMMON, Common, Methods, Scenes, app
-from eval.cli.job_flags import JOB_FLAGS, JobFlags, seed_numbers
-from eval.studies.definitions import CASES, METHODS, SECONDS, SEEDS
+from eventsweep.emvs.utils.outputs import output_folder
+from eventsweep.eval.cli import names
+from eventsweep.eval.cli.app import COMMON, Common, Methods, Scenes, app
+from eventsweep.eval.cli.job_flags import JOB_FLAGS, JobFlags, seed_numbers
+from eventsweep.eval.studies.definitions import CASES, METHODS, SECONDS, SEEDS
 
 _FAILED = 1
 
@@ -39,8 +39,8 @@ def study(
         seconds: Length of every sequence; the window leaves 0.05 s at either end.
         method: Method to compare, repeatable, instead of a choice of five.
     """
-    from eval.studies.definitions import STUDIES, study_named
-    from eval.studies.run import file_names, run_study, show_study, write_study
+    from eventsweep.eval.studies.definitions import STUDIES, study_named
+    from eventsweep.eval.studies.run import file_names, run_study, show_study, write_study
 
     chosen = tuple(STUDIES) if name == ("all",) else name
     studies = [study_named(one) for one in chosen]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from eval.cli.app import COMMON, Common, Force, SuiteName, app
-from eval.cli.help import HELP_FLAGS, Program
+from eventsweep.eval.cli.app import COMMON, Common, Force, SuiteName, app
+from eventsweep.eval.cli.help import HELP_FLAGS, Program
 
 submission = Program(
     name="submission",
@@ -34,10 +34,10 @@ def make(
         out: File to write, such as mine.tar.zst.
         archive: Folder of the archive whose sequences were read: its cases and seeds.
     """
-    from eval.archives.manifest import read
-    from eval.suite.definition import load
-    from eval.suite.output import show_submission
-    from eval.suite.submission import Asked, make_submission
+    from eventsweep.eval.archives.manifest import read
+    from eventsweep.eval.suite.definition import load
+    from eventsweep.eval.suite.output import show_submission
+    from eventsweep.eval.suite.submission import Asked, make_submission
 
     asked = Asked.of(*load(suite), read(archive) if archive else None)
     manifest = make_submission(folder, asked, out, force=force)
@@ -61,10 +61,10 @@ def check(
         suite: Such as suite-v2, quick, or FILE.toml.
         archive: Folder of the archive whose sequences were read: its cases and seeds.
     """
-    from eval.archives.manifest import read
-    from eval.suite.definition import load
-    from eval.suite.output import show_submission
-    from eval.suite.submission import Asked, check_submission
+    from eventsweep.eval.archives.manifest import read
+    from eventsweep.eval.suite.definition import load
+    from eventsweep.eval.suite.output import show_submission
+    from eventsweep.eval.suite.submission import Asked, check_submission
 
     asked = Asked.of(*load(suite), read(archive) if archive else None)
     facts = check_submission(path, asked)

@@ -7,14 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
-from emvs.errors import InputError
-from eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, Predictions, SuiteName, app
-from eval.cli.job_flags import JOB_FLAGS, JobFlags, run_with_flags, seed_numbers
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, Predictions, SuiteName, app
+from eventsweep.eval.cli.job_flags import JOB_FLAGS, JobFlags, run_with_flags, seed_numbers
 
 if TYPE_CHECKING:
-    from eval.scoring.predictions import NamedFolder
-    from eval.suite.archive import SequenceArchive
-    from eval.suite.definition import Suite
+    from eventsweep.eval.scoring.predictions import NamedFolder
+    from eventsweep.eval.suite.archive import SequenceArchive
+    from eventsweep.eval.suite.definition import Suite
 
 _FAILED = 1
 
@@ -49,8 +49,8 @@ def suite(
         speed: Whether to time the mapper at the end.
         cost: Measure time and memory of each method alone, for a ranking: two minutes more.
     """
-    from eval.suite.archive import SequenceArchive
-    from eval.suite.definition import load
+    from eventsweep.eval.suite.archive import SequenceArchive
+    from eventsweep.eval.suite.definition import load
 
     chosen, subset = load(name)
     parts = Parts(
@@ -83,7 +83,7 @@ class Parts(NamedTuple):
 
 
 def _listed(parts: Parts, job_flags: JobFlags, common: Common) -> int:
-    from eval.suite import output
+    from eventsweep.eval.suite import output
 
     asked = (parts.suite, parts.subset, parts.seeds, parts.cases)
     listed = output.assignments(*asked, job_flags.cache_folder(), parts.archive)
@@ -103,11 +103,11 @@ def _run(
     cost: bool,
     force: bool,
 ) -> int:
-    from eval.report.suite_pictures import write_pictures
-    from eval.scoring.predictions import NamedFolder
-    from eval.suite import output
-    from eval.suite.cost import measured_costs
-    from eval.suite.submission import perfect_scores
+    from eventsweep.eval.report.suite_pictures import write_pictures
+    from eventsweep.eval.scoring.predictions import NamedFolder
+    from eventsweep.eval.suite import output
+    from eventsweep.eval.suite.cost import measured_costs
+    from eventsweep.eval.suite.submission import perfect_scores
 
     suite, cache, console = parts.suite, job_flags.cache_folder(), common.console()
     entered = [NamedFolder.of(one) for one in prediction]
@@ -136,9 +136,9 @@ def _opened(
     parts: Parts, entered: Sequence[NamedFolder], cache: Path
 ) -> tuple[list[NamedFolder], dict[str, Any]]:
     """Predictions as folders, and what submissions among them state."""
-    from emvs.utils.cache import Cache
-    from eval.suite.run import extent
-    from eval.suite.submission import Asked, opened
+    from eventsweep.emvs.utils.cache import Cache
+    from eventsweep.eval.suite.run import extent
+    from eventsweep.eval.suite.submission import Asked, opened
 
     version = parts.archive.manifest.version if parts.archive else ""
     cases, seeds = extent(*parts)
@@ -156,8 +156,8 @@ def cache(
         cache: The cache's folder; by default $EVENTSWEEP_CACHE or your cache folder.
         prune: Gigabytes to keep; the least recently used entries are removed; 0: all.
     """
-    from emvs.utils.cache import Cache, default_cache
-    from eval.suite.output import show_cache
+    from eventsweep.emvs.utils.cache import Cache, default_cache
+    from eventsweep.eval.suite.output import show_cache
 
     store = Cache(cache or default_cache())
     if prune is not None and prune < 0:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from eval.cli.app import COMMON, NO_NEGATIVE, Common, app
-from eval.cli.help import RARE
-from eval.learning.config import TrainingConfig
+from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, app
+from eventsweep.eval.cli.help import RARE
+from eventsweep.eval.learning.config import TrainingConfig
 
 
 @app.command
@@ -50,8 +50,8 @@ def train(
         published: Train nothing: turn the DERD-Net authors' own file of weights (.pth) into
             OUT/derd.npz; given twice, the mean of both counts.
     """
-    from eval.learning.train import train as trained_in
-    from eval.report.training_page import write_training_page
+    from eventsweep.eval.learning.train import train as trained_in
+    from eventsweep.eval.report.training_page import write_training_page
 
     flags = {
         "uniform_in": uniform_in, "epochs": epochs, "batch": batch, "learning_rate": learning_rate,
@@ -63,8 +63,8 @@ def train(
     )  # fmt: skip
     console = common.console()
     if published:
-        from emvs.errors import InputError
-        from eval.learning.published import convert
+        from eventsweep.emvs.errors import InputError
+        from eventsweep.eval.learning.published import convert
 
         if unused := [*told, *(["scene"] if scene else [])]:
             raise InputError(f"published weights are not trained: leave out {', '.join(unused)}")

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from eval.report.compare.results import WHOLE, CaseResult, ComparedResult, Number
+from eventsweep.eval.report.compare.results import WHOLE, CaseResult, ComparedResult, Number
 
 _COMMON = "common_"
 Lacking = Callable[[ComparedResult, ComparedResult, str], list[str]]

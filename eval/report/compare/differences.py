@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from eval.numbers import shown
-from eval.report.compare.comparability import (
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.numbers import shown
+from eventsweep.eval.report.compare.comparability import (
     apart,
     not_comparable,
     nothing_in_common,
@@ -21,10 +21,16 @@ from eval.report.compare.comparability import (
     same_data,
     same_time,
 )
-from eval.report.compare.results import CaseResult, ComparedResult, Number
-from eval.report.ranking import RANKING_COLUMNS
-from eval.scoring.metrics import PRIMARY, Better
-from eval.scoring.significance import ALPHA, holm, intervals, stratified_interval, stratified_p
+from eventsweep.eval.report.compare.results import CaseResult, ComparedResult, Number
+from eventsweep.eval.report.ranking import RANKING_COLUMNS
+from eventsweep.eval.scoring.metrics import PRIMARY, Better
+from eventsweep.eval.scoring.significance import (
+    ALPHA,
+    holm,
+    intervals,
+    stratified_interval,
+    stratified_p,
+)
 
 Verdict = Literal[
     "better", "worse", "no difference shown", "undecided", "equal", "not comparable", "not judged"

@@ -9,26 +9,35 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from emvs.utils.files import atomic_path
-from emvs.utils.outputs import output_folder
-from eval.figures.colormaps import line_style
-from eval.numbers import shown
-from eval.report.compare.differences import (
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.outputs import output_folder
+from eventsweep.eval.figures.colormaps import line_style
+from eventsweep.eval.numbers import shown
+from eventsweep.eval.report.compare.differences import (
     Difference,
     Pair,
     compare_results,
     counts_of,
     signed,
 )
-from eval.report.compare.pictures import pictures_of
-from eval.report.compare.results import ComparedResult, read_compared
-from eval.report.compare.settings import Setting, settings_of
-from eval.report.html import Grid, GridCell, Head, Kind, Section, environment, inline, plural
-from eval.report.ranking import RANKING_COLUMNS, column, definition
-from eval.report.tables import TABLES_FOLDER, TextCell, TextTable, in_unit, write_tables
-from eval.scoring.metrics import PRIMARY
-from eval.scoring.results import JSON_NAME
-from eval.suite.results import FILE_NAME
+from eventsweep.eval.report.compare.pictures import pictures_of
+from eventsweep.eval.report.compare.results import ComparedResult, read_compared
+from eventsweep.eval.report.compare.settings import Setting, settings_of
+from eventsweep.eval.report.html import (
+    Grid,
+    GridCell,
+    Head,
+    Kind,
+    Section,
+    environment,
+    inline,
+    plural,
+)
+from eventsweep.eval.report.ranking import RANKING_COLUMNS, column, definition
+from eventsweep.eval.report.tables import TABLES_FOLDER, TextCell, TextTable, in_unit, write_tables
+from eventsweep.eval.scoring.metrics import PRIMARY
+from eventsweep.eval.scoring.results import JSON_NAME
+from eventsweep.eval.suite.results import FILE_NAME
 
 HTML_NAME = "compare.html"
 VERDICT = "verdict"

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from emvs.errors import InputError
-from eval.figures.colormaps import Scale, depth_scale, error_scale, events_scale
-from eval.figures.images import (
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.figures.colormaps import Scale, depth_scale, error_scale, events_scale
+from eventsweep.eval.figures.images import (
     IndexedImage,
     behind_image,
     depth_image,
@@ -21,12 +21,12 @@ from eval.figures.images import (
     frame_image,
     point_size_px,
 )
-from eval.numbers import shown
-from eval.report.compare.results import ComparedResult, Number
-from eval.report.ranking import column, ranked_methods
-from eval.report.run_data import MethodData, RunData, WindowData, load_run
-from eval.scoring.pairing import REFERENCE
-from eval.scoring.results import POOLED
+from eventsweep.eval.numbers import shown
+from eventsweep.eval.report.compare.results import ComparedResult, Number
+from eventsweep.eval.report.ranking import column, ranked_methods
+from eventsweep.eval.report.run_data import MethodData, RunData, WindowData, load_run
+from eventsweep.eval.scoring.pairing import REFERENCE
+from eventsweep.eval.scoring.results import POOLED
 
 ALL = "all results"
 _CAPTION = "mean_error"

@@ -9,18 +9,18 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel
 
-import scenes
-from emvs.config import MapperConfig
-from emvs.data import manifest as manifests
-from emvs.data.manifest import Manifest
-from emvs.errors import InputError
-from emvs.maps.folder import MapInfo, StoredMap
-from eval.config import EvalConfig
-from eval.report.ranking import RANKING_COLUMNS
-from eval.scoring.metrics import Better
-from eval.scoring.results import MEAN, POOLED, Results, Row, read_results
-from eval.scoring.run_folder import find_maps
-from eval.suite.results import DEFAULT_MAPPER, FILE_NAME, Sample, SuiteResult, read_suite
+from eventsweep import scenes
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data import manifest as manifests
+from eventsweep.emvs.data.manifest import Manifest
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.maps.folder import MapInfo, StoredMap
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.report.ranking import RANKING_COLUMNS
+from eventsweep.eval.scoring.metrics import Better
+from eventsweep.eval.scoring.results import MEAN, POOLED, Results, Row, read_results
+from eventsweep.eval.scoring.run_folder import find_maps
+from eventsweep.eval.suite.results import DEFAULT_MAPPER, FILE_NAME, Sample, SuiteResult, read_suite
 
 WHOLE = ""
 """What stands in a window's place where only numbers of all windows together are stored."""

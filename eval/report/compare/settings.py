@@ -11,8 +11,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from eval.config import Settings
-from eval.report.compare.results import ComparedResult, windows_text
+from eventsweep.eval.config import Settings
+from eventsweep.eval.report.compare.results import ComparedResult, windows_text
 
 ABSENT = "–"
 _UNIT = re.compile(r"\[([^\]]+)\][.;]")

@@ -10,26 +10,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from emvs.errors import InputError
-from emvs.utils.files import atomic_path
-from emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
-from emvs.utils.outputs import atomic_dir, check_files, output_folder
-from emvs.utils.ownership import mark
-from eval.ranking import summary
-from eval.ranking.entries import DATA_NAME, RankingData, RankingEntry, Source
-from eval.ranking.summary import MAIN
-from eval.report.html import (
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
+from eventsweep.emvs.utils.outputs import atomic_dir, check_files, output_folder
+from eventsweep.emvs.utils.ownership import mark
+from eventsweep.eval.ranking import summary
+from eventsweep.eval.ranking.entries import DATA_NAME, RankingData, RankingEntry, Source
+from eventsweep.eval.ranking.summary import MAIN
+from eventsweep.eval.report.html import (
     Page,
     Picture,
     files_in,
     page_text,
     plural,
 )
-from eval.report.ranking import column
-from eval.report.standings import sections
-from eval.report.standings.sections import RankingPage
-from eval.report.suite_pictures import METHODS_NAME
-from eval.suite.output import PICTURES_FOLDER
+from eventsweep.eval.report.ranking import column
+from eventsweep.eval.report.standings import sections
+from eventsweep.eval.report.standings.sections import RankingPage
+from eventsweep.eval.report.suite_pictures import METHODS_NAME
+from eventsweep.eval.suite.output import PICTURES_FOLDER
 
 HTML_NAME = "index.html"
 _PICTURE_BYTES = 1 << 22

@@ -6,17 +6,17 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from emvs.dsi.method import Method
-from emvs.methods import named
-from eval.figures.colormaps import line_style
-from eval.figures.plots import causes_svg
-from eval.figures.ranking import cost_svg, coverage_svg, history_svg
-from eval.numbers import shown
-from eval.ranking import summary
-from eval.ranking.entries import COVERAGES, Joined, RankingEntry, finite_mean
-from eval.ranking.standings import Standing
-from eval.ranking.summary import CONDITIONS, MAIN, OTHERS, Ranked
-from eval.report.html import (
+from eventsweep.emvs.dsi.method import Method
+from eventsweep.emvs.methods import named
+from eventsweep.eval.figures.colormaps import line_style
+from eventsweep.eval.figures.plots import causes_svg
+from eventsweep.eval.figures.ranking import cost_svg, coverage_svg, history_svg
+from eventsweep.eval.numbers import shown
+from eventsweep.eval.ranking import summary
+from eventsweep.eval.ranking.entries import COVERAGES, Joined, RankingEntry, finite_mean
+from eventsweep.eval.ranking.standings import Standing
+from eventsweep.eval.ranking.summary import CONDITIONS, MAIN, OTHERS, Ranked
+from eventsweep.eval.report.html import (
     Grid,
     GridCell,
     Head,
@@ -26,8 +26,8 @@ from eval.report.html import (
     svg_uri,
     versions_grid,
 )
-from eval.report.ranking import column, definition
-from eval.scoring.outlier_causes import CAUSES
+from eventsweep.eval.report.ranking import column, definition
+from eventsweep.eval.scoring.outlier_causes import CAUSES
 
 
 @dataclass(frozen=True)

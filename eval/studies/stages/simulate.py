@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-import scenes
-from emvs.geometry.rig import Rig
-from eval.suite.stages import simulate
-from sim.motion import Motion
-from sim.rigs import rig as named_rig
-from sim.scene import Scene
+from eventsweep import scenes
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.eval.suite.stages import simulate
+from eventsweep.sim.motion import Motion
+from eventsweep.sim.rigs import rig as named_rig
+from eventsweep.sim.scene import Scene
 
 if TYPE_CHECKING:
     import mujoco

@@ -6,16 +6,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from emvs.config import MapperConfig
-from emvs.data.recording import Recording
-from emvs.datasets import open_recording
-from emvs.depth.precision import PRECISION
-from emvs.learned.weights import files_of_weights
-from emvs.maps.sliding import map_into, one_window, without
-from emvs.maps.store import write_entry
-from emvs.methods import files_of_others
-from eval.jobs.job import SEQUENCE
-from eval.perturbations import Perturbation, perturbed
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.depth.precision import PRECISION
+from eventsweep.emvs.learned.weights import files_of_weights
+from eventsweep.emvs.maps.sliding import map_into, one_window, without
+from eventsweep.emvs.maps.store import write_entry
+from eventsweep.emvs.methods import files_of_others
+from eventsweep.eval.jobs.job import SEQUENCE
+from eventsweep.eval.perturbations import Perturbation, perturbed
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:

@@ -7,17 +7,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.errors import InputError
-from emvs.maps.folder import StoredWindow
-from eval.config import EvalConfig
-from eval.jobs.job import RESULT, SEQUENCE
-from eval.scoring.pairing import REFERENCE
-from eval.scoring.predictions import Prediction, PredictionFacts, estimates_of
-from eval.scoring.run_folder import target_view
-from eval.scoring.score import score_windows
-from eval.suite.results import Sample
-from eval.suite.stages.score import mapped_window, sample_facts
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.maps.folder import StoredWindow
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.jobs.job import RESULT, SEQUENCE
+from eventsweep.eval.scoring.pairing import REFERENCE
+from eventsweep.eval.scoring.predictions import Prediction, PredictionFacts, estimates_of
+from eventsweep.eval.scoring.run_folder import target_view
+from eventsweep.eval.scoring.score import score_windows
+from eventsweep.eval.suite.results import Sample
+from eventsweep.eval.suite.stages.score import mapped_window, sample_facts
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:

@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.maps.folder import StoredWindow
-from emvs.maps.store import read_entry
-from eval.config import EvalConfig
-from eval.jobs.job import RESULT, SEQUENCE
-from eval.scoring.metric_versions import metric_versions
-from eval.scoring.metrics import Better
-from eval.scoring.results import POOLED, Row
-from eval.scoring.score import score_windows
-from eval.suite.results import EVENTS, Sample, SampleFacts, mapper_method
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.maps.folder import StoredWindow
+from eventsweep.emvs.maps.store import read_entry
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.jobs.job import RESULT, SEQUENCE
+from eventsweep.eval.scoring.metric_versions import metric_versions
+from eventsweep.eval.scoring.metrics import Better
+from eventsweep.eval.scoring.results import POOLED, Row
+from eventsweep.eval.scoring.score import score_windows
+from eventsweep.eval.suite.results import EVENTS, Sample, SampleFacts, mapper_method
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:

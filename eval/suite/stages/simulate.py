@@ -6,17 +6,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import scenes
-from emvs.errors import InputError
-from emvs.geometry.rig import Rig
-from eval.jobs.code_version import closure, definition_digest
-from eval.jobs.job import SEQUENCE
-from sim.config import SimConfig
-from sim.graphics import drawn_by
-from sim.mjcf import files_of
-from sim.rigs import rig as named_rig
-from sim.scene import Scene
-from sim.simulate import simulate
+from eventsweep import scenes
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.eval.jobs.code_version import closure, definition_digest
+from eventsweep.eval.jobs.job import SEQUENCE
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.graphics import drawn_by
+from eventsweep.sim.mjcf import files_of
+from eventsweep.sim.rigs import rig as named_rig
+from eventsweep.sim.scene import Scene
+from eventsweep.sim.simulate import simulate
 
 
 def sequence_parameters(
@@ -41,7 +41,9 @@ def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
 def scene_digest(scene: str) -> str:
     """A hash over what a scene's modules define, textures among it, and its MJCF; no simulator."""
     root = scenes.module_of(scene)
-    modules = {name for name in closure([root]) if name == root or name.startswith("scenes.")}
+    modules = {
+        name for name in closure([root]) if name == root or name.startswith("eventsweep.scenes.")
+    }
     return definition_digest(modules, files_of(scenes.load(scene).mjcf))
 
 

@@ -9,11 +9,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from emvs.data.recording import Recording
-from emvs.data.writer import SequenceWriter
-from emvs.datasets import open_recording
-from eval.jobs.job import SEQUENCE
-from eval.suite.stages.map import told
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.writer import SequenceWriter
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.eval.jobs.job import SEQUENCE
+from eventsweep.eval.suite.stages.map import told
 
 _STEP_US = 50_000
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from eval.archives.manifest import PackedFile
-from eval.archives.tarball import unpack
-from eval.jobs.job import SEQUENCE
+from eventsweep.eval.archives.manifest import PackedFile
+from eventsweep.eval.archives.tarball import unpack
+from eventsweep.eval.jobs.job import SEQUENCE
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:

@@ -25,24 +25,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import scenes
-from emvs.calibrate.parameters import Correction, Parameter, parameters_of
-from emvs.calibrate.refine import RefineConfig, Refinement, refine
-from emvs.config import MapperConfig
-from emvs.data.recording import Recording
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.mapper import map_window
-from emvs.utils.cache import default_cache
-from emvs.utils.files import atomic_path
-from emvs.windows import Window
-from eval.cli.exit_codes import exit_code
+from eventsweep import scenes
+from eventsweep.emvs.calibrate.parameters import Correction, Parameter, parameters_of
+from eventsweep.emvs.calibrate.refine import RefineConfig, Refinement, refine
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.utils.cache import default_cache
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.windows import Window
+from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.motion import Motion
+from eventsweep.sim.motion.curves import HeadSway, Wave
+from eventsweep.sim.rigs import rig
+from eventsweep.sim.sensor_presets import SensorConfig
+from eventsweep.sim.simulate import simulate
 from markdown_blocks import into_page
-from sim.config import SimConfig
-from sim.motion import Motion
-from sim.motion.curves import HeadSway, Wave
-from sim.rigs import rig
-from sim.sensor_presets import SensorConfig
-from sim.simulate import simulate
 
 TWINS = (
     "desk", "tumvie-6dof", "rpg-boxes", "boxes", "mvsec-flying", "rpg-bin", "rpg-monitor",

@@ -37,16 +37,16 @@ from typing import Any
 
 # what is needed -> where it may be, the newest place first
 PLACES = {
-    "map_window": ("emvs.mapper",),
-    "MapperConfig": ("emvs.config",),
-    "Camera": ("emvs.geometry.camera", "emvs.data.camera"),
-    "Rig": ("emvs.geometry.rig", "emvs.data.rig"),
-    "Trajectory": ("emvs.geometry.trajectory", "emvs.data.trajectory"),
-    "Events": ("emvs.data.events",),
-    "Scene": ("sim.scene",),
-    "run_cases": ("eval.pipeline", "eval.runner"),
-    "write_report": ("eval.report.run_page", "eval.report"),
-    "Settings": ("eval.config", "eval.settings"),
+    "map_window": ("eventsweep.emvs.mapper",),
+    "MapperConfig": ("eventsweep.emvs.config",),
+    "Camera": ("eventsweep.emvs.geometry.camera", "eventsweep.emvs.data.camera"),
+    "Rig": ("eventsweep.emvs.geometry.rig", "eventsweep.emvs.data.rig"),
+    "Trajectory": ("eventsweep.emvs.geometry.trajectory", "eventsweep.emvs.data.trajectory"),
+    "Events": ("eventsweep.emvs.data.events",),
+    "Scene": ("eventsweep.sim.scene",),
+    "run_cases": ("eventsweep.eval.pipeline", "eval.runner"),
+    "write_report": ("eventsweep.eval.report.run_page", "eventsweep.eval.report"),
+    "Settings": ("eventsweep.eval.config", "eval.settings"),
 }
 METHODS = ("Alg1/H", "EMVS/cam0")
 SIZE_PX = (64, 48)

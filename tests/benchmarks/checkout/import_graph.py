@@ -1,7 +1,8 @@
 """The graph of who imports whom, read from the text of a checkout; nothing of it is imported.
 
-A *module* is a Python file of the product, `__init__` included. Module a imports b where a
-statement anywhere in a names b: at the top, inside a function, or for type checkers only. `from p
+A *module* is a Python file of the product, `__init__` included; its name follows its place in the
+checkout, so `emvs.mapper` is what is imported as `eventsweep.emvs.mapper`. Module a imports b where
+a statement anywhere in a names b: at the top, inside a function, or for type checkers only. `from p
 import n` names the module p.n where there is one, else the package p. What Python runs besides
 (the `__init__` of every package on the way) and what is imported by a computed name
 (`scenes.load`) is not counted.
@@ -70,11 +71,12 @@ def import_graph(modules: Mapping[str, Module]) -> Graph:
 def _imported(module: Module, modules: Mapping[str, Module]) -> Iterator[str]:
     for node in ast.walk(module.tree):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names if alias.name in modules)
+            names = (_short(alias.name) for alias in node.names)
+            yield from (name for name in names if name in modules)
         elif isinstance(node, ast.ImportFrom):
             source = _source(node, module)
             for alias in node.names:
-                inner = f"{source}.{alias.name}"
+                inner = _short(f"{source}.{alias.name}")
                 if inner in modules or source in modules:
                     yield inner if inner in modules else source
 
@@ -82,10 +84,16 @@ def _imported(module: Module, modules: Mapping[str, Module]) -> Iterator[str]:
 def _source(node: ast.ImportFrom, module: Module) -> str:
     """The absolute name behind `from`; relative ones begin at the module's own folder."""
     if not node.level:
-        return node.module or ""
+        return _short(node.module or "")
     parts = module.folder.split(".")
     parts = parts[: len(parts) - node.level + 1]
     return ".".join([*parts, node.module] if node.module else parts)
+
+
+def _short(name: str) -> str:
+    """A module's name by its place in the checkout: `emvs.mapper` of `eventsweep.emvs.mapper`."""
+    short = name.removeprefix("eventsweep.")
+    return short if short.partition(".")[0] in PACKAGES else name
 
 
 def within(graph: Graph, package: str) -> Graph:

@@ -20,9 +20,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from emvs.errors import InputError
-from emvs.utils.release import install
-from eval.cli.exit_codes import exit_code
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.release import install
+from eventsweep.eval.cli.exit_codes import exit_code
 from markdown_blocks import into_page
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -54,7 +54,9 @@ def cost_of(root: Path, words: Sequence[str]) -> Cost:
 
 def _module(root: Path) -> str:
     """The command line, whose place has changed."""
-    return "eventsweep" if (root / "eventsweep" / "__main__.py").is_file() else "eval.cli"
+    return (
+        "eventsweep" if (root / "eventsweep" / "__main__.py").is_file() else "eventsweep.eval.cli"
+    )
 
 
 def _children_s() -> float:

@@ -5,7 +5,7 @@ from importlib import metadata
 
 import pytest
 
-from emvs.errors import InputError
+from eventsweep.emvs.errors import InputError
 from install_page import Trial, read_size, size_block
 from install_size import Weighed, imported, lines, named_modules, normal, weigh
 

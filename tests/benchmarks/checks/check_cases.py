@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from emvs.check.alternatives import CONVENTIONS, Chosen, MirroredRecording
-from emvs.data.altered import AlteredRecording
-from emvs.data.events import Events
-from emvs.data.recording import DerivedRecording, Recording
-from emvs.datasets.export import RecordingExport, write_recording
-from emvs.datasets.raw_streams import open_readable
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.check.alternatives import CONVENTIONS, Chosen, MirroredRecording
+from eventsweep.emvs.data.altered import AlteredRecording
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.recording import DerivedRecording, Recording
+from eventsweep.emvs.datasets.export import RecordingExport, write_recording
+from eventsweep.emvs.datasets.raw_streams import open_readable
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
 
 Rng = np.random.Generator
 Matrix = NDArray[np.float64]

@@ -25,8 +25,8 @@ from typing import Any
 
 import numpy as np
 
-import emvs.check
 import eventsweep as es
+import eventsweep.emvs.check
 from check_cases import (
     DEVELOPMENT,
     FAULTS,
@@ -38,10 +38,10 @@ from check_cases import (
     Planter,
     exported,
 )
-from emvs.check.findings import Report
-from emvs.check.recording import check, check_path
-from emvs.data.recording import Recording
-from emvs.utils.files import atomic_path
+from eventsweep.emvs.check.findings import Report
+from eventsweep.emvs.check.recording import check, check_path
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.utils.files import atomic_path
 from markdown_blocks import into_page
 
 SECONDS = 0.6
@@ -160,7 +160,7 @@ def _of_file(case: Case, path: Path, out: Path) -> Report:
 
 def code_version() -> str:
     """A hash of the code whose verdicts these are, without its comments and docstrings."""
-    folder = Path(str(emvs.check.__file__)).parent
+    folder = Path(str(eventsweep.emvs.check.__file__)).parent
     files = [*sorted(folder.glob("*.py")), *sorted(folder.parent.glob("sharpness*.py")),
              Path(__file__).with_name("check_cases.py")]  # fmt: skip
     code = "".join(ast.dump(_Bare().visit(ast.parse(file.read_text()))) for file in files)

@@ -19,10 +19,10 @@ import numpy as np
 import eventsweep as es
 from check_cases import DEVELOPMENT
 from check_faults import sequence
-from emvs.check.alternatives import Amount, Chosen, amounts_of_one, amounts_of_pair
-from emvs.check.by_mapping import trial_of
-from emvs.config import MapperConfig
-from emvs.data.recording import Recording
+from eventsweep.emvs.check.alternatives import Amount, Chosen, amounts_of_one, amounts_of_pair
+from eventsweep.emvs.check.by_mapping import trial_of
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.recording import Recording
 from markdown_blocks import into_page
 
 _SIGNS = (-1.0, 1.0)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cost_stream import WINDOW_US, MovingEdges
-from emvs.config import MapperConfig
-from emvs.mapper import map_window
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.mapper import map_window
 
 
 @dataclass(frozen=True)

@@ -16,15 +16,15 @@ import numba
 import numpy as np
 
 from cost_stream import DEPTH_RANGE_M, WINDOW_US, MovingEdges
-from emvs.config import MapperConfig
-from emvs.dsi.maxima import RunningMaxima
-from emvs.dsi.method import CODES
-from emvs.dsi.rays import Rays, event_rays, grouped_by_rows
-from emvs.dsi.voting import Scratch, batches
-from emvs.mapper import map_window
-from emvs.methods import methods_by_name, with_volume
-from emvs.reference_view import inverse_depth_planes
-from emvs.utils.runtime import use_threads
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.dsi.maxima import RunningMaxima
+from eventsweep.emvs.dsi.method import CODES
+from eventsweep.emvs.dsi.rays import Rays, event_rays, grouped_by_rows
+from eventsweep.emvs.dsi.voting import Scratch, batches
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.methods import methods_by_name, with_volume
+from eventsweep.emvs.reference_view import inverse_depth_planes
+from eventsweep.emvs.utils.runtime import use_threads
 
 SENSORS = {"346x260": (346, 260), "640x480": (640, 480), "1280x720": (1280, 720)}
 VOTE_LIMIT_NS = {"346x260": 2.6, "640x480": 3.0, "1280x720": 3.6}
@@ -192,17 +192,17 @@ def _whole(effort: LimitsEffort) -> list[Figure]:
 _PEAK = """
 import re, sys
 from pathlib import Path
-from emvs.config import MapperConfig
-from emvs.datasets import open_recording
-from emvs.mapper import map_window
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.mapper import map_window
 map_window(open_recording(sys.argv[1]), MapperConfig(planes={planes}, methods={methods}))
 print(int(re.search(r"VmHWM:\\s*([0-9]+)", Path("/proc/self/status").read_text())[1]) / 1024)
 """
 
 _FIRST_EVENT = """
 import os, sys
-from eval.cli.main import main
-from emvs.data.sequence import Sequence
+from eventsweep.eval.cli.main import main
+from eventsweep.emvs.data.sequence import Sequence
 def first(*_):
     print("first", flush=True)
     os._exit(0)

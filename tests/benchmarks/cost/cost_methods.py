@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from cost_limits import PAPER, peak_mb
 from cost_stream import MovingEdges
-from emvs.config import MapperConfig
-from emvs.mapper import map_window
-from eval.cli.exit_codes import exit_code
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.mapper import map_window
+from eventsweep.eval.cli.exit_codes import exit_code
 from markdown_blocks import into_page
 from study_cost import machine
 

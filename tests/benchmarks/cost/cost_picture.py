@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from cost_growth import Growth, Load
-from emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.files import atomic_path
 
 _POINT, _LINE = "#0072b2", "#d55e00"
 _AXIS = {

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
 
 DEPTH_RANGE_M = (0.45, 4.0)
 WINDOW_US = 500_000
@@ -69,7 +69,7 @@ class MovingEdges:
     def write(self, path: Path) -> None:
         """Writes the recording as a sequence folder."""
         # Only now: it needs HDF5, which measuring from memory does not.
-        from emvs.data.writer import SequenceWriter
+        from eventsweep.emvs.data.writer import SequenceWriter
 
         rig, trajectory, span_m = self.rig, self.trajectory, self.depth_range_m
         with SequenceWriter(

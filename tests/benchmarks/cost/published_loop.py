@@ -26,16 +26,16 @@ from numpy.typing import NDArray
 
 from cost_limits import SENSORS
 from cost_stream import DEPTH_RANGE_M, WINDOW_US, MovingEdges
-from emvs.data.events import Events
-from emvs.dsi.rays import PACKET, Rays, event_rays, grouped_by_rows, voters
-from emvs.dsi.voting import Scratch, batches
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.trajectory import Trajectory
-from emvs.reference_view import inverse_depth_planes
-from emvs.utils.runtime import use_threads
-from eval.cli.exit_codes import exit_code
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.dsi.rays import PACKET, Rays, event_rays, grouped_by_rows, voters
+from eventsweep.emvs.dsi.voting import Scratch, batches
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.reference_view import inverse_depth_planes
+from eventsweep.emvs.utils.runtime import use_threads
+from eventsweep.eval.cli.exit_codes import exit_code
 from markdown_blocks import into_page
 from study_cost import machine
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from cost_growth import SERIES, Growth, Load, growth
 from cost_limits import Figure, LimitsEffort, limits
-from eval.cli.exit_codes import exit_code
+from eventsweep.eval.cli.exit_codes import exit_code
 from markdown_blocks import into_page
 
 

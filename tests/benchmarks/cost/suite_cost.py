@@ -13,10 +13,10 @@ import sys
 from collections.abc import Collection, Iterable
 from pathlib import Path
 
-from emvs.errors import InputError
-from eval.cli.exit_codes import exit_code
-from eval.suite.definition import GATED, Suite, load
-from eval.suite.results import JobNote, read_suite
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.suite.definition import GATED, Suite, load
+from eventsweep.eval.suite.results import JobNote, read_suite
 from markdown_blocks import into_page
 
 MARK = "cost"

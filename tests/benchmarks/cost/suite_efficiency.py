@@ -13,11 +13,11 @@ import tempfile
 import time
 from pathlib import Path
 
-from emvs.errors import InputError
-from eval.cli import job_flags
-from eval.cli.exit_codes import exit_code
-from eval.progress import Silent
-from eval.suite.definition import load
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli import job_flags
+from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.progress import Silent
+from eventsweep.eval.suite.definition import load
 from markdown_blocks import into_page
 
 MARK = "efficiency"

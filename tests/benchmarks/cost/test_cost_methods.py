@@ -9,7 +9,7 @@ import pytest
 
 import cost_methods
 from cost_methods import ASKED, MethodsEffort, costs, main, table
-from emvs.methods import methods_by_name
+from eventsweep.emvs.methods import methods_by_name
 
 TINY = MethodsEffort(events=2000, planes=4, rounds=1)
 

@@ -7,7 +7,7 @@ import cost_limits
 from cost_growth import Growth, Load, growth
 from cost_limits import SENSORS, Figure, LimitsEffort
 from cost_stream import WINDOW_US, MovingEdges
-from emvs.errors import InputError
+from eventsweep.emvs.errors import InputError
 from markdown_blocks import into_page
 from study_cost import growth_table, limit_table
 

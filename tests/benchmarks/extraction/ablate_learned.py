@@ -18,17 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ablated_networks import VARIANTS, Budget, train_missing, trained
-from emvs.config import MapperConfig
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.depth.depth_map import extract
-from emvs.errors import InputError
-from emvs.learned.extract import Judgement, at_reference_px, judge
-from emvs.learned.network import Floats, Network, network
-from emvs.methods import build_focus
-from eval.cli.exit_codes import exit_code
-from eval.config import EvalConfig
-from eval.learning.samples import Shown, shown_of, swept_window
-from eval.scoring.run_folder import truth_of
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.depth.depth_map import extract
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.learned.extract import Judgement, at_reference_px, judge
+from eventsweep.emvs.learned.network import Floats, Network, network
+from eventsweep.emvs.methods import build_focus
+from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.learning.samples import Shown, shown_of, swept_window
+from eventsweep.eval.scoring.run_folder import truth_of
 from markdown_blocks import into_page
 from study_cache import load_sequence
 from study_extraction import Numbers

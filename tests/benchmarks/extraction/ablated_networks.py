@@ -14,19 +14,19 @@ from typing import Any
 
 import numpy as np
 
-from emvs.errors import InputError
-from emvs.learned import network
-from emvs.learned.network import CHANNELS, Floats, Network
-from emvs.learned.weights import write_weights
-from emvs.utils.processes import end_with_parent
-from emvs.utils.release import install
-from eval.learning import data
-from eval.learning.config import TrainingConfig
-from eval.learning.samples import Samples
-from eval.learning.sequences import Part, TrainingSequence
-from eval.learning.tasks import TASKS
-from eval.progress import Bars
-from sim.sensor_presets import PresetName
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.learned import network
+from eventsweep.emvs.learned.network import CHANNELS, Floats, Network
+from eventsweep.emvs.learned.weights import write_weights
+from eventsweep.emvs.utils.processes import end_with_parent
+from eventsweep.emvs.utils.release import install
+from eventsweep.eval.learning import data
+from eventsweep.eval.learning.config import TrainingConfig
+from eventsweep.eval.learning.samples import Samples
+from eventsweep.eval.learning.sequences import Part, TrainingSequence
+from eventsweep.eval.learning.tasks import TASKS
+from eventsweep.eval.progress import Bars
+from eventsweep.sim.sensor_presets import PresetName
 
 JUDGED = 200
 """Calibration samples of each window that the history of training is judged by."""
@@ -195,7 +195,7 @@ def train(folder: Path, variant: Variant, samples: Path, budget: Budget) -> None
     Raises:
         InputError: no samples there.
     """
-    from eval.learning.fit import Fitting
+    from eventsweep.eval.learning.fit import Fitting
 
     config = variant.config(budget)
     training = masked(_read(samples, "training", config, variant.sequences()), variant)

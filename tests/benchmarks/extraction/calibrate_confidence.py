@@ -16,19 +16,19 @@ from pathlib import Path
 
 import numpy as np
 
-from emvs.config import MapperConfig
-from emvs.depth import precision
-from emvs.depth.precision import Precision, table_name, tables
-from emvs.errors import InputError
-from emvs.learned.network import network
-from emvs.mapper import map_window
-from emvs.utils.files import atomic_path
-from eval.cli.exit_codes import exit_code
-from eval.config import EvalConfig
-from eval.learning import confidence
-from eval.learning.confidence import Scored
-from eval.learning.sequences import sequences
-from eval.scoring.run_folder import truth_of
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth import precision
+from eventsweep.emvs.depth.precision import Precision, table_name, tables
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.learned.network import network
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.learning import confidence
+from eventsweep.eval.learning.confidence import Scored
+from eventsweep.eval.learning.sequences import sequences
+from eventsweep.eval.scoring.run_folder import truth_of
 from markdown_blocks import into_page
 from study_cache import load_sequence
 from study_samples import SETS

@@ -8,22 +8,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-import scenes
-from emvs.config import MapperConfig
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.datasets import open_recording
-from emvs.errors import InputError
-from emvs.mapper import map_window
-from emvs.reference_view import ReferenceView, reference_view
-from emvs.utils.outputs import atomic_dir
-from emvs.windows import choose_window
-from eval.config import EvalConfig
-from eval.scoring.pairing import Truth
-from eval.scoring.run_folder import truth_of
-from sim.config import SimConfig
-from sim.rigs import rig as named_rig
-from sim.sensor_presets import PresetName, SensorConfig
-from sim.simulate import simulate
+from eventsweep import scenes
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.reference_view import ReferenceView, reference_view
+from eventsweep.emvs.utils.outputs import atomic_dir
+from eventsweep.emvs.windows import choose_window
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.scoring.pairing import Truth
+from eventsweep.eval.scoring.run_folder import truth_of
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.rigs import rig as named_rig
+from eventsweep.sim.sensor_presets import PresetName, SensorConfig
+from eventsweep.sim.simulate import simulate
 
 
 @dataclass(frozen=True, eq=False)

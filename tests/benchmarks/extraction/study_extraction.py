@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from emvs.config import MapperConfig
-from emvs.reference_view import inverse_depth_at
-from eval.cli.exit_codes import exit_code
-from eval.scoring.method_scores import ALL_METRICS
-from eval.scoring.pairing import pair
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.reference_view import inverse_depth_at
+from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.scoring.method_scores import ALL_METRICS
+from eventsweep.eval.scoring.pairing import pair
 from markdown_blocks import into_page
 from study_cache import StudySample, load_sample
 from study_samples import SETS, SampleSpec

@@ -11,10 +11,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
-from emvs.depth.focus import FocusConfig, at_least
-from emvs.depth.inpainting import MAX_RATIO, fill
-from emvs.reference_view import inverse_depth_at
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth.focus import FocusConfig, at_least
+from eventsweep.emvs.depth.inpainting import MAX_RATIO, fill
+from eventsweep.emvs.reference_view import inverse_depth_at
 from study_cache import StudySample, load_sample
 from study_variants import Volumes
 

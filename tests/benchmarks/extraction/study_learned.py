@@ -16,17 +16,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
-from emvs.data.recording import Recording
-from emvs.depth.depth_map import DepthMap, without_border
-from emvs.learned.extract import at_reference_px
-from emvs.mapper import map_window
-from eval.cli.exit_codes import exit_code
-from eval.config import EvalConfig
-from eval.perturbations import Perturbation, amounts, perturbed
-from eval.scoring.method_scores import ALL_METRICS
-from eval.scoring.pairing import Truth, pair
-from eval.scoring.run_folder import truth_of
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.depth.depth_map import DepthMap, without_border
+from eventsweep.emvs.learned.extract import at_reference_px
+from eventsweep.emvs.mapper import map_window
+from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.perturbations import Perturbation, amounts, perturbed
+from eventsweep.eval.scoring.method_scores import ALL_METRICS
+from eventsweep.eval.scoring.pairing import Truth, pair
+from eventsweep.eval.scoring.run_folder import truth_of
 from markdown_blocks import into_page
 from study_cache import load_sequence
 from study_extraction import METRICS, Numbers, blocks_with_points

@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from numpy.typing import NDArray
 from PIL import Image
 
-from emvs.reference_view import inverse_depth_at
+from eventsweep.emvs.reference_view import inverse_depth_at
 from study_cache import StudySample
 from study_variants import BASE, OURS, VariantEstimate, Volumes, estimates
 

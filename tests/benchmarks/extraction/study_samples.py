@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sim.sensor_presets import PresetName
+from eventsweep.sim.sensor_presets import PresetName
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
-from emvs.depth.depth_map import confidence_mask, masked_median, without_border
-from emvs.depth.focus import FocusConfig, most_reliable
-from emvs.reference_view import inverse_depth_at
-from eval.scoring.method_scores import ALL_METRICS
-from eval.scoring.pairing import pair
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth.depth_map import confidence_mask, masked_median, without_border
+from eventsweep.emvs.depth.focus import FocusConfig, most_reliable
+from eventsweep.emvs.reference_view import inverse_depth_at
+from eventsweep.eval.scoring.method_scores import ALL_METRICS
+from eventsweep.eval.scoring.pairing import pair
 from study_cache import StudySample, load_sample
 from study_variants import VariantEstimate, Volumes, maximum_of
 

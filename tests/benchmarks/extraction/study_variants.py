@@ -9,12 +9,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
-from emvs.depth.depth_map import confidence_mask, masked_median, without_border
-from emvs.depth.focus import FocusConfig, FocusEstimate, at_least, judge, most_reliable, on_surface
-from emvs.dsi import focus_measures
-from emvs.dsi.fusion import FUSIONS
-from emvs.dsi.maxima import FocusPeak, Maximum
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth.depth_map import confidence_mask, masked_median, without_border
+from eventsweep.emvs.depth.focus import (
+    FocusConfig,
+    FocusEstimate,
+    at_least,
+    judge,
+    most_reliable,
+    on_surface,
+)
+from eventsweep.emvs.dsi import focus_measures
+from eventsweep.emvs.dsi.fusion import FUSIONS
+from eventsweep.emvs.dsi.maxima import FocusPeak, Maximum
 from study_cache import StudySample
 
 BASE = "Alg1/H"

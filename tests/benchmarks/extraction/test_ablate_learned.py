@@ -10,22 +10,30 @@ import ablate_learned
 from ablate_learned import PARTS, best, main, outcome, rows, table
 from ablated_networks import VARIANTS, Budget, Masked, Variant, masked, train, train_missing
 from ablated_networks import trained as trained_network
-from emvs.config import MapperConfig
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.depth.depth_map import without_border
-from emvs.errors import InputError
-from emvs.learned.inputs import as_rays
-from emvs.learned.network import CHANNELS, CUES, DEPTH, NAME, SIDE_PX, Architecture, Network
-from emvs.learned.network import network as shipped
-from emvs.learned.weights import Weights, write_weights
-from emvs.mapper import map_window
-from emvs.utils import release
-from eval.config import EvalConfig
-from eval.learning import data
-from eval.learning.config import TrainingConfig
-from eval.learning.samples import Samples, show
-from eval.learning.sequences import FIRST_SEED, TrainingSequence, sequences
-from eval.scoring.run_folder import truth_of
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.depth.depth_map import without_border
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.learned.inputs import as_rays
+from eventsweep.emvs.learned.network import (
+    CHANNELS,
+    CUES,
+    DEPTH,
+    NAME,
+    SIDE_PX,
+    Architecture,
+    Network,
+)
+from eventsweep.emvs.learned.network import network as shipped
+from eventsweep.emvs.learned.weights import Weights, write_weights
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.utils import release
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.learning import data
+from eventsweep.eval.learning.config import TrainingConfig
+from eventsweep.eval.learning.samples import Samples, show
+from eventsweep.eval.learning.sequences import FIRST_SEED, TrainingSequence, sequences
+from eventsweep.eval.scoring.run_folder import truth_of
 from naive_network import judged
 from study_learned import METHODS, _most_reliable, numbers
 from study_samples import SampleSpec
@@ -234,7 +242,7 @@ def test_weights_of_another_variant_are_refused(tmp_path):
 def test_networks_are_trained_once_and_never_see_what_is_hidden(tmp_path, monkeypatch, capsys):
     """Weights of what is hidden get no gradient: the decay of weights alone scales them."""
     torch = pytest.importorskip("torch", reason="torch is an extra, [train]")
-    from eval.learning.network import Network as TorchNetwork
+    from eventsweep.eval.learning.network import Network as TorchNetwork
 
     few = TrainingSequence("planes", "oblique", FIRST_SEED, "ideal", SECONDS)
     monkeypatch.setattr(data, "sequences", lambda part: (few,))

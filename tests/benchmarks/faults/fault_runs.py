@@ -14,8 +14,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from emvs.utils.cache import default_cache
-from eval.suite.series import SPEED_METRIC
+from eventsweep.emvs.utils.cache import default_cache
+from eventsweep.eval.suite.series import SPEED_METRIC
 from markdown_blocks import into_page
 from planted_faults import FAULTS, ROOT, Fault, broken_copy
 

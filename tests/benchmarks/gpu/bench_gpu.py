@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any
 
 import gpu_tables
-from emvs.errors import InputError
-from emvs.utils.files import atomic_path
-from emvs.utils.outputs import check_output
-from eval.cli.exit_codes import exit_code
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.outputs import check_output
+from eventsweep.eval.cli.exit_codes import exit_code
 from gpu_machine import check_device, machine
 from gpu_parts import Bench
 from gpu_plan import QUICK, BenchmarkPlan

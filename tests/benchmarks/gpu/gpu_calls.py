@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import MapperConfig
-from emvs.data.recording import Recording
-from emvs.mapper import map_window
-from emvs.methods import methods_by_name, with_volume
-from emvs.window_result import WindowResult
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.methods import methods_by_name, with_volume
+from eventsweep.emvs.window_result import WindowResult
 
 VOLUMES = ("Alg1/H", "EMVS/cam0", "EMVS/cam1")
 DSI_LIMIT, ARGMAX_LIMIT = 1e-3, 0.999

@@ -18,13 +18,13 @@ from typing import Any
 
 import numpy as np
 
-import scenes
-from emvs.geometry.camera import Camera
-from sim.config import SimConfig
-from sim.rendering import lens
-from sim.rendering.renderer import Frame, StereoRenderer
-from sim.rigs import rig as named_rig
-from sim.sampling import border_px, with_sampling
+from eventsweep import scenes
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.rendering import lens
+from eventsweep.sim.rendering.renderer import Frame, StereoRenderer
+from eventsweep.sim.rigs import rig as named_rig
+from eventsweep.sim.sampling import border_px, with_sampling
 
 SCENE = "desk"
 _BATCH = 4

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
-from emvs.errors import InputError
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.graphics import choice
 from gpu_plan import BenchmarkPlan
-from sim.graphics import choice
 
 DRAW = Path(__file__).with_name("gpu_draw.py")
 _LIMIT_S = 120.0

@@ -11,9 +11,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from emvs.config import MapperConfig
-from emvs.errors import InputError
-from emvs.utils.runtime import versions
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.runtime import versions
 
 _LIBRARIES = ("numba-cuda", "cuda-bindings", "cuda-core", "cuda-toolkit", "llvmlite", "pyopengl")
 _SMI = ("name", "driver_version", "memory.total", "clocks.max.sm", "clocks.max.mem", "power.limit")
@@ -28,12 +28,12 @@ def check_device(kind: str) -> None:
     """
     if kind != "cuda":
         return
-    if "device" not in MapperConfig.model_fields or find_spec("emvs.dsi.cuda") is None:
+    if "device" not in MapperConfig.model_fields or find_spec("eventsweep.emvs.dsi.cuda") is None:
         raise InputError(
             "this version's mapper has no CUDA backend: take one that has it, or try "
             "the script with --device cpu"
         )
-    importlib.import_module("emvs.dsi.device").choose_device("cuda")
+    importlib.import_module("eventsweep.emvs.dsi.device").choose_device("cuda")
 
 
 def machine(kind: str) -> dict[str, Any]:
@@ -59,7 +59,7 @@ def cpu_name() -> str:
 def gpu() -> dict[str, Any]:
     """The GPU as CUDA and its driver name it."""
     cuda: Any = importlib.import_module("numba.cuda")
-    library: Any = importlib.import_module("emvs.dsi.cuda.device")
+    library: Any = importlib.import_module("eventsweep.emvs.dsi.cuda.device")
     used, device = library.gpu(), cuda.current_context().device
     driver = "numba.cuda.cudadrv.driver"
     return {

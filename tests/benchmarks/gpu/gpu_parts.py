@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from cost_stream import MovingEdges
-from emvs.config import MapperConfig
-from emvs.errors import InputError
-from emvs.window_result import WindowResult
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.window_result import WindowResult
 from gpu_calls import agreement, call, save_volumes
 from gpu_plan import LIMIT_MS, PRECISIONS, BenchmarkPlan
 from gpu_series import grow, stream
@@ -47,7 +47,7 @@ class Bench:
         """Atomic additions per second."""
         if self.device != "cuda":
             raise InputError("no GPU was asked for")
-        from emvs.dsi.cuda import device as library
+        from eventsweep.emvs.dsi.cuda import device as library
         from gpu_atomics import atomic_rates
 
         rates = atomic_rates(self.plan, library.gpu().l2_bytes)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cost_stream import WINDOW_US
-from emvs.config import MapperConfig
-from emvs.dsi.method import CODES
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.dsi.method import CODES
 
 PAPER = (*(f"Alg1/{name}" for name in CODES), "EMVS/cam0", "EMVS/cam1")
 PRECISIONS = ("fixed", "float")

@@ -10,10 +10,10 @@ from pathlib import Path
 
 from cost_growth import Growth
 from cost_stream import WINDOW_US, MovingEdges
-from emvs.config import MapperConfig
-from emvs.mapper import map_window
-from emvs.maps.folder import RecordingInfo
-from emvs.maps.sliding import map_windows
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.maps.folder import RecordingInfo
+from eventsweep.emvs.maps.sliding import map_windows
 from gpu_calls import call
 from gpu_plan import BenchmarkPlan
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from emvs.errors import InputError
+from eventsweep.emvs.errors import InputError
 from gpu_machine import title
 
 SCHEMA_VERSION = 1

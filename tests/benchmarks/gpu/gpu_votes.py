@@ -7,15 +7,15 @@ import time
 
 import numpy as np
 
-from emvs.config import MapperConfig
-from emvs.data.recording import Recording
-from emvs.dsi.backend import Task
-from emvs.dsi.backprojection import back_project
-from emvs.dsi.device import backend_on, choose_device, projector_on
-from emvs.dsi.method import WHOLE, single_cameras
-from emvs.mapper import sweep_settings
-from emvs.reference_view import reference_view
-from emvs.windows import choose_window
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.dsi.backend import Task
+from eventsweep.emvs.dsi.backprojection import back_project
+from eventsweep.emvs.dsi.device import backend_on, choose_device, projector_on
+from eventsweep.emvs.dsi.method import WHOLE, single_cameras
+from eventsweep.emvs.mapper import sweep_settings
+from eventsweep.emvs.reference_view import reference_view
+from eventsweep.emvs.windows import choose_window
 
 
 def votes_s(recording: Recording, config: MapperConfig, rounds: int) -> float:

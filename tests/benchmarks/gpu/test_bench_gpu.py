@@ -18,8 +18,8 @@ import gpu_machine
 import gpu_parts
 import gpu_tables
 from cost_stream import MovingEdges
-from emvs.errors import InputError
-from emvs.mapper import map_window
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.mapper import map_window
 from gpu_calls import Agreement, agreement, same, save_volumes
 from gpu_plan import QUICK, BenchmarkPlan
 from gpu_votes import votes_s

@@ -10,12 +10,12 @@ import time
 import cv2
 import pytest
 
-from emvs import baselines
-from emvs.baselines.time_surface import TimeSurface
-from emvs.config import MapperConfig
-from emvs.geometry.camera import Camera
-from emvs.reference_view import reference_view
-from emvs.windows import choose_window
+from eventsweep.emvs import baselines
+from eventsweep.emvs.baselines.time_surface import TimeSurface
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.reference_view import reference_view
+from eventsweep.emvs.windows import choose_window
 from point_world import Recorded, edge_stream, sideways, stereo_rig
 
 EVENTS, ROUNDS = 500_000, 3

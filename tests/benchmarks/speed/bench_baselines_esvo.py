@@ -8,10 +8,10 @@ import time
 
 import pytest
 
-from emvs.baselines import esvo, gts
-from emvs.config import MapperConfig
-from emvs.reference_view import reference_view
-from emvs.windows import choose_window
+from eventsweep.emvs.baselines import esvo, gts
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.reference_view import reference_view
+from eventsweep.emvs.windows import choose_window
 from point_world import fronto_parallel
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25, border_px=0)

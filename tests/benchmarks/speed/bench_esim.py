@@ -11,13 +11,13 @@ import cv2
 import numpy as np
 import pytest
 
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from sim.config import SimConfig
-from sim.rendering.adaptive_sampling import largest_displacement_px
-from sim.sensor.esim import EventSimulator
-from sim.sensor.sensor import Sensor
-from sim.sensor_presets import SensorConfig
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.rendering.adaptive_sampling import largest_displacement_px
+from eventsweep.sim.sensor.esim import EventSimulator
+from eventsweep.sim.sensor.sensor import Sensor
+from eventsweep.sim.sensor_presets import SensorConfig
 
 SIZES = {"346x260": (346, 260), "640x480": (640, 480), "1280x720": (1280, 720)}
 STEPS = 40

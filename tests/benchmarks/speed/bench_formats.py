@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from emvs.formats import FORMATS, open_events, write_events
 from event_files import ALL, WRITTEN, moving_edges, stream_of, write_any
+from eventsweep.emvs.formats import FORMATS, open_events, write_events
 from markdown_blocks import into_page
 
 COUNT = 1 << 22

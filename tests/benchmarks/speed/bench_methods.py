@@ -11,14 +11,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from emvs.config import MapperConfig
-from emvs.dsi.backprojection import Projected
-from emvs.dsi.rays import event_rays
-from emvs.dsi.sweep import group_by_split, sweep
-from emvs.geometry.camera import Camera
-from emvs.mapper import sweep_settings
-from emvs.methods import methods_by_name
-from emvs.reference_view import ReferenceView, inverse_depth_planes
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.dsi.backprojection import Projected
+from eventsweep.emvs.dsi.rays import event_rays
+from eventsweep.emvs.dsi.sweep import group_by_split, sweep
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.mapper import sweep_settings
+from eventsweep.emvs.methods import methods_by_name
+from eventsweep.emvs.reference_view import ReferenceView, inverse_depth_planes
 from point_world import edge_stream, sideways
 
 EVENTS, PLANES, ROUNDS = 2_000_000, 20, 3

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from cost_limits import PAPER
-from emvs.dsi import voting as sweep_module
-from emvs.dsi.maxima import RunningMaxima
-from emvs.dsi.rays import BAND_ROWS, event_rays, grouped_by_rows
-from emvs.dsi.voting import Scratch, batches
-from emvs.geometry.camera import Camera
-from emvs.methods import methods_by_name
-from emvs.reference_view import inverse_depth_planes
-from emvs.utils.runtime import use_threads
+from eventsweep.emvs.dsi import voting as sweep_module
+from eventsweep.emvs.dsi.maxima import RunningMaxima
+from eventsweep.emvs.dsi.rays import BAND_ROWS, event_rays, grouped_by_rows
+from eventsweep.emvs.dsi.voting import Scratch, batches
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.methods import methods_by_name
+from eventsweep.emvs.reference_view import inverse_depth_planes
+from eventsweep.emvs.utils.runtime import use_threads
 from point_world import edge_stream, sideways
 
 EVENTS = 1_000_000

@@ -33,12 +33,12 @@ IMPORTS, PICTURE, REST = "imports", "the picture", "everything else"
 # What a stage is made of: module, attributes, stage.
 STAGES = (
     ("numba.core.dispatcher", "Dispatcher.compile", "kernels"),
-    ("sim.scene", "Scene.spec", "geometry and shadows"),
-    ("sim.rendering.lens", "lens_of", "lens tables"),
-    ("sim.rendering.renderer", "_compiled", "MuJoCo's compiler"),
-    ("sim.rendering.renderer", "open_context", "graphics context"),
+    ("eventsweep.sim.scene", "Scene.spec", "geometry and shadows"),
+    ("eventsweep.sim.rendering.lens", "lens_of", "lens tables"),
+    ("eventsweep.sim.rendering.renderer", "_compiled", "MuJoCo's compiler"),
+    ("eventsweep.sim.rendering.renderer", "open_context", "graphics context"),
     ("mujoco", "MjrContext", "textures onto the card"),
-    ("sim.rendering.renderer", "StereoRenderer.frame", PICTURE),
+    ("eventsweep.sim.rendering.renderer", "StereoRenderer.frame", PICTURE),
 )
 TEXTURES = "textures"
 ORDER = (IMPORTS, TEXTURES, *dict.fromkeys(stage for *_, stage in STAGES), REST)

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 import event_files
-from emvs.formats import FORMATS, open_events
+from eventsweep.emvs.formats import FORMATS, open_events
 from markdown_blocks import into_page
 
 SIZE_PX = (1280, 720)
@@ -34,7 +34,7 @@ _PEAK = """
 import re
 import sys
 from pathlib import Path
-from eval.cli.main import main
+from eventsweep.eval.cli.main import main
 
 code = main(sys.argv[1:])
 print(int(re.search(r"VmHWM:\\s*([0-9]+)", Path("/proc/self/status").read_text())[1]) / 1024)

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.poses import read_tum
-from emvs.errors import InputError
-from sim.motion.replay import Replay
+from eventsweep.emvs.data.poses import read_tum
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.motion.replay import Replay
 
 _RATE_HZ = 200.0
 

@@ -24,15 +24,14 @@ from unittest import mock
 
 from numpy.typing import NDArray
 
-import scenes
-from emvs.geometry.rig import Rig
-from markdown_blocks import into_page
-from sim import simulate
-from sim.compensation import fine_frame
-from sim.config import SimConfig
-from sim.motion import Motion
-from sim.parallel import checkpoint, render_job, sensors
-from sim.rendering import (
+from eventsweep import scenes
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim import simulate
+from eventsweep.sim.compensation import fine_frame
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.motion import Motion
+from eventsweep.sim.parallel import checkpoint, render_job, sensors
+from eventsweep.sim.rendering import (
     adaptive_sampling,
     box_kernels,
     draw_target,
@@ -40,9 +39,10 @@ from sim.rendering import (
     pixel_kernels,
     renderer,
 )
-from sim.rigs import rig
-from sim.scene import Scene
-from sim.sensor import compensated_kernels
+from eventsweep.sim.rigs import rig
+from eventsweep.sim.scene import Scene
+from eventsweep.sim.sensor import compensated_kernels
+from markdown_blocks import into_page
 from study_cost import machine
 
 REST = "everything else"

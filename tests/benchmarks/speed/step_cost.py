@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.event_camera import EventCamera
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.sensor.sensor import Sensor
 from markdown_blocks import into_page
-from sim.config import SimConfig
-from sim.event_camera import EventCamera
-from sim.graphics import import_mujoco
-from sim.rendering.renderer import StereoRenderer
-from sim.sensor.sensor import Sensor
 
 MODEL = """<mujoco><option timestep="0.002" gravity="0 0 0"/>
 <asset><texture name="t" type="2d" builtin="checker" rgb1=".2 .3 .4" rgb2=".8 .8 .7" width="300"

@@ -22,14 +22,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.data.events import Events
-from eval.cli.exit_codes import exit_code
+from eventsweep.emvs.data.events import Events
+from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.sim.config import PixelConfig, VideoConfig
+from eventsweep.sim.sensor.esim import EventSimulator
+from eventsweep.sim.sensor_presets import PresetName, SensorConfig
+from eventsweep.sim.video.film import TOO_FAST, Pace
+from eventsweep.sim.video.record import RecordedVideo, record
 from markdown_blocks import into_page
-from sim.config import PixelConfig, VideoConfig
-from sim.sensor.esim import EventSimulator
-from sim.sensor_presets import PresetName, SensorConfig
-from sim.video.film import TOO_FAST, Pace
-from sim.video.record import RecordedVideo, record
 from study_cost import machine
 
 Frames = Iterator[NDArray[np.uint8]]

@@ -22,21 +22,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import scenes
-from emvs.data.events import Events
-from emvs.data.sequence import Sequence as Recording
-from emvs.geometry.rig import Rig
-from emvs.utils.files import atomic_path
+from eventsweep import scenes
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.sequence import Sequence as Recording
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.rendering.adaptive_sampling import adaptive_frames
+from eventsweep.sim.rendering.moving_bodies import MovingBodies
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.rigs import rig as rig_called
+from eventsweep.sim.scene import Scene
+from eventsweep.sim.sensor.esim import EventSimulator
+from eventsweep.sim.simulate import simulate
 from fidelity_picture import draw
 from markdown_blocks import into_page
-from sim.config import SimConfig
-from sim.rendering.adaptive_sampling import adaptive_frames
-from sim.rendering.moving_bodies import MovingBodies
-from sim.rendering.renderer import StereoRenderer
-from sim.rigs import rig as rig_called
-from sim.scene import Scene
-from sim.sensor.esim import EventSimulator
-from sim.simulate import simulate
 
 FINEST_SAMPLES, FINEST_PX = 16, 0.05
 MATCH_US = 1000

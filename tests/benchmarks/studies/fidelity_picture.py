@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.files import atomic_path
 
 # Okabe and Ito's colours, told apart by all; lines differ as well.
 _STYLES = (("#777777", ":"), ("#E69F00", "--"), ("#0072B2", "-"), ("#009E73", "-."))

@@ -18,12 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eval.cli import job_flags
-from eval.cli.console import Console
-from eval.cli.exit_codes import exit_code
-from eval.perturbations import PRESETS, Perturbation
-from eval.suite.definition import Suite, load
-from eval.suite.series import Key, Series, of_suite
+from eventsweep.eval.cli import job_flags
+from eventsweep.eval.cli.console import Console
+from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.perturbations import PRESETS, Perturbation
+from eventsweep.eval.suite.definition import Suite, load
+from eventsweep.eval.suite.series import Key, Series, of_suite
 from markdown_blocks import into_page
 from published_table import MONO, RATIOS, H
 

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.cli.exit_codes import exit_code
-from eval.scoring.significance import intervals, stratified_interval
+from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.scoring.significance import intervals, stratified_interval
 from markdown_blocks import into_page
 
 DESIGNS = ((2, 5), (3, 5), (5, 1), (5, 4), (5, 20), (8, 1), (8, 10), (12, 3), (20, 5))

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.errors import InputError
-from sim.motion import Motion
-from sim.motion.curves import CurveMotion, curve_of
-from sim.motion.head_motion import generate
-from sim.motion.head_styles import STYLES
-from sim.motion.replay import Replay
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.motion import Motion
+from eventsweep.sim.motion.curves import CurveMotion, curve_of
+from eventsweep.sim.motion.head_motion import generate
+from eventsweep.sim.motion.head_styles import STYLES
+from eventsweep.sim.motion.replay import Replay
 
 Array = NDArray[np.float64]
 _RATE_HZ = 200.0
@@ -78,7 +78,7 @@ def statistics(motion: Motion, duration_s: float) -> HeadStatistics:
 
 def recorded(path: Path, cutoff_hz: float = CUTOFF_HZ) -> CurveMotion:
     """A TUM file as a smooth motion, low-passed at `cutoff_hz`, the recording's own scale."""
-    from emvs.data.poses import read_tum
+    from eventsweep.emvs.data.poses import read_tum
 
     try:
         return Replay(position_hz=cutoff_hz, rotation_hz=cutoff_hz).motion(read_tum(path))

@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eval.cli import job_flags
-from eval.cli.console import Console
-from eval.cli.exit_codes import exit_code
-from eval.suite import output
-from eval.suite.definition import load
-from eval.suite.results import SuiteResult
-from eval.suite.series import Key, Series, of_suite
+from eventsweep.eval.cli import job_flags
+from eventsweep.eval.cli.console import Console
+from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.suite import output
+from eventsweep.eval.suite.definition import load
+from eventsweep.eval.suite.results import SuiteResult
+from eventsweep.eval.suite.series import Key, Series, of_suite
 from markdown_blocks import into_page
 from published_table import MONO, RATIOS, TABLE, H, Published
 

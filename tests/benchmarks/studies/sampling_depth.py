@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from eval.suite.results import read_suite
-from eval.suite.series import Key, Series, of_suite
+from eventsweep.eval.suite.results import read_suite
+from eventsweep.eval.suite.series import Key, Series, of_suite
 from fidelity import WAYS
 from markdown_blocks import into_page
 

@@ -10,11 +10,11 @@ import argparse
 import sys
 from pathlib import Path
 
-from emvs.errors import InputError
-from eval.cli.exit_codes import exit_code
-from eval.ranking.entries import Joined, read_source
-from eval.ranking.standings import SplitHalf, split_half
-from eval.ranking.summary import MAIN, better_of, parts, ranked, table_of
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.ranking.entries import Joined, read_source
+from eventsweep.eval.ranking.standings import SplitHalf, split_half
+from eventsweep.eval.ranking.summary import MAIN, better_of, parts, ranked, table_of
 from markdown_blocks import into_page
 
 MARK = "stability"

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from emvs.config import EsvoParameters, MapperConfig
-from emvs.data.sequence import Sequence
-from emvs.depth.depth_map import DepthMap
-from emvs.errors import InputError
-from emvs.mapper import map_window
-from eval.cli.exit_codes import exit_code
+from eventsweep.emvs.config import EsvoParameters, MapperConfig
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.mapper import map_window
+from eventsweep.eval.cli.exit_codes import exit_code
 from markdown_blocks import into_page
 from published_table import TABLE, H
 

@@ -15,12 +15,12 @@ from typing import Any
 
 from PIL import Image
 
-from emvs.errors import InputError
-from emvs.utils.files import atomic_path
-from eval.cli.exit_codes import exit_code
-from eval.report.study_page import StoredStudy, find_studies, read_study
-from eval.studies.curves import METRICS
-from eval.studies.definitions import STUDIES
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.report.study_page import StoredStudy, find_studies, read_study
+from eventsweep.eval.studies.curves import METRICS
+from eventsweep.eval.studies.definitions import STUDIES
 from markdown_blocks import into_page
 
 MARK = "studies"

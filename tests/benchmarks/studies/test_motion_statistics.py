@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from emvs.data.poses import write_tum
+from eventsweep.emvs.data.poses import write_tum
+from eventsweep.sim.motion.curves import sampled
+from eventsweep.sim.motion.head_motion import generate
+from eventsweep.sim.motion.head_styles import STYLES
 from motion_statistics import main, recorded, statistics
 from places import SHARED
-from sim.motion.curves import sampled
-from sim.motion.head_motion import generate
-from sim.motion.head_styles import STYLES
 
 REAL = SHARED / "data"
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from emvs.errors import InputError
-from eval.ranking.entries import join
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.ranking.entries import join
 from ranking_entries import entry
 from split_half import told
 

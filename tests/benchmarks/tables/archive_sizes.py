@@ -7,8 +7,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from eval.archives.manifest import ArchiveManifest, PackedSequence, read
-from eval.cli.exit_codes import exit_code
+from eventsweep.eval.archives.manifest import ArchiveManifest, PackedSequence, read
+from eventsweep.eval.cli.exit_codes import exit_code
 from markdown_blocks import into_page
 
 MARK = "sizes"

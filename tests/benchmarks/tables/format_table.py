@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from emvs.formats import FORMATS, Format
-from eval.cli.exit_codes import exit_code
+from eventsweep.emvs.formats import FORMATS, Format
+from eventsweep.eval.cli.exit_codes import exit_code
 from markdown_blocks import into_page
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from emvs.errors import InputError
-from emvs.utils.files import atomic_path
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.files import atomic_path
 
 _STALE = 1
 

@@ -10,11 +10,11 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from eval.cli.exit_codes import exit_code
-from eval.ranking import summary
-from eval.ranking.entries import read_data
-from eval.report.html import Grid, plural
-from eval.report.standings.sections import RankingPage, data, overview
+from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.ranking import summary
+from eventsweep.eval.ranking.entries import read_data
+from eventsweep.eval.report.html import Grid, plural
+from eventsweep.eval.report.standings.sections import RankingPage, data, overview
 from markdown_blocks import refresh
 
 DATA = Path("docs/standings")

@@ -13,14 +13,14 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from emvs.errors import InputError
-from eval.cli.exit_codes import exit_code
-from eval.gate.baseline import Baseline, read_baseline
-from eval.report.html import plural
-from eval.report.ranking import mean_over_cases, table
-from eval.report.tables import as_markdown, ranking_table
-from eval.scoring.results import Row
-from eval.suite.definition import load
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.gate.baseline import Baseline, read_baseline
+from eventsweep.eval.report.html import plural
+from eventsweep.eval.report.ranking import mean_over_cases, table
+from eventsweep.eval.report.tables import as_markdown, ranking_table
+from eventsweep.eval.scoring.results import Row
+from eventsweep.eval.suite.definition import load
 from markdown_blocks import refresh
 
 METRICS = ("points", "mean_error", "median_error", "abs_rel", "bad_published", "delta_1")

@@ -21,14 +21,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-import scenes
-from emvs.data.sequence import Sequence
-from emvs.geometry.rig import Rig
+from eventsweep import scenes
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.ground_truth import warped
+from eventsweep.sim.rigs import rig
+from eventsweep.sim.simulate import simulate
 from markdown_blocks import into_page
-from sim.config import SimConfig
-from sim.ground_truth import warped
-from sim.rigs import rig
-from sim.simulate import simulate
 
 PAGES = {
     "scenes.md": ("desk", "boxes", "planes"),

@@ -14,9 +14,9 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from emvs.config import MapperConfig
-from eval.cli.exit_codes import exit_code
-from eval.config import EvalConfig
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.eval.cli.exit_codes import exit_code
+from eventsweep.eval.config import EvalConfig
 from markdown_blocks import refresh
 
 TABLES: dict[str, type[BaseModel]] = {"mapper.md": MapperConfig, "scores.md": EvalConfig}

@@ -8,18 +8,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import naive_esvo
-from emvs.baselines import esvo
-from emvs.baselines.esvo import EsvoMap, match_blocks
-from emvs.baselines.esvo_filter import Estimates, fuse_into, propagate, regularised
-from emvs.baselines.esvo_kernels import compatible, fuse_two
-from emvs.baselines.esvo_refinement import Lines, Refined, refine
-from emvs.config import CleanUp, EsvoParameters, MapperConfig, Matching, Refinement, Regularisation
-from emvs.data.events import Events
-from emvs.errors import InputError
-from emvs.geometry.rig import Rig
-from emvs.reference_view import reference_view
-from emvs.utils.runtime import use_threads
-from emvs.windows import choose_window
+from eventsweep.emvs.baselines import esvo
+from eventsweep.emvs.baselines.esvo import EsvoMap, match_blocks
+from eventsweep.emvs.baselines.esvo_filter import Estimates, fuse_into, propagate, regularised
+from eventsweep.emvs.baselines.esvo_kernels import compatible, fuse_two
+from eventsweep.emvs.baselines.esvo_refinement import Lines, Refined, refine
+from eventsweep.emvs.config import (
+    CleanUp,
+    EsvoParameters,
+    MapperConfig,
+    Matching,
+    Refinement,
+    Regularisation,
+)
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.reference_view import reference_view
+from eventsweep.emvs.utils.runtime import use_threads
+from eventsweep.emvs.windows import choose_window
 from point_world import Recorded, fronto_parallel
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25, border_px=0)

@@ -2,9 +2,9 @@
 
 import pytest
 
-from emvs.data.writer import SequenceWriter
-from emvs.maps.folder import read_map
-from eval.cli.main import main
+from eventsweep.emvs.data.writer import SequenceWriter
+from eventsweep.emvs.maps.folder import read_map
+from eventsweep.eval.cli.main import main
 from point_world import fronto_parallel
 
 PLANES = ["--map.planes", "25", "--map.border-px", "0"]

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 import naive_esvo
-from emvs.baselines import gts
-from emvs.baselines.gts import Stream, pairs, time_slopes
-from emvs.config import Coincidence, GtsParameters, MapperConfig
-from emvs.data.events import Events
-from emvs.errors import InputError
-from emvs.geometry.rig import Rig
-from emvs.reference_view import reference_view
-from emvs.utils.runtime import use_threads
-from emvs.windows import choose_window
+from eventsweep.emvs.baselines import gts
+from eventsweep.emvs.baselines.gts import Stream, pairs, time_slopes
+from eventsweep.emvs.config import Coincidence, GtsParameters, MapperConfig
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.reference_view import reference_view
+from eventsweep.emvs.utils.runtime import use_threads
+from eventsweep.emvs.windows import choose_window
 from point_world import Recorded, fronto_parallel
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25, border_px=0)

@@ -6,18 +6,18 @@ import cv2
 import numpy as np
 import pytest
 
-from emvs import baselines
-from emvs.baselines import BaselineEstimator, sgm
-from emvs.baselines.sgm import match
-from emvs.config import MapperConfig, SemiGlobal
-from emvs.data.events import Events
-from emvs.data.image_stores import Photo
-from emvs.errors import InputError
-from emvs.geometry.camera import Camera
-from emvs.mapper import map_window
-from emvs.maps.folder import read_depth, read_slices, write_window
-from emvs.methods import methods_by_name, overview, register, unregister
-from emvs.windows import Window
+from eventsweep.emvs import baselines
+from eventsweep.emvs.baselines import BaselineEstimator, sgm
+from eventsweep.emvs.baselines.sgm import match
+from eventsweep.emvs.config import MapperConfig, SemiGlobal
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.image_stores import Photo
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.maps.folder import read_depth, read_slices, write_window
+from eventsweep.emvs.methods import methods_by_name, overview, register, unregister
+from eventsweep.emvs.windows import Window
 from point_world import Recorded, edge_stream, fronto_parallel, sideways, stereo_rig
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25, border_px=0)

@@ -7,14 +7,14 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import naive_baselines
-from emvs.baselines.rectification import Rectified, depth_map, see, see_disparities
-from emvs.config import MapperConfig
-from emvs.data.events import Events
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.reference_view import ReferenceView, inverse_depth_planes
+from eventsweep.emvs.baselines.rectification import Rectified, depth_map, see, see_disparities
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.reference_view import ReferenceView, inverse_depth_planes
 from point_world import pinhole, sideways, stereo_rig
 
 LENSES = (

@@ -3,20 +3,20 @@
 import numpy as np
 import pytest
 
-import scenes
-from emvs.baselines import sgm
-from emvs.baselines.esvo import EsvoMapper
-from emvs.baselines.esvo_filter import propagate
-from emvs.config import MapperConfig
-from emvs.data.sequence import Sequence
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.mapper import map_window
-from emvs.reference_view import reference_view
-from emvs.windows import choose_window
-from sim.config import SimConfig
-from sim.rigs import rig as named_rig
-from sim.simulate import simulate
+from eventsweep import scenes
+from eventsweep.emvs.baselines import sgm
+from eventsweep.emvs.baselines.esvo import EsvoMapper
+from eventsweep.emvs.baselines.esvo_filter import propagate
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.reference_view import reference_view
+from eventsweep.emvs.windows import choose_window
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.rigs import rig as named_rig
+from eventsweep.sim.simulate import simulate
 
 SCENES = {"planes": 0.2, "desk": 0.2}  # s
 

@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import naive_baselines
-from emvs.baselines.time_surface import TimeSurface
-from emvs.baselines.time_surface_kernels import NEVER_US
-from emvs.data.events import Events
-from emvs.errors import InputError
+from eventsweep.emvs.baselines.time_surface import TimeSurface
+from eventsweep.emvs.baselines.time_surface_kernels import NEVER_US
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError
 
 WIDTH, HEIGHT = 7, 5
 

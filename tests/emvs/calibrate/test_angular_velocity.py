@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from emvs.calibrate.angular_velocity import (
+from eventsweep.emvs.calibrate.angular_velocity import (
     PoseTurns,
     TurnRates,
     align,
     camera_turn_rates,
     turn_rates,
 )
-from emvs.calibrate.objective import Objective
-from emvs.calibrate.parameters import Correction, parameters_of
-from emvs.calibrate.windows import WindowPlan, read_windows
+from eventsweep.emvs.calibrate.objective import Objective
+from eventsweep.emvs.calibrate.parameters import Correction, parameters_of
+from eventsweep.emvs.calibrate.windows import WindowPlan, read_windows
 from point_world import edge_points, pinhole, stereo_rig, swinging
 
 RECORDING = edge_points(

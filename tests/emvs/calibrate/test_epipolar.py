@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from emvs.calibrate.epipolar import epipolar_residuals_px
-from emvs.calibrate.parameters import Correction, parameters_of
+from eventsweep.emvs.calibrate.epipolar import epipolar_residuals_px
+from eventsweep.emvs.calibrate.parameters import Correction, parameters_of
 from point_world import edge_points, pinhole, stereo_rig, swinging
 
 RECORDING = edge_points(

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from dataset_world import rewritten, write_sequence
-from emvs.calibrate.folder import INFO_FILE, write_refined
-from emvs.calibrate.parameters import Correction, parameters_of
-from emvs.calibrate.refine import Estimate, RefineConfig, Refinement
-from emvs.datasets import open_recording
-from emvs.formats.calibration import read_rig
-from emvs.formats.calibration_writers import write_kalibr, write_opencv
+from eventsweep.emvs.calibrate.folder import INFO_FILE, write_refined
+from eventsweep.emvs.calibrate.parameters import Correction, parameters_of
+from eventsweep.emvs.calibrate.refine import Estimate, RefineConfig, Refinement
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.formats.calibration import read_rig
+from eventsweep.emvs.formats.calibration_writers import write_kalibr, write_opencv
 
 NAMES = ("stereo", "delay", "focal", "pose-delay", "hand-eye", "lever")
 VALUES = {

@@ -4,10 +4,10 @@ from itertools import pairwise
 
 import pytest
 
-from emvs.calibrate.objective import COARSE, FINE, MIDDLE, Objective
-from emvs.calibrate.parameters import Correction, parameters_of
-from emvs.calibrate.windows import WindowPlan, read_windows
-from emvs.errors import InputError
+from eventsweep.emvs.calibrate.objective import COARSE, FINE, MIDDLE, Objective
+from eventsweep.emvs.calibrate.parameters import Correction, parameters_of
+from eventsweep.emvs.calibrate.windows import WindowPlan, read_windows
+from eventsweep.emvs.errors import InputError
 from point_world import edge_points, pinhole, stereo_rig, swinging
 
 RECORDING = edge_points(swinging(), stereo_rig(pinhole(), 0.1), points=400)

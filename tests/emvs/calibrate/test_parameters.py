@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from emvs.calibrate.parameters import NAMES, Correction, parameters_of
-from emvs.errors import InputError
-from emvs.geometry import se3
+from eventsweep.emvs.calibrate.parameters import NAMES, Correction, parameters_of
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
 from point_world import edge_points, pinhole, stereo_rig, swinging
 
 RECORDING = edge_points(swinging(), stereo_rig(pinhole(), 0.1, 3), points=50)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from emvs.calibrate import quadratic
-from emvs.calibrate.quadratic import climb, evaluations, fit
-from emvs.calibrate.search import peak_of
+from eventsweep.emvs.calibrate import quadratic
+from eventsweep.emvs.calibrate.quadratic import climb, evaluations, fit
+from eventsweep.emvs.calibrate.search import peak_of
 
 BEND = np.array([[-2.0, 0.7, 0.1], [0.7, -1.5, -0.3], [0.1, -0.3, -0.8]])
 TOP = np.array([0.3, -0.2, 0.5])

@@ -7,13 +7,13 @@ import numba
 import numpy as np
 import pytest
 
-import emvs.calibrate.refine as module
-from emvs.calibrate.parameters import Correction, parameters_of
-from emvs.calibrate.refine import RefineConfig, refine
-from emvs.calibrate.windows import read_windows
-from emvs.data.altered import AlteredRecording
-from emvs.errors import InputError
-from emvs.utils.runtime import use_threads
+import eventsweep.emvs.calibrate.refine as module
+from eventsweep.emvs.calibrate.parameters import Correction, parameters_of
+from eventsweep.emvs.calibrate.refine import RefineConfig, refine
+from eventsweep.emvs.calibrate.windows import read_windows
+from eventsweep.emvs.data.altered import AlteredRecording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.runtime import use_threads
 from point_world import edge_points, pinhole, sideways, stereo_rig, swinging
 
 CAMERA = pinhole(120, 90, 100.0)
@@ -72,7 +72,7 @@ def test_a_lag_that_all_cameras_share_is_no_clock_between_them():
 
 def test_turn_rates_that_would_make_windows_less_sharp_are_not_followed(monkeypatch):
     wild = np.r_[25.0, np.radians([4.0, -4.0, 4.0])]
-    monkeypatch.setattr("emvs.calibrate.refine.align", lambda *_: wild)
+    monkeypatch.setattr("eventsweep.emvs.calibrate.refine.align", lambda *_: wild)
     _, left = refined(("pose-delay",), {})
     assert abs(left["pose clock"]) < 1.5
 

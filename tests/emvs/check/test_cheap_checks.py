@@ -10,19 +10,19 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from check_cases import EditedRecording
-from emvs.check.cameras import check_cameras, check_rectification, field_deg
-from emvs.check.events import check_events, time_unit
-from emvs.check.parallax import check_parallax
-from emvs.check.poses import check_poses
-from emvs.check.recording import check
-from emvs.check.streams import pieces, read_streams
-from emvs.config import MapperConfig
-from emvs.data.altered import AlteredRecording
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.check.cameras import check_cameras, check_rectification, field_deg
+from eventsweep.emvs.check.events import check_events, time_unit
+from eventsweep.emvs.check.parallax import check_parallax
+from eventsweep.emvs.check.poses import check_poses
+from eventsweep.emvs.check.recording import check
+from eventsweep.emvs.check.streams import pieces, read_streams
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.altered import AlteredRecording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
 from head_world import CAMERA, DURATION_US, head_recording
 
 FACTORS = st.floats(0.05, 20.0)
@@ -263,7 +263,7 @@ def test_a_saturated_bus_is_doubtful_and_a_steady_rate_is_not():
 
 
 def _one():
-    from emvs.check.alternatives import Chosen
+    from eventsweep.emvs.check.alternatives import Chosen
 
     return Chosen(head_recording(), (0,))
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from check_cases import UNSPOILT, Chosen
-from emvs.check.by_mapping import Bench, HeldRecording
-from emvs.check.recording import check, check_path, doubts
-from emvs.config import MapperConfig
-from emvs.data.altered import AlteredRecording
-from emvs.datasets import NoRecordingError, open_recording
-from emvs.errors import InputError
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.check.by_mapping import Bench, HeldRecording
+from eventsweep.emvs.check.recording import check, check_path, doubts
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.altered import AlteredRecording
+from eventsweep.emvs.datasets import NoRecordingError, open_recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.trajectory import Trajectory
 from head_world import DURATION_US, head_recording
 from small_pair import small_sequence
 
@@ -72,7 +72,9 @@ def test_every_step_is_told_and_answers_are_the_same_again():
 
 
 def test_doubts_are_cheap_and_leave_out_what_mapping_refuses(monkeypatch):
-    monkeypatch.setattr("emvs.check.recording.check_by_mapping", lambda *_: pytest.fail("mapped"))
+    monkeypatch.setattr(
+        "eventsweep.emvs.check.recording.check_by_mapping", lambda *_: pytest.fail("mapped")
+    )
     assert doubts(head_recording(), MapperConfig()) == []
 
     class Unreadable(Chosen):

@@ -8,7 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emvs.check.findings import VERDICTS, Finding, Report, Series, above, below, judged, worst
+from eventsweep.emvs.check.findings import (
+    VERDICTS,
+    Finding,
+    Report,
+    Series,
+    above,
+    below,
+    judged,
+    worst,
+)
 
 NUMBERS = st.floats(0, 1e9)
 

@@ -5,8 +5,8 @@ import pytest
 
 from check_cases import FAULTS, FILE_FAULTS, UNSPOILT
 from dataset_world import rewritten
-from emvs.check.recording import check, check_path
-from emvs.data.writer import SequenceWriter
+from eventsweep.emvs.check.recording import check, check_path
+from eventsweep.emvs.data.writer import SequenceWriter
 from head_world import head_recording
 
 # Each takes seconds: one of each family is planted in every run, the others in slow ones.

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emvs.data.event_store import EventStoreReader, EventStoreWriter
-from emvs.data.events import Events
-from emvs.errors import InputError
+from eventsweep.emvs.data.event_store import EventStoreReader, EventStoreWriter
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError
 
 
 def make_events(t_us: list[int], seed: int = 0) -> Events:

@@ -8,10 +8,10 @@ import time
 import numpy as np
 import pytest
 
-from emvs.data.event_store import EventStoreWriter
-from emvs.data.events import Events
-from emvs.data.image_stores import FrameWriter, Photo, TruthWriter
-from emvs.formats.tables.hdf5 import MvsecWriter, TumvieWriter
+from eventsweep.emvs.data.event_store import EventStoreWriter
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.image_stores import FrameWriter, Photo, TruthWriter
+from eventsweep.emvs.formats.tables.hdf5 import MvsecWriter, TumvieWriter
 
 SHAPE = (48, 64)
 

@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from emvs.data.events import Events
-from emvs.data.sequence import Sequence
-from emvs.data.writer import SequenceWriter
-from emvs.datasets import open_recording
-from emvs.errors import InputError
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
-from emvs.utils.files import atomic_path
-from emvs.utils.outputs import atomic_dir
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.data.writer import SequenceWriter
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.outputs import atomic_dir
 
 CAMERA = Camera(20, 10, 15, 15, 9.5, 4.5)
 
@@ -158,7 +158,7 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
 
 KILLED_WRITER = """
 import os, pathlib, signal, sys
-from emvs.utils.outputs import atomic_dir
+from eventsweep.emvs.utils.outputs import atomic_dir
 with atomic_dir(pathlib.Path(sys.argv[1])) as folder:
     (folder / "half").write_text("half")
     os.kill(os.getpid(), signal.SIGKILL)

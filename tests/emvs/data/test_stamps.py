@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emvs.data.stamps import read_stamps
-from emvs.errors import InputError
+from eventsweep.emvs.data.stamps import read_stamps
+from eventsweep.emvs.errors import InputError
 
 US = [0, 33_333, 1_600_000_000_123_457]
 

@@ -10,18 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emvs.data.event_store import EventStoreReader, EventStoreWriter
-from emvs.data.events import Events
-from emvs.data.image_stores import TruthReader, TruthWriter
-from emvs.data.sequence import Sequence
-from emvs.data.tables import Geom
-from emvs.data.writer import SequenceWriter
-from emvs.errors import InputError
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
-from eval.config import EvalConfig
-from eval.scoring.run_folder import truth_of
+from eventsweep.emvs.data.event_store import EventStoreReader, EventStoreWriter
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.image_stores import TruthReader, TruthWriter
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.data.tables import Geom
+from eventsweep.emvs.data.writer import SequenceWriter
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.scoring.run_folder import truth_of
 from memory_simulate import peaks_mb
 from places import HELPERS
 
@@ -145,8 +145,8 @@ MEMORY = """
 import pathlib, sys
 sys.path.insert(0, {tests!r})
 import noise_scene as t
-from sim.rigs import rig
-from sim.simulate import simulate
+from eventsweep.sim.rigs import rig
+from eventsweep.sim.simulate import simulate
 
 if __name__ == "__main__":
     out, seconds, workers = pathlib.Path(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3])

@@ -13,24 +13,24 @@ import pytest
 
 from cost_stream import MovingEdges
 from dataset_world import rewritten, write_sequence
-from emvs.config import MapperConfig
-from emvs.data.hdf5 import open_hdf5
-from emvs.data.poses import read_poses, read_tum
-from emvs.data.sequence import Sequence
-from emvs.datasets import open_recording
-from emvs.datasets.custom import read_descriptor
-from emvs.errors import InputError
-from emvs.formats import open_events
-from emvs.formats.calibration_values import parsed
-from emvs.geometry.camera import Camera
-from emvs.maps.folder import read_info
-from emvs.reference_view import depth_range_m
-from emvs.windows import MOST_WINDOWS, plan_windows
-from eval import config as settings
-from eval.gate.baseline import read_baseline
-from eval.report.study_page import find_studies
-from eval.scoring.predictions import read_description
-from eval.suite import definition
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.hdf5 import open_hdf5
+from eventsweep.emvs.data.poses import read_poses, read_tum
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.datasets.custom import read_descriptor
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats import open_events
+from eventsweep.emvs.formats.calibration_values import parsed
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.maps.folder import read_info
+from eventsweep.emvs.reference_view import depth_range_m
+from eventsweep.emvs.windows import MOST_WINDOWS, plan_windows
+from eventsweep.eval import config as settings
+from eventsweep.eval.gate.baseline import read_baseline
+from eventsweep.eval.report.study_page import find_studies
+from eventsweep.eval.scoring.predictions import read_description
+from eventsweep.eval.suite import definition
 
 DEEP = "[" * 100_000
 

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 import point_world as world
-from emvs.config import MapperConfig
-from emvs.data.sequence import Sequence
-from emvs.data.writer import SequenceWriter
-from emvs.datasets import open_recording
-from emvs.datasets.export import RecordingExport, write_recording
-from emvs.datasets.mvsec import open_mvsec
-from emvs.datasets.raw_streams import open_readable
-from emvs.errors import InputError
-from emvs.mapper import map_window
-from emvs.windows import choose_window
-from eval.cli.main import main
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.data.writer import SequenceWriter
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.datasets.export import RecordingExport, write_recording
+from eventsweep.emvs.datasets.mvsec import open_mvsec
+from eventsweep.emvs.datasets.raw_streams import open_readable
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.windows import choose_window
+from eventsweep.eval.cli.main import main
 
 DEPTH_M = 2.0
 KINDS = ("dsec", "tumvie", "mvsec", "rosbag1", "evt2", "evt3", "aedat4", "npz", "sequence")
@@ -117,8 +117,8 @@ def test_a_tumvie_marker_off_the_camera_is_undone(ours, tmp_path):
     """Poses of a marker, with the hand-eye calibration, give the camera's own poses."""
     import json
 
-    from emvs.formats.calibration_writers import pose_values
-    from emvs.geometry import se3
+    from eventsweep.emvs.formats.calibration_writers import pose_values
+    from eventsweep.emvs.geometry import se3
 
     folder = rewritten(ours, tmp_path / "t", "tumvie")
     T_imu_marker = se3.from_quat_xyzw(np.array([0.1, -0.2, 0.05]), np.array([0, 0.6, 0, 0.8]))
@@ -207,7 +207,7 @@ def test_a_bad_descriptor_is_refused(ours, tmp_path, text, message):
 
 
 def test_real_trajectories_parse_and_evaluate(shared_data):
-    from emvs.data.poses import read_poses
+    from eventsweep.emvs.data.poses import read_poses
 
     for path in sorted(shared_data.rglob("*.tum.txt")):
         poses = read_poses(path)

@@ -10,11 +10,11 @@ import pytest
 import dataset_files
 import dataset_world as world
 from dataset_world import rewritten
-from emvs.config import MapperConfig
-from emvs.data.sequence import Sequence
-from emvs.datasets import open_recording
-from emvs.mapper import map_window
-from emvs.windows import choose_window
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.windows import choose_window
 
 PAIRS = [
     ("kb4", "tumvie"), ("kb4", "mvsec"), ("kb4", "dsec"), ("kb4", "rosbag1"), ("kb4", "evt3"),

@@ -14,12 +14,12 @@ import yaml
 import dataset_files
 import dataset_world as world
 from dataset_world import rewritten
-from emvs.data.sequence import Sequence
-from emvs.datasets import open_recording
-from emvs.datasets.raw_streams import open_readable
-from emvs.errors import InputError
-from emvs.formats.calibration import read_rig
-from eval.cli.main import main
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.datasets.raw_streams import open_readable
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats.calibration import read_rig
+from eventsweep.eval.cli.main import main
 
 
 @pytest.fixture(scope="module")
@@ -192,7 +192,7 @@ def test_a_filter_without_its_parameters_is_refused(sequence, tmp_path):
 
 CONVERT = """
 import resource, sys
-from eval.cli.main import main
+from eventsweep.eval.cli.main import main
 most = int(sys.argv.pop(1))
 resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
 raise SystemExit(main(sys.argv[1:]))

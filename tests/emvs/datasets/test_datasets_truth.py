@@ -9,11 +9,11 @@ import pytest
 
 import dataset_world as world
 from dataset_world import rewritten
-from emvs.data.sequence import Sequence
-from emvs.datasets import open_recording
-from emvs.datasets.ground_truth import nearest_truth_us, truth_at
-from emvs.errors import InputError
-from eval.cli.main import main
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.datasets.ground_truth import nearest_truth_us, truth_at
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.main import main
 
 MAP = ("--map.min-depth-m", 1, "--map.max-depth-m", 4, "--map.planes", 40, "--method", "Alg1/H")
 

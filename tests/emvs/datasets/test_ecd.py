@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from emvs.datasets import open_recording
-from emvs.errors import InputError
-from emvs.formats.tables import text
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats.tables import text
 
 CALIBRATION = "335.4 335.3 129.9 99.2 -0.14 0.09 -0.0003 0.0002 0.0\n"
 POSES = "0.0 0 0 0 0 0 0 1\n1.0 0.5 0 0 0 0 0 1\n"

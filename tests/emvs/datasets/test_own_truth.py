@@ -12,12 +12,12 @@ from dataset_world import (
     rewritten,
     write_sequence,
 )
-from emvs.datasets import open_recording
-from emvs.datasets.ground_truth import nearest_truth_us, truth_at
-from emvs.datasets.own_truth import depth_of_points
-from emvs.errors import InputError
-from emvs.geometry.camera import Camera
-from eval.cli.main import main
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.datasets.ground_truth import nearest_truth_us, truth_at
+from eventsweep.emvs.datasets.own_truth import depth_of_points
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.eval.cli.main import main
 
 LENS = "kb4"
 

@@ -10,12 +10,12 @@ import pytest
 
 import dataset_world as world
 import eventsweep as es
-from emvs.data.sequence import Sequence
-from emvs.datasets import open_recording
-from emvs.datasets.training import TrainingWindows, write_windows
-from emvs.errors import InputError
-from emvs.geometry.warp import distort_depth, undistort_depth
-from eval.cli.main import main
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.datasets.training import TrainingWindows, write_windows
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.warp import distort_depth, undistort_depth
+from eventsweep.eval.cli.main import main
 
 
 @pytest.fixture(scope="module")

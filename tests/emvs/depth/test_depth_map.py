@@ -4,11 +4,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import naive_sweep
-from emvs.config import MapperConfig
-from emvs.depth.depth_map import confidence_mask, eight_bits, extract, masked_median, without_border
-from emvs.dsi.maxima import Maximum
-from emvs.errors import InputError
-from emvs.reference_view import ReferenceView, inverse_depth_planes
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth.depth_map import (
+    confidence_mask,
+    eight_bits,
+    extract,
+    masked_median,
+    without_border,
+)
+from eventsweep.emvs.dsi.maxima import Maximum
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.reference_view import ReferenceView, inverse_depth_planes
 from point_world import pinhole
 
 CONFIG = MapperConfig()

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 import naive_extraction as naive
-from emvs.config import MapperConfig
-from emvs.depth import surface_kernels
-from emvs.depth.focus import (
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth import surface_kernels
+from eventsweep.emvs.depth.focus import (
     FocusConfig,
     FocusEstimate,
     at_least,
@@ -23,10 +23,10 @@ from emvs.depth.focus import (
     most_reliable,
     on_surface,
 )
-from emvs.dsi import focus_measures
-from emvs.dsi.focus_kernels import BLOCK, PAIR
-from emvs.dsi.maxima import FocusPeak, InFocus, Maximum
-from emvs.errors import InputError
+from eventsweep.emvs.dsi import focus_measures
+from eventsweep.emvs.dsi.focus_kernels import BLOCK, PAIR
+from eventsweep.emvs.dsi.maxima import FocusPeak, InFocus, Maximum
+from eventsweep.emvs.errors import InputError
 from study_variants import found_in_volumes, maximum_of
 
 F = np.float32

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emvs.config import MapperConfig
-from emvs.depth.inpainting import fill, inpaint
-from emvs.errors import InputError
-from emvs.mapper import map_window
-from emvs.maps.folder import StoredWindow, write_window
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth.inpainting import fill, inpaint
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.maps.folder import StoredWindow, write_window
 from point_world import fronto_parallel
 
 SHAPE = (30, 40)

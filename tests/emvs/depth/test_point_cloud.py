@@ -5,11 +5,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from emvs.depth.depth_map import DepthMap
-from emvs.depth.point_cloud import PointCloud, back_project_map, without_outliers, write_ply
-from emvs.geometry import se3
-from emvs.reference_view import inverse_depth_planes
-from emvs.utils.release import install
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.depth.point_cloud import (
+    PointCloud,
+    back_project_map,
+    without_outliers,
+    write_ply,
+)
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.reference_view import inverse_depth_planes
+from eventsweep.emvs.utils.release import install
 from point_world import pinhole
 
 POSE = se3.from_rotation(Rotation.from_rotvec([0.1, -0.3, 0.2]), [1.0, -2.0, 0.5])
@@ -97,9 +102,9 @@ WITHOUT_OPEN3D = """
 import sys
 import numpy as np
 sys.modules["open3d"] = None  # as if it were not installed
-from emvs.depth.point_cloud import PointCloud, without_outliers
-from emvs.depth.tsdf import SurfaceFusion
-from emvs.errors import InputError
+from eventsweep.emvs.depth.point_cloud import PointCloud, without_outliers
+from eventsweep.emvs.depth.tsdf import SurfaceFusion
+from eventsweep.emvs.errors import InputError
 cloud = PointCloud(np.zeros((5, 3)), np.zeros((5, 3), np.uint8))
 assert len(without_outliers(cloud, 0.1, 4)) == 5
 assert len(without_outliers(cloud, 0.1, 5)) == 0
@@ -118,10 +123,11 @@ def test_clouds_need_no_open3d_and_a_mesh_says_how_to_install_it():
 
 
 def test_mapping_never_loads_open3d():
-    code = "import emvs.maps.folder, emvs.mapper, sys; raise SystemExit('open3d' in sys.modules)"
+    ours = "eventsweep.emvs.maps.folder, eventsweep.emvs.mapper"
+    code = f"import {ours}, sys; raise SystemExit('open3d' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_the_configuration_needs_no_numpy():
-    code = "import emvs.config, sys; raise SystemExit('numpy' in sys.modules)"
+    code = "import eventsweep.emvs.config, sys; raise SystemExit('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emvs.config import FuseConfig, MapperConfig
-from emvs.depth import point_cloud
-from emvs.depth.point_cloud import PointCloud, VoxelCloud
-from emvs.depth.tsdf import SurfaceFusion, write_mesh
-from emvs.errors import InputError
-from emvs.geometry.camera import Camera
-from emvs.maps.folder import RecordingInfo, read_map
-from emvs.maps.merge import fuse_windows
-from emvs.maps.sliding import map_windows
+from eventsweep.emvs.config import FuseConfig, MapperConfig
+from eventsweep.emvs.depth import point_cloud
+from eventsweep.emvs.depth.point_cloud import PointCloud, VoxelCloud
+from eventsweep.emvs.depth.tsdf import SurfaceFusion, write_mesh
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.maps.folder import RecordingInfo, read_map
+from eventsweep.emvs.maps.merge import fuse_windows
+from eventsweep.emvs.maps.sliding import map_windows
 from point_world import fronto_parallel
 
 

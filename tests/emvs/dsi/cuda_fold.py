@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import naive_methods
-from emvs.dsi.cuda import arrays, device, fusion_kernels, maxima
-from emvs.dsi.cuda.maxima import DeviceMaxima
-from emvs.dsi.focus_measures import MEASURES
-from emvs.dsi.maxima import FocusMaxima, Measures, RunningMaxima
-from emvs.dsi.method import FusionTables, Method
-from emvs.methods import build_alg2, known_methods, methods_by_name
+from eventsweep.emvs.dsi.cuda import arrays, device, fusion_kernels, maxima
+from eventsweep.emvs.dsi.cuda.maxima import DeviceMaxima
+from eventsweep.emvs.dsi.focus_measures import MEASURES
+from eventsweep.emvs.dsi.maxima import FocusMaxima, Measures, RunningMaxima
+from eventsweep.emvs.dsi.method import FusionTables, Method
+from eventsweep.emvs.methods import build_alg2, known_methods, methods_by_name
 
 if device.missing():
     pytest.skip(device.missing(), allow_module_level=True)

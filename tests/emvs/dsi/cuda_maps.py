@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 import point_world
-from emvs.config import MapperConfig
-from emvs.dsi.cuda import backend as cuda_backend
-from emvs.dsi.cuda import device
-from emvs.dsi.device import choose_device
-from emvs.dsi.method import Method
-from emvs.errors import InputError
-from emvs.mapper import map_window
-from emvs.maps.folder import RecordingInfo, read_map
-from emvs.maps.sliding import map_windows
-from emvs.methods import (
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.dsi.cuda import backend as cuda_backend
+from eventsweep.emvs.dsi.cuda import device
+from eventsweep.emvs.dsi.device import choose_device
+from eventsweep.emvs.dsi.method import Method
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.maps.folder import RecordingInfo, read_map
+from eventsweep.emvs.maps.sliding import map_windows
+from eventsweep.emvs.methods import (
     FAMILIES,
     known_methods,
     methods_by_name,

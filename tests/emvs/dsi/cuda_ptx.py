@@ -11,7 +11,7 @@ from types import SimpleNamespace
 from numba import cuda, types
 from numba.cuda import dispatcher
 
-from emvs.dsi.cuda import (
+from eventsweep.emvs.dsi.cuda import (
     arrays_kernels,
     focus_kernels,
     fusion_kernels,

@@ -7,13 +7,13 @@ import pytest
 
 import naive_sweep
 import point_world
-from emvs.dsi import backprojection, rays, voting
-from emvs.dsi.cuda import arrays, device
-from emvs.dsi.cuda import voting as cuda_voting
-from emvs.dsi.cuda.backprojection import CudaCaster, CudaProjector
-from emvs.errors import InputError
-from emvs.geometry.camera import Camera
-from emvs.reference_view import ReferenceView
+from eventsweep.emvs.dsi import backprojection, rays, voting
+from eventsweep.emvs.dsi.cuda import arrays, device
+from eventsweep.emvs.dsi.cuda import voting as cuda_voting
+from eventsweep.emvs.dsi.cuda.backprojection import CudaCaster, CudaProjector
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.reference_view import ReferenceView
 
 if device.missing():
     pytest.skip(device.missing(), allow_module_level=True)

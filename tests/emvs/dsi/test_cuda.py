@@ -56,7 +56,7 @@ util.find_spec = lambda name, *more: None if name == "numba_cuda" else find(name
     ids=["numba-alone", "as-installed"],
 )
 def test_without_a_gpu_one_line_says_why(prepared, reason):
-    asked = prepared + "from emvs.dsi.device import choose_device\nchoose_device('cuda')"
+    asked = prepared + "from eventsweep.emvs.dsi.device import choose_device\nchoose_device('cuda')"
     found = run("-c", asked, NUMBA_ENABLE_CUDASIM="0", **NO_GPU)
     assert found.returncode == 1
     last = found.stderr.strip().splitlines()[-1]
@@ -65,12 +65,17 @@ def test_without_a_gpu_one_line_says_why(prepared, reason):
 
 
 def test_without_a_gpu_auto_takes_the_cpu_and_says_so():
-    asked = "from emvs.dsi.device import CPU, choose_device; assert choose_device('auto') == CPU"
+    asked = (
+        "from eventsweep.emvs.dsi.device import CPU, choose_device\n"
+        "assert choose_device('auto') == CPU"
+    )
     found = run("-c", asked, NUMBA_ENABLE_CUDASIM="0", **NO_GPU)
     assert found.returncode == 0, found.stderr
     assert "device auto took the CPU: " in found.stderr
 
 
 def test_the_mapper_does_not_load_a_gpus_library():
-    asked = "import sys, emvs.mapper; assert 'emvs.dsi.cuda' not in sys.modules"
+    asked = (
+        "import sys, eventsweep.emvs.mapper; assert 'eventsweep.emvs.dsi.cuda' not in sys.modules"
+    )
     assert run("-c", asked).returncode == 0

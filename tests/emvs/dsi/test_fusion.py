@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import naive_sweep
-from emvs.dsi import fusion_kernels
-from emvs.dsi.fusion import FUSIONS, fuse
-from emvs.dsi.maxima import RunningMaxima
-from emvs.dsi.method import Method
-from emvs.errors import InputError
-from emvs.methods import known_methods, methods_by_name
+from eventsweep.emvs.dsi import fusion_kernels
+from eventsweep.emvs.dsi.fusion import FUSIONS, fuse
+from eventsweep.emvs.dsi.maxima import RunningMaxima
+from eventsweep.emvs.dsi.method import Method
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.methods import known_methods, methods_by_name
 
 ORDER = ("min", "H", "G", "A", "RMS", "max")
 

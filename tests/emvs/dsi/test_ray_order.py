@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from emvs.dsi.rays import BAND_ROWS, RayCounts, Rays, grouped_by_rows
-from emvs.dsi.voting import dsi
+from eventsweep.emvs.dsi.rays import BAND_ROWS, RayCounts, Rays, grouped_by_rows
+from eventsweep.emvs.dsi.voting import dsi
 from naive_ray_order import order_by_rows
 
 RHO, HEIGHT_PX = 0.5, 70

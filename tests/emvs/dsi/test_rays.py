@@ -5,13 +5,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import naive_sweep
-from emvs.data.events import Events
-from emvs.dsi.rays import event_rays
-from emvs.dsi.voting_kernels import CHUNK
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.dsi.rays import event_rays
+from eventsweep.emvs.dsi.voting_kernels import CHUNK
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.trajectory import Trajectory
 from point_world import pinhole
 
 # Strong enough that the corners have no ray.

@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import naive_sweep
-from emvs.dsi.rays import RayCounts, Rays
-from emvs.dsi.voting import PASS_PLANES, Scratch, batches, dsi
-from emvs.dsi.voting_kernels import CHUNK
-from emvs.reference_view import inverse_depth_at, inverse_depth_planes, mcemvs_planes
-from emvs.utils.runtime import use_threads
+from eventsweep.emvs.dsi.rays import RayCounts, Rays
+from eventsweep.emvs.dsi.voting import PASS_PLANES, Scratch, batches, dsi
+from eventsweep.emvs.dsi.voting_kernels import CHUNK
+from eventsweep.emvs.reference_view import inverse_depth_at, inverse_depth_planes, mcemvs_planes
+from eventsweep.emvs.utils.runtime import use_threads
 
 W, H = 12, 9
 NEAREST = pytest.mark.parametrize("nearest", [False, True])

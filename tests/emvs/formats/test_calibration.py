@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import yaml
 
-from emvs.errors import InputError
-from emvs.formats.calibration import read_rig
-from emvs.geometry import se3
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats.calibration import read_rig
+from eventsweep.emvs.geometry import se3
+from eventsweep.sim.rigs import RIGS, rig
 from places import SHARED
-from sim.rigs import RIGS, rig
 
 DATA = SHARED / "data"
 TUMVIE = "tumvie/camera-calibrationA.json"

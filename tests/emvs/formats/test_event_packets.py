@@ -13,12 +13,12 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import naive_formats as naive
-from emvs.data.events import Events
-from emvs.errors import InputError
-from emvs.formats import open_events, rosbag
-from emvs.formats.event_packets import TYPES, packet_events
-from emvs.formats.prophesee_kernels import initial_state
 from event_files import PACKET, evt3_payloads, mono_payloads, write_packets
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats import open_events, rosbag
+from eventsweep.emvs.formats.event_packets import TYPES, packet_events
+from eventsweep.emvs.formats.prophesee_kernels import initial_state
 
 SIZE_PX = (640, 480)
 ROWS = [(5000 * k + 17 * (k % 3), k % 640, k // 7 % 480, k % 2) for k in range(4000)]
@@ -50,7 +50,7 @@ def test_packets_of_both_storages(tmp_path, storage, encoding, kind):
 
 def test_slices_take_up_the_stream_where_its_clock_wrapped(tmp_path, monkeypatch):
     """Times go beyond the 16.8 s of EVT3's counter; a block knows what those before it said."""
-    monkeypatch.setattr("emvs.formats.rosbag._BLOCK_EVENTS", 300)
+    monkeypatch.setattr("eventsweep.emvs.formats.rosbag._BLOCK_EVENTS", 300)
     path = write_packets(tmp_path / "bag", SIZE_PX, PAYLOADS["evt3"], "evt3")
     reader = open_events(path)
     assert ROWS[-1][0] > 1 << 24

@@ -11,10 +11,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import naive_formats as naive
-from emvs.data.events import Events
-from emvs.errors import InputError
-from emvs.formats import FORMATS, open_events, write_events
 from event_files import ALL, READ_ONLY, WRITTEN, stream_of, write_any
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats import FORMATS, open_events, write_events
 from format_table import table
 from places import ROOT
 

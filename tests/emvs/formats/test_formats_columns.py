@@ -11,13 +11,13 @@ import pytest
 
 import naive_formats as naive
 from dataset_world import rewritten, write_sequence
-from emvs.data.events import Events
-from emvs.datasets import open_recording
-from emvs.errors import InputError
-from emvs.formats import open_events
-from emvs.formats.tables.columns import ColumnMap, column_map
-from eval.cli.main import main
 from event_files import ALL, write_any
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats import open_events
+from eventsweep.emvs.formats.tables.columns import ColumnMap, column_map
+from eventsweep.eval.cli.main import main
 
 ROWS = [(70_000 + 7 * k, k % 640, k % 480, k % 2) for k in range(5000)]
 MAP = ColumnMap("ev/xs", "ev/ys", "ev/ts", "ev/on", "ns")

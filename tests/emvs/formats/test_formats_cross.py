@@ -19,9 +19,9 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 import naive_formats as naive
-from emvs.data.events import Events
-from emvs.formats import FORMATS, open_events, write_events
 from event_files import CD
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.formats import FORMATS, open_events, write_events
 
 SIZE_PX = (1280, 720)
 
@@ -237,7 +237,7 @@ const void *H5PLget_plugin_info(void) { return &filter; }
 READ = """
 import sys
 from pathlib import Path
-from emvs.formats import open_events
+from eventsweep.emvs.formats import open_events
 reader = open_events(Path(sys.argv[1]))
 print(reader.format, *(n for e in reader.chunks("events") for n in (len(e), e.t_us[0], e.x[-1])))
 """

@@ -20,11 +20,11 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 
 import event_files
 import naive_formats as naive
-from emvs.data.events import Events
-from emvs.errors import InputError
-from emvs.formats import blocks, open_events, write_events
-from emvs.formats.aedat4 import one_vector
-from emvs.formats.rosbag import array_events
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats import blocks, open_events, write_events
+from eventsweep.emvs.formats.aedat4 import one_vector
+from eventsweep.emvs.formats.rosbag import array_events
 
 if sys.version_info >= (3, 14):
     from compression import zstd

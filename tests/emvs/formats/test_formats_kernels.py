@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import naive_formats as naive
-from emvs.formats import prophesee_kernels
-from emvs.formats.prophesee_kernels import LOOPS, initial_state
-from emvs.formats.rosbag_kernels import decode_array, encode_array
-from emvs.formats.tables.hdf5_kernels import convert_rows
-from emvs.formats.tables.text_kernels import format_rows, parse_rows
+from eventsweep.emvs.formats import prophesee_kernels
+from eventsweep.emvs.formats.prophesee_kernels import LOOPS, initial_state
+from eventsweep.emvs.formats.rosbag_kernels import decode_array, encode_array
+from eventsweep.emvs.formats.tables.hdf5_kernels import convert_rows
+from eventsweep.emvs.formats.tables.text_kernels import format_rows, parse_rows
 
 
 def decode(kernel, words, room):

@@ -11,11 +11,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dataset_world import rewritten, write_sequence
-from emvs.data.event_store import EventStoreReader
-from emvs.data.events import Events, check_sorted, count_late
-from emvs.errors import InputError
-from emvs.formats import FORMATS, open_events, write_events
-from eval.cli.main import main
+from eventsweep.emvs.data.event_store import EventStoreReader
+from eventsweep.emvs.data.events import Events, check_sorted, count_late
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats import FORMATS, open_events, write_events
+from eventsweep.eval.cli.main import main
 
 OFFSET_US = 12_345
 INDEXED = ("dsec", "tumvie")

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from emvs.errors import InputError
-from emvs.formats.depth import read_grey, read_png
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats.depth import read_grey, read_png
 
 SIZES = arrays.array_shapes(min_dims=2, max_dims=2, max_side=40)
 SIGNATURE = b"\x89PNG\r\n\x1a\n"

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emvs.errors import InputError
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
 
 PINHOLE = Camera(640, 480, 553.5, 552.1, 346.6, 216.5)
 RADTAN = Camera(640, 480, 553.5, 552.1, 346.6, 216.5, "radtan", (-0.09, 0.19, 8e-5, 2e-3))

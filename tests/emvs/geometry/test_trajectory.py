@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from emvs.data.poses import read_tum, write_tum
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.data.poses import read_tum, write_tum
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.trajectory import Trajectory
 
 
 def random_trajectory(n: int, seed: int) -> Trajectory:

@@ -4,11 +4,11 @@ import numba
 import numpy as np
 import pytest
 
-from emvs.config import MapperConfig
-from emvs.depth.depth_map import confidence_mask, without_border
-from emvs.errors import InputError
-from emvs.learned import derd
-from emvs.learned.derd import (
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth.depth_map import confidence_mask, without_border
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.learned import derd
+from eventsweep.emvs.learned.derd import (
     LAYERS,
     NAME,
     PLANES,
@@ -20,12 +20,12 @@ from emvs.learned.derd import (
     selecting,
     shapes,
 )
-from emvs.learned.inputs import in_blocks
-from emvs.learned.kept_votes import LANES, KeptVotes
-from emvs.learned.weights import Weights, packaged, write_weights
-from emvs.mapper import map_window
-from emvs.methods import build_derd, methods_by_name, named, overview
-from emvs.reference_view import inverse_depth_planes, linear_planes, mcemvs_planes
+from eventsweep.emvs.learned.inputs import in_blocks
+from eventsweep.emvs.learned.kept_votes import LANES, KeptVotes
+from eventsweep.emvs.learned.weights import Weights, packaged, write_weights
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.methods import build_derd, methods_by_name, named, overview
+from eventsweep.emvs.reference_view import inverse_depth_planes, linear_planes, mcemvs_planes
 from naive_derd import place
 from point_world import fronto_parallel
 
@@ -77,7 +77,7 @@ def test_of_two_models_the_mean_counts():
 
 def test_torch_trains_the_network_that_runs():
     torch = pytest.importorskip("torch", reason="torch is an extra, [train]")
-    from eval.learning.derd_network import DerdNetwork
+    from eventsweep.eval.learning.derd_network import DerdNetwork
 
     torch.manual_seed(0)
     trained, columns = DerdNetwork(), random_columns(5, 50)

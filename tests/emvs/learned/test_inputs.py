@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from emvs.dsi.fusion import FUSIONS
-from emvs.learned.inputs import Candidates, as_patches, as_rays, channels
-from emvs.learned.kept_votes import LANES, KeptVotes, votes_of_codes
-from emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX
-from emvs.methods import methods_by_name
+from eventsweep.emvs.dsi.fusion import FUSIONS
+from eventsweep.emvs.learned.inputs import Candidates, as_patches, as_rays, channels
+from eventsweep.emvs.learned.kept_votes import LANES, KeptVotes, votes_of_codes
+from eventsweep.emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX
+from eventsweep.emvs.methods import methods_by_name
 
 
 def some_candidates(count, planes, height, width, seed=3):

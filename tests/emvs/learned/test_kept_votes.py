@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from emvs.learned.kept_votes import LANES, KeptVotes, votes_of_codes
+from eventsweep.emvs.learned.kept_votes import LANES, KeptVotes, votes_of_codes
 
 VOTES = st.floats(0, 60_000, width=32)
 

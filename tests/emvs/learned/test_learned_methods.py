@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from emvs.config import MapperConfig
-from emvs.errors import InputError
-from emvs.mapper import map_window
-from emvs.methods import methods_by_name, overview
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.methods import methods_by_name, overview
 from point_world import fronto_parallel
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25)

@@ -4,10 +4,18 @@ import numba
 import numpy as np
 import pytest
 
-from emvs.learned.inputs import as_rays
-from emvs.learned.kept_votes import LANES
-from emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX, Architecture, Network, network
-from emvs.learned.weights import Weights
+from eventsweep.emvs.learned.inputs import as_rays
+from eventsweep.emvs.learned.kept_votes import LANES
+from eventsweep.emvs.learned.network import (
+    CHANNELS,
+    CUES,
+    DEPTH,
+    SIDE_PX,
+    Architecture,
+    Network,
+    network,
+)
+from eventsweep.emvs.learned.weights import Weights
 from naive_network import judged
 
 
@@ -38,7 +46,7 @@ def test_the_compiled_network_is_its_definition(count, shape):
 
 def test_torch_trains_the_network_that_runs():
     torch = pytest.importorskip("torch", reason="torch is an extra, [train]")
-    from eval.learning.network import Network as TorchNetwork
+    from eventsweep.eval.learning.network import Network as TorchNetwork
 
     torch.manual_seed(0)
     trained = TorchNetwork(Architecture())

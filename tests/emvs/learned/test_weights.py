@@ -8,11 +8,11 @@ import zipfile
 import numpy as np
 import pytest
 
-from emvs.config import MapperConfig
-from emvs.errors import InputError
-from emvs.learned.network import NAME, Architecture
-from emvs.learned.weights import packaged, read_weights, write_weights
-from emvs.mapper import map_window
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.learned.network import NAME, Architecture
+from eventsweep.emvs.learned.weights import packaged, read_weights, write_weights
+from eventsweep.emvs.mapper import map_window
 from point_world import fronto_parallel
 
 SHAPES = Architecture().shapes()

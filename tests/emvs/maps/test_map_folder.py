@@ -3,10 +3,10 @@ import json
 import numpy as np
 import pytest
 
-from emvs.config import MapperConfig
-from emvs.errors import InputError
-from emvs.mapper import map_window
-from emvs.maps.folder import RecordingInfo, read_map, write_index, write_window
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.maps.folder import RecordingInfo, read_map, write_index, write_window
 from point_world import fronto_parallel
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4, planes=20, methods=("Alg1/H", "EMVS/cam0"))

@@ -13,10 +13,10 @@ import pytest
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
-from emvs.errors import InputError
-from emvs.utils import outputs
-from emvs.utils.files import DiskFull, atomic_path, bytes_text, free_bytes
-from emvs.utils.outputs import (
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils import outputs
+from eventsweep.emvs.utils.files import DiskFull, atomic_path, bytes_text, free_bytes
+from eventsweep.emvs.utils.outputs import (
     atomic_dir,
     check_output,
     files_together,
@@ -24,7 +24,7 @@ from emvs.utils.outputs import (
     output_file,
     output_folder,
 )
-from emvs.utils.ownership import MARKER, mark, remove_ours, strangers
+from eventsweep.emvs.utils.ownership import MARKER, mark, remove_ours, strangers
 from killed import killed_at_every_step
 
 PAGE = "<!doctype html>\n<title>eventsweep · x</title>"

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from emvs.utils import release
+from eventsweep.emvs.utils import release
 from places import ROOT
 
 SOURCES = [

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
 
-from emvs.utils.vectors_kernels import WIDTH, aligned, larger, load, plus, splat, store
+from eventsweep.emvs.utils.vectors_kernels import WIDTH, aligned, larger, load, plus, splat, store
 from places import ROOT
 
 NARROW = {
@@ -19,10 +19,10 @@ NARROW = {
 }
 SAME = """
 import numpy as np
-from emvs.dsi.maxima import FocusPeak
-from emvs.learned.inputs import as_rays
-from emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX, network
-from emvs.utils.vectors_kernels import WIDTH
+from eventsweep.emvs.dsi.maxima import FocusPeak
+from eventsweep.emvs.learned.inputs import as_rays
+from eventsweep.emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX, network
+from eventsweep.emvs.utils.vectors_kernels import WIDTH
 rng = np.random.default_rng(0)
 shares = rng.gamma(0.5, 0.5, (21, len(CHANNELS), DEPTH, SIDE_PX, SIDE_PX)).astype(np.float32)
 judged = network().judge(as_rays(shares), rng.normal(size=(21, len(CUES))).astype(np.float32))

@@ -9,11 +9,18 @@ from contextlib import contextmanager
 import pytest
 
 import archive_sizes
-from emvs.errors import InputError
-from eval.archives import fetch as fetching
-from eval.archives.fetch import fetch, verify
-from eval.archives.manifest import ArchiveManifest, PackedFile, PackedSequence, parse, read, write
-from eval.progress import Silent
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.archives import fetch as fetching
+from eventsweep.eval.archives.fetch import fetch, verify
+from eventsweep.eval.archives.manifest import (
+    ArchiveManifest,
+    PackedFile,
+    PackedSequence,
+    parse,
+    read,
+    write,
+)
+from eventsweep.eval.progress import Silent
 
 CONTENT = {
     f"{case}-seed{seed}.tar.zst": bytes([seed]) * 5000 + case.encode()

@@ -7,9 +7,9 @@ import tarfile
 
 import pytest
 
-from emvs.errors import InputError
-from eval.archives.manifest import PackedFile
-from eval.archives.tarball import first_member, pack, unpack
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.archives.manifest import PackedFile
+from eventsweep.eval.archives.tarball import first_member, pack, unpack
 
 if sys.version_info >= (3, 14):
     from compression import zstd

@@ -5,10 +5,10 @@ import json
 
 import pytest
 
-from emvs.data.writer import SequenceWriter
-from emvs.datasets import open_recording
-from eval.cli.main import main
-from eval.report import calibrate_page
+from eventsweep.emvs.data.writer import SequenceWriter
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.report import calibrate_page
 from point_world import edge_points, pinhole, stereo_rig, swinging
 
 SMALL = ["--windows", "5", "--window-s", "0.15", "--events", "3000"]

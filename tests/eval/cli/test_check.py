@@ -6,7 +6,7 @@ import shutil
 import pytest
 
 from dataset_world import rewritten, write_sequence
-from eval.cli.main import main
+from eventsweep.eval.cli.main import main
 
 
 @pytest.fixture(scope="module")

@@ -13,10 +13,10 @@ import h5py
 import numpy as np
 import pytest
 
-from emvs.dsi.cuda import device
-from eval import pipeline
-from eval.cli.exit_codes import with_flags
-from eval.cli.main import main
+from eventsweep.emvs.dsi.cuda import device
+from eventsweep.eval import pipeline
+from eventsweep.eval.cli.exit_codes import with_flags
+from eventsweep.eval.cli.main import main
 from places import ROOT
 from small_pair import small_sequence
 
@@ -271,7 +271,7 @@ def test_an_interrupted_run_leaves_nothing(tmp_path, kind):
 def test_an_interrupt_inside_a_destructor_is_not_lost():
     script = """
 import signal, sys, time
-from eval.cli.exit_codes import exit_code
+from eventsweep.eval.cli.exit_codes import exit_code
 
 class Late:
     def __del__(self):
@@ -304,7 +304,7 @@ except KeyboardInterrupt as error:
     script = """
 import signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from eval.cli.exit_codes import exit_code
+from eventsweep.eval.cli.exit_codes import exit_code
 
 with exit_code() as code:
     try:
@@ -327,7 +327,7 @@ def test_a_command_inside_an_import_can_be_interrupted(tmp_path):
     (tmp_path / "script.py").write_text("""
 import signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)
-import eval.cli.main as command
+import eventsweep.eval.cli.main as command
 
 def forever(*_, **__):
     signal.raise_signal(signal.SIGINT)
@@ -348,8 +348,8 @@ def test_an_interrupt_while_hdf5_writes_waits_until_it_has_written(tmp_path):
 import io, signal, sys, time
 from pathlib import Path
 import numpy as np
-from emvs.data.hdf5 import Hdf5Writer
-from eval.cli.exit_codes import exit_code
+from eventsweep.emvs.data.hdf5 import Hdf5Writer
+from eventsweep.eval.cli.exit_codes import exit_code
 
 class Interrupted(io.FileIO):
     once = False

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from eval.cli.main import main
+from eventsweep.eval.cli.main import main
 from places import ROOT
 
 ASKED = {

@@ -8,7 +8,7 @@ import os
 import numpy as np
 import pytest
 
-from eval.cli.main import main
+from eventsweep.eval.cli.main import main
 from video_files import drifting, events_of, rows, write_folder, write_image, write_video
 
 SECONDS = [f"{k / 20:.2f}" for k in range(6)]

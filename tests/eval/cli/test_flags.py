@@ -2,7 +2,7 @@
 
 import pytest
 
-from eval.cli.main import main
+from eventsweep.eval.cli.main import main
 from program import COMMANDS, command
 
 REPLACE = {

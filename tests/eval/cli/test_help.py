@@ -5,8 +5,8 @@ import re
 import pytest
 from rich.console import Console
 
-from eval.cli.help import ALL, readable
-from eval.cli.main import app, main
+from eventsweep.eval.cli.help import ALL, readable
+from eventsweep.eval.cli.main import app, main
 from program import COMMANDS, command
 
 EVERY = sorted({*COMMANDS, "cache"})

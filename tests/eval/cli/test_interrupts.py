@@ -9,9 +9,9 @@ import sys
 import pytest
 
 from cost_stream import MovingEdges
-from emvs.errors import InputError, heed_interrupt
-from eval.cli import exit_codes
-from eval.cli.main import main
+from eventsweep.emvs.errors import InputError, heed_interrupt
+from eventsweep.eval.cli import exit_codes
+from eventsweep.eval.cli.main import main
 from places import ROOT
 
 # Sends an interrupt to itself so many seconds after the import of a library begins.
@@ -28,7 +28,7 @@ class Aim:
 
 sys.meta_path.insert(0, Aim())
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from eval.cli.main import main
+from eventsweep.eval.cli.main import main
 sys.exit(main(arguments))
 """
 TIMED = """
@@ -173,7 +173,7 @@ def test_an_error_made_of_an_interrupt_is_told_from_others(links, heeded):
 
 def test_users_of_the_library_get_the_interrupt(monkeypatch):
     """Not an error that says to install open3d."""
-    from emvs.depth.tsdf import load_open3d
+    from eventsweep.emvs.depth.tsdf import load_open3d
 
     class Lost:
         def find_spec(self, name, path=None, target=None):

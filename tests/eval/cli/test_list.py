@@ -4,16 +4,16 @@ import json
 
 import pytest
 
-import scenes
-from emvs import methods
-from eval.cli.main import main
-from eval.cli.names import KINDS
-from eval.scoring.method_scores import ALL_METRICS
-from eval.studies.definitions import STUDIES
-from eval.suite import definition
-from sim.motion.head_styles import STYLES
-from sim.rigs import RIGS
-from sim.sensor_presets import PRESETS
+from eventsweep import scenes
+from eventsweep.emvs import methods
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.cli.names import KINDS
+from eventsweep.eval.scoring.method_scores import ALL_METRICS
+from eventsweep.eval.studies.definitions import STUDIES
+from eventsweep.eval.suite import definition
+from eventsweep.sim.motion.head_styles import STYLES
+from eventsweep.sim.rigs import RIGS
+from eventsweep.sim.sensor_presets import PRESETS
 
 
 def listed(capsys, *words):
@@ -53,7 +53,7 @@ def test_several_kinds_come_as_they_are_asked_for(capsys):
 
 
 def test_a_method_of_ones_own_is_listed(capsys):
-    from emvs.dsi.method import Method
+    from eventsweep.emvs.dsi.method import Method
 
     methods.register(Method.from_function("Mine/listed", lambda votes: votes[:, 0].min(0), "mine"))
     try:

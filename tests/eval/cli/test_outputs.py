@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from emvs.data.sequence import Sequence
-from emvs.errors import InputError
-from emvs.utils.ownership import strangers
-from eval.cli.main import main
-from eval.gate.report import markdown, write_junit
-from eval.scoring.results import Results, Row, write_results
-from sim.parallel.checkpoint import CheckpointFolder, checkpoint_path
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.ownership import strangers
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.gate.report import markdown, write_junit
+from eventsweep.eval.scoring.results import Results, Row, write_results
+from eventsweep.sim.parallel.checkpoint import CheckpointFolder, checkpoint_path
 from small_pair import small_sequence
 
 
@@ -196,7 +196,7 @@ def test_the_gate_writes_over_nothing_but_its_own(tmp_path, capsys):
         assert "the input itself" in refused(capsys, *words, baseline, "--force")
         assert "is a folder" in refused(capsys, *words, tmp_path, "--force")
         assert mine.read_text() == "mine"
-    from emvs.utils.ownership import is_our_file
+    from eventsweep.emvs.utils.ownership import is_our_file
 
     write_junit(tmp_path / "own.xml", [])
     (tmp_path / "own.md").write_text(markdown([], "eventsweep gate, quick"), encoding="utf-8")

@@ -9,8 +9,8 @@ import pytest
 
 import rover
 from dataset_world import TRUTH_US, rewritten, write_sequence
-from emvs.data.sequence import Sequence
-from eval.cli.main import main
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.eval.cli.main import main
 
 MAP = ("--map.min-depth-m", "1", "--map.max-depth-m", "4", "--map.reference-s", "0.25",
        "--map.planes", "10", "--method", "Alg1/H", "--quiet")  # fmt: skip

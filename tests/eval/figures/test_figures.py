@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from emvs.errors import InputError
-from eval.figures.colormaps import (
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.figures.colormaps import (
     BLANK,
     confidence_scale,
     depth_scale,
@@ -23,7 +23,7 @@ from eval.figures.colormaps import (
     nice_between,
     spaced,
 )
-from eval.figures.images import (
+from eventsweep.eval.figures.images import (
     IndexedImage,
     behind_image,
     confidence_image,
@@ -33,9 +33,9 @@ from eval.figures.images import (
     events_image,
     frame_image,
 )
-from eval.figures.plots import DsiSlice, _surfaces, curves_svg, slice_svg
-from eval.scoring.curves import curve
-from eval.scoring.metrics import Pairs
+from eventsweep.eval.figures.plots import DsiSlice, _surfaces, curves_svg, slice_svg
+from eventsweep.eval.scoring.curves import curve
+from eventsweep.eval.scoring.metrics import Pairs
 
 WHITE = [255, 255, 255]
 

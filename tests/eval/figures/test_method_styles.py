@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 
-from emvs.baselines import BASELINES, BaselineEstimator, sgm
-from emvs.dsi.method import Method
-from emvs.methods import named, register, unregister
-from eval.figures.colormaps import INK, line_style
-from eval.report.run_page import confidence_unit
+from eventsweep.emvs.baselines import BASELINES, BaselineEstimator, sgm
+from eventsweep.emvs.dsi.method import Method
+from eventsweep.emvs.methods import named, register, unregister
+from eventsweep.eval.figures.colormaps import INK, line_style
+from eventsweep.eval.report.run_page import confidence_unit
 
 SWEPT = [f"Alg1/{name}" for name in ("min", "H", "G", "A", "RMS", "max")]
 TOGETHER = [

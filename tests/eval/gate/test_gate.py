@@ -11,14 +11,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emvs.errors import InputError
-from eval.cli.main import main
-from eval.gate import report
-from eval.gate.baseline import make_baseline, read_baseline, write_baseline
-from eval.gate.compare import DECIDING, Choice, Tolerances, Verdict, compare, is_red
-from eval.gate.report import write_junit
-from eval.scoring.results import Results, Row, write_results
-from eval.suite.series import SPEED_METHOD, SPEED_METRIC, Key, Measured, Series, read_measured
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.gate import report
+from eventsweep.eval.gate.baseline import make_baseline, read_baseline, write_baseline
+from eventsweep.eval.gate.compare import DECIDING, Choice, Tolerances, Verdict, compare, is_red
+from eventsweep.eval.gate.report import write_junit
+from eventsweep.eval.scoring.results import Results, Row, write_results
+from eventsweep.eval.suite.series import (
+    SPEED_METHOD,
+    SPEED_METRIC,
+    Key,
+    Measured,
+    Series,
+    read_measured,
+)
 from places import ROOT
 
 TOLERANCES = Tolerances()

@@ -13,19 +13,19 @@ from pathlib import Path
 
 import pytest
 
-from emvs.errors import InputError
-from emvs.utils.cache import Cache, key_of
-from eval.jobs import code_version as versions_of_code
-from eval.jobs import dask as schedule_dask
-from eval.jobs.code_version import closure, code_version, definition_digest
-from eval.jobs.dask import Cluster, dask_workers
-from eval.jobs.job import RESULT, Done, Failed, Job, do, order
-from eval.jobs.local import ATTEMPTS, local_workers
-from eval.jobs.scheduler import JobBoard, run_jobs
-from eval.progress import Silent
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.cache import Cache, key_of
+from eventsweep.eval.jobs import code_version as versions_of_code
+from eventsweep.eval.jobs import dask as schedule_dask
+from eventsweep.eval.jobs.code_version import closure, code_version, definition_digest
+from eventsweep.eval.jobs.dask import Cluster, dask_workers
+from eventsweep.eval.jobs.job import RESULT, Done, Failed, Job, do, order
+from eventsweep.eval.jobs.local import ATTEMPTS, local_workers
+from eventsweep.eval.jobs.scheduler import JobBoard, run_jobs
+from eventsweep.eval.progress import Silent
+from eventsweep.sim.mjcf import files_of
 from job_stages import runs
 from places import HELPERS, ROOT
-from sim.mjcf import files_of
 
 
 @pytest.fixture
@@ -204,7 +204,7 @@ def test_words_for_people_do_not_change_the_version(module):
         "def f(y):\n    return y + 1\n",
         "def f(x):\n    return x + 1\nf(1)\n",
         "def f(x):\n    return x + 1.0\n",
-        "import emvs.errors\ndef f(x):\n    return x + 1\n",
+        "import eventsweep.emvs.errors\ndef f(x):\n    return x + 1\n",
     ],
 )
 def test_what_code_does_changes_the_version(module, text):
@@ -223,24 +223,52 @@ def test_what_is_moved_defines_the_same(tmp_path, monkeypatch):
 
 
 def test_each_stage_reaches_its_own_code_and_no_more():
-    simulate = closure(["eval.suite.stages.simulate", "scenes.planes"])
-    mapping, scoring = closure(["eval.suite.stages.map"]), closure(["eval.suite.stages.score"])
-    assert {"sim.simulate", "sim.sensor.esim", "scenes.planes", "emvs.data.writer"} <= simulate
+    simulate = closure(["eventsweep.eval.suite.stages.simulate", "eventsweep.scenes.planes"])
+    mapping, scoring = (
+        closure(["eventsweep.eval.suite.stages.map"]),
+        closure(["eventsweep.eval.suite.stages.score"]),
+    )
     assert {
-        "emvs.mapper",
-        "emvs.dsi.voting_kernels",
-        "emvs.dsi.fusion_kernels",
-        "emvs.depth.depth_map",
+        "eventsweep.sim.simulate",
+        "eventsweep.sim.sensor.esim",
+        "eventsweep.scenes.planes",
+        "eventsweep.emvs.data.writer",
+    } <= simulate
+    assert {
+        "eventsweep.emvs.mapper",
+        "eventsweep.emvs.dsi.voting_kernels",
+        "eventsweep.emvs.dsi.fusion_kernels",
+        "eventsweep.emvs.depth.depth_map",
     } <= mapping
-    assert {"eval.scoring.score", "eval.scoring.metrics", "eval.scoring.curves"} <= scoring
-    assert not any(name.startswith(("emvs.mapper", "eval.scoring.score")) for name in simulate)
-    assert not any(name.startswith(("sim", "scenes", "eval.scoring.score")) for name in mapping)
-    assert not any(name.startswith(("scenes", "emvs.mapper", "eval.report")) for name in scoring)
-    assert not {"sim.simulate", "sim.sensor.esim", "sim.motion.curves"} & scoring
+    assert {
+        "eventsweep.eval.scoring.score",
+        "eventsweep.eval.scoring.metrics",
+        "eventsweep.eval.scoring.curves",
+    } <= scoring
+    assert not any(
+        name.startswith(("eventsweep.emvs.mapper", "eventsweep.eval.scoring.score"))
+        for name in simulate
+    )
+    assert not any(
+        name.startswith(("eventsweep.sim", "eventsweep.scenes", "eventsweep.eval.scoring.score"))
+        for name in mapping
+    )
+    assert not any(
+        name.startswith(("eventsweep.scenes", "eventsweep.emvs.mapper", "eventsweep.eval.report"))
+        for name in scoring
+    )
+    assert (
+        not {
+            "eventsweep.sim.simulate",
+            "eventsweep.sim.sensor.esim",
+            "eventsweep.sim.motion.curves",
+        }
+        & scoring
+    )
 
 
 def test_a_scene_has_the_files_that_it_includes():
-    import scenes
+    from eventsweep import scenes
 
     names = {path.name for path in files_of(scenes.load("desk").mjcf)}
     assert {"desk.xml", "common.xml"} <= names
@@ -311,10 +339,10 @@ def test_a_lost_or_damaged_result_is_made_again(make, log, tmp_path):
 SWEEP = """
 import sys
 from pathlib import Path
-from eval.jobs.job import Job
-from eval.progress import Silent
-from eval.jobs.scheduler import run_jobs
-from eval.jobs.local import local_workers
+from eventsweep.eval.jobs.job import Job
+from eventsweep.eval.progress import Silent
+from eventsweep.eval.jobs.scheduler import run_jobs
+from eventsweep.eval.jobs.local import local_workers
 
 if __name__ == "__main__":
     log, cache = sys.argv[1:]
@@ -469,7 +497,7 @@ def test_a_killed_scheduler_is_one_line_and_what_was_done_stays(start, make, log
 
 PARENT = """
 import multiprocessing, sys, time
-from emvs.utils.processes import end_with_parent
+from eventsweep.emvs.utils.processes import end_with_parent
 
 def work(pipe):
     end_with_parent()

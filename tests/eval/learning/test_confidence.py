@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emvs.depth.precision import BAND, Precision, table_name, tables
-from emvs.errors import InputError
-from eval.learning import confidence
+from eventsweep.emvs.depth.precision import BAND, Precision, table_name, tables
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.learning import confidence
 
 
 def points(seed, count, steepness=1.0):

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from emvs.learned.derd import LAYERS, derd_net
-from emvs.learned.inputs import in_blocks
-from eval.cli.main import main
-from eval.learning import published
+from eventsweep.emvs.learned.derd import LAYERS, derd_net
+from eventsweep.emvs.learned.inputs import in_blocks
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.learning import published
 
 torch = pytest.importorskip("torch", reason="torch is an extra, [train]")
 

@@ -6,12 +6,12 @@ import sys
 import numpy as np
 import pytest
 
-from emvs.learned.network import NAME, Architecture
-from emvs.learned.weights import read_weights
-from emvs.utils import release
-from eval.cli.main import main
-from eval.learning import data
-from eval.learning.sequences import FIRST_SEED, TrainingSequence
+from eventsweep.emvs.learned.network import NAME, Architecture
+from eventsweep.emvs.learned.weights import read_weights
+from eventsweep.emvs.utils import release
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.learning import data
+from eventsweep.eval.learning.sequences import FIRST_SEED, TrainingSequence
 
 FLAGS = ["--candidates", "80", "--batch", "32", "--quiet"]
 
@@ -29,8 +29,8 @@ def few(monkeypatch):
 
 def test_without_torch_it_says_what_to_install(monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(sys.modules, "torch", None)
-    monkeypatch.delitem(sys.modules, "eval.learning.fit", raising=False)
-    monkeypatch.delitem(sys.modules, "eval.learning.network", raising=False)
+    monkeypatch.delitem(sys.modules, "eventsweep.eval.learning.fit", raising=False)
+    monkeypatch.delitem(sys.modules, "eventsweep.eval.learning.network", raising=False)
     assert main(["train", "--out", str(tmp_path / "a")]) == 2
     assert release.install("train") in capsys.readouterr().err
     assert not (tmp_path / "a").exists()
@@ -46,7 +46,7 @@ def test_it_trains_and_a_stopped_run_ends_as_one_that_was_not(few, tmp_path, cap
     assert set(weights.manifest["precision"]) == {"Learned/H", "Learned/cam"}
     assert "Errors over epochs" in (one / "report.html").read_text()
 
-    from eval.learning.fit import Fitting
+    from eventsweep.eval.learning.fit import Fitting
 
     def stopped(self, epoch, update, _epoch=Fitting._epoch):
         if epoch == 2:
@@ -79,7 +79,7 @@ def test_a_folder_of_somebody_else_is_left_alone(few, tmp_path, capsys):
 
 def test_a_folder_trained_by_other_code_is_refused(few, tmp_path, capsys):
     pytest.importorskip("torch", reason="torch is an extra, [train]")
-    from eval.learning.config import TrainingConfig
+    from eventsweep.eval.learning.config import TrainingConfig
 
     config = TrainingConfig(candidates=80, batch=32).model_dump(mode="json")
     (tmp_path / "training.json").write_text(json.dumps({"config": config, "code": "0"}))

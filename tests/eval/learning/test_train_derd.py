@@ -3,18 +3,24 @@
 import numpy as np
 import pytest
 
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.depth.depth_map import confidence_mask, without_border
-from emvs.learned.derd import DepthRange, derd_net, selecting
-from emvs.mapper import map_window
-from emvs.methods import build_derd
-from eval.cli.main import main
-from eval.config import EvalConfig
-from eval.learning import data, derd_samples
-from eval.learning.config import TrainingConfig
-from eval.learning.samples import swept_window, window_config
-from eval.learning.sequences import FIRST_SEED, TrainingSequence, TrainingWindow, sequences, windows
-from eval.scoring.run_folder import truth_of
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.depth.depth_map import confidence_mask, without_border
+from eventsweep.emvs.learned.derd import DepthRange, derd_net, selecting
+from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.methods import build_derd
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.learning import data, derd_samples
+from eventsweep.eval.learning.config import TrainingConfig
+from eventsweep.eval.learning.samples import swept_window, window_config
+from eventsweep.eval.learning.sequences import (
+    FIRST_SEED,
+    TrainingSequence,
+    TrainingWindow,
+    sequences,
+    windows,
+)
+from eventsweep.eval.scoring.run_folder import truth_of
 
 TINY = TrainingSequence("planes", "oblique", FIRST_SEED + 900, "ideal", 0.2)
 WINDOW = TrainingWindow(0.0, 0.2, seed=3)
@@ -80,7 +86,7 @@ def test_its_pixels_are_those_of_algorithm_1(folder):
 def test_the_network_is_taught_what_is_read_off_it(uniform_in):
     """A network that gives exactly what it is taught makes no error, in either kind of place."""
     torch = pytest.importorskip("torch", reason="torch is an extra, [train]")
-    from eval.learning.derd_network import DerdNetwork
+    from eventsweep.eval.learning.derd_network import DerdNetwork
 
     near_m, far_m, depth_m = 0.5, 5.0, np.array([0.5, 0.8, 1.9, 4.9], np.float32)
     inputs = {

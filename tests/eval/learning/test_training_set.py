@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from emvs.config import MapperConfig
-from emvs.data.sequence import Sequence as EventSequence
-from emvs.errors import InputError
-from emvs.methods import build_focus
-from eval.config import EvalConfig
-from eval.learning import data, samples
-from eval.learning.config import TrainingConfig
-from eval.learning.sequences import (
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.sequence import Sequence as EventSequence
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.methods import build_focus
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.learning import data, samples
+from eventsweep.eval.learning.config import TrainingConfig
+from eventsweep.eval.learning.sequences import (
     FIRST_SEED,
     TrainingSequence,
     TrainingWindow,
@@ -18,8 +18,8 @@ from eval.learning.sequences import (
     sequences,
     windows,
 )
-from eval.scoring.run_folder import truth_of
-from eval.suite import definition as suites
+from eventsweep.eval.scoring.run_folder import truth_of
+from eventsweep.eval.suite import definition as suites
 from study_samples import SETS
 
 
@@ -105,7 +105,7 @@ def test_samples_hold_what_the_volumes_hold(sequence, fusion, tmp_path):
 
 
 def _volume(sequence, config, folder, name):
-    from emvs.mapper import map_window
+    from eventsweep.emvs.mapper import map_window
 
     map_window(sequence, config, dsi_dir=folder)
     return np.load(folder / f"{name.replace('/', '-')}.npy")

@@ -5,8 +5,8 @@ import math
 
 import pytest
 
-from emvs.errors import InputError
-from eval.ranking.entries import (
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.ranking.entries import (
     DATA_NAME,
     METRICS,
     RankingData,
@@ -16,7 +16,14 @@ from eval.ranking.entries import (
     read_source,
     shown_name,
 )
-from eval.ranking.summary import causes, coverage_curve, geometric, history, parts, ranked
+from eventsweep.eval.ranking.summary import (
+    causes,
+    coverage_curve,
+    geometric,
+    history,
+    parts,
+    ranked,
+)
 from ranking_entries import CASES, entry
 
 

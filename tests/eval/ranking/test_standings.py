@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eval.ranking.standings import places, split_half, standings
+from eventsweep.eval.ranking.standings import places, split_half, standings
 
 
 def table(means, cases=4, seeds=5, spread=0.05):

@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from emvs.data.image_stores import Photo
-from emvs.errors import InputError
-from eval.numbers import shown
-from eval.report.overview import overview_png
-from eval.report.ranking import findings, fusion_order, mean_over_cases, order, table
-from eval.report.run_data import _range_s
-from eval.report.run_page import render, write_report
-from eval.scoring.results import Row
+from eventsweep.emvs.data.image_stores import Photo
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.numbers import shown
+from eventsweep.eval.report.overview import overview_png
+from eventsweep.eval.report.ranking import findings, fusion_order, mean_over_cases, order, table
+from eventsweep.eval.report.run_data import _range_s
+from eventsweep.eval.report.run_page import render, write_report
+from eventsweep.eval.scoring.results import Row
 from report_data import METHODS, SHAPE, WellFormed, report_data
 
 

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from eval.report.compare import pictures as side_by_side
-from eval.report.compare.page import compare, page_text
-from eval.report.compare.results import read_compared
-from eval.report.run_page import render
-from eval.report.study_page import _figure
-from eval.scoring.results import write_results
-from eval.studies.curves import METRICS, RobustnessCurve, draw
-from eval.studies.definitions import STUDIES
+from eventsweep.eval.report.compare import pictures as side_by_side
+from eventsweep.eval.report.compare.page import compare, page_text
+from eventsweep.eval.report.compare.results import read_compared
+from eventsweep.eval.report.run_page import render
+from eventsweep.eval.report.study_page import _figure
+from eventsweep.eval.scoring.results import write_results
+from eventsweep.eval.studies.curves import METRICS, RobustnessCurve, draw
+from eventsweep.eval.studies.definitions import STUDIES
 from report_data import METHODS, SHAPE, report_data
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")

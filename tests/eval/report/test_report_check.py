@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 
-from emvs.check.findings import Finding, Report, Series
-from eval.report.check_page import check_page_text, summary, write_check_page
+from eventsweep.emvs.check.findings import Finding, Report, Series
+from eventsweep.eval.report.check_page import check_page_text, summary, write_check_page
 from report_data import WellFormed
 
 

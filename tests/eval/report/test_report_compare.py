@@ -11,25 +11,25 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from emvs.config import MapperConfig
-from emvs.errors import InputError
-from eval.cli.main import main
-from eval.report.compare import pictures as side_by_side
-from eval.report.compare.page import (
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.report.compare import pictures as side_by_side
+from eventsweep.eval.report.compare.page import (
     compare,
     page_text,
     sections_of,
     settings_text,
     write_comparison,
 )
-from eval.report.compare.results import read_compared
-from eval.report.html import Section
-from eval.scoring.metrics import PRIMARY
-from eval.scoring.results import Results, Row, write_results
-from eval.scoring.significance import holm, interval
-from eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult, write_suite
+from eventsweep.eval.report.compare.results import read_compared
+from eventsweep.eval.report.html import Section
+from eventsweep.eval.scoring.metrics import PRIMARY
+from eventsweep.eval.scoring.results import Results, Row, write_results
+from eventsweep.eval.scoring.significance import holm, interval
+from eventsweep.eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult, write_suite
+from eventsweep.sim.config import SimConfig
 from report_data import WellFormed, report_data
-from sim.config import SimConfig
 
 METRICS = {"mean_error": ("m", "lower"), "bad_published": ("%", "lower"),
            "points": ("px", "higher"), "rmse": ("m", "lower"),

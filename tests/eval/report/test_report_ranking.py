@@ -5,11 +5,11 @@ import re
 
 import pytest
 
-from emvs.errors import InputError
-from eval.cli.main import main
-from eval.ranking.entries import DATA_NAME, RankingData, Source, read_data
-from eval.report.standings.page import HTML_NAME, ranking_page, write_ranking
-from eval.report.suite_pictures import METHODS_NAME
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.ranking.entries import DATA_NAME, RankingData, Source, read_data
+from eventsweep.eval.report.standings.page import HTML_NAME, ranking_page, write_ranking
+from eventsweep.eval.report.suite_pictures import METHODS_NAME
 from ranking_entries import CASES, entry
 
 ERRORS = {"Alg1/H": 0.1, "EMVS/cam0": 0.2, "Focus/H": 0.05, "Given/Guess": 0.4}

@@ -7,10 +7,10 @@ import json
 
 import pytest
 
-from emvs.errors import InputError
-from eval.cli.main import main
-from eval.figures.colormaps import INK
-from eval.report.study_page import as_page, find_studies, read_study, write_study_report
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.figures.colormaps import INK
+from eventsweep.eval.report.study_page import as_page, find_studies, read_study, write_study_report
 from report_data import WellFormed
 
 

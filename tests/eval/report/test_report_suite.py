@@ -5,11 +5,11 @@ import re
 
 import pytest
 
-from emvs.utils.ownership import strangers
-from eval.cli.main import main
-from eval.scoring.results import POOLED, Row
-from eval.suite import output
-from eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult
+from eventsweep.emvs.utils.ownership import strangers
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.scoring.results import POOLED, Row
+from eventsweep.eval.suite import output
+from eventsweep.eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult
 from report_data import WellFormed
 
 # Mean error by case, method and seed, m.

@@ -10,17 +10,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import scenes
-from emvs.config import MapperConfig
-from emvs.maps.folder import read_map
-from emvs.utils.release import install
-from eval.cli.main import main
-from eval.config import EvalConfig, Settings
-from eval.pipeline import map_recording, score_folder
-from eval.report.rerun import write_rerun
+from eventsweep import scenes
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.maps.folder import read_map
+from eventsweep.emvs.utils.release import install
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.config import EvalConfig, Settings
+from eventsweep.eval.pipeline import map_recording, score_folder
+from eventsweep.eval.report.rerun import write_rerun
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.simulate import simulate
 from mujoco_scenes import tiny_rig
-from sim.config import SimConfig
-from sim.simulate import simulate
 
 
 @pytest.fixture(scope="module")

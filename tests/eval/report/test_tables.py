@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eval.report.tables import (
+from eventsweep.eval.report.tables import (
     TextCell,
     TextTable,
     as_csv,

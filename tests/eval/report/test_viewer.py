@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from eval.figures.colormaps import depth_scale, error_scale
-from eval.report.viewer import half, packed, window_json
+from eventsweep.eval.figures.colormaps import depth_scale, error_scale
+from eventsweep.eval.report.viewer import half, packed, window_json
 from report_data import METHODS, window_data
 
 

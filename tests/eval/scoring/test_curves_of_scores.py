@@ -10,18 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from emvs.errors import InputError
-from emvs.reference_view import inverse_depth_planes
-from eval.report.ranking import column, findings
-from eval.scoring.curves import coverage_curve
-from eval.scoring.method_scores import REGION_NAMES, score_method, score_pairs
-from eval.scoring.metrics import Pairs, cell_error
-from eval.scoring.outlier_causes import CAUSES
-from eval.scoring.pairing import Estimate, MethodPairs, Truth, pair_methods
-from eval.scoring.regions import REGIONS
-from eval.scoring.results import Results, Row, read_results, write_results
-from eval.scoring.score import case_rows, mean_rows
-from eval.scoring.significance import rank_runs, unit_values
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.reference_view import inverse_depth_planes
+from eventsweep.eval.report.ranking import column, findings
+from eventsweep.eval.scoring.curves import coverage_curve
+from eventsweep.eval.scoring.method_scores import REGION_NAMES, score_method, score_pairs
+from eventsweep.eval.scoring.metrics import Pairs, cell_error
+from eventsweep.eval.scoring.outlier_causes import CAUSES
+from eventsweep.eval.scoring.pairing import Estimate, MethodPairs, Truth, pair_methods
+from eventsweep.eval.scoring.regions import REGIONS
+from eventsweep.eval.scoring.results import Results, Row, read_results, write_results
+from eventsweep.eval.scoring.score import case_rows, mean_rows
+from eventsweep.eval.scoring.significance import rank_runs, unit_values
 
 
 def values(pairs):

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import naive_metrics
-from emvs.errors import InputError
-from eval.config import EvalConfig
-from eval.scoring.curves import COVERAGE_METRICS, CURVE_METRICS, curve
-from eval.scoring.method_scores import ALL_METRICS, score_method, score_pairs
-from eval.scoring.metrics import CELL_METRICS, METRICS, Pairs
-from eval.scoring.pairing import Truth, pair, pair_methods
-from eval.scoring.score import case_rows, score_depth
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.scoring.curves import COVERAGE_METRICS, CURVE_METRICS, curve
+from eventsweep.eval.scoring.method_scores import ALL_METRICS, score_method, score_pairs
+from eventsweep.eval.scoring.metrics import CELL_METRICS, METRICS, Pairs
+from eventsweep.eval.scoring.pairing import Truth, pair, pair_methods
+from eventsweep.eval.scoring.score import case_rows, score_depth
 
 METRE_METRICS = ("mean_error", "median_error", "rmse")
 RELATIVE_METRICS = (

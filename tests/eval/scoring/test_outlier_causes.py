@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import naive_scoring
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
-from eval.config import EvalConfig
-from eval.scoring.outlier_causes import (
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.eval.config import EvalConfig
+from eventsweep.eval.scoring.outlier_causes import (
     CAUSES,
     EventCounts,
     OutlierClassifier,
@@ -24,8 +24,8 @@ from eval.scoring.outlier_causes import (
     pixel_of,
     pooled_causes,
 )
-from eval.scoring.pairing import Truth, bad_pixels
-from eval.scoring.regions import (
+from eventsweep.eval.scoring.pairing import Truth, bad_pixels
+from eventsweep.eval.scoring.regions import (
     away_from_border,
     grown,
     near_boundary,

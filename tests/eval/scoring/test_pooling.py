@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emvs.errors import InputError
-from eval.scoring.external_sort import SortedRuns
-from eval.scoring.method_scores import ALL_METRICS, score_method, score_pairs
-from eval.scoring.metrics import Pairs
-from eval.scoring.outlier_causes import CAUSES
-from eval.scoring.pairing import MethodPairs
-from eval.scoring.pooling import CasePool, Pool
-from eval.scoring.score import case_rows
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.scoring.external_sort import SortedRuns
+from eventsweep.eval.scoring.method_scores import ALL_METRICS, score_method, score_pairs
+from eventsweep.eval.scoring.metrics import Pairs
+from eventsweep.eval.scoring.outlier_causes import CAUSES
+from eventsweep.eval.scoring.pairing import MethodPairs
+from eventsweep.eval.scoring.pooling import CasePool, Pool
+from eventsweep.eval.scoring.score import case_rows
 from naive_metrics import pooled, pooled_methods
 
 BASELINE_FOCAL = 22.6

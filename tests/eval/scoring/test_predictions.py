@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emvs.depth.depth_map import DepthMap
-from emvs.errors import InputError
-from emvs.geometry.camera import Camera
-from emvs.utils.ownership import strangers
-from eval.scoring.depth_files import SUFFIXES, depths_in, read_stored
-from eval.scoring.pairing import Estimate
-from eval.scoring.predictions import Prediction, TargetView, estimates_of
-from eval.scoring.run_folder import keep, kept_predictions, predicted_maps
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.utils.ownership import strangers
+from eventsweep.eval.scoring.depth_files import SUFFIXES, depths_in, read_stored
+from eventsweep.eval.scoring.pairing import Estimate
+from eventsweep.eval.scoring.predictions import Prediction, TargetView, estimates_of
+from eventsweep.eval.scoring.run_folder import keep, kept_predictions, predicted_maps
 
 VIEW = TargetView(t_us=250_000, width_px=7, height_px=5, focal_px=100.0, baseline_m=0.1)
 SHAPE = (VIEW.height_px, VIEW.width_px)

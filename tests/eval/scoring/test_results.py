@@ -13,9 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emvs.errors import InputError
-from eval.scoring.method_scores import ALL_METRICS
-from eval.scoring.results import UNITS, Results, Row, read_results, write_results
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.scoring.method_scores import ALL_METRICS
+from eventsweep.eval.scoring.results import UNITS, Results, Row, read_results, write_results
 from places import ROOT
 
 ROWS = (
@@ -197,5 +197,5 @@ def test_every_unit_that_is_written_is_known():
 
 
 def test_pandas_is_imported_only_when_it_is_asked_for():
-    code = "import sys, eval.scoring.results; sys.exit('pandas' in sys.modules)"
+    code = "import sys, eventsweep.eval.scoring.results; sys.exit('pandas' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import naive_scoring
-from emvs.errors import InputError
-from eval.scoring.significance import (
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.scoring.significance import (
     holm,
     interval,
     intervals,

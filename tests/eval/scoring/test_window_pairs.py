@@ -7,20 +7,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import scenes
-from emvs.config import MapperConfig
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from emvs.geometry.trajectory import Trajectory
-from emvs.windows import Window
-from eval.config import EvalConfig, Settings
-from eval.pipeline import map_recording, score_folder
-from eval.scoring.method_scores import score_method
-from eval.scoring.pairing import Estimate
-from eval.scoring.run_folder import find_maps, sequence_of, truth_of
-from eval.scoring.score import rig_rows, window_pairs
-from sim.config import SimConfig
-from sim.simulate import simulate
+from eventsweep import scenes
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.windows import Window
+from eventsweep.eval.config import EvalConfig, Settings
+from eventsweep.eval.pipeline import map_recording, score_folder
+from eventsweep.eval.scoring.method_scores import score_method
+from eventsweep.eval.scoring.pairing import Estimate
+from eventsweep.eval.scoring.run_folder import find_maps, sequence_of, truth_of
+from eventsweep.eval.scoring.score import rig_rows, window_pairs
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.simulate import simulate
 
 WIDTH, HEIGHT, FOCAL, BASELINE = 120, 90, 80.0, 0.1
 BARREL = {"radtan": (-0.3, 0.08, 0.001, -0.001, 0.0)}

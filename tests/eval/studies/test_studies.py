@@ -9,19 +9,19 @@ import mujoco
 import numpy as np
 import pytest
 
-import scenes
-from emvs.config import MapperConfig
-from emvs.errors import InputError
-from emvs.utils.ownership import strangers
-from eval.cli.main import main
-from eval.perturbations import Perturbation
-from eval.studies.curves import METRICS, StudyValue, curves, draw
-from eval.studies.definitions import MARGIN_S, SECONDS, STUDIES, study_named
-from eval.studies.run import StudyResult, file_names, study_jobs, window_of, write_study
-from eval.studies.stages.simulate import WAY_M, going_straight, lit, with_baseline
+from eventsweep import scenes
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.ownership import strangers
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.perturbations import Perturbation
+from eventsweep.eval.studies.curves import METRICS, StudyValue, curves, draw
+from eventsweep.eval.studies.definitions import MARGIN_S, SECONDS, STUDIES, study_named
+from eventsweep.eval.studies.run import StudyResult, file_names, study_jobs, window_of, write_study
+from eventsweep.eval.studies.stages.simulate import WAY_M, going_straight, lit, with_baseline
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.rigs import rig as named_rig
 from killed import killed_at_every_step
-from sim.config import SimConfig
-from sim.rigs import rig as named_rig
 
 
 def values_of(table, metric="mean_error"):
@@ -192,7 +192,8 @@ def study_result(mean):
 @pytest.mark.parametrize("before", [False, True])
 def test_a_killed_study_is_whole_or_not_there_and_never_in_the_way(tmp_path, monkeypatch, before):
     monkeypatch.setattr(
-        "eval.studies.run.draw", lambda study, curves, path, words: path.write_text(str(curves))
+        "eventsweep.eval.studies.run.draw",
+        lambda study, curves, path, words: path.write_text(str(curves)),
     )
     old, new = study_result(1.0), study_result(2.0)
     names = file_names(old.study)

@@ -9,11 +9,11 @@ import reproduction
 import study_pages
 import suite_cost
 import suite_efficiency
-from emvs.errors import InputError
-from eval.scoring.metrics import METRICS as KNOWN
-from eval.scoring.results import Row
-from eval.suite.definition import load
-from eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult, mapper_method
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.scoring.metrics import METRICS as KNOWN
+from eventsweep.eval.scoring.results import Row
+from eventsweep.eval.suite.definition import load
+from eventsweep.eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult, mapper_method
 from published_table import MONO, RATIOS, TABLE, H
 
 FACTS = SampleFacts("a", "b", "c", "d", {}, {}, dict.fromkeys(RATIOS, "e"))

@@ -4,11 +4,11 @@ import shutil
 
 import pytest
 
-from emvs.depth.precision import PRECISION
-from emvs.errors import InputError
-from emvs.learned.weights import packaged
-from eval.jobs.job import Job, code_of
-from eval.suite.stages import map as stage
+from eventsweep.emvs.depth.precision import PRECISION
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.learned.weights import packaged
+from eventsweep.eval.jobs.job import Job, code_of
+from eventsweep.eval.suite.stages import map as stage
 
 FAMILIES = {"Learned": "learned", "DERD": "derd"}
 
@@ -35,7 +35,7 @@ def test_weights_of_ones_own_change_the_key_when_they_change(family, name, tmp_p
     asked = parameters(f"{family}/H", **{f"{name}_weights": str(tmp_path / "mine.npz")})
     files = stage.code(asked)[1]
     assert files[:2] == (tmp_path / "mine.npz", tmp_path / "mine.json")
-    job = Job("m", "eval.suite.stages.map", asked, ())
+    job = Job("m", "eventsweep.eval.suite.stages.map", asked, ())
     before = code_of(job)
     assert code_of(job) == before
     for file in files[:2]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from eval.gate.compare import Choice, Tolerances, compare
-from eval.scoring import metric_versions as versions_of_metrics
-from eval.scoring.metric_versions import metric_versions
-from eval.scoring.outlier_causes import CAUSES
-from eval.scoring.results import Row
-from eval.suite.results import Sample, SampleFacts, SuiteResult
-from eval.suite.series import of_suite
+from eventsweep.eval.gate.compare import Choice, Tolerances, compare
+from eventsweep.eval.scoring import metric_versions as versions_of_metrics
+from eventsweep.eval.scoring.metric_versions import metric_versions
+from eventsweep.eval.scoring.outlier_causes import CAUSES
+from eventsweep.eval.scoring.results import Row
+from eventsweep.eval.suite.results import Sample, SampleFacts, SuiteResult
+from eventsweep.eval.suite.series import of_suite
 
 CAUSE_METRICS = {"outlier_points", *(f"cause_{cause}" for cause in CAUSES)}
 
@@ -18,7 +18,9 @@ CAUSE_METRICS = {"outlier_points", *(f"cause_{cause}" for cause in CAUSES)}
 def test_causes_have_versions_of_their_own(monkeypatch):
     """A change of what decides a cause changes the version of the causes, and nothing else."""
     before = metric_versions()
-    monkeypatch.setattr(versions_of_metrics, "CAUSE_MODULES", ("eval.scoring.outlier_causes",))
+    monkeypatch.setattr(
+        versions_of_metrics, "CAUSE_MODULES", ("eventsweep.eval.scoring.outlier_causes",)
+    )
     after = metric_versions()
     assert {name for name in before if before[name] != after[name]} == CAUSE_METRICS
 

@@ -13,12 +13,12 @@ import tarfile
 import numpy as np
 import pytest
 
-from emvs.data.sequence import Sequence
-from eval.archives.tarball import pack, sha256_of, unpack, zstd
-from eval.cli.main import main
-from eval.suite.definition import read as read_definition
-from eval.suite.results import read_suite
-from eval.suite.submission import MANIFEST, Asked, read_manifest
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.eval.archives.tarball import pack, sha256_of, unpack, zstd
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.suite.definition import read as read_definition
+from eventsweep.eval.suite.results import read_suite
+from eventsweep.eval.suite.submission import MANIFEST, Asked, read_manifest
 from places import ROOT
 from small_suite import case, suite_text
 
@@ -411,7 +411,7 @@ def test_copied_truth_is_flagged(ran, tmp_path, capsys):
 
 def test_of_an_archive_what_is_in_it_is_asked_for(ran):
     suite = read_definition(ran / "pair.toml")
-    from eval.archives.manifest import read
+    from eventsweep.eval.archives.manifest import read
 
     manifest = read(ran / "frozen")
     assert Asked.of(suite, "all", manifest).seeds == (0,)

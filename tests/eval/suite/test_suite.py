@@ -7,21 +7,21 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from emvs.data.sequence import Sequence
-from emvs.dsi.cuda import device as library
-from emvs.errors import InputError
-from emvs.utils.cache import Cache, default_cache, key_of
-from eval.cli.main import main
-from eval.gate.baseline import read_baseline
-from eval.perturbations import PRESETS
-from eval.scoring.metric_versions import metric_versions
-from eval.suite.definition import FOLDER, load, read
-from eval.suite.results import FILE_NAME, read_suite
-from eval.suite.run import suite_jobs
-from eval.suite.stages import map as stage
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.dsi.cuda import device as library
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.cache import Cache, default_cache, key_of
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.gate.baseline import read_baseline
+from eventsweep.eval.perturbations import PRESETS
+from eventsweep.eval.scoring.metric_versions import metric_versions
+from eventsweep.eval.suite.definition import FOLDER, load, read
+from eventsweep.eval.suite.results import FILE_NAME, read_suite
+from eventsweep.eval.suite.run import suite_jobs
+from eventsweep.eval.suite.stages import map as stage
+from eventsweep.sim.rigs import rig as named_rig
 from places import ROOT
 from point_world import fronto_parallel
-from sim.rigs import rig as named_rig
 
 TINY = """
 name = "tiny"

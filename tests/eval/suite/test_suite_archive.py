@@ -11,19 +11,19 @@ import sys
 import numpy as np
 import pytest
 
-from emvs.data.sequence import Sequence
-from emvs.datasets import open_recording
-from emvs.errors import InputError
-from eval.archives.fetch import verify
-from eval.archives.manifest import read
-from eval.cli.main import main
-from eval.perturbations import Perturbation, perturbed
-from eval.report.compare.differences import compare_results
-from eval.report.compare.results import read_compared
-from eval.suite.archive import SequenceArchive, hidden_seed, read_secret
-from eval.suite.definition import read as read_definition
-from eval.suite.results import read_suite
-from eval.suite.series import of_suite
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.datasets import open_recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.archives.fetch import verify
+from eventsweep.eval.archives.manifest import read
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.perturbations import Perturbation, perturbed
+from eventsweep.eval.report.compare.differences import compare_results
+from eventsweep.eval.report.compare.results import read_compared
+from eventsweep.eval.suite.archive import SequenceArchive, hidden_seed, read_secret
+from eventsweep.eval.suite.definition import read as read_definition
+from eventsweep.eval.suite.results import read_suite
+from eventsweep.eval.suite.series import of_suite
 from places import ROOT
 from small_suite import WHOLE, case, suite_text
 

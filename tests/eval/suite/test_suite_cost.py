@@ -4,10 +4,10 @@ import os
 
 import pytest
 
-from eval.cli.main import main
-from eval.jobs.local import ONE_THREAD
-from eval.ranking.entries import of_suite
-from eval.suite.results import read_suite
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.jobs.local import ONE_THREAD
+from eventsweep.eval.ranking.entries import of_suite
+from eventsweep.eval.suite.results import read_suite
 from small_suite import WHOLE, case, suite_text
 
 MAPPERS = {

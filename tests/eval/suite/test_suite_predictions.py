@@ -8,11 +8,11 @@ import shutil
 import numpy as np
 import pytest
 
-from emvs.data.sequence import Sequence
-from emvs.errors import InputError
-from eval.cli.main import main
-from eval.suite.results import read_suite
-from eval.suite.stages import predict as predict_stage
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.main import main
+from eventsweep.eval.suite.results import read_suite
+from eventsweep.eval.suite.stages import predict as predict_stage
 from small_suite import case, suite_text
 
 MAPPERS = {

@@ -9,20 +9,20 @@ from hypothesis import strategies as st
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.sim.compensation.fine_frame import FineFrame
+from eventsweep.sim.compensation.interval import Passage, interval_between, lens_of
+from eventsweep.sim.compensation.light_kernels import light_at
+from eventsweep.sim.compensation.path_kernels import carried, distorted
+from eventsweep.sim.compensation.range_kernels import cell_range, spread_most
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.rendering.box_kernels import box_mean, box_nearest
+from eventsweep.sim.rendering.moving_bodies import BodyPixels
+from eventsweep.sim.sensor.esim import EventSimulator
+from eventsweep.sim.sensor.sensor import Sensor
 from painted_planes import Plane, fine_frame, pixel_light, pose
-from sim.compensation.fine_frame import FineFrame
-from sim.compensation.interval import Passage, interval_between, lens_of
-from sim.compensation.light_kernels import light_at
-from sim.compensation.path_kernels import carried, distorted
-from sim.compensation.range_kernels import cell_range, spread_most
-from sim.config import SimConfig
-from sim.rendering.box_kernels import box_mean, box_nearest
-from sim.rendering.moving_bodies import BodyPixels
-from sim.sensor.esim import EventSimulator
-from sim.sensor.sensor import Sensor
 
 WAVES = Plane(2.0)
 STRAIGHT = Camera(48, 36, 60.0, 62.0, 23.1, 17.4)

@@ -7,17 +7,25 @@ import sys
 
 import pytest
 
-import scenes
-from emvs.errors import InputError
-from eval.studies.stages import simulate as study_stage_simulate
-from eval.suite.stages import simulate as stage_simulate
+from eventsweep import scenes
+from eventsweep.emvs.errors import InputError
+from eventsweep.eval.studies.stages import simulate as study_stage_simulate
+from eventsweep.eval.suite.stages import simulate as stage_simulate
+from eventsweep.sim import graphics
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.graphics import choice
+from eventsweep.sim.graphics.choice import (
+    DEVICE,
+    NOTE,
+    Choice,
+    Driver,
+    choose,
+    equal_devices,
+    probe,
+)
+from eventsweep.sim.rigs import rig
+from eventsweep.sim.simulate import simulate
 from places import ROOT
-from sim import graphics
-from sim.config import SimConfig
-from sim.graphics import choice
-from sim.graphics.choice import DEVICE, NOTE, Choice, Driver, choose, equal_devices, probe
-from sim.rigs import rig
-from sim.simulate import simulate
 
 BOTH = ("egl", "osmesa")
 GPU = Driver("NVIDIA Corporation", "NVIDIA H200/PCIe/SSE2", "4.6.0 NVIDIA 580.0", devices=2)
@@ -146,7 +154,7 @@ def test_processes_that_are_started_later_inherit_the_choice(monkeypatch):
     if installed is None:
         pytest.skip("neither EGL nor OSMesa is installed")
     Choice(installed, {VENDOR: "x"}, "because").adopt()
-    said = "from sim import graphics; print(graphics.backend(), graphics.note())"
+    said = "from eventsweep.sim import graphics; print(graphics.backend(), graphics.note())"
     assert in_process(said) == f"{installed} because\n"
 
 
@@ -235,9 +243,9 @@ def in_process(code, *arguments, **environment):
 
 SHOW = """
 import sys
-import scenes
-from sim.rendering.renderer import StereoRenderer
-from sim.rigs import rig
+from eventsweep import scenes
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.rigs import rig
 scene = scenes.load("planes")
 with StereoRenderer(scene.spec(), rig("davis346"), 1, scene.depth_range_m) as renderer:
     print(renderer.description)

@@ -6,11 +6,11 @@ from hashlib import sha256
 import pytest
 
 import rover
-from emvs.errors import InputError
-from scenes import prepared
-from sim import mjcf
-from sim.config import ModelConfig, SimConfig
-from sim.mjcf import compiled, digests, files_of, model_of, read_spec
+from eventsweep.emvs.errors import InputError
+from eventsweep.scenes import prepared
+from eventsweep.sim import mjcf
+from eventsweep.sim.config import ModelConfig, SimConfig
+from eventsweep.sim.mjcf import compiled, digests, files_of, model_of, read_spec
 
 PARTS = """<mujoco model="parts">
 <compiler meshdir='meshes' texturedir="pictures/&#119;ood"/>

@@ -8,13 +8,13 @@ import pytest
 
 import noise_scene
 import rover
-from emvs.data.sequence import Sequence
-from emvs.errors import InputError
-from scenes import prepared
-from sim.config import ModelConfig, ReplayConfig, SimConfig
-from sim.model.scenes import scene_of
-from sim.rigs import rig as named_rig
-from sim.simulate import simulate
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.errors import InputError
+from eventsweep.scenes import prepared
+from eventsweep.sim.config import ModelConfig, ReplayConfig, SimConfig
+from eventsweep.sim.model.scenes import scene_of
+from eventsweep.sim.rigs import rig as named_rig
+from eventsweep.sim.simulate import simulate
 
 CONFIG = SimConfig(sampling="fast", supersample=2, duration_s=0.02, truth_interval_s=0.01)
 

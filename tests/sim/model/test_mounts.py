@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import rover
-from emvs.errors import InputError
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.model.mounts import find_mount, first_camera, rig_of_cameras
+from eventsweep.sim.rendering.renderer import StereoRenderer
 from places import ROOT
-from sim.graphics import import_mujoco
-from sim.model.mounts import find_mount, first_camera, rig_of_cameras
-from sim.rendering.renderer import StereoRenderer
 
 mujoco = import_mujoco()  # with the graphics that there are
 
@@ -116,7 +116,7 @@ def test_pixels_are_those_of_mujocos_own_picture(lens, tmp_path):
 THEIRS = """
 import sys
 import numpy as np
-from sim.graphics import import_mujoco
+from eventsweep.sim.graphics import import_mujoco
 mujoco = import_mujoco()
 model = mujoco.MjModel.from_xml_string(sys.argv[1])
 data = mujoco.MjData(model)

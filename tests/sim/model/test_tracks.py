@@ -5,10 +5,16 @@ import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
 import rover
-from emvs.errors import InputError
-from sim.graphics import import_mujoco
-from sim.model.drives import at_rest, initial_data, load_controller, read_joints, run_dynamics
-from sim.model.tracks import StateTrack, state_of
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.model.drives import (
+    at_rest,
+    initial_data,
+    load_controller,
+    read_joints,
+    run_dynamics,
+)
+from eventsweep.sim.model.tracks import StateTrack, state_of
 
 mujoco = import_mujoco()
 SWING = 7

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emvs.errors import InputError
-from emvs.geometry import se3
-from sim.motion.curves import HeadSway, Wave, look_at, sampled, spline
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.sim.motion.curves import HeadSway, Wave, look_at, sampled, spline
 
 COORDINATE = st.floats(-5, 5)
 POINT = st.tuples(COORDINATE, COORDINATE, COORDINATE)

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from emvs.errors import InputError
-from emvs.geometry import se3
-from motion_statistics import statistics
-from sim.motion.curves import curve_of, look_at, moved, sampled
-from sim.motion.head_motion import (
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.sim.motion.curves import curve_of, look_at, moved, sampled
+from eventsweep.sim.motion.head_motion import (
     along,
     bike,
     gaze_shifts,
@@ -24,7 +23,8 @@ from sim.motion.head_motion import (
     shake,
     walk,
 )
-from sim.motion.head_styles import STYLES
+from eventsweep.sim.motion.head_styles import STYLES
+from motion_statistics import statistics
 
 NAMES = list(STYLES)
 T_REST = look_at((0, 0, 0), (1, 0, 0))
@@ -206,7 +206,7 @@ def test_impossible_heads_are_refused(name, duration_s, parameters):
 
 
 def test_curve_of_another_motion_meets_it():
-    from sim.motion.curves import HeadSway
+    from eventsweep.sim.motion.curves import HeadSway
 
     sway = HeadSway.seeded(T_REST, (0.1, 0.06, 0.04), (3, 5, 2), (1.4, 0.5), 0)
     smooth = curve_of(sway, 1.0)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.sim.motion.curves import look_at
+from eventsweep.sim.motion.replay import Replay, gain, hand_eye, smoothed
 from places import SHARED
-from sim.motion.curves import look_at
-from sim.motion.replay import Replay, gain, hand_eye, smoothed
 
 RATE_HZ = 120.0
 
@@ -137,7 +137,7 @@ def test_uneven_times_are_brought_onto_a_grid():
 
 def test_a_real_head_replays_within_its_noise():
 
-    from emvs.data.poses import read_tum
+    from eventsweep.emvs.data.poses import read_tum
 
     path = SHARED / "data/tumvie/mocap-6dof.tum.txt"
     if not path.is_file():

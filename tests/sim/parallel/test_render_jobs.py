@@ -13,19 +13,19 @@ import numpy as np
 import pytest
 
 import mujoco_scenes as made
-from emvs.data.sequence import Sequence
-from emvs.errors import InputError
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.parallel.checkpoint import checkpoint_path
+from eventsweep.sim.parallel.render_job import chunk_bounds_us
+from eventsweep.sim.parallel.workers import slot_count
+from eventsweep.sim.sensor.labels import Label
+from eventsweep.sim.sensor_presets import SensorConfig
+from eventsweep.sim.simulate import check_disk, make_job, simulate
 from noise_scene import CONFIG, Killed, contents, motion, scene_in, stop_at, textures
 from places import HELPERS
-from sim.config import SimConfig
-from sim.parallel.checkpoint import checkpoint_path
-from sim.parallel.render_job import chunk_bounds_us
-from sim.parallel.workers import slot_count
-from sim.sensor.labels import Label
-from sim.sensor_presets import SensorConfig
-from sim.simulate import check_disk, make_job, simulate
 
 
 @pytest.fixture(scope="module")
@@ -179,7 +179,7 @@ import os, pathlib, random, signal, sys, time
 sys.path.insert(0, {tests!r})
 import mujoco_scenes as made
 import noise_scene as t
-from sim.simulate import simulate as simulated
+from eventsweep.sim.simulate import simulate as simulated
 
 def simulate(out, workers):
     simulated(t.scene_in(out.parent), made.tiny_rig(), t.CONFIG, 0, out,
@@ -227,7 +227,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, whole, w
 def test_a_worker_that_dies_is_told_and_loses_nothing(folder, scene, monkeypatch):
     out = folder / "died"
     # So few that the workers cannot be done long before the parent is.
-    monkeypatch.setattr("sim.parallel.workers.slot_count", lambda _job: 2)
+    monkeypatch.setattr("eventsweep.sim.parallel.workers.slot_count", lambda _job: 2)
 
     def kill(done_us, _total_us, _events):
         if done_us > 22_000:
@@ -281,9 +281,9 @@ def test_too_little_disk_or_memory_is_refused_with_numbers(folder, scene, monkey
         check_disk(long, place)
     assert str(caught.value).startswith(f"{place}: ")
     with monkeypatch.context() as full:
-        full.setattr("sim.simulate.free_bytes", lambda _: 12_345)
+        full.setattr("eventsweep.sim.simulate.free_bytes", lambda _: 12_345)
         with pytest.raises(InputError, match=r"about [\d.]+ [kM]B, but 12.3 kB are free"):
             check_disk(job, place)
-    monkeypatch.setattr("sim.simulate.available_memory", lambda: 10**8)
+    monkeypatch.setattr("eventsweep.sim.simulate.available_memory", lambda: 10**8)
     with pytest.raises(InputError, match=r"takes about [\d.]+ [MG]B of memory, but 100 MB"):
         simulate(scene, made.tiny_rig(), CONFIG, 0, folder / "big")

@@ -11,18 +11,18 @@ from hypothesis import strategies as st
 
 import mujoco_scenes as made
 import naive_pixels
-from emvs.errors import InputError
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from sim.config import SimConfig
-from sim.motion.curves import HeadSway, Wave, look_at
-from sim.rendering.adaptive_sampling import (
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.motion.curves import HeadSway, Wave, look_at
+from eventsweep.sim.rendering.adaptive_sampling import (
     adaptive_frames,
     largest_displacement_px,
     longest_step,
     truth_times_us,
 )
-from sim.rendering.renderer import Frame, StereoRenderer
+from eventsweep.sim.rendering.renderer import Frame, StereoRenderer
 
 
 class Walls:

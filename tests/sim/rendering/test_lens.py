@@ -9,16 +9,16 @@ from scipy.spatial.transform import Rotation
 import mujoco_scenes as made
 import naive_lens
 import naive_pixels
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from sim.graphics import import_mujoco
-from sim.motion.curves import look_at
-from sim.rendering import lens, pixel_kernels
-from sim.rendering.adaptive_sampling import largest_displacement_px
-from sim.rendering.renderer import StereoRenderer
-from sim.rigs import RIGS
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.motion.curves import look_at
+from eventsweep.sim.rendering import lens, pixel_kernels
+from eventsweep.sim.rendering.adaptive_sampling import largest_displacement_px
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.rigs import RIGS
 
 RANGE_M = (0.5, 8.0)
 POSE = look_at((0, 0, 1), (2, 0.1, 0.95))

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 
 import mujoco_scenes as made
-from emvs.data.sequence import Sequence
-from emvs.errors import InputError
-from emvs.geometry.camera import Camera
-from emvs.geometry.rig import Rig
-from sim.config import SimConfig
-from sim.graphics import open_context
-from sim.graphics.choice import Driver
-from sim.motion.curves import look_at
-from sim.rendering import light_shader, renderer
-from sim.rendering.gl_objects import GLObjects, opengl
-from sim.rendering.renderer import StereoRenderer
-from sim.rigs import RIGS
-from sim.simulate import simulate
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.graphics import open_context
+from eventsweep.sim.graphics.choice import Driver
+from eventsweep.sim.motion.curves import look_at
+from eventsweep.sim.rendering import light_shader, renderer
+from eventsweep.sim.rendering.gl_objects import GLObjects, opengl
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.rigs import RIGS
+from eventsweep.sim.simulate import simulate
 
 RANGE_M = (0.5, 8.0)
 POSE = look_at((0, 0, 1), (2, 0.1, 0.95))

@@ -10,14 +10,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import mujoco_scenes as made
-from emvs.data.sequence import Sequence
-from emvs.geometry import se3
-from sim.config import SimConfig
-from sim.motion.curves import HeadSway, look_at
-from sim.rendering.adaptive_sampling import adaptive_frames
-from sim.rendering.moving_bodies import MovingBodies
-from sim.rendering.renderer import StereoRenderer
-from sim.simulate import simulate
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.geometry import se3
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.motion.curves import HeadSway, look_at
+from eventsweep.sim.rendering.adaptive_sampling import adaptive_frames
+from eventsweep.sim.rendering.moving_bodies import MovingBodies
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.simulate import simulate
 
 HALF_M, START = 0.15, np.array([1.2, 0.15, 1.0])
 SPEED_M_S, RATE_RAD_S = np.array([0.4, -1.1, 0.3]), np.array([0.8, 2.0, -5.0])

@@ -7,14 +7,14 @@ import pytest
 
 import mujoco_scenes as made
 import naive_pixels
-from emvs.errors import InputError
-from emvs.geometry import se3
-from emvs.geometry.rig import Rig
-from sim import graphics
-from sim.graphics import import_mujoco
-from sim.motion.curves import look_at
-from sim.rendering import pixel_kernels
-from sim.rendering.renderer import StereoRenderer, metric_depth
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim import graphics
+from eventsweep.sim.graphics import import_mujoco
+from eventsweep.sim.motion.curves import look_at
+from eventsweep.sim.rendering import pixel_kernels
+from eventsweep.sim.rendering.renderer import StereoRenderer, metric_depth
 
 RANGE_M = (0.5, 8.0)
 RIG = made.small_rig()

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import naive_esim
-from emvs.data.events import Events
-from emvs.errors import InputError
-from sim.config import SimConfig
-from sim.sensor.esim import EventSimulator
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.sensor.esim import EventSimulator
 
 H, W = 3, 4
 FRAMES = hnp.arrays(

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import mujoco_scenes as made
-from emvs.errors import InputError
-from sim.config import ShutterConfig, SimConfig
-from sim.motion.curves import HeadSway, look_at
-from sim.rendering.renderer import StereoRenderer
-from sim.sensor.frame_camera import capture, develop, gain_for, mean_light
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.config import ShutterConfig, SimConfig
+from eventsweep.sim.motion.curves import HeadSway, look_at
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.sensor.frame_camera import capture, develop, gain_for, mean_light
 
 
 def frames(times_us):

@@ -11,13 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import mujoco_scenes as made
-from emvs.data.image_stores import FrameReader, FrameWriter, Photo
-from emvs.data.sequence import Sequence
-from emvs.errors import InputError
-from noise_scene import Killed, contents, scene_in, stop_at
-from sim.config import FramesConfig, ShutterConfig, SimConfig
-from sim.rendering.adaptive_sampling import adaptive_frames
-from sim.sensor.frame_camera import (
+from eventsweep.emvs.data.image_stores import FrameReader, FrameWriter, Photo
+from eventsweep.emvs.data.sequence import Sequence
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.config import FramesConfig, ShutterConfig, SimConfig
+from eventsweep.sim.rendering.adaptive_sampling import adaptive_frames
+from eventsweep.sim.sensor.frame_camera import (
     FrameCamera,
     auto_shutter,
     capture,
@@ -25,7 +24,8 @@ from sim.sensor.frame_camera import (
     exposure_spans_us,
     mean_light,
 )
-from sim.simulate import make_job, simulate
+from eventsweep.sim.simulate import make_job, simulate
+from noise_scene import Killed, contents, scene_in, stop_at
 
 # The shutter is open across chunks, parts and truth times.
 FRAMES = FramesConfig(rate_hz=100, exposure_us=9_000)
@@ -232,7 +232,7 @@ def test_the_imu_rides_on_the_same_motion(scene, whole):
 
 
 def test_without_an_imu_there_is_no_file(folder, scene):
-    from sim.config import ImuConfig
+    from eventsweep.sim.config import ImuConfig
 
     config = SimConfig(duration_s=0.002, imu=ImuConfig(rate_hz=0))
     sequence = Sequence.open(simulate(scene, made.tiny_rig(), config, 0, folder / "no-imu"))

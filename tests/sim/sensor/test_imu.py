@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from emvs.data.tables import ImuSamples, read_imu, write_imu
-from emvs.errors import InputError
-from emvs.geometry import se3
-from sim.config import ImuConfig
-from sim.motion.curves import look_at
-from sim.motion.head_motion import run, shake, walk
-from sim.sensor.imu import GRAVITY_M_S2, imu_samples
+from eventsweep.emvs.data.tables import ImuSamples, read_imu, write_imu
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.sim.config import ImuConfig
+from eventsweep.sim.motion.curves import look_at
+from eventsweep.sim.motion.head_motion import run, shake, walk
+from eventsweep.sim.sensor.imu import GRAVITY_M_S2, imu_samples
 
 QUIET = ImuConfig(rate_hz=200).noiseless()
 T_BODY_IMU = look_at((0.03, -0.05, 0.02), (0.3, 0.4, 0.1))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from eventsweep.sim.sensor.labels import Label
 from sensor_runs import config, constant, counts_per_pixel, gaps_of, irregular_times_us, run
-from sim.sensor.labels import Label
 
 SHAPE = (10, 12)
 

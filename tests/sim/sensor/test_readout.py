@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import naive_sensor
+from eventsweep.sim.sensor.pixels import Batch
+from eventsweep.sim.sensor.random_streams import Randomness
+from eventsweep.sim.sensor.readout import Arbiter, Latency
+from eventsweep.sim.sensor_presets import SensorParameters
 from sensor_runs import config, run
-from sim.sensor.pixels import Batch
-from sim.sensor.random_streams import Randomness
-from sim.sensor.readout import Arbiter, Latency
-from sim.sensor_presets import SensorParameters
 
 LONG_US = 10**6
 

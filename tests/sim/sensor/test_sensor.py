@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import naive_esim
-from emvs.errors import InputError
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.sensor.esim import EventSimulator
+from eventsweep.sim.sensor.labels import Drop, Label
+from eventsweep.sim.sensor.sensor import Sensor
+from eventsweep.sim.sensor_presets import PRESETS, SensorConfig
 from sensor_runs import config, constant, irregular_times_us, moving_bars, rows_of, run
-from sim.config import SimConfig
-from sim.sensor.esim import EventSimulator
-from sim.sensor.labels import Drop, Label
-from sim.sensor.sensor import Sensor
-from sim.sensor_presets import PRESETS, SensorConfig
 
 NOISY = {
     "threshold_sigma": 0.03, "bandwidth_hz": 200.0, "bandwidth_order": 2, "leak_rate_hz": 5.0,

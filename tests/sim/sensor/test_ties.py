@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import naive_esim
-from emvs.data.events import Events
+from eventsweep.emvs.data.events import Events
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.sensor.esim import EventSimulator
 from sensor_runs import config as sensor_config
 from sensor_runs import rows_of
 from sensor_runs import run as run_sensor
-from sim.config import SimConfig
-from sim.sensor.esim import EventSimulator
 from video_files import grey_video
 
 H, W = 2, 3

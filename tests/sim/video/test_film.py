@@ -15,12 +15,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import naive_esim
-from emvs.errors import InputError
-from sim.config import PixelConfig, VideoConfig
-from sim.sensor_presets import SensorConfig
-from sim.video.film import Film, Pace, ahead
-from sim.video.frames import open_frames
-from sim.video.record import record
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.config import PixelConfig, VideoConfig
+from eventsweep.sim.sensor_presets import SensorConfig
+from eventsweep.sim.video.film import Film, Pace, ahead
+from eventsweep.sim.video.frames import open_frames
+from eventsweep.sim.video.record import record
 from video_files import decoded, drifting, events_of, grey_video, rows, write_folder, write_video
 
 LINEAR = VideoConfig(encoding="linear")

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from emvs.errors import InputError
-from sim.config import VideoConfig
-from sim.video.frames import checked, open_frames
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.config import VideoConfig
+from eventsweep.sim.video.frames import checked, open_frames
 from video_files import decoded, drifting, write_folder, write_image, write_video
 
 FRAMES = drifting(12)

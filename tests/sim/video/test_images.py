@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image as Pillow
 
-from emvs.errors import InputError
-from sim.config import VideoConfig
-from sim.video.images import READERS, read_image
-from sim.video.light import Light
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.config import VideoConfig
+from eventsweep.sim.video.images import READERS, read_image
+from eventsweep.sim.video.light import Light
 from video_files import write_image
 
 RNG = np.random.default_rng(0)

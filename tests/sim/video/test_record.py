@@ -12,18 +12,18 @@ import numpy as np
 import pytest
 
 import eventsweep as es
-from emvs.data.poses import write_tum
-from emvs.datasets.raw_streams import open_readable
-from emvs.errors import InputError
-from emvs.formats import FORMATS
-from emvs.geometry.trajectory import Trajectory
-from eval.cli.main import main
-from sim.config import PixelConfig, SimConfig, VideoConfig
-from sim.parallel import sensors
-from sim.sensor.sensor import Sensor
-from sim.sensor_presets import SensorConfig
-from sim.video.frames import open_frames
-from sim.video.record import View, format_of, record
+from eventsweep.emvs.data.poses import write_tum
+from eventsweep.emvs.datasets.raw_streams import open_readable
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.formats import FORMATS
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.eval.cli.main import main
+from eventsweep.sim.config import PixelConfig, SimConfig, VideoConfig
+from eventsweep.sim.parallel import sensors
+from eventsweep.sim.sensor.sensor import Sensor
+from eventsweep.sim.sensor_presets import SensorConfig
+from eventsweep.sim.video.frames import open_frames
+from eventsweep.sim.video.record import View, format_of, record
 from video_files import drifting, events_of, rows, write_folder, write_video
 
 SECONDS = [f"{k / 20:.2f}" for k in range(10)]
@@ -268,8 +268,8 @@ def test_progress_rises_to_the_end(tmp_path, folder):
 MEASURED = """
 import resource, sys
 from pathlib import Path
-from sim.config import PixelConfig, VideoConfig
-from sim.video.record import record
+from eventsweep.sim.config import PixelConfig, VideoConfig
+from eventsweep.sim.video.record import record
 for out, source in enumerate(sys.argv[2:]):
     record(Path(source), Path(sys.argv[1], str(out)), PixelConfig(), VideoConfig())
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)

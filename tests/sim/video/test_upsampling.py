@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from emvs.errors import InputError
-from sim.config import PixelConfig, VideoConfig
-from sim.video import upsampling
-from sim.video.record import record
-from sim.video.upsampling import find_upsampler
+from eventsweep.emvs.errors import InputError
+from eventsweep.sim.config import PixelConfig, VideoConfig
+from eventsweep.sim.video import upsampling
+from eventsweep.sim.video.record import record
+from eventsweep.sim.video.upsampling import find_upsampler
 from video_files import drifting, events_of, rows, write_folder
 
 BLEND = """
@@ -61,7 +61,7 @@ def test_it_is_given_what_the_files_hold(tmp_path, monkeypatch):
         return [(t0_us + 1, before)]
 
     monkeypatch.setattr(upsampling, "find_upsampler", None)
-    monkeypatch.setattr("sim.video.film.find_upsampler", lambda name: spy)
+    monkeypatch.setattr("eventsweep.sim.video.film.find_upsampler", lambda name: spy)
     assert made(folder, tmp_path / "out", "spy").frames == 5
     assert [call[2:] for call in calls] == [(500_000, 600_000), (600_000, 800_000)]
     np.testing.assert_array_equal([call[0] for call in calls], frames[:2])
