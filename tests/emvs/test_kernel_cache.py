@@ -107,7 +107,7 @@ def is_compiler(node):
 def taken(file):
     """What a file imports from the project by name: name -> file."""
     nodes = [node for node in tree(file).body if isinstance(node, ast.ImportFrom) and node.module]
-    ours = [node for node in nodes if node.module.split(".")[0] in PACKAGES]
+    ours = [node for node in nodes if node.module.startswith("eventsweep.")]
     return {
         alias.asname or alias.name: source(f"{node.module}.{alias.name}")
         for node in ours
@@ -120,14 +120,18 @@ def source(name):
     for dotted in (name, name.rpartition(".")[0]):
         file = ROOT / f"{dotted.replace('.', '/')}.py"
         if file.is_file():
-            return file
-    return ROOT / name.replace(".", "/") / "__init__.py"
+            return file.resolve()
+    return (ROOT / name.replace(".", "/") / "__init__.py").resolve()
+
+
+def kernel_files():
+    return [file.resolve() for file in kernel_cache.kernel_files()]
 
 
 def borrowed():
     """(function, its file) of compiled functions that a kernel of the CPU in another file calls."""
     found = set()
-    for file in kernel_cache.kernel_files():
+    for file in kernel_files():
         if "cuda" not in file.parts:
             for name, origin in taken(file).items():
                 if name in [f.name for f in compiled(origin)]:
@@ -148,10 +152,11 @@ def python(code, folder, cache):
 def copy(tmp_path_factory):
     """A copy of the packages and a cache, and what a caller says of the code as it is."""
     folder = tmp_path_factory.mktemp("copy")
-    for package in PACKAGES:
+    for package in (*PACKAGES, "eventsweep"):
         shutil.copytree(
-            ROOT / package, folder / package, ignore=shutil.ignore_patterns("__pycache__")
-        )
+            ROOT / package, folder / package, symlinks=True,
+            ignore=shutil.ignore_patterns("__pycache__"),
+        )  # fmt: skip
     return folder, cache(lambda file: python(CALLERS[file], folder, folder / "cache"))
 
 
@@ -206,13 +211,13 @@ def test_no_job_is_kept_that_older_kernels_made(copy):
 
 
 def test_every_file_with_compiled_functions_counts():
-    files = set(kernel_cache.kernel_files())
+    files = set(kernel_files())
     sources = [file for package in PACKAGES for file in (ROOT / package).rglob("*.py")]
     assert {file for file in sources if compiled(file)} <= files
 
 
 def test_compiled_functions_take_names_only_from_files_that_count():
-    files = set(kernel_cache.kernel_files())
+    files = set(kernel_files())
     for file in files:
         outside = {name for name, origin in taken(file).items() if origin not in files}
         for function in compiled(file):

@@ -100,8 +100,10 @@ def broken_copy(folder: Path, *edits: Edit, more: tuple[str, ...] = ()) -> Path:
     folder.mkdir(parents=True)
     for name in (*PACKAGES, *more):
         place = ROOT / name
-        copy = shutil.copytree if place.is_dir() else shutil.copy2
-        copy(place, folder / name)
+        if place.is_dir():
+            shutil.copytree(place, folder / name, symlinks=True)
+        else:
+            shutil.copy2(place, folder / name)
     for edit in edits:
         file = folder / edit.file
         file.write_text(edit.applied(file.read_text(encoding="utf-8")), encoding="utf-8")
