@@ -1,9 +1,8 @@
-"""Parameters of the mapper and of the baselines, with defaults that work; imports no numpy.
-
-Zhou, Gallego, Shen, TRO 2021, and the configuration that they published with their program;
-the page `baselines_esvo` lists both beside ours. No numpy is imported.
+"""Parameters of the mapper, its extractions and the baselines; imports no numpy.
 
 Defaults are the published values where there are any; the page `baselines` says which those are.
+Those of ESVO come from Zhou, Gallego, Shen, TRO 2021, and from the configuration published with
+their program; the page `baselines_esvo` lists both beside ours.
 """
 
 from __future__ import annotations
@@ -19,14 +18,13 @@ DEFAULT_DEPTH_RANGE_M = (0.2, 5.0)
 Positive = Annotated[FiniteFloat, Field(gt=0)]
 NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 DeviceName = Literal["cpu", "cuda", "auto"]
-OddPixels = Annotated[int, Field(ge=1, le=99)]
 FocusMeasure = Literal["variance", "mean-square", "gradient", "laplacian", "dog"]
 Count = Annotated[int, Field(ge=1)]
 Pixel = Annotated[FiniteFloat, Field(ge=-32768, le=65536)]
 
 
 class FuseConfig(ParameterGroup):
-    """What joining the windows of a map can be told."""
+    """How the windows of a map are joined."""
 
     voxel_m: FiniteFloat = Field(
         default=0.01, gt=0, description="edge of a voxel, m; the cloud has one point per voxel"
@@ -52,16 +50,15 @@ def _odd(size_px: int) -> int:
     return size_px
 
 
-BlockPixels = Annotated[int, Field(ge=1, le=99), AfterValidator(_odd)]
-
-
+OddPixels = Annotated[int, Field(ge=1, le=99), AfterValidator(_odd)]
+ThresholdPixels = Annotated[int, Field(ge=3, le=99), AfterValidator(_odd)]
 MedianPixels = Annotated[int, Field(ge=1, le=5), AfterValidator(_odd)]
 
 
 class SemiGlobal(ParameterGroup):
     """Semi-global matching of two images, OpenCV's."""
 
-    block_px: BlockPixels = Field(default=11, description="side of the matched blocks, odd, px")
+    block_px: OddPixels = Field(default=11, description="side of the matched blocks, odd, px")
     p1_per_px: Count = Field(
         default=8, description="penalty per block pixel of a disparity step of 1"
     )
@@ -89,7 +86,7 @@ class SgmParameters(ParameterGroup):
 class PictureMatching(SemiGlobal):
     """The same of pictures, which have texture where time surfaces have edges: a smaller block."""
 
-    block_px: BlockPixels = Field(default=7, description="side of the matched blocks, odd, px")
+    block_px: OddPixels = Field(default=7, description="side of the matched blocks, odd, px")
 
 
 class FrameParameters(ParameterGroup):
@@ -126,8 +123,8 @@ class GtsParameters(ParameterGroup):
 class Matching(ParameterGroup):
     """Block matching that starts each estimate."""
 
-    width_px: BlockPixels = Field(default=15, description="columns of a block, odd, px")
-    height_px: BlockPixels = Field(default=7, description="rows of a block, odd, px")
+    width_px: OddPixels = Field(default=15, description="columns of a block, odd, px")
+    height_px: OddPixels = Field(default=7, description="rows of a block, odd, px")
     coarse_px: Count = Field(
         default=1,
         description="step of the first search along the row, px; the second takes every pixel",
@@ -143,8 +140,8 @@ class Matching(ParameterGroup):
 class Refinement(ParameterGroup):
     """The non-linear least squares of one inverse depth; time surfaces count 0..255."""
 
-    width_px: BlockPixels = Field(default=15, description="columns of the compared patch, odd, px")
-    height_px: BlockPixels = Field(default=7, description="rows of the compared patch, odd, px")
+    width_px: OddPixels = Field(default=15, description="columns of the compared patch, odd, px")
+    height_px: OddPixels = Field(default=7, description="rows of the compared patch, odd, px")
     steps: int = Field(
         default=10, ge=0, description="most iterations; 0: as block matching left it"
     )
@@ -213,8 +210,63 @@ class EsvoParameters(ParameterGroup):
     regularisation: Regularisation = Regularisation()
 
 
+class FocusParameters(ParameterGroup):
+    """Depth by focus: the Focus methods, and what the Learned methods start from."""
+
+    measure: FocusMeasure = Field(
+        default="variance", description="what the Focus methods maximise along a viewing ray"
+    )
+    sigma_px: Positive = Field(
+        default=2.5, le=50, description="scale of the focus measures, px of the reference view"
+    )
+    threshold_kernel_px: ThresholdPixels = Field(
+        default=5, description="window of the Focus methods' adaptive threshold, px, odd"
+    )
+    threshold_c: FiniteFloat = Field(
+        default=2.0, description="threshold_c of the Focus methods, applied before reliability"
+    )
+    reliability: float = Field(
+        default=0.03, ge=0, le=1, description="least reliability of a point of the Focus methods"
+    )
+
+
+class LearnedParameters(ParameterGroup):
+    """The network of the Learned methods."""
+
+    error_px: Positive = Field(
+        default=0.5,
+        description="largest expected error of a point of the Learned methods, px of disparity at "
+        "10 px of it",
+    )
+    weights: Path | None = Field(
+        default=None, description="weights of the Learned methods; by default those that ship"
+    )
+
+
+class DerdParameters(ParameterGroup):
+    """The published network DERD-Net."""
+
+    threshold_kernel_px: ThresholdPixels = Field(
+        default=5, description="window of DERD/H's adaptive threshold, px, odd"
+    )
+    threshold_c: FiniteFloat = Field(default=14.0, description="threshold_c of DERD/H")
+    weights: Path | None = Field(
+        default=None, description="weights of DERD/H; by default those that ship"
+    )
+
+
+# Names of these fields before they had groups, as suites and maps of earlier versions have them.
+_FORMER_NAMES = {
+    f"{group}_{name}": (group, name)
+    for group, fields in (
+        ("focus", FocusParameters), ("learned", LearnedParameters), ("derd", DerdParameters)
+    )
+    for name in fields.model_fields
+}  # fmt: skip
+
+
 class MapperConfig(ParameterGroup):
-    """What Algorithm 1 can be told; every field has a default that works."""
+    """Parameters of Algorithms 1 and 2; every field has a default that works."""
 
     planes: int = Field(default=100, ge=2, le=100_000, description="number of depth planes")
     spacing: Literal["inverse", "linear"] = Field(
@@ -312,24 +364,6 @@ class MapperConfig(ParameterGroup):
         default="votes",
         description="what depth maximises along a viewing ray: the votes, or a focus measure",
     )
-    focus_measure: FocusMeasure = Field(
-        default="variance", description="what the Focus methods maximise along a viewing ray"
-    )
-    focus_sigma_px: Positive = Field(
-        default=2.5, le=50, description="scale of the focus measures, px of the reference view"
-    )
-    focus_threshold_kernel_px: int = Field(
-        default=5,
-        ge=3,
-        le=99,
-        description="window of the Focus methods' adaptive threshold, px, odd",
-    )
-    focus_threshold_c: FiniteFloat = Field(
-        default=2.0, description="threshold_c of the Focus methods, applied before reliability"
-    )
-    focus_reliability: float = Field(
-        default=0.03, ge=0, le=1, description="least reliability of a point of the Focus methods"
-    )
     min_precision: float | None = Field(
         default=None,
         gt=0,
@@ -337,29 +371,14 @@ class MapperConfig(ParameterGroup):
         description="keep as many points as have this share within a pixel of disparity, by "
         "calibration; instead of each method's own threshold",
     )
-    learned_error_px: Positive = Field(
-        default=0.5,
-        description="largest expected error of a point of the Learned methods, px of disparity at "
-        "10 px of it",
-    )
-    learned_weights: Path | None = Field(
-        default=None, description="weights of the Learned methods; by default those that ship"
-    )
-    derd_threshold_kernel_px: int = Field(
-        default=5, ge=3, le=99, description="window of DERD/H's adaptive threshold, px, odd"
-    )
-    derd_threshold_c: FiniteFloat = Field(default=14.0, description="threshold_c of DERD/H")
-    derd_weights: Path | None = Field(
-        default=None, description="weights of DERD/H; by default those that ship"
-    )
     inpaint: bool = Field(
         default=False, description="also fill the gaps between points, marked as filled"
     )
     interpolate: bool = Field(
         default=True, description="refine the maximum between planes by a parabola"
     )
-    threshold_kernel_px: int = Field(
-        default=5, ge=3, le=99, description="window of the adaptive threshold, px, odd"
+    threshold_kernel_px: ThresholdPixels = Field(
+        default=5, description="window of the adaptive threshold, px, odd"
     )
     threshold_c: FiniteFloat = Field(
         default=7.0, description="by how much of 255 a confidence must exceed its neighbours' mean"
@@ -392,6 +411,11 @@ class MapperConfig(ParameterGroup):
     slice_row: int | None = Field(
         default=None, ge=0, description="image row of the DSI slice, px; by default the middle row"
     )
+    focus: FocusParameters = Field(default=FocusParameters(), description="of depth by focus")
+    learned: LearnedParameters = Field(
+        default=LearnedParameters(), description="of the Learned methods"
+    )
+    derd: DerdParameters = Field(default=DerdParameters(), description="of DERD-Net")
     sgm: SgmParameters = Field(default=SgmParameters(), description="of SGM on time surfaces")
     esvo: EsvoParameters = Field(default=EsvoParameters(), description="of ESVO mapping")
     gts: GtsParameters = Field(default=GtsParameters(), description="of event coincidence")
@@ -404,12 +428,25 @@ class MapperConfig(ParameterGroup):
             return {**values, "methods": (values["methods"],)}
         return values
 
+    @model_validator(mode="before")
+    @classmethod
+    def _with_groups(cls, values: Any) -> Any:
+        """Reads former names of grouped fields as what they are called today."""
+        former = [name for name in _FORMER_NAMES if isinstance(values, dict) and name in values]
+        if not former:
+            return values
+        values = dict(values)
+        for old in former:
+            group, name = _FORMER_NAMES[old]
+            given = values.get(group) or {}
+            given = given.model_dump(exclude_unset=True) if hasattr(given, "model_dump") else given
+            if name in given:
+                raise ValueError(f"{old} and {group}.{name} are the same: leave one of them out")
+            values[group] = {**given, name: values.pop(old)}
+        return values
+
     @model_validator(mode="after")
     def _check(self) -> MapperConfig:
-        windows = "threshold_kernel_px", "focus_threshold_kernel_px", "derd_threshold_kernel_px"
-        for name in (*windows, "median_px"):
-            if getattr(self, name) % 2 == 0:
-                raise ValueError(f"{name} is {getattr(self, name)}: must be odd")
         if self.reference_s is not None and self.reference == "end":
             raise ValueError("reference_s and reference end: leave one of them out")
         self._check_sliding()
@@ -452,8 +489,13 @@ class MapperConfig(ParameterGroup):
         return self.interpolate and not self.is_mcemvs
 
     @property
+    def sums(self) -> Literal["fixed", "float", "nearest"]:
+        """How votes are summed: those of the nearest pixel, or as `voting_precision` says."""
+        return "nearest" if self.voting == "nearest" else self.voting_precision
+
+    @property
     def polarities(self) -> int:
-        """Volumes per camera and sub-interval: 2 where polarities are fused apart."""
+        """Volumes per camera and sub-interval: 2 where each polarity is fused by itself."""
         return 2 if self.polarity == "separate" else 1
 
     @property

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from eventsweep.emvs.datasets import open_recording
     from eventsweep.emvs.datasets.training import TrainingWindows
     from eventsweep.emvs.depth.depth_map import DepthMap
-    from eventsweep.emvs.dsi.method import Method
     from eventsweep.emvs.errors import InputError
+    from eventsweep.emvs.extraction.method import Extraction, Method
     from eventsweep.emvs.geometry.camera import Camera
     from eventsweep.emvs.geometry.rig import Rig
     from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -59,6 +59,7 @@ __all__ = [
     "EventRig",
     "EventSimulator",
     "Events",
+    "Extraction",
     "Finding",
     "InputError",
     "MapperConfig",
@@ -103,11 +104,12 @@ _PLACES = {
     "EventRig": "eventsweep.sim.event_camera:EventRig",
     "EventSimulator": "eventsweep.sim.sensor.esim:EventSimulator",
     "Events": "eventsweep.emvs.data.events:Events",
+    "Extraction": "eventsweep.emvs.extraction.method:Extraction",
     "Finding": "eventsweep.emvs.check.findings:Finding",
     "InputError": "eventsweep.emvs.errors:InputError",
     "MapperConfig": "eventsweep.emvs.config:MapperConfig",
     "ModelConfig": "eventsweep.sim.config:ModelConfig",
-    "Method": "eventsweep.emvs.dsi.method:Method",
+    "Method": "eventsweep.emvs.extraction.method:Method",
     "PixelConfig": "eventsweep.sim.config:PixelConfig",
     "RecordedVideo": "eventsweep.sim.video.record:RecordedVideo",
     "Recording": "eventsweep.emvs.data.recording:Recording",

@@ -30,7 +30,7 @@ from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.reference_view import ReferenceView
 from eventsweep.emvs.windows import Window
 
-Floats = NDArray[np.float64]
+Float64s = NDArray[np.float64]
 Image = NDArray[np.float32]
 
 
@@ -136,8 +136,8 @@ class EsvoMap:
 
     t_ref_us: int
     t_us: NDArray[np.int64]
-    bearing: Floats
-    start: Floats
+    bearing: Float64s
+    start: Float64s
     refined: Refined
 
     @property
@@ -197,12 +197,12 @@ class EsvoMapper:
         refined = refine(left, right, lines, start, self._parameters.refinement)
         return EsvoMap(t_us, times_us, bearing, start, self._checked(refined))
 
-    def pose(self, t_us: int | NDArray[np.int64]) -> Floats:
+    def pose(self, t_us: int | NDArray[np.int64]) -> Float64s:
         """(..., 4, 4) pose of the rectified view of camera i in the world."""
-        pose: Floats = self._recording.trajectory.at(t_us) @ self.stereo.T_body_rect[0]
+        pose: Float64s = self._recording.trajectory.at(t_us) @ self.stereo.T_body_rect[0]
         return pose
 
-    def _newest(self, t_us: int) -> tuple[Events, Floats]:
+    def _newest(self, t_us: int) -> tuple[Events, Float64s]:
         """The newest events and their rectified pixels."""
         camera = self.stereo.cameras[0]
         since_us = t_us - round(self._parameters.recent_s * 1e6)
@@ -215,7 +215,7 @@ class EsvoMapper:
             uv_px[seen],
         )
 
-    def _lines(self, t_us: int, times_us: NDArray[np.int64], bearing: Floats) -> Lines:
+    def _lines(self, t_us: int, times_us: NDArray[np.int64], bearing: Float64s) -> Lines:
         T_now_world = se3.inverse(self.pose(t_us))
         T_now_then = T_now_world @ self.pose(times_us)
         camera = self.stereo.camera

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.baselines.esvo_kernels import fuse, smooth
 from eventsweep.emvs.config import CleanUp, Regularisation
 
-Floats = NDArray[np.float64]
+Float64s = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,11 +31,11 @@ class Estimates:
         spread: the smallest scale of residuals among those (`Refined.spread`).
     """
 
-    rho: Floats
-    scale: Floats
-    dof: Floats
+    rho: Float64s
+    scale: Float64s
+    dof: Float64s
     count: NDArray[np.int64]
-    spread: Floats
+    spread: Float64s
 
     @classmethod
     def empty(cls, height_px: int, width_px: int) -> Estimates:
@@ -45,15 +45,15 @@ class Estimates:
                    np.zeros(shape, np.int64), np.zeros(shape))  # fmt: skip
 
     @property
-    def deviation(self) -> Floats:
+    def deviation(self) -> Float64s:
         """Standard deviation of inverse depth, 1/m."""
         with np.errstate(invalid="ignore", divide="ignore"):
             return self.scale * np.sqrt(self.dof / (self.dof - 2))
 
 
 def propagate(
-    rays: Floats, origins_m: Floats, rho: Floats, scale: Floats
-) -> tuple[Floats, Floats, Floats]:
+    rays: Float64s, origins_m: Float64s, rho: Float64s, scale: Float64s
+) -> tuple[Float64s, Float64s, Float64s]:
     """Carries inverse depths into another view, and their scales by the derivative.
 
     Args:
@@ -75,7 +75,7 @@ def propagate(
 
 
 def fuse_into(
-    known: Estimates, uv_px: Floats, rho: Floats, scale: Floats, spread: Floats, dof: float
+    known: Estimates, uv_px: Float64s, rho: Float64s, scale: Float64s, spread: Float64s, dof: float
 ) -> Estimates:
     """Fuses points into the four pixels around each; `known` stays as it is.
 
@@ -102,7 +102,7 @@ def fuse_into(
 
 def regularised(
     known: Estimates, clean_up: CleanUp, settings: Regularisation, most_deviation: float
-) -> Floats:
+) -> Float64s:
     """Cleans a fused map.
 
     Args:
@@ -117,7 +117,7 @@ def regularised(
     deviation = known.deviation
     with np.errstate(invalid="ignore"):
         sure = (known.count > clean_up.least_fusions) & (deviation <= most_deviation)
-    rho: Floats = np.where(sure, known.rho, np.nan)
+    rho: Float64s = np.where(sure, known.rho, np.nan)
     if not settings.radius_px:
         return rho
     out = np.empty(rho.shape)

@@ -20,7 +20,7 @@ from eventsweep.emvs.baselines.esvo_kernels import refine_all
 from eventsweep.emvs.config import Refinement
 
 Image = NDArray[np.float32]
-Floats = NDArray[np.float64]
+Float64s = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +35,8 @@ class Lines:
         baseline_m: distance of the two.
     """
 
-    a: Floats
-    b: Floats
+    a: Float64s
+    b: Float64s
     focal_px: float
     centre_px: tuple[float, float]
     baseline_m: float
@@ -52,12 +52,12 @@ class Refined:
         spread: (N,) scale of the residuals, fitted to the patch; surfaces count 0..255.
     """
 
-    rho: Floats
-    scale: Floats
-    spread: Floats
+    rho: Float64s
+    scale: Float64s
+    spread: Float64s
 
 
-def refine(left: Image, right: Image, lines: Lines, rho: Floats, settings: Refinement) -> Refined:
+def refine(left: Image, right: Image, lines: Lines, rho: Float64s, settings: Refinement) -> Refined:
     """Refines inverse depths.
 
     Args:

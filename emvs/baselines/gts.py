@@ -27,7 +27,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.reference_view import ReferenceView
 from eventsweep.emvs.windows import Window
 
-Floats = NDArray[np.float64]
+Float64s = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
@@ -81,10 +81,10 @@ class Stream:
         slope: (N, 2) time slopes, µs/px; events with NaN match nothing.
     """
 
-    uv_px: Floats
+    uv_px: Float64s
     t_us: Indices
     p: NDArray[np.uint8]
-    slope: Floats
+    slope: Float64s
 
 
 def _stream(
@@ -107,7 +107,7 @@ def _stream(
 def time_slopes(
     pixels: NDArray[np.int64], t_us: NDArray[np.int64], p: NDArray[np.uint8],
     size_px: tuple[int, int], radius_px: int, memory_us: int,
-) -> Floats:  # fmt: skip
+) -> Float64s:  # fmt: skip
     """Slope of the last event times around each event, of its own polarity.
 
     Args:
@@ -129,7 +129,7 @@ def time_slopes(
 
 def pairs(
     left: Stream, right: Stream, range_px: tuple[float, float], settings: Coincidence
-) -> tuple[Indices, Indices, Floats]:
+) -> tuple[Indices, Indices, Float64s]:
     """Events that choose each other.
 
     Args:
@@ -151,7 +151,7 @@ def pairs(
 
 def _best(
     one: Stream, other: Stream, low: float, high: float, settings: Coincidence
-) -> tuple[Indices, Floats]:
+) -> tuple[Indices, Float64s]:
     """For each event of `one`, the best of `other` with `low <= column difference <= high`."""
     out, energy = np.empty(len(one.t_us), np.int64), np.empty(len(one.t_us))
     order, start = _by_row(other.uv_px)
@@ -163,7 +163,7 @@ def _best(
     return out, energy
 
 
-def _by_row(uv_px: Floats) -> tuple[Indices, Indices]:
+def _by_row(uv_px: Float64s) -> tuple[Indices, Indices]:
     """Indices by row, in each row by time, and where each row begins."""
     known = np.isfinite(uv_px).all(axis=1)
     row = np.where(known, np.rint(np.where(known, uv_px[:, 1], 0)), -1).astype(np.int64)

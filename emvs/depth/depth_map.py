@@ -16,7 +16,7 @@ from eventsweep.emvs.dsi.maxima import Maximum
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.reference_view import ReferenceView, inverse_depth_at
 
-Floats = NDArray[np.float32]
+Float32s = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Value = TypeVar("Value", bound=np.generic)
 
@@ -42,16 +42,16 @@ class DepthMap:
     """
 
     method: str
-    depth_m: Floats
-    confidence: Floats
+    depth_m: Float32s
+    confidence: Float32s
     mask: Mask
     argmax: NDArray[np.int16]
-    rho: Floats
+    rho: Float32s
     t_us: int
     T_world_rv: NDArray[np.float64]
     camera: Camera
-    reliability: Floats | None = None
-    error_m: Floats | None = None
+    reliability: Float32s | None = None
+    error_m: Float32s | None = None
 
     @property
     def points(self) -> int:
@@ -102,7 +102,7 @@ def extract(
     )
 
 
-def confidence_mask(confidence: Floats, config: MapperConfig) -> Mask:
+def confidence_mask(confidence: Float32s, config: MapperConfig) -> Mask:
     """Keeps pixels that stand out: confidence above its Gaussian-weighted surroundings by C.
 
     Args:
@@ -127,7 +127,7 @@ def confidence_mask(confidence: Floats, config: MapperConfig) -> Mask:
     return (kept > 0) & (confidence > 0)
 
 
-def prominence(confidence: Floats, config: MapperConfig) -> Floats:
+def prominence(confidence: Float32s, config: MapperConfig) -> Float32s:
     """By how much of 255 a confidence exceeds its surroundings: what `confidence_mask` asks for.
 
     Args:
@@ -143,7 +143,7 @@ def prominence(confidence: Floats, config: MapperConfig) -> Floats:
     return np.where(confidence > 0, grey - around, np.float32(0))
 
 
-def eight_bits(confidence: Floats, max_confidence: float) -> NDArray[np.uint8]:
+def eight_bits(confidence: Float32s, max_confidence: float) -> NDArray[np.uint8]:
     """Scales confidence to 0..255 by its maximum, or by `max_confidence` where that is larger.
 
     A fixed scale keeps a window with few events from promoting its noise; values above it are not
@@ -156,7 +156,7 @@ def eight_bits(confidence: Floats, max_confidence: float) -> NDArray[np.uint8]:
     return grey
 
 
-def masked_median(values: Floats, mask: Mask, kernel_px: int) -> Floats:
+def masked_median(values: Float32s, mask: Mask, kernel_px: int) -> Float32s:
     """Replaces masked pixels by the lower median of the masked pixels around them.
 
     Args:
@@ -192,23 +192,23 @@ def union(method: str, maps: Sequence[DepthMap]) -> DepthMap:
         method: name for the result.
         maps: one per camera, in the same reference view.
     """
-    masks = np.stack([one.mask for one in maps])
-    confidence = np.stack([one.confidence for one in maps])
+    masks = np.stack([m.mask for m in maps])
+    confidence = np.stack([m.confidence for m in maps])
     reported = np.where(masks | ~masks.any(axis=0), confidence, -1)
     camera = reported.argmax(axis=0)[None]
     return replace(
         maps[0],
         method=method,
-        depth_m=_pick([one.depth_m for one in maps], camera),
-        confidence=_pick([one.confidence for one in maps], camera),
-        reliability=_pick_known([one.reliability for one in maps], camera),
-        error_m=_pick_known([one.error_m for one in maps], camera),
-        argmax=_pick([one.argmax for one in maps], camera),
+        depth_m=_pick([m.depth_m for m in maps], camera),
+        confidence=_pick([m.confidence for m in maps], camera),
+        reliability=_pick_known([m.reliability for m in maps], camera),
+        error_m=_pick_known([m.error_m for m in maps], camera),
+        argmax=_pick([m.argmax for m in maps], camera),
         mask=np.logical_or.reduce(masks),
     )
 
 
-def _pick_known(images: Sequence[Floats | None], camera: NDArray[np.intp]) -> Floats | None:
+def _pick_known(images: Sequence[Float32s | None], camera: NDArray[np.intp]) -> Float32s | None:
     known = [image for image in images if image is not None]
     return _pick(known, camera) if len(known) == len(images) else None
 

@@ -12,15 +12,13 @@ from numpy.typing import NDArray
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.depth import surface_kernels
-from eventsweep.emvs.depth.depth_map import DepthMap, eight_bits, without_border
-from eventsweep.emvs.depth.precision import stated
+from eventsweep.emvs.depth.depth_map import eight_bits, without_border
 from eventsweep.emvs.dsi import focus_measures
 from eventsweep.emvs.dsi.maxima import InFocus, Maximum
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.reference_view import ReferenceView, inverse_depth_at
 from eventsweep.emvs.windows import Window
 
-Floats = NDArray[np.float32]
+Float32s = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Pixels = tuple[NDArray[np.int64], ...]  # rows and columns
 _SLOPE_SIGMA_PX = 0.8  # scale of the votes' slope: that of a ridge of votes, not of its noise
@@ -49,7 +47,7 @@ class FocusConfig:
             disparity, where that is `agreement_at_px`; elsewhere it grows with its square root.
         agreement_at_px: disparity to which `agreement_px` refers, px.
         ray_px: distance from the plain maximum that divides the reliability by e, px of disparity.
-        support_radius_px: half the square of neighbours that are asked, px.
+        support_radius_px: half the square of neighbours that count, px.
         support_px: how far a neighbour's depth may be off to count as support, px of disparity.
         inside_radius_px: half the square in which a pixel looks for its own surface, px.
         inside_rise: relative rise of the votes, from the pixel to the middle of its own surface,
@@ -107,54 +105,20 @@ class FocusEstimate:
             candidates.
     """
 
-    position: Floats
-    confidence: Floats
+    position: Float32s
+    confidence: Float32s
     candidate: Mask
-    agreement: Floats
-    support: Floats
-    inside: Floats
-    ray: Floats
-    strength: Floats
+    agreement: Float32s
+    support: Float32s
+    inside: Float32s
+    ray: Float32s
+    strength: Float32s
 
     @property
-    def reliability(self) -> Floats:
+    def reliability(self) -> Float32s:
         """(H, W) float32 in 0..1: the product, support squared; 0 where there is no candidate."""
         product = self.agreement * self.support**2 * self.inside * self.ray * self.strength
         return np.where(self.candidate, product, np.float32(0))
-
-
-def extract_in_focus(
-    method: str,
-    votes: Maximum,
-    focus: InFocus,
-    view: ReferenceView,
-    config: MapperConfig,
-    baseline_m: float,
-) -> DepthMap:
-    """Turns one method's focus into its depth map: no median, and reliability chooses the pixels.
-
-    Args:
-        method: name for the result.
-        votes: first maximum of the fused volume; its values are the confidence.
-        focus: where the fused rays and each camera's are most in focus.
-        view: the reference view.
-        config: interpolation, reliability, border.
-        baseline_m: what disparities refer to (`parallax_baseline_m`), m.
-    """
-    estimate = estimate_in_focus(votes, focus, baseline_m * view.camera.fx_px * view.rho, config)
-    found = DepthMap(
-        method=method,
-        depth_m=np.reciprocal(inverse_depth_at(view.rho, estimate.position)),
-        confidence=votes.value,
-        mask=at_least(estimate, config.focus_reliability, config.border_px),
-        argmax=focus.maximum.plane,
-        rho=view.rho,
-        t_us=view.t_us,
-        T_world_rv=view.T_world_rv,
-        camera=view.camera,
-        reliability=estimate.reliability,
-    )
-    return stated(found, baseline_m * view.camera.fx_px, config)
 
 
 def estimate_in_focus(
@@ -189,19 +153,15 @@ def estimate_in_focus(
 
 def _scales(config: MapperConfig) -> FocusConfig:
     """The parameters of the extraction, as far as the mapper's configuration sets them."""
-    return FocusConfig(
-        measure=config.focus_measure,
-        sigma_px=config.focus_sigma_px,
-        threshold_kernel_px=config.focus_threshold_kernel_px,
-        threshold_c=config.focus_threshold_c,
-    )
+    names = "measure", "sigma_px", "threshold_kernel_px", "threshold_c"
+    return FocusConfig(**{name: getattr(config.focus, name) for name in names})
 
 
 def judge(
-    confidence: Floats,
-    vote_peak: Floats,
-    position: Floats,
-    camera_positions: Sequence[Floats],
+    confidence: Float32s,
+    vote_peak: Float32s,
+    position: Float32s,
+    camera_positions: Sequence[Float32s],
     disparity_px: NDArray[np.floating],
     config: FocusConfig,
 ) -> FocusEstimate:
@@ -211,13 +171,13 @@ def judge(
         confidence: (H, W) float32 maximum of the fused volume, votes.
         vote_peak: (H, W) float32 plane index of that maximum.
         position: (H, W) float32 plane index where the fused volume is most in focus.
-        camera_positions: the same of each camera's own volume, whose agreement is asked for.
+        camera_positions: the same of each camera's own volume, whose agreement counts.
         disparity_px: (N,) disparity of each plane, px, above 0.
         config: scales.
     """
     candidate = _candidates(confidence, config)
     everywhere = tuple(np.indices(confidence.shape).reshape(2, -1))
-    flat = [one.ravel() for one in (vote_peak, position, *camera_positions)]
+    flat = [image.ravel() for image in (vote_peak, position, *camera_positions)]
     judged = _judge_at(
         everywhere, candidate, confidence, flat[0], flat[1], flat[2:], disparity_px, config
     )
@@ -234,13 +194,13 @@ class _Judged:
 
     at: Pixels
     candidate: Mask
-    agreement: Floats
-    support: Floats
-    inside: Floats
-    ray: Floats
-    strength: Floats
+    agreement: Float32s
+    support: Float32s
+    inside: Float32s
+    ray: Float32s
+    strength: Float32s
 
-    def estimate(self, position: Floats, confidence: Floats) -> FocusEstimate:
+    def estimate(self, position: Float32s, confidence: Float32s) -> FocusEstimate:
         """The same as images, 0 at all other pixels."""
         images = []
         for name in ("agreement", "support", "inside", "ray", "strength"):
@@ -253,18 +213,19 @@ class _Judged:
 def _judge_at(
     at: Pixels,
     candidate: Mask,
-    confidence: Floats,
-    vote_peak: Floats,
-    position: Floats,
-    camera_positions: Sequence[Floats],
+    confidence: Float32s,
+    vote_peak: Float32s,
+    position: Float32s,
+    camera_positions: Sequence[Float32s],
     disparity_px: NDArray[np.floating],
     config: FocusConfig,
 ) -> _Judged:
     """Judges some pixels, all candidates among them; positions are (M,), the rest are images."""
     own_px = disparity_at(position, disparity_px)
-    apart_px = np.zeros_like(own_px)
+    disagreement_px = np.zeros_like(own_px)
     for other in camera_positions:
-        np.maximum(apart_px, abs(disparity_at(other, disparity_px) - own_px), out=apart_px)
+        difference_px = abs(disparity_at(other, disparity_px) - own_px)
+        np.maximum(disagreement_px, difference_px, out=disagreement_px)
     allowed_px = config.agreement_px * np.sqrt(own_px / np.float32(config.agreement_at_px))
     ray_px = abs(disparity_at(vote_peak, disparity_px) - own_px)
     surroundings_px = np.zeros_like(confidence)
@@ -276,7 +237,7 @@ def _judge_at(
     return _Judged(
         at,
         candidate,
-        agreement=np.exp(-apart_px / allowed_px),
+        agreement=np.exp(-disagreement_px / allowed_px),
         support=support[at],
         inside=_inside(at, confidence, surroundings_px, candidate, config),
         ray=np.exp(-ray_px / np.float32(config.ray_px)),
@@ -284,7 +245,7 @@ def _judge_at(
     )
 
 
-def disparity_at(position: Floats, disparity_px: NDArray[np.floating]) -> Floats:
+def disparity_at(position: Float32s, disparity_px: NDArray[np.floating]) -> Float32s:
     """Disparity between planes, float32 px: linear, and that of the first or last one beyond them.
 
     Args:
@@ -299,7 +260,7 @@ def disparity_at(position: Floats, disparity_px: NDArray[np.floating]) -> Floats
     return np.asarray(table[before] + (place - before) * step[before], np.float32)
 
 
-def _candidates(confidence: Floats, config: FocusConfig) -> Mask:
+def _candidates(confidence: Float32s, config: FocusConfig) -> Mask:
     kept = cv2.adaptiveThreshold(
         eight_bits(confidence, 0.0),
         1,
@@ -312,8 +273,8 @@ def _candidates(confidence: Floats, config: FocusConfig) -> Mask:
 
 
 def _inside(
-    at: Pixels, confidence: Floats, own_px: Floats, candidate: Mask, config: FocusConfig
-) -> Floats:
+    at: Pixels, confidence: Float32s, own_px: Float32s, candidate: Mask, config: FocusConfig
+) -> Float32s:
     """Near 0 where the votes rise steeply towards the pixel's own surface: it lies beyond an edge.
 
     The ridge of votes along a silhouette is a few pixels wide, and its outer half shows what is
@@ -332,7 +293,7 @@ def _inside(
     return np.asarray(1 / (1 + np.exp(steepness)), np.float32)
 
 
-def _strength(at: Pixels, confidence: Floats, candidate: Mask) -> Floats:
+def _strength(at: Pixels, confidence: Float32s, candidate: Mask) -> Float32s:
     """Votes as a share of themselves and those of the median candidate."""
     usual = np.float32(np.median(confidence[candidate])) if candidate.any() else np.float32(1)
     votes = confidence[at]

@@ -20,7 +20,7 @@ from eventsweep.emvs.depth.depth_map import DepthMap
 if TYPE_CHECKING:
     from scipy.spatial import Delaunay
 
-Floats = NDArray[np.float32]
+Float32s = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 MAX_RATIO = 1.5  # of the corners' depths, far over near: above it a triangle spans an edge
@@ -36,7 +36,7 @@ class Dense:
         filled: (H, W) bool, pixels between them.
     """
 
-    depth_m: Floats
+    depth_m: Float32s
     measured: Mask
     filled: Mask
 
@@ -47,7 +47,7 @@ def inpaint(depth_map: DepthMap) -> Dense:
     return Dense(depth_m, depth_map.mask, filled)
 
 
-def fill(depth_m: Floats, mask: Mask, max_ratio: float = MAX_RATIO) -> tuple[Floats, Mask]:
+def fill(depth_m: Float32s, mask: Mask, max_ratio: float = MAX_RATIO) -> tuple[Float32s, Mask]:
     """Fills a depth image between its points.
 
     Args:
@@ -58,7 +58,7 @@ def fill(depth_m: Floats, mask: Mask, max_ratio: float = MAX_RATIO) -> tuple[Flo
     Returns:
         (H, W) float32 depth, unchanged at the points, and (H, W) bool, where it was filled in.
     """
-    from scipy.spatial import Delaunay, QhullError  # loaded by those who ask for it only
+    from scipy.spatial import Delaunay, QhullError  # takes long to import
 
     rows, columns = np.nonzero(mask)
     out, filled = depth_m.copy(), np.zeros_like(mask)

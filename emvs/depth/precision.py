@@ -8,7 +8,7 @@ trained or scored on, say which errors such a score came with. `precision.json` 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
@@ -24,7 +24,7 @@ from eventsweep.emvs.dsi.method import MethodName
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.inputs import parse_json
 
-Floats = NDArray[np.float32]
+Float32s = NDArray[np.float32]
 BAND = 0.68
 """Share of errors that the stated error holds."""
 WITHIN_PX = 1.0
@@ -60,8 +60,8 @@ class Precision:
             lists = [np.array(table[name], np.float64) for name in cls.__dataclass_fields__]
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(f"no table of precision ({error}); make it again") from error
-        known = all(one.ndim == 1 and one.shape == lists[0].shape for one in lists)
-        if not known or not lists[0].size or not all(np.isfinite(one).all() for one in lists):
+        known = all(column.ndim == 1 and column.shape == lists[0].shape for column in lists)
+        if not known or not lists[0].size or not all(np.isfinite(column).all() for column in lists):
             raise InputError("no table of precision: needs three finite lists of one length")
         return cls(*lists)
 
@@ -72,7 +72,7 @@ class Precision:
             for name in self.__dataclass_fields__
         }
 
-    def error_at(self, score: Floats) -> Floats:
+    def error_at(self, score: Float32s) -> Float32s:
         """Half-width of the error's band at some scores, px of disparity."""
         return np.interp(score, self.score, self.error_px).astype(np.float32)
 
@@ -95,7 +95,7 @@ class Precision:
 def tables() -> Mapping[str, Precision]:
     """The tables that ship with the package, by method."""
     text = PRECISION.read_text(encoding="utf-8")
-    return {name: Precision.from_json(one) for name, one in parse_json(text)["methods"].items()}
+    return {name: Precision.from_json(table) for name, table in parse_json(text)["methods"].items()}
 
 
 def table_name(method: str) -> str:
@@ -104,13 +104,18 @@ def table_name(method: str) -> str:
     return f"{name.family}/cam" if name.camera is not None else method
 
 
-def check_precision(wanted: float | None, methods: Sequence[str]) -> None:
+def check_precision(wanted: float | None, methods: Sequence[str], more: Iterable[str]) -> None:
     """Refuses a wanted precision before any work where a method's reliability is not calibrated.
+
+    Args:
+        wanted: the share of good points; None for none wanted.
+        methods: by name.
+        more: names of tables that do not ship in `precision.json`, such as those of weights.
 
     Raises:
         InputError: names the method and those that have it.
     """
-    known = (*tables(), "Learned/H", "Learned/cam", "Late/union")
+    known = (*tables(), *more)
     for method in methods if wanted is not None else ():
         if table_name(method) not in known:
             raise InputError(

@@ -4,79 +4,87 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.dsi.maxima import FocusMaxima, InFocus, Maximum, Measures, RunningMaxima
-from eventsweep.emvs.dsi.method import Method
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.dsi.fusion import Target
+from eventsweep.emvs.dsi.maxima import FocusMaxima, InFocus, Maximum, RunningMaxima
 from eventsweep.emvs.dsi.rays import Rays
 from eventsweep.emvs.dsi.slices import SliceRecorder
 from eventsweep.emvs.dsi.voting import Scratch, VoteCounts, batch_planes, cast_all
 from eventsweep.emvs.utils.runtime import use_threads
 
-Floats = NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class SweepSettings:
-    """How votes are cast, and what is made of them; the same for every group of methods.
-
-    Attributes:
-        sums: how a GPU sums votes: `fixed`, `float`, or `nearest`, where on any device a ray votes
-            for the nearest pixel only.
-        polarities: 2 where each polarity has volumes of its own.
-        measures: what depth maximises along a ray.
-        threads: of the CPU; 0 for all.
-    """
-
-    sums: Literal["fixed", "float", "nearest"]
-    polarities: int
-    measures: Measures
-    threads: int = 0
+Float32s = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """One group's sweep.
+    """The sweep of volumes that share one split.
 
     Attributes:
-        methods: the methods whose maxima are needed; they share one split.
-        requested: the methods that were asked for, whose rows are kept.
+        targets: the volumes, and what is kept of each.
         cameras: number of cameras.
         width_px: columns of the reference view.
         height_px: rows.
         rho: (N,) float32 planes, 1/m, near to far.
         row_px: the image row whose values are kept.
-        settings: how votes are cast, and what is made of them.
+        config: how votes are cast and summed, scale of the focus measures.
     """
 
-    methods: tuple[Method, ...]
-    requested: tuple[Method, ...]
+    targets: tuple[Target, ...]
     cameras: int
     width_px: int
     height_px: int
-    rho: Floats
+    rho: Float32s
     row_px: int
-    settings: SweepSettings
+    config: MapperConfig
+
+    @property
+    def sought(self) -> tuple[Target, ...]:
+        """Those whose maxima are kept."""
+        return tuple(target for target in self.targets if target.measure is not None)
+
+    @property
+    def shown(self) -> tuple[Target, ...]:
+        """Those of which one image row is kept."""
+        return tuple(target for target in self.targets if target.row)
+
+    def per_camera(self, votes: Sequence[VoteCounts]) -> tuple[VoteCounts, ...]:
+        """Sums the votes of volumes, in the order polarity, camera, sub-interval."""
+        intervals = self.targets[0].fusion.split.intervals
+        sums = [VoteCounts()] * self.cameras
+        for k, count in enumerate(votes):
+            sums[k // intervals % self.cameras] += count
+        return tuple(sums)
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
-    """What one group's sweep leaves.
+class SweepResult:
+    """What a sweep leaves: maxima, focus and rows by the name of a target.
 
     Attributes:
-        maxima: method name -> first maximum over planes.
-        focus: method name -> where its rays are most in focus, of every method that asks for it.
-        rows: method name -> (N, W) float32 values of one image row.
-        votes: per volume, what became of its votes.
+        maxima: first maximum of the votes over planes.
+        focus: where its rays are most in focus, of every target that asks for it.
+        rows: (N, W) float32 values of one image row.
+        votes: per camera, what became of its votes in the sweep of the first split.
     """
 
     maxima: Mapping[str, Maximum]
     focus: Mapping[str, InFocus]
-    rows: Mapping[str, Floats]
-    votes: Sequence[VoteCounts]
+    rows: Mapping[str, Float32s]
+    votes: tuple[VoteCounts, ...]
+
+    def joined(self, later: SweepResult) -> SweepResult:
+        """With what the sweep of another split leaves."""
+        return SweepResult(
+            {**self.maxima, **later.maxima},
+            {**self.focus, **later.focus},
+            {**self.rows, **later.rows},
+            self.votes or later.votes,
+        )
 
 
 class Backend(Protocol):
@@ -92,12 +100,12 @@ class Backend(Protocol):
         """Casts the votes of every volume in planes `first` to `last`, exclusive."""
 
     def fuse(self) -> None:
-        """Fuses these planes by every method, and takes them into the running maxima."""
+        """Fuses these planes for every target, and takes them into the running maxima."""
 
-    def images(self) -> Floats:
+    def images(self) -> Float32s:
         """(V, P, H, W) votes of these planes, in the memory of the CPU."""
 
-    def outcome(self) -> Outcome:
+    def result(self) -> SweepResult:
         """What all planes so far leave."""
 
 
@@ -108,22 +116,23 @@ class CpuBackend:
     """
 
     def __init__(self, task: Task, rays: Sequence[Rays]) -> None:
-        size, settings = (task.width_px, task.height_px), task.settings
-        planes, polarities = len(task.rho), settings.polarities
-        threads = use_threads(settings.threads)
+        size, config = (task.width_px, task.height_px), task.config
+        planes, polarities = len(task.rho), config.polarities
+        threads = use_threads(config.threads)
         self._task, self._rays = task, rays
         self.planes_in_flight = batch_planes(planes, threads, size[0] * size[1], len(rays))
         self._scratch = Scratch(
-            len(rays), self.planes_in_flight, *size, nearest=settings.sums == "nearest"
+            len(rays), self.planes_in_flight, *size, nearest=config.sums == "nearest"
         )
         self._focus = FocusMaxima(
-            task.methods, task.cameras, *size, settings.measures,
+            task.sought, task.cameras, *size, config.focus.sigma_px,
             planes=planes, polarities=polarities,
         )  # fmt: skip
         self._maxima = RunningMaxima(
-            task.methods, *size, planes=planes, polarities=polarities, hands_out=self._focus.fused
-        )
-        self._slices = SliceRecorder(task.requested, planes, size[0], task.row_px, polarities)
+            [target.fusion for target in task.sought], *size, planes=planes, polarities=polarities,
+            shared_volume=self._focus.shared_volume,
+        )  # fmt: skip
+        self._slices = SliceRecorder(task.shown, planes, size[0], task.row_px, polarities)
         self._votes = [VoteCounts()] * len(rays)
         self._first = self._last = 0
 
@@ -134,17 +143,19 @@ class CpuBackend:
         self._votes = [a + b for a, b in zip(self._votes, votes, strict=True)]
 
     def fuse(self) -> None:
-        """Fuses these planes by every method, and takes them into the running maxima."""
+        """Fuses these planes for every target, and takes them into the running maxima."""
         self._maxima.update(self._scratch.votes, self._last - self._first)
         images = self.images()
-        self._focus.update(images, self._maxima.handed_out)
+        self._focus.update(images, self._maxima.shared)
         self._slices.take(self._first, images)
 
-    def images(self) -> Floats:
+    def images(self) -> Float32s:
         """(V, P, H, W) votes of these planes: views of the scratch."""
         return self._scratch.images(self._last - self._first)
 
-    def outcome(self) -> Outcome:
+    def result(self) -> SweepResult:
         """What all planes so far leave."""
-        maxima = {method.name: self._maxima.of(m) for m, method in enumerate(self._task.methods)}
-        return Outcome(maxima, self._focus.result(), self._slices.values, self._votes)
+        task = self._task
+        maxima = {target.name: self._maxima.of(k) for k, target in enumerate(task.sought)}
+        votes = task.per_camera(self._votes)
+        return SweepResult(maxima, self._focus.result(), self._slices.values, votes)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import Recording
-from eventsweep.emvs.dsi.method import Split
+from eventsweep.emvs.dsi.fusion import Split
 from eventsweep.emvs.dsi.rays import RayCounts, Rays, event_rays, grouped_by_rows
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera

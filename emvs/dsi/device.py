@@ -5,12 +5,11 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 from eventsweep.emvs.config import DeviceName
 from eventsweep.emvs.dsi.backend import Backend, CpuBackend, Task
 from eventsweep.emvs.dsi.backprojection import AnyRays, CpuProjector, Projector
-from eventsweep.emvs.dsi.method import Method
 
 _log = logging.getLogger(__name__)
 
@@ -52,28 +51,22 @@ def choose_device(wanted: DeviceName) -> Device:
     return device
 
 
-class Named(Protocol):
-    """A `Method`, or a method without a volume."""
+def device_for(wanted: DeviceName, estimators: Sequence[str], *, only: bool) -> Device:
+    """The device of a run; methods without a volume have no sweep and always run on the CPU.
 
-    @property
-    def name(self) -> str:
-        """What it is asked for by."""
-
-
-def device_for_methods(wanted: DeviceName, methods: Sequence[Named]) -> Device:
-    """The device of a run: that of a name, but the CPU where no method has a volume.
-
-    Baselines have no sweep and always run on the CPU; beside a GPU a line says so.
+    Args:
+        wanted: its name.
+        estimators: names of the methods without a volume; beside a GPU a line says where they run.
+        only: whether there is no other method.
 
     Raises:
         InputError: as `choose_device`.
     """
     device = choose_device(wanted)
-    baselines = [method.name for method in methods if not isinstance(method, Method)]
-    if device.kind == "cpu" or not baselines:
+    if device.kind == "cpu" or not estimators:
         return device
-    _log.warning("device %s: baselines run on the CPU: %s", wanted, ", ".join(baselines))
-    return CPU if len(baselines) == len(methods) else device
+    _log.warning("device %s: baselines run on the CPU: %s", wanted, ", ".join(estimators))
+    return CPU if only else device
 
 
 def check_device(wanted: DeviceName) -> None:
@@ -96,7 +89,7 @@ def projector_on(device: Device) -> Projector:
 
 
 def backend_on(device: Device, task: Task, rays: Sequence[AnyRays]) -> Backend:
-    """What computes one group's sweep on a device.
+    """What computes the sweep of one split on a device.
 
     Args:
         device: the device.

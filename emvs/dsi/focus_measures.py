@@ -16,19 +16,19 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import InputError
 
-Floats = NDArray[np.float32]
+Float32s = NDArray[np.float32]
 
 DOG_RATIO = 1.6  # of the two scales: closest to the Laplacian of a Gaussian (Marr, Hildreth 1980)
 
 
-def half_window(sigma_px: float) -> Floats:
+def half_window(sigma_px: float) -> Float32s:
     """Weights of a Gaussian at 0, 1, 2, ... px, out to four `sigma_px`; mirrored, they sum to 1."""
     weight = np.exp(-0.5 * (np.arange(round(4 * sigma_px) + 1) / sigma_px) ** 2)
     weight /= weight[0] + 2 * weight[1:].sum()
     return np.asarray(weight, np.float32)
 
 
-def blurred(plane: Floats, sigma_px: float) -> Floats:
+def blurred(plane: Float32s, sigma_px: float) -> Float32s:
     """The Gaussian-weighted mean around each pixel; the image is mirrored at its rim.
 
     Args:
@@ -39,36 +39,36 @@ def blurred(plane: Floats, sigma_px: float) -> Floats:
     return np.asarray(cv2.GaussianBlur(plane, (width, width), sigma_px), np.float32)
 
 
-def votes_of(plane: Floats, _sigma_px: float) -> Floats:
+def votes_of(plane: Float32s, _sigma_px: float) -> Float32s:
     """The plane itself: the ray maximum of the method's paper."""
     return plane
 
 
-def variance(plane: Floats, sigma_px: float) -> Floats:
+def variance(plane: Float32s, sigma_px: float) -> Float32s:
     """The Gaussian-weighted variance of the votes around each pixel."""
     mean = blurred(plane, sigma_px)
     return np.maximum(blurred(plane * plane, sigma_px) - mean * mean, np.float32(0))
 
 
-def mean_square(plane: Floats, sigma_px: float) -> Floats:
+def mean_square(plane: Float32s, sigma_px: float) -> Float32s:
     """The Gaussian-weighted mean of the squared votes around each pixel."""
     return blurred(plane * plane, sigma_px)
 
 
-def gradient(plane: Floats, sigma_px: float) -> Floats:
+def gradient(plane: Float32s, sigma_px: float) -> Float32s:
     """The Gaussian-weighted mean of the squared gradient's length (Sobel) around each pixel."""
     across = cv2.Sobel(plane, cv2.CV_32F, 1, 0, scale=1 / 8)
     down = cv2.Sobel(plane, cv2.CV_32F, 0, 1, scale=1 / 8)
     return blurred(np.asarray(across * across + down * down, np.float32), sigma_px)
 
 
-def laplacian(plane: Floats, sigma_px: float) -> Floats:
+def laplacian(plane: Float32s, sigma_px: float) -> Float32s:
     """The Gaussian-weighted mean of the squared Laplacian (four neighbours) around each pixel."""
     bend = cv2.Laplacian(plane, cv2.CV_32F, ksize=1)
     return blurred(np.asarray(bend * bend, np.float32), sigma_px)
 
 
-def difference_of_gaussians(plane: Floats, sigma_px: float) -> Floats:
+def difference_of_gaussians(plane: Float32s, sigma_px: float) -> Float32s:
     """The mean around each pixel less the mean of the wider surroundings; negative in the valleys.
 
     Args:
@@ -78,7 +78,7 @@ def difference_of_gaussians(plane: Floats, sigma_px: float) -> Floats:
     return blurred(plane, sigma_px) - blurred(plane, DOG_RATIO * sigma_px)
 
 
-FocusMeasure = Callable[[Floats, float], Floats]
+FocusMeasure = Callable[[Float32s, float], Float32s]
 
 MEASURES: dict[str, FocusMeasure] = {
     "votes": votes_of,

@@ -8,7 +8,7 @@ from numba import njit, prange
 
 import eventsweep.emvs.utils.runtime  # noqa: F401  (names threads and cache before kernels compile)
 
-# Numba cannot call through a table of functions, so the table is of codes (`emvs.dsi.fusion`).
+# Places in `ROWS`; `emvs.dsi.fusion.MEANS` has their names.
 MIN, HARMONIC, GEOMETRIC, ARITHMETIC, RMS, MAX, HARMONIC_EPS = range(7)
 CAMERA = 100  # CAMERA + c: camera c alone
 
@@ -66,9 +66,9 @@ def _harmonic(votes, which, p, lo, out):
 @njit(cache=True, error_model="numpy")
 def _harmonic_of_two(votes, which, p, lo, out):
     """2ab / (a + b), 0 where both are 0: one division, where the general form needs three."""
-    one, other = votes[which[0], p, lo : lo + len(out)], votes[which[1], p, lo : lo + len(out)]
+    left, right = votes[which[0], p, lo : lo + len(out)], votes[which[1], p, lo : lo + len(out)]
     for x in range(len(out)):
-        a, b = one[x], other[x]
+        a, b = left[x], right[x]
         both = a + b
         out[x] = _TWO * a * b / (both if both > _ZERO else _ONE)
 
@@ -118,31 +118,48 @@ def _root_mean_square(votes, which, p, lo, out):
 @njit(cache=True)
 def _harmonic_eps(votes, which, p, lo, out):
     """2ab / (a + b + 0.1): the authors' implementation, two cameras only."""
-    one, other = votes[which[0], p, lo : lo + len(out)], votes[which[1], p, lo : lo + len(out)]
+    left, right = votes[which[0], p, lo : lo + len(out)], votes[which[1], p, lo : lo + len(out)]
     for x in range(len(out)):
-        out[x] = _TWO * one[x] * other[x] / (one[x] + other[x] + _EPS)
+        out[x] = _TWO * left[x] * right[x] / (left[x] + right[x] + _EPS)
+
+
+# code -> what fuses one row
+ROWS = (
+    _minimum, _harmonic, _geometric, _arithmetic, _root_mean_square, _maximum, _harmonic_eps,
+)  # fmt: skip
+
+
+@njit
+def _unknown(_code, _votes, _which, _p, _lo, out):
+    """`emvs.dsi.fusion.Fusion` refuses such a code; should one come here, nothing looks right."""
+    out[:] = np.nan
+
+
+def _chosen_from(code):
+    """The choice among `ROWS` from a code on: numba cannot call through a table of functions."""
+    row, following = ROWS[code], _chosen_from(code + 1) if code + 1 < len(ROWS) else _unknown
+
+    @njit
+    def choose(wanted, votes, which, p, lo, out):
+        if wanted == code:
+            row(votes, which, p, lo, out)
+        else:
+            following(wanted, votes, which, p, lo, out)
+
+    return choose
+
+
+_choose_row = _chosen_from(0)
 
 
 @njit(cache=True)
 def _fuse_row(code, votes, which, p, lo, out):
     if code >= CAMERA:
         _copy(votes, which[code - CAMERA], p, lo, out)
-    elif len(which) == 1:  # every mean of one is that one, to the bit
+    elif len(which) == 1:  # any mean of a single value is that value, to the bit
         _copy(votes, which[0], p, lo, out)
-    elif code == MIN:
-        _minimum(votes, which, p, lo, out)
-    elif code == HARMONIC:
-        _harmonic(votes, which, p, lo, out)
-    elif code == GEOMETRIC:
-        _geometric(votes, which, p, lo, out)
-    elif code == ARITHMETIC:
-        _arithmetic(votes, which, p, lo, out)
-    elif code == RMS:
-        _root_mean_square(votes, which, p, lo, out)
-    elif code == MAX:
-        _maximum(votes, which, p, lo, out)
     else:
-        _harmonic_eps(votes, which, p, lo, out)
+        _choose_row(code, votes, which, p, lo, out)
 
 
 @njit(cache=True)
@@ -213,7 +230,7 @@ def fold(
     Arrays:
         codes: (M, 2) int64, per method the fusion within a group, and that of the groups.
         sizes: (M, 2) int64, per method how many groups, and how many volumes in each.
-        which: (M, L, G, K) int64, the volumes of each group; L parts are fused apart and summed.
+        which: (M, L, G, K) int64, the volumes of each group; L fused parts are summed.
         every: (G,) int64, 0, 1, 2, ...
         votes: (V, P, cells) float32.
         first: index of the batch's first plane.

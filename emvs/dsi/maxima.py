@@ -14,18 +14,17 @@ from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
 from eventsweep.emvs.dsi import focus_kernels, focus_measures, fusion_kernels
-from eventsweep.emvs.dsi.fusion import fuse_by
-from eventsweep.emvs.dsi.method import FusionTables, Method
+from eventsweep.emvs.dsi.fusion import Fusion, FusionTables, Target, fuse
 from eventsweep.emvs.utils.vectors_kernels import aligned
 
-Floats = NDArray[np.float32]
+Float32s = NDArray[np.float32]
 _INT16 = 32767  # so many planes can be counted by 16 bits
 # Cells that the update takes in one go: starting a row costs 0.3 µs, as much as 500 cells; longer
 # rows than these gain nothing and leave less to share among threads.
 _ROW_CELLS = 4096
-_NONE: Mapping[Method, Floats] = MappingProxyType({})
-# The method of a volume that is fused, or measured, already
-AS_IT_IS = Method("", fusion_kernels.CAMERA, "the one volume there is")
+_NONE: Mapping[Fusion, Float32s] = MappingProxyType({})
+# Of a volume that is fused, or measured, already
+AS_IT_IS = Fusion(fusion_kernels.CAMERA)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,13 +39,13 @@ class Maximum:
         planes: number of planes.
     """
 
-    value: Floats
+    value: Float32s
     plane: NDArray[Any]
-    left: Floats
-    right: Floats
+    left: Float32s
+    right: Float32s
     planes: int
 
-    def position(self, *, gaussian: bool = False) -> Floats:
+    def position(self, *, gaussian: bool = False) -> Float32s:
         """The maximum's place between planes: vertex of the parabola through three values.
 
         Args:
@@ -65,7 +64,7 @@ class Maximum:
         np.divide(0.5 * (right - left), bend, out=offset, where=inner)
         return self.plane.astype(np.float32) + offset
 
-    def _logarithms(self) -> tuple[Floats, Floats, Floats]:
+    def _logarithms(self) -> tuple[Float32s, Float32s, Float32s]:
         """The three values' logarithms, whose parabola is the Gaussian's; as they are elsewhere."""
         values = (self.left, self.value, self.right)
         positive = (self.left > 0) & (self.right > 0)
@@ -79,7 +78,7 @@ class Maximum:
         *,
         refined: bool = True,
         gaussian: bool = False,
-    ) -> Floats:
+    ) -> Float32s:
         """The same at some pixels only.
 
         Args:
@@ -94,14 +93,14 @@ class Maximum:
         at = rows, columns
         if not refined:
             return np.asarray(self.plane[at], np.float32)
-        value, left, right = (one[at] for one in (self.value, self.left, self.right))
+        value, left, right = (image[at] for image in (self.value, self.left, self.right))
         there = Maximum(value, self.plane[at], left, right, self.planes)
         return there.position(gaussian=gaussian)
 
 
 @dataclass(frozen=True, eq=False)
 class InFocus:
-    """Where one method's rays are most in focus.
+    """Where the rays of one volume are most in focus.
 
     Attributes:
         maximum: of the focus measure of its fused volume.
@@ -112,74 +111,51 @@ class InFocus:
     camera_maxima: tuple[Maximum, ...]
 
 
-@dataclass(frozen=True)
-class Measures:
-    """What the depth of methods maximises along a ray.
-
-    Attributes:
-        extraction: `votes`, or a focus measure by its name: of methods by votes.
-        focus_measure: the same of methods by focus.
-        sigma_px: scale of the focus measures, px.
-    """
-
-    extraction: str
-    focus_measure: str
-    sigma_px: float
-
-    def of(self, method: Method) -> str:
-        """What one method's depth maximises."""
-        return self.focus_measure if method.focus else self.extraction
-
-    def needed_by(self, methods: Sequence[Method]) -> list[Method]:
-        """Those of the methods that need a focus measure."""
-        return [method for method in methods if self.of(method) != "votes"]
-
-
 class RunningMaxima:
-    """First maximum over planes of every method: what it must remember of those that have passed.
+    """First maximum over planes of every volume: what it must remember of those that have passed.
 
     Args:
-        methods: the methods; they must share one split.
+        fusions: of each volume; they must share one split.
         width_px: columns.
         height_px: rows.
         planes: how many will pass; needed only where there are more than 32767.
         polarities: 2 where each polarity has volumes of its own.
         lowest: what every value exceeds.
-        hands_out: the volume whose fused planes others need, too.
+        shared_volume: the volume whose fused planes others need, too.
 
     Attributes:
         arrays: best, index, left, right, previous, each (M, H, W), for each volume that differs.
         planes: how many planes have passed.
-        handed_out: of the last update, volume -> (P, H, W) its fused planes.
+        shared: of the last update, the shared volume -> (P, H, W) its fused planes.
     """
 
     def __init__(
         self,
-        methods: Sequence[Method],
+        fusions: Sequence[Fusion],
         width_px: int,
         height_px: int,
         *,
         planes: int = 0,
         polarities: int = 1,
         lowest: float = -1,
-        hands_out: Method | None = None,
+        shared_volume: Fusion | None = None,
     ) -> None:
-        volumes = list(dict.fromkeys(method.volume for method in methods))
+        volumes = list(dict.fromkeys(fusions))
         shape = (len(volumes), height_px, width_px)
         self._compiled = [volume for volume in volumes if volume.function is None]
         self._own = [volume for volume in volumes if volume.function is not None]
-        self._row = [[*self._compiled, *self._own].index(method.volume) for method in methods]
+        self._row = [[*self._compiled, *self._own].index(fusion) for fusion in fusions]
         self._polarities, self._keep = polarities, -1
-        if hands_out in self._compiled:
-            self._keep = self._compiled.index(hands_out)
+        if shared_volume in self._compiled:
+            self._keep = self._compiled.index(shared_volume)
         self._kept = np.empty((0, height_px, width_px), np.float32)
-        self.handed_out: dict[Method, Floats] = {}
+        self.shared: dict[Fusion, Float32s] = {}
         self.planes = 0
         self.arrays: tuple[NDArray[Any], ...] = tuple(
             np.full(shape, value, dtype) for dtype, value in beginnings(planes, lowest)
         )
 
-    def update(self, votes: Floats, planes: int) -> None:
+    def update(self, votes: Float32s, planes: int) -> None:
         """Takes in the next `planes` planes of (V, P, cells) votes, in order."""
         split = len(self._compiled)
         if self._compiled:
@@ -189,8 +165,8 @@ class RunningMaxima:
         if self._own:
             height, width = self.arrays[0].shape[1:]
             images = votes[:, :planes, : height * width].reshape(-1, planes, height, width)
-        for k, method in enumerate(self._own, split):
-            fused = fuse_by(method, images, self._polarities).reshape(1, planes, -1)
+        for k, fusion in enumerate(self._own, split):
+            fused = fuse(fusion, images, self._polarities).reshape(1, planes, -1)
             self._update(FusionTables.of((AS_IT_IS,), 1), fused, planes, slice(k, k + 1), -1)
         self.planes += planes
 
@@ -200,20 +176,20 @@ class RunningMaxima:
         if len(self._kept) < planes:
             shape = planes, *self._kept.shape[1:]
             self._kept = aligned(math.prod(shape)).reshape(shape)
-        self.handed_out = {self._compiled[self._keep]: self._kept[:planes]}
+        self.shared = {self._compiled[self._keep]: self._kept[:planes]}
 
     def _update(
-        self, tables: FusionTables, votes: Floats, planes: int, rows: slice, keep: int
+        self, tables: FusionTables, votes: Float32s, planes: int, rows: slice, keep: int
     ) -> None:
-        long = [_in_long_rows(one[rows]) for one in self.arrays]
+        long = [_in_long_rows(array[rows]) for array in self.arrays]
         fusion_kernels.fold(  # type: ignore[call-arg]
             *tables.arrays, votes, self.planes, planes, *tables.scratch(*long[0].shape[1:]),
             keep, _in_long_rows(self._kept), *long,
         )  # fmt: skip
 
-    def of(self, method: int) -> Maximum:
-        """The maximum of one method, by its position in the list, over all planes so far."""
-        best, index, left, right, _ = (one[self._row[method]] for one in self.arrays)
+    def of(self, k: int) -> Maximum:
+        """The maximum of the fusion at place k of the list, over all planes so far."""
+        best, index, left, right, _ = (array[self._row[k]] for array in self.arrays)
         return Maximum(best, index, left, right, self.planes)
 
 
@@ -240,43 +216,41 @@ def _in_long_rows(images: NDArray[Any]) -> NDArray[Any]:
 
 
 class FocusMaxima:
-    """Maxima of the focus measure of every method that needs one, and of each camera's votes.
+    """Maxima of the focus measure of every target that asks for one, and of each camera's votes.
 
     Args:
-        methods: the methods of one sweep; those without a focus measure are left alone.
+        targets: of one sweep; those without a focus measure are left alone.
         cameras: number of cameras.
         width_px: columns.
         height_px: rows.
-        measures: what depth maximises.
+        sigma_px: scale of the focus measures, px.
         planes: how many will pass; needed only where there are more than 32767.
         polarities: 2 where each polarity has volumes of its own.
     """
 
     def __init__(
-        self, methods: Sequence[Method], cameras: int, width_px: int, height_px: int,
-        measures: Measures, *, planes: int = 0, polarities: int = 1,
+        self, targets: Sequence[Target], cameras: int, width_px: int, height_px: int,
+        sigma_px: float, *, planes: int = 0, polarities: int = 1,
     ) -> None:  # fmt: skip
         self._polarities, self._cameras = polarities, cameras
-        self._fused_planes: Floats | None = None  # of one batch; every batch uses it again
-        self._measured = measures.needed_by(methods)
-        compares = any(method.compares_cameras for method in self._measured)
+        self._fused_planes: Float32s | None = None  # of one batch; every batch uses it again
+        self._measured = {t.name: (t, (t.fusion, t.measure or "")) for t in targets if t.in_focus}
 
         def peak(measure: str) -> FocusPeak:
-            return FocusPeak(width_px, height_px, measure, measures.sigma_px, planes)
+            return FocusPeak(width_px, height_px, measure, sigma_px, planes)
 
-        self._volume_of = {m.name: (m.volume, measures.of(m)) for m in self._measured}
-        self._peaks = {key: peak(key[1]) for key in dict.fromkeys(self._volume_of.values())}
-        self._camera_peaks = [
-            peak(measures.focus_measure) for _ in range(cameras if compares else 0)
-        ]
+        self._peaks = {key: peak(key[1]) for _, key in self._measured.values()}
+        measures = per_camera_measures(targets)
+        self._camera_peaks = {
+            measure: [peak(measure) for _ in range(cameras)] for measure in measures
+        }
 
     @property
-    def fused(self) -> Method | None:
-        """The first volume of several cameras: `RunningMaxima` may hand out its planes."""
-        volumes = (volume for volume, _ in self._peaks)
-        return next((one for one in volumes if one.camera() is None), None)
+    def shared_volume(self) -> Fusion | None:
+        """The first volume of several cameras: `RunningMaxima` may share its planes."""
+        return next((fusion for fusion, _ in self._peaks if fusion.camera is None), None)
 
-    def update(self, images: Floats, fused: Mapping[Method, Floats] = _NONE) -> None:
+    def update(self, images: Float32s, fused: Mapping[Fusion, Float32s] = _NONE) -> None:
         """Takes in the next planes of (V, P, H, W) votes, in order.
 
         Args:
@@ -285,33 +259,39 @@ class FocusMaxima:
         """
         for (volume, _), peak in self._peaks.items():
             peak.update(fused[volume] if volume in fused else self._fused(volume, images))
-        for camera, peak in enumerate(self._camera_peaks):
-            peak.update(self._of_camera(images, camera))
+        for peaks in self._camera_peaks.values():
+            for camera, peak in enumerate(peaks):
+                peak.update(self._of_camera(images, camera))
 
     def result(self) -> dict[str, InFocus]:
-        """Where each method's rays are most in focus, over all planes so far, by its name."""
-        cameras = tuple(peak.maximum() for peak in self._camera_peaks)
-        found = {key: peak.maximum() for key, peak in self._peaks.items()}
+        """Where each target's rays are most in focus, over all planes so far, by its name."""
+        cameras = {
+            measure: tuple(peak.maximum() for peak in peaks)
+            for measure, peaks in self._camera_peaks.items()
+        }
+        maxima = {key: peak.maximum() for key, peak in self._peaks.items()}
         return {
-            method.name: InFocus(
-                found[self._volume_of[method.name]], cameras if method.compares_cameras else ()
-            )
-            for method in self._measured
+            name: InFocus(maxima[key], cameras[key[1]] if target.per_camera else ())
+            for name, (target, key) in self._measured.items()
         }
 
-    def _fused(self, method: Method, images: Floats) -> Floats:
-        camera = method.camera()
-        if camera is not None:
-            return self._of_camera(images, camera)
+    def _fused(self, fusion: Fusion, images: Float32s) -> Float32s:
+        if fusion.camera is not None:
+            return self._of_camera(images, fusion.camera)
         if self._fused_planes is None or len(self._fused_planes) < images.shape[1]:
             self._fused_planes = aligned(images[0].size).reshape(images.shape[1:])
-        return fuse_by(method, images, self._polarities, out=self._fused_planes[: images.shape[1]])
+        return fuse(fusion, images, self._polarities, out=self._fused_planes[: images.shape[1]])
 
-    def _of_camera(self, images: Floats, camera: int) -> Floats:
+    def _of_camera(self, images: Float32s, camera: int) -> Float32s:
         """(P, H, W) votes of one camera: of all polarities and sub-intervals together."""
         parts = images.reshape(self._polarities, self._cameras, -1, *images.shape[1:])[:, camera]
         whole = parts.reshape(-1, *images.shape[1:])
         return np.asarray(whole[0] if len(whole) == 1 else whole.sum(axis=0), np.float32)
+
+
+def per_camera_measures(targets: Sequence[Target]) -> list[str]:
+    """The focus measures that some target asks for in each camera's own votes."""
+    return list(dict.fromkeys(t.measure or "" for t in targets if t.in_focus and t.per_camera))
 
 
 class FocusPeak:
@@ -334,7 +314,7 @@ class FocusPeak:
             (AS_IT_IS,), width_px, height_px, planes=planes, lowest=-np.inf
         )
 
-    def update(self, planes: Floats) -> None:
+    def update(self, planes: Float32s) -> None:
         """Takes in the next (P, H, W) planes."""
         if not len(planes):
             return
@@ -342,7 +322,7 @@ class FocusPeak:
             for plane in planes:
                 self._maxima.update(self._measure(plane, self._sigma_px).reshape(1, 1, -1), 1)
             return
-        state = (one[0] for one in self._maxima.arrays)
+        state = (array[0] for array in self._maxima.arrays)
         focus_kernels.fold_variance(
             *_in_one_row(planes), len(planes), self._maxima.planes, *self._window.arrays, *state
         )
@@ -353,8 +333,8 @@ class FocusPeak:
         return self._maxima.of(0)
 
 
-def _in_one_row(planes: Floats) -> tuple[Floats, int]:
-    """(P, H, W) planes as one contiguous row, the same memory, and how far apart they begin."""
+def _in_one_row(planes: Float32s) -> tuple[Float32s, int]:
+    """(P, H, W) planes as one contiguous row, the same memory, and the step from one to the next."""
     if planes.ndim != 3 or not planes[0].flags.c_contiguous or planes.strides[0] < 0:
         planes = np.ascontiguousarray(planes)
     size = planes.itemsize

@@ -24,7 +24,7 @@ from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.trajectory import Trajectory
 
-Floats = NDArray[np.float32]
+Float32s = NDArray[np.float32]
 PACKET = 1024  # events that share one pose in the authors' implementation
 _PACKET_POSE = 512  # ... that of this event of the packet
 # With fewer rows than these a thread's neighbouring votes meet in one cell and wait for each other,
@@ -82,23 +82,23 @@ class Rays:
         counts: what became of the events.
     """
 
-    a_u: Floats
-    b_u: Floats
-    a_v: Floats
-    b_v: Floats
-    c_z: Floats
-    c_z_max: Floats
+    a_u: Float32s
+    b_u: Float32s
+    a_v: Float32s
+    b_v: Float32s
+    c_z: Float32s
+    c_z_max: Float32s
     counts: RayCounts
 
     @classmethod
-    def of(cls, columns: Sequence[Floats], counts: RayCounts) -> Rays:
+    def of(cls, columns: Sequence[Float32s], counts: RayCounts) -> Rays:
         """Rays from their five columns a_u, b_u, a_v, b_v, c_z, each (N,) float32."""
         a_u, b_u, a_v, b_v, c_z = columns
         c_z_max = np.maximum.reduceat(c_z, np.arange(0, len(c_z), CHUNK)) if len(c_z) else c_z
         return cls(a_u, b_u, a_v, b_v, c_z, c_z_max, counts)
 
     @property
-    def columns(self) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    def columns(self) -> tuple[Float32s, Float32s, Float32s, Float32s, Float32s]:
         """The five columns, one value per ray."""
         return self.a_u, self.b_u, self.a_v, self.b_v, self.c_z
 
@@ -160,7 +160,7 @@ def event_rays(
     return _voting(columns, outcome, len(events))
 
 
-def _voting(columns: tuple[Floats, ...], outcome: NDArray[np.uint8], events: int) -> Rays:
+def _voting(columns: tuple[Float32s, ...], outcome: NDArray[np.uint8], events: int) -> Rays:
     """Keeps the rays that vote, and counts the others."""
     tally = np.bincount(outcome, minlength=4)
     counts = RayCounts(

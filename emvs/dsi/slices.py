@@ -11,11 +11,11 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.dsi.fusion import fuse_by
-from eventsweep.emvs.dsi.method import Method
+from eventsweep.emvs.dsi.fusion import Target, fuse
+from eventsweep.emvs.dsi.method import file_name
 from eventsweep.emvs.utils.files import atomic_path
 
-Floats = NDArray[np.float32]
+Float32s = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class SliceRecorder:
 
     def __init__(
         self,
-        methods: Sequence[Method],
+        targets: Sequence[Target],
         planes: int,
         width_px: int,
         row_px: int,
@@ -51,15 +51,15 @@ class SliceRecorder:
     ) -> None:
         self.row_px = row_px
         self._polarities = polarities
-        self._methods = tuple(methods)
-        self.values = {method.name: np.zeros((planes, width_px), np.float32) for method in methods}
+        self._targets = tuple(targets)
+        self.values = {target.name: np.zeros((planes, width_px), np.float32) for target in targets}
 
-    def take(self, first: int, images: Floats) -> None:
+    def take(self, first: int, images: Float32s) -> None:
         """Takes the row of (V, P, H, W) votes, planes `first` and on."""
         rows = images[:, :, self.row_px : self.row_px + 1]
-        for method in self._methods:
-            fused = fuse_by(method, rows, self._polarities)
-            self.values[method.name][first : first + images.shape[1]] = fused[:, 0]
+        for target in self._targets:
+            fused = fuse(target.fusion, rows, self._polarities)
+            self.values[target.name][first : first + images.shape[1]] = fused[:, 0]
 
 
 class VolumeWriter:
@@ -69,29 +69,29 @@ class VolumeWriter:
     """
 
     def __init__(
-        self, methods: Sequence[Method], files: Sequence[BinaryIO], polarities: int = 1
+        self, targets: Sequence[Target], files: Sequence[BinaryIO], polarities: int = 1
     ) -> None:
         self._polarities = polarities
-        self._targets = tuple(zip(methods, files, strict=True))
+        self._files = tuple(zip(targets, files, strict=True))
 
-    def take(self, images: Floats) -> None:
+    def take(self, images: Float32s) -> None:
         """Appends the planes of (V, P, H, W) votes."""
-        for method, file in self._targets:
-            file.write(fuse_by(method, images, self._polarities).data)
+        for target, file in self._files:
+            file.write(fuse(target.fusion, images, self._polarities).data)
 
 
 @contextmanager
 def volume_writer(
     directory: Path | None,
-    methods: Sequence[Method],
+    targets: Sequence[Target],
     shape: tuple[int, int, int],
     polarities: int = 1,
 ) -> Iterator[VolumeWriter]:
-    """Opens one file per method in `directory`, whole or not at all; with None it writes nothing.
+    """Opens one file per target in `directory`, whole or not at all; with None it writes nothing.
 
     Args:
         directory: where `Alg1-H.npy` and the others go.
-        methods: the methods.
+        targets: the volumes.
         shape: (N, H, W) of the volumes.
         polarities: 2 where each polarity has votes of its own.
     """
@@ -99,8 +99,8 @@ def volume_writer(
         if directory is None:
             yield VolumeWriter((), ())
             return
-        files = [_open_npy(stack, directory / f"{m.file_name}.npy", shape) for m in methods]
-        yield VolumeWriter(methods, files, polarities)
+        files = [_open_npy(stack, directory / f"{file_name(t.name)}.npy", shape) for t in targets]
+        yield VolumeWriter(targets, files, polarities)
 
 
 def _open_npy(stack: ExitStack, path: Path, shape: tuple[int, int, int]) -> BinaryIO:

@@ -9,7 +9,7 @@ to far, as shares of its largest value. The network says where in the depth rang
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Literal
@@ -18,9 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.depth.depth_map import DepthMap, confidence_mask, extract, without_border
-from eventsweep.emvs.dsi.maxima import Maximum
-from eventsweep.emvs.dsi.method import Method
+from eventsweep.emvs.dsi.fusion import Fusion
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.learned import derd_kernels
 from eventsweep.emvs.learned.inputs import fused_patches
@@ -50,7 +48,7 @@ LAYERS: Mapping[str, tuple[int, ...]] = {
 """The shape of every array of one model, in the order in which the loops take them."""
 UniformIn = Literal["linear", "inverse"]
 _LEAST_VOTES = np.float32(1e-8)  # the published one
-Floats = NDArray[np.float32]
+Float32s = NDArray[np.float32]
 Indices = NDArray[np.int64]
 
 
@@ -74,7 +72,7 @@ class DepthRange:
             return cls(1 / first, 1 / last)
         return cls(1 / (last + (last - first) / (len(rho) - 1)), 1 / first)
 
-    def depth_m(self, place: Floats, uniform_in: UniformIn) -> Floats:
+    def depth_m(self, place: Float32s, uniform_in: UniformIn) -> Float32s:
         """(M,) depths of places between 0, the near end, and 1, the far end; m."""
         inside = np.clip(place.astype(np.float64), 0, 1)
         if uniform_in == "linear":
@@ -82,7 +80,7 @@ class DepthRange:
         near, far = 1 / self.near_m, 1 / self.far_m
         return np.asarray(1 / (near - inside * (near - far)), np.float32)
 
-    def place(self, depth_m: NDArray[np.floating], uniform_in: UniformIn) -> Floats:
+    def place(self, depth_m: NDArray[np.floating], uniform_in: UniformIn) -> Float32s:
         """(M,) where depths lie in it, clipped to 0..1, as the network is taught."""
         depth = np.asarray(depth_m, np.float64)
         if uniform_in == "linear":
@@ -112,7 +110,7 @@ class DerdNet:
     models: int
     uniform_in: UniformIn
 
-    def places(self, columns: Floats, count: int) -> Floats:
+    def places(self, columns: Float32s, count: int) -> Float32s:
         """Where in the depth range some pixels lie.
 
         Args:
@@ -124,9 +122,9 @@ class DerdNet:
         """
         rows = columns.reshape(*columns.shape[:3], -1)
         out = np.empty((self.models, count), np.float32)
-        for k, one in enumerate(out):
+        for k, places in enumerate(out):
             arrays = (self.weights.arrays[f"{k}.{name}"] for name in LAYERS)
-            derd_kernels.places(rows, *arrays, one)  # type: ignore[call-arg]
+            derd_kernels.places(rows, *arrays, places)  # type: ignore[call-arg]
         return np.asarray(out.mean(axis=0), np.float32)
 
 
@@ -153,59 +151,15 @@ def _derd_net(path: Path, _stamp: tuple[int, ...]) -> DerdNet:
     return DerdNet(weights, len(weights.arrays) // len(LAYERS), uniform_in)
 
 
-def check_derd(config: MapperConfig) -> None:
-    """Refuses before any work planes that the network cannot read, and weights that are none.
-
-    Raises:
-        InputError: says which, and what is needed.
-    """
-    if config.planes != PLANES or config.spacing != "inverse":
-        raise InputError(
-            f"DERD/H with {config.planes} planes of {config.spacing} spacing: the network reads "
-            f"{PLANES} planes of inverse spacing; set planes {PLANES} and spacing inverse"
-        )
-    derd_net(config.derd_weights)
-
-
-def extract_derd(
-    method: Method, votes: Maximum, kept: KeptVotes, view: ReferenceView, config: MapperConfig
-) -> DepthMap:
-    """Turns the votes into the network's depth map; no median, as published.
-
-    Args:
-        method: how the votes are fused; its name is the map's.
-        votes: first maximum of the fused volume; its values are the confidence.
-        kept: every camera's votes in all planes.
-        view: the reference view.
-        config: weights, threshold, border.
-
-    Raises:
-        InputError: weights that cannot be read, or are of another network.
-    """
-    net, selection = derd_net(config.derd_weights), selecting(config)
-    rim = max(config.border_px, SIDE_PX // 2)
-    mask = without_border(confidence_mask(votes.value, selection), rim)
-    at = np.nonzero(mask)
-    places = [net.places(part, count) for part, count in columns_of(method, kept, view, *at)]
-    plain = extract(method.name, votes, view, selection.model_copy(update={"median_px": 1}))
-    depth_m = plain.depth_m
-    depth_m[at] = DepthRange.of(view.rho).depth_m(_joined(places), net.uniform_in)
-    return replace(plain, depth_m=depth_m, mask=mask)
-
-
 def selecting(config: MapperConfig) -> MapperConfig:
     """The configuration whose adaptive threshold selects the network's pixels."""
-    return config.model_copy(
-        update={
-            "threshold_kernel_px": config.derd_threshold_kernel_px,
-            "threshold_c": config.derd_threshold_c,
-        }
-    )
+    own = {name: getattr(config.derd, name) for name in ("threshold_kernel_px", "threshold_c")}
+    return config.model_copy(update=own)
 
 
 def columns_of(
-    method: Method, kept: KeptVotes, view: ReferenceView, rows: Indices, columns: Indices
-) -> Iterator[tuple[Floats, int]]:
+    fusion: Fusion, kept: KeptVotes, view: ReferenceView, rows: Indices, columns: Indices
+) -> Iterator[tuple[Float32s, int]]:
     """The votes around some pixels, all planes from near to far, some pixels at a time.
 
     Yields:
@@ -215,11 +169,7 @@ def columns_of(
     for first in range(0, len(rows), BATCH):
         part = rows[first : first + BATCH], columns[first : first + BATCH]
         middle, every = np.full(len(part[0]), PLANES // 2), np.ones(len(part[0]), np.int64)
-        fused, _ = fused_patches(kept, method, (*part, middle, every), PLANES, SIDE_PX)
+        fused, _ = fused_patches(kept, fusion, (*part, middle, every), PLANES, SIDE_PX)
         near_first = fused if view.rho[0] > view.rho[-1] else fused[:, ::-1]
         top = np.maximum(near_first.max(axis=(1, 2, 3), keepdims=True), _LEAST_VOTES)
         yield np.ascontiguousarray(near_first / top), len(part[0])
-
-
-def _joined(parts: list[Floats]) -> Floats:
-    return np.concatenate([np.empty(0, np.float32), *parts])

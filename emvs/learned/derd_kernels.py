@@ -73,20 +73,22 @@ def _layer(values, matrix, bias, out):
 
 
 @njit(cache=True)
-def _gates(told, kept, state):
-    """One step of a gated recurrent unit; told and kept (3 H, L) as torch orders the gates."""
+def _gates(from_input, from_state, state):
+    """One step of a gated recurrent unit; both gates (3 H, L), in the order of torch."""
     hidden, lanes = state.shape
     for j in range(hidden):
         for x in range(lanes):
-            reset = _ONE / (_ONE + np.exp(-(told[j, x] + kept[j, x])))
-            update = _ONE / (_ONE + np.exp(-(told[hidden + j, x] + kept[hidden + j, x])))
-            new = np.tanh(told[2 * hidden + j, x] + reset * kept[2 * hidden + j, x])
+            reset = _ONE / (_ONE + np.exp(-(from_input[j, x] + from_state[j, x])))
+            update = _ONE / (
+                _ONE + np.exp(-(from_input[hidden + j, x] + from_state[hidden + j, x]))
+            )
+            new = np.tanh(from_input[2 * hidden + j, x] + reset * from_state[2 * hidden + j, x])
             state[j, x] = (_ONE - update) * new + update * state[j, x]
 
 
 @njit(parallel=True, cache=True)
 def places(
-    columns, conv, conv_bias, told, told_bias, kept, kept_bias, hidden, hidden_bias,
+    columns, conv, conv_bias, from_input, input_bias, from_state, state_bias, hidden, hidden_bias,
     last, last_bias, out,
 ):  # fmt: skip
     """Fills `out` with where one model sees each pixel's depth.
@@ -94,27 +96,27 @@ def places(
     Arrays:
         columns: (B, D, S, S L) float32; pixel m is lane m % L of block m // L.
         conv, conv_bias: (O, 1, 3, 3, 3) and (O,).
-        told, told_bias, kept, kept_bias: (3 H, I), (3 H,), (3 H, H), (3 H,) of the recurrent unit:
-            of the input and of the state; gates in the order reset, update, new.
+        from_input, input_bias, from_state, state_bias: (3 H, I), (3 H,), (3 H, H), (3 H,) of the
+            recurrent unit; gates in the order reset, update, new.
         hidden, hidden_bias, last, last_bias: (H, H), (H,), (1, H), (1,).
         out: (M,) float32, filled: 0 at the near end of the depth range, 1 at the far end.
     """
     blocks, depth, side, width = columns.shape
     lanes, units = width // side, len(hidden_bias)
     for b in prange(blocks):
-        steps = np.empty(((depth + 1) // 2, told.shape[1] * lanes), np.float32)
+        steps = np.empty(((depth + 1) // 2, from_input.shape[1] * lanes), np.float32)
         gates = np.empty((2, 3 * units, lanes), np.float32)
         mine, own = gates[0], gates[1]
         state = np.zeros((units, lanes), np.float32)
-        told_last = np.empty((1, lanes), np.float32)
+        place = np.empty((1, lanes), np.float32)
         _steps(columns[b], lanes, conv, conv_bias, steps)
         for t in range(len(steps)):
-            _layer(steps[t], told, told_bias, mine)
-            _layer(state.reshape(units * lanes), kept, kept_bias, own)
+            _layer(steps[t], from_input, input_bias, mine)
+            _layer(state.reshape(units * lanes), from_state, state_bias, own)
             _gates(mine, own, state)
         _layer(state.reshape(units * lanes), hidden, hidden_bias, mine[:units])
         for j in range(units):
             only_positive(mine[j])
-        _layer(mine[:units].reshape(units * lanes), last, last_bias, told_last)
+        _layer(mine[:units].reshape(units * lanes), last, last_bias, place)
         for lane in range(min(lanes, len(out) - b * lanes)):
-            out[b * lanes + lane] = told_last[0, lane]
+            out[b * lanes + lane] = place[0, lane]

@@ -1,7 +1,7 @@
-"""What the network is shown of a pixel: the votes around it, and what the extraction by focus says.
+"""What the network sees of a pixel: the votes around it, and what the extraction by focus says.
 
-Depth is measured in disparity of the rig, and samples along the ray lie half a pixel of it apart
-wherever planes do not lie farther apart themselves. So the same network serves other sensors,
+Depth is measured in disparity of the rig; samples along the ray follow each other every half pixel
+of it, or every plane where planes are sparser. So the same network serves other sensors,
 baselines and numbers of planes.
 """
 
@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.depth.depth_map import without_border
 from eventsweep.emvs.depth.focus import FocusEstimate, disparity_at
-from eventsweep.emvs.dsi.fusion import fuse_by
+from eventsweep.emvs.dsi.fusion import Fusion, fuse
 from eventsweep.emvs.dsi.maxima import InFocus, Maximum
-from eventsweep.emvs.dsi.method import Method
 from eventsweep.emvs.learned import inputs_kernels
 from eventsweep.emvs.learned.kept_votes import LANES, KeptVotes
 from eventsweep.emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX
@@ -29,7 +28,7 @@ BATCH = 128
 _SAMPLE_PX = 0.5
 _FARTHEST = 2 * DEPTH
 
-Floats = NDArray[np.float32]
+Float32s = NDArray[np.float32]
 Indices = NDArray[np.int64]
 Pixels = tuple[Indices, Indices, Indices, Indices]  # rows, columns, centres, strides
 
@@ -52,9 +51,9 @@ class Candidates:
     columns: Indices
     centres: Indices
     strides: Indices
-    sample_px: Floats
-    focus_px: Floats
-    cues: Floats
+    sample_px: Float32s
+    focus_px: Float32s
+    cues: Float32s
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -89,11 +88,11 @@ def candidates(
     fitted = estimate.position[at]
     focus_px = disparity_at(fitted, disparity_px)
 
-    def samples(position: Floats) -> Floats:
-        apart = (position - centres) / strides
-        return np.clip(apart, -_FARTHEST, _FARTHEST).astype(np.float32) / np.float32(4)
+    def samples(position: Float32s) -> Float32s:
+        distance = (position - centres) / strides
+        return np.clip(distance, -_FARTHEST, _FARTHEST).astype(np.float32) / np.float32(4)
 
-    cameras = [samples(one.position_at(*at, gaussian=True)) for one in focus.camera_maxima]
+    cameras = [samples(peak.position_at(*at, gaussian=True)) for peak in focus.camera_maxima]
     cues = (
         np.log2(sample_px),
         samples(fitted),
@@ -108,7 +107,7 @@ def candidates(
     return Candidates(rows, columns, centres, strides, sample_px, focus_px, table)
 
 
-def _of_cameras(cameras: Sequence[Floats], pixels: int) -> tuple[Floats, Floats]:
+def _of_cameras(cameras: Sequence[Float32s], pixels: int) -> tuple[Float32s, Float32s]:
     """Where the first camera's rays are in focus, and the mean of the others; 0 where not asked."""
     nothing = np.zeros(pixels, np.float32)
     first = cameras[0] if cameras else nothing
@@ -116,36 +115,36 @@ def _of_cameras(cameras: Sequence[Floats], pixels: int) -> tuple[Floats, Floats]
     return first, np.asarray(others, np.float32)
 
 
-def channels(kept: KeptVotes, method: Method, chosen: Candidates) -> Floats:
+def channels(kept: KeptVotes, fusion: Fusion, chosen: Candidates) -> Float32s:
     """The votes around some candidates, as the network reads them.
 
     Args:
         kept: votes of every camera.
-        method: how they are fused.
+        fusion: how they are fused.
         chosen: at most a few thousand of them: 10 kB each.
 
     Returns:
         (B, 3, SIDE_PX, SIDE_PX, DEPTH + 2, LANES) float32, as shares of the fused volume's largest
         value in the patch, and nothing at both ends of each ray; candidate m is lane m % LANES of
-        block m // LANES. The channels are `emvs.learned.network.CHANNELS`; one camera alone is all
+        block m // LANES. The channels are `emvs.learned.network.CHANNELS`; a single camera is all
         three.
     """
     where = chosen.rows, chosen.columns, chosen.centres, chosen.strides
-    fused, cameras = fused_patches(kept, method, where, DEPTH, SIDE_PX)
+    fused, cameras = fused_patches(kept, fusion, where, DEPTH, SIDE_PX)
     shape = len(fused), len(CHANNELS), SIDE_PX, SIDE_PX, DEPTH + 2, LANES
-    shares: Floats = aligned(math.prod(shape)).reshape(shape)
+    shares: Float32s = aligned(math.prod(shape)).reshape(shape)
     inputs_kernels.shares(fused, cameras, shares)
     return shares
 
 
 def fused_patches(
-    kept: KeptVotes, method: Method, where: Pixels, depth: int, side_px: int
-) -> tuple[Floats, Floats]:
+    kept: KeptVotes, fusion: Fusion, where: Pixels, depth: int, side_px: int
+) -> tuple[Float32s, Float32s]:
     """The fused votes around some pixels, and those of each camera that takes part.
 
     Args:
         kept: votes of every camera.
-        method: how they are fused.
+        fusion: how they are fused.
         where: the pixels, as `KeptVotes.patches` takes them.
         depth: samples along the ray.
         side_px: rows and columns of a patch.
@@ -154,16 +153,16 @@ def fused_patches(
         (B, depth, side, side, LANES) and (C, B, depth, side, side, LANES) float32.
     """
     cameras = kept.patches(*where, depth, side_px)
-    alone = method.camera()
+    alone = fusion.camera
     if alone is not None:
         cameras = cameras[alone : alone + 1]
         return cameras[0], cameras
     count, blocks, *cells = cameras.shape
     rows = cameras.reshape(count, 1, blocks, math.prod(cells))
-    return fuse_by(method, rows).reshape(blocks, *cells), cameras
+    return fuse(fusion, rows).reshape(blocks, *cells), cameras
 
 
-def in_blocks(pixels: Floats) -> Floats:
+def in_blocks(pixels: Float32s) -> Float32s:
     """(M, ...) arrays of candidates as (B, ..., LANES), as `channels` orders them."""
     blocks = -(-len(pixels) // LANES)
     out = np.zeros((blocks * LANES, *pixels.shape[1:]), np.float32)
@@ -171,13 +170,13 @@ def in_blocks(pixels: Floats) -> Floats:
     return np.ascontiguousarray(np.moveaxis(out.reshape(blocks, LANES, *out.shape[1:]), 1, -1))
 
 
-def as_rays(patches: Floats) -> Floats:
+def as_rays(patches: Float32s) -> Float32s:
     """(M, 3, DEPTH, SIDE_PX, SIDE_PX) patches as the loops read them, see `channels`."""
     ends = ((0, 0), (0, 0), (0, 0), (0, 0), (1, 1))
     return in_blocks(np.pad(np.moveaxis(patches, 2, -1), ends))
 
 
-def as_patches(rays: Floats, count: int) -> Floats:
+def as_patches(rays: Float32s, count: int) -> Float32s:
     """The first patches of what `channels` returns: (count, 3, DEPTH, SIDE_PX, SIDE_PX)."""
     pixels = np.moveaxis(rays[..., 1:-1, :], -1, 1)
     return np.moveaxis(pixels.reshape(-1, *pixels.shape[2:])[:count], -1, 2)

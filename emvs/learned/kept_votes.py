@@ -11,11 +11,11 @@ LANES = kept_votes_kernels.LANES
 """Pixels side by side in patches."""
 _CODES = 256
 
-Floats = NDArray[np.float32]
+Float32s = NDArray[np.float32]
 Indices = NDArray[np.int64]
 
 
-def votes_of_codes() -> Floats:
+def votes_of_codes() -> Float32s:
     """What each of the 256 codes stands for: (256,) float32 votes, rising.
 
     A code is a float of 8 bits: 4 for the exponent and 4 for the mantissa of votes + 1, so that
@@ -49,7 +49,7 @@ class KeptVotes:
         self._scratch = np.empty((height_px, width_px), np.float32)
         self._polarities = polarities
 
-    def take(self, first: int, images: Floats) -> None:
+    def take(self, first: int, images: Float32s) -> None:
         """Takes in (V, P, H, W) votes, planes `first` and on; sub-intervals are summed."""
         parts = images.reshape(self._polarities, len(self.codes), -1, *images.shape[1:])
         for camera, codes in enumerate(self.codes):
@@ -60,7 +60,7 @@ class KeptVotes:
     def patches(
         self, rows: Indices, columns: Indices, centres: Indices, strides: Indices,
         depth: int, side_px: int,
-    ) -> Floats:  # fmt: skip
+    ) -> Float32s:  # fmt: skip
         """The votes around some pixels.
 
         Args:

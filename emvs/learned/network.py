@@ -30,9 +30,9 @@ CUES = (
     "sample_px", "fitted", "focus", "votes_peak", "first_camera", "other_cameras", "agreement",
     "support", "inside", "ray", "strength", "votes", "disparity",
 )  # fmt: skip
-"""What the network is told beside the votes, as numbers of about unit size."""
+"""What the network sees beside the votes, as numbers of about unit size."""
 OUTPUTS = 2  # expected errors: of the network's own depth, and of the depth by focus
-Floats = NDArray[np.float32]
+Float32s = NDArray[np.float32]
 
 _L = kept_votes_kernels.LANES
 _SHORT, _LONG = (DEPTH + 2) * _L, (DEPTH + 2 * network_kernels.PAD) * _L  # rays, with their ends
@@ -92,7 +92,7 @@ class Network:
     weights: Weights
     shape: Architecture = Architecture()
 
-    def judge(self, shares: Floats, cues: Floats) -> tuple[Floats, Floats]:
+    def judge(self, shares: Float32s, cues: Float32s) -> tuple[Float32s, Float32s]:
         """Says where the depth of some pixels lies, and how wrong that may be.
 
         Args:
@@ -135,8 +135,8 @@ class Network:
 
 
 def _convolution(
-    steps: Sequence[int], weight: Floats, bias: Floats
-) -> tuple[NDArray[np.int64], Floats, Floats]:
+    steps: Sequence[int], weight: Float32s, bias: Float32s
+) -> tuple[NDArray[np.int64], Float32s, Float32s]:
     """A convolution as `emvs.learned.network_kernels.judge` takes it.
 
     Args:
@@ -144,7 +144,7 @@ def _convolution(
         weight: (O, C, ...).
         bias: (O,).
     """
-    if weight.ndim > 3:  # what lies further apart is summed last
+    if weight.ndim > 3:  # what is farther in memory is summed last
         weight, steps = weight.swapaxes(2, 3), (steps[0], steps[2], steps[1], steps[3])
     taps = np.zeros(1, np.int64)
     for count, step in zip(weight.shape[1:], steps, strict=True):

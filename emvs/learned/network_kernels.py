@@ -34,57 +34,65 @@ def _rays(shape, samples):
 
 
 @njit(cache=True)
-def _write(a, b, c, d, e, f, g, h, out, to, apart):
+def _write(sum0, sum1, sum2, sum3, sum4, sum5, sum6, sum7, out, to, step):
+    """Stores what is positive of eight channels' sums, `step` numbers from one to the next."""
     nothing = splat(_ZERO)
-    store(out, to, larger(a, nothing))
-    store(out, to + apart, larger(b, nothing))
-    store(out, to + 2 * apart, larger(c, nothing))
-    store(out, to + 3 * apart, larger(d, nothing))
-    store(out, to + 4 * apart, larger(e, nothing))
-    store(out, to + 5 * apart, larger(f, nothing))
-    store(out, to + 6 * apart, larger(g, nothing))
-    store(out, to + 7 * apart, larger(h, nothing))
+    store(out, to, larger(sum0, nothing))
+    store(out, to + step, larger(sum1, nothing))
+    store(out, to + 2 * step, larger(sum2, nothing))
+    store(out, to + 3 * step, larger(sum3, nothing))
+    store(out, to + 4 * step, larger(sum4, nothing))
+    store(out, to + 5 * step, larger(sum5, nothing))
+    store(out, to + 6 * step, larger(sum6, nothing))
+    store(out, to + 7 * step, larger(sum7, nothing))
 
 
 @njit(cache=True)
-def _two_vectors(values, at, taps, weight, bias, out, to, apart):
-    """What is positive of eight channels of a convolution, at one place, for all lanes.
+def _one_vector(values, at, taps, weight, bias, out, to, step):
+    """What is positive of eight channels of a convolution, at one place, for one vector of lanes.
+
+    Eight sums, one for each channel, fit in sixteen registers.
 
     Arrays:
         values: (N,) float32, the place at number `at`.
         taps: (T,) int64, numbers from there to each input.
         weight, bias: (T, 8) and (8,) float32.
-        out: (M,) float32, filled from number `to` on, each channel `apart` numbers further.
+        out: (M,) float32, filled from number `to` on, each channel `step` numbers further.
     """
-    a, b, c, d = splat(bias[0]), splat(bias[1]), splat(bias[2]), splat(bias[3])
-    e, f, g, h = splat(bias[4]), splat(bias[5]), splat(bias[6]), splat(bias[7])
-    i, j, k, m, n, o, p, q = a, b, c, d, e, f, g, h
+    sum0, sum1, sum2, sum3 = splat(bias[0]), splat(bias[1]), splat(bias[2]), splat(bias[3])
+    sum4, sum5, sum6, sum7 = splat(bias[4]), splat(bias[5]), splat(bias[6]), splat(bias[7])
     for t in range(len(taps)):
-        one, other, w = load(values, at + taps[t]), load(values, at + taps[t] + WIDTH), weight[t]
-        s, u = splat(w[0]), splat(w[1])
-        a, b, i, j = plus(a, s, one), plus(b, u, one), plus(i, s, other), plus(j, u, other)
-        s, u = splat(w[2]), splat(w[3])
-        c, d, k, m = plus(c, s, one), plus(d, u, one), plus(k, s, other), plus(m, u, other)
-        s, u = splat(w[4]), splat(w[5])
-        e, f, n, o = plus(e, s, one), plus(f, u, one), plus(n, s, other), plus(o, u, other)
-        s, u = splat(w[6]), splat(w[7])
-        g, h, p, q = plus(g, s, one), plus(h, u, one), plus(p, s, other), plus(q, u, other)
-    _write(a, b, c, d, e, f, g, h, out, to, apart)
-    _write(i, j, k, m, n, o, p, q, out, to + WIDTH, apart)
+        value, w = load(values, at + taps[t]), weight[t]
+        sum0, sum1 = plus(sum0, splat(w[0]), value), plus(sum1, splat(w[1]), value)
+        sum2, sum3 = plus(sum2, splat(w[2]), value), plus(sum3, splat(w[3]), value)
+        sum4, sum5 = plus(sum4, splat(w[4]), value), plus(sum5, splat(w[5]), value)
+        sum6, sum7 = plus(sum6, splat(w[6]), value), plus(sum7, splat(w[7]), value)
+    _write(sum0, sum1, sum2, sum3, sum4, sum5, sum6, sum7, out, to, step)
 
 
 @njit(cache=True)
-def _one_vector(values, at, taps, weight, bias, out, to, apart):
-    """As `_two_vectors`, for lanes that are one vector: eight sums fit in sixteen registers."""
-    a, b, c, d = splat(bias[0]), splat(bias[1]), splat(bias[2]), splat(bias[3])
-    e, f, g, h = splat(bias[4]), splat(bias[5]), splat(bias[6]), splat(bias[7])
+def _two_vectors(values, at, taps, weight, bias, out, to, step):
+    """As `_one_vector`, for lanes that are two vectors, near and far: a weight serves both."""
+    near0, near1, near2, near3 = splat(bias[0]), splat(bias[1]), splat(bias[2]), splat(bias[3])
+    near4, near5, near6, near7 = splat(bias[4]), splat(bias[5]), splat(bias[6]), splat(bias[7])
+    far0, far1, far2, far3, far4, far5 = near0, near1, near2, near3, near4, near5
+    far6, far7 = near6, near7
     for t in range(len(taps)):
-        value, w = load(values, at + taps[t]), weight[t]
-        a, b = plus(a, splat(w[0]), value), plus(b, splat(w[1]), value)
-        c, d = plus(c, splat(w[2]), value), plus(d, splat(w[3]), value)
-        e, f = plus(e, splat(w[4]), value), plus(f, splat(w[5]), value)
-        g, h = plus(g, splat(w[6]), value), plus(h, splat(w[7]), value)
-    _write(a, b, c, d, e, f, g, h, out, to, apart)
+        near, far, w = load(values, at + taps[t]), load(values, at + taps[t] + WIDTH), weight[t]
+        even, odd = splat(w[0]), splat(w[1])
+        near0, near1 = plus(near0, even, near), plus(near1, odd, near)
+        far0, far1 = plus(far0, even, far), plus(far1, odd, far)
+        even, odd = splat(w[2]), splat(w[3])
+        near2, near3 = plus(near2, even, near), plus(near3, odd, near)
+        far2, far3 = plus(far2, even, far), plus(far3, odd, far)
+        even, odd = splat(w[4]), splat(w[5])
+        near4, near5 = plus(near4, even, near), plus(near5, odd, near)
+        far4, far5 = plus(far4, even, far), plus(far5, odd, far)
+        even, odd = splat(w[6]), splat(w[7])
+        near6, near7 = plus(near6, even, near), plus(near7, odd, near)
+        far6, far7 = plus(far6, even, far), plus(far7, odd, far)
+    _write(near0, near1, near2, near3, near4, near5, near6, near7, out, to, step)
+    _write(far0, far1, far2, far3, far4, far5, far6, far7, out, to + WIDTH, step)
 
 
 _window = _two_vectors if LANES > WIDTH else _one_vector
@@ -95,42 +103,40 @@ def _patch(places, taps, weight, bias, out):
     """3 x 3 x 3 windows: places (K, S, S, (D + 2) L) to out (O, S - 2, S - 2, (D + 2) L)."""
     side, ray = places.shape[1], places.shape[3]
     within = out.shape[1]
-    apart = within * within * ray
+    step = within * within * ray
     values, filled = places.reshape(places.size), out.reshape(out.size)
     for group in range(len(weight)):
         few = slice(FEW * group, FEW * group + FEW)
         for y in range(within):
             for x in range(within):
                 first = (y * side + x) * ray
-                to = FEW * group * apart + (y * within + x) * ray + LANES
+                to = FEW * group * step + (y * within + x) * ray + LANES
                 for d in range(0, ray - 2 * LANES, LANES):
-                    _window(
-                        values, first + d, taps, weight[group], bias[few], filled, to + d, apart
-                    )
+                    _window(values, first + d, taps, weight[group], bias[few], filled, to + d, step)
 
 
 @njit(cache=True)
 def _ray(cells, taps, weight, bias, out):
     """5 x 5 x 3 windows down to the ray: cells (O, 5, 5, (D + 2) L) to out (R, (D + 2 PAD) L)."""
-    apart = out.shape[1]
+    step = out.shape[1]
     values, filled = cells.reshape(cells.size), out.reshape(out.size)
     for d in range(0, cells.shape[3] - 2 * LANES, LANES):
         for group in range(len(weight)):
             few = slice(FEW * group, FEW * group + FEW)
-            to = FEW * group * apart + PAD * LANES + d
-            _window(values, d, taps, weight[group], bias[few], filled, to, apart)
+            to = FEW * group * step + PAD * LANES + d
+            _window(values, d, taps, weight[group], bias[few], filled, to, step)
 
 
 @njit(cache=True)
 def _along(ray, reach, taps, weight, bias, out):
     """Five taps along the ray, added to it: ray and out (R, (D + 2 PAD) L)."""
-    apart = out.shape[1]
+    step = out.shape[1]
     values, filled = ray.reshape(ray.size), out.reshape(out.size)
     for group in range(len(weight)):
         few = slice(FEW * group, FEW * group + FEW)
-        for at in range(PAD * LANES, apart - PAD * LANES, LANES):
-            to = FEW * group * apart + at
-            _window(values, at - reach * LANES, taps, weight[group], bias[few], filled, to, apart)
+        for at in range(PAD * LANES, step - PAD * LANES, LANES):
+            to = FEW * group * step + at
+            _window(values, at - reach * LANES, taps, weight[group], bias[few], filled, to, step)
     for k in range(len(filled)):
         filled[k] += values[k]
 
@@ -165,26 +171,26 @@ def _place(logits, lane, peak):
 
 
 @njit(cache=True)
-def _tell(ray, lane, best, cues, place, sure, told):
-    """One lane of what the errors are told (F, L): the ray at the best sample, and the cues."""
-    features = len(ray)
-    for c in range(features):
-        told[c, lane] = ray[c, (best + PAD) * LANES + lane]
+def _fill_lane(ray, lane, best, cues, place, sure, features):
+    """One lane of what the errors depend on (F, L): the ray at the best sample, and the cues."""
+    deep = len(ray)
+    for c in range(deep):
+        features[c, lane] = ray[c, (best + PAD) * LANES + lane]
     for c in range(len(cues)):
-        told[features + c, lane] = cues[c]
-    told[-2, lane] = place / np.float32(4)
-    told[-1, lane] = sure
+        features[deep + c, lane] = cues[c]
+    features[-2, lane] = place / np.float32(4)
+    features[-1, lane] = sure
 
 
 @njit(cache=True)
-def _errors(told, hidden, hidden_bias, error, error_bias, total, log_error):
-    """Expected errors of all lanes, (2, L), from what is told (F, L)."""
+def _errors(features, hidden, hidden_bias, error, error_bias, total, log_error):
+    """Expected errors of all lanes, (2, L), from their features (F, L)."""
     for k in range(len(log_error)):
         log_error[k][:] = error_bias[k]
     for h in range(len(hidden_bias)):
         total[:] = hidden_bias[h]
-        for c in range(len(told)):
-            row, w = told[c], hidden[h, c]
+        for c in range(len(features)):
+            row, w = features[c], hidden[h, c]
             for x in range(LANES):
                 total[x] += w * row[x]
         for k in range(len(log_error)):
@@ -213,24 +219,25 @@ def judge(
     blocks, _, side, _, long = shares.shape
     depth = long // LANES - 2
     wide, deep = len(patch[2]), len(ray[2])
-    features, deepest = hidden.shape[1], score.shape[1]
+    deepest = score.shape[1]
     strips = min(blocks, _STRIPS)
     for s in prange(strips):
         cells = _rays((wide, side - 2, side - 2), depth + 2)
-        one, other = _rays((deep,), depth + 2 * PAD), _rays((deep,), depth + 2 * PAD)
+        front, back = _rays((deep,), depth + 2 * PAD), _rays((deep,), depth + 2 * PAD)
         logits, total = np.empty(depth * LANES, np.float32), np.empty(LANES, np.float32)
-        told, errors = np.zeros((features, LANES), np.float32), np.empty((2, LANES), np.float32)
+        features = np.zeros((hidden.shape[1], LANES), np.float32)
+        errors = np.empty((2, LANES), np.float32)
         for b in range(s * blocks // strips, (s + 1) * blocks // strips):
             _patch(shares[b], *patch, cells)
-            _ray(cells, *ray, one)
-            _along(one, 2, *near, other)
-            _along(other, 4, *far, one)
-            _logits(one, score, score_bias, logits)
+            _ray(cells, *ray, front)
+            _along(front, 2, *near, back)
+            _along(back, 4, *far, front)
+            _logits(front, score, score_bias, logits)
             here = range(min(LANES, len(offset) - b * LANES))
             for lane in here:
                 m = b * LANES + lane
                 offset[m], best, sure = _place(logits, lane, peak)
-                _tell(one[:deepest], lane, best, cues[m], offset[m], sure, told)
-            _errors(told, hidden, hidden_bias, error, error_bias, total, errors)
+                _fill_lane(front[:deepest], lane, best, cues[m], offset[m], sure, features)
+            _errors(features, hidden, hidden_bias, error, error_bias, total, errors)
             for lane in here:
                 log_error[b * LANES + lane] = errors[:, lane]

@@ -18,15 +18,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.dsi.method import MethodName
 from eventsweep.emvs.errors import DAMAGED_NPY, InputError
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, check_file, parse_json, read_text
 
 MOST_BYTES = 1 << 24
 """More than any weights here; what an archive unpacks to counts, too."""
-Floats = NDArray[np.float32]
+Float32s = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +37,7 @@ class Weights:
         path: the arrays' file.
     """
 
-    arrays: Mapping[str, Floats]
+    arrays: Mapping[str, Float32s]
     manifest: Mapping[str, Any]
     path: Path
 
@@ -49,19 +47,13 @@ def packaged(name: str) -> Path:
     return Path(str(files("eventsweep.emvs.learned"))) / "weights" / f"{name}.npz"
 
 
-def files_of_weights(config: MapperConfig) -> tuple[Path, ...]:
-    """The files of the weights that the methods of a configuration use: they decide results.
+def files_of_weights(path: Path) -> tuple[Path, ...]:
+    """A file of weights and its manifest: they decide results.
 
     Raises:
         InputError: one that is not there.
     """
-    chosen = {
-        "Learned": config.learned_weights or packaged("learned"),
-        "DERD": config.derd_weights or packaged("derd"),
-    }
-    families = {MethodName.of(name).family for name in config.methods}
-    used = [path for family, path in chosen.items() if family in families]
-    files = tuple(file for path in used for file in (path, path.with_suffix(".json")))
+    files = path, path.with_suffix(".json")
     for file in files:
         if not file.is_file():
             raise InputError(f"{file}: no such file; weights are NAME.npz and NAME.json beside it")
@@ -120,17 +112,17 @@ def _manifest(path: Path, network: str) -> Mapping[str, Any]:
     return known
 
 
-def _arrays(path: Path, known: Sequence[Mapping[str, tuple[int, ...]]]) -> dict[str, Floats]:
+def _arrays(path: Path, known: Sequence[Mapping[str, tuple[int, ...]]]) -> dict[str, Float32s]:
     with zipfile.ZipFile(path) as archive:
-        unpacked = sum(one.file_size for one in archive.infolist())
+        unpacked = sum(member.file_size for member in archive.infolist())
     if unpacked > MOST_BYTES:
         raise InputError(f"{path}: unpacks to {unpacked} bytes, at most {MOST_BYTES} are read")
     with np.load(path, allow_pickle=False) as archive:
         arrays = {name: np.asarray(archive[name]) for name in archive.files}
-    found = {name: array.shape for name, array in arrays.items()}
-    if found not in [dict(one) for one in known]:
-        wanted = known[0]
-        differing = sorted(n for n in {*found, *wanted} if found.get(n) != wanted.get(n))
+    shapes = {name: array.shape for name, array in arrays.items()}
+    if shapes not in [dict(needed) for needed in known]:
+        needed = known[0]
+        differing = sorted(n for n in {*shapes, *needed} if shapes.get(n) != needed.get(n))
         raise InputError(f"{path}: other arrays than the network needs: {', '.join(differing)}")
     for name, array in arrays.items():
         if array.dtype != np.float32 or not np.isfinite(array).all():
@@ -139,7 +131,7 @@ def _arrays(path: Path, known: Sequence[Mapping[str, tuple[int, ...]]]) -> dict[
 
 
 def write_weights(
-    path: Path, network: str, arrays: Mapping[str, Floats], learnt: Mapping[str, Any]
+    path: Path, network: str, arrays: Mapping[str, Float32s], learnt: Mapping[str, Any]
 ) -> None:
     """Writes `NAME.npz` and `NAME.json`, each whole or not at all.
 
@@ -150,7 +142,9 @@ def write_weights(
         learnt: what the manifest says beside.
     """
     with atomic_path(path) as part, part.open("wb") as file:
-        plain: dict[str, Any] = {n: np.asarray(one, np.float32) for n, one in arrays.items()}
+        plain: dict[str, Any] = {
+            name: np.asarray(array, np.float32) for name, array in arrays.items()
+        }
         np.savez(file, **plain)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     manifest = {"network": network, "arrays_sha256": digest, **learnt}

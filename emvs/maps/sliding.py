@@ -18,7 +18,7 @@ import numpy as np
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import DerivedRecording, Recording
-from eventsweep.emvs.dsi.device import Device, check_device, device_for_methods, projector_on
+from eventsweep.emvs.dsi.device import Device, check_device, projector_on
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.hot_pixels import HotPixels, WithoutPixels, find_hot_pixels
@@ -35,7 +35,7 @@ from eventsweep.emvs.maps.folder import (
     write_window,
 )
 from eventsweep.emvs.maps.store import MapStore, identity, open_store, read_entry, write_entry
-from eventsweep.emvs.methods import methods_by_name
+from eventsweep.emvs.methods import device_for_methods, methods_by_name
 from eventsweep.emvs.preflight import check_view_fits, check_window_fits
 from eventsweep.emvs.reference_view import reference_view
 from eventsweep.emvs.utils.outputs import atomic_dir, check_output, cure, inputs_of, real
@@ -213,7 +213,7 @@ def _map_sliding(
     progress: Progress, *, force: bool, clouds: bool, finish: Callable[[Path], None],
 ) -> None:  # fmt: skip
     requested = methods_by_name(config.methods, len(recording.rig), mcemvs=config.is_mcemvs)
-    device = device_for_methods(config.device, requested)
+    device = device_for_methods(config, requested)
     head = MapInfo(
         schema_version=SCHEMA_VERSION,
         recording=about,

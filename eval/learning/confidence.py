@@ -64,7 +64,7 @@ def collect(
         for window in (w for w in windows(one) if not w.imperfection):
             config = MapperConfig(
                 start_s=window.start_s, duration_s=window.duration_s, planes=window.planes,
-                methods=tuple(methods), learned_weights=weights,
+                methods=tuple(methods), learned={"weights": weights},
             )  # fmt: skip
             result = map_window(sequence, config)
             truth = truth_of(sequence, result.view.t_us, EvalConfig())

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.config import DerdParameters, MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.depth.depth_map import confidence_mask, without_border
+from eventsweep.emvs.extraction.derd import DERD
 from eventsweep.emvs.learned.derd import PLANES, SIDE_PX, DepthRange, columns_of, selecting
-from eventsweep.emvs.methods import build_derd
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.learning.samples import SampleSet, Swept, swept_window, window_config
 from eventsweep.eval.learning.sequences import TrainingSequence, TrainingWindow, windows
@@ -68,8 +68,9 @@ def derd_samples(sequence: EventSequence, window: TrainingWindow, most: int) -> 
         window: the stretch.
         most: at most so many.
     """
-    method = build_derd()
-    config = window_config(window).model_copy(update={"derd_threshold_c": LEAST_C})
+    method = DERD.build("DERD/H")
+    least = DerdParameters(threshold_c=LEAST_C)
+    config = window_config(window).model_copy(update={"derd": least})
     swept = swept_window(sequence, config, method)
     true_px = _true_px(sequence, swept)
     votes = swept.result.maxima[method.name]
@@ -77,7 +78,7 @@ def derd_samples(sequence: EventSequence, window: TrainingWindow, most: int) -> 
     known = np.flatnonzero(chosen & np.isfinite(true_px))
     picked = np.sort(np.random.default_rng([window.seed, 0xDE2D]).permutation(known)[:most])
     rows, columns = np.divmod(picked, true_px.shape[1])
-    parts = columns_of(method, swept.kept, swept.view, rows, columns)
+    parts = columns_of(method.fusion, swept.kept, swept.view, rows, columns)
     shares = [_in_255ths(*part) for part in parts]
     span = DepthRange.of(swept.view.rho)
     per_rho_px = swept.disparity_px[0] / float(swept.view.rho[0])

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from eventsweep.emvs.learned.extract import LOG_ERROR_RANGE
+from eventsweep.emvs.learned.judgement import LOG_ERROR_RANGE
 from eventsweep.emvs.learned.network import CHANNELS, CUES, Architecture
 from eventsweep.eval.learning.samples import shares_of_codes
 from eventsweep.eval.learning.trainable import Inputs, Outcome, Schooling, Trainable

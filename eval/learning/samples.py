@@ -14,15 +14,16 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.depth.focus import estimate_in_focus, parallax_baseline_m
+from eventsweep.emvs.dsi.backend import SweepResult
 from eventsweep.emvs.dsi.backprojection import back_project
 from eventsweep.emvs.dsi.device import CPU, projector_on
-from eventsweep.emvs.dsi.method import WHOLE, Method
-from eventsweep.emvs.dsi.sweep import SweepResult, group_by_split, sweep
+from eventsweep.emvs.dsi.fusion import WHOLE
+from eventsweep.emvs.dsi.sweep import sweep
+from eventsweep.emvs.extraction.focus import FOCUS
+from eventsweep.emvs.extraction.method import Method
 from eventsweep.emvs.learned.inputs import BATCH, Candidates, as_patches, candidates, channels
 from eventsweep.emvs.learned.kept_votes import KeptVotes, votes_of_codes
 from eventsweep.emvs.learned.network import CHANNELS, DEPTH, SIDE_PX
-from eventsweep.emvs.mapper import sweep_settings
-from eventsweep.emvs.methods import build_focus
 from eventsweep.emvs.reference_view import ReferenceView, reference_view
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.windows import choose_window
@@ -172,8 +173,7 @@ def swept_window(recording: Recording, config: MapperConfig, method: Method) -> 
     projected = back_project(recording, window, view, [WHOLE], projector_on(CPU))
     size = view.camera.height_px, view.camera.width_px
     kept = KeptVotes(len(recording.rig), len(view.rho), *size)
-    groups = group_by_split((method,), len(recording.rig))
-    result = sweep(projected, view, groups, sweep_settings(config), keep=kept.take)
+    result = sweep(projected, view, [method.target(config)], config, keep=kept.take)
     baseline_m = parallax_baseline_m(recording, window)
     disparity_px = baseline_m * view.camera.fx_px * view.rho.astype(np.float64)
     return Swept(view, kept, disparity_px, result)
@@ -208,7 +208,7 @@ def samples(sequence: EventSequence, window: TrainingWindow, most: int) -> Sampl
     """
     amount = Perturbation.model_validate(window.imperfection)
     told = perturbed(sequence, amount, window.seed) if window.imperfection else sequence
-    shown = show(told, window_config(window), build_focus(f"Focus/{window.fusion}"))
+    shown = show(told, window_config(window), FOCUS.build(f"Focus/{window.fusion}"))
     true_px = true_disparity_px(shown, truth_of(sequence, shown.view.t_us, EvalConfig()))
     known = np.flatnonzero(np.isfinite(true_px))
     rng = np.random.default_rng([window.seed, 0x5A3])
@@ -228,7 +228,7 @@ def drawn(shown: Shown, picked: NDArray[np.int64], true_px: NDArray[np.float32])
     """The samples of some candidates, by their numbers."""
     chosen = shown.chosen[picked]
     codes = [
-        _in_255ths(as_patches(channels(shown.kept, shown.method, part), len(part)))
+        _in_255ths(as_patches(channels(shown.kept, shown.method.fusion, part), len(part)))
         for part in (chosen[first : first + BATCH] for first in range(0, len(chosen), BATCH))
     ]
     empty = np.empty((0, len(CHANNELS), DEPTH, SIDE_PX, SIDE_PX), np.uint8)

@@ -9,7 +9,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.config import FocusParameters, MapperConfig
 from eventsweep.emvs.depth.focus import FocusConfig, at_least, judge
 from eventsweep.emvs.dsi import focus_measures
 from eventsweep.emvs.dsi.maxima import RunningMaxima
@@ -57,7 +57,7 @@ def test_streaming_equals_whole_volumes(tmp_path, fusion):
     depth = result.depth_maps[f"Focus/{fusion}"]
     np.testing.assert_array_equal(depth.confidence, found.confidence)
     np.testing.assert_allclose(1 / depth.depth_m, inverse_depth_at(rho, found.position), rtol=1e-5)
-    expected = at_least(found, config.focus_reliability, config.border_px)
+    expected = at_least(found, config.focus.reliability, config.border_px)
     assert expected.sum() > 100
     assert (depth.mask != expected).mean() < 1e-3
 
@@ -167,7 +167,7 @@ def test_a_measure_moves_the_depth_of_any_method_and_nothing_else(measure):
 def test_the_configuration_names_every_measure():
     field = MapperConfig.model_fields["extraction"]
     assert get_args(field.annotation) == tuple(focus_measures.MEASURES)
-    own = get_args(MapperConfig.model_fields["focus_measure"].annotation)
+    own = get_args(FocusParameters.model_fields["measure"].annotation)
     assert ("votes", *own) == tuple(focus_measures.MEASURES)
 
 
@@ -289,7 +289,7 @@ def test_three_cameras_have_every_method_and_the_order_of_means():
 def test_equal_volumes_are_remembered_once():
     """Focus/H and Alg1/H fuse the same votes: one maximum serves both."""
     methods = methods_by_name(("Alg1/H", "EMVS/cam1", "Focus/H", "Focus/cam1"), 2)
-    maxima = RunningMaxima(methods, 6, 5)
+    maxima = RunningMaxima([method.fusion for method in methods], 6, 5)
     maxima.update(np.random.default_rng(0).gamma(0.5, 9, (2, 4, 30)).astype(F), 4)
     assert len(maxima.arrays[0]) == 2
     for one, other in ((0, 2), (1, 3)):

@@ -6,7 +6,6 @@ import pytest
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.dsi.fusion import FUSIONS
 from eventsweep.emvs.dsi.rays import event_rays
 from eventsweep.emvs.dsi.voting import dsi
 from eventsweep.emvs.errors import InputError
@@ -15,6 +14,7 @@ from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.reference_view import inverse_depth_planes
 from eventsweep.emvs.utils import runtime
+from fusions import FUSIONS
 from point_world import fronto_parallel
 
 RANGE = {"min_depth_m": 0.5, "max_depth_m": 4.0}

@@ -10,11 +10,11 @@ import naive_sweep
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.depth.depth_map import union
 from eventsweep.emvs.dsi import voting
-from eventsweep.emvs.dsi.fusion import fuse_by
+from eventsweep.emvs.dsi.fusion import Split, fuse
 from eventsweep.emvs.dsi.maxima import RunningMaxima
-from eventsweep.emvs.dsi.method import Method, Split
 from eventsweep.emvs.dsi.voting import batch_planes, batches
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.extraction.method import Method
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.methods import methods_by_name, overview, register, unregister
 from eventsweep.emvs.reference_view import (
@@ -67,7 +67,7 @@ def test_every_composition_equals_its_twin(seed, cameras, n):
     plain = volumes.reshape(cameras, n, 1, 2, 3).astype(np.float64)
     names = [*compositions(n), *(compositions(n, "~") if n > 1 else ())]
     for name in names:
-        got = fuse_by(find(name, cameras), volumes)
+        got = fuse(find(name, cameras).fusion, volumes)
         for place in np.ndindex(got.shape):
             expected = naive_methods.fuse(name, plain[:, :, *place].tolist())
             assert got[place] == pytest.approx(expected, rel=5e-6, abs=1e-30), name
@@ -80,12 +80,12 @@ def test_folding_equals_fusing_whole_volumes(seed, n, batch):
     names = [f"Alg2/{x}@{n}" for x in ("AtHc", "HcAt", "RMScmint")]
     chosen = [find(name) for name in names]
     chosen.insert(1, Method.from_function("Own/sum", _sum, "sum", Split(n)))
-    maxima = RunningMaxima(chosen, 4, 3)
+    maxima = RunningMaxima([method.fusion for method in chosen], 4, 3)
     for first in range(0, 5, batch):
         part = np.ascontiguousarray(volumes[:, first : first + batch]).reshape(len(volumes), -1, 12)
         maxima.update(part, part.shape[1])
     for k, method in enumerate(chosen):
-        fused, got = fuse_by(method, volumes), maxima.of(k)
+        fused, got = fuse(method.fusion, volumes), maxima.of(k)
         for y, x in np.ndindex(3, 4):
             value, plane, _ = naive_sweep.maximum(fused[:, y, x])
             assert (got.value[y, x], got.plane[y, x]) == (value, plane)
@@ -117,7 +117,7 @@ def test_order_laws(composition):
     for fixed, (low, high) in itertools.product(F, itertools.pairwise(F)):
         for small, large in (((low, fixed), (high, fixed)), ((fixed, low), (fixed, high))):
             a, b = (
-                fuse_by(find(f"Alg2/{composition.format(*pair)}@4", 3), volumes)
+                fuse(find(f"Alg2/{composition.format(*pair)}@4", 3).fusion, volumes)
                 for pair in (small, large)
             )
             assert np.all(a <= b * np.float32(1 + 3e-6))
@@ -126,29 +126,29 @@ def test_order_laws(composition):
 def test_one_kind_of_mean_at_both_levels_is_that_mean_of_all():
     volumes = votes(4, 2, 3)
     for name in F:
-        all_at_once = fuse_by(find(f"Alg1/{name}", 6), volumes)
+        all_at_once = fuse(find(f"Alg1/{name}", 6).fusion, volumes)
         for both in (f"Alg2/{name}t{name}c@3", f"Alg2/{name}c{name}t@3"):
-            np.testing.assert_allclose(fuse_by(find(both), volumes), all_at_once, rtol=5e-6)
+            np.testing.assert_allclose(fuse(find(both).fusion, volumes), all_at_once, rtol=5e-6)
 
 
 @pytest.mark.parametrize("name", ["AtHc", "HcAt", "RMStGc", "mincmaxt"])
 def test_permuting_cameras_or_intervals_changes_nothing(name):
     volumes = votes(5, 3, 4).reshape(3, 4, 2, 3, 4)
     method = find(f"Alg2/{name}@4", 3)
-    expected = fuse_by(method, volumes.reshape(12, 2, 3, 4))
+    expected = fuse(method.fusion, volumes.reshape(12, 2, 3, 4))
     for cameras, intervals in (([2, 0, 1], [0, 1, 2, 3]), ([0, 1, 2], [3, 1, 0, 2])):
         moved = volumes[cameras][:, intervals].reshape(12, 2, 3, 4)
-        np.testing.assert_allclose(fuse_by(method, moved), expected, rtol=3e-6)
+        np.testing.assert_allclose(fuse(method.fusion, moved), expected, rtol=3e-6)
 
 
 def test_shuffling_two_intervals_swaps_them_in_all_cameras_but_the_first():
     volumes = votes(6, 2, 2)
     swapped = volumes[[0, 1, 3, 2]]
     np.testing.assert_array_equal(
-        fuse_by(find("Alg2/AtHc@2~"), volumes), fuse_by(find("Alg2/AtHc@2"), swapped)
+        fuse(find("Alg2/AtHc@2~").fusion, volumes), fuse(find("Alg2/AtHc@2").fusion, swapped)
     )
     assert not np.array_equal(
-        fuse_by(find("Alg2/AtHc@2~"), volumes), fuse_by(find("Alg2/AtHc@2"), volumes)
+        fuse(find("Alg2/AtHc@2~").fusion, volumes), fuse(find("Alg2/AtHc@2").fusion, volumes)
     )
 
 
@@ -303,7 +303,7 @@ def test_plane_indices_never_overflow(planes, bits):
     """The maximum lies at the last plane but one of a volume that rises to it."""
     ramp = np.arange(planes, dtype=np.float32)
     ramp[-1] = 0
-    maxima = RunningMaxima((find("EMVS/cam0"),), 2, 1, planes=planes)
+    maxima = RunningMaxima((find("EMVS/cam0").fusion,), 2, 1, planes=planes)
     maxima.update(np.repeat(ramp[None, :, None], 2, axis=2), planes)
     found = maxima.of(0)
     assert found.plane.dtype == np.dtype(f"int{bits}")
@@ -412,9 +412,13 @@ def test_views_that_cannot_be_are_refused(values):
 
 def test_names_are_parsed():
     method = find("Alg2/RMStminc@3/time~", 3)
-    assert (method.split, method.shuffled, method.time_first) == (Split(3, "time"), True, False)
+    assert (method.fusion.split, method.fusion.shuffled, method.fusion.time_first) == (
+        Split(3, "time"),
+        True,
+        False,
+    )
     assert "minimum, then over time by the root mean square" in method.summary
-    assert find("Alg2/HcAt@2").time_first
+    assert find("Alg2/HcAt@2").fusion.time_first
     assert find("Alg2/AtHc@2", mcemvs=True).code != find("Alg2/AtHc@2").code
     assert [m.name for m in methods_by_name(("Late/union", "Alg1/H", "Late/union"), 2)] == [
         "Alg1/H", "Late/union",
@@ -495,7 +499,7 @@ def test_names_that_are_taken_or_no_names_are_refused(name):
 def test_functions_that_give_no_volume_are_refused(function):
     method = Method.from_function("Own/bad", function, "x")
     with pytest.raises(InputError, match="function of Own/bad returned shape"):
-        fuse_by(method, votes(1, 2, 1))
+        fuse(method.fusion, votes(1, 2, 1))
 
 
 def test_functions_cannot_change_the_votes():
@@ -503,7 +507,7 @@ def test_functions_cannot_change_the_votes():
         parts[:] = 0
 
     with pytest.raises(ValueError, match="read-only"):
-        fuse_by(Method.from_function("Own/bad", spoil, "x"), votes(1, 2, 1))
+        fuse(Method.from_function("Own/bad", spoil, "x").fusion, votes(1, 2, 1))
 
 
 # Requests

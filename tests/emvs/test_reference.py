@@ -46,7 +46,7 @@ def swept(shared_reference):
         strict=True,
     )
     chosen = methods_by_name(tuple(NAMES), 2, mcemvs=True)
-    maxima = RunningMaxima(chosen, 160, 120)
+    maxima = RunningMaxima([method.fusion for method in chosen], 160, 120)
     stacked = np.stack(volumes)
     maxima.update(stacked.reshape(2, 64, -1), 64)
     return Swept(golden, stacked, counts, {m.name: maxima.of(k) for k, m in enumerate(chosen)})

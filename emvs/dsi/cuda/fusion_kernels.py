@@ -8,63 +8,100 @@ import math
 import numpy as np
 from numba import cuda
 
-from eventsweep.emvs.dsi.fusion_kernels import (
-    ARITHMETIC,
-    CAMERA,
-    GEOMETRIC,
-    HARMONIC,
-    HARMONIC_EPS,
-    MAX,
-    MIN,
-    RMS,
-)
+from eventsweep.emvs.dsi.fusion_kernels import CAMERA
 
 _ZERO, _ONE, _TWO, _EPS = np.float32(0), np.float32(1), np.float32(2), np.float32(0.1)
 _INFINITE = np.float32(np.inf)
 
-# A fusion of n values is taken in two numbers, a sum and a product, one value after another: so
-# that fusions of fusions need no memory. Both begin at what the first value makes of them.
+# A fusion of n > 1 values takes value number k = 0, 1, ... n - 1 into two numbers, a sum and a
+# product, so that fusions of fusions need no memory; at k = n the sum becomes the mean.
 
 
 @cuda.jit(device=True)
-def _begin(code, n, x):
-    if code == RMS and n > 1:
-        return x * x, x
-    if code == HARMONIC and n > 2:
-        return (_ONE / x if x > _ZERO else _INFINITE), x
-    return x, x
+def _minimum(k, n, total, product, x):
+    if k == 0:
+        return x, x
+    return (min(total, x) if k < n else total), product
 
 
 @cuda.jit(device=True)
-def _with(code, n, total, product, x):
-    if code == MIN:
-        return min(total, x), product
-    if code == MAX:
-        return max(total, x), product
-    if code == RMS:
-        return total + x * x, product
-    if code == HARMONIC and n > 2:
-        return total + (_ONE / x if x > _ZERO else _INFINITE), product
-    return total + x, product * x
+def _maximum(k, n, total, product, x):
+    if k == 0:
+        return x, x
+    return (max(total, x) if k < n else total), product
 
 
 @cuda.jit(device=True)
-def _end(code, n, total, product):
-    if n == 1:
-        return total
-    if code == ARITHMETIC:
-        return total * (_ONE / np.float32(n))
-    if code == RMS:
-        return math.sqrt(total * (_ONE / np.float32(n)))
-    if code == GEOMETRIC:
-        return math.sqrt(product) if n == 2 else product ** (_ONE / np.float32(n))
-    if code == HARMONIC_EPS:
-        return _TWO * product / (total + _EPS)
-    if code == HARMONIC and n == 2:
-        return _TWO * product / total if total > _ZERO else _ZERO
-    if code == HARMONIC:
-        return np.float32(n) / total
-    return total
+def _sums(k, total, product, x):
+    return (x, x) if k == 0 else (total + x, product * x)
+
+
+@cuda.jit(device=True)
+def _harmonic(k, n, total, product, x):
+    """N / Σ(1/x): a zero gives inf, and N/inf = 0; of two values 2ab / (a + b)."""
+    if n == 2:
+        if k < n:
+            return _sums(k, total, product, x)
+        return (_TWO * product / total if total > _ZERO else _ZERO), product
+    if k < n:
+        inverse = _ONE / x if x > _ZERO else _INFINITE
+        return (inverse if k == 0 else total + inverse), product
+    return np.float32(n) / total, product
+
+
+@cuda.jit(device=True)
+def _geometric(k, n, total, product, x):
+    if k < n:
+        return _sums(k, total, product, x)
+    return (math.sqrt(product) if n == 2 else product ** (_ONE / np.float32(n))), product
+
+
+@cuda.jit(device=True)
+def _arithmetic(k, n, total, product, x):
+    if k < n:
+        return _sums(k, total, product, x)
+    return total * (_ONE / np.float32(n)), product
+
+
+@cuda.jit(device=True)
+def _root_mean_square(k, n, total, product, x):
+    if k < n:
+        return (x * x if k == 0 else total + x * x), product
+    return math.sqrt(total * (_ONE / np.float32(n))), product
+
+
+@cuda.jit(device=True)
+def _harmonic_eps(k, n, total, product, x):
+    if k < n:
+        return _sums(k, total, product, x)
+    return _TWO * product / (total + _EPS), product
+
+
+# code -> mean, in the order of `emvs.dsi.fusion_kernels.ROWS`
+MEANS = (
+    _minimum, _harmonic, _geometric, _arithmetic, _root_mean_square, _maximum, _harmonic_eps,
+)  # fmt: skip
+
+
+@cuda.jit(device=True)
+def _unknown(_code, _k, _n, _total, _product, _x):
+    return np.float32(np.nan), np.float32(np.nan)
+
+
+def _chosen_from(code):
+    """The choice among `MEANS` from a code on: numba cannot call through a table of functions."""
+    mean, following = MEANS[code], _chosen_from(code + 1) if code + 1 < len(MEANS) else _unknown
+
+    @cuda.jit(device=True)
+    def choose(wanted, k, n, total, product, x):
+        if wanted == code:
+            return mean(k, n, total, product, x)
+        return following(wanted, k, n, total, product, x)
+
+    return choose
+
+
+_mean = _chosen_from(0)
 
 
 @cuda.jit(device=True)
@@ -73,11 +110,13 @@ def _inner(code, members, which, m, part, g, votes, p, c):
     if code >= CAMERA:
         return votes[which[m, part, g, code - CAMERA], p, c]
     x = votes[which[m, part, g, 0], p, c]
-    total, product = _begin(code, members, x)
+    if members == 1:
+        return x
+    total, product = _mean(code, 0, members, _ZERO, _ZERO, x)
     for k in range(1, members):
         x = votes[which[m, part, g, k], p, c]
-        total, product = _with(code, members, total, product, x)
-    return _end(code, members, total, product)
+        total, product = _mean(code, k, members, total, product, x)
+    return _mean(code, members, members, total, product, x)[0]
 
 
 @cuda.jit(device=True)
@@ -89,11 +128,11 @@ def _fused(codes, sizes, which, m, votes, p, c):
     for part in range(which.shape[1]):
         x = _inner(inner, members, which, m, part, 0, votes, p, c)
         if groups > 1:
-            total, product = _begin(outer, groups, x)
+            total, product = _mean(outer, 0, groups, _ZERO, _ZERO, x)
             for g in range(1, groups):
                 x = _inner(inner, members, which, m, part, g, votes, p, c)
-                total, product = _with(outer, groups, total, product, x)
-            x = _end(outer, groups, total, product)
+                total, product = _mean(outer, g, groups, total, product, x)
+            x = _mean(outer, groups, groups, total, product, x)[0]
         value += x
     return value
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from eventsweep.emvs.dsi.cuda import arrays, device, focus_kernels, fusion_kernels
 from eventsweep.emvs.dsi.focus_measures import DOG_RATIO, half_window
+from eventsweep.emvs.dsi.fusion import Fusion, FusionTables, Target
 from eventsweep.emvs.dsi.fusion_kernels import CAMERA
-from eventsweep.emvs.dsi.maxima import AS_IT_IS, InFocus, Maximum, Measures, beginnings
-from eventsweep.emvs.dsi.method import FusionTables, Method
+from eventsweep.emvs.dsi.maxima import AS_IT_IS, InFocus, Maximum, beginnings, per_camera_measures
 
 _SHARPNESS = {
     "variance": focus_kernels.SQUARE,
@@ -24,10 +25,10 @@ STATE_BYTES = 4 * 4 + 4  # per pixel and method, at most
 
 
 class DeviceMaxima:
-    """First maximum over planes of every method, on the GPU; none has a function of its own.
+    """First maximum over planes of every target, on the GPU; none has a function of its own.
 
     Args:
-        methods: the methods; they share one split.
+        targets: the volumes; they share one split.
         volumes: how many volumes there are.
         width_px: columns.
         height_px: rows.
@@ -36,29 +37,30 @@ class DeviceMaxima:
     """
 
     def __init__(
-        self, methods: Sequence[Method], volumes: int, width_px: int, height_px: int,
+        self, targets: Sequence[Target], volumes: int, width_px: int, height_px: int,
         planes: int, polarities: int = 1,
     ) -> None:  # fmt: skip
-        self._methods, self._width_px, self._planes = tuple(methods), width_px, 0
+        self._targets, self._width_px, self._planes = tuple(targets), width_px, 0
         self._cells = width_px * height_px
-        self._state = DeviceState(len(methods), self._cells, planes, -1)
+        self._state = DeviceState(len(targets), self._cells, planes, -1)
         self._tables: tuple[Any, ...] = ()
-        if methods:
-            self._tables = _on_device(FusionTables.of(methods, volumes, polarities))
+        if targets:
+            fusions = [target.fusion for target in targets]
+            self._tables = _on_device(FusionTables.of(fusions, volumes, polarities))
 
     def update(self, votes: Any, planes: int) -> None:
         """Takes in the next `planes` planes of (V, P, cells) votes on the GPU, in order."""
-        if self._methods:
-            fusion_kernels.fold[device.strided(self._cells, len(self._methods))](
+        if self._targets:
+            fusion_kernels.fold[device.strided(self._cells, len(self._targets))](
                 *self._tables, votes, self._planes, planes, *self._state.arrays
             )
         self._planes += planes
 
     def result(self) -> dict[str, Maximum]:
-        """The maximum of every method over all planes so far, by name."""
+        """The maximum of every target over all planes so far, by name."""
         return {
-            method.name: self._state.maximum(m, self._width_px, self._planes)
-            for m, method in enumerate(self._methods)
+            target.name: self._state.maximum(k, self._width_px, self._planes)
+            for k, target in enumerate(self._targets)
         }
 
 
@@ -78,7 +80,7 @@ class DeviceState:
     def maximum(self, image: int, width_px: int, planes: int) -> Maximum:
         """One image's maximum over the `planes` planes that have passed, copied from the GPU."""
         best, index, left, right = (
-            arrays.down(one[image]).reshape(-1, width_px) for one in self.arrays[:4]
+            arrays.down(state[image]).reshape(-1, width_px) for state in self.arrays[:4]
         )
         return Maximum(best, index, left, right, planes)
 
@@ -87,48 +89,46 @@ class DeviceFocusMaxima:
     """Maxima of the focus measure on the GPU; the twin of `emvs.dsi.maxima.FocusMaxima`.
 
     Args:
-        methods: the methods of one sweep; those without a focus measure are left alone.
+        targets: of one sweep; those without a focus measure are left alone.
         cameras: number of cameras.
         volumes: number of volumes.
         batch: most planes at a time.
         width_px: columns.
         height_px: rows.
-        measures: what depth maximises.
+        sigma_px: scale of the focus measures, px.
         planes: how many planes will pass.
         polarities: 2 where each polarity has volumes of its own.
     """
 
     def __init__(
-        self, methods: Sequence[Method], cameras: int, volumes: int, batch: int, width_px: int,
-        height_px: int, measures: Measures, *, planes: int, polarities: int = 1,
+        self, targets: Sequence[Target], cameras: int, volumes: int, batch: int, width_px: int,
+        height_px: int, sigma_px: float, *, planes: int, polarities: int = 1,
     ) -> None:  # fmt: skip
         self._width_px, self._cells, self._planes = width_px, width_px * height_px, 0
-        measured = measures.needed_by(methods)
-        compares = any(method.compares_cameras for method in measured)
-
-        def peak(method: Method) -> _Peak:
-            camera, measure = method.camera(), measures.of(method)
-            if camera is not None:
-                return of_camera(camera, measure)
-            tables = FusionTables.of((method,), volumes, polarities)
-            return _Peak(tables, measure, self._cells, planes)
+        self._measured = [target for target in targets if target.in_focus]
 
         def of_camera(camera: int, measure: str) -> _Peak:
             tables = _of_camera(camera, cameras, volumes, polarities)
             return _Peak(tables, measure, self._cells, planes)
 
-        self._peaks = {method: peak(method) for method in measured}
-        self._camera_peaks = [
-            of_camera(camera, measures.focus_measure)
-            for camera in range(cameras if compares else 0)
-        ]
+        def peak(fusion: Fusion, measure: str) -> _Peak:
+            if fusion.camera is not None:
+                return of_camera(fusion.camera, measure)
+            tables = FusionTables.of((fusion,), volumes, polarities)
+            return _Peak(tables, measure, self._cells, planes)
+
+        self._peaks = {t.name: peak(t.fusion, t.measure or "") for t in self._measured}
+        self._camera_peaks = {
+            measure: [of_camera(camera, measure) for camera in range(cameras)]
+            for measure in per_camera_measures(targets)
+        }
         self._as_it_is = _on_device(FusionTables.of((AS_IT_IS,), 1))
-        if measured:
-            self._measure = _Measure(batch, width_px, self._cells, measures.sigma_px)
+        if self._measured:
+            self._measure = _Measure(batch, width_px, self._cells, sigma_px)
 
     def update(self, votes: Any, planes: int) -> None:
         """Takes in the next `planes` planes of (V, P, cells) votes on the GPU, in order."""
-        for peak in (*self._peaks.values(), *self._camera_peaks):
+        for peak in chain(self._peaks.values(), *self._camera_peaks.values()):
             image = self._measure.image[:planes]
             fusion_kernels.fuse[device.strided(self._cells)](*peak.fusion, 0, votes, planes, image)
             value = self._measure.of(peak.measure, planes)
@@ -139,15 +139,18 @@ class DeviceFocusMaxima:
         self._planes += planes
 
     def result(self) -> dict[str, InFocus]:
-        """Where each method's rays are most in focus, by its name, copied from the GPU."""
+        """Where each target's rays are most in focus, by its name, copied from the GPU."""
 
-        def maximum(peak: _Peak) -> Any:
+        def maximum(peak: _Peak) -> Maximum:
             return peak.state.maximum(0, self._width_px, self._planes)
 
-        cameras = tuple(map(maximum, self._camera_peaks))
+        cameras = {m: tuple(map(maximum, peaks)) for m, peaks in self._camera_peaks.items()}
         return {
-            method.name: InFocus(maximum(peak), cameras if method.compares_cameras else ())
-            for method, peak in self._peaks.items()
+            target.name: InFocus(
+                maximum(self._peaks[target.name]),
+                cameras[target.measure or ""] if target.per_camera else (),
+            )
+            for target in self._measured
         }
 
 
@@ -188,19 +191,19 @@ class _Measure:
     def of(self, measure: str, planes: int) -> Any:
         """(P, cells) float32, the measure of the first `planes` planes of `image`."""
         image = self.image[:planes]
-        spare, one, other = (images[:planes] for images in self._scratch)
+        spare, narrow, wide = (images[:planes] for images in self._scratch)
         grid = device.strided(image.shape[1], planes)
         if measure == "dog":
-            self._blur(image, self._weights[0], spare, one)
-            self._blur(image, self._weights[1], spare, other)
-            focus_kernels.subtract[grid](one, other)
-            return one
-        focus_kernels.sharpness[grid](_SHARPNESS[measure], image, self._width_px, other)
-        self._blur(other, self._weights[0], spare, one)
+            self._blur(image, self._weights[0], spare, narrow)
+            self._blur(image, self._weights[1], spare, wide)
+            focus_kernels.subtract[grid](narrow, wide)
+            return narrow
+        focus_kernels.sharpness[grid](_SHARPNESS[measure], image, self._width_px, wide)
+        self._blur(wide, self._weights[0], spare, narrow)
         if measure == "variance":
-            self._blur(image, self._weights[0], spare, other)
-            focus_kernels.spread[grid](one, other)
-        return one
+            self._blur(image, self._weights[0], spare, wide)
+            focus_kernels.spread[grid](narrow, wide)
+        return narrow
 
     def _blur(self, image: Any, weight: Any, spare: Any, out: Any) -> None:
         grid = device.strided(image.shape[1], image.shape[0])

@@ -13,7 +13,7 @@ from eventsweep.emvs.dsi.cuda.arrays import DeviceRays
 from eventsweep.emvs.dsi.voting import VoteCounts
 from eventsweep.emvs.errors import InputError
 
-Floats = NDArray[np.float32]
+Float32s = NDArray[np.float32]
 
 # A lane of 32 bits takes 65 535 votes of 2^16 each. Where a voxel may have more, the check after
 # the votes finds it, and they are cast again with fewer bits.
@@ -94,7 +94,7 @@ class VoteVolume:
         every: NDArray[np.int64] = arrays.down(counts).sum(axis=2)
         return every[:, : 3 * planes].reshape(-1, 3, planes)
 
-    def on_host(self, planes: int) -> Floats:
+    def on_host(self, planes: int) -> Float32s:
         """The first `planes` planes as (V, planes, H, W), copied from the GPU."""
         width, height = self._size
         images = [arrays.down(self.votes[v, :planes]) for v in range(len(self.votes))]

@@ -30,7 +30,7 @@ def train(
     """Train the network of the Learned methods: sequences are simulated, sampled, and learnt from.
 
     The same command goes on where a stopped one was. Use the weights with
-    --map.learned-weights OUT/learned.npz, those of DERD-Net with --map.derd-weights OUT/derd.npz.
+    --map.learned.weights OUT/learned.npz, those of DERD-Net with --map.derd.weights OUT/derd.npz.
     Needs torch: the extra `train`.
 
     Args:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from eventsweep.emvs.dsi.method import Method
+from eventsweep.emvs.extraction.method import Method
 from eventsweep.emvs.methods import named
 from eventsweep.eval.figures.colormaps import line_style
 from eventsweep.eval.figures.plots import causes_svg
@@ -151,7 +151,7 @@ def _note(page: RankingPage, method: str) -> GridCell:
     if stated is not None:
         return GridCell(f"by {', '.join(stated['authors'])}")
     known = named(method)
-    trained = isinstance(known, Method) and known.keeps_votes
+    trained = isinstance(known, Method) and known.extraction.trained
     return GridCell("trained on other motions of these scenes" if trained else "")
 
 

@@ -10,10 +10,9 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.depth.precision import PRECISION
-from eventsweep.emvs.learned.weights import files_of_weights
 from eventsweep.emvs.maps.sliding import map_into, one_window, without
 from eventsweep.emvs.maps.store import write_entry
-from eventsweep.emvs.methods import files_of_others
+from eventsweep.emvs.methods import files_of_methods
 from eventsweep.eval.jobs.job import SEQUENCE
 from eventsweep.eval.perturbations import Perturbation, perturbed
 
@@ -25,7 +24,7 @@ def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
         InputError: weights that are not there.
     """
     config = MapperConfig.model_validate(parameters["map"])
-    files = (*files_of_others(config.methods), *files_of_weights(config), PRECISION)
+    files = (*files_of_methods(config), PRECISION)
     return (), files
 
 

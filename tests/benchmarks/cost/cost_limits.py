@@ -17,8 +17,8 @@ import numpy as np
 
 from cost_stream import DEPTH_RANGE_M, WINDOW_US, MovingEdges
 from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.dsi.fusion import MEANS
 from eventsweep.emvs.dsi.maxima import RunningMaxima
-from eventsweep.emvs.dsi.method import CODES
 from eventsweep.emvs.dsi.rays import Rays, event_rays, grouped_by_rows
 from eventsweep.emvs.dsi.voting import Scratch, batches
 from eventsweep.emvs.mapper import map_window
@@ -29,7 +29,7 @@ from eventsweep.emvs.utils.runtime import use_threads
 SENSORS = {"346x260": (346, 260), "640x480": (640, 480), "1280x720": (1280, 720)}
 VOTE_LIMIT_NS = {"346x260": 2.6, "640x480": 3.0, "1280x720": 3.6}
 _LARGE = "1280x720"
-PAPER = (*(f"Alg1/{name}" for name in CODES), "EMVS/cam0", "EMVS/cam1")
+PAPER = (*(f"Alg1/{name}" for name in MEANS), "EMVS/cam0", "EMVS/cam1")
 _PLANES_TIMED = 24
 
 
@@ -154,9 +154,9 @@ def _fusion(effort: LimitsEffort) -> Figure:
     rho = inverse_depth_planes(*DEPTH_RANGE_M, effort.planes)
     load = (effort.planes, 1, width * height, 2)
     scratch = Scratch(2, next(batches(*load))[1], width, height)
-    best_s, method = np.inf, with_volume(methods_by_name(("Alg1/H",), 2))
+    best_s, fusion = np.inf, with_volume(methods_by_name(("Alg1/H",), 2))[0].fusion
     for _ in range(effort.touchy_rounds):
-        maxima, spent_s = RunningMaxima(method, width, height), 0.0
+        maxima, spent_s = RunningMaxima((fusion,), width, height), 0.0
         for first, last in batches(*load):
             for k in (0, 1):
                 scratch.cast(k, rays[k], rho[first:last])

@@ -22,9 +22,9 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.depth.depth_map import extract
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.learned.extract import Judgement, at_reference_px, judge
-from eventsweep.emvs.learned.network import Floats, Network, network
-from eventsweep.emvs.methods import build_focus
+from eventsweep.emvs.extraction.focus import FOCUS as BY_FOCUS
+from eventsweep.emvs.learned.judgement import Judgement, at_reference_px, judge
+from eventsweep.emvs.learned.network import Float32s, Network, network
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.learning.samples import Shown, shown_of, swept_window
@@ -35,8 +35,8 @@ from study_extraction import Numbers
 from study_learned import BASE, FOCUS, SUMMARY, SUMMARY_RULE, numbers, summary_cells
 from study_samples import SETS
 
-METHOD = build_focus(FOCUS)
-Ranked = tuple[Floats, Floats]  # (M,) disparity, px, and (M,) rank of each candidate
+METHOD = BY_FOCUS.build(FOCUS)
+Ranked = tuple[Float32s, Float32s]  # (M,) disparity, px, and (M,) rank of each candidate
 
 
 def judged(shown: Shown, net: Network) -> Judgement:
@@ -99,7 +99,7 @@ def outcome(
     return found
 
 
-def best(shown: Shown, ranked: Ranked, points: int) -> tuple[Floats, NDArray[np.bool_]]:
+def best(shown: Shown, ranked: Ranked, points: int) -> tuple[Float32s, NDArray[np.bool_]]:
     """(H, W) depth, m, and mask of so many candidates, those of the highest rank."""
     disparity_px, rank = ranked
     at, shape = (shown.chosen.rows, shown.chosen.columns), shown.kept.codes.shape[2:]

@@ -16,7 +16,7 @@ import numpy as np
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.learned import network
-from eventsweep.emvs.learned.network import CHANNELS, Floats, Network
+from eventsweep.emvs.learned.network import CHANNELS, Float32s, Network
 from eventsweep.emvs.learned.weights import write_weights
 from eventsweep.emvs.utils.processes import end_with_parent
 from eventsweep.emvs.utils.release import install
@@ -110,7 +110,7 @@ class Masked(Network):
 
     variant: Variant = VARIANTS[0]
 
-    def judge(self, shares: Floats, cues: Floats) -> tuple[Floats, Floats]:
+    def judge(self, shares: Float32s, cues: Float32s) -> tuple[Float32s, Float32s]:
         """As any network, but for what is hidden."""
         shown = shares.copy()
         shown[:, _hidden(self.variant)] = 0

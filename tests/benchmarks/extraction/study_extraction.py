@@ -127,7 +127,7 @@ def case_table(outcomes: Iterable[SampleOutcome]) -> str:
 def calibration_table(outcomes: Iterable[SampleOutcome]) -> str:
     """One line for each reliability: points and errors over those of Alg1/H, and the precision."""
     lines = [
-        "| `focus_reliability` | points | fewest | median | mean | bad pixels | within 1 px % |",
+        "| `focus.reliability` | points | fewest | median | mean | bad pixels | within 1 px % |",
         "|--:|--:|--:|--:|--:|--:|--:|",
     ]
     chosen = list(outcomes)

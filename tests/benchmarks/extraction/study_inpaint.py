@@ -76,7 +76,7 @@ def main(arguments: list[str] | None = None) -> None:
 def _points(sample: StudySample, config: MapperConfig) -> tuple[Floats, NDArray[np.bool_]]:
     found = Volumes.of(sample).found(FocusConfig())
     depth_m = np.reciprocal(inverse_depth_at(sample.view.rho, found.position))
-    return depth_m, at_least(found, config.focus_reliability, config.border_px)
+    return depth_m, at_least(found, config.focus.reliability, config.border_px)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.depth.depth_map import DepthMap, without_border
-from eventsweep.emvs.learned.extract import at_reference_px
+from eventsweep.emvs.learned.judgement import at_reference_px
 from eventsweep.emvs.mapper import map_window
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.config import EvalConfig
@@ -62,8 +62,8 @@ def outcome(
         spec.case, spec.seed, cache, rig=spec.rig, seconds=spec.seconds, sensor=spec.sensor
     )
     config = MapperConfig(
-        methods=METHODS, learned_weights=weights, derd_weights=derd_weights,
-        derd_threshold_c=MapperConfig().threshold_c,
+        methods=METHODS, learned={"weights": weights},
+        derd={"weights": derd_weights, "threshold_c": MapperConfig().threshold_c},
     )  # fmt: skip
     result = map_window(told(sequence, imperfection, spec.seed), config)
     truth = truth_of(sequence, result.view.t_us, EvalConfig())
@@ -80,7 +80,7 @@ def outcome(
 
 
 def _limit(error_px: float) -> str:
-    return f"`learned_error_px` {error_px:g}"
+    return f"`learned.error_px` {error_px:g}"
 
 
 def _ranks(depth_map: DepthMap, truth: Truth) -> NDArray[np.float32]:
@@ -158,7 +158,7 @@ def summary_cells(outcomes: Sequence[Mapping[str, Numbers]], name: str) -> str:
 def limit_table(outcomes: Outcomes) -> str:
     """One line for each limit of the expected error: points and errors over those of Alg1/H."""
     lines = [
-        "| `learned_error_px` | points | fewest | median | mean | bad pixels | within 1 px % |",
+        "| `learned.error_px` | points | fewest | median | mean | bad pixels | within 1 px % |",
         "|--:|--:|--:|--:|--:|--:|--:|",
     ]
     for error_px in ERRORS_PX:

@@ -20,8 +20,8 @@ from eventsweep.emvs.depth.focus import (
     on_surface,
 )
 from eventsweep.emvs.dsi import focus_measures
-from eventsweep.emvs.dsi.fusion import FUSIONS
 from eventsweep.emvs.dsi.maxima import FocusPeak, Maximum
+from fusions import FUSIONS
 from study_cache import StudySample
 
 BASE = "Alg1/H"

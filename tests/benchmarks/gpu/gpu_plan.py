@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from cost_stream import WINDOW_US
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.dsi.method import CODES
+from eventsweep.emvs.dsi.fusion import MEANS
 
-PAPER = (*(f"Alg1/{name}" for name in CODES), "EMVS/cam0", "EMVS/cam1")
+PAPER = (*(f"Alg1/{name}" for name in MEANS), "EMVS/cam0", "EMVS/cam1")
 PRECISIONS = ("fixed", "float")
 LIMIT_MS = 100.0
 """What one whole call may take on an H200, from events in memory to depth maps."""

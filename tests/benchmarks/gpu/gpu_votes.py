@@ -12,8 +12,8 @@ from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.dsi.backend import Task
 from eventsweep.emvs.dsi.backprojection import back_project
 from eventsweep.emvs.dsi.device import backend_on, choose_device, projector_on
-from eventsweep.emvs.dsi.method import WHOLE, single_cameras
-from eventsweep.emvs.mapper import sweep_settings
+from eventsweep.emvs.dsi.fusion import WHOLE
+from eventsweep.emvs.extraction.method import single_camera
 from eventsweep.emvs.reference_view import reference_view
 from eventsweep.emvs.windows import choose_window
 
@@ -28,10 +28,9 @@ def votes_s(recording: Recording, config: MapperConfig, rounds: int) -> float:
     window = choose_window(recording, config)
     view = reference_view(recording, config, window.t_ref_us)
     projected = back_project(recording, window, view, [WHOLE], projector_on(device))
-    chosen, camera = single_cameras(1), view.camera
+    chosen, camera = (single_camera(0).target(config),), view.camera
     task = Task(
-        chosen, chosen, len(recording.rig), camera.width_px, camera.height_px, view.rho, 0,
-        sweep_settings(config),
+        chosen, len(recording.rig), camera.width_px, camera.height_px, view.rho, 0, config,
     )  # fmt: skip
     backend = backend_on(device, task, projected.rays[WHOLE])
     planes, step, seconds = len(view.rho), backend.planes_in_flight, []

@@ -14,9 +14,9 @@ import pytest
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.dsi.backprojection import Projected
 from eventsweep.emvs.dsi.rays import event_rays
-from eventsweep.emvs.dsi.sweep import group_by_split, sweep
+from eventsweep.emvs.dsi.sweep import sweep
 from eventsweep.emvs.geometry.camera import Camera
-from eventsweep.emvs.mapper import sweep_settings
+from eventsweep.emvs.mapper import targets_of
 from eventsweep.emvs.methods import methods_by_name
 from eventsweep.emvs.reference_view import ReferenceView, inverse_depth_planes
 from point_world import edge_stream, sideways
@@ -30,9 +30,9 @@ NAMES = (
 SENSORS = {"346x260": (346, 260, 226.0), "1280x720": (1280, 720, 1050.0)}
 
 
-def projected(camera, all_groups):
+def projected(camera, every_target):
     pose = MOTION.at(250_000)
-    rays = {group.split: [] for groups in all_groups for group in groups}
+    rays = {target.fusion.split: [] for targets in every_target for target in targets}
     counts = []
     for k in range(2):
         T_body_cam = np.eye(4)
@@ -52,14 +52,14 @@ def test_methods(benchmark, sensor, capsys):
     camera = Camera(width, height, f, f, (width - 1) / 2, (height - 1) / 2)
     view = ReferenceView(250_000, MOTION.at(250_000), camera, inverse_depth_planes(0.45, 4, PLANES))
     config = MapperConfig(planes=PLANES, threads=1)
-    all_groups = [group_by_split(methods_by_name(names, 2), 2) for names in NAMES]
-    rays = projected(camera, all_groups)
+    every_target = [targets_of(methods_by_name(names, 2), 2, config) for names in NAMES]
+    rays = projected(camera, every_target)
     seconds = [[] for _ in NAMES]
 
     def one_round():
-        for taken, groups in zip(seconds, all_groups, strict=True):
+        for taken, targets in zip(seconds, every_target, strict=True):
             begin = time.process_time()
-            sweep(rays, view, groups, sweep_settings(config))
+            sweep(rays, view, targets, config)
             taken.append(time.process_time() - begin)
 
     benchmark.pedantic(one_round, rounds=ROUNDS, warmup_rounds=1)

@@ -112,7 +112,7 @@ def test_fold(benchmark, camera, planes, capsys):
     chosen = methods_by_name(PAPER, 2)
     pixels = camera.width_px * camera.height_px
     votes = np.random.default_rng(0).exponential(5, (2, planes, pixels)).astype(np.float32)
-    maxima = RunningMaxima(chosen, camera.width_px, camera.height_px)
+    maxima = RunningMaxima([method.fusion for method in chosen], camera.width_px, camera.height_px)
     benchmark.pedantic(lambda: maxima.update(votes, planes), rounds=9, warmup_rounds=1)
     units = planes * pixels * len(chosen)
     what = f"fold {camera.width_px}x{camera.height_px}, 8 methods, {planes} planes at once"

@@ -7,9 +7,9 @@ import naive_methods
 from eventsweep.emvs.dsi.cuda import arrays, device, fusion_kernels, maxima
 from eventsweep.emvs.dsi.cuda.maxima import DeviceMaxima
 from eventsweep.emvs.dsi.focus_measures import MEASURES
-from eventsweep.emvs.dsi.maxima import FocusMaxima, Measures, RunningMaxima
-from eventsweep.emvs.dsi.method import FusionTables, Method
-from eventsweep.emvs.methods import build_alg2, known_methods, methods_by_name
+from eventsweep.emvs.dsi.fusion import FusionTables, Target
+from eventsweep.emvs.dsi.maxima import FocusMaxima, RunningMaxima
+from eventsweep.emvs.methods import ALG2, known_methods, methods_by_name
 
 if device.missing():
     pytest.skip(device.missing(), allow_module_level=True)
@@ -24,8 +24,8 @@ def random_votes(seed, volumes, planes=PLANES, zeros=0.3):
     return np.ascontiguousarray(np.rint(votes * 4) / 4, np.float32)  # with ties
 
 
-def fused_there(method, votes, polarities=1):
-    tables = FusionTables.of((method,), len(votes), polarities)
+def fused_there(fusion, votes, polarities=1):
+    tables = FusionTables.of((fusion,), len(votes), polarities)
     out = arrays.empty(votes.shape[1:], np.float32)
     fusion_kernels.fuse[device.strided(votes.shape[2])](
         *map(arrays.up, (tables.codes, tables.sizes, tables.which)), 0, arrays.up(votes),
@@ -38,13 +38,13 @@ def fused_there(method, votes, polarities=1):
 def test_every_fusion_equals_the_slow_twin(cameras):
     votes = random_votes(0, cameras, 1)
     for method in known_methods(cameras):
-        if method.focus:
+        if method.family == "Focus":
             continue
         twin = [
             naive_methods.fuse(method.name, [[v] for v in votes[:, 0, c]]) for c in range(H * W)
         ]
         np.testing.assert_allclose(
-            fused_there(method, votes)[0], twin, rtol=1e-5, err_msg=str(method)
+            fused_there(method.fusion, votes)[0], twin, rtol=1e-5, err_msg=str(method)
         )
 
 
@@ -52,26 +52,26 @@ def test_every_fusion_equals_the_slow_twin(cameras):
     "name", ["Alg2/AtHc@2", "Alg2/HtGc@3", "Alg2/RMScmint@2", "Alg2/maxtHc@4~"]
 )
 def test_fusions_of_fusions_equal_the_slow_twin(name):
-    method = build_alg2(name)
-    n = method.split.intervals
+    fusion = ALG2.build(name, False).fusion
+    n = fusion.split.intervals
     votes = random_votes(1, 2 * n, 1, zeros=0.1)
     twin = [naive_methods.fuse(name, votes[:, 0, c].reshape(2, n).tolist()) for c in range(H * W)]
-    np.testing.assert_allclose(fused_there(method, votes)[0], twin, rtol=1e-5)
+    np.testing.assert_allclose(fused_there(fusion, votes)[0], twin, rtol=1e-5)
 
 
 def test_polarities_are_fused_apart_and_summed():
-    method = known_methods(2)[1]
+    fusion = known_methods(2)[1].fusion
     votes = random_votes(2, 4, 1)
-    apart = [fused_there(method, np.ascontiguousarray(part)) for part in votes.reshape(2, 2, 1, -1)]
-    np.testing.assert_allclose(fused_there(method, votes, 2), sum(apart), rtol=1e-6)
+    apart = [fused_there(fusion, np.ascontiguousarray(part)) for part in votes.reshape(2, 2, 1, -1)]
+    np.testing.assert_allclose(fused_there(fusion, votes, 2), sum(apart), rtol=1e-6)
 
 
 @pytest.mark.parametrize("batch", [1, 4, PLANES])
 def test_maxima_and_their_neighbours_equal_those_of_the_cpu(batch):
     votes = random_votes(3, 2)
-    chosen = [method for method in known_methods(2) if not method.focus]
+    chosen = [Target(m.name, m.fusion) for m in known_methods(2) if m.family != "Focus"]
     there = DeviceMaxima(chosen, 2, W, H, PLANES)
-    here = RunningMaxima(chosen, W, H, planes=PLANES)
+    here = RunningMaxima([target.fusion for target in chosen], W, H, planes=PLANES)
     for first in range(0, PLANES, batch):
         part = np.ascontiguousarray(votes[:, first : first + batch])
         there.update(arrays.up(part), part.shape[1])
@@ -88,21 +88,24 @@ def test_maxima_and_their_neighbours_equal_those_of_the_cpu(batch):
 
 @pytest.mark.parametrize("measure", MEASURES)
 def test_focus_equals_that_of_the_cpu(measure):
-    measures = Measures(measure, "variance", sigma_px=0.7)
-    chosen = methods_by_name(("Alg1/H", "EMVS/cam1"), 2)
-    compare_focus(chosen, measures, random_votes(4, 2), 2)
+    methods = methods_by_name(("Alg1/H", "EMVS/cam1"), 2)
+    compare_focus([Target(m.name, m.fusion, measure) for m in methods], random_votes(4, 2), 2)
 
 
 def test_camera_maxima_sum_polarities_and_sub_intervals():
-    measures = Measures("votes", "variance", sigma_px=0.7)
-    chosen = [Method("Focus/x", 1, "", build_alg2("Alg2/AtHc@2").split, outer=3, focus=True)]
-    compare_focus(chosen, measures, random_votes(5, 8), 2, polarities=2)
+    fusion = ALG2.build("Alg2/AtHc@2", False).fusion
+    compare_focus(
+        [Target("Focus/x", fusion, "variance", per_camera=True)],
+        random_votes(5, 8),
+        2,
+        polarities=2,
+    )
 
 
-def compare_focus(chosen, measures, votes, cameras, polarities=1):
-    here = FocusMaxima(chosen, cameras, W, H, measures, planes=PLANES, polarities=polarities)
+def compare_focus(chosen, votes, cameras, polarities=1):
+    here = FocusMaxima(chosen, cameras, W, H, 0.7, planes=PLANES, polarities=polarities)
     there = maxima.DeviceFocusMaxima(
-        chosen, cameras, len(votes), 4, W, H, measures, planes=PLANES, polarities=polarities
+        chosen, cameras, len(votes), 4, W, H, 0.7, planes=PLANES, polarities=polarities
     )
     for first in range(0, PLANES, 4):
         part = np.ascontiguousarray(votes[:, first : first + 4])

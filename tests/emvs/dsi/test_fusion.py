@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 
 import naive_sweep
 from eventsweep.emvs.dsi import fusion_kernels
-from eventsweep.emvs.dsi.fusion import FUSIONS, fuse
+from eventsweep.emvs.dsi.fusion import Fusion, fuse
 from eventsweep.emvs.dsi.maxima import RunningMaxima
-from eventsweep.emvs.dsi.method import Method
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.methods import known_methods, methods_by_name
+from fusions import FUSIONS
 
 ORDER = ("min", "H", "G", "A", "RMS", "max")
 
@@ -67,8 +67,25 @@ def test_reference_harmonic_mean_has_its_eps():
     volumes = votes(3)
     a, b = volumes
     np.testing.assert_allclose(
-        fuse(fusion_kernels.HARMONIC_EPS, volumes), 2 * a * b / (a + b + np.float32(0.1)), rtol=1e-6
+        fuse(Fusion(fusion_kernels.HARMONIC_EPS), volumes),
+        2 * a * b / (a + b + np.float32(0.1)),
+        rtol=1e-6,
     )
+
+
+@pytest.mark.parametrize("code", [42, -1, len(fusion_kernels.ROWS)])
+def test_an_unknown_code_is_refused(code):
+    for codes in ({"code": code}, {"outer": code}):
+        with pytest.raises(InputError, match=f"fusion code {code}: needs 0 to 6"):
+            Fusion(**codes)
+
+
+def test_both_back_ends_have_the_same_means_in_the_same_order():
+    from eventsweep.emvs.dsi.cuda import fusion_kernels as cuda_kernels
+
+    names = [row.py_func.__name__ for row in fusion_kernels.ROWS]
+    there = [getattr(mean, "py_func", mean) for mean in cuda_kernels.MEANS]
+    assert [getattr(mean, "__name__", mean) for mean in there] == names
 
 
 @settings(max_examples=20, deadline=None)
@@ -76,9 +93,9 @@ def test_reference_harmonic_mean_has_its_eps():
 def test_fold_equals_twin_whatever_the_batches(seed, planes, batch):
     volumes = np.round(votes(seed, 2, planes))  # rounding makes ties
     chosen = known_methods(2)
-    maxima = fold(volumes, chosen, batch)
+    maxima = fold(volumes, [method.fusion for method in chosen], batch)
     for k, method in enumerate(chosen):
-        fused = fuse(method.code, volumes)
+        fused = fuse(Fusion(method.fusion.code), volumes)
         got = maxima.of(k)
         position = got.position()
         for y, x in np.ndindex(fused.shape[1:]):
@@ -102,14 +119,14 @@ def fold(volumes, chosen, batch):
 def test_no_interpolation_at_the_first_and_last_plane():
     ramp = np.arange(5, dtype=np.float32)[None, :, None, None] * np.ones((1, 5, 2, 3), np.float32)
     for volumes, plane in ((ramp, 4), (ramp[:, ::-1].copy(), 0)):
-        maximum = fold(volumes, (Method("EMVS/cam0", fusion_kernels.CAMERA, "alone"),), 2).of(0)
+        maximum = fold(volumes, (Fusion(fusion_kernels.CAMERA),), 2).of(0)
         np.testing.assert_array_equal(maximum.position(), plane)
 
 
 def test_a_parabola_is_found_exactly():
     z = np.arange(9, dtype=np.float32)
     volumes = np.tile((30 - (z - 4.3) ** 2)[None, :, None, None], (1, 1, 2, 3)).astype(np.float32)
-    maximum = fold(volumes, (Method("EMVS/cam0", fusion_kernels.CAMERA, "alone"),), 4).of(0)
+    maximum = fold(volumes, (Fusion(fusion_kernels.CAMERA),), 4).of(0)
     np.testing.assert_allclose(maximum.position(), 4.3, atol=1e-5)
 
 

@@ -7,6 +7,7 @@ import pytest
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.depth.depth_map import confidence_mask, without_border
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.extraction.derd import DERD
 from eventsweep.emvs.learned import derd
 from eventsweep.emvs.learned.derd import (
     LAYERS,
@@ -24,12 +25,14 @@ from eventsweep.emvs.learned.inputs import in_blocks
 from eventsweep.emvs.learned.kept_votes import LANES, KeptVotes
 from eventsweep.emvs.learned.weights import Weights, packaged, write_weights
 from eventsweep.emvs.mapper import map_window
-from eventsweep.emvs.methods import build_derd, methods_by_name, named, overview
+from eventsweep.emvs.methods import methods_by_name, named, overview
 from eventsweep.emvs.reference_view import inverse_depth_planes, linear_planes, mcemvs_planes
 from naive_derd import place
 from point_world import fronto_parallel
 
-CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, derd_threshold_c=7, methods=("DERD/H",))
+CONFIG = MapperConfig(
+    min_depth_m=0.5, max_depth_m=4.0, derd={"threshold_c": 7}, methods=("DERD/H",)
+)
 
 
 def random_arrays(seed, models=1):
@@ -123,6 +126,10 @@ def test_linear_places_are_even_in_depth_and_inverse_ones_in_inverse_depth():
     assert span.depth_m(half, "inverse")[0] == pytest.approx(1.5)
 
 
+def with_derd(config, **values):
+    return config.model_copy(update={"derd": config.derd.model_copy(update=values)})
+
+
 class View:
     def __init__(self, rho):
         self.rho = rho
@@ -136,9 +143,9 @@ def test_columns_are_all_planes_near_to_far_as_shares_of_their_largest(far_first
     kept.take(0, votes)
     fused = 2 / (1 / votes[0] + 1 / votes[1])
     rho = inverse_depth_planes(0.5, 4, PLANES)
-    method, view = build_derd(), View(rho[::-1] if far_first else rho)
+    fusion, view = DERD.build("DERD/H").fusion, View(rho[::-1] if far_first else rho)
     rows, columns = np.array([3, 8, 5]), np.array([3, 11, 7])
-    ((found, count),) = columns_of(method, kept, view, rows, columns)
+    ((found, count),) = columns_of(fusion, kept, view, rows, columns)
     assert count == 3
     for lane, (y, x) in enumerate(zip(rows, columns, strict=True)):
         column = fused[:: -1 if far_first else 1, y - 3 : y + 4, x - 3 : x + 4]
@@ -151,14 +158,15 @@ def test_many_pixels_are_read_a_part_at_a_time(monkeypatch):
     rows, columns = np.full(7, 5), np.arange(3, 10)
     monkeypatch.setattr(derd, "BATCH", 3)
     view = View(inverse_depth_planes(0.5, 4, PLANES))
-    assert [count for _, count in columns_of(build_derd(), kept, view, rows, columns)] == [3, 3, 1]
+    fusion = DERD.build("DERD/H").fusion
+    assert [count for _, count in columns_of(fusion, kept, view, rows, columns)] == [3, 3, 1]
 
 
 def test_the_method_selects_pixels_as_published_and_reads_them(tmp_path):
     """Its mask is the adaptive threshold of its own C, its depth the network's, without median."""
     path = tmp_path / "mine.npz"
     write_weights(path, NAME, random_arrays(11), {"uniform_in": "linear"})
-    config = CONFIG.model_copy(update={"derd_weights": path, "save_dsi": True})
+    config = with_derd(CONFIG, weights=path).model_copy(update={"save_dsi": True})
     result = map_window(fronto_parallel(1.23), config, dsi_dir=tmp_path)
     found = result.depth_maps["DERD/H"]
     wanted = without_border(confidence_mask(found.confidence, selecting(config)), SIDE_PX // 2)
@@ -171,7 +179,7 @@ def test_the_method_selects_pixels_as_published_and_reads_them(tmp_path):
         inside = np.clip(place(arrays, column / column.max()), 0, 1)
         # Votes are kept in 8 bits: a sixteenth of them at most.
         assert found.depth_m[y, x] == pytest.approx(0.5 + 3.5 * inside, abs=0.1)
-    fewer = map_window(fronto_parallel(1.23), config.model_copy(update={"derd_threshold_c": 25.0}),
+    fewer = map_window(fronto_parallel(1.23), with_derd(config, threshold_c=25.0),
                        dsi_dir=tmp_path)  # fmt: skip
     assert 0 < fewer.depth_maps["DERD/H"].points < found.points
 
@@ -204,7 +212,7 @@ def test_the_compatibility_setting_gives_what_the_published_weights_know():
 
 
 def test_a_window_without_candidates_has_no_points():
-    config = CONFIG.model_copy(update={"derd_threshold_c": 250.0})
+    config = with_derd(CONFIG, threshold_c=250.0)
     assert map_window(fronto_parallel(1.5), config).depth_maps["DERD/H"].points == 0
 
 
@@ -239,7 +247,7 @@ def test_weights_that_say_too_little_or_hold_too_much(learnt, models, words, tmp
 
 
 def test_weights_of_our_own_network_are_refused():
-    config = CONFIG.model_copy(update={"derd_weights": packaged("learned")})
+    config = with_derd(CONFIG, weights=packaged("learned"))
     with pytest.raises(InputError, match="needed are those of 'derd-net'"):
         map_window(fronto_parallel(1.5), config)
 
@@ -250,7 +258,7 @@ def test_a_precision_is_refused_for_it_has_no_reliability_that_means_something()
 
 
 def test_it_is_in_the_registry_and_not_in_all():
-    assert named("DERD/H") == build_derd()
+    assert named("DERD/H") == DERD.build("DERD/H")
     assert "DERD/H" in overview()
     assert "DERD/H" not in {method.name for method in methods_by_name(("all",), 2)}
     for name, cameras in (("DERD/A", 2), ("DERD/H", 1)):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from eventsweep.emvs.dsi.fusion import FUSIONS
 from eventsweep.emvs.learned.inputs import Candidates, as_patches, as_rays, channels
 from eventsweep.emvs.learned.kept_votes import LANES, KeptVotes, votes_of_codes
 from eventsweep.emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX
 from eventsweep.emvs.methods import methods_by_name
+from fusions import FUSIONS
 
 
 def some_candidates(count, planes, height, width, seed=3):
@@ -32,7 +32,7 @@ def test_channels_are_shares_of_the_largest_fused_votes(name, cameras):
     used = volumes if alone is None else volumes[[alone]]
     fused = used[0] if alone is not None else FUSIONS[name[-1]](used)
     chosen = some_candidates(LANES + 3, *votes.shape[1:])
-    found = channels(kept, method, chosen)
+    found = channels(kept, method.fusion, chosen)
     assert found.shape == (2, len(CHANNELS), SIDE_PX, SIDE_PX, DEPTH + 2, LANES)
     assert not found[..., [0, -1], :].any()
     patches = as_patches(found, len(chosen))

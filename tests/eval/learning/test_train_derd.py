@@ -5,9 +5,9 @@ import pytest
 
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.depth.depth_map import confidence_mask, without_border
+from eventsweep.emvs.extraction.derd import DERD
 from eventsweep.emvs.learned.derd import DepthRange, derd_net, selecting
 from eventsweep.emvs.mapper import map_window
-from eventsweep.emvs.methods import build_derd
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.learning import data, derd_samples
@@ -76,8 +76,12 @@ def test_its_pixels_are_those_of_algorithm_1(folder):
     """It learns at least the pixels that it is compared on."""
     sequence = EventSequence.open(folder / TINY.name)
     config = window_config(WINDOW)
-    asked = selecting(config.model_copy(update={"derd_threshold_c": derd_samples.LEAST_C}))
-    swept = swept_window(sequence, config, build_derd())
+    asked = selecting(
+        config.model_copy(
+            update={"derd": config.derd.model_copy(update={"threshold_c": derd_samples.LEAST_C})}
+        )
+    )
+    swept = swept_window(sequence, config, DERD.build("DERD/H"))
     value = swept.result.maxima["DERD/H"].value
     np.testing.assert_array_equal(confidence_mask(value, asked), confidence_mask(value, config))
 

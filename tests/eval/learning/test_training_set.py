@@ -6,7 +6,7 @@ import pytest
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.methods import build_focus
+from eventsweep.emvs.extraction.focus import FOCUS
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.learning import data, samples
 from eventsweep.eval.learning.config import TrainingConfig
@@ -83,7 +83,7 @@ def test_samples_hold_what_the_volumes_hold(sequence, fusion, tmp_path):
     window = TrainingWindow(0.0, 0.2, planes=30, fusion=fusion, seed=3)
     found = samples.samples(sequence, window, 200)
     assert len(found) == 200
-    shown = samples.show(sequence, samples.window_config(window), build_focus(f"Focus/{fusion}"))
+    shown = samples.show(sequence, samples.window_config(window), FOCUS.build(f"Focus/{fusion}"))
     name = "Alg1/H" if fusion == "H" else "EMVS/cam1"
     config = samples.window_config(window).model_copy(update={"methods": (name,), "save_dsi": True})
     samples_volume = _volume(sequence, config, tmp_path, name)
@@ -132,4 +132,4 @@ def test_samples_are_written_and_read(sequence, tmp_path):
 def test_a_scene_that_nothing_shows_is_refused():
     with pytest.raises(InputError, match="no training sequence of nowhere: choose from boxes"):
         data.chosen("training", TrainingConfig(scenes=("nowhere",)))
-    assert MapperConfig().learned_weights is None
+    assert MapperConfig().learned.weights is None

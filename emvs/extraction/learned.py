@@ -1,0 +1,83 @@
+"""Learned extraction: depth along each ray, and how wrong it may be, from the votes around it.
+
+The extraction by focus says where rays meet most sharply; the network looks at the votes around
+that place, gives a depth of its own, and the expected error of both (`emvs.learned.judgement`).
+Each pixel takes the depth whose expected error is smaller, and the expected error chooses the
+pixels.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.depth.depth_map import DepthMap
+from eventsweep.emvs.depth.focus import estimate_in_focus
+from eventsweep.emvs.depth.precision import stated
+from eventsweep.emvs.dsi.method import MethodName
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.extraction.focus import Focus
+from eventsweep.emvs.extraction.method import Method, Swept
+from eventsweep.emvs.learned.inputs import candidates
+from eventsweep.emvs.learned.judgement import at_reference_px, judge
+from eventsweep.emvs.learned.network import network
+from eventsweep.emvs.learned.weights import files_of_weights, packaged
+from eventsweep.emvs.reference_view import inverse_depth_at
+
+
+class Learned(Focus):
+    """The extraction by focus, and a small network that looks at the votes around each pixel."""
+
+    family = "Learned"
+    grammar = "Learned/<F> or Learned/camK"
+    summary = (
+        "our own: Focus, and a small network that looks at the votes around, corrects the depth "
+        "and says how wrong it may be"
+    )
+    examples = ("Learned/H", "Learned/cam0")
+    calibrated = ("Learned/H", "Learned/cam")
+    how = ", by focus and a network"
+    keeps_votes = trained = True
+
+    def check(self, config: MapperConfig) -> None:
+        """Refuses weights that cannot be read, or are of another network."""
+        network(config.learned.weights)
+
+    def files(self, config: MapperConfig) -> tuple[Path, ...]:
+        """The weights and their manifest."""
+        return files_of_weights(config.learned.weights or packaged("learned"))
+
+    def build(self, name: str, mcemvs: bool = False) -> Method:
+        """The method of a name; it has no sub-intervals and no compatibility setting."""
+        if mcemvs:
+            raise InputError(
+                f"{name} does not support the mcemvs setting: choose compatibility none"
+            )
+        if "@" in MethodName.of(name).variant:
+            raise InputError(f"unknown method {name!r}: the names are {self.grammar}")
+        return super().build(name)
+
+    def extract(self, method: Method, swept: Swept, /) -> DepthMap:
+        """Depth by focus, corrected where the network expects a smaller error of its own."""
+        votes, focus = swept.result.maxima[method.name], swept.result.focus[method.name]
+        view, config, per_rho_px = swept.view, swept.config, swept.known_per_rho_px
+        disparity_px = per_rho_px * view.rho.astype(np.float64)
+        estimate = estimate_in_focus(votes, focus, disparity_px, config)
+        chosen = candidates(votes, focus, estimate, disparity_px, config.border_px)
+        net = network(config.learned.weights)
+        judged = judge(net, method.fusion, swept.votes_of_planes, chosen, disparity_px)
+        at = chosen.rows, chosen.columns
+        depth_m = np.reciprocal(inverse_depth_at(view.rho, estimate.position))
+        depth_m[at] = per_rho_px / judged.disparity_px
+        ranked = at_reference_px(judged.reliability, judged.disparity_px)
+        mask = np.zeros(depth_m.shape, np.bool_)
+        mask[at] = ranked >= 1 / config.learned.error_px
+        reliability = np.zeros(depth_m.shape, np.float32)
+        reliability[at] = judged.reliability
+        found = swept.new_map(method, focus.maximum, depth_m, mask, reliability)
+        return stated(found, per_rho_px, config, net.precision(method.name))
+
+
+LEARNED = Learned()
