@@ -13,14 +13,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.data.tables import Geom
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim.ground_truth_kernels import fill_event_depth
 from eventsweep.sim.motion import Motion
-from eventsweep.sim.motion.animation import moving_geoms
 
 BOUNDARY_JUMP = 0.02
 """A depth discontinuity: inverse depth misses a plane's continuation by this share of itself."""
@@ -227,20 +225,6 @@ def event_depth_m(
         places = np.hstack([own, own])
     fill_event_depth(before_m, after_m, *span_us, places, events.t_us, _SAME_SURFACE, depth_m)
     return depth_m
-
-
-def geom_table(model: Any) -> dict[int, Geom]:
-    """What the geom ids of a compiled MuJoCo model mean.
-
-    A geom without a name goes by its body's, or by its number. Dynamic is what hangs on a joint,
-    or on a mocap body.
-    """
-    table, moving = {}, moving_geoms(model)
-    for geom_id in range(model.ngeom):
-        body_id = int(model.geom_bodyid[geom_id])
-        name = model.geom(geom_id).name or (model.body(body_id).name if body_id else "")
-        table[geom_id] = Geom(name=name or f"geom{geom_id}", dynamic=bool(moving[geom_id]))
-    return table
 
 
 class Warped(NamedTuple):

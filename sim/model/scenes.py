@@ -17,6 +17,7 @@ from eventsweep.emvs.data.poses import read_tum
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim.config import SimConfig
+from eventsweep.sim.geoms import moving_geoms
 from eventsweep.sim.mjcf import digests, model_of
 from eventsweep.sim.model.drives import (
     at_rest,
@@ -35,7 +36,6 @@ from eventsweep.sim.model.mounts import (
 from eventsweep.sim.model.survey import survey
 from eventsweep.sim.model.tracks import CarriedMotion, StateTrack
 from eventsweep.sim.motion import Motion
-from eventsweep.sim.motion.animation import moving_geoms
 from eventsweep.sim.motion.curves import CurveMotion
 from eventsweep.sim.motion.head_motion import generate, placed
 from eventsweep.sim.motion.head_styles import STYLES
@@ -49,7 +49,7 @@ _OWN, _USUAL_RIG = "model:", "davis346"
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class FixedMotion:
     """A motion that is what it is, whatever its duration and seed."""
 
     motion: Motion
@@ -226,8 +226,8 @@ class _Drive:
         if self._config.motion in STYLES:
             return partial(_styled, self._config.motion, start)
         if self._recorded is not None:
-            return Held(Still(start))
-        return Held(CarriedMotion(self._path.resolve(), self._track, self._needed_mount()))
+            return FixedMotion(Still(start))
+        return FixedMotion(CarriedMotion(self._path.resolve(), self._track, self._needed_mount()))
 
     def _start(self) -> Array:
         if self._mount is None:

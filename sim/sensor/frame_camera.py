@@ -20,7 +20,8 @@ from eventsweep.emvs.data.image_stores import Photo
 from eventsweep.emvs.errors import InputError
 from eventsweep.sim.config import FramesConfig, ShutterConfig, SimConfig
 from eventsweep.sim.motion import Motion
-from eventsweep.sim.rendering.adaptive_sampling import FrameSource, adaptive_frames
+from eventsweep.sim.rendering.adaptive_sampling import adaptive_frames
+from eventsweep.sim.rendering.base import Views
 from eventsweep.sim.rendering.moving_bodies import MovingBodies
 
 DENSE_PX = 0.5
@@ -130,7 +131,7 @@ def gain_for(light: Light, percentile: float = 50.0, level: float = 0.45) -> flo
 
 
 def capture(
-    source: FrameSource,
+    source: Views,
     motion: Motion,
     camera: int,
     start_us: int,
