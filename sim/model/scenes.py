@@ -50,7 +50,7 @@ _OWN, _USUAL_RIG = "model:", "davis346"
 
 @dataclass(frozen=True, eq=False)
 class FixedMotion:
-    """A motion that is what it is, whatever its duration and seed."""
+    """The same motion for every duration and seed."""
 
     motion: Motion
 
@@ -61,7 +61,7 @@ class FixedMotion:
 
 @dataclass(frozen=True, eq=False)
 class Still:
-    """A rig that stays: where a recorded trajectory may begin."""
+    """A rig at rest, where a recorded trajectory may begin."""
 
     T_start: Array
 
@@ -87,7 +87,7 @@ def scene_of(
             (`config.replay`) may move the rig instead.
         rig: the cameras, to find out how near and far things are.
         seed: of the motion.
-        notice: told in one line what may be unwanted.
+        notice: called with a line for what looks wrong.
 
     Returns:
         The scene, and the parameters with the hashes of all files of the model noted and, for a

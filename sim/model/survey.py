@@ -40,14 +40,14 @@ class _Seen(NamedTuple):
 def survey(
     scene: Scene, rig: Rig, config: SimConfig, seed: int, notice: Callable[[str], None]
 ) -> Scene:
-    """Returns the scene with the depth range that its cameras see; tells what may be unwanted.
+    """Returns the scene with the depth range that its cameras see; warns of what looks wrong.
 
     Args:
         scene: with clipping planes.
         rig: the cameras.
         config: the parameters.
         seed: of the motion.
-        notice: told in one line each.
+        notice: called with one line each.
 
     Raises:
         InputError: no surface is seen.

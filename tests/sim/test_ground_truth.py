@@ -23,11 +23,11 @@ from eventsweep.eval.scoring.run_folder import truth_of
 from eventsweep.sim import ground_truth
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.geoms import geom_table
-from eventsweep.sim.ground_truth import warped
 from eventsweep.sim.motion.curves import HeadSway, look_at
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.rigs import rig as named_rig
 from eventsweep.sim.simulate import simulate
+from warped_depth import warped
 
 EVERYTHING = ("flow", "segmentation", "boundary", "twist", "event_depth")
 CONFIG = SimConfig(truth_interval_s=0.02, truth_times_s=(0.007,), truth=EVERYTHING)
