@@ -1,9 +1,9 @@
 """How sharp the DSIs of windows are: the higher, the better events, calibration and poses agree.
 
 Rays of one edge meet in few voxels where all of them are right, and spread over many where a clock,
-a pose or a calibration is wrong: votes are as many, their maxima are lower. Contrast of votes as a
-measure of alignment is Gallego et al., CVPR 2018; here it is that of the fused volume, which also
-tells how well the cameras agree with each other.
+a pose or a calibration is wrong: the number of votes stays, their maxima fall. Contrast of votes as
+a measure of alignment is Gallego et al., CVPR 2018; here it is that of the fused volume, which also
+shows how well the cameras agree with each other.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 
 Floats = NDArray[np.float64]
-# Of the rays of the view. Sums over all of them follow what votes at random do, too, and their
-# powers the few strongest edges: both are less sure over windows.
+# Of the rays of the view. Sums over all of them also follow random votes, and their powers the few
+# strongest edges: both vary more from window to window.
 _LARGEST_SHARE = 0.01
-# How much of the range of inverse depth is added at both ends. Without it a turn that moves what
-# is farthest beyond the last plane looks worse than one that moves it nearer: 0.05 to 0.1 deg.
+# How much of the range of inverse depth is added at both ends. Without it a turn that moves the
+# farthest things beyond the last plane looks worse than one that moves them nearer (0.05 deg).
 _MARGIN = 0.2
 
 
@@ -65,18 +65,18 @@ class WindowEvents:
 
     def thinned(self, share: float) -> WindowEvents:
         """The window with a share of its events, evenly through the stream."""
-        fewer = [one.thinned(max(1, int(share * len(one)))) for one in self.events]
+        fewer = [events.thinned(max(1, int(share * len(events)))) for events in self.events]
         return replace(self, events=tuple(fewer))
 
 
 @dataclass(frozen=True)
-class Told:
-    """What is said about the events of a window.
+class Hypothesis:
+    """Calibration, poses and clocks under which a window is mapped.
 
     Attributes:
         rig: calibration.
         trajectory: `T_world_body`; it must cover the window's middle.
-        clock_us: added to the times of each camera's events; empty: nothing.
+        clock_us: added to the times of each camera's events; empty for none.
     """
 
     rig: Rig
@@ -100,32 +100,36 @@ class Sharpness:
         self._grids = np.empty((0, 0, 0), np.float32)
         self._best = np.empty((0, 0), np.float32)
 
-    def __call__(self, windows: Sequence[WindowEvents], told: Sequence[Told]) -> Floats:
+    def __call__(self, windows: Sequence[WindowEvents], hypotheses: Sequence[Hypothesis]) -> Floats:
         """(W,) mean of the largest ray maxima of each window, in votes.
 
         Args:
             windows: their events.
-            told: what is said about each; all of rigs as large and with first cameras of one size.
+            hypotheses: one for each; all with as many cameras, and first cameras of one size.
 
         Raises:
             InputError: poses that do not cover the middle of a window, events off their sensor.
         """
-        best = self.ray_maxima(windows, told)
+        best = self.ray_maxima(windows, hypotheses)
         largest = max(1, round(_LARGEST_SHARE * best.shape[1]))
         top = np.partition(best, -largest, axis=1)[:, -largest:]
         return np.asarray(top.mean(axis=1, dtype=np.float64))
 
     def ray_maxima(
-        self, windows: Sequence[WindowEvents], told: Sequence[Told]
+        self, windows: Sequence[WindowEvents], hypotheses: Sequence[Hypothesis]
     ) -> NDArray[np.float32]:
         """(W, pixels) the largest harmonic mean of votes along each ray of the views; reused."""
-        rays = [self._rays(*pair) for pair in zip(windows, told, strict=True)]
-        columns = zip(*(one.columns for of_window in rays for one in of_window), strict=True)
-        begin = np.cumsum([0] + [len(one) for of_window in rays for one in of_window])
-        cameras = len(told[0].rig)
-        at = np.arange(len(rays))[:, None] * cameras + np.arange(cameras + 1)
-        view = _view(told[0].rig.cameras[0], self.level.scale)
-        self._reserve(len(rays), cameras, view.width_px * view.height_px)
+        rays = [
+            camera_rays
+            for window, hypothesis in zip(windows, hypotheses, strict=True)
+            for camera_rays in self._rays(window, hypothesis)
+        ]
+        columns = zip(*(camera_rays.columns for camera_rays in rays), strict=True)
+        begin = np.cumsum([0, *map(len, rays)])
+        cameras = len(hypotheses[0].rig)
+        at = np.arange(len(windows))[:, None] * cameras + np.arange(cameras + 1)
+        view = _view(hypotheses[0].rig.cameras[0], self.level.scale)
+        self._reserve(len(windows), cameras, view.width_px * view.height_px)
         sharpness_kernels.ray_maxima(  # type: ignore[call-arg]
             *map(np.concatenate, columns), begin[at], self._rho, view.width_px, view.height_px,
             self._grids, self._best,
@@ -138,12 +142,12 @@ class Sharpness:
             self._grids = np.empty((windows, cameras, pixels), np.float32)
             self._best = np.empty((windows, pixels), np.float32)
 
-    def _rays(self, window: WindowEvents, told: Told) -> list[Rays]:
-        clock_us = told.clock_us or (0,) * len(told.rig)
-        near = _around(told.trajectory, window, max(map(abs, clock_us)))
-        T_world_rv = near.at(window.t_ref_us) @ told.rig.T_body_cam[0]
-        view = _view(told.rig.cameras[0], self.level.scale)
-        each = zip(window.events, clock_us, told.rig.cameras, told.rig.T_body_cam, strict=True)
+    def _rays(self, window: WindowEvents, hypothesis: Hypothesis) -> list[Rays]:
+        rig, clock_us = hypothesis.rig, hypothesis.clock_us or (0,) * len(hypothesis.rig)
+        near = _around(hypothesis.trajectory, window, max(map(abs, clock_us)))
+        T_world_rv = near.at(window.t_ref_us) @ rig.T_body_cam[0]
+        view = _view(rig.cameras[0], self.level.scale)
+        each = zip(window.events, clock_us, rig.cameras, rig.T_body_cam, strict=True)
         return [
             event_rays(_on_clock(events, late_us), _tabulated(camera), T, near, T_world_rv, view)
             for events, late_us, camera, T in each
@@ -151,9 +155,9 @@ class Sharpness:
 
 
 def _planes(near_m: float, far_m: float, count: int) -> NDArray[np.float32]:
-    """(count,) inverse depths, 1/m: a margin at both ends, if need be beyond infinity.
+    """(count,) inverse depths, 1/m, with a margin at both ends, if need be beyond infinity.
 
-    A turn that is wrong moves what is far away to where rays meet behind the cameras.
+    A wrong turn moves far things to where rays meet behind the cameras.
     """
     more = _MARGIN * (1 / near_m - 1 / far_m)
     return np.linspace(1 / near_m + more, 1 / far_m - more, count).astype(np.float32)
@@ -164,7 +168,7 @@ def _on_clock(events: Events, late_us: int) -> Events:
 
 
 def _around(trajectory: Trajectory, window: WindowEvents, more_us: int) -> Trajectory:
-    """The poses of a window and one on each side: what is far away need not be carried along."""
+    """The poses of a window and one on each side."""
     bounds = [window.t0_us - more_us, window.t1_us + more_us]
     first, last = np.searchsorted(trajectory.t_us, bounds)
     part = slice(max(0, int(first) - 1), int(last) + 1)

@@ -325,14 +325,14 @@ def _doubting(
     progress: Callable[[str, int, int], None],
 ) -> Callable[[str, int, int], None]:  # fmt: skip
     """A progress that tells doubts once, at the first step of mapping, and passes all steps on."""
-    from eventsweep.emvs.check.recording import doubts
+    from eventsweep.emvs.check.recording import quick_check
 
     waiting = [True]
 
     def step(stage: str, done: int, total: int) -> None:
         if waiting and stage not in _BEFORE_MAPPING:
             waiting.clear()
-            for finding in doubts(recording, config):
+            for finding in quick_check(recording, config):
                 doubt(finding)
         progress(stage, done, total)
 

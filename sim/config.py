@@ -130,12 +130,6 @@ class ImuConfig(ParameterGroup):
             raise ValueError(f"a quaternion of length {norm:.4g}: needs length 1, order x y z w")
         return quat
 
-    def noiseless(self) -> ImuConfig:
-        """The same IMU without noise and bias."""
-        none = (0.0, 0.0, 0.0)
-        zeros = dict.fromkeys(("gyro_noise", "accel_noise", "gyro_walk", "accel_walk"), 0.0)
-        return self.model_copy(update={**zeros, "gyro_bias": none, "accel_bias": none})
-
 
 class LightConfig(ParameterGroup):
     """How light is rendered."""

@@ -27,13 +27,12 @@ from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.outputs import check_output
 from eventsweep.sim.config import SimConfig
+from eventsweep.sim.geoms import moving_geoms
 from eventsweep.sim.graphics import import_mujoco
-from eventsweep.sim.ground_truth import geom_table
 from eventsweep.sim.model.mounts import find_mount, rig_of_cameras
-from eventsweep.sim.model.scenes import Held, clip_of
+from eventsweep.sim.model.scenes import FixedMotion, clip_of
 from eventsweep.sim.model.survey import ends_m, range_of
 from eventsweep.sim.model.tracks import LiveMotion, LiveTrack
-from eventsweep.sim.motion.animation import moving_geoms
 from eventsweep.sim.parallel.render_job import (
     ChunkRenderer,
     RenderedFrame,
@@ -42,9 +41,10 @@ from eventsweep.sim.parallel.render_job import (
     longest_chunk_us,
 )
 from eventsweep.sim.parallel.sensors import Cameras, Packet
-from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.rendering.base import Renderer, moving_ids
+from eventsweep.sim.rendering.drawing import MujocoDrawing
 from eventsweep.sim.rigs import rig as named_rig
-from eventsweep.sim.sampling import why_linear_model, with_sampling
+from eventsweep.sim.sampling import with_sampling
 from eventsweep.sim.scene import Scene
 
 Pose = NDArray[np.float64]
@@ -108,7 +108,7 @@ class EventRig:
         if record is not None:
             check_output(Path(record), force=force)
         self._chunk, self._record, self._force = -1, record, force
-        self._held = ExitStack()
+        self._open_parts = ExitStack()
         self._truth_us = round(self._config.truth_interval_s * 1e6)
         self._recorder: _Recorder | None = None
         self._chunks: ChunkRenderer | None = None
@@ -117,11 +117,11 @@ class EventRig:
         return self
 
     def __exit__(self, *raised: Any) -> None:
-        self._held.__exit__(*raised)
+        self._open_parts.__exit__(*raised)
 
     def close(self) -> None:
         """Frees the graphics context; a sequence that is being recorded is completed."""
-        self._held.close()
+        self._open_parts.close()
 
     def step(self, data: Any) -> tuple[Events, ...]:
         """What the cameras send between the last call and this one.
@@ -191,11 +191,11 @@ class EventRig:
         self._start_s = float(data.time)
         self._track.begin(data)
         job = self._job()
-        self._renderer = self._held.enter_context(job.renderer(self._model))
-        pool = self._held.enter_context(ThreadPoolExecutor(len(self.rig)))
+        self._renderer = self._open_parts.enter_context(job.renderer())
+        pool = self._open_parts.enter_context(ThreadPoolExecutor(len(self.rig)))
         self._cameras = Cameras(job, pool, None)
         if self._record is not None:
-            self._recorder = self._held.enter_context(
+            self._recorder = self._open_parts.enter_context(
                 _Recorder(Path(self._record), job, self._renderer, self._cameras, force=self._force)
             )
             self._recorder.moved(0, self._motion.T_world_body(0.0))
@@ -205,16 +205,16 @@ class EventRig:
         """What `simulate` would render, but for its times."""
         clip_m, wanted = clip_of(self._model), self._config
         T_start = self._motion.T_world_body(0.0)
-        fixed = wanted.model.headlight == "fixed"
+        fixed, drawing = wanted.model.headlight == "fixed", MujocoDrawing(self._model)
         moves = moving_geoms(self._model).any()
         scene = Scene(
-            "robot", "a model that somebody else steps", Path(), dict, Held(self._motion),
+            "robot", "a model that somebody else steps", Path(), dict, FixedMotion(self._motion),
             clip_m, animate=self._track if moves else None, clip_m=clip_m,
             lamp_at=T_start if fixed else None,
         )  # fmt: skip
-        config = with_sampling(wanted, self.rig, why_linear_model(self._model, fixed=fixed))
+        config = with_sampling(wanted, self.rig, drawing.why_plain(scene))
         wanted_us = range(0, _FOR_EVER_US, self._truth_us) if self._record is not None else ()
-        return RenderJob(scene, self.rig, config, self._seed, wanted_us, (0, 1))
+        return RenderJob(scene, self.rig, config, self._seed, wanted_us, (0, 1), drawing)
 
     def _check_begun(self) -> None:
         if self._chunks is None:
@@ -326,16 +326,16 @@ class _Recorder:
     """Writes what the cameras send, with poses of every call and truth as often as asked."""
 
     def __init__(
-        self, out: Path, job: RenderJob, renderer: StereoRenderer, cameras: Cameras, *, force: bool
+        self, out: Path, job: RenderJob, renderer: Renderer, cameras: Cameras, *, force: bool
     ) -> None:
         segments = "segmentation" in job.config.truth
         self._writer = SequenceWriter(
             out, name=out.name, rig=job.rig, trajectory=None, seed=job.seed,
             config=job.config.model_dump(mode="json"), renderer=renderer.description,
-            geoms=geom_table(renderer.model) if segments else None, force=force,
+            geoms=renderer.geoms if segments else None, force=force,
         )  # fmt: skip
         self._labelled, self._cameras, self._renderer = job.labelled, cameras, renderer
-        self._moves = np.append(moving_geoms(renderer.model), False)
+        self._moves = moving_ids(renderer)
         self._ends_m: list[float] = []
         self._t_us: list[int] = []
         self._T_world_body: list[Pose] = []

@@ -137,9 +137,11 @@ def files_of(path: Path) -> list[Path]:
         models = {file for file in found if file.suffix.lower() in SUFFIXES and file.is_file()}
         for file in models - texts.keys():
             texts[file] = file.read_text(encoding="utf-8", errors="replace")
-        said = {"", *(unescape(one) for text in texts.values() for one in _FOLDER.findall(text))}
-        roots = {root / one for root in (folder, *(file.parent for file in texts)) for one in said}
-        names = {unescape(one) for text in texts.values() for one in _FILE.findall(text)}
+        said = {"", *(unescape(name) for text in texts.values() for name in _FOLDER.findall(text))}
+        roots = {
+            root / name for root in (folder, *(file.parent for file in texts)) for name in said
+        }
+        names = {unescape(name) for text in texts.values() for name in _FILE.findall(text)}
         found |= {file.resolve() for file in _places(names, roots, folder) if file.is_file()}
     return sorted(file for file in found if file.is_file())
 
@@ -147,7 +149,7 @@ def files_of(path: Path) -> list[Path]:
 def _places(names: set[str], roots: set[Path], folder: Path) -> Iterator[Path]:
     for name in names:
         known = _found(name, folder)
-        yield from (root / one for root in roots for one in {known, Path(known).name})
+        yield from (root / place for root in roots for place in {known, Path(known).name})
 
 
 def named(mj: Any, model: Any, kind: str) -> list[str]:

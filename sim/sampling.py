@@ -7,18 +7,15 @@ of a turning head are late or early by that angle, so samples are counted per an
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim.config import SAMPLINGS, SimConfig
 from eventsweep.sim.rendering import lens
-from eventsweep.sim.scene import Scene
 
 _MOST = 8
 # What carried light may touch beyond the furthest motion.
 _BESIDE_PX = 2
-MIRRORS = "a surface mirrors"
 
 
 def border_px(config: SimConfig) -> int | None:
@@ -33,7 +30,7 @@ def with_sampling(config: SimConfig, rig: Rig, why_plain: str = "") -> SimConfig
         config: where `supersample` is None, it becomes what `sampling` asks for.
         rig: the smallest focal length decides; a lens that no picture of so many samples can hold
             gets fewer.
-        why_plain: of `why_linear`: if there is a reason, frames are plain and close together.
+        why_plain: of `Drawing.why_plain`: with a reason frames are plain and close together.
     """
     if why_plain:
         plain = config.model_copy(update={"sampling": "linear"})
@@ -62,26 +59,3 @@ def _drawable(rig: Rig, border: int, supersample: int) -> bool:
     except InputError:
         return False
     return True
-
-
-def why_linear(scene: Scene) -> str:
-    """Why light of a scene cannot be carried along its surfaces; empty where it can.
-
-    What a mirror shows moves otherwise than the mirror, and a lamp on the head moves with it.
-    """
-    spec = scene.spec()
-    mirrors = any(material.reflectance > 0 for material in spec.materials)
-    return _reason(mirrors, None if scene.lamp_at is not None else spec.visual.headlight)
-
-
-def why_linear_model(model: Any, *, fixed: bool) -> str:
-    """The same of a compiled model; `fixed` says that its headlight stays where it is."""
-    return _reason(bool((model.mat_reflectance > 0).any()), None if fixed else model.vis.headlight)
-
-
-def _reason(mirrors: bool, lamp: Any) -> str:
-    if mirrors:
-        return MIRRORS
-    if lamp is not None and lamp.active and (any(lamp.diffuse) or any(lamp.specular)):
-        return "there is a lamp on the head"
-    return ""

@@ -185,10 +185,6 @@ PRESETS: dict[PresetName, Preset] = {
             readout_events_per_s=1.066e9,
             readout_queue_events=65536,
         ),
-        {
-            "contrast_threshold_pos": 0.2,
-            "contrast_threshold_neg": 0.2,
-            "refractory_period_us": 100,
-        },
+        {"contrast_threshold_pos": 0.2, "contrast_threshold_neg": 0.2, "refractory_period_us": 100},
     ),
 }

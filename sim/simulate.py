@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -26,10 +25,9 @@ from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.files import bytes_text, free_bytes
 from eventsweep.emvs.utils.outputs import check_output
-from eventsweep.emvs.utils.runtime import versions
+from eventsweep.emvs.utils.runtime import available_bytes, versions
 from eventsweep.sim.config import SimConfig
-from eventsweep.sim.graphics import import_mujoco, note
-from eventsweep.sim.ground_truth import geom_table
+from eventsweep.sim.graphics import note
 from eventsweep.sim.motion.curves import sampled
 from eventsweep.sim.parallel.checkpoint import CheckpointFolder, CheckpointWriter, Notice, Stopped
 from eventsweep.sim.parallel.render_job import (
@@ -46,8 +44,9 @@ from eventsweep.sim.parallel.workers import (
     slot_count,
 )
 from eventsweep.sim.rendering.adaptive_sampling import truth_times_us
-from eventsweep.sim.rendering.renderer import StereoRenderer
-from eventsweep.sim.sampling import why_linear, with_sampling
+from eventsweep.sim.rendering.base import Drawing, Renderer
+from eventsweep.sim.rendering.drawing import MUJOCO
+from eventsweep.sim.sampling import with_sampling
 from eventsweep.sim.scene import Scene, replayed
 from eventsweep.sim.sensor.frame_camera import DENSE_PX, FrameCamera, exposure_spans_us
 from eventsweep.sim.sensor.imu import imu_samples
@@ -56,8 +55,6 @@ Progress = Callable[[int, int, int], None]
 """Called after every frame with time done, time in total (µs) and events written so far."""
 # What a kill may cost; finishing a checkpoint at 1280x720 takes about 0.2 s.
 _COMMIT_S = 10.0
-# When animated bodies are looked at to tell one animation from another: evenly, and early.
-_ANIMATION_SAMPLES, _ANIMATION_TIMES_S = 32, (0.001, 0.01, 0.1)
 # Lossless compression of rendered images gains at least this.
 _COMPRESSED = 0.4
 _IMAGE_BYTES = {"depth_m": 4, "intensity": 1, "flow": 8, "segmentation": 4, "boundary": 1}
@@ -69,7 +66,7 @@ def _silent(_done_us: int, _total_us: int, _events: int) -> None:
     pass
 
 
-def _unheard(_line: str) -> None:
+def _no_notice(_line: str) -> None:
     pass
 
 
@@ -85,7 +82,8 @@ def simulate(
     resume: bool = True,
     commit_s: float = _COMMIT_S,
     progress: Progress = _silent,
-    notice: Notice = _unheard,
+    notice: Notice = _no_notice,
+    drawing: Drawing = MUJOCO,
 ) -> Path:
     """Simulates what the rig's event cameras see and writes the sequence to `out`.
 
@@ -105,8 +103,9 @@ def simulate(
         resume: whether unfinished work is taken up; otherwise it is discarded.
         commit_s: least time between two checkpoints, s: what a kill may cost.
         progress: called after every frame.
-        notice: told in one line when unfinished work is taken up or found damaged, and when
+        notice: called with one line when unfinished work is taken up or found damaged, and when
             there is a GPU that does not draw.
+        drawing: opens the renderer; with several workers it is sent to other processes.
 
     Returns:
         `out`.
@@ -121,16 +120,16 @@ def simulate(
     if workers < 1:
         raise InputError(f"{workers} workers: must be 1 or greater")
     check_output(out, force=force, inputs=(config.replay.trajectory, scene.mjcf))
-    job = make_job(scene, rig, config, seed)
+    job = make_job(scene, rig, config, seed, drawing)
     check_disk(job, out)
     check_memory(job, workers)
-    with ExitStack() as stack, ExitStack() as drawing:
-        renderer = drawing.enter_context(job.renderer())
-        check_outside(job, renderer.model)
+    with ExitStack() as stack, ExitStack() as graphics:
+        renderer = graphics.enter_context(job.renderer())
+        check_outside(job, renderer)
         if note():
             notice(note())
         if config.sampling != job.config.sampling:
-            notice(f"plain frames half a pixel apart: {why_linear(scene)}")
+            notice(f"plain frames half a pixel apart: {drawing.why_plain(scene)}")
         described = describe(job, renderer)
         folder = stack.enter_context(
             CheckpointFolder(out, described.key, rig, resume=resume, notice=notice)
@@ -140,7 +139,7 @@ def simulate(
         if workers == 1:
             frames = frames_in_process(job, renderer, folder.next_chunk)
         else:
-            drawing.close()
+            graphics.close()
             frames = frames_from_workers(job, folder.next_chunk, workers)
         _run(job, frames, folder, commit_s, progress, drawn_elsewhere=workers > 1)
         try:
@@ -151,14 +150,16 @@ def simulate(
     return out
 
 
-def make_job(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> RenderJob:
+def make_job(
+    scene: Scene, rig: Rig, config: SimConfig, seed: int, drawing: Drawing = MUJOCO
+) -> RenderJob:
     """Decides the times of truth and the chunks.
 
     Raises:
         InputError: an impossible duration, truth time, exposure or recorded trajectory.
     """
     scene, config = replayed(scene, scene.configured(config))
-    config = with_sampling(config, rig, why_linear(scene))
+    config = with_sampling(config, rig, drawing.why_plain(scene))
     duration_s = scene.duration_s if config.duration_s is None else config.duration_s
     duration_us = round(duration_s * 1e6)
     if duration_us < 2:
@@ -167,7 +168,7 @@ def make_job(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> RenderJob:
     more_us = [round(t_s * 1e6) for t_s in config.truth_times_s]
     truth_us = truth_times_us(duration_us, round(config.truth_interval_s * 1e6), more_us)
     bounds_us = chunk_bounds_us(truth_us, longest_chunk_us(config, rig), config.frame_period_us)
-    return RenderJob(scene, rig, config, seed, tuple(truth_us), tuple(bounds_us))
+    return RenderJob(scene, rig, config, seed, tuple(truth_us), tuple(bounds_us), drawing)
 
 
 def _run(
@@ -288,7 +289,7 @@ class SequenceFacts(NamedTuple):
     key: str
 
 
-def describe(job: RenderJob, renderer: StereoRenderer) -> SequenceFacts:
+def describe(job: RenderJob, renderer: Renderer) -> SequenceFacts:
     """Samples what rides on the motion and describes the rest."""
     duration_s = job.duration_us * 1e-6
     trajectory = sampled(job.motion(), duration_s, job.config.pose_rate_hz)
@@ -302,17 +303,14 @@ def describe(job: RenderJob, renderer: StereoRenderer) -> SequenceFacts:
         "depth_range_m": job.scene.depth_range_m,
     }
     if "segmentation" in job.config.truth:
-        arguments["geoms"] = geom_table(renderer.model)
+        arguments["geoms"] = dict(renderer.geoms)
     if job.config.imu.rate_hz:
         arguments["imu"] = imu_samples(job.motion(), duration_s, job.config.imu, job.seed)
     return SequenceFacts(arguments, _key(job, renderer, trajectory))
 
 
-def _key(job: RenderJob, renderer: StereoRenderer, trajectory: Trajectory) -> str:
+def _key(job: RenderJob, renderer: Renderer, trajectory: Trajectory) -> str:
     """A hash over all that decides the sequence: parameters, geometry, textures and all motion."""
-    mj = import_mujoco()
-    model = np.zeros(mj.mj_sizeModel(renderer.model), np.uint8)
-    mj.mj_saveModel(renderer.model, None, model)
     plain = {
         "scene": [job.scene.name, job.scene.depth_range_m],
         "rig": job.rig.to_json(),
@@ -324,23 +322,9 @@ def _key(job: RenderJob, renderer: StereoRenderer, trajectory: Trajectory) -> st
     }
     digest = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
     poses = trajectory.t_us, trajectory.positions_m, trajectory.quats_xyzw
-    for array in (model, *poses, *_animation(job, renderer.model)):
+    for array in (*renderer.identity(job.duration_us * 1e-6), *poses):
         digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()
-
-
-def _animation(job: RenderJob, model: Any) -> list[NDArray[np.float64]]:
-    """Where the bodies that move by themselves are at some times, and how often frames are."""
-    animate = job.scene.animate
-    if animate is None:
-        return []
-    data, sampled_as = import_mujoco().MjData(model), [np.array([animate.max_interval_us], float)]
-    # Early as well: bodies that start at other speeds have not gone far, but may come to rest.
-    times_s = (*_ANIMATION_TIMES_S, *np.linspace(0, job.duration_us * 1e-6, _ANIMATION_SAMPLES))
-    for t_s in sorted(t for t in times_s if t <= job.duration_us * 1e-6):
-        animate(model, data, float(t_s))
-        sampled_as += [data.qpos.copy(), data.mocap_pos.copy(), data.mocap_quat.copy()]
-    return sampled_as
 
 
 def check_disk(job: RenderJob, out: Path) -> None:
@@ -376,8 +360,8 @@ def check_memory(job: RenderJob, workers: int) -> None:
     # Of fine frames the sensors keep one, work on one and wait for one.
     kept = 3 * slot_bytes(job) if job.fine else 0
     needed = _PIXEL_BYTES * sum(sizes) + kept + workers * (drawing + shared)
-    free = available_memory()
-    if free is not None and needed > free:
+    free = available_bytes()
+    if needed > free:
         raise InputError(
             f"rig {job.rig.name} at supersample={job.supersample} with {workers} workers "
             f"takes about {bytes_text(needed)} of memory, but {bytes_text(free)} are free: use "
@@ -385,92 +369,19 @@ def check_memory(job: RenderJob, workers: int) -> None:
         )
 
 
-def available_memory() -> int | None:
-    """Bytes that can be had without swapping, within the control group's limit; None: unknown."""
-    known = re.findall(r"^MemAvailable: *(\d+) kB", _text("/proc/meminfo"), re.MULTILINE)
-    limits = [1024 * int(amount) for amount in known]
-    group, used = _text("/sys/fs/cgroup/memory.max"), _text("/sys/fs/cgroup/memory.current")
-    if group.strip().isdigit() and used.strip().isdigit():
-        limits.append(max(0, int(group) - int(used)))
-    return min(limits, default=None)
-
-
-def check_outside(job: RenderJob, model: Any) -> None:
+def check_outside(job: RenderJob, renderer: Renderer) -> None:
     """Makes sure that no camera starts inside an object.
 
     Raises:
         InputError: one does; names camera and object.
     """
-    mj = import_mujoco()
-    data = mj.MjData(model)
-    if job.scene.animate is not None:
-        job.scene.animate(model, data, 0.0)
-    mj.mj_forward(model, data)
     T_world_body = job.motion().T_world_body(0.0)
     for name, T_body_cam in zip(job.rig.camera_names, job.rig.T_body_cam, strict=True):
         eye_m = (T_world_body @ T_body_cam)[:3, 3]
-        for geom_id in range(model.ngeom):
-            if _drawn(model, geom_id) and _inside(mj, model, data, geom_id, eye_m):
-                body = model.body(int(model.geom_bodyid[geom_id])).name
-                if body and body == job.scene.carrier:
-                    continue
-                label = model.geom(geom_id).name or body or f"geom{geom_id}"
-                raise InputError(
-                    f"camera {name} of rig {job.rig.name} starts inside {label!r} of scene "
-                    f"{job.scene.name}, at {np.round(eye_m, 3).tolist()} m: move the start of the "
-                    "motion, or the object"
-                )
-
-
-def _drawn(model: Any, geom_id: int) -> bool:
-    material = int(model.geom_matid[geom_id])
-    alpha = model.mat_rgba[material][3] if material >= 0 else model.geom_rgba[geom_id][3]
-    return bool(alpha > 0) and int(model.geom_group[geom_id]) < 3
-
-
-def _inside(mj: Any, model: Any, data: Any, geom_id: int, point_m: NDArray[np.float64]) -> bool:
-    """Whether a point lies inside a geom that has an inside: MuJoCo's closed primitives, meshes."""
-    turn = data.geom_xmat[geom_id].reshape(3, 3)
-    local = (point_m - data.geom_xpos[geom_id]) @ turn
-    size, kind = model.geom_size[geom_id], mj.mjtGeom(model.geom_type[geom_id])
-    if np.linalg.norm(local) > model.geom_rbound[geom_id] > 0:
-        return False
-    radius = float(np.hypot(local[0], local[1]))
-    if kind == mj.mjtGeom.mjGEOM_SPHERE:
-        return bool(np.linalg.norm(local) < size[0])
-    if kind == mj.mjtGeom.mjGEOM_BOX:
-        return bool((np.abs(local) < size).all())
-    if kind == mj.mjtGeom.mjGEOM_ELLIPSOID:
-        return bool(np.linalg.norm(local / size) < 1)
-    if kind == mj.mjtGeom.mjGEOM_CYLINDER:
-        return bool(radius < size[0] and abs(local[2]) < size[1])
-    if kind == mj.mjtGeom.mjGEOM_CAPSULE:
-        return bool(np.hypot(radius, max(0.0, abs(local[2]) - size[1])) < size[0])
-    if kind == mj.mjtGeom.mjGEOM_MESH:
-        return _inside_mesh(model, int(model.geom_dataid[geom_id]), local)
-    return False
-
-
-def _inside_mesh(model: Any, mesh_id: int, local: NDArray[np.float64]) -> bool:
-    """By the solid angle of its outward faces: a dome whose faces look inwards has no inside."""
-    first_vertex, vertices = model.mesh_vertadr[mesh_id], model.mesh_vertnum[mesh_id]
-    first_face, faces = model.mesh_faceadr[mesh_id], model.mesh_facenum[mesh_id]
-    points = model.mesh_vert[first_vertex : first_vertex + vertices] - local
-    a, b, c = points[model.mesh_face[first_face : first_face + faces].T].astype(np.float64)
-    la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
-    volume = np.einsum("ni,ni->n", a, np.cross(b, c))
-    below = (
-        la * lb * lc
-        + np.einsum("ni,ni->n", a, b) * lc
-        + np.einsum("ni,ni->n", b, c) * la
-        + np.einsum("ni,ni->n", c, a) * lb
-    )
-    # Van Oosterom and Strackee (IEEE Trans. Biomed. Eng. 1983): the whole sphere is 4 pi.
-    return bool(2 * np.arctan2(volume, below).sum() > 2 * np.pi)
-
-
-def _text(path: str) -> str:
-    try:
-        return Path(path).read_text(encoding="ascii")
-    except OSError:
-        return ""
+        around = renderer.enclosing(eye_m)
+        if around is not None:
+            raise InputError(
+                f"camera {name} of rig {job.rig.name} starts inside {around!r} of scene "
+                f"{job.scene.name}, at {np.round(eye_m, 3).tolist()} m: move the start of the "
+                "motion, or the object"
+            )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib as mpl
@@ -12,9 +13,10 @@ import numpy as np
 
 from eventsweep import scenes
 from eventsweep.sim.config import ShutterConfig, SimConfig
+from eventsweep.sim.rendering.adaptive_sampling import adaptive_frames
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.rigs import RIGS
-from eventsweep.sim.sensor.frame_camera import capture, develop, gain_for
+from eventsweep.sim.sensor.frame_camera import Exposure, develop
 
 IMAGES = Path(__file__).parents[1] / "images"
 RIG_NAMES = ("mvsec", "dsec", "tumvie-kb4")
@@ -58,14 +60,19 @@ def light():
     motion = scene.motion(0.5, 0)
     rig = RIGS["davis346"]
     with StereoRenderer(scene.spec(), rig, 2, scene.depth_range_m, floats=True) as renderer:
-        taken = capture(renderer, motion, 0, 200_000, SimConfig(), SHUTTER)
+        exposing = Exposure(200_000, 200_000 + SHUTTER.exposure_us)
+        dense = SimConfig(sampling="linear", max_displacement_px=0.5)
+        span_us = [exposing.start_us, exposing.end_us]
+        for before, after in pairwise(adaptive_frames(renderer, motion, span_us, dense)):
+            exposing.add(*((e.t_us, e.frames[0].intensity) for e in (before, after)))
         sharp = renderer.frame(0, motion.T_world_body(0.21)).intensity
     shown = [(np.log10(np.maximum(sharp, 1e-6)), "magma", "log10 of light, one instant")]
     for percentile in (40, 95):
-        gain = gain_for(taken.light, percentile)
-        photo = develop(taken.light, ShutterConfig(exposure_us=SHUTTER.exposure_us, gain=gain))
-        title = f"20 ms, gain {gain:.2g}: {photo.saturated:.0%} white, {photo.black:.0%} black"
-        shown.append(((photo.image / 255) ** (1 / 2.2), "gray", title))
+        gain = 0.45 / float(np.percentile(exposing.light(), percentile))
+        photo = develop(exposing.light(), ShutterConfig(exposure_us=SHUTTER.exposure_us, gain=gain))
+        white, black = np.mean(photo == 255), np.mean(photo == 0)
+        title = f"20 ms, gain {gain:.2g}: {white:.0%} white, {black:.0%} black"
+        shown.append(((photo / 255) ** (1 / 2.2), "gray", title))
     figure, axes = plt.subplots(1, 3, figsize=(13, 3.5), layout="constrained")
     for axis, (image, colours, title) in zip(axes, shown, strict=True):
         drawn = axis.imshow(image, cmap=colours)

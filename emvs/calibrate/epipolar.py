@@ -1,8 +1,8 @@
-"""How far matched patches of two cameras lie off their epipolar lines: a check beside sharpness.
+"""How far matched patches of two cameras lie off their epipolar lines: a check besides sharpness.
 
-Calibration that is right makes the rectified views' rows agree. Patches of one view's event image
-are looked for in the other's, along the row and a few rows above and below; the best match by
-normalised cross-correlation says by how many rows it misses.
+With a correct calibration the rows of the rectified views correspond. Patches of one view's event
+image are searched in the other's, along the row and a few rows above and below; the residual is the
+row offset of the best match by normalised cross-correlation.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ def epipolar_residuals_px(recording: Recording, t_us: int, nearest_m: float) -> 
     left, right = (_event_image(recording, pair, side, t_us) for side in (0, 1))
     most_px = int(np.ceil(pair.disparity_px(nearest_m))) + 2
     half_u, half_v = _HALF_PX
-    found = []
+    offsets = []
     for v in range(half_v + _ROWS_PX, left.shape[0] - half_v - _ROWS_PX, _STEP_PX):
         for u in range(half_u + most_px, left.shape[1] - half_u, _STEP_PX):
             patch = left[v - half_v : v + half_v + 1, u - half_u : u + half_u + 1]
             rows = slice(v - half_v - _ROWS_PX, v + half_v + _ROWS_PX + 1)
             if patch.sum() >= _FEWEST:
                 strip = right[rows, u - half_u - most_px : u + half_u + 1]
-                found.append(_missed_rows(patch, strip))
-    return np.array([one for one in found if one is not None])
+                offsets.append(_row_offset(patch, strip))
+    return np.array([offset for offset in offsets if offset is not None])
 
 
 def _event_image(
@@ -67,7 +67,7 @@ def _before(recording: Recording, camera: int, t_us: int) -> Events:
     return events.slice(max(0, len(events) - _EVENTS), len(events))
 
 
-def _missed_rows(patch: NDArray[np.float32], strip: NDArray[np.float32]) -> float | None:
+def _row_offset(patch: NDArray[np.float32], strip: NDArray[np.float32]) -> float | None:
     score = cv2.matchTemplate(strip, patch, cv2.TM_CCOEFF_NORMED)
     row, column = np.unravel_index(int(score.argmax()), score.shape)
     if score[row, column] < _SURE or row in (0, score.shape[0] - 1):

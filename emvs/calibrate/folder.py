@@ -1,9 +1,9 @@
-"""What refinement writes: a calibration in the recording's own format, and a recording to use it.
+"""What refinement writes: a calibration in the recording's format, and a recording that uses it.
 
-Formats of calibration hold cameras and where they sit, none a clock, and few a hand-eye. So beside
-the file in the recording's own format lie `rig.json`, `poses.txt` and a `recording.toml` that names
-the recording's event files with their clocks: opened as any recording, it is the refined one.
-Nothing of the recording itself is touched.
+Formats of calibration hold cameras and their poses, but no clock and rarely a hand-eye. So beside
+the file in the recording's own format there are `rig.json`, `poses.txt` and a `recording.toml` that
+names the recording's event files with their clocks; it opens like any recording. The recording
+itself is not touched.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ def write_refined(
 
     Args:
         folder: where to write.
-        out: where the folder will lie: paths to the recording's files are told from there.
+        out: where the folder will be; paths to the recording's files are relative to it.
         recording: the one that was refined, as given.
-        refinement: what was found.
-        command: what was asked for, for the provenance.
+        refinement: the result.
+        command: for the provenance.
 
     Returns:
-        What there is to know of the files, one line each.
+        Notes on the files, one line each.
     """
     refined = refinement.applied(recording)
     write_rig_json(folder / RIG_FILE, refined.rig)
@@ -71,29 +71,29 @@ def write_refined(
 def provenance(
     recording: Recording, refinement: Refinement, command: str, notes: list[str]
 ) -> dict[str, Any]:
-    """What was refined, from what, by what: plain values for `refinement.json`."""
+    """Plain values for `refinement.json`: result, recording, command, versions."""
     return {
         "schema_version": SCHEMA_VERSION,
         "recording": {"name": recording.name, "path": _path_of(recording), **_digest(recording)},
         "command": command,
         "versions": versions(),
         "refine": list(refinement.config.refine),
-        "windows_us": [list(one) for one in refinement.windows],
+        "windows_us": [list(span_us) for span_us in refinement.windows],
         "sharpness": refinement.sharpness.tolist(),
-        "estimates": [estimate_facts(one) for one in refinement.estimates],
+        "estimates": [estimate_facts(estimate) for estimate in refinement.estimates],
         "notes": notes,
     }
 
 
-def estimate_facts(one: Estimate) -> dict[str, Any]:
+def estimate_facts(estimate: Estimate) -> dict[str, Any]:
     """One parameter as plain values."""
-    known = math.isfinite(one.uncertainty)
+    known = math.isfinite(estimate.uncertainty)
     return {
-        "parameter": one.parameter.name,
-        "unit": one.parameter.unit,
-        "correction": one.value,
-        "uncertainty_95": one.uncertainty if known else None,
-        "refused": one.refused or None,
+        "parameter": estimate.parameter.name,
+        "unit": estimate.parameter.unit,
+        "correction": estimate.value,
+        "uncertainty_95": estimate.uncertainty if known else None,
+        "refused": estimate.refused or None,
     }
 
 
@@ -103,14 +103,14 @@ def _path_of(recording: Recording) -> str:
 
 
 def _digest(recording: Recording) -> dict[str, str]:
-    """A hash of what was refined: of a manifest, else of calibration, poses and event files."""
+    """A hash of the recording: of its manifest, else of calibration, poses and event files."""
     if isinstance(recording, Sequence):
         return {"manifest_sha256": recording.manifest.digest()}
     hasher = hashlib.sha256(json.dumps(recording.rig.to_json(), sort_keys=True).encode())
     poses = recording.trajectory
     for column in (poses.t_us, poses.positions_m, poses.quats_xyzw):
         hasher.update(column.tobytes())
-    for path in sorted({str(one.path) for one in _sources(recording)}):
+    for path in sorted({str(source.path) for source in _sources(recording)}):
         hasher.update(_ends(Path(path)))
     return {"sha256": hasher.hexdigest()}
 
@@ -128,7 +128,7 @@ def _ends(path: Path) -> bytes:
 
 
 def _sources(recording: Recording) -> tuple[EventSource, ...]:
-    """The recording's event files; none where it does not say."""
+    """The recording's event files; none if unknown."""
     if isinstance(recording, PosedRecording):
         return recording.sources
     if isinstance(recording, EventCameraDataset):
@@ -142,7 +142,7 @@ def _sources(recording: Recording) -> tuple[EventSource, ...]:
 
 
 def _descriptor(folder: Path, out: Path, recording: Recording, refinement: Refinement) -> list[str]:
-    """Writes `recording.toml`, where the recording says which files its events are in."""
+    """Writes `recording.toml` if the recording's event files are known."""
     sources = _sources(recording)
     if not sources:
         return [f"{recording.name} does not name its event files: no {FILE_NAME} was written"]
@@ -151,7 +151,7 @@ def _descriptor(folder: Path, out: Path, recording: Recording, refinement: Refin
         "name": f"{recording.name}, refined",
         "calibration": {"file": RIG_FILE},
         "poses": {"file": POSES_FILE},
-        "events": [_events(one, us, out) for one, us in zip(sources, clock_us, strict=True)],
+        "events": [_events(*each, out) for each in zip(sources, clock_us, strict=True)],
     }
     if recording.depth_range_m is not None:
         what["depth_range_m"] = [float(depth_m) for depth_m in recording.depth_range_m]
@@ -172,7 +172,7 @@ def _events(source: EventSource, late_us: int, out: Path) -> dict[str, Any]:
 
 
 def _own_format(folder: Path, recording: Recording, rig: Rig) -> list[str]:
-    """Writes the calibration as the recording has it; says where that cannot be."""
+    """Writes the calibration in the recording's own format; a note where that is impossible."""
     if isinstance(recording, Sequence):
         return []
     try:
@@ -231,8 +231,8 @@ def _write_described(folder: Path, recording: PosedRecording, rig: Rig) -> None:
 
 
 def _lost(refinement: Refinement) -> list[str]:
-    """What a file of calibration does not say, and where it is."""
-    kinds = {one.parameter.kind for one in refinement.estimates if not one.refused}
+    """Notes on what a calibration file cannot hold, and where it is instead."""
+    kinds = {e.parameter.kind for e in refinement.estimates if not e.refused}
     notes = []
     if "clock" in kinds:
         notes.append(f"files of calibration hold no clock: {FILE_NAME} does (time_offset_us)")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.calibrate.parameters import Correction
 from eventsweep.emvs.data.recording import Recording
-from eventsweep.emvs.sharpness import Level, Sharpness, Told, WindowEvents
+from eventsweep.emvs.sharpness import Hypothesis, Level, Sharpness, WindowEvents
 
 Floats = NDArray[np.float64]
 FINE, MIDDLE, COARSE = Level(1, 64), Level(2, 40), Level(4, 24)
@@ -22,7 +22,7 @@ class Objective:
         recording: calibration and poses as given.
         windows: events.
         depth_range_m: nearest and farthest depth.
-        level: how finely the DSI is cut: a coarse one sees large errors, too.
+        level: how finely the DSI is cut: a coarse one also sees large errors.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class Objective:
     def at(self, level: Level) -> Objective:
         """The same windows at another level; a coarse one needs fewer events."""
         share = self.level.scale / level.scale
-        windows = [one.thinned(share) for one in self.windows]
+        windows = [window.thinned(share) for window in self.windows]
         return Objective(self.recording, windows, self._depth_range_m, level)
 
     def with_windows(self, windows: Sequence[WindowEvents]) -> Objective:
@@ -48,15 +48,14 @@ class Objective:
 
     def __call__(self, correction: Correction) -> Floats:
         """(W,) sharpness of every window."""
-        told = self.told(correction)
-        return self.sharpness([told] * len(self.windows))
+        return self.sharpness([self.hypothesis(correction)] * len(self.windows))
 
-    def told(self, correction: Correction) -> Told:
-        """What a correction says."""
+    def hypothesis(self, correction: Correction) -> Hypothesis:
+        """Calibration, poses and clocks after a correction."""
         rig, poses = self.recording.rig, self.recording.trajectory
         clock_us = correction.clock_us(len(rig))
-        return Told(correction.rig(rig), correction.trajectory(poses), clock_us)
+        return Hypothesis(correction.rig(rig), correction.trajectory(poses), clock_us)
 
-    def sharpness(self, told: Sequence[Told]) -> Floats:
-        """(W,) sharpness of each window, each told otherwise."""
-        return self._sharpness(self.windows, told)
+    def sharpness(self, hypotheses: Sequence[Hypothesis]) -> Floats:
+        """(W,) sharpness of each window under a hypothesis of its own."""
+        return self._sharpness(self.windows, hypotheses)

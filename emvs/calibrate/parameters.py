@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 Kind = Literal[
     "stereo", "clock", "direction", "baseline", "focal", "pose clock", "hand-eye", "lever"
 ]
-AXES = "xyz"
+AXES = ("x", "y", "z")
 _TURNS = {"x": "pitch", "y": "yaw", "z": "roll"}
 
 
@@ -39,7 +39,7 @@ class Parameter:
         axis: which axis of the camera, or empty.
         unit: of its values.
         reach: how far from the given calibration it is searched.
-        needed: an uncertainty beyond this says that the recording does not determine it.
+        needed: with a larger uncertainty the recording does not determine it.
     """
 
     kind: Kind
@@ -51,7 +51,7 @@ class Parameter:
 
     @property
     def spread(self) -> float:
-        """How far the calibration as given is believed to be off, 1 sigma: it is searched to 2."""
+        """Prior error of the given calibration, 1 sigma; the search reaches 2."""
         return self.reach / 2
 
     @property
@@ -71,18 +71,51 @@ class Parameter:
         return names[self.kind]
 
 
-def _stereo(camera: int) -> list[Parameter]:
-    return [Parameter("stereo", camera, axis, "deg", 1.0, 0.15) for axis in AXES]
+class _Refinable(NamedTuple):
+    """What a name of `refine` stands for: parameters per axis, and per further camera."""
+
+    meaning: str
+    kind: Kind
+    axes: tuple[str, ...]
+    unit: str
+    reach: float
+    needed: float
+    needs_pair: bool = False
+
+    def parameters(self, cameras: int) -> list[Parameter]:
+        numbers = range(1, cameras) if self.needs_pair else (0,)
+        values = self.unit, self.reach, self.needed
+        return [Parameter(self.kind, k, axis, *values) for k in numbers for axis in self.axes]
 
 
-def _direction(camera: int) -> list[Parameter]:
-    return [Parameter("direction", camera, way, "deg", 2.0, 1.0) for way in ("forward", "across")]
-
-
-POSE_CLOCK = Parameter("pose clock", 0, "", "ms", 40.0, 2.5)
+_REFINABLE = {
+    "stereo": _Refinable(
+        "rotation of each further camera to the first", "stereo", AXES, "deg", 1.0, 0.15, True
+    ),
+    "delay": _Refinable(
+        "clock of each further camera; with one camera, the clock of the poses",
+        "clock", ("",), "ms", 12.0, 4.0, True,
+    ),
+    "direction": _Refinable(
+        "direction of the baseline", "direction", ("forward", "across"), "deg", 2.0, 1.0, True
+    ),
+    "baseline": _Refinable(
+        "length of the baseline, as poses give the scale", "baseline", ("",), "%", 6.0, 2.0, True
+    ),
+    "focal": _Refinable("focal length of all cameras", "focal", ("",), "%", 6.0, 1.5),
+    "pose-delay": _Refinable("clock of the poses", "pose clock", ("",), "ms", 40.0, 2.5),
+    "hand-eye": _Refinable(
+        "how the first camera is turned on what was tracked", "hand-eye", AXES, "deg", 4.0, 0.5
+    ),
+    "lever": _Refinable(
+        "where the first camera sits on what was tracked", "lever", AXES, "mm", 40.0, 8.0
+    ),
+}  # fmt: skip
+NAMES: Mapping[str, str] = {name: row.meaning for name, row in _REFINABLE.items()}
+"""What `refine` takes, and what each means."""
+_ORDER = [row.kind for row in _REFINABLE.values()]
+(POSE_CLOCK,) = _REFINABLE["pose-delay"].parameters(1)
 """What is added to the times of the poses."""
-_HAND_EYE = [Parameter("hand-eye", 0, axis, "deg", 4.0, 0.5) for axis in AXES]
-_LEVER = [Parameter("lever", 0, axis, "mm", 40.0, 8.0) for axis in AXES]
 
 
 def parameters_of(names: Sequence[str], cameras: int) -> tuple[Parameter, ...]:
@@ -100,47 +133,16 @@ def parameters_of(names: Sequence[str], cameras: int) -> tuple[Parameter, ...]:
     unknown = [name for name in names if name not in NAMES]
     if unknown:
         raise InputError(f"refine {unknown[0]!r} is unknown: choose from {', '.join(NAMES)}")
-    chosen = dict.fromkeys(one for name in names for one in _named(name, cameras))
-    return tuple(sorted(chosen, key=lambda one: (_ORDER.index(one.kind), one.camera)))
+    chosen = dict.fromkeys(parameter for name in names for parameter in _named(name, cameras))
+    return tuple(sorted(chosen, key=lambda p: (_ORDER.index(p.kind), p.camera)))
 
 
 def _named(name: str, cameras: int) -> list[Parameter]:
-    if name == "focal":
-        return [Parameter("focal", 0, "", "%", 6.0, 1.5)]
-    if name == "pose-delay" or (name == "delay" and cameras == 1):
+    if name == "delay" and cameras == 1:
         return [POSE_CLOCK]
-    if name in ("hand-eye", "lever"):
-        return list(_HAND_EYE if name == "hand-eye" else _LEVER)
-    if cameras < 2:
+    if _REFINABLE[name].needs_pair and cameras < 2:
         raise InputError(f"refine {name!r} needs a rig of 2 cameras, this has 1: leave it out")
-    return [one for camera in range(1, cameras) for one in _of_camera(name, camera)]
-
-
-def _of_camera(name: str, camera: int) -> list[Parameter]:
-    if name == "stereo":
-        return _stereo(camera)
-    if name == "delay":
-        return [Parameter("clock", camera, "", "ms", 12.0, 4.0)]
-    if name == "direction":
-        return _direction(camera)
-    return [Parameter("baseline", camera, "", "%", 6.0, 2.0)]
-
-
-NAMES: Mapping[str, str] = {
-    "stereo": "rotation of each further camera to the first",
-    "delay": "clock of each further camera; with one camera, the clock of the poses",
-    "direction": "direction of the baseline",
-    "baseline": "length of the baseline, as poses give the scale",
-    "focal": "focal length of all cameras",
-    "pose-delay": "clock of the poses",
-    "hand-eye": "how the first camera is turned on what was tracked",
-    "lever": "where the first camera sits on what was tracked",
-}
-"""What `refine` takes, and what each means."""
-
-_ORDER: tuple[Kind, ...] = (
-    "stereo", "clock", "direction", "baseline", "focal", "pose clock", "hand-eye", "lever",
-)  # fmt: skip
+    return _REFINABLE[name].parameters(cameras)
 
 
 @dataclass(frozen=True)
@@ -163,10 +165,10 @@ class Correction:
         return Correction({**self.values, **values})
 
     def varied(self, values: Mapping[Parameter, float], cameras: int) -> Correction:
-        """What to compare this with: some values otherwise, the mean of all cameras' clocks kept.
+        """The same with some values changed, and the mean of all cameras' clocks kept.
 
-        A sensor's lag is common to all cameras, and makes each sharper by itself where its clock
-        goes back. If one camera's clock went alone, the lag would pass for one between cameras.
+        A sensor's lag is common to all cameras, and each camera alone is sharper with its clock set
+        back by it. If one clock moved alone, the lag would look like one between cameras.
 
         Args:
             values: in place of those before.
@@ -179,7 +181,7 @@ class Correction:
 
     def vector(self, parameters: Sequence[Parameter]) -> Floats:
         """The (P,) values of some parameters."""
-        return np.array([self.values.get(one, 0.0) for one in parameters])
+        return np.array([self.values.get(parameter, 0.0) for parameter in parameters])
 
     def rig(self, rig: Rig) -> Rig:
         """The rig with its focal lengths, its cameras and the first one's place corrected."""
@@ -216,10 +218,8 @@ class Correction:
         )
 
     def _value(self, kind: Kind, camera: int = 0, axis: str = "") -> float:
-        found = (
-            v for p, v in self.values.items() if (p.kind, p.camera, p.axis) == (kind, camera, axis)
-        )
-        return next(found, 0.0)
+        key = kind, camera, axis
+        return next((v for p, v in self.values.items() if (p.kind, p.camera, p.axis) == key), 0.0)
 
     def _axes(self, kind: Kind, camera: int) -> Floats:
         return np.array([self._value(kind, camera, axis) for axis in AXES])

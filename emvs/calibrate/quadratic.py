@@ -1,16 +1,16 @@
-"""The top of an objective near a point: a paraboloid, its summit, and how sure that summit is.
+"""The top of an objective near a point: a paraboloid, its summit, and the summit's uncertainty.
 
-The estimate maximises the mean over windows of the logarithm of sharpness, an M-estimator. Two
-things make it unsure. Windows disagree: with the curvature A and the slopes g of single windows
-the covariance is A^-1 cov(g) A^-1 / W (the sandwich; Huber 1967). And a top so flat that sharpness
-falls by less than `RIPPLE` says nothing about what lies within: what all windows share, pixels,
-planes, the sensor's lag, moves the top by as much.
+The estimate maximises the mean over windows of the logarithm of sharpness, an M-estimator. Its
+uncertainty has two sources. Windows disagree: with the curvature A and the slopes g of single
+windows the covariance is A^-1 cov(g) A^-1 / W (the sandwich; Huber 1967). And where sharpness falls
+by less than `RIPPLE`, the top is too flat to locate: what all windows share, pixels, planes, the
+sensor's lag, moves it by as much.
 
-Where parameters trade off against each other, one that the data leave open must not make another
-look sure. So all are estimated together, each with a belief that the calibration as given is right
-to within a spread, weighted against the data as ridge regression does (the weight that makes the
-error of a single parameter least). What is determined does not notice; what is open stays as given
-and as unsure as the belief, and hands its doubt on to what it trades off with.
+Where parameters trade off, an undetermined one must not make another look certain. So all are
+estimated together, each with a prior that the calibration as given is right to within a spread,
+weighted against the data as in ridge regression (the weight that minimises the error of a single
+parameter). Determined parameters are not affected; undetermined ones keep their value and the
+uncertainty of the prior, which passes on to the parameters that they trade off with.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 Function = Callable[[Floats], Floats]
 """Takes (P,) parameters and gives (W,) values, one per window."""
 RIPPLE = 5e-5
-"""Of the logarithm of sharpness: a fall by so little is not seen."""
+"""Of the logarithm of sharpness: smaller changes are not significant."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +43,11 @@ class Paraboloid:
     slopes: Floats
     curvature: Floats
 
-    def estimate(self, spread: Floats, independent: float) -> Estimated:
-        """The summit, with the belief that (P,) 0 is right to within `spread` (1 sigma).
+    def estimate(self, spread: Floats, independent: float) -> Summit:
+        """The summit, with the prior that (P,) 0 is right to within `spread` (1 sigma).
 
         Args:
-            spread: (P,) of the belief.
+            spread: (P,) of the prior.
             independent: how many windows do not overlap.
         """
         # In units of the spreads: degrees and milliseconds do not compare
@@ -61,12 +61,12 @@ class Paraboloid:
         inverse = np.linalg.inv(bend + np.diag(pull))
         step = inverse @ (slopes.mean(axis=0) - pull * self.point / spread)
         covariance = inverse @ (scatter + np.diag(pull**2)) @ inverse
-        return Estimated(self.point + spread * step, covariance * spread[:, None] * spread)
+        return Summit(self.point + spread * step, covariance * spread[:, None] * spread)
 
 
 @dataclass(frozen=True, eq=False)
-class Estimated:
-    """A summit and how sure it is.
+class Summit:
+    """A summit and its covariance.
 
     Attributes:
         point: (P,) where it is.
@@ -80,17 +80,17 @@ class Estimated:
 def fit(function: Function, point: Floats, steps: Floats) -> Paraboloid:
     """Fits by differences: two evaluations per parameter and two per pair of them.
 
-    Differences are symmetric, so that a top that falls off unevenly does not seem to trade off.
+    Differences are symmetric, so that an uneven top does not look like a trade-off.
 
     Args:
-        function: what is to be modelled.
+        function: to be modelled.
         point: (P,) centre.
-        steps: (P,) how far from it the function is looked at.
+        steps: (P,) of the differences.
     """
     count = len(point)
     value = function(point)
     plus, minus = (
-        np.array([function(point + sign * one) for one in np.diag(steps)]) for sign in (1, -1)
+        np.array([function(point + sign * step) for step in np.diag(steps)]) for sign in (1, -1)
     )
     slopes = ((plus - minus) / (2 * steps[:, None])).T
     curvature = np.diag(((plus + minus - 2 * value) / steps[:, None] ** 2).mean(axis=1))
@@ -111,31 +111,31 @@ def evaluations(parameters: int) -> int:
 def climb(
     function: Function, point: Floats, steps: Floats, spread: Floats, independent: float,
     rounds: int = 6,
-) -> Estimated:  # fmt: skip
+) -> Summit:  # fmt: skip
     """Goes from summit to summit until the step is small.
 
-    Where it does not arrive, it stays where it is, as unsure as the summit seemed far away.
+    If it does not converge, the last step counts as uncertainty as well.
 
     Args:
-        function: what is to be maximised.
+        function: to be maximised.
         point: (P,) where to begin.
         steps: (P,) for the differences; one round goes no farther.
-        spread: (P,) of the belief that 0 is right.
+        spread: (P,) of the prior that 0 is right.
         independent: how many windows do not overlap.
         rounds: of fitting, at most.
     """
     for _ in range(rounds):
-        found = fit(function, point, steps).estimate(spread, independent)
-        step = found.point - point
+        top = fit(function, point, steps).estimate(spread, independent)
+        step = top.point - point
         if (np.abs(step) < 0.2 * steps).all():
-            return found
-        # One by one: what is open, and would go anywhere, must not hold back what is determined
+            return top
+        # Each by itself: an undetermined one, which may go anywhere, must not hold back the others
         point = higher(function, point, np.clip(step, -steps, steps))
-    return Estimated(point, found.covariance + np.outer(step, step))
+    return Summit(point, top.covariance + np.outer(step, step))
 
 
 def higher(function: Function, point: Floats, step: Floats) -> Floats:
-    """The point after a step, or a shorter one, that does not lead downhill; else where it was."""
+    """The point after the step, or a half or quarter of it, if no lower; else the point itself."""
     before = function(point).mean()
     for share in (1.0, 0.5, 0.25):
         if function(point + share * step).mean() >= before:

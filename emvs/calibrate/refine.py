@@ -1,13 +1,13 @@
-"""Refines a calibration from events and poses: what is well determined first, then the rest.
+"""Refines a calibration from events and poses: well determined parameters first, then the rest.
 
 1. Windows with parallax, spread over the recording, are read and thinned (`windows`).
 2. Stereo rotation, camera clocks, baseline and focal length: scans on coarse DSIs (`search`), then
    a paraboloid through the top of the fine objective, in all of them jointly (`quadratic`).
 3. Pose clock and hand-eye: angular velocities of events and poses, matched over all windows
    (`angular_velocity`), then the same paraboloid.
-4. Where both were asked for, the first once more.
-5. What the recording leaves too unsure is refused: it keeps the value that was given. Its doubt is
-   in the uncertainty of what it trades off with.
+4. Where both are refined, the first once more.
+5. A parameter that stays too uncertain is refused: it keeps the given value, and its uncertainty is
+   part of that of the parameters that it trades off with.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,13 +44,13 @@ Floats = NDArray[np.float64]
 _SURE = 0.975  # quantile of the two-sided 95 % that uncertainties state
 _POSE_KINDS = ("pose clock", "hand-eye", "lever")
 _CLIMBS, _ALIGNMENTS = 6, (COARSE, MIDDLE, FINE)
-# How much later than the light changed a sensor's events may come: poses are then found to be as
-# late, and nothing in a recording tells one from the other. Twins of a DAVIS346 lag by 0.4 to 1.8.
+# How much a sensor's events may lag behind the light: poses then seem as late, and nothing in a
+# recording separates the two. Twins of a DAVIS346 lag by 0.4 to 1.8.
 _LAG_MS = 2.0
 _TRIALS = 4  # evaluations between two fits, at most
 _CURVE_POINTS = 9
-_FAR = 1.2  # times its reach: what lies beyond is not believed
-_MATCHED_TURN_DEG = 5.0  # of a window whose turn is to be one rate
+_FAR = 1.2  # times its reach: beyond it an estimate is refused
+_MATCHED_TURN_DEG = 5.0  # of a window whose turn rate counts as constant
 _TURN_STEP_RAD_S = np.radians(4.0)
 
 
@@ -89,9 +90,8 @@ class Estimate:
     Attributes:
         parameter: which.
         value: the correction, in the parameter's unit; 0 where it was refused.
-        uncertainty: 95 %, plus or minus; where nothing is seen, that of the belief that the
-            calibration as given is right to within half of what is searched.
-        refused: why it was left as given; empty where it was refined.
+        uncertainty: 95 %, plus or minus; of an undetermined parameter that of the prior.
+        refused: why it keeps the given value; empty where it was refined.
     """
 
     parameter: Parameter
@@ -102,15 +102,15 @@ class Estimate:
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """What refinement found.
+    """The result of a refinement.
 
     Attributes:
-        estimates: one per parameter that was asked for.
+        estimates: one per parameter, in their order.
         sharpness: (W, 2) of every window, as given and as refined, in votes.
         windows: begin and end of each, µs.
+        config: what to refine.
         curves: parameter -> (N,) corrections around the result and (N,) mean sharpness relative to
-            the best, for people to look at.
-        config: what was asked for.
+            the best, for plots.
     """
 
     estimates: tuple[Estimate, ...]
@@ -122,11 +122,10 @@ class Refinement:
     @property
     def correction(self) -> Correction:
         """What to add to the calibration."""
-        refined = [one for one in self.estimates if not one.refused]
-        return Correction({one.parameter: one.value for one in refined})
+        return Correction({e.parameter: e.value for e in self.estimates if not e.refused})
 
     def applied(self, recording: Recording) -> AlteredRecording:
-        """A recording, the one that was refined, under the refined calibration."""
+        """The refined recording with its refined calibration."""
         return self.correction.applied(recording)
 
 
@@ -136,9 +135,9 @@ def refine(
     """Refines the calibration of a recording from its events and poses; writes nothing.
 
     Args:
-        recording: events, poses, the calibration as given.
+        recording: events, poses and the calibration as given.
         config: what to refine; by default stereo rotation and camera clock.
-        progress: told the stage, what is done and how much there is.
+        progress: called with the stage, the steps done and their number.
 
     Raises:
         InputError: no poses, an unknown name, a rig of one camera where two are needed, or events
@@ -154,15 +153,15 @@ def refine(
     windows = read_windows(recording, plan, progress)
     objective = Objective(recording, windows, range_m)
     short = objective
-    if any(one.kind in _POSE_KINDS for one in parameters):
+    if any(parameter.kind in _POSE_KINDS for parameter in parameters):
         short = _short(objective, replace(plan, turn_deg=_MATCHED_TURN_DEG))
     return _Refiner(recording, objective, short, parameters, config, progress).run()
 
 
 def _short(objective: Objective, plan: WindowPlan) -> Objective:
-    """The objective with the windows of another plan; those of a calm camera are read already."""
+    """The objective with the windows of another plan; of a calm camera they are the same."""
     recording = objective.recording
-    if window_spans(recording, plan) == [(one.t0_us, one.t1_us) for one in objective.windows]:
+    if window_spans(recording, plan) == [(w.t0_us, w.t1_us) for w in objective.windows]:
         return objective
     return objective.with_windows(read_windows(recording, plan))
 
@@ -178,14 +177,14 @@ class _Refiner:
         self._parameters, self._cameras = tuple(parameters), len(recording.rig)
         self._objective, self._short, windows = objective, short, objective.windows
         self._best = Correction()
-        self._sure: dict[Parameter, float] = {}
+        self._uncertainty: dict[Parameter, float] = {}
         length_us = windows[0].t1_us - windows[0].t0_us
         span_us = windows[-1].t1_us - windows[0].t0_us
         self._independent = min(len(windows), span_us / length_us)
 
     def run(self) -> Refinement:
-        shape = [one for one in self._parameters if one.kind not in _POSE_KINDS]
-        pose = [one for one in self._parameters if one.kind in _POSE_KINDS]
+        shape = [p for p in self._parameters if p.kind not in _POSE_KINDS]
+        pose = [p for p in self._parameters if p.kind in _POSE_KINDS]
         before = self._objective(Correction())
         if shape:
             self._scan(shape)
@@ -195,78 +194,68 @@ class _Refiner:
             self._top("poses", pose)
         if shape and pose:
             self._top("stereo again", shape)
-        estimates = tuple(self._estimate(one) for one in self._parameters)
-        self._best = Correction({one.parameter: one.value for one in estimates if not one.refused})
+        estimates = tuple(map(self._estimate, self._parameters))
+        refined = [estimate for estimate in estimates if not estimate.refused]
+        self._best = Correction({estimate.parameter: estimate.value for estimate in refined})
         after = self._objective(self._best)
-        return Refinement(
-            estimates,
-            np.stack([before, after], axis=1),
-            tuple((one.t0_us, one.t1_us) for one in self._objective.windows),
-            self._config,
-            self._curves([one for one in estimates if not one.refused]),
-        )
+        spans_us = tuple((window.t0_us, window.t1_us) for window in self._objective.windows)
+        sharpness = np.stack([before, after], axis=1)
+        return Refinement(estimates, sharpness, spans_us, self._config, self._curves(refined))
+
+    def _counted(self, stage: str, total: int) -> Callable[[], None]:
+        """A function that shows one more step of a stage each time it is called."""
+        done = count(1)
+        return lambda: self._progress(stage, next(done), total)
 
     def _scan(self, parameters: Sequence[Parameter]) -> None:
-        done, total = 0, scans(len(parameters))
-
-        def heard(_name: str) -> None:
-            nonlocal done
-            done += 1
-            self._progress("scan", done, total)
-
-        self._best = approach(self._objective, parameters, self._best, heard)
+        on_scan = self._counted("scan", scans(len(parameters)))
+        self._best = approach(self._objective, parameters, self._best, on_scan)
 
     def _match_turns(self, pose: Sequence[Parameter]) -> None:
         """Pose clock and hand-eye rotation by angular velocities, coarse to fine."""
-        clock = [one for one in pose if one.kind == "pose clock"]
-        turns = [one for one in pose if one.kind == "hand-eye"]
+        clock = [p for p in pose if p.kind == "pose clock"]
+        turns = [p for p in pose if p.kind == "hand-eye"]
         spread = np.zeros(4)
-        spread[:1] = [one.spread for one in clock] or 0
-        spread[1:] = np.radians([one.spread for one in turns] or 0)
+        spread[:1] = [p.spread for p in clock] or 0
+        spread[1:] = np.radians([p.spread for p in turns] or 0)
         for done, level in enumerate(_ALIGNMENTS, 1):
             objective = self._short.at(level)
             rates = turn_rates(objective, self._best, level.scale * float(_TURN_STEP_RAD_S))
             self._progress("turn rates", done, len(_ALIGNMENTS))
-            told = PoseTurns(objective.windows, objective.told(self._best))
+            pose_turns = PoseTurns(objective.windows, objective.hypothesis(self._best))
             so_far = np.r_[
                 self._best.vector(clock) if clock else 0.0,
                 Rotation.from_matrix(self._best.hand_eye()[:3, :3]).as_rotvec(),
             ]
-            more = align(rates, told, so_far, spread)
-            later = {one: _within(so_far[0] + more[0], one.reach) for one in clock}
+            more = align(rates, pose_turns, so_far, spread)
+            later = {p: _within(so_far[0] + more[0], p.reach) for p in clock}
             matched = self._best.with_values(later | _turned(self._best, turns, more[1:]))
             step = matched.vector(pose) - self._best.vector(pose)
             function = self._function(objective, pose)
             self._moved(pose, higher(function, self._best.vector(pose), step))
 
     def _top(self, stage: str, parameters: Sequence[Parameter]) -> None:
-        """Climbs in all of them jointly, and notes how sure each is."""
+        """Climbs in all of them jointly, and keeps their uncertainties."""
         around = steps(self._objective, parameters, self._best)
-        done, total = 0, _CLIMBS * (evaluations(len(parameters)) + _TRIALS)
-
-        def heard() -> None:
-            nonlocal done
-            done += 1
-            self._progress(stage, done, total)
-
-        function = self._function(self._objective, parameters, heard)
-        spread = np.array([one.spread for one in parameters])
+        total = _CLIMBS * (evaluations(len(parameters)) + _TRIALS)
+        function = self._function(self._objective, parameters, self._counted(stage, total))
+        spread = np.array([parameter.spread for parameter in parameters])
         start = self._best.vector(parameters)
-        found = climb(function, start, around, spread, self._independent, _CLIMBS)
+        top = climb(function, start, around, spread, self._independent, _CLIMBS)
         self._progress(stage, total, total)
         factor = student_t.ppf(_SURE, max(1.0, self._independent - 1))
-        each = factor * np.sqrt(np.diag(found.covariance))
-        self._moved(parameters, found.point)
-        self._sure |= dict(zip(parameters, map(float, each), strict=True))
+        each = factor * np.sqrt(np.diag(top.covariance))
+        self._moved(parameters, top.point)
+        self._uncertainty |= dict(zip(parameters, map(float, each), strict=True))
 
     def _function(
         self, objective: Objective, parameters: Sequence[Parameter],
-        heard: Callable[[], None] = lambda: None,
+        on_step: Callable[[], None] = lambda: None,
     ) -> Function:  # fmt: skip
-        """Logarithm of every window's sharpness over some parameters, the others as they are."""
+        """Logarithm of every window's sharpness over some parameters, the others fixed."""
 
         def function(point: Floats) -> Floats:
-            heard()
+            on_step()
             values = dict(zip(parameters, map(float, point), strict=True))
             return np.log(objective(self._best.varied(values, self._cameras)))
 
@@ -276,40 +265,43 @@ class _Refiner:
         values = dict(zip(parameters, map(float, point), strict=True))
         self._best = self._best.with_values(values)
 
-    def _estimate(self, one: Parameter) -> Estimate:
-        value, uncertainty = self._best.values[one], self._sure[one]
-        if one.kind == "pose clock":
+    def _estimate(self, parameter: Parameter) -> Estimate:
+        value, uncertainty = self._best.values[parameter], self._uncertainty[parameter]
+        reach, unit, needed = parameter.reach, parameter.unit, parameter.needed
+        if parameter.kind == "pose clock":
             uncertainty = math.hypot(uncertainty, _LAG_MS)
-        if abs(value) > _FAR * one.reach:
-            why = f"the best lies beyond {one.reach:g} {one.unit}, farther than it is searched"
-            return Estimate(one, 0.0, uncertainty, why)
-        if uncertainty <= one.needed:
-            return Estimate(one, value, uncertainty)
-        known = f"known to {uncertainty:.2g} {one.unit}, needs {one.needed:g}"
-        return Estimate(one, 0.0, uncertainty, f"{known}: {self._lack(one)}")
+        if abs(value) > _FAR * reach:
+            why = f"the best value lies beyond the search range of {reach:g} {unit}"
+            return Estimate(parameter, 0.0, uncertainty, why)
+        if uncertainty <= needed:
+            return Estimate(parameter, value, uncertainty)
+        known = f"known to {uncertainty:.2g} {unit}, needs {needed:g}"
+        return Estimate(parameter, 0.0, uncertainty, f"{known}: {self._lack(parameter)}")
 
-    def _lack(self, one: Parameter) -> str:
-        told = self._objective.told(self._best)
-        rates = np.degrees(camera_turn_rates(self._objective.windows, told))
+    def _lack(self, parameter: Parameter) -> str:
+        hypothesis = self._objective.hypothesis(self._best)
+        rates = np.degrees(camera_turn_rates(self._objective.windows, hypothesis))
         each = ", ".join(f"{rate:.2g}" for rate in np.sqrt((rates**2).mean(axis=0)))
-        if one.kind == "pose clock":
+        if parameter.kind == "pose clock":
             change = float(np.sqrt(rates.var(axis=0).sum()))
             return f"the motion is too even or too short; rates of turn vary by {change:.2g} deg/s"
-        if one.kind == "hand-eye":
-            return f"it is too short, or the camera turns too little, by {each} deg/s about x, y, z"
-        if one.kind == "lever":
+        if parameter.kind == "hand-eye":
+            return f"short recording, or the camera turns too little, by {each} deg/s about x, y, z"
+        if parameter.kind == "lever":
             return f"it shows only where the camera turns, here by {each} deg/s about x, y, z"
         return "too little texture, parallax or motion in these windows"
 
     def _curves(self, refined: Sequence[Estimate]) -> dict[str, tuple[Floats, Floats]]:
-        """Sharpness over each refined parameter, around the result and as far as what was given."""
+        """Sharpness over each refined parameter, around the result and the given value."""
         curves = {}
-        for done, one in enumerate(refined, 1):
-            far = max(1.3 * abs(one.value), 4 * one.uncertainty, 0.2 * one.parameter.reach)
-            at = one.value + np.linspace(-far, far, _CURVE_POINTS)
-            each = [self._best.varied({one.parameter: float(x)}, self._cameras) for x in at]
-            mean = np.exp([np.log(self._objective(told)).mean() for told in each])
-            curves[one.parameter.name] = (at, np.asarray(mean / mean.max()))
+        for done, (parameter, value, uncertainty) in enumerate(
+            ((e.parameter, e.value, e.uncertainty) for e in refined), 1
+        ):
+            far = max(1.3 * abs(value), 4 * uncertainty, 0.2 * parameter.reach)
+            at = value + np.linspace(-far, far, _CURVE_POINTS)
+            each = [self._best.varied({parameter: float(x)}, self._cameras) for x in at]
+            mean = np.exp([np.log(self._objective(correction)).mean() for correction in each])
+            curves[parameter.name] = (at, np.asarray(mean / mean.max()))
             self._progress("curves", done, len(refined))
         return curves
 
@@ -322,4 +314,4 @@ def _turned(best: Correction, turns: Sequence[Parameter], rotvec: Floats) -> dic
     """The hand-eye's values after a further rotation of the camera."""
     before = Rotation.from_matrix(best.hand_eye()[:3, :3])
     after = (before * Rotation.from_rotvec(rotvec)).as_rotvec(degrees=True)
-    return {one: _within(after[AXES.index(one.axis)], one.reach) for one in turns}
+    return {p: _within(after[AXES.index(p.axis)], p.reach) for p in turns}

@@ -12,7 +12,6 @@ from eventsweep.emvs.calibrate.parameters import Correction, Parameter
 from eventsweep.emvs.sharpness import Level
 
 Floats = NDArray[np.float64]
-Heard = Callable[[str], None]
 _PASSES: tuple[tuple[Level, float, int], ...] = (
     (COARSE, 1.0, 9), (COARSE, 0.5, 7), (MIDDLE, 0.25, 7), (MIDDLE, 0.12, 5),
 )  # fmt: skip
@@ -27,25 +26,26 @@ def scans(parameters: int) -> int:
 
 
 def approach(
-    objective: Objective, parameters: Sequence[Parameter], start: Correction, heard: Heard
-) -> Correction:
+    objective: Objective, parameters: Sequence[Parameter], start: Correction,
+    on_scan: Callable[[], None],
+) -> Correction:  # fmt: skip
     """Scans one parameter after the other, each around the best of those before, ever finer.
 
     Args:
-        objective: its windows are looked at on levels of their own.
-        parameters: those to look for, the best determined first.
+        objective: evaluated at coarser levels than its own.
+        parameters: the best determined first.
         start: where to begin.
-        heard: told each parameter's name when its scan is done.
+        on_scan: called after each scan.
     """
     best, cameras = start, len(objective.recording.rig)
     for level, share, points in _PASSES:
         function = objective.at(level)
-        for one in parameters:
-            offsets = np.linspace(-1, 1, points) * share * one.reach
-            at = best.values.get(one, 0.0) + offsets
-            values = [_score(function, best.varied({one: float(x)}, cameras)) for x in at]
-            best = best.with_values({one: peak_of(at, np.array(values))})
-            heard(one.name)
+        for parameter in parameters:
+            offsets = np.linspace(-1, 1, points) * share * parameter.reach
+            at = best.values.get(parameter, 0.0) + offsets
+            values = [_score(function, best.varied({parameter: float(x)}, cameras)) for x in at]
+            best = best.with_values({parameter: peak_of(at, np.array(values))})
+            on_scan()
     return best
 
 
@@ -68,16 +68,16 @@ def peak_of(at: Floats, values: Floats) -> float:
 def steps(objective: Objective, parameters: Sequence[Parameter], at: Correction) -> Floats:
     """(P,) how far to vary each parameter so that the sharpness falls by about 2 %.
 
-    A step so long looks at the shape of the top rather than at its ripples, and one so short stays
-    where it is a parabola.
+    Longer than the ripples of the top, and short enough for it to be a parabola.
     """
     middle, cameras = _score(objective, at), len(objective.recording.rig)
-    found = []
-    for one in parameters:
-        low, high = (share * one.reach for share in _STEP_SHARES)
-        tried = 0.25 * one.reach
-        moved = [at.values.get(one, 0.0) + sign * tried for sign in (1, -1)]
-        drop = middle - np.mean([_score(objective, at.varied({one: x}, cameras)) for x in moved])
+    chosen = []
+    for parameter in parameters:
+        low, high = (share * parameter.reach for share in _STEP_SHARES)
+        tried = 0.25 * parameter.reach
+        moved = [at.values.get(parameter, 0.0) + sign * tried for sign in (1, -1)]
+        scores = [_score(objective, at.varied({parameter: x}, cameras)) for x in moved]
+        drop = middle - np.mean(scores)
         wanted = tried * np.sqrt(_DROP / drop) if drop > 0 else high
-        found.append(float(np.clip(wanted, low, high)))
-    return np.array(found)
+        chosen.append(float(np.clip(wanted, low, high)))
+    return np.array(chosen)

@@ -1,4 +1,4 @@
-"""Which stretches of a recording calibration looks at, and the events that it keeps of them."""
+"""Which windows of a recording calibration uses, and the events that it keeps of them."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.sharpness import WindowEvents
 from eventsweep.emvs.utils.runtime import Progress, silent
 
-_CANDIDATES = 5  # of each of the stretches that a recording is cut into; one is taken
+_CANDIDATES = 5  # in each part of the recording; the best is taken
 _FEWEST_EVENTS = 1000
-_MOST_OF_SHORT = 24  # more of them cost time and tell little
+_MOST_OF_SHORT = 24  # more of them cost time and gain little
 _TURN_STEP_US = 10_000
 
 
@@ -27,9 +27,9 @@ class WindowPlan:
         count: how many at most; up to 24 of shorter ones.
         length_s: of each at most.
         events: kept per camera and window, at most.
-        margin_us: between windows and the first and last pose: so far clocks may move.
-        turn_deg: by which the camera may turn in a window, root mean square. Where it would turn
-            farther windows are shorter: few edges stay in view, and lags blur what is far off.
+        margin_us: between windows and the first and last pose, so that clocks may move.
+        turn_deg: by which the camera may turn in a window, root mean square. Faster turns make
+            windows shorter: else few edges stay in view, and lags blur what is far off.
     """
 
     count: int = 10
@@ -47,25 +47,25 @@ def read_windows(
     Args:
         recording: events and poses.
         plan: how many, how long.
-        progress: told the stage `windows`, those read and all.
+        progress: called with the stage `windows`, how many are read, and their number.
 
     Raises:
         InputError: poses and events that share less than a window, or windows without events.
     """
     spans = window_spans(recording, plan)
-    found = []
+    windows = []
     for done, (t0_us, t1_us) in enumerate(spans, 1):
         events = [recording.events(k, t0_us, t1_us) for k in range(len(recording.rig))]
         if min(map(len, events)) >= _FEWEST_EVENTS:
-            thinned = tuple(one.thinned(plan.events) for one in events)
-            found.append(WindowEvents(t0_us, t1_us, thinned))
+            thinned = tuple(stream.thinned(plan.events) for stream in events)
+            windows.append(WindowEvents(t0_us, t1_us, thinned))
         progress("windows", done, len(spans))
-    if len(found) < 2:
+    if len(windows) < 2:
         raise InputError(
-            f"{recording.name}: {len(found)} of {len(spans)} windows of {plan.length_s:g} s have "
+            f"{recording.name}: {len(windows)} of {len(spans)} windows of {plan.length_s:g} s have "
             f"{_FEWEST_EVENTS} events of every camera: needs 2, a longer recording or more texture"
         )
-    return tuple(found)
+    return tuple(windows)
 
 
 def window_spans(recording: Recording, plan: WindowPlan) -> list[tuple[int, int]]:
@@ -78,7 +78,7 @@ def window_spans(recording: Recording, plan: WindowPlan) -> list[tuple[int, int]
 
 
 def _shortened(recording: Recording, plan: WindowPlan) -> WindowPlan:
-    """As planned, or shorter and more windows where the camera turns fast."""
+    """The plan, with more and shorter windows where the camera turns fast."""
     first_us, last_us = _covered(recording, plan)
     t_us = np.arange(first_us, last_us, _TURN_STEP_US)
     if len(t_us) < 2:
@@ -92,7 +92,7 @@ def _shortened(recording: Recording, plan: WindowPlan) -> WindowPlan:
 
 
 def _chosen_spans(recording: Recording, plan: WindowPlan) -> list[tuple[int, int]]:
-    """Of every stretch of the recording the window in which the camera travels farthest."""
+    """In every part of the recording the window in which the camera travels farthest."""
     first_us, last_us = _covered(recording, plan)
     length_us = round(1e6 * plan.length_s)
     room_us = last_us - first_us - length_us

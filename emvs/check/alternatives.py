@@ -1,13 +1,14 @@
-"""What may be told wrongly of a recording: conventions, orders, units, swaps, and their cures.
+"""Possible mistakes in a recording: conventions, orders, units, swaps, amounts, and their cures.
 
-Each alternative says of the same events what would be true if one thing had been mistaken. If rays
-meet more sharply under it than as the recording stands, that thing is mistaken.
+Each alternative corrects one possible mistake. If rays meet more sharply under it than in the
+recording as given, that mistake was made.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import permutations, product
 
 import numpy as np
@@ -24,22 +25,24 @@ from eventsweep.emvs.geometry.trajectory import Trajectory
 Matrix = NDArray[np.float64]
 Alter = Callable[[Recording], Recording]
 MARGIN, MARGIN_OF_AMOUNTS = 0.04, 0.015
-"""Gains that count, in logarithms of sharpness: of alternatives, and of amounts."""
+"""The least gain in log sharpness that counts: of alternatives, and of amounts."""
 
 
 @dataclass(frozen=True)
 class Alternative:
-    """One thing that may be mistaken.
+    """One possible mistake.
 
     Attributes:
-        name: what is wrong if this is sharper, such as `poses inverted`.
-        told: the recording as it would be told rightly.
-        cure: what to do then.
+        name: of the mistake, such as `poses inverted`.
+        change: gives the corrected recording.
+        cure: what to do about it.
+        of_pair: whether it concerns two cameras, and not camera 0 and its poses.
     """
 
     name: str
-    told: Alter
+    change: Alter
     cure: str
+    of_pair: bool = False
 
 
 class MirroredRecording(DerivedRecording):
@@ -58,9 +61,9 @@ class MirroredRecording(DerivedRecording):
 
 
 def of_poses(recording: Recording) -> list[Alternative]:
-    """What may be mistaken about the poses of one camera, apart from their clock and unit."""
+    """Possible mistakes about one camera and its poses, besides their clock and unit."""
     T_body_cam = recording.rig.T_body_cam[0]
-    found = [
+    alternatives = [
         Alternative(
             "poses inverted", _poses(_inverted),
             "the file holds T_cam_world: invert every pose, R^T and -R^T t",
@@ -84,7 +87,7 @@ def of_poses(recording: Recording) -> list[Alternative]:
         *_axes(),
     ]  # fmt: skip
     if not np.allclose(T_body_cam[:3, :3], np.eye(3), atol=0.02):
-        found += [
+        alternatives += [
             Alternative(
                 "hand-eye inverted", _hand_eye(se3.inverse),
                 "the calibration holds T_cam_body where T_body_cam is meant: invert it",
@@ -94,26 +97,26 @@ def of_poses(recording: Recording) -> list[Alternative]:
                 "the poses are the camera's already: leave the hand-eye transformation out",
             ),
         ]  # fmt: skip
-    return found
+    return alternatives
 
 
 def of_pair() -> list[Alternative]:
-    """What may be mistaken between the two cameras of a rig."""
+    """Possible mistakes between the two cameras of a rig."""
     return [
         Alternative(
             "cameras swapped", lambda r: AlteredRecording(r, streams=(1, 0)),
-            "exchange the event files of the two cameras",
+            "exchange the event files of the two cameras", True,
         ),
         Alternative(
             "extrinsics inverted", lambda r: AlteredRecording(r, rig=_between(r.rig, se3.inverse)),
-            "the calibration holds T_cam1_cam0 where T_cam0_cam1 is meant: invert it",
+            "the calibration holds T_cam1_cam0 where T_cam0_cam1 is meant: invert it", True,
         ),
         *(
             Alternative(
-                f"{what} in {unit}", _times(told, factor),
-                f"write the {what} in metres: {unit} are {factor:g} m",
+                f"{what} in {unit}", partial(change, factor=factor),
+                f"write the {what} in metres: {unit} are {factor:g} m", True,
             )
-            for what, told in (("positions", _scaled_poses), ("baseline", _baseline))
+            for what, change in (("positions", _scaled_poses), ("baseline", _baseline))
             for unit, factor in _UNITS.items()
         ),
     ]  # fmt: skip
@@ -124,30 +127,36 @@ class Amount:
     """A number that may be off.
 
     Attributes:
-        name: what is wrong if another amount is sharper, such as `camera clock`.
+        name: of the number, such as `camera clock`.
         unit: of the amounts.
-        neutral: the amount that changes nothing: 0, or 1 of a factor.
-        grid: amounts to try, among them the neutral one.
-        told: the recording with what is told of it changed by an amount.
-        hurts: from which difference a map suffers (page `studies`), in `unit`; of factors, in
+        neutral: the amount that changes nothing: 0, or 1 for a factor.
+        grid: amounts to try, the neutral one among them.
+        change: corrects a recording by an amount.
+        hurts: the error from which a map suffers (page `studies`), in `unit`; of factors, in
             logarithms.
         cure: what to do, with the amount as `{amount}`.
         margin: the least gain that counts, in logarithms.
+        of_pair: whether it concerns two cameras, and not camera 0 and its poses.
     """
 
     name: str
     unit: str
     neutral: float
     grid: tuple[float, ...]
-    told: Callable[[Recording, float], Recording]
+    change: Callable[[Recording, float], Recording]
     hurts: float
     cure: str
     margin: float = MARGIN_OF_AMOUNTS
+    of_pair: bool = False
 
     @property
     def is_factor(self) -> bool:
         """Whether amounts multiply: steps and differences are those of logarithms."""
         return self.neutral == 1.0
+
+    def distance(self, amount: float) -> float:
+        """How far an amount is from the neutral one."""
+        return float(abs(np.log(amount)) if self.is_factor else abs(amount))
 
 
 class Chosen(DerivedRecording):
@@ -187,11 +196,11 @@ def _both_ways(amounts: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def amounts_of_one(*, paired: bool) -> list[Amount]:
-    """Numbers that a camera and its poses can have wrong.
+    """Numbers of a camera and its poses that may be wrong.
 
     Args:
-        paired: whether there is a second camera. One alone does not tell its focal length: depth
-            scales with it, and rays meet at another one about as sharply.
+        paired: whether there is a second camera. One alone does not determine its focal length:
+            depth scales with it, and rays meet about as sharply.
     """
     focal = Amount(
         "focal length", "", 1.0, _FOCAL, _focal, 0.1,
@@ -223,7 +232,7 @@ def amounts_of_pair() -> list[Amount]:
             f"stereo {name}", "deg", 0.0, _both_ways(_ANGLES_DEG), _turned(axis), hurts,
             "turn the second camera by {amount:+.2f} deg about its "
             + "xyz"[axis]
-            + " axis, or calibrate the rig again",
+            + " axis, or calibrate the rig again", of_pair=True,
         )
         for name, axis, hurts in (("pitch", 0, 0.15), ("yaw", 1, 0.2), ("roll", 2, 0.3))
     ]  # fmt: skip
@@ -231,19 +240,15 @@ def amounts_of_pair() -> list[Amount]:
         Amount(
             "camera clock", "ms", 0.0, _both_ways(_CLOCK_MS), _late_camera, 5.0,
             "shift the times of the second camera's events by {amount:+.1f} ms "
-            "(events.time_offset_us)",
+            "(events.time_offset_us)", of_pair=True,
         ),
         Amount(
             "baseline", "", 1.0, _FACTORS, _baseline, 0.1,
             "multiply the distance between the cameras by {amount:.3g}, or divide the positions of "
-            "the poses by it: their proportion is wrong",
+            "the poses by it: their proportion is wrong", of_pair=True,
         ),
         *angles,
     ]  # fmt: skip
-
-
-def _times(told: Callable[[Recording, float], Recording], factor: float) -> Alter:
-    return lambda recording: told(recording, factor)
 
 
 def _late_poses(recording: Recording, late_ms: float) -> Recording:
@@ -278,12 +283,16 @@ def _baseline(recording: Recording, factor: float) -> Recording:
 
 
 def _turned(axis: int) -> Callable[[Recording, float], Recording]:
-    def told(recording: Recording, angle_deg: float) -> Recording:
-        turn = Rotation.from_rotvec(np.eye(3)[axis] * angle_deg, degrees=True)
-        T_1_turned = se3.from_rotation(turn, np.zeros(3))
+    def change(recording: Recording, angle_deg: float) -> Recording:
+        T_1_turned = _turn(axis, angle_deg)
         return AlteredRecording(recording, rig=_between(recording.rig, lambda T: T @ T_1_turned))
 
-    return told
+    return change
+
+
+def _turn(axis: int, angle_deg: float) -> Matrix:
+    turn = Rotation.from_rotvec(np.eye(3)[axis] * angle_deg, degrees=True)
+    return se3.from_rotation(turn, np.zeros(3))
 
 
 def _poses(change: Callable[[Trajectory], Trajectory]) -> Alter:
@@ -304,14 +313,14 @@ def _w_last(poses: Trajectory) -> Trajectory:
 
 
 def _hand_eye(change: Callable[[Matrix], Matrix]) -> Alter:
-    def told(recording: Recording) -> Recording:
+    def changed(recording: Recording) -> Recording:
         rig = recording.rig
         inside = [se3.inverse(rig.T_body_cam[0]) @ T for T in rig.T_body_cam]
         T_body_cam0 = change(rig.T_body_cam[0])
-        changed = replace(rig, T_body_cam=tuple(T_body_cam0 @ T for T in inside))
-        return AlteredRecording(recording, rig=changed)
+        moved = replace(rig, T_body_cam=tuple(T_body_cam0 @ T for T in inside))
+        return AlteredRecording(recording, rig=moved)
 
-    return told
+    return changed
 
 
 def _between(rig: Rig, change: Callable[[Matrix], Matrix]) -> Rig:
@@ -320,8 +329,7 @@ def _between(rig: Rig, change: Callable[[Matrix], Matrix]) -> Rig:
     return replace(rig, T_body_cam=(rig.T_body_cam[0], rig.T_body_cam[0] @ change(T_0_1)))
 
 
-# Axes of a camera as others have them, as columns: where their x, y and z point in ours, which are
-# right, down, ahead.
+# Other axes of a camera, as columns: where their x, y and z point in ours: right, down, ahead.
 CONVENTIONS: dict[str, tuple[tuple[int, int, int], ...]] = {
     "OpenGL axes": ((1, 0, 0), (0, -1, 0), (0, 0, -1)),  # right, up, back
     "ROS axes": ((0, 0, 1), (-1, 0, 0), (0, -1, 0)),  # ahead, left, up
@@ -331,49 +339,41 @@ CONVENTIONS: dict[str, tuple[tuple[int, int, int], ...]] = {
 
 
 def turns() -> dict[str, Matrix]:
-    """The 23 ways in which right-handed axes can be mistaken, by name: `R_cam_told` (3, 3)."""
+    """The 23 other right-handed axes, by name: `R_cam_given` (3, 3)."""
     named = {name: np.array(columns, np.float64).T for name, columns in CONVENTIONS.items()}
-    found = dict(named)
+    known, every = [np.eye(3), *named.values()], dict(named)
     for order in permutations(range(3)):
         for signs in product((1.0, -1.0), repeat=3):
             R = np.zeros((3, 3))
             R[order, range(3)] = signs
-            known = [np.eye(3), *named.values()]
-            if np.linalg.det(R) > 0 and not any(np.array_equal(R, one) for one in known):
-                found[f"axes {_words(R)}"] = R
-    return found
+            if np.linalg.det(R) > 0 and not any(np.array_equal(R, other) for other in known):
+                every[f"axes {_words(R)}"] = R
+    return every
 
 
-def _words(R_cam_told: Matrix) -> str:
-    """Where x, y and z of the poses point, in the camera's words."""
+def _words(R_cam_given: Matrix) -> str:
+    """Where x, y and z of the poses point, seen from the camera."""
     words = (("left", "right"), ("up", "down"), ("back", "ahead"))
-    at = np.abs(R_cam_told).argmax(axis=0)
-    return " ".join(words[k][int(R_cam_told[k, column] > 0)] for column, k in enumerate(at))
+    at = np.abs(R_cam_given).argmax(axis=0)
+    return " ".join(words[k][int(R_cam_given[k, column] > 0)] for column, k in enumerate(at))
 
 
 def _hand_eye_turned(axis: int) -> Callable[[Recording, float], Recording]:
-    def told(recording: Recording, angle_deg: float) -> Recording:
-        turn = Rotation.from_rotvec(np.eye(3)[axis] * angle_deg, degrees=True)
-        return _hand_eye_times(se3.from_rotation(turn, np.zeros(3)))(recording)
-
-    return told
+    return lambda recording, angle_deg: _hand_eye_times(_turn(axis, angle_deg))(recording)
 
 
 def _axes() -> list[Alternative]:
-    found = []
-    for name, R_cam_told in turns().items():
-        T_told_cam = se3.from_rotation(Rotation.from_matrix(R_cam_told.T), np.zeros(3))
-        first = R_cam_told.T.astype(int).tolist()
-        found.append(
-            Alternative(
-                name, _hand_eye_times(T_told_cam),
-                f"the poses' frame has other axes than the camera (x right, y down, z ahead): "
-                f"state the hand-eye rotation {first}",
-            )
-        )  # fmt: skip
-    return found
+    alternatives = []
+    for name, R_cam_given in turns().items():
+        T_given_cam = se3.from_rotation(Rotation.from_matrix(R_cam_given.T), np.zeros(3))
+        cure = (
+            "the poses' frame has other axes than the camera (x right, y down, z ahead): state the "
+            f"hand-eye rotation {R_cam_given.T.astype(int).tolist()}"
+        )
+        alternatives.append(Alternative(name, _hand_eye_times(T_given_cam), cure))
+    return alternatives
 
 
-def _hand_eye_times(T_told_cam: Matrix) -> Alter:
-    """The first camera turned on the body, and the others with it."""
-    return _hand_eye(lambda T_body_cam: T_body_cam @ T_told_cam)
+def _hand_eye_times(T_given_cam: Matrix) -> Alter:
+    """Turns the first camera on the body, and the others with it."""
+    return _hand_eye(lambda T_body_cam: T_body_cam @ T_given_cam)

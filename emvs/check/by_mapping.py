@@ -1,18 +1,18 @@
-"""Checks by mapping: are rays sharper where one thing is told otherwise? Then that is mistaken.
+"""Checks by mapping: do rays meet more sharply under an alternative? Then something is wrong.
 
-Three windows are mapped as the recording stands, and again under every alternative; the sharpness
-of their volumes is compared (`emvs.sharpness`): of the harmonic mean of camera 0 and each other,
-which tells far more about poses, too, than one camera does. What is said of the poses must make
-camera 0 alone no less sharp: no error between the cameras touches that. Windows keep the same
-events under all alternatives, so that more votes are never taken for sharper ones. An alternative
-counts where the mean of its gains exceeds a margin and every window gains: the margins come from
-unspoilt recordings (page `check`).
+Three windows are mapped as given, and again under every alternative; the sharpness of their volumes
+is compared (`emvs.sharpness`): of the harmonic mean of camera 0 and each other, which also shows
+errors of the poses far better than one camera does. An alternative about the poses must not make
+camera 0 alone less sharp: errors between the cameras do not affect it. Windows keep the same events
+under all alternatives, so that more votes never look like sharper ones. An alternative counts if
+its mean gain exceeds a margin and every window gains; the margins come from unspoilt recordings
+(page `check`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,41 +34,41 @@ from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import DerivedRecording, Recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.reference_view import depth_range_m
-from eventsweep.emvs.sharpness import Level, Sharpness, Told, WindowEvents
+from eventsweep.emvs.sharpness import Hypothesis, Level, Sharpness, WindowEvents
 from eventsweep.emvs.utils.runtime import Progress, silent, use_threads
 
 Gains = NDArray[np.float64]
 WINDOWS, WINDOW_US, EVENTS, LEVEL = 3, 200_000, 25_000, Level(1, 80)
 _CANDIDATES = 24
-_PROMISING = -0.15  # in the first window: what is less sharp is not tried in the others
+_PROMISING = -0.15  # gain in the first window: below it the others are not tried
 _REFINEMENTS = 3
 _DOUBTFUL = 0.75  # of a margin
-_ONE_CAMERA = 1.5  # times the margins: one camera tells alternatives less well apart
+_ONE_CAMERA = 1.5  # times the margins: one camera separates alternatives less well
 _LOSS = -0.02  # what camera 0 alone may lose under other poses
-_NOTHING = 1e-3  # the sharpness, in votes, of a volume without any
+_NOTHING = 1e-3  # the sharpness, in votes, of an empty volume
 
 
-class HeldRecording(DerivedRecording):
-    """A recording whose events are those of one window, in memory, thinned evenly to a number."""
+class WindowRecording(DerivedRecording):
+    """A recording whose events are those of one window, thinned evenly and kept in memory."""
 
     def __init__(self, recording: Recording, t0_us: int, t1_us: int, most: int) -> None:
         super().__init__(recording)
         cameras = range(len(recording.rig))
-        self._held = [recording.events(k, t0_us, t1_us).thinned(most) for k in cameras]
+        self._streams = [recording.events(k, t0_us, t1_us).thinned(most) for k in cameras]
 
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
-        """The held events of a camera with `t0_us <= t < t1_us`."""
-        return self._held[camera].between(t0_us, t1_us)
+        """The kept events of a camera with `t0_us <= t < t1_us`."""
+        return self._streams[camera].between(t0_us, t1_us)
 
 
 @dataclass(frozen=True, eq=False)
-class Bench:
+class TrialWindows:
     """The windows on which alternatives are compared.
 
     Attributes:
         windows: each with its events in memory.
         middles_us: the times of their reference views.
-        sharpness: of windows that are told otherwise.
+        sharpness: of windows under hypotheses.
     """
 
     windows: tuple[Recording, ...]
@@ -76,7 +76,7 @@ class Bench:
     sharpness: Sharpness
 
     @classmethod
-    def of(cls, recording: Recording, config: MapperConfig) -> Bench:
+    def of(cls, recording: Recording, config: MapperConfig) -> TrialWindows:
         """The windows with the longest ways among those that poses and events cover.
 
         Raises:
@@ -84,37 +84,33 @@ class Bench:
         """
         use_threads(config.threads)
         begins = _begins(recording)
-        windows = [HeldRecording(recording, t, t + WINDOW_US, EVENTS) for t in begins]
+        windows = [WindowRecording(recording, t, t + WINDOW_US, EVENTS) for t in begins]
         middles_us = tuple(t + WINDOW_US // 2 for t in begins)
         return cls(tuple(windows), middles_us, Sharpness(depth_range_m(recording, config), LEVEL))
 
-    def logs(self, told: Alter, cameras: tuple[int, ...], most: int = WINDOWS) -> Gains:
+    def log_sharpness(self, change: Alter, cameras: tuple[int, ...], most: int = WINDOWS) -> Gains:
         """Logarithm of the sharpness of the first `most` windows under an alternative.
 
         Args:
-            told: the alternative, of a recording of the chosen cameras.
+            change: applies the alternative to a recording of the chosen cameras.
             cameras: one, or a pair that is fused.
             most: how many windows.
         """
-        recordings = [told(Chosen(held, cameras)) for held in self.windows[:most]]
-        middles_us = self.middles_us[:most]
-        windows = [_all_of(*pair) for pair in zip(recordings, middles_us, strict=True)]
+        recordings = [change(Chosen(window, cameras)) for window in self.windows[:most]]
+        windows = list(map(_all_events, recordings, self.middles_us))
         try:
-            votes = self.sharpness(windows, [Told(one.rig, one.trajectory) for one in recordings])
+            votes = self.sharpness(windows, [Hypothesis(r.rig, r.trajectory) for r in recordings])
         except InputError:  # poses elsewhere, events off the sensor: nothing is sharp
             votes = np.zeros(len(windows))
         return np.log(np.maximum(votes, _NOTHING))
 
 
-def _all_of(held: Recording, t_ref_us: int) -> WindowEvents:
-    """All events that are held, in a window around the time of the reference view.
-
-    Wide enough for any clock: there are no events beside those held.
-    """
+def _all_events(window: Recording, t_ref_us: int) -> WindowEvents:
+    """All kept events, in a stretch around the reference view that is wide enough for any clock."""
     far_us = 10 * WINDOW_US
-    cameras = range(len(held.rig))
-    events = tuple(held.events(k, t_ref_us - far_us, t_ref_us + far_us) for k in cameras)
-    return WindowEvents(t_ref_us - far_us, t_ref_us + far_us, events)
+    t0_us, t1_us = t_ref_us - far_us, t_ref_us + far_us
+    events = tuple(window.events(k, t0_us, t1_us) for k in range(len(window.rig)))
+    return WindowEvents(t0_us, t1_us, events)
 
 
 def _begins(recording: Recording) -> list[int]:
@@ -131,9 +127,9 @@ def _begins(recording: Recording) -> list[int]:
     ways = [_way_m(recording, int(t_us)) for t_us in candidates]
     chosen: list[int] = []
     for at in np.argsort(ways, kind="stable")[::-1]:
-        apart = min((abs(int(candidates[at]) - other) for other in chosen), default=WINDOW_US)
+        gap_us = min((abs(int(candidates[at]) - other) for other in chosen), default=WINDOW_US)
         # Windows may overlap by half where a recording is short: their edges differ nevertheless.
-        if apart >= WINDOW_US // 2 and len(chosen) < WINDOWS:
+        if gap_us >= WINDOW_US // 2 and len(chosen) < WINDOWS:
             chosen.append(int(candidates[at]))
     return sorted(chosen)
 
@@ -146,32 +142,24 @@ def _way_m(recording: Recording, t_us: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What one alternative came to.
+    """The outcome of one alternative.
 
     Attributes:
-        name: what is mistaken if it is sharper.
-        gains: per window, logarithm of its sharpness over that of the recording as it stands.
-        cure: what to do then.
-        told: the recording so told.
-        amount: how much, where it is a number; else None.
-        spread: standard error of the amount over windows.
-        unit: of the amount.
-        hurts: whether so large an amount spoils a map.
+        alternative: what was tried.
+        gains: per window, logarithm of its sharpness over that of the recording as given.
+        change: applies the alternative, with the best amount, to a recording.
         margin: the gain that counts.
-        of_one: whether it is said of poses and lens, not of what lies between cameras.
+        amount: the best; None where the alternative has no amount.
+        spread: standard error of the amount over windows.
         curve: amounts and mean gains that were tried.
     """
 
-    name: str
+    alternative: Alternative | Amount
     gains: Gains
-    cure: str
-    told: Alter
+    change: Alter
+    margin: float
     amount: float | None = None
     spread: float = 0.0
-    unit: str = ""
-    hurts: bool = True
-    margin: float = MARGIN
-    of_one: bool = False
     curve: tuple[Gains, Gains] = (np.empty(0), np.empty(0))
 
     @property
@@ -181,216 +169,192 @@ class Trial:
 
     @property
     def verdict(self) -> Verdict:
-        """What the gain alone says."""
+        """By the gain alone."""
         if self.gain <= _DOUBTFUL * self.margin or self.gains.min() <= 0:
             return "good"
-        return "wrong" if self.gain > self.margin and self.hurts else "doubtful"
+        return "wrong" if self.gain > self.margin and self._hurts else "doubtful"
+
+    @property
+    def _hurts(self) -> bool:
+        if self.amount is None or isinstance(self.alternative, Alternative):
+            return True
+        return self.alternative.distance(self.amount) >= self.alternative.hurts
 
 
 def check_by_mapping(
     recording: Recording, config: MapperConfig, progress: Progress = silent
 ) -> list[Finding]:
-    """Tries every alternative with each pair of camera 0 and another, or with the one camera.
+    """Tries every alternative with each pair of camera 0 and another, or with a single camera.
 
     Args:
         recording: with poses.
         config: depth range and threads.
-        progress: told the stage `alternatives`, tried and all.
+        progress: called with the stage `alternatives`, how many are tried, and their number.
 
     Returns:
-        A finding per pair; of the first only, if poses or lens are wrong: nothing else is sharp
-        under wrong poses.
+        A finding per pair; only that of the first if poses or lens are wrong, since nothing else is
+        sharp under wrong poses.
 
     Raises:
         InputError: poses and events cover no window together, or an impossible depth range.
     """
-    bench, names = Bench.of(recording, config), recording.rig.camera_names
-    found: list[Finding] = []
-    for group in _groups(recording, bench, progress):
-        trials = group.trials(recording)
-        best = group.best(trials)
-        words = " and ".join(names[k] for k in group.cameras)
-        found.append(_finding(f"mapping-{group.cameras[-1]}", words, best, trials))
-        if best.of_one and best.verdict == "wrong":
+    windows, names = TrialWindows.of(recording, config), recording.rig.camera_names
+    groups: list[tuple[int, ...]] = [(0, k) for k in range(1, len(names))] or [(0,)]
+    findings: list[Finding] = []
+    for at, cameras in enumerate(groups):
+        alternatives = _alternatives(recording, first=at == 0, paired=len(cameras) > 1)
+        total = len(groups) * len(alternatives)
+        trials, tried = CameraTrials(windows, cameras), []
+        for done, alternative in enumerate(alternatives, at * len(alternatives)):
+            progress("alternatives", done, total)
+            tried.append(trials.trial(alternative))
+        best = trials.best(tried)
+        names_text = " and ".join(names[k] for k in cameras)
+        findings.append(_finding(f"mapping-{cameras[-1]}", names_text, best, tried))
+        if best.verdict == "wrong" and not best.alternative.of_pair:
             break
-    return found
+    return findings
 
 
-def trial_of(
-    recording: Recording, one: Alternative | Amount, config: MapperConfig, *, of_one: bool = False
-) -> Trial:
-    """What one alternative comes to by itself, with the first two cameras or with the only one.
+def _alternatives(recording: Recording, *, first: bool, paired: bool) -> list[Alternative | Amount]:
+    """All that is tried with some cameras; what concerns camera 0 only with the first of them."""
+    alternatives: list[Alternative | Amount] = []
+    if first:
+        alternatives += [*of_poses(recording), *amounts_of_one(paired=paired)]
+    if paired:
+        alternatives += [*of_pair(), *amounts_of_pair()]
+    return alternatives
+
+
+class CameraTrials:
+    """Tries alternatives with a pair of cameras, or with one camera.
 
     Args:
-        recording: with poses.
-        one: the alternative.
-        config: depth range and threads.
-        of_one: whether it is said of poses and lens, not of what lies between cameras.
-
-    Raises:
-        InputError: as `check_by_mapping`.
-    """
-    group = _groups(recording, Bench.of(recording, config), silent)[0]
-    return group.trial(one, of_one)
-
-
-def _groups(recording: Recording, bench: Bench, progress: Progress) -> list[_Group]:
-    others = range(1, len(recording.rig))
-    pairs: list[tuple[int, ...]] = [(0, k) for k in others]
-    return [
-        _Group(bench, pair, progress, k, max(len(pairs), 1))
-        for k, pair in enumerate(pairs or [(0,)])
-    ]
-
-
-class _Group:
-    """Trials of one pair of cameras, or of one camera; what concerns camera 0 belongs to the first.
-
-    Attributes:
+        windows: where.
         cameras: which.
     """
 
-    def __init__(
-        self, bench: Bench, cameras: tuple[int, ...], progress: Progress, at: int, groups: int
-    ) -> None:
-        self.cameras = cameras
-        self._bench, self._progress, self._at, self._groups = bench, progress, at, groups
-        self._base = bench.logs(lambda r: r, cameras)
+    def __init__(self, windows: TrialWindows, cameras: tuple[int, ...]) -> None:
+        self._windows, self._cameras = windows, cameras
+        self._base = windows.log_sharpness(_as_given, cameras)
 
-    def trials(self, recording: Recording) -> list[Trial]:
-        """What every alternative comes to."""
-        first, paired = self._at == 0, len(self.cameras) > 1
-        every: list[tuple[Alternative | Amount, bool]] = []
-        if first:
-            every += [(one, True) for one in of_poses(recording)]
-            every += [(one, True) for one in amounts_of_one(paired=paired)]
-        if paired:
-            every += [(one, False) for one in of_pair()]
-            every += [(one, False) for one in amounts_of_pair()]
-        return [self._told(k, len(every), *chosen) for k, chosen in enumerate(every)]
+    def trial(self, alternative: Alternative | Amount) -> Trial:
+        """The outcome of one alternative."""
+        if isinstance(alternative, Amount):
+            return self._amount(alternative)
+        first = self._gains(alternative.change, 1)
+        gains = first if first[0] < _PROMISING else self._gains(alternative.change)
+        return Trial(alternative, gains, alternative.change, self._margin(MARGIN))
 
     def best(self, trials: Sequence[Trial]) -> Trial:
-        """The one that gains most, among those that are no contradiction in themselves."""
-        in_order = sorted(trials, key=lambda one: (one.verdict == "wrong", one.gain), reverse=True)
-        return next(one for one in in_order if self._agrees(one))
+        """The trial with the largest gain among those that do not contradict camera 0 alone."""
+        in_order = sorted(trials, key=lambda t: (t.verdict == "wrong", t.gain), reverse=True)
+        return next(trial for trial in in_order if self._agrees(trial))
 
     def _agrees(self, trial: Trial) -> bool:
         """Whether camera 0 alone is no less sharp under other poses."""
-        if trial.verdict == "good" or not trial.of_one or len(self.cameras) == 1:
+        if trial.verdict == "good" or trial.alternative.of_pair or len(self._cameras) == 1:
             return True
-        alone = self._bench.logs(trial.told, (0,)) - self._bench.logs(lambda r: r, (0,))
-        return bool(alone.mean() >= _LOSS)
+        alone = self._windows.log_sharpness(trial.change, (0,))
+        return bool((alone - self._windows.log_sharpness(_as_given, (0,))).mean() >= _LOSS)
 
-    def _told(self, k: int, count: int, one: Alternative | Amount, of_one: bool) -> Trial:
-        self._progress("alternatives", self._at * count + k, self._groups * count)
-        return self.trial(one, of_one)
+    def _margin(self, margin: float) -> float:
+        return margin * (1.0 if len(self._cameras) > 1 else _ONE_CAMERA)
 
-    def trial(self, one: Alternative | Amount, of_one: bool) -> Trial:
-        """What one alternative comes to."""
-        found = self._alternative(one) if isinstance(one, Alternative) else self._amount(one)
-        strict = 1.0 if len(self.cameras) > 1 else _ONE_CAMERA
-        return replace(found, of_one=of_one, margin=found.margin * strict)
-
-    def _alternative(self, one: Alternative) -> Trial:
-        """Its gains; in the first window alone, where that speaks against it."""
-        first = self._gains(one.told, 1)
-        gains = first if first[0] < _PROMISING else self._gains(one.told)
-        return Trial(one.name, gains, one.cure, one.told)
-
-    def _amount(self, one: Amount) -> Trial:
+    def _amount(self, amount: Amount) -> Trial:
         """The best amount: on the grid by the first window, then between its neighbours by all."""
-        coarse = {x: float(self._gains(_told(one, x), 1)[0]) for x in one.grid}
-        at = one.grid.index(max(coarse, key=lambda x: coarse[x]))
-        near = {one.grid[k] for k in (at - 1, at, at + 1) if 0 <= k < len(one.grid)}
-        tried = {x: self._gains(_told(one, x)) for x in sorted(near | {one.neutral})}
-        for _ in range(_REFINEMENTS if self._is_off(one, tried) else 0):
-            for x in _between(one, tried):
-                tried[x] = self._gains(_told(one, x))
-        xs = np.array(sorted(tried))
-        gains = np.array([tried[x] for x in xs])
-        best = int(gains.mean(axis=1).argmax())
-        amount, spread = _peak(one, xs, gains, best)
-        return Trial(
-            one.name, gains[best], one.cure.format(amount=amount), _told(one, amount), amount,
-            spread, one.unit, _off(one, amount) >= one.hurts, one.margin,
-            curve=(xs, gains.mean(axis=1)),
-        )  # fmt: skip
 
-    def _is_off(self, one: Amount, tried: dict[float, Gains]) -> bool:
-        """Whether it is worth looking more finely: the peak is not where the recording stands."""
-        xs = np.array(sorted(tried))
-        gains = np.array([tried[x] for x in xs])
-        amount, _ = _peak(one, xs, gains, int(gains.mean(axis=1).argmax()))
-        return _off(one, amount) >= one.hurts / 3
+        def gains_of(x: float, most: int = WINDOWS) -> Gains:
+            return self._gains(_with_amount(amount, x), most)
 
-    def _gains(self, told: Alter, most: int = WINDOWS) -> Gains:
-        return self._bench.logs(told, self.cameras, most) - self._base[:most]
+        coarse = [float(gains_of(x, 1)[0]) for x in amount.grid]
+        at = int(np.argmax(coarse))
+        near = {amount.grid[k] for k in (at - 1, at, at + 1) if 0 <= k < len(amount.grid)}
+        tried = {x: gains_of(x) for x in sorted(near | {amount.neutral})}
+        # Only a peak away from the neutral amount is worth a finer look.
+        is_off = amount.distance(_peak(amount, tried)[0]) >= amount.hurts / 3
+        for _ in range(_REFINEMENTS if is_off else 0):
+            tried |= {x: gains_of(x) for x in _between(amount, tried)}
+        xs, gains = _sorted(tried)
+        means = gains.mean(axis=1)
+        peak, spread = _peak(amount, tried)
+        change, margin = _with_amount(amount, peak), self._margin(amount.margin)
+        return Trial(amount, gains[int(means.argmax())], change, margin, peak, spread, (xs, means))
+
+    def _gains(self, change: Alter, most: int = WINDOWS) -> Gains:
+        return self._windows.log_sharpness(change, self._cameras, most) - self._base[:most]
 
 
-def _told(one: Amount, amount: float) -> Alter:
-    return lambda recording: one.told(recording, amount)
+def _as_given(recording: Recording) -> Recording:
+    return recording
 
 
-def _off(one: Amount, amount: float) -> float:
-    """How far an amount is from the one that changes nothing."""
-    return float(abs(np.log(amount)) if one.is_factor else abs(amount))
+def _with_amount(amount: Amount, x: float) -> Alter:
+    return lambda recording: amount.change(recording, x)
 
 
-def _between(one: Amount, tried: dict[float, Gains]) -> list[float]:
+def _sorted(tried: dict[float, Gains]) -> tuple[Gains, Gains]:
+    """(N,) amounts in order and (N, W) their gains."""
+    xs = sorted(tried)
+    return np.array(xs), np.array([tried[x] for x in xs])
+
+
+def _between(amount: Amount, tried: dict[float, Gains]) -> list[float]:
     """The middles between the best amount and its neighbours; of factors, geometric ones."""
     xs = sorted(tried)
     best = max(range(len(xs)), key=lambda k: tried[xs[k]].mean())
     near = [xs[k] for k in (best - 1, best + 1) if 0 <= k < len(xs)]
-    return [float(np.sqrt(xs[best] * x)) if one.is_factor else (xs[best] + x) / 2 for x in near]
+    return [float(np.sqrt(xs[best] * x)) if amount.is_factor else (xs[best] + x) / 2 for x in near]
 
 
-def _peak(one: Amount, xs: Gains, gains: Gains, best: int) -> tuple[float, float]:
+def _peak(amount: Amount, tried: dict[float, Gains]) -> tuple[float, float]:
     """Where the mean gain peaks, and the standard error of the windows' own peaks."""
-    scale = np.log(xs) if one.is_factor else xs
+    xs, gains = _sorted(tried)
+    best = int(gains.mean(axis=1).argmax())
     if not 0 < best < len(xs) - 1:
         return float(xs[best]), 0.0
-    near = slice(best - 1, best + 2)
+    scale, near = np.log(xs) if amount.is_factor else xs, slice(best - 1, best + 2)
     peaks = [_vertex(scale[near], g) for g in (gains[near].mean(axis=1), *gains[near].T)]
     spread = float(np.std(peaks[1:], ddof=1) / np.sqrt(gains.shape[1])) if len(peaks) > 2 else 0.0
-    return float(np.exp(peaks[0])) if one.is_factor else peaks[0], spread
+    return float(np.exp(peaks[0])) if amount.is_factor else peaks[0], spread
 
 
 def _vertex(x: Gains, y: Gains) -> float:
-    """Of the parabola through three points, within them; the highest where there is none."""
+    """Of the parabola through three points, within them; the highest point if it has no top."""
     a, b, _ = np.polyfit(x - x[1], y, 2)
     if a >= 0:
         return float(x[int(np.argmax(y))])
     return float(np.clip(x[1] - b / (2 * a), x[0], x[2]))
 
 
-def _finding(name: str, who: str, best: Trial, trials: Sequence[Trial]) -> Finding:
-    """What the best of the trials says."""
-    sharper = float(np.expm1(best.gain))
-    series = _series(trials) if best.amount is None else _curve(best)
+def _finding(name: str, cameras: str, best: Trial, trials: Sequence[Trial]) -> Finding:
+    gain, alternative = float(np.expm1(best.gain)), best.alternative
     if best.verdict == "good":
-        words = f"{who}: rays meet most sharply as the recording stands, of {len(trials)} ways"
-        return Finding(name, "good", sharper, "", words, series=_series(trials))
-    how_much = "" if best.amount is None else _amount_words(best)
+        words = f"{cameras}: none of {len(trials)} alternatives makes the map sharper"
+        return Finding(name, "good", gain, "", words, series=_series(trials))
+    unit = alternative.unit if isinstance(alternative, Amount) else ""
+    how_much = (
+        ""
+        if best.amount is None
+        else (f" by {best.amount:.3g} ± {best.spread:.1g}{f' {unit}' if unit else ' times'}")
+    )
     return Finding(
-        name, best.verdict, sharper, "",
-        f"{who}: rays meet {sharper:.1%} more sharply if this is mended: {best.name}{how_much}; "
-        f"windows {', '.join(f'{np.expm1(g):+.1%}' for g in best.gains)}",
-        "depth is taken from where rays meet: now they meet less well than they could",
-        best.cure, best.name, series,
+        name, best.verdict, gain, "",
+        f"{cameras}: correcting this makes the map {gain:.1%} sharper: {alternative.name}"
+        f"{how_much}; windows {', '.join(f'{np.expm1(g):+.1%}' for g in best.gains)}",
+        "depth is where rays meet, and they meet less sharply than they could",
+        alternative.cure if best.amount is None else alternative.cure.format(amount=best.amount),
+        alternative.name,
+        _series(trials) if best.amount is None else _curve(best, unit),
     )  # fmt: skip
 
 
-def _amount_words(best: Trial) -> str:
-    unit = f" {best.unit}" if best.unit else " times"
-    return f" by {best.amount:.3g} ± {best.spread:.1g}{unit}"
-
-
-def _curve(best: Trial) -> Series:
+def _curve(best: Trial, unit: str) -> Series:
     x, y = best.curve
-    return Series(100 * np.expm1(y), x, f"{best.name}, {best.unit or 'times'}", "sharper by, %",
-                  (0.0,))  # fmt: skip
+    x_label = f"{best.alternative.name}, {unit or 'times'}"
+    return Series(100 * np.expm1(y), x, x_label, "sharper by, %", (0.0,))
 
 
 def _series(trials: Sequence[Trial]) -> Series:
-    gains = np.array([100 * np.expm1(one.gain) for one in trials])
+    gains = np.array([100 * np.expm1(trial.gain) for trial in trials])
     return Series(gains, np.arange(len(gains), dtype=float), "alternative", "sharper by, %", (0.0,))

@@ -30,15 +30,16 @@ _SEEN_PX, _MOVED = 0.01, "moved by distortion, px"  # less is no picture
 # Baselines, m: 0.5 cm in endoscopes, 0.6 m on DSEC's car, 2 m on a truck.
 _BASELINE_DOUBTFUL, _BASELINE_WRONG = (0.01, 1.0), (0.001, 5.0)
 # Angle between the optical axes, in fields of view: at 1 nothing is seen by both.
-_APART = (0.5, 0.9)
+_DIVERGENCE = (0.5, 0.9)
 
 
 def check_cameras(rig: Rig) -> list[Finding]:
-    """Everything that a calibration tells by itself."""
-    checks = (_ratio, _centre, _field, _folds)
-    each = [[check(one) for one in rig.cameras] for check in checks]
-    found = [worst_camera(findings, rig.camera_names) for findings in each]
-    return found + ([_baseline(rig), _overlap(rig)] if len(rig) > 1 else [])
+    """Checks that need only the calibration."""
+    findings = [
+        worst_camera(list(map(check, rig.cameras)), rig.camera_names)
+        for check in (_ratio, _centre, _field, _folds)
+    ]
+    return findings + ([_baseline(rig), _overlap(rig)] if len(rig) > 1 else [])
 
 
 def _ratio(camera: Camera) -> Finding:
@@ -46,7 +47,7 @@ def _ratio(camera: Camera) -> Finding:
     return judged(
         "focal-ratio", above(abs(np.log(ratio)), *np.log1p(_RATIO)), ratio, "",
         f"fx {camera.fx_px:.6g} px beside fy {camera.fy_px:.6g} px, a ratio of {ratio:.4g}",
-        meaning="pixels of event cameras are square: one of the two is mistaken",
+        meaning="pixels of event cameras are square: one of the two is wrong",
         cure="correct fx and fy, both in px; their order in files is fx fy cx cy",
         suspect="focal lengths unequal",
     )  # fmt: skip
@@ -61,20 +62,20 @@ def _centre(camera: Camera) -> Finding:
         "principal-point", verdict, off, "half images",
         f"at ({camera.cx_px:.4g}, {camera.cy_px:.4g}) px of {camera.width_px} x "
         f"{camera.height_px} px, {off:.0%} of half the image from its middle",
-        meaning="rays through the whole image point in a wrong direction; 10 px cost a quarter",
+        meaning="all rays point in wrong directions; 10 px cost a quarter of the accuracy",
         cure="check cx and cy: in px of this resolution and this crop, not exchanged",
         suspect="principal point exchanged" if exchanged else "principal point off",
     )  # fmt: skip
 
 
 def _exchanged(camera: Camera) -> bool:
-    """Whether cx and cy are each where the other should be, on a sensor that is not square."""
+    """Whether cx and cy are exchanged, on a sensor that is not square."""
     width, height = camera.width_px, camera.height_px
     if abs(width - height) < _OBLONG * max(width, height):
         return False
-    as_told = np.hypot(camera.cx_px - width / 2, camera.cy_px - height / 2)
+    as_given = np.hypot(camera.cx_px - width / 2, camera.cy_px - height / 2)
     exchanged = np.hypot(camera.cy_px - width / 2, camera.cx_px - height / 2)
-    return bool(exchanged < _OBLONG * height and as_told > 2 * exchanged)
+    return bool(exchanged < _OBLONG * height and as_given > 2 * exchanged)
 
 
 def field_deg(camera: Camera) -> float:
@@ -150,9 +151,9 @@ def _baseline(rig: Rig) -> Finding:
 def _overlap(rig: Rig) -> Finding:
     axes = [T[:3, 2] for T in rig.T_body_cam]
     angle = float(np.degrees(np.arccos(np.clip(axes[0] @ axes[1], -1, 1))))
-    share = angle / max(min(field_deg(one) for one in rig.cameras[:2]), 1e-6)
+    share = angle / max(min(map(field_deg, rig.cameras[:2])), 1e-6)
     return judged(
-        "cameras-overlap", above(share, *_APART), angle, "deg",
+        "cameras-overlap", above(share, *_DIVERGENCE), angle, "deg",
         f"the optical axes of cameras 0 and 1 are {angle:.3g} deg apart",
         meaning="what only one camera sees cannot be fused",
         cure="check the rotations of T_body_cam: which camera's pose in which frame",
@@ -161,21 +162,21 @@ def _overlap(rig: Rig) -> Finding:
 
 
 def check_rectification(recording: Recording, t0_us: int, t1_us: int) -> Finding:
-    """How far rows of the two rectified cameras are apart, by what their events do in each row.
+    """Offset between the rows of two rectified cameras, from their events per row.
 
-    Activity by row, in short slices of time, is the same in both cameras where rows correspond: the
-    shift at which the two agree best is the residual of the rectification.
+    Where rows correspond, activity by row and short slice of time is the same in both cameras: the
+    shift at which the two correlate best is the residual of the rectification.
 
     Args:
         recording: with two cameras.
-        t0_us: begin of the stretch that is looked at.
+        t0_us: begin of the stretch.
         t1_us: its end.
     """
     (first, whole), (second, whole_1) = (_row_activity(recording, k, t0_us, t1_us) for k in (0, 1))
     shared = np.flatnonzero(whole & whole_1)
     if len(shared) < _FEWEST_ROWS:
         few = f"rectified cameras share {len(shared)} rows"
-        return Finding("rectification", "good", None, "px", f"{few}: too few to tell")
+        return Finding("rectification", "good", None, "px", f"{few}: too few for a verdict")
     rows = slice(int(shared[0]), int(shared[-1]) + 1)
     shifts, agreement = _agreement(_whitened(first[:, rows]), _whitened(second[:, rows]))
     best = int(np.argmax(agreement))
@@ -185,8 +186,8 @@ def check_rectification(recording: Recording, t0_us: int, t1_us: int) -> Finding
     words = f"rows of the rectified cameras agree best {residual_px:+.1f} px apart"
     return judged(
         "rectification", verdict, residual_px, "px",
-        f"{words} (correlation {agreement[best]:.2f})" + ("" if clear else ", too little to tell"),
-        meaning="cameras that do not see a point in the same row never agree on its depth; 0.15 "
+        f"{words} (correlation {agreement[best]:.2f}{'' if clear else ', too low for a verdict'})",
+        meaning="the two cameras see a point in different rows and cannot agree on its depth; 0.15 "
         "deg of pitch make stereo worse than one camera",
         cure="calibrate the extrinsics again; check that the event files are not exchanged",
         suspect="rows apart", series=Series(agreement, shifts, "shift, px", "correlation"),
@@ -237,7 +238,7 @@ def _rectifying(rig: Rig) -> Floats:
 
 
 def _whitened(rows: Floats) -> Floats:
-    """What stands out of the rows around: a slope over the image must correlate with nothing."""
+    """Activity minus that of the rows around: a slope over the image must not correlate."""
     from scipy.ndimage import gaussian_filter1d
 
     return np.asarray(gaussian_filter1d(rows, 1.0, axis=1) - gaussian_filter1d(rows, 8.0, axis=1))

@@ -32,34 +32,25 @@ _ENOUGH_EVENTS = 1000
 # A bus at its limit sends the same number of events in every millisecond.
 _CEILING_HZ, _CEILING_WITHIN, _CEILING_SHARE = 1e6, 0.02, 0.2
 _REFRACTORY_DOUBTFUL_US = 10_000
-_DEAD_HZ = 0.001
 
 
 def check_events(recording: Recording, streams: tuple[Stream, ...]) -> list[Finding]:
-    """Everything that events tell without poses.
+    """Checks that need only the events.
 
     Args:
         recording: names of the cameras.
-        streams: what was read of each.
+        streams: statistics of each camera's events.
     """
     names = recording.rig.camera_names
-    empty = [name for name, one in zip(names, streams, strict=True) if not one.events]
+    empty = [name for name, stream in zip(names, streams, strict=True) if not stream.events]
     if empty:
         return [_silent(empty)]
-    if any(one.is_off_sensor for one in streams):
+    if any(stream.is_off_sensor for stream in streams):
         return [_off_sensor(names, streams)]
     checks = (
-        _order,
-        _rate,
-        _time_step,
-        _polarity,
-        _sensor,
-        _hot_pixels,
-        _gaps,
-        _ceiling,
-        _refractory,
-    )
-    return [worst_camera([check(one) for one in streams], names) for check in checks]
+        _order, _rate, _time_step, _polarity, _sensor, _hot_pixels, _gaps, _ceiling, _refractory,
+    )  # fmt: skip
+    return [worst_camera(list(map(check, streams)), names) for check in checks]
 
 
 def _silent(cameras: list[str]) -> Finding:
@@ -71,12 +62,12 @@ def _silent(cameras: list[str]) -> Finding:
 
 
 def _off_sensor(names: tuple[str, ...], streams: tuple[Stream, ...]) -> Finding:
-    """Events beyond the last column or row; are they within those of another camera?"""
-    k = [one.is_off_sensor for one in streams].index(True)
+    """Events beyond the last column or row; do they fit the sensor of another camera?"""
+    k = [stream.is_off_sensor for stream in streams].index(True)
     (x_px, y_px), (height, width) = streams[k].largest_px, streams[k].pixels.shape
     fits = [
-        j for j, one in enumerate(streams)
-        if j != k and x_px < one.pixels.shape[1] and y_px < one.pixels.shape[0]
+        j for j, other in enumerate(streams)
+        if j != k and x_px < other.pixels.shape[1] and y_px < other.pixels.shape[0]
     ]  # fmt: skip
     hint = f", but on that of {names[fits[0]]}" if fits else ""
     return judged(
@@ -92,8 +83,8 @@ def _off_sensor(names: tuple[str, ...], streams: tuple[Stream, ...]) -> Finding:
 
 def worst_camera(findings: list[Finding], names: tuple[str, ...]) -> Finding:
     """The worst of the cameras' findings, with its camera's name."""
-    verdict = worst(one.verdict for one in findings)
-    at = [one.verdict for one in findings].index(verdict)
+    verdicts = [finding.verdict for finding in findings]
+    at = verdicts.index(worst(verdicts))
     return replace(findings[at], evidence=f"{names[at]}: {findings[at].evidence}")
 
 
@@ -124,14 +115,14 @@ def _rate(stream: Stream) -> Finding:
         f"{high:g}",
         meaning="times in another unit than µs make rates 1000 times too high or too low, and "
         "windows too short or too long",
-        cure="say the unit of the times (time_unit in recording.toml, --time-unit), or lower the "
+        cure="set the unit of the times (time_unit in recording.toml, --time-unit), or lower the "
         "sensor's sensitivity", suspect=suspect,
         series=Series(_thinned(rates_hz), _thinned(at_s), "time, s", "events per second"),
     )  # fmt: skip
 
 
 def time_unit(too_fast: float, whose: str) -> str:
-    """Which unit was taken for another, where something is this many times too fast."""
+    """Which unit was read as µs, if rates are this many times too high."""
     power = round(np.log10(max(too_fast, 1e-12)) / 3)
     units = {-2: "ps", -1: "ns", 1: "ms", 2: "s"}
     return f"{whose} times in {units[power]}, read as µs" if power in units else ""
@@ -148,7 +139,7 @@ def _time_step(stream: Stream) -> Finding:
         "events-time-step", above(step_us, _STEP_DOUBTFUL_US, _STEP_WRONG_US), float(step_us), "µs",
         f"time stamps are whole multiples of {step_us} µs",
         meaning="events of one step share one pose, and clocks cannot be compared more finely",
-        cure="record or convert with stamps of 1 µs; packets' times are no events' times",
+        cure="record or convert with stamps of 1 µs, one for each event and not for each packet",
         suspect="coarse time stamps",
     )  # fmt: skip
 
@@ -191,7 +182,7 @@ def _hot_pixels(stream: Stream) -> Finding:
         "hot-pixels", above(share, _HOT_DOUBTFUL, _HOT_WRONG), share, "",
         f"{hot.sum():,} pixels send {share:.1%} of the events, each over {_HOT_RATIO:g} times "
         "what is usual around it",
-        meaning="rays of hot pixels meet nothing but themselves: streaks in the volume",
+        meaning="rays of hot pixels make streaks in the volume",
         cure="map with --map.hot-pixels 10, or lower the sensor's sensitivity",
         suspect="hot pixels",
         series=Series(np.where(hot, stream.pixels, 0.0), y_label="events of hot pixels")
@@ -200,7 +191,7 @@ def _hot_pixels(stream: Stream) -> Finding:
 
 
 def _gaps(stream: Stream) -> Finding:
-    """Silences of 20 ms and more, beside a rate at which chance makes none."""
+    """Silences of 20 ms and more."""
     silent = sum(_silent_bins(rates) for rates in stream.rates)
     share = silent / max(sum(map(len, stream.rates)), 1)
     return judged(
@@ -239,7 +230,7 @@ def _ceiling(stream: Stream) -> Finding:
 
 def _refractory(stream: Stream) -> Finding:
     if len(stream.intervals_us) < _ENOUGH_EVENTS:
-        return Finding("events-refractory", "good", None, "µs", "too few events to tell")
+        return Finding("events-refractory", "good", None, "µs", "too few events for a verdict")
     least_us = float(np.percentile(stream.intervals_us, 1))
     return judged(
         "events-refractory", above(least_us, _REFRACTORY_DOUBTFUL_US, np.inf), least_us, "µs",

@@ -1,4 +1,4 @@
-"""What a check says: findings with a verdict, the evidence as a number, and the cure."""
+"""Findings of a check: verdict, evidence as a number, cure."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ VERDICTS: tuple[Verdict, ...] = ("good", "doubtful", "wrong")
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A curve or an image that shows what a finding rests on.
+    """A curve or an image that shows the evidence of a finding.
 
     Attributes:
         y: (N,) the curve, or (H, W) the image.
-        x: (N,) where it is known; empty for an image.
+        x: (N,) of the curve; empty for an image.
         x_label: quantity and unit.
         y_label: quantity and unit.
         limits: levels of y between verdicts, drawn as lines.
@@ -32,7 +32,7 @@ class Series:
     limits: tuple[float, ...] = ()
 
     def to_json(self) -> dict[str, Any] | None:
-        """Plain numbers of a curve; None of an image, which a page shows."""
+        """Plain numbers of a curve; None for an image, which only pages show."""
         if self.y.ndim != 1:
             return None
         curve = {"x": _plain(self.x), "y": _plain(self.y)}
@@ -41,18 +41,18 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """One thing that was looked at.
+    """The result of one check.
 
     Attributes:
-        name: what was looked at, such as `poses-speed`; the same in every recording.
+        name: of the check, such as `poses-speed`; the same in every recording.
         verdict: good, doubtful or wrong.
-        value: the evidence as a number; None where there is none to give.
+        value: the evidence as a number; None if there is none.
         unit: of the value; empty for a share or a ratio.
-        evidence: the same in words, with what it is compared with.
-        meaning: what it means for a map; empty where all is good.
-        cure: what to do; empty where all is good.
-        suspect: what is wrong, in a word or two, where the check can tell: `poses inverted`.
-        series: what a page draws of it.
+        evidence: in words, beside what is usual.
+        meaning: for a map; empty if good.
+        cure: what to do; empty if good.
+        suspect: what is wrong, in a word or two, if known: `poses inverted`.
+        series: for a plot.
     """
 
     name: str
@@ -87,8 +87,8 @@ class Report:
 
     Attributes:
         name: of the recording.
-        findings: what was looked at, in the order in which causes lie.
-        unchecked: what could not be looked at, and why.
+        findings: causes before their consequences.
+        unchecked: checks that were impossible, and why.
     """
 
     name: str
@@ -101,22 +101,21 @@ class Report:
 
     def of(self, verdict: Verdict) -> tuple[Finding, ...]:
         """The findings with a verdict."""
-        return tuple(one for one in self.findings if one.verdict == verdict)
+        return tuple(finding for finding in self.findings if finding.verdict == verdict)
 
     @property
     def verdict(self) -> Verdict:
         """The worst of all."""
-        return worst(one.verdict for one in self.findings)
+        return worst(finding.verdict for finding in self.findings)
 
     @property
     def suspects(self) -> tuple[str, ...]:
-        """What is named as wrong, each once; first what comes first."""
-        named = [one.suspect or one.name for one in self.of("wrong")]
-        return tuple(dict.fromkeys(named))
+        """What is wrong, in the order of the findings, without repetition."""
+        return tuple(dict.fromkeys(f.suspect or f.name for f in self.of("wrong")))
 
     def finding(self, name: str) -> Finding | None:
-        """The finding of a name, if that was looked at."""
-        return next((one for one in self.findings if one.name == name), None)
+        """The finding of a name; None if that was not checked."""
+        return next((finding for finding in self.findings if finding.name == name), None)
 
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
@@ -124,25 +123,25 @@ class Report:
             "recording": self.name,
             "verdict": self.verdict,
             "suspects": list(self.suspects),
-            "findings": [one.to_json() for one in self.findings],
+            "findings": [finding.to_json() for finding in self.findings],
             "unchecked": [{"name": name, "reason": reason} for name, reason in self.unchecked],
         }
 
 
 def worst(verdicts: Any) -> Verdict:
-    """The worst of some verdicts; good where there are none."""
+    """The worst of some verdicts; good if there are none."""
     return max(verdicts, key=VERDICTS.index, default="good")
 
 
 def above(value: float, doubtful: float, wrong: float) -> Verdict:
-    """The verdict on a value that should be small; what is no number is wrong."""
+    """The verdict on a value that should be small; NaN is wrong."""
     if not value <= wrong:
         return "wrong"
     return "doubtful" if value > doubtful else "good"
 
 
 def below(value: float, doubtful: float, wrong: float) -> Verdict:
-    """The verdict on a value that should be large; what is no number is wrong."""
+    """The verdict on a value that should be large; NaN is wrong."""
     if not value >= wrong:
         return "wrong"
     return "doubtful" if value < doubtful else "good"
@@ -152,7 +151,7 @@ def judged(
     name: str, verdict: Verdict, value: float | None, unit: str, evidence: str, *,
     meaning: str, cure: str, suspect: str = "", series: Series | None = None,
 ) -> Finding:  # fmt: skip
-    """A finding that says what it means, and how to cure it, only where something is amiss."""
+    """A finding whose meaning and cure are left out if it is good."""
     if verdict == "good":
         return Finding(name, verdict, value, unit, evidence, series=series)
     return Finding(name, verdict, value, unit, evidence, meaning, cure, suspect, series)

@@ -1,7 +1,7 @@
 """Checks of the motion: without parallax there is no depth, whatever the method.
 
 A point at depth Z moves by f b / Z pixels while the camera moves by b across its viewing direction.
-Turning adds none. A window whose nearest points move by less than a pixel tells nothing of depth.
+Turning adds none. A window whose nearest points move by less than a pixel has no depth.
 """
 
 from __future__ import annotations
@@ -17,14 +17,13 @@ from eventsweep.emvs.reference_view import depth_range_m
 from eventsweep.emvs.windows import choose_window, plan_windows
 
 Times = NDArray[np.int64]
-# Pixels by which the nearest depth moves: one is what the volume resolves at all; ten make a
-# tenth of the range.
+# Pixels by which the nearest depth moves: the volume resolves one, and a tenth of the range ten.
 _DOUBTFUL_PX, _WRONG_PX = 4.0, 1.0
 _SAMPLES, _USUAL_WINDOW_S, _MOST_WINDOWS = 9, 0.5, 200
 
 
 def check_parallax(recording: Recording, config: MapperConfig) -> list[Finding]:
-    """Whether the camera moves enough in the windows that will be mapped.
+    """Checks that the camera moves enough in the windows that will be mapped.
 
     Args:
         recording: with poses.
@@ -90,12 +89,12 @@ def _usual_windows(recording: Recording) -> tuple[Times, Times]:
 
 
 def _across_m(recording: Recording, t0_us: int, t1_us: int) -> float:
-    """How far camera 0 gets, across its viewing direction, from where it is half way."""
+    """How far camera 0 moves across its viewing direction at half time."""
     first_us, last_us = recording.trajectory.span_us
     t = np.clip(np.linspace(t0_us, t1_us, _SAMPLES), first_us, last_us).astype(np.int64)
     T_world_cam = recording.trajectory.at(t) @ recording.rig.T_body_cam[0]
     middle = T_world_cam[_SAMPLES // 2]
     offsets_m = (T_world_cam[:, :3, 3] - middle[:3, 3]) @ middle[:3, :3]
-    # Straight ahead there is parallax as well, away from the middle of the image: half as much.
+    # Forward motion has parallax as well, away from the middle of the image: half as much.
     across_m = np.hypot(np.linalg.norm(offsets_m[:, :2], axis=1), 0.5 * offsets_m[:, 2])
     return float(np.ptp(np.sign(np.arange(_SAMPLES) - _SAMPLES // 2) * across_m))

@@ -1,8 +1,7 @@
-"""Checks of the poses: that they cover the events, and move as a body moves.
+"""Checks of the poses: do they cover the events, and is the motion plausible?
 
-A motion is judged over steps of 50 ms: shorter ones show the noise of a tracker, longer ones blur
-a head's. Speeds do not depend on which frame the poses are of, so that a wrong convention is not
-seen here; that takes mapping.
+Motion is judged over steps of 50 ms: shorter ones show the noise of a tracker, longer ones blur a
+head's. Speeds do not depend on the poses' frame, so wrong conventions are only found by mapping.
 """
 
 from __future__ import annotations
@@ -34,27 +33,27 @@ _NOISE_RATE_HZ = 50.0
 _TRACKERS_HZ = (3.0, 20_000.0)
 # Share of steps in which a tracker that moves before and after stands still.
 _FROZEN_DOUBTFUL, _FROZEN_WRONG = 0.05, 0.3
-# A step that is so many times as long as those around it, and longer than a body moves.
+# A step many times as long as those around it, and faster than a body moves.
 _JUMP_TIMES, _JUMP_SPEED, _JUMP_ACCELERATION = 20.0, 5.0, 500.0
 
 
 def check_poses(recording: Recording, spans_us: tuple[int, int]) -> list[Finding]:
-    """Everything that poses tell.
+    """Checks that need only the poses, and the events' time.
 
     Args:
         recording: with poses.
         spans_us: first and last event of all cameras.
     """
     poses = recording.trajectory
-    found = [_coverage(poses, spans_us)]
+    coverage = _coverage(poses, spans_us)
     if len(poses) < 3:
         few = judged(
             "poses-rate", "wrong", float(len(poses)), "poses", f"{len(poses)} poses in all",
             meaning="between two poses a straight way is assumed", cure="record more poses",
             suspect="too few poses",
         )  # fmt: skip
-        return [*found, few]
-    return [*found, _rate(poses), _frozen(poses), _jumps(poses), *_motion(poses), _noise(poses)]
+        return [coverage, few]
+    return [coverage, _rate(poses), _frozen(poses), _jumps(poses), *_motion(poses), _noise(poses)]
 
 
 def _coverage(poses: Trajectory, events_us: tuple[int, int]) -> Finding:
@@ -64,21 +63,17 @@ def _coverage(poses: Trajectory, events_us: tuple[int, int]) -> Finding:
     share = float(np.clip(both_us / whole_us, 0, 1))
     verdict = below(share, _COVERAGE_DOUBTFUL, _COVERAGE_WRONG)
     ratio = whole_us / max(last_us - first_us, 1)
-    suspect, cure = "poses and events apart", "record poses from before the first event to after "
-    cure += "the last, or map what they cover"
+    suspect = "poses and events apart"
+    cure = "record poses from before the first event to after the last, or map what they cover"
     unit = _mistaken_unit(ratio, _rate_hz(poses), covered=verdict == "good")
     if unit:
         verdict, suspect = "wrong", unit
-        cure = "say the unit of the times (time_unit of the events, unit of the poses)"
+        cure = "set the unit of the times (time_unit of the events, unit of the poses)"
     elif verdict == "wrong" and 0.3 < ratio < 3:
         late_us = events_us[0] - first_us
-        suspect, cure = (
-            "clocks apart",
-            (
-                f"bring both to one clock: the events begin {late_us} µs after the poses "
-                "(time_offset_us)"
-            ),
-        )
+        suspect = "clocks apart"
+        cure = f"bring both to one clock: the events begin {late_us} µs after the poses "
+        cure += "(time_offset_us)"
     return judged(
         "poses-coverage", verdict, share, "",
         f"poses cover {share:.1%} of the events' time: poses {first_us} to {last_us} µs, events "
@@ -92,13 +87,13 @@ def _rate_hz(poses: Trajectory) -> float:
 
 
 def _mistaken_unit(ratio: float, rate_hz: float, *, covered: bool) -> str:
-    """Whose times are in another unit, where events last a power of 1000 times as long as poses.
+    """The suspect where events last a power of 1000 times as long as poses; else empty.
 
     Args:
         ratio: duration of the events over that of the poses.
-        rate_hz: poses per second, as told.
-        covered: whether poses cover the events: then a long recording of poses is no fault, unless
-            no tracker is so slow or so fast.
+        rate_hz: poses per second, as given.
+        covered: whether poses cover the events: then poses may go on for long, at the rate of a
+            tracker.
     """
     power = np.log10(max(ratio, 1e-12)) / 3
     usual = _TRACKERS_HZ[0] <= rate_hz <= _TRACKERS_HZ[1]
@@ -120,7 +115,7 @@ def _rate(poses: Trajectory) -> Finding:
         verdict = "doubtful"
     return judged(
         "poses-rate", verdict, rate_hz, "Hz", words,
-        meaning="in gaps a straight way at constant speed is assumed; a head does not keep to it",
+        meaning="between poses straight motion at constant speed is assumed; heads do not move so",
         cure="record poses at 50 Hz or more, or map windows without gaps",
         suspect="poses too rare" if rate_hz < _RATE_DOUBTFUL_HZ else "gaps in the poses",
     )  # fmt: skip
@@ -133,7 +128,7 @@ def _frozen(poses: Trajectory) -> Finding:
     return judged(
         "poses-frozen", above(share, _FROZEN_DOUBTFUL, _FROZEN_WRONG), share, "",
         f"{share:.1%} of the poses repeat the one before",
-        meaning="a tracker that has lost the body repeats what it saw last: the camera moved on",
+        meaning="a tracker that loses the body repeats its last pose, while the camera moves on",
         cure="remove repeated poses where the body moved; map where it was tracked",
         suspect="poses frozen",
     )  # fmt: skip
@@ -158,7 +153,7 @@ def _jumps(poses: Trajectory) -> Finding:
 
 
 def _usual(values: Floats, reach: int = 10) -> Floats:
-    """The median of those around each value, and at least a tenth of the whole median."""
+    """The median around each value, at least a tenth of the overall median."""
     from scipy.ndimage import median_filter
 
     around = median_filter(values, 2 * reach + 1, mode="nearest")
@@ -183,7 +178,7 @@ def _motion(poses: Trajectory) -> list[Finding]:
     acceleration = np.linalg.norm(np.diff(velocity, axis=0), axis=1) / middle_s
     turning = np.degrees((turned[:-1].inv() * turned[1:]).magnitude()) / dt_s
     unit_words = "positions in mm or cm are read as metres, or times in another unit"
-    found = []
+    findings = []
     for name, values, limits, unit, suspect in (
         ("poses-speed", speed, _SPEED, "m/s", "position unit"),
         ("poses-acceleration", acceleration, _ACCELERATION, "m/s²", "position unit"),
@@ -191,25 +186,25 @@ def _motion(poses: Trajectory) -> list[Finding]:
     ):
         usual = float(np.percentile(values, 90))
         turns = name == "poses-turning"
-        found.append(judged(
+        findings.append(judged(
             name, above(usual, *limits), usual, unit,
             f"{significant(usual, 3)} {unit}, exceeded in a tenth of the time; heads, drones and "
             f"cars stay below {limits[0]:g}",
-            meaning="no body moves so: " + ("times or rotations are mistaken" if turns
+            meaning="implausible motion: " + ("times or rotations are wrong" if turns
                                             else unit_words),
             cure="check the order of the quaternion and the unit of the times" if turns
             else "write positions in metres; check poses.unit", suspect=suspect,
             series=Series(values, t_s[1 : len(values) + 1], "time, s", f"{name[6:]}, {unit}",
                           limits),
         ))  # fmt: skip
-    return found
+    return findings
 
 
 def _noise(poses: Trajectory) -> Finding:
-    """How far poses lie beside the middle of their neighbours, as noise of each pose."""
+    """Noise of single poses, from their distance to the middle of their neighbours."""
     rate_hz = _rate_hz(poses)
     if rate_hz < _NOISE_RATE_HZ or len(poses) < 10:
-        return Finding("poses-noise", "good", None, "mm", "too few poses to tell noise from motion")
+        return Finding("poses-noise", "good", None, "mm", "too few poses for a verdict")
     beside_mm = 1e3 * np.linalg.norm(_beside(poses.positions_m), axis=1)
     rotations = Rotation.from_quat(poses.quats_xyzw)
     back, ahead = rotations[1:-1].inv() * rotations[:-2], rotations[1:-1].inv() * rotations[2:]
@@ -231,5 +226,5 @@ _MEDIAN_CHI2_3 = 2.366
 
 
 def _beside(values: Floats) -> Floats:
-    """(N - 2, 3) how far each is from the middle of its neighbours."""
+    """(N - 2, 3) each minus the middle of its neighbours."""
     return values[1:-1] - (values[:-2] + values[2:]) / 2

@@ -1,6 +1,6 @@
-"""Checks a recording: what it says of itself, then by mapping it otherwise.
+"""Checks a recording: events, poses and calibration first, then by mapping alternatives.
 
-`doubts` reads a second of events, and is what `map` runs by itself; `check` reads all of them and
+`quick_check` reads a second of events, and is part of every `map`; `check` reads all of them and
 maps alternatives.
 """
 
@@ -33,13 +33,13 @@ def check(
     mapping: bool = True,
     progress: Progress = silent,
 ) -> Report:
-    """Looks at everything, and by mapping at what only mapping tells.
+    """Runs all checks.
 
     Args:
-        recording: any; one without poses is checked as far as it goes.
+        recording: any; without poses it is checked as far as possible.
         config: depth range and windows, as for mapping.
         mapping: whether to try alternatives by mapping.
-        progress: told the stages `events` and `alternatives`, done and all.
+        progress: called with the stages `events` and `alternatives`, the steps done, their number.
 
     Returns:
         The findings. What the recording refuses to read is a finding, not an error.
@@ -47,13 +47,13 @@ def check(
     return _checked(recording, config or MapperConfig(), True, mapping, progress)
 
 
-def doubts(recording: Recording, config: MapperConfig) -> list[Finding]:
-    """What a second of events, poses and calibration cast doubt on, in a fraction of a second.
+def quick_check(recording: Recording, config: MapperConfig) -> list[Finding]:
+    """Doubtful or wrong findings from a second of events, poses and calibration; takes 0.1 s.
 
-    What the recording refuses to read is left out: mapping refuses it as well, and says so.
+    What the recording refuses to read is left out: mapping refuses it as well, with the reason.
     """
-    report = _checked(recording, config, False, False, silent)
-    return [one for one in report.findings if one.verdict != "good" and one.name != "reading"]
+    findings = _checked(recording, config, False, False, silent).findings
+    return [f for f in findings if f.verdict != "good" and f.name != "reading"]
 
 
 def check_path(
@@ -63,7 +63,7 @@ def check_path(
     mapping: bool = True,
     progress: Progress = silent,
 ) -> Report:
-    """Opens and checks a recording; where opening refuses it, that is the finding.
+    """Opens and checks a recording; a refusal to open it is a finding.
 
     Raises:
         NoRecordingError: nothing there, or nothing known.
@@ -80,30 +80,24 @@ def check_path(
 def _checked(
     recording: Recording, config: MapperConfig, thorough: bool, mapping: bool, progress: Progress
 ) -> Report:
-    found: list[Finding] = []
     unchecked: Unchecked = []
-    found += _events(recording, thorough, progress)
-    found += check_cameras(recording.rig)
-    blocking = {(one.name, one.verdict) for one in found}
-    readable = not blocking & {
-        ("reading", "wrong"),
-        ("events", "wrong"),
-        ("events-sensor", "wrong"),
-    }
-    if not has_poses(recording):
-        unchecked += [(name, "there are no poses") for name in ("poses", "parallax", "mapping")]
+    findings = _events(recording, thorough, progress) + check_cameras(recording.rig)
+    wrong = {finding.name for finding in findings if finding.verdict == "wrong"}
+    readable, posed = not wrong & {"reading", "events", "events-sensor"}, has_poses(recording)
+    if posed:
+        findings += _try("poses", lambda: check_poses(recording, _span_us(recording)), unchecked)
+        findings += _try("parallax", lambda: check_parallax(recording, config), unchecked)
     else:
-        found += _try("poses", lambda: check_poses(recording, _span_us(recording)), unchecked)
-        found += _try("parallax", lambda: check_parallax(recording, config), unchecked)
-    if mapping and has_poses(recording) and readable:
-        found += _by_mapping(recording, config, found, unchecked, progress)
+        unchecked += [(name, "there are no poses") for name in ("poses", "parallax", "mapping")]
+    if mapping and posed and readable:
+        findings += _by_mapping(recording, config, findings, unchecked, progress)
     if readable and len(recording.rig) > 1:
-        found += _try("rectification", lambda: [_rectification(recording)], unchecked)
-    return Report(recording.name, tuple(found), tuple(unchecked))
+        findings += _try("rectification", lambda: [_rectification(recording)], unchecked)
+    return Report(recording.name, tuple(findings), tuple(unchecked))
 
 
 def has_poses(recording: Recording) -> bool:
-    """Whether a recording says where its cameras were."""
+    """Whether a recording has poses."""
     try:
         return len(recording.trajectory) > 0
     except InputError:
@@ -119,19 +113,19 @@ def _events(recording: Recording, thorough: bool, progress: Progress) -> list[Fi
 
 
 def _refused(name: str, error: InputError) -> Finding:
-    """What a reader refuses, as a finding."""
+    """The reader's refusal as a finding."""
     return Finding(
         name, "wrong", None, "", str(error), "it cannot be mapped as it is",
-        "do what the line says", "refused by the reader",
+        "follow the message", "refused by the reader",
     )  # fmt: skip
 
 
-def _try(what: str, look: Callable[[], list[Finding]], unchecked: Unchecked) -> list[Finding]:
-    """Findings, or why there are none."""
+def _try(name: str, checks: Callable[[], list[Finding]], unchecked: Unchecked) -> list[Finding]:
+    """The findings; where the checks are impossible, none and a note in `unchecked`."""
     try:
-        return look()
+        return checks()
     except InputError as error:
-        unchecked.append((what, str(error)))
+        unchecked.append((name, str(error)))
         return []
 
 
@@ -147,7 +141,7 @@ def _rectification(recording: Recording) -> Finding:
     return check_rectification(recording, t0_us, min(t0_us + _RECTIFIED_US, last_us + 1))
 
 
-# Where one of these is wrong, alternatives would be compared on nonsense.
+# If one of these is wrong, comparing alternatives is meaningless.
 _BEFORE_MAPPING = (
     "baseline", "distortion", "events-rate", "events-sensor", "field-of-view", "focal-ratio",
     "hot-pixels", "parallax", "poses-acceleration", "poses-coverage", "poses-frozen",
@@ -156,10 +150,10 @@ _BEFORE_MAPPING = (
 
 
 def _by_mapping(
-    recording: Recording, config: MapperConfig, found: list[Finding], unchecked: Unchecked,
+    recording: Recording, config: MapperConfig, findings: list[Finding], unchecked: Unchecked,
     progress: Progress,
 ) -> list[Finding]:  # fmt: skip
-    first = [one.name for one in found if one.verdict == "wrong" and one.name in _BEFORE_MAPPING]
+    first = [f.name for f in findings if f.verdict == "wrong" and f.name in _BEFORE_MAPPING]
     if first:
         unchecked.append(("mapping", f"cure {', '.join(first)} first"))
         return []

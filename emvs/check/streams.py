@@ -1,4 +1,4 @@
-"""What a check reads of the events: counts, rates and times of each camera, in bounded memory."""
+"""Statistics of events for checks: counts, rates and times of each camera, in bounded memory."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from eventsweep.emvs.windows import time_steps
 BIN_US = 1000
 """Width of a bin of rates."""
 _QUICK_PIECES, _QUICK_US = 10, 100_000
-_MOST_TIMED = 200_000  # events of a piece whose intervals are looked at
+_MOST_TIMED = 200_000  # events of a piece whose intervals are measured
 Piece = tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
 class Stream:
-    """What one camera's events are like, in the stretches that were read.
+    """Statistics of one camera's events in the stretches that were read.
 
     Attributes:
         events: how many.
@@ -31,8 +31,8 @@ class Stream:
         rates: per stretch, (N,) int64 events in each millisecond.
         begins_us: when each stretch begins.
         step_us: the greatest step that all time stamps are multiples of, µs.
-        backwards: events that come before one that is before them.
-        intervals_us: times between two events of one pixel and polarity, a sample of them, µs.
+        backwards: events with an earlier time than the one before.
+        intervals_us: a sample of times between two events of one pixel and polarity, µs.
         largest_px: largest column and row of any event.
     """
 
@@ -65,7 +65,7 @@ class Stream:
 
 
 def pieces(recording: Recording, *, thorough: bool) -> list[Piece]:
-    """Which stretches are read: all of it a second at a time, or ten of 0.1 s spread over it.
+    """The stretches to read: everything a second at a time, or ten of 0.1 s spread over it.
 
     Args:
         recording: any.
@@ -87,7 +87,7 @@ def read_streams(
     Args:
         recording: any.
         stretches: half-open, µs.
-        progress: told the stage `events`, stretches done and all.
+        progress: called with the stage `events`, the stretches done, and their number.
 
     Raises:
         InputError: what the recording refuses to read: damaged or unsorted events, events off the
@@ -131,7 +131,7 @@ class _Reader:
         x_px, y_px = self._largest_px
         self._largest_px = max(x_px, int(events.x.max())), max(y_px, int(events.y.max()))
         if self._largest_px[0] >= self._size[0] or self._largest_px[1] >= self._size[1]:
-            return  # where they lie is all that counts then
+            return  # off the sensor: nothing else is counted
         cell = events.y.astype(np.int64) * self._size[0] + events.x
         self._pixels += np.bincount(cell, minlength=len(self._pixels))
         steps = np.diff(events.t_us)
@@ -145,7 +145,7 @@ class _Reader:
         self._intervals.append(np.diff(t_us[order])[same])
 
     def stream(self) -> Stream:
-        """What was read, together."""
+        """The statistics of all stretches."""
         width, height = self._size
         intervals = np.concatenate(self._intervals) if self._intervals else np.empty(0, np.int64)
         return Stream(

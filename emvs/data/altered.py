@@ -1,4 +1,4 @@
-"""A recording told otherwise: another calibration, other poses, other clocks, cameras swapped."""
+"""A recording with another calibration, other poses, other clocks, or its cameras swapped."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import DerivedRecording, Recording
 from eventsweep.emvs.geometry.rig import Rig
-from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.geometry.trajectory import PoseSource, Trajectory
 
 
 class AlteredRecording(DerivedRecording):
@@ -20,7 +20,7 @@ class AlteredRecording(DerivedRecording):
     Args:
         recording: the one to alter.
         rig: another calibration; None keeps the recording's.
-        trajectory: other poses; None keeps the recording's.
+        trajectory: other poses, for example a tracker's; None keeps the recording's.
         clock_us: how much later the events of each camera are stamped, µs.
         streams: which camera's events each camera shows, for example (1, 0); empty: its own.
     """
@@ -30,7 +30,7 @@ class AlteredRecording(DerivedRecording):
         recording: Recording,
         *,
         rig: Rig | None = None,
-        trajectory: Trajectory | None = None,
+        trajectory: PoseSource | None = None,
         clock_us: Sequence[int] = (),
         streams: Sequence[int] = (),
     ) -> None:
@@ -45,8 +45,8 @@ class AlteredRecording(DerivedRecording):
 
     @property
     def trajectory(self) -> Trajectory:
-        """The poses as altered."""
-        return self.recording.trajectory if self._trajectory is None else self._trajectory
+        """The poses as altered, as far as they are known now."""
+        return self.recording.trajectory if self._trajectory is None else self._trajectory.known()
 
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """Events of a camera with `t0_us <= t < t1_us` on its altered clock."""

@@ -63,7 +63,9 @@ class Rig:
 
     def sizes(self) -> str:
         """Cameras, their pixels and the first baseline in words, for people."""
-        pixels = dict.fromkeys(f"{one.width_px} x {one.height_px} px" for one in self.cameras)
+        pixels = dict.fromkeys(
+            f"{camera.width_px} x {camera.height_px} px" for camera in self.cameras
+        )
         words = f"{len(self)} camera{'s' * (len(self) > 1)}, {' and '.join(pixels)}"
         return f"{words}, baseline {self.baseline_m():.3g} m" if len(self) > 1 else words
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,13 @@ from eventsweep.emvs.errors import InputError, check_array, shown
 from eventsweep.emvs.geometry import se3
 
 _UNIT_TOLERANCE = 1e-3
+
+
+class PoseSource(Protocol):
+    """Says where a body was: a recorded trajectory, or a tracker that learns it as it goes."""
+
+    def known(self) -> Trajectory:
+        """The poses known so far."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +66,10 @@ class Trajectory:
             raise InputError(f"T_world_body of shape {T_world_body.shape}: needs (N, 4, 4)")
         positions_m, quats_xyzw = se3.to_quat_xyzw(T_world_body)
         return cls(np.asarray(t_us, np.int64), positions_m, quats_xyzw)
+
+    def known(self) -> Trajectory:
+        """All of it: a recorded trajectory does not grow."""
+        return self
 
     def __len__(self) -> int:
         return len(self.t_us)

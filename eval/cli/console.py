@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from eventsweep.emvs.check.findings import Finding, Report
     from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
     from eventsweep.emvs.maps.merge import FusedInfo
+    from eventsweep.eval.calibration import Calibrated
     from eventsweep.eval.ranking.summary import Ranked
-    from eventsweep.eval.report.calibrate_page import Calibrated
     from eventsweep.eval.report.compare.differences import Pair
     from eventsweep.eval.report.compare.page import Comparison
     from eventsweep.eval.scoring.results import Results, Row
@@ -134,7 +134,7 @@ class Console:
 
     def calibrated(self, calibrated: Calibrated) -> None:
         """Each parameter with its correction and uncertainty, or why it was refused."""
-        from eventsweep.eval.report.calibrate_page import facts_of
+        from eventsweep.eval.calibration import facts_of
 
         self._dump(facts_of(calibrated))
         if not self._show:

@@ -37,7 +37,7 @@ class Shown:
     """A finding and its picture.
 
     Attributes:
-        finding: what was found.
+        finding: of the check.
         figure: a plot as SVG, or an image; empty where there is none.
     """
 
@@ -57,14 +57,14 @@ def check_page_text(report: Report, folder: Path | None = None) -> str:
     """The page as HTML: what is wrong first; nothing is loaded from elsewhere.
 
     Args:
-        report: what was found.
+        report: all findings.
         folder: whose files the page links to.
     """
-    ordered = sorted(report.findings, key=lambda one: -VERDICTS.index(one.verdict))
+    ordered = sorted(report.findings, key=lambda f: -VERDICTS.index(f.verdict))
     libraries = versions()
     return environment().get_template("check.html.j2").render(
         title=report.name, summary=summary(report), verdict=report.verdict,
-        shown=[Shown(one, _figure(one, k)) for k, one in enumerate(ordered)],
+        shown=[Shown(finding, _figure(finding, k)) for k, finding in enumerate(ordered)],
         unchecked=report.unchecked, provenance=versions_grid([report.name], [libraries]),
         version=libraries.get("eventsweep", ""),
         files=files_in(folder, (JSON_NAME,)) if folder else (),

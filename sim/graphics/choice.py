@@ -21,7 +21,7 @@ from pathlib import Path
 
 from eventsweep.emvs.errors import InputError
 
-# Why drawing is done in software although there is a GPU; told by `sim.simulate`.
+# Why drawing is done in software although there is a GPU; `sim.simulate` gives notice of it.
 NOTE = "EVENTSWEEP_GRAPHICS_NOTE"
 # Which of several GPUs draws.
 DEVICE = "MUJOCO_EGL_DEVICE_ID"

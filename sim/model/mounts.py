@@ -62,7 +62,7 @@ def find_mount(model: Any, name: str) -> Mount:
         found = [(kind, name) for kind in KINDS if name in known[kind]]
     if len(found) != 1:
         what = "several things are" if found else "nothing is"
-        choice = [f"{kind}:{one}" for kind in KINDS for one in known[kind] if one != "world"]
+        choice = [f"{kind}:{name}" for kind in KINDS for name in known[kind] if name != "world"]
         raise InputError(f"{what} called {name!r} in the model: choose one of {_some(choice)}")
     kind, own = found[0]
     return Mount(kind, own, _body_of(model, kind, own))

@@ -17,6 +17,7 @@ from eventsweep.emvs.data.poses import read_tum
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim.config import SimConfig
+from eventsweep.sim.geoms import moving_geoms
 from eventsweep.sim.mjcf import digests, model_of
 from eventsweep.sim.model.drives import (
     at_rest,
@@ -35,7 +36,6 @@ from eventsweep.sim.model.mounts import (
 from eventsweep.sim.model.survey import survey
 from eventsweep.sim.model.tracks import CarriedMotion, StateTrack
 from eventsweep.sim.motion import Motion
-from eventsweep.sim.motion.animation import moving_geoms
 from eventsweep.sim.motion.curves import CurveMotion
 from eventsweep.sim.motion.head_motion import generate, placed
 from eventsweep.sim.motion.head_styles import STYLES
@@ -49,8 +49,8 @@ _OWN, _USUAL_RIG = "model:", "davis346"
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
-    """A motion that is what it is, whatever its duration and seed."""
+class FixedMotion:
+    """The same motion for every duration and seed."""
 
     motion: Motion
 
@@ -61,7 +61,7 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class Still:
-    """A rig that stays: where a recorded trajectory may begin."""
+    """A rig at rest, where a recorded trajectory may begin."""
 
     T_start: Array
 
@@ -87,7 +87,7 @@ def scene_of(
             (`config.replay`) may move the rig instead.
         rig: the cameras, to find out how near and far things are.
         seed: of the motion.
-        notice: told in one line what may be unwanted.
+        notice: called with a line for what looks wrong.
 
     Returns:
         The scene, and the parameters with the hashes of all files of the model noted and, for a
@@ -226,8 +226,8 @@ class _Drive:
         if self._config.motion in STYLES:
             return partial(_styled, self._config.motion, start)
         if self._recorded is not None:
-            return Held(Still(start))
-        return Held(CarriedMotion(self._path.resolve(), self._track, self._needed_mount()))
+            return FixedMotion(Still(start))
+        return FixedMotion(CarriedMotion(self._path.resolve(), self._track, self._needed_mount()))
 
     def _start(self) -> Array:
         if self._mount is None:

@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim.config import SimConfig
-from eventsweep.sim.motion.animation import moving_geoms
-from eventsweep.sim.rendering.renderer import Frame, StereoRenderer
-from eventsweep.sim.sampling import MIRRORS, why_linear
+from eventsweep.sim.rendering.base import Frame, moving_ids
+from eventsweep.sim.rendering.drawing import MIRRORS, MUJOCO
 from eventsweep.sim.scene import Scene, replayed
 
 _LOOKS = 9
@@ -41,14 +40,14 @@ class _Seen(NamedTuple):
 def survey(
     scene: Scene, rig: Rig, config: SimConfig, seed: int, notice: Callable[[str], None]
 ) -> Scene:
-    """Returns the scene with the depth range that its cameras see; tells what may be unwanted.
+    """Returns the scene with the depth range that its cameras see; warns of what looks wrong.
 
     Args:
         scene: with clipping planes.
         rig: the cameras.
         config: the parameters.
         seed: of the motion.
-        notice: told in one line each.
+        notice: called with one line each.
 
     Raises:
         InputError: no surface is seen.
@@ -69,11 +68,8 @@ def _looked(scene: Scene, rig: Rig, config: SimConfig, seed: int) -> _Seen:
     duration_s = config.duration_s or scene.duration_s
     motion = replayed(scene, config)[0].motion(duration_s, seed)
     seen = _Seen([], [], [])
-    with StereoRenderer(
-        scene.spec(), rig, 1, scene.depth_range_m,
-        animate=scene.animate, clip_m=scene.clip_m, lamp_at=scene.lamp_at,
-    ) as renderer:  # fmt: skip
-        moves = np.append(moving_geoms(renderer.model) & (scene.animate is not None), False)
+    with MUJOCO.open(scene, rig, 1, floats=False, border_px=None) as renderer:
+        moves = moving_ids(renderer) & (scene.animate is not None)
         for t_s in np.linspace(0, duration_s, _LOOKS).tolist():
             renderer.at(t_s)
             T_world_body = motion.T_world_body(t_s)
@@ -118,7 +114,7 @@ def _tell(scene: Scene, near_m: float, edges: float, notice: Callable[[str], Non
             f"{scene.name}: {100 * edges:.2g} % of the pixels lie on edges, so there will be few "
             "events: give surfaces textures, or add lights"
         )
-    if why_linear(scene) == MIRRORS:
+    if MUJOCO.why_plain(scene) == MIRRORS:
         notice(
             f"{scene.name}: a surface mirrors, which takes plain frames close together: set the "
             "reflectance of its material to 0 for a simulation several times as fast"

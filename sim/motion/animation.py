@@ -1,11 +1,8 @@
-"""Bodies that move by themselves: what moves them, and which geoms of a scene they are."""
+"""What moves the bodies of a scene that move by themselves."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     import mujoco
@@ -22,10 +19,3 @@ class Animation(Protocol):
     def __call__(self, model: mujoco.MjModel, data: mujoco.MjData, t_s: float) -> None:
         """Sets joint positions (and mocap poses) in `data` for `t_s`, s from the start."""
         ...
-
-
-def moving_geoms(model: Any) -> NDArray[np.bool_]:
-    """(G,) which geoms of a compiled model hang on a joint or on a mocap body."""
-    driven = model.body_mocapid[model.body_rootid] >= 0
-    moving: NDArray[np.bool_] = ((model.body_weldid != 0) | driven)[model.geom_bodyid]
-    return moving

@@ -68,7 +68,7 @@ class CheckpointFolder:
         key: says what is being made; work under another key is refused.
         rig: its cameras.
         resume: go on from what is there; otherwise it is discarded.
-        notice: told when work is taken up or found damaged.
+        notice: called when work is taken up or found damaged.
 
     Raises:
         InputError: another process works on the target, the folder cannot be made, or what is
@@ -198,7 +198,7 @@ def _refuse_foreign(path: Path) -> None:
     """
     if path.is_symlink() or (path.exists() and not path.is_dir()):
         raise InputError(f"{path}: unfinished work is kept there, but it is no folder: remove it")
-    names = (one.relative_to(path).as_posix() for one in path.rglob("*"))
+    names = (file.relative_to(path).as_posix() for file in path.rglob("*"))
     foreign = sorted(
         name for name in names if not _OURS.fullmatch(name) or (path / name).is_symlink()
     )

@@ -22,8 +22,9 @@ from eventsweep.sim.compensation.interval import Interval, interval_between
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.motion import Motion
 from eventsweep.sim.rendering.adaptive_sampling import RigFrame, adaptive_frames
+from eventsweep.sim.rendering.base import Drawing, Renderer
+from eventsweep.sim.rendering.drawing import MUJOCO
 from eventsweep.sim.rendering.moving_bodies import MovingBodies
-from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.sampling import border_px
 from eventsweep.sim.scene import Scene
 
@@ -43,7 +44,7 @@ class RenderedFrame(NamedTuple):
         depth_m: per camera, (H, W) float32 nearest depth; none unless light is carried by it, or
             events are to have depth.
         truth: per camera, all ground truth by name; none unless this is one of its times.
-        light: per camera, light on a fine grid, see `sim.rendering.renderer.Frame`; none of plain
+        light: per camera, light on a fine grid, see `sim.rendering.base.Frame`; none of plain
             frames.
         intervals: per camera, the way from the frame before; none of plain or first frames.
     """
@@ -96,6 +97,7 @@ class RenderJob:
         seed: of the scene's motion.
         truth_us: times of ground truth, µs.
         bounds_us: where chunks meet, µs; all of `truth_us` among them.
+        drawing: opens the renderer.
     """
 
     scene: Scene
@@ -104,6 +106,7 @@ class RenderJob:
     seed: int
     truth_us: Sequence[int]
     bounds_us: tuple[int, ...]
+    drawing: Drawing = MUJOCO
 
     @property
     def duration_us(self) -> int:
@@ -141,22 +144,11 @@ class RenderJob:
         """The head's curve."""
         return self.scene.motion(self.duration_us * 1e-6, self.seed)
 
-    def renderer(self, model: Any = None) -> StereoRenderer:
-        """Opens a graphics context of the calling process and thread.
-
-        Args:
-            model: the scene, compiled; by default it is made of its file.
-        """
-        return StereoRenderer(
-            self.scene.spec() if model is None else model,
-            self.rig,
-            self.supersample,
-            self.scene.depth_range_m,
-            floats=self.config.light.floats(self.scene.hdr),
-            animate=self.scene.animate,
-            border_px=border_px(self.config),
-            clip_m=self.scene.clip_m,
-            lamp_at=self.scene.lamp_at,
+    def renderer(self) -> Renderer:
+        """Opens a renderer for the calling process and thread."""
+        floats = self.config.light.floats(self.scene.hdr)
+        return self.drawing.open(
+            self.scene, self.rig, self.supersample, floats=floats, border_px=border_px(self.config)
         )
 
 
@@ -168,14 +160,13 @@ class ChunkRenderer:
         renderer: opened in this thread.
     """
 
-    def __init__(self, job: RenderJob, renderer: StereoRenderer) -> None:
+    def __init__(self, job: RenderJob, renderer: Renderer) -> None:
         self.job = job
         self._renderer, self._motion = renderer, job.motion()
         self._config = _capped(job)
         self._last: RigFrame | None = None
         self._ordered_for = -1
-        animate = job.scene.animate
-        self._bodies = MovingBodies(renderer, animate) if animate is not None else None
+        self._bodies = MovingBodies(renderer) if job.scene.animate is not None else None
 
     def frames(self, chunk: int, *, begins: bool) -> Iterator[RenderedFrame]:
         """What the cameras see after the chunk's beginning up to its end.

@@ -31,8 +31,8 @@ from eventsweep.sim.graphics.choice import DEVICE
 from eventsweep.sim.parallel.checkpoint import Stopped
 from eventsweep.sim.parallel.render_job import ChunkRenderer, RenderedFrame, RenderJob, TruthImages
 from eventsweep.sim.rendering import lens
+from eventsweep.sim.rendering.base import Renderer
 from eventsweep.sim.rendering.fine_light import light_shape
-from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.sampling import border_px
 
 _BYTES_PER_WORKER = 192 << 20
@@ -106,7 +106,7 @@ def slot_count(job: RenderJob) -> int:
 
 
 def frames_in_process(
-    job: RenderJob, renderer: StereoRenderer, first_chunk: int
+    job: RenderJob, renderer: Renderer, first_chunk: int
 ) -> Iterator[RenderedFrame]:
     """Renders the chunks from `first_chunk` on, one after the other, in this process."""
     chunks = ChunkRenderer(job, renderer)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,27 +21,13 @@ from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.motion import Motion
+from eventsweep.sim.rendering.base import Frame, Views
 from eventsweep.sim.rendering.lens import bearing_steps
 from eventsweep.sim.rendering.moving_bodies import BodyPixels, MovingBodies
 from eventsweep.sim.rendering.pixel_kernels import squared_displacement, squared_displacement_lens
-from eventsweep.sim.rendering.renderer import Frame
 
 # Aim below the limit: motion accelerates, and the backward check must pass as well.
 _AIM, _CLOSE = 0.93, 0.85
-
-
-class FrameSource(Protocol):
-    """Renders one picture; `sim.rendering.renderer.StereoRenderer` does."""
-
-    rig: Rig
-
-    def at(self, t_s: float) -> None:
-        """Puts the bodies that move by themselves where they are at that time."""
-        ...
-
-    def frame(self, camera: int, T_world_body: NDArray[np.float64]) -> Frame:
-        """What `camera` sees from that pose."""
-        ...
 
 
 class RigFrame(NamedTuple):
@@ -81,7 +67,7 @@ def truth_times_us(duration_us: int, interval_us: int, more_us: Sequence[int] = 
 
 
 def adaptive_frames(
-    source: FrameSource,
+    source: Views,
     motion: Motion,
     stops_us: list[int],
     config: SimConfig,
@@ -94,7 +80,7 @@ def adaptive_frames(
     `config.spacing_px`, measured forwards and backwards.
 
     Args:
-        source: the renderer.
+        source: a renderer.
         motion: the head's curve, s.
         stops_us: rising times at which there must be a frame, µs; at least two.
         config: limits on displacement and interval.
@@ -123,7 +109,7 @@ def adaptive_frames(
 class _View(NamedTuple):
     """What is needed to take pictures and to foresee how far their pixels move."""
 
-    source: FrameSource
+    source: Views
     motion: Motion
     bodies: MovingBodies | None
 

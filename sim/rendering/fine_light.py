@@ -92,7 +92,7 @@ class FineLight(Protocol):
         """
 
     def free(self) -> None:
-        """Frees what is held in the graphics context, which must be current."""
+        """Frees its part of the graphics context, which must be current."""
 
 
 class KernelLight:
@@ -135,4 +135,4 @@ class KernelLight:
         return self._memory[which][:size].reshape(shape)
 
     def free(self) -> None:
-        """Nothing is held in the graphics context."""
+        """Nothing to free."""

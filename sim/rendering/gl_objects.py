@@ -8,7 +8,7 @@ from typing import Any
 
 from eventsweep.emvs.errors import InputError
 
-# Format of texels -> what OpenGL is told that comes in.
+# Format of texels -> the format that OpenGL reads.
 _INCOMING = {
     "GL_RGBA8": ("GL_RGBA", "GL_UNSIGNED_BYTE"),
     "GL_RGBA32F": ("GL_RGBA", "GL_FLOAT"),

@@ -4,19 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.geometry import se3
-from eventsweep.sim.graphics import import_mujoco
-from eventsweep.sim.motion.animation import Animation, moving_geoms
+from eventsweep.sim.rendering.base import Pose, Renderer, moving_ids
 
-if TYPE_CHECKING:
-    from eventsweep.sim.rendering.renderer import StereoRenderer
-
-Pose = NDArray[np.float64]
 # Poses are asked for again within few steps, by every camera and both ways.
 _RECENT = 64
 
@@ -36,35 +31,25 @@ class BodyPixels(NamedTuple):
 
 
 class MovingBodies:
-    """The geoms of a scene's animation; exact, because an animation is a function of time.
+    """The geoms that a renderer moves; exact, because their poses are a function of time.
 
     Args:
         renderer: of the scene; the calling thread's.
-        animate: moves the bodies.
+
+    Attributes:
+        moves: (G + 1,) of `moving_ids`.
     """
 
-    def __init__(self, renderer: StereoRenderer, animate: Animation) -> None:
-        self._mj: Any = import_mujoco()
-        self._renderer, self._animate = renderer, animate
-        self._data = self._mj.MjData(renderer.model)
+    def __init__(self, renderer: Renderer) -> None:
+        self._renderer, self.moves = renderer, moving_ids(renderer)
         self._recent: dict[int, Pose] = {}
-
-    @cached_property
-    def moves(self) -> NDArray[np.bool_]:
-        """(G + 1,) whether a geom can move by itself; the last, id -1, is none."""
-        return np.append(moving_geoms(self._renderer.model), False)
 
     def poses(self, t_us: int) -> Pose:
         """(G, 4, 4) `T_world_geom` of all geoms at a time, µs."""
         if t_us not in self._recent:
             if len(self._recent) >= _RECENT:
                 self._recent.clear()
-            self._animate(self._renderer.model, self._data, t_us * 1e-6)
-            self._mj.mj_kinematics(self._renderer.model, self._data)
-            found = np.tile(np.eye(4), (self._renderer.model.ngeom, 1, 1))
-            found[:, :3, :3] = self._data.geom_xmat.reshape(-1, 3, 3)
-            found[:, :3, 3] = self._data.geom_xpos
-            self._recent[t_us] = found
+            self._recent[t_us] = self._renderer.T_world_geoms(t_us * 1e-6)
         return self._recent[t_us]
 
     def moved(self, now_us: int, later_us: int) -> Pose:

@@ -5,19 +5,23 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from functools import cached_property
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.data.tables import Geom
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.geoms import DrawOrder, enclosing_geom, geom_table
 from eventsweep.sim.graphics import current_driver, import_mujoco, open_context
 from eventsweep.sim.mjcf import compiled
 from eventsweep.sim.motion.animation import Animation
 from eventsweep.sim.rendering import lens, pixel_kernels
+from eventsweep.sim.rendering.base import Frame, Pose
 from eventsweep.sim.rendering.draw_target import Colours, DrawTarget, sharpen_textures
 from eventsweep.sim.rendering.fine_light import FineLight, FineView, KernelLight
 from eventsweep.sim.rendering.light_shader import NoShader, ShaderLight
@@ -25,26 +29,10 @@ from eventsweep.sim.rendering.light_shader import NoShader, ShaderLight
 if TYPE_CHECKING:
     import mujoco
 
-Pose = NDArray[np.float64]
 # Samples per pixel and axis where depth and geoms are looked up through a distorting lens.
 _LEAST_LENS_SAMPLES = 2
-
-
-class Frame(NamedTuple):
-    """One supersampled picture.
-
-    Attributes:
-        intensity: (H, W) float32, linear, 0 to 1; may exceed 1 where light is drawn as floats.
-        nearest_depth_m: (H, W) float32, the least z-depth of each pixel's samples; inf where no
-            sample meets a surface.
-        light: of a fine frame, (S (H + 2 B - 1) + 1, S (W + 2 B - 1) + 1) float32: what a pixel
-            would see in every place of a grid of S places per pixel; that of the sensor's first
-            pixel lies B pixels from the corner.
-    """
-
-    intensity: NDArray[np.float32]
-    nearest_depth_m: NDArray[np.float32]
-    light: NDArray[np.float32] | None = None
+# When moving bodies are looked at to tell one animation from another: evenly, and early.
+_IDENTITY_SAMPLES, _EARLY_S = 32, (0.001, 0.01, 0.1)
 
 
 class StereoRenderer:
@@ -71,6 +59,7 @@ class StereoRenderer:
         shader: bool | None = None,
         clip_m: tuple[float, float] | None = None,
         lamp_at: Pose | None = None,
+        carrier: str = "",
     ) -> None:
         """Compiles the scene and opens a graphics context.
 
@@ -88,6 +77,7 @@ class StereoRenderer:
                 can. `description` says what became of it.
             clip_m: where the clipping planes lie instead.
             lamp_at: (4, 4) where the headlight stays; by default it goes with the body.
+            carrier: the body that carries the rig: cameras may lie inside its geoms.
 
         Raises:
             InputError: no graphics, a lens too wide, a scene that does not compile, or a shader
@@ -98,9 +88,8 @@ class StereoRenderer:
         self.supersample = supersample
         self._animate = animate
         self._near_m, self._far_m = clip_m or (0.5 * depth_range_m[0], 4.0 * depth_range_m[1])
-        self._lamp_at = lamp_at
+        self._lamp_at, self._carrier = lamp_at, carrier
         self._fine = border_px is not None
-        self._as_listed: list[dict[str, Any]] = []
         self._lenses = tuple(lens.lens_of(rig, k, self._lens_samples) for k in range(len(rig)))
         drawn = lens.widened(rig, border_px or 0)
         drawn_lenses = self._lenses
@@ -113,8 +102,8 @@ class StereoRenderer:
         self._buffer_px = lens.buffer_size(drawn, (*drawn_lenses, *self._lenses), supersample)
         self.model = _compiled(spec)
         self._gl = open_context(*self._buffer_px)
-        self._held = ExitStack()
-        self._held.callback(self._gl.free)
+        self._open_parts = ExitStack()
+        self._open_parts.callback(self._gl.free)
         try:
             self._open(*self._buffer_px, floats, shader)
         except BaseException:
@@ -136,7 +125,7 @@ class StereoRenderer:
         """Frees the graphics context."""
         # Another renderer of this thread may be at work, and has objects of the same numbers.
         with self._gl.as_current():
-            self._held.close()
+            self._open_parts.close()
 
     @property
     def description(self) -> str:
@@ -153,35 +142,58 @@ class StereoRenderer:
             self._mj.mj_kinematics(self.model, self._data)
             self._update_scene()
 
+    @cached_property
+    def geoms(self) -> dict[int, Geom]:
+        """All geoms of the model by id."""
+        return geom_table(self.model)
+
+    def T_world_geoms(self, t_s: float) -> Pose:
+        """(G, 4, 4) poses of all geoms at a time, whatever `at` was called with."""
+        self._pose(self._posed, t_s)
+        self._mj.mj_kinematics(self.model, self._posed)
+        poses = np.tile(np.eye(4), (self.model.ngeom, 1, 1))
+        poses[:, :3, :3] = self._posed.geom_xmat.reshape(-1, 3, 3)
+        poses[:, :3, 3] = self._posed.geom_xpos
+        return poses
+
+    def enclosing(self, point_m: Pose) -> str | None:
+        """The name of a geom with a point (3,) inside at the start; None without one."""
+        data = self._mj.MjData(self.model)
+        self._pose(data, 0.0)
+        self._mj.mj_forward(self.model, data)
+        return enclosing_geom(self.model, data, point_m, self._carrier)
+
+    def identity(self, duration_s: float) -> list[NDArray[Any]]:
+        """The compiled model, and where bodies are at some times."""
+        model = np.zeros(self._mj.mj_sizeModel(self.model), np.uint8)
+        self._mj.mj_saveModel(self.model, None, model)
+        if self._animate is None:
+            return [model]
+        arrays = [model, np.array([self._animate.max_interval_us], float)]
+        # Early as well: bodies that start at other speeds have not gone far, but may come to rest.
+        times_s = (*_EARLY_S, *np.linspace(0, duration_s, _IDENTITY_SAMPLES))
+        data = self._mj.MjData(self.model)
+        for t_s in sorted(t for t in times_s if t <= duration_s):
+            self._pose(data, float(t_s))
+            arrays += [data.qpos.copy(), data.mocap_pos.copy(), data.mocap_quat.copy()]
+        return arrays
+
+    @cached_property
+    def _posed(self) -> Any:
+        return self._mj.MjData(self.model)
+
+    def _pose(self, data: Any, t_s: float) -> None:
+        if self._animate is not None:
+            self._animate(self.model, data, t_s)
+
     def near_first(self, T_world_body: Pose) -> None:
         """Draws what is near before what it hides, seen from a pose (4, 4), until further notice.
 
-        A hidden sample costs nothing. Which of two surfaces at the same depth shows may change, so
-        the order must not depend on what was drawn before. Where bodies move, nothing happens: they
-        are put in place for every picture.
+        A hidden sample costs nothing. Where bodies move, nothing happens: they are put in place for
+        every picture.
         """
-        if self._animate is not None:
-            return
-        drawn = self._scene.geoms[: self._scene.ngeom]
-        if not self._as_listed:
-            self._as_listed = [_fields(geom) for geom in drawn]
-        near_to_far = np.argsort(
-            [self._distance_m(f, T_world_body[:3, 3]) for f in self._as_listed]
-        )
-        for geom, n in zip(drawn, near_to_far, strict=True):
-            for name, value in self._as_listed[n].items():
-                if isinstance(value, np.ndarray):
-                    getattr(geom, name)[...] = value
-                else:
-                    setattr(geom, name, value)
-
-    def _distance_m(self, geom: dict[str, Any], eye_m: Pose) -> float:
-        """From the eye to a geom's bounding box; endless ones come last."""
-        model, k = self.model, geom["objid"]
-        if geom["objtype"] != self._mj.mjtObj.mjOBJ_GEOM or model.geom_rbound[k] <= 0:
-            return np.inf
-        local = geom["mat"].reshape(3, 3).T @ (eye_m - geom["pos"]) - model.geom_aabb[k, :3]
-        return float(np.linalg.norm(np.maximum(np.abs(local) - model.geom_aabb[k, 3:], 0)))
+        if self._animate is None:
+            self._order.near_first(T_world_body[:3, 3])
 
     def frame(self, camera: int, T_world_body: Pose) -> Frame:
         """Renders what `camera` sees from `T_world_body` (4, 4), averaged over the samples."""
@@ -264,11 +276,11 @@ class StereoRenderer:
         mj.mj_forward(self.model, self._data)
         self._driver = current_driver()
         self._context = mj.MjrContext(self.model, mj.mjtFontScale.mjFONTSCALE_100)
-        self._held.callback(self._context.free)
+        self._open_parts.callback(self._context.free)
         self._target = DrawTarget(self._context, width_px, height_px, floats=floats)
-        self._held.callback(self._target.free)
+        self._open_parts.callback(self._target.free)
         self._light = self._fine_light(shader)
-        self._held.callback(self._light.free)
+        self._open_parts.callback(self._light.free)
         if self._fine:
             sharpen_textures(self._context)
         mj.mjr_setBuffer(mj.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
@@ -277,6 +289,7 @@ class StereoRenderer:
             self._scene.flags[getattr(mj.mjtRndFlag, f"mjRND_{name}")] = 0
         # One mirror pass costs a whole picture: only for scenes that have something to mirror.
         self._scene.flags[mj.mjtRndFlag.mjRND_REFLECTION] = bool(np.any(self.model.mat_reflectance))
+        self._order = DrawOrder(self.model, self._scene)
         self._option = mj.MjvOption()
         self._option.sitegroup[:] = 0
         self._update_scene()
@@ -358,7 +371,7 @@ class StereoRenderer:
 
 
 def _compiled(spec: Any) -> Any:
-    """A model of the renderer's own, compiled from a copy or copied."""
+    """A model for a renderer alone, compiled from a copy of a spec, or a copy of a model."""
     if hasattr(spec, "compile"):
         own = spec.copy()
         # MuJoCo's own buffer, which is not drawn into.
@@ -369,17 +382,6 @@ def _compiled(spec: Any) -> Any:
     model.vis.global_.offwidth = model.vis.global_.offheight = 1
     model.vis.quality.offsamples = 0
     return model
-
-
-def _fields(geom: Any) -> dict[str, Any]:
-    """All that makes a geom of a MuJoCo scene, copied."""
-    names = [name for name in dir(geom) if not name.startswith("_")]
-    values = {name: getattr(geom, name) for name in names}
-    return {
-        name: value.copy() if isinstance(value, np.ndarray) else value
-        for name, value in values.items()
-        if not callable(value)
-    }
 
 
 def metric_depth(

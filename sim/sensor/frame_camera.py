@@ -10,18 +10,15 @@ rendered for the pictures alone, and events do not depend on whether pictures ar
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.image_stores import Photo
 from eventsweep.emvs.errors import InputError
-from eventsweep.sim.config import FramesConfig, ShutterConfig, SimConfig
-from eventsweep.sim.motion import Motion
-from eventsweep.sim.rendering.adaptive_sampling import FrameSource, adaptive_frames
-from eventsweep.sim.rendering.moving_bodies import MovingBodies
+from eventsweep.sim.config import FramesConfig, ShutterConfig
 
 DENSE_PX = 0.5
 """Pictures this far apart, at most, are taken for linear in time, px."""
@@ -29,22 +26,6 @@ Light = NDArray[np.float32]
 TimedLight = tuple[int, Light]
 """A frame: time, µs, and (H, W) linear intensity."""
 State = dict[str, NDArray[Any]]
-
-
-class CameraImage(NamedTuple):
-    """One picture of a frame camera.
-
-    Attributes:
-        image: (H, W) uint8, linear, 255 at saturation.
-        light: (H, W) float32 mean intensity over the exposure.
-        saturated: share of the pixels at the upper end.
-        black: share of the pixels at 0.
-    """
-
-    image: NDArray[np.uint8]
-    light: Light
-    saturated: float
-    black: float
 
 
 class Exposure:
@@ -72,35 +53,6 @@ class Exposure:
         return (self.total / (self.end_us - self.start_us)).astype(np.float32)
 
 
-def mean_light(frames: Iterable[TimedLight], start_us: int, end_us: int) -> Light:
-    """Averages light over [`start_us`, `end_us`], linear between frames.
-
-    Args:
-        frames: times, µs, rising, and (H, W) intensities; read one by one.
-        start_us: when the shutter opens, µs.
-        end_us: when it closes, µs; later.
-
-    Raises:
-        InputError: the frames do not reach from the start to the end, or do not rise.
-    """
-    exposing, before = Exposure(start_us, end_us), None
-    reached_us = start_us
-    for frame in frames:
-        if before is not None and frame[0] <= before[0]:
-            raise InputError(f"frame at {frame[0]} µs after one at {before[0]} µs: times must rise")
-        if before is not None:
-            exposing.add(before, frame)
-            reached_us = min(frame[0], end_us)
-        elif frame[0] > start_us:
-            break
-        before = frame
-    if exposing.total is None or reached_us < end_us:
-        raise InputError(
-            f"frames do not cover the exposure from {start_us} to {end_us} µs: render more of them"
-        )
-    return exposing.light()
-
-
 def _integral(a: TimedLight, b: TimedLight, start_us: int, end_us: int) -> NDArray[np.float64]:
     """Light times µs of the part of [a, b] within the exposure, by the trapezoid's middle."""
     first_us, last_us = max(a[0], start_us), min(b[0], end_us)
@@ -109,55 +61,11 @@ def _integral(a: TimedLight, b: TimedLight, start_us: int, end_us: int) -> NDArr
     return (last_us - first_us) * middle
 
 
-def develop(light: Light, shutter: ShutterConfig) -> CameraImage:
-    """Applies gain, saturation and quantisation to mean light (H, W)."""
+def develop(light: Light, shutter: ShutterConfig) -> NDArray[np.uint8]:
+    """(H, W) uint8, linear, 255 at saturation: mean light after gain, saturation, quantisation."""
     steps = (1 << shutter.bits) - 1
     level = np.rint(np.clip(shutter.gain * light.astype(np.float64), 0, 1) * steps)
-    image = np.rint(level * (255 / steps)).astype(np.uint8)
-    return CameraImage(image, light, float((level == steps).mean()), float((level == 0).mean()))
-
-
-def gain_for(light: Light, percentile: float = 50.0, level: float = 0.45) -> float:
-    """Returns the gain that puts a percentile of the light at `level` of full scale.
-
-    Raises:
-        InputError: no light there.
-    """
-    found = float(np.percentile(light, percentile))
-    if found <= 0:
-        raise InputError(f"percentile {percentile:g} of the light is {found:g}: needs some light")
-    return level / found
-
-
-def capture(
-    source: FrameSource,
-    motion: Motion,
-    camera: int,
-    start_us: int,
-    config: SimConfig,
-    shutter: ShutterConfig,
-    bodies: MovingBodies | None = None,
-) -> CameraImage:
-    """Takes a picture with one of the rig's cameras while the rig moves.
-
-    Args:
-        source: the renderer.
-        motion: the head's curve.
-        camera: which camera.
-        start_us: when the shutter opens, µs.
-        config: how densely frames are taken during the exposure.
-        shutter: exposure, gain and bits.
-        bodies: of the scene that `source` draws, where some move by themselves.
-
-    Raises:
-        InputError: motion too fast for the configuration.
-    """
-    end_us = start_us + shutter.exposure_us
-    limits = {"max_displacement_px": min(config.spacing_px, DENSE_PX)}
-    dense = config.model_copy(update={"sampling": "linear", **limits})
-    taken = adaptive_frames(source, motion, [start_us, end_us], dense, bodies=bodies)
-    frames = ((e.t_us, e.frames[camera].intensity) for e in taken)
-    return develop(mean_light(frames, start_us, end_us), shutter)
+    return np.rint(level * (255 / steps)).astype(np.uint8)
 
 
 def auto_shutter(light: Light, frames: FramesConfig) -> ShutterConfig:
@@ -264,5 +172,5 @@ class FrameCamera:
     def _developed(self, exposing: Exposure) -> Photo:
         light = exposing.light()
         shutter = auto_shutter(light, self._frames)
-        image = develop(light, shutter).image
+        image = develop(light, shutter)
         return Photo(exposing.start_us, exposing.end_us, shutter.gain, image)

@@ -187,13 +187,13 @@ def _listing(path: Path) -> tuple[list[Path], list[str]]:
     if not images and below:
         images = _images(below[0])
     known = {*STAMP_FILES, *(image.name for image in images)}
-    files = (one.name for one in path.iterdir() if one.name[0] != "." and not one.is_dir())
+    files = (file.name for file in path.iterdir() if file.name[0] != "." and not file.is_dir())
     return images, sorted(name for name in files if name not in known)
 
 
 def _images(folder: Path) -> list[Path]:
-    names = (one for one in folder.iterdir() if one.name[0] != "." and not one.is_dir())
-    return sorted((one for one in names if one.suffix.lower() in READERS), key=_by_number)
+    files = (file for file in folder.iterdir() if file.name[0] != "." and not file.is_dir())
+    return sorted((file for file in files if file.suffix.lower() in READERS), key=_by_number)
 
 
 def _by_number(path: Path) -> tuple[list[tuple[int, str]], str]:

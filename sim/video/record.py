@@ -130,7 +130,7 @@ def record(
         view: calibration and poses, for a sequence that can be mapped.
         to: `sequence` or an event format; by default as `out` is named.
         force: whether to replace an output of ours.
-        progress: told how far it is.
+        progress: called with the share done and the number of events.
 
     Raises:
         InputError: what cannot be read, does not fit together, or may not be written.

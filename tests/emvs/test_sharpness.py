@@ -9,7 +9,7 @@ from eventsweep.emvs import sharpness_kernels
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.trajectory import Trajectory
-from eventsweep.emvs.sharpness import Level, Sharpness, Told, WindowEvents
+from eventsweep.emvs.sharpness import Hypothesis, Level, Sharpness, WindowEvents
 from naive_sharpness import naive_ray_maxima
 from point_world import fronto_parallel, stereo_rig
 
@@ -23,7 +23,7 @@ def recording():
 
 def sharpness(recording, planes=24, **told):
     events = tuple(recording.events(k, T0_US, T1_US) for k in range(len(recording.rig)))
-    said = Told(recording.rig, recording.trajectory, **told)
+    said = Hypothesis(recording.rig, recording.trajectory, **told)
     measure = Sharpness((0.5, 4.0), Level(1, planes))
     return measure([WindowEvents(T0_US, T1_US, events)], [said]).item()
 
@@ -53,10 +53,11 @@ def test_the_kernel_does_what_its_slow_twin_does(cameras):
 
 def test_it_is_the_mean_of_the_largest_ray_maxima(recording):
     events = tuple(recording.events(k, T0_US, T1_US) for k in range(2))
-    window, told = WindowEvents(T0_US, T1_US, events), Told(recording.rig, recording.trajectory)
+    window = WindowEvents(T0_US, T1_US, events)
+    hypothesis = Hypothesis(recording.rig, recording.trajectory)
     measure = Sharpness((0.5, 4.0), Level(1, 24))
-    best = np.sort(measure.ray_maxima([window], [told]).ravel())
-    assert measure([window], [told]) == pytest.approx(best[-round(0.01 * best.size) :].mean())
+    best = np.sort(measure.ray_maxima([window], [hypothesis]).ravel())
+    assert measure([window], [hypothesis]) == pytest.approx(best[-round(0.01 * best.size) :].mean())
 
 
 @pytest.mark.parametrize("late_us", [-20_000, 20_000])
@@ -65,7 +66,7 @@ def test_a_late_camera_makes_the_fused_volume_less_sharp(recording, late_us):
     late = AlteredRecording(recording, clock_us=(0, late_us))
     held = [recording.events(0, T0_US, T1_US), late.events(1, T0_US + late_us, T1_US + late_us)]
     window = WindowEvents(T0_US - 50_000, T1_US + 50_000, tuple(held))
-    told = Told(recording.rig, recording.trajectory)
+    told = Hypothesis(recording.rig, recording.trajectory)
     assert Sharpness((0.5, 4.0), Level(1, 24))([window], [told]).item() == sharpness(
         recording, clock_us=(0, late_us)
     )

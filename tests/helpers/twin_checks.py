@@ -13,9 +13,9 @@ from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.scenes.textures.noise import BRIGHTEST, DARKEST
 from eventsweep.sim.graphics import import_mujoco
-from eventsweep.sim.ground_truth import Warped, warped
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.rigs import rig
+from warped_depth import Warped, warped
 
 SMALL = {240: 2.0, 346: 2.5, 640: 5.0, 1280: 8.0}
 """By how much the quick tests shrink a sensor, by its width."""

@@ -22,11 +22,12 @@ from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.scoring.run_folder import truth_of
 from eventsweep.sim import ground_truth
 from eventsweep.sim.config import SimConfig
-from eventsweep.sim.ground_truth import warped
+from eventsweep.sim.geoms import geom_table
 from eventsweep.sim.motion.curves import HeadSway, look_at
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.rigs import rig as named_rig
 from eventsweep.sim.simulate import simulate
+from warped_depth import warped
 
 EVERYTHING = ("flow", "segmentation", "boundary", "twist", "event_depth")
 CONFIG = SimConfig(truth_interval_s=0.02, truth_times_s=(0.007,), truth=EVERYTHING)
@@ -178,7 +179,7 @@ def test_geoms_are_named_and_what_hangs_on_a_joint_is_dynamic(tmp_path):
         '<body name="fin"><geom type="box" size=".1 .1 .1"/></body></body>'
         '<geom type="box" size="1 1 1"/>'
     )
-    table = ground_truth.geom_table(built.compile())
+    table = geom_table(built.compile())
     assert [(g.name, g.dynamic) for g in table.values()] == [
         ("floor", False), ("geom1", False), ("table", False), ("ball", True), ("fin", True),
     ]  # fmt: skip

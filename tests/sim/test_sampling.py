@@ -14,9 +14,10 @@ from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim.config import SimConfig
+from eventsweep.sim.rendering.drawing import MUJOCO
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.rigs import rig
-from eventsweep.sim.sampling import border_px, why_linear, with_sampling
+from eventsweep.sim.sampling import border_px, with_sampling
 from eventsweep.sim.simulate import simulate
 from noise_scene import contents
 
@@ -50,9 +51,9 @@ def lit_by_the_head(spec):
 
 
 def test_light_is_carried_but_where_a_mirror_or_a_lamp_on_the_head_forbids(tmp_path):
-    assert why_linear(made.noise_scene(tmp_path)) == ""
-    assert "lamp" in why_linear(replace(made.noise_scene(tmp_path), edit=lit_by_the_head))
-    assert "mirrors" in why_linear(scenes.load("reflective"))
+    assert MUJOCO.why_plain(made.noise_scene(tmp_path)) == ""
+    assert "lamp" in MUJOCO.why_plain(replace(made.noise_scene(tmp_path), edit=lit_by_the_head))
+    assert "mirrors" in MUJOCO.why_plain(scenes.load("reflective"))
 
 
 def test_a_scene_with_a_lamp_on_the_head_is_simulated_with_plain_frames_and_says_so(tmp_path):

@@ -47,7 +47,7 @@ def calibrate(
     from eventsweep.emvs.calibrate.refine import RefineConfig
     from eventsweep.emvs.datasets import open_recording
     from eventsweep.emvs.utils.outputs import check_output
-    from eventsweep.eval.report.calibrate_page import calibrate_recording
+    from eventsweep.eval.calibration import calibrate_recording
 
     check_output(out, force=force, inputs=(recording,))
     names = tuple(name.strip() for name in refine.split(",") if name.strip())

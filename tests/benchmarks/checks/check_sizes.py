@@ -20,7 +20,7 @@ import eventsweep as es
 from check_cases import DEVELOPMENT
 from check_faults import sequence
 from eventsweep.emvs.check.alternatives import Amount, Chosen, amounts_of_one, amounts_of_pair
-from eventsweep.emvs.check.by_mapping import trial_of
+from eventsweep.emvs.check.by_mapping import CameraTrials, TrialWindows
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from markdown_blocks import into_page
@@ -71,8 +71,9 @@ def seen_share(amount: Amount, size: float, recordings: Sequence[Recording]) -> 
         pair = Chosen(recording, (0, 1))
         for sign in _SIGNS:
             told = float(np.exp(sign * np.log1p(size))) if amount.is_factor else sign * size
-            found = trial_of(amount.told(pair, told), amount, MapperConfig())
-            verdicts.append(found.verdict == "wrong")
+            windows = TrialWindows.of(amount.change(pair, told), MapperConfig())
+            trial = CameraTrials(windows, (0, 1)).trial(amount)
+            verdicts.append(trial.verdict == "wrong")
     return float(np.mean(verdicts))
 
 

@@ -22,7 +22,8 @@ from eventsweep import scenes
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.rendering import lens
-from eventsweep.sim.rendering.renderer import Frame, StereoRenderer
+from eventsweep.sim.rendering.base import Frame
+from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.rigs import rig as named_rig
 from eventsweep.sim.sampling import border_px, with_sampling
 

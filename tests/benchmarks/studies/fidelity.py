@@ -145,7 +145,7 @@ def truth(clip: Clip, kept: Path) -> Events:
         scene.spec(), rig, FINEST_SAMPLES, scene.depth_range_m,
         floats=config.light.floats(scene.hdr), animate=scene.animate,
     ) as renderer:  # fmt: skip
-        bodies = MovingBodies(renderer, scene.animate) if scene.animate else None
+        bodies = MovingBodies(renderer) if scene.animate else None
         stops_us = [0, clip.duration_us]
         for number, frame in enumerate(
             adaptive_frames(renderer, motion, stops_us, config, bodies=bodies)

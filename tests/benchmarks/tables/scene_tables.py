@@ -25,10 +25,10 @@ from eventsweep import scenes
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim.config import SimConfig
-from eventsweep.sim.ground_truth import warped
 from eventsweep.sim.rigs import rig
 from eventsweep.sim.simulate import simulate
 from markdown_blocks import into_page
+from warped_depth import warped
 
 PAGES = {
     "scenes.md": ("desk", "boxes", "planes"),

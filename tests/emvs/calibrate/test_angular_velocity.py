@@ -24,9 +24,9 @@ OBJECTIVE = Objective(RECORDING, WINDOWS, RECORDING.depth_range_m)
 POSE_CLOCK, *HAND_EYE = parameters_of(("pose-delay", "hand-eye"), 2)[:4]
 
 
-def test_poses_turn_as_fast_as_they_say():
-    told = OBJECTIVE.told(Correction())
-    for window, rate in zip(WINDOWS, camera_turn_rates(WINDOWS, told), strict=True):
+def test_turn_rates_of_poses_are_their_mean_rotation():
+    hypothesis = OBJECTIVE.hypothesis(Correction())
+    for window, rate in zip(WINDOWS, camera_turn_rates(WINDOWS, hypothesis), strict=True):
         first, last = RECORDING.trajectory.at(np.array([window.t0_us, window.t1_us]))[:, :3, :3]
         turn = Rotation.from_matrix(first.T @ last).as_rotvec()
         assert np.allclose(rate, turn / (1e-6 * (window.t1_us - window.t0_us)))
@@ -52,7 +52,7 @@ def rates_of(turns, lag_s, rotvec, noise=0.0):
 
 
 def test_lag_and_rotation_are_found_exactly_in_exact_rates():
-    turns = PoseTurns(WINDOWS, OBJECTIVE.told(Correction()))
+    turns = PoseTurns(WINDOWS, OBJECTIVE.hypothesis(Correction()))
     exact = rates_of(turns, 0.017, np.radians([3.0, -2.0, 1.0]))
     found = align(exact, turns, np.zeros(4), WIDE)
     assert found[0] == pytest.approx(17, abs=0.02)
@@ -61,7 +61,7 @@ def test_lag_and_rotation_are_found_exactly_in_exact_rates():
 
 @pytest.mark.parametrize("held", [0, 2])
 def test_what_is_not_asked_for_stays(held):
-    turns = PoseTurns(WINDOWS, OBJECTIVE.told(Correction()))
+    turns = PoseTurns(WINDOWS, OBJECTIVE.hypothesis(Correction()))
     rotvec, spread = np.radians([3.0, 0.0, 1.0]), WIDE.copy()
     spread[held] = 0
     found = align(rates_of(turns, 0.017 * (held > 0), rotvec), turns, np.zeros(4), spread)
@@ -71,7 +71,7 @@ def test_what_is_not_asked_for_stays(held):
 
 def test_where_nothing_turns_the_calibration_as_given_is_believed():
     """Noise of 10 deg/s, motion of 0.1: without the belief, lag and rotation were anything."""
-    turns = PoseTurns(WINDOWS, OBJECTIVE.told(Correction()))
+    turns = PoseTurns(WINDOWS, OBJECTIVE.hypothesis(Correction()))
     full = turns.at
     turns.at = lambda lag_s, rotvec: 1e-3 * full(lag_s, rotvec)
     noisy = rates_of(turns, 0.0, np.zeros(3), noise=np.radians(10))
@@ -84,6 +84,6 @@ def test_where_nothing_turns_the_calibration_as_given_is_believed():
 def test_a_spoilt_clock_and_hand_eye_are_nearly_mended_by_rates_alone():
     spoilt = Correction.of([POSE_CLOCK, *HAND_EYE], [12.0, 1.0, -1.0, 0.5])
     rates = turn_rates(OBJECTIVE, spoilt, np.radians(4))
-    turns = PoseTurns(WINDOWS, OBJECTIVE.told(spoilt))
+    turns = PoseTurns(WINDOWS, OBJECTIVE.hypothesis(spoilt))
     found = align(rates, turns, np.zeros(4), np.r_[20.0, np.radians([2.0] * 3)])
     assert found[0] == pytest.approx(-12, abs=5)

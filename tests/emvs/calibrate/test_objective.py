@@ -28,7 +28,7 @@ def test_the_truth_is_sharper_than_what_is_wrong():
 def test_each_window_may_be_told_otherwise():
     objective = Objective(RECORDING, WINDOWS, RECORDING.depth_range_m)
     one = parameters_of(("stereo",), 2)[0]
-    right, wrong = (objective.told(Correction({one: value})) for value in (0.0, 2.0))
+    right, wrong = (objective.hypothesis(Correction({one: value})) for value in (0.0, 2.0))
     mixed = objective.sharpness([right, wrong, right, wrong])
     assert (mixed[::2] == objective(Correction())[::2]).all()
     assert (mixed[1::2] == objective(Correction({one: 2.0}))[1::2]).all()

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from check_cases import UNSPOILT, Chosen
-from eventsweep.emvs.check.by_mapping import Bench, HeldRecording
-from eventsweep.emvs.check.recording import check, check_path, doubts
+from eventsweep.emvs.check.by_mapping import TrialWindows, WindowRecording
+from eventsweep.emvs.check.recording import check, check_path, quick_check
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.datasets import NoRecordingError, open_recording
@@ -60,7 +60,7 @@ def test_mapping_is_not_tried_on_nonsense_and_says_so():
     assert dict(report.unchecked)["mapping"] == "cure parallax first"
 
 
-def test_every_step_is_told_and_answers_are_the_same_again():
+def test_every_step_shows_and_answers_are_the_same_again():
     told = []
     reports = [
         check(head_recording(), progress=lambda *step: told.append(step)).to_json()
@@ -71,29 +71,31 @@ def test_every_step_is_told_and_answers_are_the_same_again():
     assert all(done <= total for _, done, total in told)
 
 
-def test_doubts_are_cheap_and_leave_out_what_mapping_refuses(monkeypatch):
+def test_the_quick_check_never_maps_and_leaves_out_what_mapping_refuses(monkeypatch):
     monkeypatch.setattr(
         "eventsweep.emvs.check.recording.check_by_mapping", lambda *_: pytest.fail("mapped")
     )
-    assert doubts(head_recording(), MapperConfig()) == []
+    assert quick_check(head_recording(), MapperConfig()) == []
 
     class Unreadable(Chosen):
         def events(self, camera, t0_us, t1_us):
             raise InputError("damaged")
 
-    assert [one.name for one in doubts(Unreadable(head_recording(), (0, 1)), MapperConfig())] == []
+    assert [
+        one.name for one in quick_check(Unreadable(head_recording(), (0, 1)), MapperConfig())
+    ] == []
 
 
-def test_windows_hold_the_same_events_whatever_is_told():
-    held = HeldRecording(head_recording(), 100_000, 300_000, 1000)
-    events = held.events(0, -(10**9), 10**9)
+def test_windows_keep_the_same_events_under_all_alternatives():
+    kept = WindowRecording(head_recording(), 100_000, 300_000, 1000)
+    events = kept.events(0, -(10**9), 10**9)
     assert len(events) == 1000
     assert events.t_us.min() >= 100_000
     assert events.t_us.max() < 300_000
-    bench = Bench.of(head_recording(), MapperConfig())
-    assert len(bench.windows) == len(bench.middles_us) == 3
+    windows = TrialWindows.of(head_recording(), MapperConfig())
+    assert len(windows.windows) == len(windows.middles_us) == 3
     late = UNSPOILT["one camera"](head_recording(), np.random.default_rng(0))
-    assert len(Bench.of(late, MapperConfig()).windows) == 3
+    assert len(TrialWindows.of(late, MapperConfig()).windows) == 3
 
 
 def test_poses_that_cover_no_window_are_a_reason_not_to_map():
@@ -102,6 +104,6 @@ def test_poses_that_cover_no_window_are_a_reason_not_to_map():
     short = Trajectory(poses.t_us[few], poses.positions_m[few], poses.quats_xyzw[few])
     told = AlteredRecording(head_recording(), trajectory=short)
     with pytest.raises(InputError, match=r"needs 0\.2 s"):
-        Bench.of(told, MapperConfig())
+        TrialWindows.of(told, MapperConfig())
     assert check(told).finding("poses-coverage").verdict == "wrong"
     assert DURATION_US > 200_000

@@ -7,8 +7,8 @@ import pytest
 
 from eventsweep.emvs.data.writer import SequenceWriter
 from eventsweep.emvs.datasets import open_recording
+from eventsweep.eval import calibration
 from eventsweep.eval.cli.main import main
-from eventsweep.eval.report import calibrate_page
 from point_world import edge_points, pinhole, stereo_rig, swinging
 
 SMALL = ["--windows", "5", "--window-s", "0.15", "--events", "3000"]
@@ -66,7 +66,7 @@ def test_an_interrupt_leaves_nothing(sequence, tmp_path, monkeypatch, capsys):
     def interrupted(*_args):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(calibrate_page, "write_refined", interrupted)
+    monkeypatch.setattr(calibration, "write_refined", interrupted)
     out = tmp_path / "refined"
     asked = ["calibrate", str(sequence), "--refine", "delay", "--out", str(out), *SMALL]
     assert main(asked) == 130

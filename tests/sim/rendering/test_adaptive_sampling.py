@@ -22,7 +22,8 @@ from eventsweep.sim.rendering.adaptive_sampling import (
     longest_step,
     truth_times_us,
 )
-from eventsweep.sim.rendering.renderer import Frame, StereoRenderer
+from eventsweep.sim.rendering.base import Frame
+from eventsweep.sim.rendering.renderer import StereoRenderer
 
 
 class Walls:

@@ -143,7 +143,7 @@ def test_no_pixel_of_a_moving_body_goes_too_far_before_a_head_at_rest(tmp_path):
     with StereoRenderer(
         scene.spec(), rig, 2, scene.depth_range_m, animate=scene.animate
     ) as renderer:
-        bodies = MovingBodies(renderer, scene.animate)
+        bodies = MovingBodies(renderer)
         blind = list(adaptive_frames(renderer, still, [0, 20_000], config))
         taken = list(adaptive_frames(renderer, still, [0, 20_000], config, bodies=bodies))
     ways_px = [
@@ -159,7 +159,7 @@ def test_poses_depend_on_the_time_alone(tmp_path):
     with StereoRenderer(
         scene.spec(), made.tiny_rig(), 1, scene.depth_range_m, animate=scene.animate
     ) as renderer:
-        bodies = MovingBodies(renderer, scene.animate)
+        bodies = MovingBodies(renderer)
         assert bodies.moves.tolist() == [False, True, False]
         for t_us in (7_000, 0, 500_000, 7_000):
             np.testing.assert_allclose(bodies.poses(t_us)[1], T_world_die(t_us * 1e-6), atol=1e-12)

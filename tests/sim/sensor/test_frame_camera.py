@@ -19,12 +19,11 @@ from eventsweep.sim.rendering.adaptive_sampling import adaptive_frames
 from eventsweep.sim.sensor.frame_camera import (
     FrameCamera,
     auto_shutter,
-    capture,
     develop,
     exposure_spans_us,
-    mean_light,
 )
 from eventsweep.sim.simulate import make_job, simulate
+from exposed import captured_light, mean_light
 from noise_scene import Killed, contents, scene_in, stop_at
 
 # The shutter is open across chunks, parts and truth times.
@@ -48,7 +47,7 @@ def whole(folder, scene):
 
 
 def test_a_stored_picture_is_the_light_of_the_frames_that_made_the_events(scene, whole):
-    """Bit by bit; and what `capture` takes, whose frames lie elsewhere, to a grey level."""
+    """Bit by bit; and what frames at other times give, to a grey level."""
     sequence, job = Sequence.open(whole), make_job(scene, made.tiny_rig(), CONFIG, 0)
     assert sequence.photo_times_us(1).tolist() == [10_000, 20_000, 30_000, 40_000]
     with job.renderer() as renderer:
@@ -64,9 +63,11 @@ def test_a_stored_picture_is_the_light_of_the_frames_that_made_the_events(scene,
                 light = mean_light(frames, photo.start_us, photo.end_us)
                 shutter = auto_shutter(light, FRAMES)
                 assert photo.gain == shutter.gain
-                assert np.array_equal(photo.image, develop(light, shutter).image)
-                called = capture(renderer, job.motion(), camera, photo.start_us, CONFIG, shutter)
-                off = np.abs(photo.image.astype(int) - called.image)
+                assert np.array_equal(photo.image, develop(light, shutter))
+                other = captured_light(
+                    renderer, job.motion(), camera, photo.start_us, CONFIG, shutter.exposure_us
+                )
+                off = np.abs(photo.image.astype(int) - develop(other, shutter))
                 assert np.mean(off) < 0.5
                 assert np.mean(off > 1) < 0.02
 

@@ -1,0 +1,86 @@
+"""Refines a recording into a folder: calibration, a window before and after, and the page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from eventsweep.emvs.calibrate.before_after import before_and_after
+from eventsweep.emvs.calibrate.folder import estimate_facts, write_refined
+from eventsweep.emvs.calibrate.refine import RefineConfig, Refinement, refine
+from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.utils.outputs import atomic_dir
+from eventsweep.emvs.utils.ownership import mark
+from eventsweep.eval.progress import Progress
+from eventsweep.eval.report.calibrate_page import page_text, summary
+from eventsweep.eval.report.html import REPORT_NAME
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """A finished refinement.
+
+    Attributes:
+        refinement: the result.
+        notes: on the files that were written.
+    """
+
+    refinement: Refinement
+    notes: tuple[str, ...]
+
+
+def calibrate_recording(
+    recording: Recording, path: Path, out: Path, config: RefineConfig, progress: Progress, *,
+    force: bool = False, command: str = "",
+) -> Calibrated:  # fmt: skip
+    """Refines a recording and writes the folder: calibration, `recording.toml` and page.
+
+    Args:
+        recording: to refine.
+        path: of the recording; never replaced.
+        out: folder that appears whole or not at all.
+        config: what to refine.
+        progress: shows the stages.
+        force: whether to replace an output of ours.
+        command: for the provenance.
+
+    Raises:
+        InputError: what `emvs.calibrate.refine.refine` refuses, or an output that exists.
+    """
+    with progress.stage("calibrate", 1.0) as update:
+        refinement = refine(recording, config, _moving(update))
+        update(1.0, summary(refinement))
+    with progress.stage("before and after", 3.0) as update:
+        sides = before_and_after(recording, refinement, update)
+        with atomic_dir(out, force=force, inputs=(path,)) as folder:
+            notes = write_refined(folder, out, recording, refinement, command)
+            text = page_text(recording, refinement, sides, notes, command, folder)
+            (folder / REPORT_NAME).write_text(text, encoding="utf-8")
+            mark(folder)
+        update(3.0, "")
+    return Calibrated(refinement, notes)
+
+
+def facts_of(calibrated: Calibrated) -> dict[str, Any]:
+    """Plain values for `--json`."""
+    refinement = calibrated.refinement
+    return {
+        "estimates": [estimate_facts(estimate) for estimate in refinement.estimates],
+        "sharpness": refinement.sharpness.mean(axis=0).tolist(),
+        "windows": len(refinement.windows),
+        "notes": list(calibrated.notes),
+    }
+
+
+def _moving(update: Callable[[float, str], None]) -> Callable[[str, int, int], None]:
+    """One bar for all stages, whose number is not known: each takes half of what is left."""
+    begins: dict[str, float] = {}
+
+    def show(stage: str, done: int, total: int) -> None:
+        begin = begins.setdefault(stage, 1 - 0.6 ** len(begins))
+        share = min(1.0, done / max(total, 1))
+        update(begin + 0.4 * (1 - begin) * share, f"{stage} {done}/{total}")
+
+    return show

@@ -1,0 +1,147 @@
+"""Geoms of a compiled MuJoCo model: names, which move, what lies inside, drawing order."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eventsweep.emvs.data.tables import Geom
+from eventsweep.sim.graphics import import_mujoco
+
+
+def moving_geoms(model: Any) -> NDArray[np.bool_]:
+    """(G,) which geoms of a compiled model hang on a joint or on a mocap body."""
+    driven = model.body_mocapid[model.body_rootid] >= 0
+    moving: NDArray[np.bool_] = ((model.body_weldid != 0) | driven)[model.geom_bodyid]
+    return moving
+
+
+def geom_table(model: Any) -> dict[int, Geom]:
+    """What the geom ids of a compiled model mean.
+
+    A geom without a name goes by its body's, or by its number. Dynamic is what hangs on a joint,
+    or on a mocap body.
+    """
+    moving = moving_geoms(model)
+    return {k: Geom(name=_label(model, k), dynamic=bool(moving[k])) for k in range(model.ngeom)}
+
+
+def enclosing_geom(
+    model: Any, data: Any, point_m: NDArray[np.float64], except_body: str
+) -> str | None:
+    """The name of a drawn geom with a point inside; None without one.
+
+    Args:
+        model: compiled.
+        data: the model's state, kinematics up to date.
+        point_m: (3,) in the world, m.
+        except_body: whose geoms do not count; empty for none.
+    """
+    for k in range(model.ngeom):
+        own = bool(except_body) and model.body(int(model.geom_bodyid[k])).name == except_body
+        if not own and _is_drawn(model, k) and _is_inside(model, data, k, point_m):
+            return _label(model, k)
+    return None
+
+
+def _label(model: Any, geom_id: int) -> str:
+    body_id = int(model.geom_bodyid[geom_id])
+    name = model.geom(geom_id).name or (model.body(body_id).name if body_id else "")
+    return name or f"geom{geom_id}"
+
+
+def _is_drawn(model: Any, geom_id: int) -> bool:
+    material = int(model.geom_matid[geom_id])
+    alpha = model.mat_rgba[material][3] if material >= 0 else model.geom_rgba[geom_id][3]
+    return bool(alpha > 0) and int(model.geom_group[geom_id]) < 3
+
+
+def _is_inside(model: Any, data: Any, geom_id: int, point_m: NDArray[np.float64]) -> bool:
+    """Whether a point lies inside a geom that has an inside: closed primitives and meshes."""
+    turn = data.geom_xmat[geom_id].reshape(3, 3)
+    local = (point_m - data.geom_xpos[geom_id]) @ turn
+    size = model.geom_size[geom_id]
+    if np.linalg.norm(local) > model.geom_rbound[geom_id] > 0:
+        return False
+    kind = import_mujoco().mjtGeom(model.geom_type[geom_id]).name.removeprefix("mjGEOM_")
+    if kind == "MESH":
+        return _is_inside_mesh(model, int(model.geom_dataid[geom_id]), local)
+    radius_m, height_m = float(np.hypot(local[0], local[1])), abs(local[2])
+    inside = {
+        "SPHERE": np.linalg.norm(local) < size[0],
+        "BOX": (np.abs(local) < size).all(),
+        "ELLIPSOID": np.linalg.norm(local / np.where(size, size, np.inf)) < 1,
+        "CYLINDER": radius_m < size[0] and height_m < size[1],
+        "CAPSULE": np.hypot(radius_m, max(0.0, height_m - size[1])) < size[0],
+    }
+    return bool(inside.get(kind, False))
+
+
+def _is_inside_mesh(model: Any, mesh_id: int, local: NDArray[np.float64]) -> bool:
+    """By the solid angle of its outward faces: a dome whose faces look inwards has no inside."""
+    first_vertex, vertices = model.mesh_vertadr[mesh_id], model.mesh_vertnum[mesh_id]
+    first_face, faces = model.mesh_faceadr[mesh_id], model.mesh_facenum[mesh_id]
+    points = model.mesh_vert[first_vertex : first_vertex + vertices] - local
+    a, b, c = points[model.mesh_face[first_face : first_face + faces].T].astype(np.float64)
+    la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
+    volume = np.einsum("ni,ni->n", a, np.cross(b, c))
+    below = (
+        la * lb * lc
+        + np.einsum("ni,ni->n", a, b) * lc
+        + np.einsum("ni,ni->n", b, c) * la
+        + np.einsum("ni,ni->n", c, a) * lb
+    )
+    # Van Oosterom and Strackee (IEEE Trans. Biomed. Eng. 1983): the whole sphere is 4 pi.
+    return bool(2 * np.arctan2(volume, below).sum() > 2 * np.pi)
+
+
+class DrawOrder:
+    """The order in which the geoms of a MuJoCo scene are drawn.
+
+    Args:
+        model: compiled.
+        scene: its `MjvScene`.
+    """
+
+    def __init__(self, model: Any, scene: Any) -> None:
+        self._model, self._scene = model, scene
+        self._as_listed: list[dict[str, Any]] = []
+
+    def near_first(self, eye_m: NDArray[np.float64]) -> None:
+        """Sorts by the distance from an eye (3,), m.
+
+        Which of two surfaces at the same depth shows may change, so the order must not depend on
+        the order before.
+        """
+        drawn = self._scene.geoms[: self._scene.ngeom]
+        if not self._as_listed:
+            self._as_listed = [_fields(geom) for geom in drawn]
+        near_to_far = np.argsort([self._distance_m(fields, eye_m) for fields in self._as_listed])
+        for geom, n in zip(drawn, near_to_far, strict=True):
+            for name, value in self._as_listed[n].items():
+                if isinstance(value, np.ndarray):
+                    getattr(geom, name)[...] = value
+                else:
+                    setattr(geom, name, value)
+
+    def _distance_m(self, geom: dict[str, Any], eye_m: NDArray[np.float64]) -> float:
+        """From the eye to a geom's bounding box; endless ones come last."""
+        model, k = self._model, geom["objid"]
+        is_geom = geom["objtype"] == import_mujoco().mjtObj.mjOBJ_GEOM
+        if not is_geom or model.geom_rbound[k] <= 0:
+            return np.inf
+        local = geom["mat"].reshape(3, 3).T @ (eye_m - geom["pos"]) - model.geom_aabb[k, :3]
+        return float(np.linalg.norm(np.maximum(np.abs(local) - model.geom_aabb[k, 3:], 0)))
+
+
+def _fields(geom: Any) -> dict[str, Any]:
+    """All that makes a geom of a MuJoCo scene, copied."""
+    names = [name for name in dir(geom) if not name.startswith("_")]
+    values = {name: getattr(geom, name) for name in names}
+    return {
+        name: value.copy() if isinstance(value, np.ndarray) else value
+        for name, value in values.items()
+        if not callable(value)
+    }

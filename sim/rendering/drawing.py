@@ -1,0 +1,51 @@
+"""MuJoCo as the simulator's renderer: opened for a scene's file, or for a model in memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.sim.rendering.renderer import StereoRenderer
+from eventsweep.sim.scene import Scene
+
+MIRRORS = "a surface mirrors"
+
+
+@dataclass(frozen=True, eq=False)
+class MujocoDrawing:
+    """Draws with MuJoCo.
+
+    Attributes:
+        model: a compiled model in place of the scene's file.
+    """
+
+    model: Any = None
+
+    def why_plain(self, scene: Scene) -> str:
+        """Why light cannot be carried along the scene's surfaces; empty where it can.
+
+        What a mirror shows moves otherwise than the mirror, and a lamp on the head moves with it.
+        """
+        if self.model is None:
+            spec = scene.spec()
+            mirrors, lamp = any(m.reflectance > 0 for m in spec.materials), spec.visual.headlight
+        else:
+            mirrors, lamp = bool((self.model.mat_reflectance > 0).any()), self.model.vis.headlight
+        if mirrors:
+            return MIRRORS
+        lit = scene.lamp_at is None and lamp.active and (any(lamp.diffuse) or any(lamp.specular))
+        return "there is a lamp on the head" if lit else ""
+
+    def open(
+        self, scene: Scene, rig: Rig, supersample: int, *, floats: bool, border_px: int | None
+    ) -> StereoRenderer:
+        """Opens a graphics context of the calling process and thread."""
+        return StereoRenderer(
+            scene.spec() if self.model is None else self.model, rig, supersample,
+            scene.depth_range_m, floats=floats, animate=scene.animate, border_px=border_px,
+            clip_m=scene.clip_m, lamp_at=scene.lamp_at, carrier=scene.carrier,
+        )  # fmt: skip
+
+
+MUJOCO = MujocoDrawing()
