@@ -30,7 +30,7 @@ from eventsweep.eval.scoring.pairing import (
     pair,
     pair_methods,
 )
-from eventsweep.eval.scoring.pooling import CasePool
+from eventsweep.eval.scoring.pooling import CasePool, NumberStore
 from eventsweep.eval.scoring.predictions import UNIT_FACTOR
 from eventsweep.eval.scoring.regions import region_masks
 from eventsweep.eval.scoring.results import MEAN, POOLED, RIG, Row
@@ -82,7 +82,8 @@ def case_rows(case: str, windows: Windows) -> list[Row]:
         InputError: windows of several rigs, or no room on the disk for what is pooled.
     """
     single: list[list[Row]] = []
-    with CasePool() as pool:
+    with NumberStore() as store:
+        pool = CasePool(store)
         for name, methods in windows.items() if isinstance(windows, Mapping) else windows:
             scores = {method: score_method(pairs) for method, pairs in methods.items()}
             pool.add(methods, scores)

@@ -28,6 +28,10 @@ def values(pairs):
     return {score.metric: score.value for score in score_pairs(pairs)}
 
 
+def curve_of(pairs):
+    return coverage_curve(pairs.error_m, pairs.confidence, pairs.truth_count)
+
+
 def by_hand():
     """Errors 0.5, 0, 0.2, 0.1 m on 1 m; confidence 9, 5, 5, 1; eight pixels of truth."""
     truth_m = np.ones(4)
@@ -36,7 +40,7 @@ def by_hand():
 
 
 def test_coverage_by_hand():
-    found = coverage_curve(by_hand())
+    found = curve_of(by_hand())
     np.testing.assert_array_equal(found.points, [1, 3, 4])
     np.testing.assert_allclose(found.coverage, [12.5, 37.5, 50])
     np.testing.assert_allclose(found.mean_error_m, [0.5, 0.7 / 3, 0.2])
@@ -86,7 +90,7 @@ def confident_pairs(draw):
 
 @given(confident_pairs())
 def test_coverage_ends_at_all_pixels_and_no_order_beats_the_best(pairs):
-    found, got = coverage_curve(pairs), values(pairs)
+    found, got = curve_of(pairs), values(pairs)
     assert found.mean_error_m[-1] == pytest.approx(got["mean_error"])
     assert found.coverage[-1] == pytest.approx(got["completeness"])
     assert (found.best_error_m <= found.mean_error_m * (1 + 1e-12)).all()
