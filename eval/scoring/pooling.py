@@ -270,4 +270,4 @@ class _MethodPool:
         for name, value in pool.values().items():
             metric = ALL_METRICS[name]
             score_name = full_name(name, region)
-            yield Score(score_name, value, metric.unit, metric.better, region, pool.points)
+            yield Score(score_name, value, metric.unit, metric.direction, region, pool.points)

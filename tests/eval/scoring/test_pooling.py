@@ -100,8 +100,8 @@ def test_a_case_is_pooled_by_method_region_and_cause(causes):
             pool.add({"Alg1/H": part}, {"Alg1/H": score_method(part)})
         got = pool.scores()["Alg1/H"]
     want = score_method(pooled_methods(parts))
-    assert [(s.metric, s.unit, s.better, s.region, s.points) for s in got] == [
-        (s.metric, s.unit, s.better, s.region, s.points) for s in want
+    assert [(s.metric, s.unit, s.direction, s.region, s.support) for s in got] == [
+        (s.metric, s.unit, s.direction, s.region, s.support) for s in want
     ]
     np.testing.assert_allclose([s.value for s in got], [s.value for s in want], rtol=1e-11)
 
@@ -109,8 +109,8 @@ def test_a_case_is_pooled_by_method_region_and_cause(causes):
 def test_rows_of_windows_that_come_one_by_one_are_those_of_all_at_once():
     windows = {f"w{k:03d}": {"Alg1/H": regional(k, ["edges"])} for k in range(3)}
     rows = case_rows("desk", windows)
-    assert repr(case_rows("desk", iter(windows.items()))) == repr(rows)
-    assert case_rows("desk", {}) == []
+    assert case_rows("desk", iter(windows.items())).equals(rows)
+    assert case_rows("desk", {}).empty
 
 
 def traced_mib(windows):
