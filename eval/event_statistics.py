@@ -15,7 +15,7 @@ _FIRST_BIN_US = 1000
 _MOST_GAPS = 20
 _MOST_PX = 2048
 GAP_US = 100_000
-"""A silence as long as this is told of."""
+"""The shortest silence that is reported."""
 
 
 @dataclass
@@ -172,7 +172,7 @@ def count_stream(
     Args:
         packets: events in file order.
         size_px: width and height of the sensor, where known.
-        progress: told of the count after each packet.
+        progress: called with the count after each packet.
     """
     found = StreamCount(size_px)
     for events in packets:

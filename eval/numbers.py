@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 # Per unit as stored: the unit as shown, and the factor between them.
-_SHOWN = {"m": ("cm", 100.0)}
+_DISPLAYED = {"m": ("cm", 100.0)}
 
 
 def thousands(count: float) -> str:
@@ -16,18 +16,18 @@ def thousands(count: float) -> str:
     return f"{count:,.0f}"
 
 
-def shown_unit(unit: str) -> str:
+def display_unit(unit: str) -> str:
     """The unit in which values of a stored unit are shown."""
-    return _SHOWN.get(unit, (unit, 1.0))[0]
+    return _DISPLAYED.get(unit, (unit, 1.0))[0]
 
 
-def in_shown_unit(value: float, unit: str) -> float:
+def in_display_unit(value: float, unit: str) -> float:
     """A stored value in the unit in which it is shown."""
-    return _SHOWN.get(unit, (unit, 1.0))[1] * value
+    return _DISPLAYED.get(unit, (unit, 1.0))[1] * value
 
 
-def shown(value: float, unit: str) -> str:
+def displayed(value: float, unit: str) -> str:
     """A value as tables show it: metres as centimetres, counts without decimals, NaN as a dash."""
     if math.isnan(value):
         return "–"
-    return thousands(value) if unit == "px" else f"{in_shown_unit(value, unit):,.2f}"
+    return thousands(value) if unit == "px" else f"{in_display_unit(value, unit):,.2f}"

@@ -22,13 +22,15 @@ from eventsweep.scenes import case_name
 from eventsweep.sim.config import SimConfig
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from eventsweep.emvs.check.findings import Finding
     from eventsweep.emvs.data.recording import Recording
     from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
     from eventsweep.eval.scoring import run_folder
     from eventsweep.eval.scoring.pairing import Estimate
     from eventsweep.eval.scoring.predictions import NamedFolder, Prediction, TargetView
-    from eventsweep.eval.scoring.results import Results, Row
+    from eventsweep.eval.scoring.results import Results
     from eventsweep.sim.config import SimConfig
 
 _SILENT = Silent()
@@ -212,18 +214,20 @@ def _scored(maps: Mapping[str, StoredMap], config: EvalConfig, others: _Predicti
     from eventsweep.eval.scoring import run_folder
     from eventsweep.eval.scoring.metric_versions import metric_versions
     from eventsweep.eval.scoring.pairing import REFERENCE
-    from eventsweep.eval.scoring.results import Results
+    from eventsweep.eval.scoring.results import Results, together
     from eventsweep.eval.scoring.score import rig_rows, score_windows
 
-    rows: list[Row] = []
+    tables: list[pd.DataFrame] = []
     sequences = {}
     configuration = {"score": config.model_dump(mode="json")}
     for case, stored in maps.items():
         sequence = run_folder.sequence_of(stored)
         windows = run_folder.with_truth(stored, sequence, config)
         estimates = others.estimates(case, windows, sequence, config)
-        rows += score_windows(case, sequence, windows, config, estimates, REFERENCE)
-        rows += rig_rows(case, sequence, [window.info for window in windows])
+        tables += [
+            score_windows(case, sequence, windows, config, estimates, REFERENCE),
+            rig_rows(case, sequence, [window.info for window in windows]),
+        ]
         if isinstance(sequence, EventSequence):
             sequences[case] = sequence.manifest
         configuration[case] = {
@@ -235,7 +239,7 @@ def _scored(maps: Mapping[str, StoredMap], config: EvalConfig, others: _Predicti
             configuration[case]["windows"] = counts
     seeds = {manifest.seed for manifest in sequences.values()}
     return Results(
-        tuple(rows),
+        together(tables),
         configuration,
         seeds.pop() if len(seeds) == 1 else None,
         {case: manifest.digest() for case, manifest in sequences.items()},

@@ -14,7 +14,7 @@ from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.scoring import run_folder
 from eventsweep.eval.scoring.metric_versions import metric_versions
 from eventsweep.eval.scoring.pairing import REFERENCE
-from eventsweep.eval.scoring.results import Results
+from eventsweep.eval.scoring.results import Results, together
 from eventsweep.eval.scoring.score import case_rows, pairs_of_maps, rig_rows
 from eventsweep.mapping import opened
 
@@ -56,9 +56,11 @@ def _score_window(result: WindowResult, recording: Recording, config: EvalConfig
     manifest = scored.manifest if isinstance(scored, Sequence) else None
     pairs = pairs_of_maps(scored, result.window, result.depth_maps, config, reference=REFERENCE)
     return Results(
-        (
-            *case_rows(scored.name, {_WINDOW: pairs}),
-            *rig_rows(scored.name, scored, [result.window]),
+        together(
+            [
+                case_rows(scored.name, {_WINDOW: pairs}),
+                rig_rows(scored.name, scored, [result.window]),
+            ]
         ),
         {
             "score": config.model_dump(mode="json"),

@@ -36,8 +36,10 @@ BASE = "Alg1/H"
 
 def table(results, case):
     """Markdown of every method, best first; the mean error also relative to Alg1/H."""
-    rows = [row for row in results.rows if row.case == case and row.window == "w000"]
-    found = {(row.method, row.metric): row for row in rows if row.region in ("all", "common")}
+    rows = results.rows
+    rows = rows[(rows["case"] == case) & (rows["window"] == "w000")]
+    rows = rows[rows["region"].isin(["all", "common"])]
+    found = {(row.method, row.metric): row for row in rows.itertuples()}
     methods = sorted({m for m, _ in found}, key=lambda m: found[m, "mean_error"].value)
     base = found[BASE, "mean_error"].value
     head = ["method", *(title for title, _, _ in COLUMNS.values()), f"mean / {BASE}"]
@@ -136,7 +138,7 @@ def main(folders):
     parts = []
     for folder in folders:
         results = read_results(folder / "results.json")
-        for case in dict.fromkeys(row.case for row in results.rows):
+        for case in results.rows["case"].unique():
             path = picture(folder, case)
             parts.append(f"### {case}\n\n![{case}: frame, true depth, every method]"
                          f"(images/{path.name})\n\n{table(results, case)}")  # fmt: skip

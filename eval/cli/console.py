@@ -13,10 +13,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from eventsweep.eval.cli.exit_codes import with_flags
-from eventsweep.eval.numbers import shown, thousands
+from eventsweep.eval.numbers import displayed, thousands
 from eventsweep.eval.progress import Bars, Progress, Silent
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from eventsweep.emvs.check.findings import Finding, Report
     from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
     from eventsweep.emvs.maps.merge import FusedInfo
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
     from eventsweep.eval.ranking.summary import Ranked
     from eventsweep.eval.report.compare.differences import Pair
     from eventsweep.eval.report.compare.page import Comparison
-    from eventsweep.eval.scoring.results import Results, Row
+    from eventsweep.eval.scoring.results import Results
     from eventsweep.sim.video.record import RecordedVideo
 
 _MOST_SKIPPED_SHOWN = 5
@@ -50,8 +52,9 @@ class Console:
 
         if self._as_json:
             self._out.out(to_json(results), end="", highlight=False)
-        for case in dict.fromkeys(row.case for row in results.rows) if self._show else ():
-            rows = [row for row in results.rows if row.case == case and row.window == POOLED]
+        pooled = results.rows[results.rows["window"] == POOLED]
+        for case in pooled["case"].unique() if self._show else ():
+            rows = pooled[pooled["case"] == case]
             self._out.print(_ranking(case, rows, ranking_metric))
             for sentence in ranking.findings(rows, ranking_metric):
                 self._out.print(sentence, style="dim")
@@ -155,7 +158,7 @@ class Console:
         self._out.print(compare_page.settings_text(comparison), markup=False, soft_wrap=True)
         for pair in comparison.pairs:
             self._out.print(_compared(pair))
-            for sentence in (compare_page.verdict_text(pair), *pair.data, *pair.apart):
+            for sentence in (compare_page.verdict_text(pair), *pair.data, *pair.only_in_one):
                 self._out.print(sentence, style="dim", markup=False, soft_wrap=True)
 
     def ranked(self, ranked: Ranked) -> None:
@@ -220,7 +223,7 @@ class Console:
 _COLUMNS = ("points", "mean_error", "common_mean_error", "median_error", "abs_rel", "bad_published")
 
 
-def _ranking(case: str, rows: Sequence[Row], metric: str) -> Table:
+def _ranking(case: str, rows: pd.DataFrame, metric: str) -> Table:
     from eventsweep.eval.report import ranking
 
     content = ranking.table(rows, metric, _COLUMNS)
@@ -228,7 +231,9 @@ def _ranking(case: str, rows: Sequence[Row], metric: str) -> Table:
     table.add_column("method", no_wrap=True)
     arrows = {"lower": "↓", "higher": "↑", "none": ""}
     for column in content.columns:
-        table.add_column(f"{column.title} {arrows[column.better]}\n{column.unit}", justify="right")
+        table.add_column(
+            f"{column.title} {arrows[column.direction]}\n{column.unit}", justify="right"
+        )
     for line in content.lines:
         cells = (f"[bold]{cell.text}" if cell.best else cell.text for cell in line.cells)
         table.add_row(line.method, *cells)
@@ -271,15 +276,16 @@ def _compared(pair: Pair) -> Table:
     table = Table(title_justify="left")
     for one in found[:1]:
         head = ranking.column(metric)
-        table.title = escape(f"{one.case}, {head.title} in {head.unit}, {one.better} is better")
+        table.title = escape(f"{one.case}, {head.title} in {head.unit}, {one.direction} is better")
     names = (pair.first.name, pair.other.name, "Δ")
     table.add_column("method", no_wrap=True)
     for name in (*names, "95 % of Δ"):
         table.add_column(escape(name), justify="right")
     table.add_column("verdict")
     for one in found:
-        values = [shown(value, one.unit) for value in (one.first, one.other)]
-        cells = (one.method, *values, signed(one.change, one.unit), interval_text(one), one.brief)
+        values = [displayed(value, one.unit) for value in (one.first, one.other)]
+        change = signed(one.change, one.unit)
+        cells = (one.method, *values, change, interval_text(one), one.short_label)
         table.add_row(*map(escape, cells))
     return table
 

@@ -63,7 +63,7 @@ def metrics(_: Any = None) -> Mapping[str, str]:
     direction = {"none": "neither end is better"}
     return {
         name: f"{metric.title} [{metric.unit or '1'}]: {metric.formula}; "
-        f"{direction.get(metric.better, f'{metric.better} is better')}"
+        f"{direction.get(metric.direction, f'{metric.direction} is better')}"
         for name, metric in ALL_METRICS.items()
     }
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from eventsweep.eval.figures.colormaps import INK, line_style, nice_between, spa
 from eventsweep.eval.scoring.curves import ThresholdCurve
 from eventsweep.eval.scoring.method_scores import CAUSE_PREFIX
 from eventsweep.eval.scoring.outlier_causes import CAUSES
-from eventsweep.eval.scoring.results import Row
+from eventsweep.eval.scoring.results import each
 
 STYLE: Any = {
     "svg.fonttype": "none",
@@ -203,7 +204,7 @@ def svg_of(figure: Figure) -> str:
 
 
 def outlier_causes(
-    rows: Sequence[Row], methods: Sequence[str]
+    rows: pd.DataFrame, methods: Sequence[str]
 ) -> dict[str, tuple[float, dict[str, float]]]:
     """Per method the share of outliers and the share of each cause among them, all in %.
 
@@ -211,7 +212,7 @@ def outlier_causes(
         rows: of one case and window.
         methods: in the order wanted; those without causes are left out.
     """
-    values = {(row.method, row.metric): row.value for row in rows}
+    values = {(row.method, row.metric): row.value for row in each(rows)}
     found = {}
     for method in methods:
         share = values.get((method, "outlier_share"), math.nan)

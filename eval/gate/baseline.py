@@ -16,7 +16,7 @@ from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.eval.scoring.results import read_json
 from eventsweep.eval.suite.series import SPEED_METRIC, Key, Measured, Series
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 _CURE = "write it again with `eventsweep gate --update --reason ...`"
 
 
@@ -116,4 +116,4 @@ def read_baseline(path: Path) -> Baseline:
     Raises:
         InputError: no such file, one of another version, or a damaged one.
     """
-    return read_json(path, Baseline.model_validate, SCHEMA_VERSION, _CURE, f"baseline {path}")
+    return read_json(path, Baseline.model_validate, (1, SCHEMA_VERSION), _CURE, f"baseline {path}")

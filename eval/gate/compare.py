@@ -16,6 +16,7 @@ import numpy as np
 from scipy import stats
 
 from eventsweep.emvs.errors import InputError
+from eventsweep.eval.scoring.direction import change_of
 from eventsweep.eval.scoring.metrics import PRIMARY
 from eventsweep.eval.suite.results import EVENTS
 from eventsweep.eval.suite.series import SPEED_METRIC, Key, Measured, Series
@@ -102,7 +103,7 @@ class Tolerances:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Judgement:
     """What the gate says of one number.
 
     Attributes:
@@ -148,7 +149,7 @@ def compare(
     measured: Measured,
     tolerances: Tolerances,
     choice: Choice = Choice(),
-) -> list[Verdict]:
+) -> list[Judgement]:
     """Judges every number of both, the most telling first.
 
     Where nothing that decides was compared, a verdict of its own says so, and is red.
@@ -180,7 +181,7 @@ def compare(
     )
 
 
-def is_red(verdicts: Iterable[Verdict]) -> bool:
+def is_red(verdicts: Iterable[Judgement]) -> bool:
     """Whether the gate fails."""
     return any(one.is_red for one in verdicts)
 
@@ -189,13 +190,13 @@ def _is_new(key: Key, known: Mapping[Key, Series], choice: Choice) -> bool:
     return choice.has(key) and key not in known
 
 
-def _failures(measured: Measured, choice: Choice) -> Iterator[Verdict]:
+def _failures(measured: Measured, choice: Choice) -> Iterator[Judgement]:
     for name, reason in measured.failures.items():
         if not choice.cases or any(f"/{case}/" in name for case in choice.cases):
-            yield Verdict(Key("(jobs)", name, ""), "failed", why=reason)
+            yield Judgement(Key("(jobs)", name, ""), "failed", why=reason)
 
 
-def _nothing_compared(verdicts: Sequence[Verdict], choice: Choice) -> Iterator[Verdict]:
+def _nothing_compared(verdicts: Sequence[Judgement], choice: Choice) -> Iterator[Judgement]:
     """A gate that has compared nothing knows nothing, and must not be green."""
     deciding = [one for one in verdicts if one.decides and one.status != "new"]
     if any(one.status in COMPARED for one in deciding):
@@ -204,49 +205,49 @@ def _nothing_compared(verdicts: Sequence[Verdict], choice: Choice) -> Iterator[V
     if deciding:
         lost = f"{deciding[0].key} is {deciding[0].status}, {deciding[0].why}"
         why = f"none of the {len(deciding)} numbers that decide could be compared: {lost}"
-    yield Verdict(Key("(gate)", "", ""), "failed", why=why)
+    yield Judgement(Key("(gate)", "", ""), "failed", why=why)
 
 
-def _new(series: Series) -> Verdict:
+def _new(series: Series) -> Judgement:
     value = _mean(series.values.values())
     if math.isnan(value):
-        return Verdict(series.key, "failed", series.unit, why="undefined (NaN)")
-    return Verdict(series.key, "new", series.unit, value=value)
+        return Judgement(series.key, "failed", series.unit, why="undefined (NaN)")
+    return Judgement(series.key, "new", series.unit, value=value)
 
 
-def _judge(base: Series, measured: Measured, tolerances: Tolerances, tests: int) -> Verdict:
+def _judge(base: Series, measured: Measured, tolerances: Tolerances, tests: int) -> Judgement:
     current = measured.series.get(base.key)
     if current is None:
         return _absent(base, measured)
     if current.identity != base.identity:
         why = "another case, scene or metric than the baseline's"
-        return Verdict(base.key, "not comparable", base.unit, why=why)
+        return Judgement(base.key, "not comparable", base.unit, why=why)
     undefined = sorted(seed for seed, value in current.values.items() if not math.isfinite(value))
     if undefined:
         why = f"undefined (NaN) for seed {', '.join(map(str, undefined))}"
-        return Verdict(base.key, "failed", base.unit, why=why)
+        return Judgement(base.key, "failed", base.unit, why=why)
     lost = sorted(set(measured.seeds) - set(current.values))
     if lost and base.metric != SPEED_METRIC:
         why = f"missing for seed {', '.join(map(str, lost))}"
-        return Verdict(base.key, "failed", base.unit, why=why)
+        return Judgement(base.key, "failed", base.unit, why=why)
     if base.metric == SPEED_METRIC:
         return _judge_speed(base, current, tolerances)
     before, now, tolerance = _compared(base, current, tolerances, tests)
-    return Verdict(
+    return Judgement(
         base.key, _status(base, now - before, tolerance), base.unit, before, now, tolerance
     )
 
 
-def _absent(base: Series, measured: Measured) -> Verdict:
+def _absent(base: Series, measured: Measured) -> Judgement:
     before = _mean(base.values.values())
     if base.case not in measured.cases:
-        return Verdict(base.key, "gone", base.unit, before, why="the case was not run")
+        return Judgement(base.key, "gone", base.unit, before, why="the case was not run")
     if any(f"/{base.case}/" in name for name in measured.failures):
-        return Verdict(base.key, "failed", base.unit, before, why="its job failed")
-    return Verdict(base.key, "gone", base.unit, before, why="missing or undefined (NaN)")
+        return Judgement(base.key, "failed", base.unit, before, why="its job failed")
+    return Judgement(base.key, "gone", base.unit, before, why="missing or undefined (NaN)")
 
 
-def _judge_speed(base: Series, current: Series, tolerances: Tolerances) -> Verdict:
+def _judge_speed(base: Series, current: Series, tolerances: Tolerances) -> Judgement:
     """By a factor, and by the best of all repeats: whatever disturbs only slows down."""
     before, now = min(base.values.values()), min(current.values.values())
     tolerance = before * (tolerances.speed - 1)
@@ -255,7 +256,7 @@ def _judge_speed(base: Series, current: Series, tolerances: Tolerances) -> Verdi
         status = "worse"
     elif now < before / tolerances.speed:
         status = "better"
-    return Verdict(base.key, status, base.unit, before, now, tolerance)
+    return Judgement(base.key, status, base.unit, before, now, tolerance)
 
 
 def _compared(
@@ -303,11 +304,8 @@ def _between_means(n: int, k: int, tests: int, tolerances: Tolerances) -> float:
 
 
 def _status(base: Series, change: float, tolerance: float) -> Status:
-    if abs(change) <= tolerance:
-        return "same"
-    if base.better == "none":  # nothing says that more of it is better
-        return "changed"
-    return "better" if (change < 0) == (base.better == "lower") else "worse"
+    found = change_of(change, base.direction, tolerance)
+    return "same" if found == "equal" else found
 
 
 def _mean(values: Iterable[float]) -> float:

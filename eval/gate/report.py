@@ -12,8 +12,8 @@ from xml.etree import ElementTree as xml
 
 from eventsweep.emvs.errors import significant
 from eventsweep.emvs.utils.files import atomic_path
-from eventsweep.eval.gate.compare import COMPARED, INPUT, Verdict, is_red
-from eventsweep.eval.numbers import in_shown_unit, shown_unit
+from eventsweep.eval.gate.compare import COMPARED, INPUT, Judgement, is_red
+from eventsweep.eval.numbers import display_unit, in_display_unit
 from eventsweep.eval.suite.results import EVENTS
 
 HEADINGS = ("verdict", "case", "method", "metric", "baseline", "now", "change", "allowed", "why")
@@ -24,26 +24,26 @@ VerdictLine = tuple[str, ...]
 _UNWRITABLE = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-def summary(verdicts: Sequence[Verdict]) -> str:
+def summary(verdicts: Sequence[Judgement]) -> str:
     """How many of each, which metrics decide, and who is to blame."""
-    told = _counts(one for one in verdicts if one.decides)
+    counts = _counts(one for one in verdicts if one.decides)
     beside = _counts(one for one in verdicts if not one.decides)
-    told += f"; deciding nothing: {beside}" if beside else ""
+    counts += f"; deciding nothing: {beside}" if beside else ""
     red = [one for one in verdicts if one.is_red]
     if not red:
-        return f"gate: green ({told})"
+        return f"gate: green ({counts})"
     by = Counter(one.key.metric for one in red if one.key.metric)
     metrics = ", ".join(f"{metric} ({count})" for metric, count in by.most_common())
     decided = f"; decided by {metrics}" if metrics else ""
-    return f"gate: red ({told}){decided}; first: {sentence(red[0])}{_of_input(red)}"
+    return f"gate: red ({counts}){decided}; first: {sentence(red[0])}{_of_input(red)}"
 
 
-def _counts(verdicts: Iterable[Verdict]) -> str:
-    counts = Counter(one.status for one in verdicts)
-    return ", ".join(f"{count} {status}" for status, count in counts.items())
+def _counts(verdicts: Iterable[Judgement]) -> str:
+    numbers = Counter(one.status for one in verdicts)
+    return ", ".join(f"{count} {status}" for status, count in numbers.items())
 
 
-def _of_input(red: Sequence[Verdict]) -> str:
+def _of_input(red: Sequence[Judgement]) -> str:
     """Said loudly: with other events, no depth is better or worse than before."""
     cases = {one.key.case: None for one in red if one.status == "changed" and _is_input(one)}
     if not cases:
@@ -54,11 +54,11 @@ def _of_input(red: Sequence[Verdict]) -> str:
     )
 
 
-def _is_input(one: Verdict) -> bool:
+def _is_input(one: Judgement) -> bool:
     return one.key.method == EVENTS and one.key.metric in INPUT
 
 
-def sentence(one: Verdict) -> str:
+def sentence(one: Judgement) -> str:
     """One verdict in words."""
     what = " ".join(part for part in one.key if part)
     if one.why:
@@ -70,17 +70,17 @@ def sentence(one: Verdict) -> str:
     return f"{what} {one.status}: {value} against {baseline}, ± {allowed} allowed"
 
 
-def lines(verdicts: Sequence[Verdict]) -> list[VerdictLine]:
+def lines(verdicts: Sequence[Judgement]) -> list[VerdictLine]:
     """The table's cells: all that is not `same`, the worst first, at most `MOST_LINES`."""
     return [_cells(one) for one in _shown(verdicts)[:MOST_LINES]]
 
 
-def hidden(verdicts: Sequence[Verdict]) -> int:
+def hidden(verdicts: Sequence[Judgement]) -> int:
     """How many lines the table leaves out."""
     return max(0, len(_shown(verdicts)) - MOST_LINES)
 
 
-def markdown(verdicts: Sequence[Verdict], name: str) -> str:
+def markdown(verdicts: Sequence[Judgement], name: str) -> str:
     """A summary and the table."""
     colour = "red" if is_red(verdicts) else "green"
     parts = [f"### {name}: {colour}", "", summary(verdicts), ""]
@@ -93,7 +93,7 @@ def markdown(verdicts: Sequence[Verdict], name: str) -> str:
     return "\n".join(parts)
 
 
-def as_json(verdicts: Sequence[Verdict]) -> str:
+def as_json(verdicts: Sequence[Judgement]) -> str:
     """All verdicts for programs; undefined numbers are null."""
     content = [
         {
@@ -115,12 +115,12 @@ def _defined(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _shown(verdicts: Sequence[Verdict]) -> list[Verdict]:
+def _shown(verdicts: Sequence[Judgement]) -> list[Judgement]:
     return [one for one in verdicts if one.status != "same"]
 
 
-def _cells(one: Verdict) -> VerdictLine:
-    change = f"{in_shown_unit(one.change, one.unit):+.3g}" if math.isfinite(one.change) else ""
+def _cells(one: Judgement) -> VerdictLine:
+    change = f"{in_display_unit(one.change, one.unit):+.3g}" if math.isfinite(one.change) else ""
     allowed = f"± {_number(one.tolerance, one.unit)}" if math.isfinite(one.tolerance) else ""
     numbers = (_with_unit(one.baseline, one.unit), _with_unit(one.value, one.unit))
     status = one.status if one.decides else f"({one.status})"
@@ -128,11 +128,11 @@ def _cells(one: Verdict) -> VerdictLine:
 
 
 def _with_unit(value: float, unit: str) -> str:
-    return f"{_number(value, unit)} {shown_unit(unit)}".strip() if math.isfinite(value) else ""
+    return f"{_number(value, unit)} {display_unit(unit)}".strip() if math.isfinite(value) else ""
 
 
 def _number(value: float, unit: str) -> str:
-    return significant(in_shown_unit(value, unit))
+    return significant(in_display_unit(value, unit))
 
 
 def _row(cells: Sequence[str]) -> str:
@@ -144,7 +144,7 @@ def _escaped(cells: Sequence[str]) -> Iterator[str]:
         yield cell.replace("\\", "\\\\").replace("|", "\\|").replace("\n", " ")
 
 
-def write_junit(path: Path, verdicts: Sequence[Verdict]) -> None:
+def write_junit(path: Path, verdicts: Sequence[Judgement]) -> None:
     """One test case per number: failed where it is red, skipped where nothing was compared."""
     red = sum(one.is_red for one in verdicts)
     skipped = sum(not one.is_red and one.status not in COMPARED for one in verdicts)

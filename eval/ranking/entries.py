@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field
 
 from eventsweep.emvs.errors import InputError
+from eventsweep.eval.scoring.direction import Direction
 from eventsweep.eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
-from eventsweep.eval.scoring.metrics import Better
 from eventsweep.eval.scoring.outlier_causes import CAUSES
-from eventsweep.eval.scoring.results import POOLED, Row, Value, read_json
+from eventsweep.eval.scoring.results import POOLED, Value, each, read_json
 from eventsweep.eval.suite.results import (
     DEFAULT_MAPPER,
     EVENTS,
@@ -79,7 +79,7 @@ class RankingEntry(BaseModel):
         archive: whose sequences were used; None where they were drawn anew.
         seeds: of the run.
         cases: by name.
-        units: per metric, its unit and better direction.
+        units: per metric, its unit and direction.
         versions_of_metrics: per metric, the hash of what it computes.
         values: per method, metric and case one value for each seed.
         stated: per method of others, what its submitter says.
@@ -99,7 +99,7 @@ class RankingEntry(BaseModel):
     archive: ArchiveFacts | None = None
     seeds: tuple[int, ...]
     cases: dict[str, RankedCase]
-    units: dict[str, tuple[str, Better]]
+    units: dict[str, tuple[str, Direction]]
     versions_of_metrics: dict[str, str]
     values: dict[str, dict[str, dict[str, tuple[Value, ...]]]]
     stated: dict[str, dict[str, Any]] = {}
@@ -152,17 +152,15 @@ def of_suite(result: SuiteResult, label: str) -> RankingEntry:
     """A suite's run in small."""
     mappers = result.definition["mappers"]
     values: dict[str, dict[str, dict[str, list[float]]]] = {}
-    units: dict[str, tuple[str, Better]] = {}
-    for sample in result.samples:
-        at = result.seeds.index(sample.seed)
-        for row in sample.rows:
-            if row.window != POOLED or row.metric not in METRICS or row.method == EVENTS:
-                continue
-            units[row.metric] = row.unit, row.better
-            method = shown_name(row.method, mappers)
-            by_case = values.setdefault(method, {}).setdefault(row.metric, {})
-            by_case.setdefault(row.case, [math.nan] * len(result.seeds))[at] = _rounded(row)
-    perfect = perfect_scores(result.samples)
+    units: dict[str, tuple[str, Direction]] = {}
+    rows = result.rows
+    ranked = (rows["window"] == POOLED) & rows["metric"].isin(METRICS) & (rows["method"] != EVENTS)
+    for row in each(rows[ranked]):
+        units[row.metric] = row.unit, row.direction
+        by_case = values.setdefault(shown_name(row.method, mappers), {}).setdefault(row.metric, {})
+        of_seeds = by_case.setdefault(row.case, [math.nan] * len(result.seeds))
+        of_seeds[result.seeds.index(row.seed)] = float(f"{row.value:.{_DIGITS}g}")
+    perfect = perfect_scores(rows)
     return RankingEntry(
         label=label,
         suite=result.suite,
@@ -194,10 +192,6 @@ def shown_name(method: str, mappers: Mapping[str, Mapping[str, Any]]) -> str:
         return method
     own, usual = ({**one, "methods": None} for one in (mappers[mapper], default))
     return name if own == usual and name not in default.get("methods", ()) else method
-
-
-def _rounded(row: Row) -> float:
-    return row.value if not row.value else float(f"{row.value:.{_DIGITS}g}")
 
 
 def _case(result: SuiteResult, case: str) -> RankedCase:
@@ -260,10 +254,10 @@ def read_data(path: Path) -> RankingData:
         InputError: missing, damaged or of another layout.
     """
     file = path / DATA_NAME if path.is_dir() else path
-    return read_json(file, RankingData.model_validate, SCHEMA_VERSION, "make the ranking again")
+    return read_json(file, RankingData.model_validate, (SCHEMA_VERSION,), "make the ranking again")
 
 
-class Joined(NamedTuple):
+class Merged(NamedTuple):
     """Entries of the same sequences as one table.
 
     Attributes:
@@ -302,7 +296,7 @@ class Joined(NamedTuple):
         return [method for method in self.owner if not self.lacks(method)]
 
 
-def join(entries: Sequence[RankingEntry]) -> Joined:
+def join(entries: Sequence[RankingEntry]) -> Merged:
     """Joins entries of one part that have the newest one's sequences; of each method the newest.
 
     Args:
@@ -322,7 +316,7 @@ def join(entries: Sequence[RankingEntry]) -> Joined:
             refused.append((entry.label, why))
             continue
         owner |= dict.fromkeys(entry.values, entry)
-    return Joined(cases, seeds, owner, tuple(refused), base)
+    return Merged(cases, seeds, owner, tuple(refused), base)
 
 
 def why_not(base: RankingEntry, entry: RankingEntry, seeds: Mapping[str, Sequence[int]]) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from eventsweep.eval.scoring.metrics import Better
+from eventsweep.eval.scoring.direction import Direction
 from eventsweep.eval.scoring.significance import ALPHA, LEVEL, RESAMPLES, holm, stratified_p
 
 Floats = NDArray[np.float64]
@@ -47,18 +47,18 @@ class Standing:
     values: tuple[float, ...]
 
 
-def standings(table: Table, better: Better, *, alpha: float = ALPHA) -> tuple[Standing, ...]:
+def standings(table: Table, direction: Direction, *, alpha: float = ALPHA) -> tuple[Standing, ...]:
     """Ranks methods, best mean place first.
 
     Args:
         table: per method and case, one value for each seed; NaN where it has none.
-        better: which direction of the metric is better.
+        direction: which end of the metric is better.
         alpha: a corrected p below it tells two methods apart.
     """
     methods = list(table)
     if not methods:
         return ()
-    by_case = places(table, better)
+    by_case = places(table, direction)
     mean = np.mean([found.mean(axis=1) for found in by_case], axis=0)
     losses = _losses(by_case, mean, alpha)
     low, high = _rank_intervals(by_case)
@@ -85,9 +85,9 @@ def _in_order(found: Sequence[Standing]) -> tuple[Standing, ...]:
     return tuple(reversed(kept))
 
 
-def places(table: Table, better: Better) -> list[Floats]:
+def places(table: Table, direction: Direction) -> list[Floats]:
     """Per case the (M, S) places of methods with each seed; equal ones share the middle."""
-    sign = -1.0 if better == "higher" else 1.0
+    sign = -1.0 if direction == "higher" else 1.0
     found = []
     for values in zip(*table.values(), strict=True):
         badness = sign * np.asarray(values, np.float64)
@@ -121,65 +121,3 @@ def _rank_intervals(by_case: Sequence[Floats]) -> tuple[NDArray[np.intp], NDArra
     tail = (1 - LEVEL) / 2
     low, high = np.quantile(ranks, [tail, 1 - tail], axis=0)
     return np.floor(low).astype(np.intp), np.ceil(high).astype(np.intp)
-
-
-@dataclass(frozen=True, slots=True)
-class SplitHalf:
-    """How stable an order is: methods ranked twice, each time by half of the seeds.
-
-    Attributes:
-        splits: in how many ways the seeds were halved.
-        pairs: couples of methods that do not tie by all seeds.
-        kept: share of those couples whose order is the same in both halves, over all splits.
-        agreement: Kendall's tau-b of the two halves' mean places, over all splits.
-        turned: couples that do not tie, and in how many splits a half turns them around.
-    """
-
-    splits: int
-    pairs: int
-    kept: float
-    agreement: float
-    turned: Mapping[tuple[str, str], int]
-
-
-def split_half(table: Table, better: Better) -> SplitHalf:
-    """Halves the seeds in every way and compares the orders.
-
-    Args:
-        table: as `standings` takes it; every case with the same number of seeds, 4 or more.
-        better: which direction of the metric is better.
-    """
-    from scipy.stats import kendalltau
-
-    ranked = {one.method: one for one in standings(table, better)}
-    methods = list(table)
-    apart = [
-        (a, b)
-        for a, b in combinations(range(len(methods)), 2)
-        if ranked[methods[a]].rank != ranked[methods[b]].rank
-    ]
-    by_case = places(table, better)
-    seeds = by_case[0].shape[1]
-    turned: dict[tuple[str, str], int] = {}
-    agreements, kept, splits = [], 0, list(_halves(seeds))
-    for half in splits:
-        rest = [k for k in range(seeds) if k not in half]
-        one, two = (
-            np.mean([found[:, chosen].mean(axis=1) for found in by_case], axis=0)
-            for chosen in (list(half), rest)
-        )
-        agreements.append(float(kendalltau(one, two).statistic))
-        for a, b in apart:
-            if (one[a] - one[b]) * (two[a] - two[b]) > 0:
-                kept += 1
-            else:
-                pair = methods[a], methods[b]
-                turned[pair] = turned.get(pair, 0) + 1
-    share = kept / (len(apart) * len(splits)) if apart else float("nan")
-    return SplitHalf(len(splits), len(apart), share, float(np.mean(agreements)), turned)
-
-
-def _halves(seeds: int) -> list[tuple[int, ...]]:
-    """Every way to choose half of the seeds; of an even number each only once."""
-    chosen = list(combinations(range(seeds), seeds // 2))
-    return [half for half in chosen if seeds % 2 or 0 in half]

@@ -12,15 +12,14 @@ import numpy as np
 from eventsweep.eval.ranking.entries import (
     COVERAGES,
     RANKED_BY,
-    Joined,
+    Merged,
     RankingEntry,
-    Unit,
     finite_mean,
     join,
 )
 from eventsweep.eval.ranking.standings import Standing, Table, places, standings
+from eventsweep.eval.scoring.direction import Direction
 from eventsweep.eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
-from eventsweep.eval.scoring.metrics import Better
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.suite.definition import Condition
 
@@ -43,7 +42,7 @@ class Ranked:
         lacking: per other method, how many of the cases it lacks.
     """
 
-    joined: Joined
+    joined: Merged
     metric: str
     standings: tuple[Standing, ...]
     lacking: dict[str, int]
@@ -54,32 +53,32 @@ class Ranked:
         return {one.method: one for one in self.standings}
 
 
-def better_of(joined: Joined, metric: str) -> Better:
+def direction_of(joined: Merged, metric: str) -> Direction:
     """Which direction of a metric is better."""
     return joined.base.units[metric][1]
 
 
-def table_of(joined: Joined, methods: Sequence[str], metric: str, cases: Sequence[str]) -> Table:
+def table_of(joined: Merged, methods: Sequence[str], metric: str, cases: Sequence[str]) -> Table:
     """Per method and case one value for each seed."""
     return {m: [joined.of_case(m, metric, case) for case in cases] for m in methods}
 
 
-def ranked(joined: Joined, metric: str = MAIN) -> Ranked:
+def ranked(joined: Merged, metric: str = MAIN) -> Ranked:
     """Ranks all methods that were run on every case."""
     methods = joined.complete()
-    found = standings(table_of(joined, methods, metric, joined.cases), better_of(joined, metric))
+    found = standings(table_of(joined, methods, metric, joined.cases), direction_of(joined, metric))
     lacking = {m: len(lacks) for m in joined.owner if (lacks := joined.lacks(m))}
     some = {method: count for method, count in lacking.items() if count < len(joined.cases)}
     return Ranked(joined, metric, found, some)
 
 
-def geometric(joined: Joined, method: str, metric: str, cases: Sequence[str]) -> float:
+def geometric(joined: Merged, method: str, metric: str, cases: Sequence[str]) -> float:
     """Geometric mean over cases of the mean over seeds; NaN where a value is missing."""
     means = [finite_mean(joined.of_case(method, metric, case)) for case in cases]
     return _geometric(means)
 
 
-def arithmetic(joined: Joined, method: str, metric: str, cases: Sequence[str]) -> float:
+def arithmetic(joined: Merged, method: str, metric: str, cases: Sequence[str]) -> float:
     """Mean over cases of the mean over seeds; NaN where a value is missing."""
     return finite_mean(finite_mean(joined.of_case(method, metric, case)) for case in cases)
 
@@ -90,22 +89,22 @@ def _geometric(values: Sequence[float]) -> float:
     return math.exp(sum(map(math.log, values)) / len(values))
 
 
-def cases_of(joined: Joined, condition: str) -> tuple[str, ...]:
+def cases_of(joined: Merged, condition: str) -> tuple[str, ...]:
     """The ranked cases with a condition."""
     return tuple(c for c in joined.cases if condition in joined.base.cases[c].conditions)
 
 
-def mean_places(joined: Joined, methods: Sequence[str], cases: Sequence[str]) -> dict[str, float]:
+def mean_places(joined: Merged, methods: Sequence[str], cases: Sequence[str]) -> dict[str, float]:
     """Mean place of methods over some cases, by the main metric."""
     if not cases or not methods:
         return dict.fromkeys(methods, math.nan)
-    found = places(table_of(joined, methods, MAIN, cases), better_of(joined, MAIN))
+    found = places(table_of(joined, methods, MAIN, cases), direction_of(joined, MAIN))
     mean = np.mean([one.mean(axis=1) for one in found], axis=0)
     return dict(zip(methods, map(float, mean), strict=True))
 
 
 def coverage_curve(
-    joined: Joined, method: str, methods: Sequence[str]
+    joined: Merged, method: str, methods: Sequence[str]
 ) -> list[tuple[float, float]]:
     """Error of a method's surest pixels over how many of all true pixels those are, %.
 
@@ -136,7 +135,7 @@ def _known(values: Iterable[float]) -> list[float]:
     return [value for value in values if math.isfinite(value)]
 
 
-def causes(joined: Joined, method: str) -> tuple[float, dict[str, float]] | None:
+def causes(joined: Merged, method: str) -> tuple[float, dict[str, float]] | None:
     """Share of outliers among all points, and of each cause among them, %; pooled over cases."""
     points = outliers = 0.0
     shares = dict.fromkeys(CAUSES, 0.0)
@@ -169,7 +168,7 @@ class History:
     lines: dict[str, tuple[float, ...]]
 
 
-def history(entries: Sequence[RankingEntry], joined: Joined) -> History:
+def history(entries: Sequence[RankingEntry], joined: Merged) -> History:
     """The relative error of each method that two or more comparable entries have."""
     refused = {label for label, _ in joined.refused}
     kept = [entry for entry in entries if entry.label not in refused]
@@ -178,16 +177,16 @@ def history(entries: Sequence[RankingEntry], joined: Joined) -> History:
         method: tuple(geometric(one, method, "abs_rel", joined.cases) for one in alone)
         for method in joined.complete()
     }
-    told = {m: line for m, line in lines.items() if sum(map(math.isfinite, line)) > 1}
-    return History(tuple(entry.label for entry in kept), told)
+    repeated = {m: line for m, line in lines.items() if sum(map(math.isfinite, line)) > 1}
+    return History(tuple(entry.label for entry in kept), repeated)
 
 
-def _alone(joined: Joined, entry: RankingEntry) -> Joined:
+def _alone(joined: Merged, entry: RankingEntry) -> Merged:
     """The same cases and seeds, with every method as one entry has it."""
     return joined._replace(owner=dict.fromkeys(joined.owner, entry))
 
 
-def parts(entries: Sequence[RankingEntry]) -> tuple[Joined, Joined | None]:
+def parts(entries: Sequence[RankingEntry]) -> tuple[Merged, Merged | None]:
     """The public part and, where there is any, the hidden one.
 
     Args:
@@ -196,8 +195,3 @@ def parts(entries: Sequence[RankingEntry]) -> tuple[Joined, Joined | None]:
     public = [entry for entry in entries if entry.part == "public"]
     hidden = [entry for entry in entries if entry.part == "hidden"]
     return join(public), join(hidden) if hidden else None
-
-
-def units_of(joined: Joined) -> list[Unit]:
-    """All units by which methods are ranked."""
-    return [unit for case in joined.cases for unit in joined.units(case)]

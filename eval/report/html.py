@@ -25,14 +25,14 @@ _INK = (
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """A column's heading; `better` says which end sorts to the top first, `text` that it is text.
+    """A column's heading; `direction` says the end that sorts to the top, `text` that it is text.
 
     With `arrow`, the heading shows which direction is better, too.
     """
 
     title: str
     unit: str = ""
-    better: str = "lower"
+    direction: str = "lower"
     text: bool = False
     arrow: bool = False
 

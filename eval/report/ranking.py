@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 import re
-from collections import defaultdict
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
-from eventsweep.eval.numbers import shown, shown_unit
+import pandas as pd
+
+from eventsweep.eval.numbers import display_unit, displayed
+from eventsweep.eval.scoring.direction import Direction, badness, best
 from eventsweep.eval.scoring.method_scores import ALL_METRICS, BAD_POINTS, CAUSE_PREFIX
-from eventsweep.eval.scoring.metrics import Better
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.scoring.pairing import COMPARED, HARMONIC, REFERENCE, SHARED
 from eventsweep.eval.scoring.predictions import FAMILY
 from eventsweep.eval.scoring.regions import REGIONS
-from eventsweep.eval.scoring.results import RIG, Row
+from eventsweep.eval.scoring.results import RIG, each, tidy
 from eventsweep.eval.scoring.score import BASELINE, TRAVEL
 
 FUSED_PREFIX = "Alg1/"
@@ -54,7 +56,7 @@ class Column:
     name: str
     title: str
     unit: str
-    better: Better
+    direction: Direction
     formula: str
 
 
@@ -98,11 +100,11 @@ def column(name: str) -> Column:
         return Column(name, title, "%", "none", f"share of the outliers: {CAUSES[cause]}")
     region = _region(name)
     metric = ALL_METRICS[name.removeprefix(f"{region}_")]
-    unit = shown_unit(metric.unit).replace("x100", "×100")
+    unit = display_unit(metric.unit).replace("x100", "×100")
     if not region:
-        return Column(name, metric.title, unit, metric.better, metric.formula)
+        return Column(name, metric.title, unit, metric.direction, metric.formula)
     formula = f"{metric.formula}, over {_REGIONS[region]}"
-    return Column(name, f"{metric.title}, {region}", unit, metric.better, formula)
+    return Column(name, f"{metric.title}, {region}", unit, metric.direction, formula)
 
 
 def _region(name: str) -> str:
@@ -126,10 +128,10 @@ def definition(name: str) -> str:
     unit = f", in {found.unit}" if found.unit else ""
     letters = " e is the estimate, g the truth." if re.search(r"\bg\b", found.formula) else ""
     title = found.title[:1].upper() + found.title[1:]
-    return f"{title}: {found.formula}{unit}; {DIRECTIONS[found.better]}.{letters}"
+    return f"{title}: {found.formula}{unit}; {DIRECTIONS[found.direction]}.{letters}"
 
 
-def order(rows: Iterable[Row], metric: str, prefix: str = "") -> list[tuple[str, float]]:
+def order(rows: pd.DataFrame, metric: str, prefix: str = "") -> list[tuple[str, float]]:
     """Methods with their value of a metric, the best first; those without a value last.
 
     Args:
@@ -137,77 +139,65 @@ def order(rows: Iterable[Row], metric: str, prefix: str = "") -> list[tuple[str,
         metric: name of the metric.
         prefix: only methods that begin so.
     """
-    found = [row for row in rows if row.metric == metric and row.method.startswith(prefix)]
-    return [(row.method, row.value) for row in sorted(found, key=_badness)]
+    found = rows[(rows["metric"] == metric) & rows["method"].str.startswith(prefix)]
+    ordered = sorted(each(found), key=lambda row: badness(row.value, row.direction))
+    return [(row.method, row.value) for row in ordered]
 
 
-def ranked_methods(rows: Iterable[Row], metric: str) -> list[str]:
+def ranked_methods(rows: pd.DataFrame, metric: str) -> list[str]:
     """Methods that have a rank, the first one first: single cameras have none."""
     found = order(rows, metric)
     return [name for name, value in found if not (math.isnan(value) or _SINGLE.search(name))]
 
 
-def table(rows: Sequence[Row], metric: str, names: Sequence[str] = RANKING_COLUMNS) -> RankingTable:
+def table(rows: pd.DataFrame, metric: str, names: Sequence[str] = RANKING_COLUMNS) -> RankingTable:
     """Tabulates the rows of one case and window, ordered by a metric, the best of each marked."""
-    by_method: dict[str, dict[str, Row]] = defaultdict(dict)
-    for row in rows:
-        by_method[row.method][row.metric] = row
-    present = [name for name in names if any(name in found for found in by_method.values())]
-    best = {name: best_value(row for row in rows if row.metric == name) for name in present}
+    of_metric = {name: list(each(found)) for name, found in rows.groupby("metric", sort=False)}
+    present = [name for name in names if name in of_metric]
+    columns = {name: {row.method: row for row in of_metric[name]} for name in present}
+    top = {
+        name: best((row.value for row in found.values()), next(iter(found.values())).direction)
+        for name, found in columns.items()
+    }
     ranked = order(rows, metric)
     fused = [value for method, value in ranked if not _SINGLE.search(method)]
     lines = []
     for method, value in ranked:
-        cells = tuple(_cell(by_method[method].get(name), best[name]) for name in present)
+        cells = tuple(_cell(columns[name].get(method), top[name]) for name in present)
         # The first of equal values is the one that counts; NaN equals nothing.
         counts = not _SINGLE.search(method) and not math.isnan(value)
         lines.append(RankingLine(method, fused.index(value) + 1 if counts else None, cells))
     return RankingTable(tuple(column(name) for name in present), tuple(lines))
 
 
-def _cell(row: Row | None, best: float) -> RankingCell:
+def _cell(row: Any, best: float) -> RankingCell:
     if row is None:
         return RankingCell("–", math.nan, False)
-    return RankingCell(shown(row.value, row.unit), row.value, row.value == best)
+    return RankingCell(displayed(row.value, row.unit), row.value, row.value == best)
 
 
-def best_value(rows: Iterable[Row]) -> float:
-    """The best of comparable rows; NaN where there is none or no direction."""
-    found = [row for row in rows if not math.isnan(row.value) and row.better != "none"]
-    return min(found, key=_badness).value if found else math.nan
-
-
-def _badness(row: Row) -> tuple[bool, float]:
-    return math.isnan(row.value), -row.value if row.better == "higher" else row.value
-
-
-def mean_over_cases(rows: Sequence[Row], label: str) -> list[Row]:
+def mean_over_cases(rows: pd.DataFrame, label: str) -> pd.DataFrame:
     """Averages each method and metric over cases, every case weighing the same.
 
     A method that lacks a case has no mean: one over fewer cases would not be comparable. Pixels
-    are added up.
+    are added up. Intervals of single cases are none of their mean.
     """
-    cases = {row.case for row in rows}
-    groups: dict[tuple[str, str], list[Row]] = defaultdict(list)
-    for row in rows:
-        groups[row.method, row.metric].append(row)
-    return [_mean(found, len(cases), label) for found in groups.values()]
+    cases = rows["case"].nunique()
+    means: list[dict[str, Any]] = []
+    for _, found in rows.groupby(["method", "metric"], sort=False):
+        value = sum(found["value"]) / cases if len(found) == cases else math.nan
+        support = found["support"].sum(skipna=False)
+        about = {"case": label, "value": value, "support": support, "low": None, "high": None}
+        means.append({**next(each(found))._asdict(), **about})
+    return tidy(means)
 
 
-def _mean(rows: Sequence[Row], cases: int, label: str) -> Row:
-    value = sum(row.value for row in rows) / cases if len(rows) == cases else math.nan
-    counts = [row.points for row in rows if row.points is not None]
-    points = sum(counts) if len(counts) == len(rows) else None
-    # Intervals of single cases are none of their mean.
-    return replace(rows[0], case=label, value=value, points=points, low=None, high=None)
-
-
-def with_unit(row: Row) -> str:
+def with_unit(row: Any) -> str:
     """A value and its unit as text prints them."""
-    return f"{shown(row.value, row.unit)} {shown_unit(row.unit)}"
+    return f"{displayed(row.value, row.unit)} {display_unit(row.unit)}"
 
 
-def findings(rows: Sequence[Row], metric: str, cases: int = 1) -> list[str]:
+def findings(rows: pd.DataFrame, metric: str, cases: int = 1) -> list[str]:
     """Sentences about one case: the order, and what fusion gains over a single camera.
 
     Two methods are compared on the pixels that both report, and how many those are is said.
@@ -217,7 +207,7 @@ def findings(rows: Sequence[Row], metric: str, cases: int = 1) -> list[str]:
         metric: the ranking metric; lower is better.
         cases: how many cases the rows are the mean of.
     """
-    said = _Findings({(row.method, row.metric): row for row in rows}, cases)
+    said = _Findings({(row.method, row.metric): row for row in each(rows)}, cases)
     sentences = []
     if order_text := fusion_order(rows, metric):
         sentences.append(f"Fusion functions by {column(metric).title}, best first: {order_text}.")
@@ -249,7 +239,7 @@ def _others(ranked: Sequence[str]) -> list[str]:
     ]
 
 
-def fusion_order(rows: Sequence[Row], metric: str) -> str:
+def fusion_order(rows: pd.DataFrame, metric: str) -> str:
     """The fusion functions from best to worst, for example `H < G < A`; empty below two."""
     ranked = [pair for pair in order(rows, metric, FUSED_PREFIX) if not math.isnan(pair[1])]
     if len(ranked) < 2:
@@ -272,7 +262,7 @@ class _Findings:
         cases: how many they are the mean of.
     """
 
-    rows: dict[tuple[str, str], Row]
+    rows: dict[tuple[str, str], Any]
     cases: int
 
     def beside(self, method: str, other: str, role: str = "") -> str:
@@ -308,8 +298,8 @@ class _Findings:
         """Why a single camera is ahead of fusion: as far as the numbers say."""
         reasons = [self._by_pixels(single), self._by_partner(single, metric), self._by_parallax()]
         known = [reason for reason in reasons if reason]
-        told = "; ".join(known) if known else "the numbers here do not say why"
-        return f"{single} is ahead of {REFERENCE} by {column(metric).title}: {told}."
+        reason = "; ".join(known) if known else "the numbers here do not say why"
+        return f"{single} is ahead of {REFERENCE} by {column(metric).title}: {reason}."
 
     def _by_pixels(self, single: str) -> str:
         mine, theirs = (self.rows.get((single, f"{r}_mean_error")) for r in (SHARED, HARMONIC))
@@ -358,7 +348,7 @@ class _Findings:
         shares = sorted(found, key=lambda row: -row.value)
         parts = (f"{row.metric.removeprefix(CAUSE_PREFIX)} {row.value:.0f} %" for row in shares)
         names = ", ".join(parts).replace("_", " ")
-        bad = shown(float(shares[0].points or 0), "px")
+        bad = displayed(float(shares[0].support), "px")
         where = "" if self.cases == 1 else f" in {self.cases} cases"
         mean = "" if self.cases == 1 else " (mean of the cases)"
         return f"Why {bad} px of {method}{where} are off by more than a tenth{mean}: {names}."
@@ -371,7 +361,7 @@ class _Findings:
         return with_unit(row) if self.cases == 1 else f"{with_unit(row)} a case"
 
 
-def _change(mine: Row, theirs: Row) -> str:
+def _change(mine: Any, theirs: Any) -> str:
     if theirs.value == 0:
         return ""
     return f" ({100 * (mine.value / theirs.value - 1):+.0f} %)".replace("-", "−")

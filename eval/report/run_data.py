@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from eventsweep import scenes
@@ -22,7 +23,7 @@ from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.figures.plots import DsiSlice
 from eventsweep.eval.numbers import thousands
 from eventsweep.eval.scoring.pairing import Truth
-from eventsweep.eval.scoring.results import JSON_NAME, Results, Row, read_results
+from eventsweep.eval.scoring.results import JSON_NAME, Results, read_results, tidy
 from eventsweep.eval.scoring.run_folder import (
     CONFIG_FILE,
     Scored,
@@ -55,10 +56,10 @@ class RunData:
     ranking_metric: str = "mean_error"
     configuration: str = ""
 
-    def rows_of(self, case: str, window: str) -> tuple[Row, ...]:
+    def rows_of(self, case: str, window: str) -> pd.DataFrame:
         """The rows of one case and window."""
         rows = self.results.rows
-        return tuple(row for row in rows if row.case == case and row.window == window)
+        return rows[(rows["case"] == case) & (rows["window"] == window)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +153,7 @@ def load_run(run_dir: Path) -> RunData:
     config = EvalConfig.model_validate(results.configuration.get("score", {}))
     return RunData(
         cases=tuple(
-            _case(run_dir, name, stored, config, {row.method for row in results.rows})
+            _case(run_dir, name, stored, config, set(results.rows["method"]))
             for name, stored in maps.items()
         ),
         results=results,
@@ -165,7 +166,7 @@ def _results(run_dir: Path, maps: dict[str, StoredMap]) -> Results:
     if (run_dir / JSON_NAME).is_file():
         return read_results(run_dir)
     info = next(iter(maps.values())).info
-    return Results((), {"map": info.config.model_dump(mode="json")}, versions=info.versions)
+    return Results(tidy(()), {"map": info.config.model_dump(mode="json")}, versions=info.versions)
 
 
 def _configuration_text(run_dir: Path, results: Results) -> str:

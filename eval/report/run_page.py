@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from markupsafe import Markup
 from numpy.typing import NDArray
 
@@ -39,7 +40,7 @@ from eventsweep.eval.figures.images import (
     point_size_px,
 )
 from eventsweep.eval.figures.plots import causes_svg, curves_svg, outlier_causes, slice_svg
-from eventsweep.eval.numbers import shown, thousands
+from eventsweep.eval.numbers import displayed, thousands
 from eventsweep.eval.report.html import REPORT_NAME, environment, files_in, inline, plural
 from eventsweep.eval.report.overview import overview_png
 from eventsweep.eval.report.ranking import (
@@ -54,7 +55,7 @@ from eventsweep.eval.report.run_data import CaseData, MethodData, RunData, Windo
 from eventsweep.eval.report.viewer import window_json
 from eventsweep.eval.scoring.curves import THRESHOLDS_CM, ThresholdCurve
 from eventsweep.eval.scoring.pairing import REFERENCE
-from eventsweep.eval.scoring.results import POOLED, RIG, Row
+from eventsweep.eval.scoring.results import POOLED, RIG, each
 
 _CAPTION = ("points", "completeness", "mean_error", "median_error", "bad_published")
 OVERVIEW_NAME = "overview.png"
@@ -71,14 +72,14 @@ def case_context(
     first = [name for name in ranked_methods(rows, metric) if name in drawn]
     methods = list(dict.fromkeys([*first, *drawn]))
     identity = f"case{position}"
-    by_method = [row for row in rows if row.method != RIG]
-    every = [n for n in _names(by_method) if not n.startswith(("precision", "recall", "f1"))]
+    measured = rows.loc[rows["method"] != RIG, "metric"].unique()
+    every = [name for name in measured if not name.startswith(("precision", "recall", "f1"))]
     return {
         "id": identity,
         "name": case.name,
         "summary": case.summary[:1].upper() + case.summary[1:].removesuffix("."),
         "facts": case.facts,
-        "table": table(rows, metric) if rows and with_table else None,
+        "table": table(rows, metric) if len(rows) and with_table else None,
         "findings": findings(rows, metric),
         "methods": methods,
         "chosen": _chosen(rows, metric, methods),
@@ -88,12 +89,12 @@ def case_context(
         "window_count": case.window_count,
         "curves_svg": _curves(rows, with_predictions(methods, rows), identity),
         "causes_svg": _causes(rows, with_predictions(methods, rows)),
-        "every": table(rows, metric, every) if rows else None,
+        "every": table(rows, metric, every) if len(rows) else None,
     }
 
 
 def window_context(
-    window: WindowData, methods: Sequence[str], rows: Sequence[Row]
+    window: WindowData, methods: Sequence[str], rows: pd.DataFrame
 ) -> dict[str, Any]:
     """What the template shows of one window."""
     scales, sure = _scales(window), _confidence_scales(window)
@@ -128,16 +129,16 @@ def _method_context(
     window: WindowData,
     scales: dict[str, Scale],
     sure: Scale,
-    rows: Sequence[Row],
+    rows: pd.DataFrame,
 ) -> dict[str, Any]:
     point_px = point_size_px(method.depth_m.shape[1])
     depth = depth_image(method.depth_m, method.mask, scales["depth_scale"], point_px)
-    own = {row.metric: row for row in rows if row.method == method.name}
+    own = {row.metric: row for row in each(rows[rows["method"] == method.name])}
     numbers = [f"{column(name).title} {with_unit(own[name])}" for name in _CAPTION if name in own]
     return {
         "name": method.name,
         "position": position,
-        "caption": " · ".join(numbers) or f"points {shown(float(method.mask.sum()), 'px')} px",
+        "caption": " · ".join(numbers) or f"points {displayed(float(method.mask.sum()), 'px')} px",
         "depth": _uri(depth),
         "confidence": _uri(confidence_image(method.confidence, sure)) if method.is_sure else None,
         "confidence_scale": sure,
@@ -268,35 +269,31 @@ def _uri(image: IndexedImage) -> str:
     return image.enlarged(enlargement(image.index.shape[1])).data_uri()
 
 
-def _names(rows: Sequence[Row]) -> list[str]:
-    return list(dict.fromkeys(row.metric for row in rows))
-
-
-def _chosen(rows: Sequence[Row], metric: str, methods: Sequence[str]) -> int:
+def _chosen(rows: pd.DataFrame, metric: str, methods: Sequence[str]) -> int:
     """The method of rank 1; without scores the harmonic mean, as in Algorithm 1."""
     wished = [*ranked_methods(rows, metric), REFERENCE]
     return next((methods.index(name) for name in wished if name in methods), 0)
 
 
-def with_predictions(mapped: Sequence[str], rows: Sequence[Row]) -> list[str]:
+def with_predictions(mapped: Sequence[str], rows: pd.DataFrame) -> list[str]:
     """The methods that there are depth maps of, and behind them others that were scored."""
-    return list(dict.fromkeys([*mapped, *(row.method for row in rows if row.metric == "points")]))
+    return list(dict.fromkeys([*mapped, *rows.loc[rows["metric"] == "points", "method"]]))
 
 
-def _curves(rows: Sequence[Row], methods: Sequence[str], prefix: str) -> Markup | None:
+def _curves(rows: pd.DataFrame, methods: Sequence[str], prefix: str) -> Markup | None:
     drawn = curves_of(rows, methods)
     return Markup(curves_svg(drawn, prefix)) if drawn else None
 
 
-def curves_of(rows: Sequence[Row], methods: Sequence[str]) -> list[tuple[str, ThresholdCurve]]:
+def curves_of(rows: pd.DataFrame, methods: Sequence[str]) -> list[tuple[str, ThresholdCurve]]:
     """The curves of all methods, from the rows of one case; none where nothing was scored."""
-    values = {(row.method, row.metric): row.value for row in rows}
+    values = {(row.method, row.metric): row.value for row in each(rows)}
     if not any((method, "points") in values for method in methods):
         return []
     return [(method, _curve_of(values, method)) for method in methods]
 
 
-def _causes(rows: Sequence[Row], methods: Sequence[str]) -> Markup | None:
+def _causes(rows: pd.DataFrame, methods: Sequence[str]) -> Markup | None:
     shares = outlier_causes(rows, methods)
     return Markup(causes_svg(shares)) if shares else None
 
@@ -346,7 +343,7 @@ def render(data: RunData, files: Sequence[str] = ()) -> str:
 
 
 def _page_context(data: RunData) -> dict[str, Any]:
-    pooled = [row for row in data.results.rows if row.window == POOLED]
+    pooled = data.results.rows[data.results.rows["window"] == POOLED]
     several = len(data.cases) > 1
     overall = mean_over_cases(pooled, "mean") if several else pooled
     cases = [case_context(data, case, k, with_table=several) for k, case in enumerate(data.cases)]
@@ -355,7 +352,7 @@ def _page_context(data: RunData) -> dict[str, Any]:
         "subtitle": _subtitle(data),
         "metric": data.ranking_metric,
         "metric_title": column(data.ranking_metric).title,
-        "overall": table(overall, data.ranking_metric) if overall else None,
+        "overall": table(overall, data.ranking_metric) if len(overall) else None,
         "findings": findings(overall, data.ranking_metric, len(data.cases)),
         "cases": cases,
         "most_methods": max((len(case["methods"]) for case in cases), default=0),
@@ -389,6 +386,6 @@ def _provenance(data: RunData) -> list[tuple[str, str]]:
     return facts + [(f"baseline × focal length of {case}", text) for case, text in units]
 
 
-def _rows_named(rows: Iterable[Row], metric: str) -> list[tuple[str, str]]:
-    found = {row.case: f"{row.value:.4g} {row.unit}" for row in rows if row.metric == metric}
-    return list(found.items())
+def _rows_named(rows: pd.DataFrame, metric: str) -> list[tuple[str, str]]:
+    found = each(rows[rows["metric"] == metric])
+    return list({row.case: f"{row.value:.4g} {row.unit}" for row in found}.items())

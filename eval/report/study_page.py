@@ -13,7 +13,7 @@ from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
 from eventsweep.emvs.utils.outputs import check_files
 from eventsweep.eval.figures.colormaps import INK, line_style
-from eventsweep.eval.numbers import shown
+from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.html import (
     REPORT_NAME,
     Grid,
@@ -86,7 +86,7 @@ def read_study(path: Path) -> StoredStudy:
     Raises:
         InputError: it is missing or malformed.
     """
-    study = read_json(path, StoredStudy.model_validate, None, "run the study again")
+    study = read_json(path, StoredStudy.model_validate, (), "run the study again")
     wrong = next((c for c in study.curves if len(c.mean) != len(study.amounts)), None)
     if wrong is not None:
         raise InputError(
@@ -193,7 +193,10 @@ def _grid(study: StoredStudy, metric: str) -> Grid:
     head = column(metric)
     heads = (
         Head("method"),
-        *(Head(f"{a:g} {study.unit}", head.unit, head.better, arrow=True) for a in study.amounts),
+        *(
+            Head(f"{a:g} {study.unit}", head.unit, head.direction, arrow=True)
+            for a in study.amounts
+        ),
     )
     curves = [curve for curve in study.curves if curve.metric == metric]
     about = f"{definition(metric)} One column per amount."
@@ -204,6 +207,6 @@ def _line(curve: StudyCurve) -> tuple[GridCell, ...]:
     cells = [GridCell(curve.method, colour=line_style(curve.method).css)]
     for mean, low, high in zip(curve.mean, curve.low, curve.high, strict=True):
         half = (high - low) / 2
-        band = "" if math.isnan(mean) else f" ± {shown(half, curve.unit)}"
-        cells.append(GridCell(shown(mean, curve.unit) + band, mean))
+        band = "" if math.isnan(mean) else f" ± {displayed(half, curve.unit)}"
+        cells.append(GridCell(displayed(mean, curve.unit) + band, mean))
     return tuple(cells)

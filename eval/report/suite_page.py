@@ -13,7 +13,7 @@ from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.outputs import check_files
 from eventsweep.eval.config import EvalConfig, RankingMetric
 from eventsweep.eval.figures.colormaps import line_style
-from eventsweep.eval.numbers import shown
+from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.html import (
     REPORT_NAME,
     Grid,
@@ -36,10 +36,9 @@ from eventsweep.eval.report.ranking import (
     mean_over_cases,
     table,
 )
-from eventsweep.eval.scoring.results import POOLED, Row
 from eventsweep.eval.suite.output import CSV_NAME, PICTURES_FOLDER
 from eventsweep.eval.suite.results import FILE_NAME, SuiteResult, read_suite
-from eventsweep.eval.suite.series import Series, of_suite
+from eventsweep.eval.suite.series import Series, means_over_seeds, of_suite
 
 _NO_PICTURES: Mapping[str, str] = MappingProxyType({})
 _ABOUT = (
@@ -123,15 +122,15 @@ def _overview(by_case: Mapping[str, Sequence[Series]], metric: str) -> Grid | No
     """The mean over cases; None of fewer than two, which would repeat the case."""
     if len(by_case) < 2:
         return None
-    rows = [row for found in by_case.values() for row in _rows(found)]
+    rows = means_over_seeds([one for found in by_case.values() for one in found])
     about = f"Mean of {len(by_case)} cases, by {column(metric).title}. {_OVER_CASES}"
     return _grid(table(mean_over_cases(rows, "mean"), metric), {}, about)
 
 
 def _section(position: int, case: str, found: Sequence[Series], metric: str) -> Section:
-    rows = _rows(found)
+    rows = means_over_seeds(found)
     about = f"By {column(metric).title}."
-    spreads = {(one.method, one.metric): shown(one.spread, one.unit) for one in found}
+    spreads = {(one.method, one.metric): displayed(one.spread, one.unit) for one in found}
     return Section(
         id=f"case{position}",
         title=case,
@@ -142,20 +141,13 @@ def _section(position: int, case: str, found: Sequence[Series], metric: str) -> 
     )
 
 
-def _rows(found: Sequence[Series]) -> list[Row]:
-    return [
-        Row(one.case, POOLED, one.method, one.metric, one.mean, one.unit, one.better)
-        for one in found
-    ]
-
-
 def _grid(ranking: RankingTable, spreads: Mapping[tuple[str, str], str], about: str) -> Grid:
     heads = (Head("method", text=True), Head("rank"), *_heads(ranking))
     return Grid(heads, tuple(_line(line, ranking, spreads) for line in ranking.lines), about)
 
 
 def _heads(ranking: RankingTable) -> list[Head]:
-    return [Head(one.title, one.unit, one.better, arrow=True) for one in ranking.columns]
+    return [Head(one.title, one.unit, one.direction, arrow=True) for one in ranking.columns]
 
 
 def _line(

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import io
 import json
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from PIL import Image
 
 from eventsweep.emvs.config import MapperConfig
@@ -33,7 +33,7 @@ from eventsweep.eval.report.overview import overview_png
 from eventsweep.eval.report.ranking import ranked_methods
 from eventsweep.eval.report.run_data import CaseData, MethodData, WindowData, window_data
 from eventsweep.eval.scoring.predictions import FAMILY, NamedFolder, Prediction, TargetView, plain
-from eventsweep.eval.scoring.results import POOLED
+from eventsweep.eval.scoring.results import POOLED, each
 from eventsweep.eval.suite.archive import SequenceArchive
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.eval.suite.output import PICTURES_FOLDER
@@ -156,10 +156,11 @@ def _pictures(views: CaseViews, result: SuiteResult) -> Iterator[tuple[str, byte
         score = views.score_job(sample)
         window = views.first_window(score)
         if window is not None:
-            scored = {row.method for row in sample.rows}
-            theirs = [one for one in views.others(score) if one.name in scored]
+            rows = _pooled(result, sample)
+            scored = set(rows["method"])
+            theirs = [other for other in views.others(score) if other.name in scored]
             data = CaseData(case, "", (window,), len(views.suite.cases[case].windows))
-            yield case, _drawn(views.suite, data, theirs, sample)
+            yield case, _drawn(views.suite, data, theirs, sample, rows)
 
 
 def _method(prediction: Prediction, view: TargetView) -> MethodData:
@@ -176,9 +177,9 @@ def method_pictures(views: CaseViews, result: SuiteResult) -> dict[str, bytes]:
     firsts = _firsts(result)
     errors: dict[str, dict[str, float]] = {}
     for case, sample in firsts.items():
-        for row in sample.rows:
-            if (row.window, row.metric) == (POOLED, "abs_rel") and math.isfinite(row.value):
-                errors.setdefault(row.method, {})[case] = row.value
+        rows = _pooled(result, sample)
+        for row in each(rows[(rows["metric"] == "abs_rel") & np.isfinite(rows["value"])]):
+            errors.setdefault(row.method, {})[case] = row.value
     wanted: dict[str, list[tuple[str, str]]] = {}
     for method, found in errors.items():
         wanted.setdefault(min(found, key=found.__getitem__), []).append((method, "best"))
@@ -222,11 +223,21 @@ def _strip(window: WindowData, method: MethodData) -> tuple[bytes, float]:
     return stream.getvalue(), cap_cm
 
 
-def _drawn(suite: Suite, case: CaseData, theirs: Sequence[MethodData], sample: Sample) -> bytes:
+def _pooled(result: SuiteResult, sample: Sample) -> pd.DataFrame:
+    rows = result.rows[result.rows["window"] == POOLED]
+    return rows[(rows["case"] == sample.case) & (rows["seed"] == sample.seed)]
+
+
+def _drawn(
+    suite: Suite,
+    case: CaseData,
+    theirs: Sequence[MethodData],
+    sample: Sample,
+    rows: pd.DataFrame,
+) -> bytes:
     (window,) = case.windows
     everything = replace(case, windows=(replace(window, methods=(*window.methods, *theirs)),))
     metric = EvalConfig.model_validate(suite.score).ranking_metric
-    rows = [row for row in sample.rows if row.window == POOLED]
     ours = [name for name in ranked_methods(rows, metric) if not name.startswith(FAMILY)]
     title = f"{case.name}, seed {sample.seed}, {window.name}"
     return overview_png(everything, title, ours, most_others=len(theirs), columns=_COLUMNS)

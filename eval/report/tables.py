@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,7 +26,7 @@ from eventsweep.eval.figures.plots import (
 from eventsweep.eval.report.ranking import RankingTable, column, mean_over_cases, table
 from eventsweep.eval.report.run_data import CaseData, RunData, load_run
 from eventsweep.eval.report.run_page import curves_of, with_predictions
-from eventsweep.eval.scoring.results import POOLED, is_undefined
+from eventsweep.eval.scoring.results import POOLED, together
 
 FORMATS = ("csv", "tex", "md")
 _TEX = {
@@ -68,7 +69,7 @@ class TextTable:
 
 def ranking_table(ranking: RankingTable, caption: str) -> TextTable:
     """A ranking as text: units and directions in the headings, the best bold."""
-    heads = ("method", *(_heading(c.title, c.unit, c.better) for c in ranking.columns))
+    heads = ("method", *(_heading(c.title, c.unit, c.direction) for c in ranking.columns))
     lines = []
     for line in ranking.lines:
         cells = (
@@ -84,8 +85,8 @@ def in_unit(value: float, unit: str) -> float:
     return float(f"{100 * value:.9g}") if unit == "cm" else value
 
 
-def _heading(title: str, unit: str, better: str) -> str:
-    return " ".join(part for part in (title, f"[{unit}]", _ARROWS.get(better, "")) if part)
+def _heading(title: str, unit: str, direction: str) -> str:
+    return " ".join(part for part in (title, f"[{unit}]", _ARROWS.get(direction, "")) if part)
 
 
 def write_tables(folder: Path, tables: dict[str, TextTable]) -> list[Path]:
@@ -114,8 +115,12 @@ def as_csv(table: TextTable) -> str:
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(table.columns)
     for line in table.lines:
-        writer.writerow("" if is_undefined(cell.value) else cell.value for cell in line)
+        writer.writerow("" if _is_undefined(cell.value) else cell.value for cell in line)
     return stream.getvalue()
+
+
+def _is_undefined(cell: float | str) -> bool:
+    return isinstance(cell, float) and not math.isfinite(cell)
 
 
 def as_markdown(table: TextTable) -> str:
@@ -170,13 +175,13 @@ def report_tables(data: RunData) -> dict[str, TextTable]:
     metric = data.ranking_metric
     by = f"ordered by {column(metric).title}"
     rows = {case.name: data.rows_of(case.name, POOLED) for case in data.cases}
-    scored = {case: found for case, found in rows.items() if found}
+    scored = {case: found for case, found in rows.items() if len(found)}
     tables = {
         case: ranking_table(table(found, metric), f"{case}, {by}.")
         for case, found in scored.items()
     }
     if len(scored) > 1:
-        means = mean_over_cases([row for found in scored.values() for row in found], "mean")
+        means = mean_over_cases(together(scored.values()), "mean")
         caption = f"Mean of {len(scored)} cases, {by}."
         tables["ranking-mean"] = ranking_table(table(means, metric), caption)
     return tables

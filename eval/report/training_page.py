@@ -133,7 +133,7 @@ def _sequences(manifest: Mapping[str, Any]) -> Grid:
         (GridCell(scene), GridCell(str(count), count))
         for scene, count in manifest["scenes"].items()
     )
-    return Grid((Head("scene", text=True), Head("sequences", better="higher")), lines)
+    return Grid((Head("scene", text=True), Head("sequences", direction="higher")), lines)
 
 
 def _facts(manifest: Mapping[str, Any]) -> Grid:

@@ -160,47 +160,59 @@ class CoverageCurve:
     best_error_m: FloatArray
 
 
-def coverage_curve(pairs: Pairs) -> CoverageCurve | None:
+def coverage_curve(
+    error_m: FloatArray, confidence: FloatArray | None, truth_count: int
+) -> CoverageCurve | None:
     """Sweeps the confidence threshold; None without confidence or estimates."""
-    if pairs.confidence is None or not pairs.count:
+    if confidence is None or not len(error_m):
         return None
-    order = np.argsort(-pairs.confidence, kind="stable")
-    falling = pairs.confidence[order]
+    order = np.argsort(-confidence, kind="stable")
+    falling = confidence[order]
     last = np.append(falling[1:] != falling[:-1], True)
     points = (np.flatnonzero(last) + 1).astype(np.float64)
-    mean_m: FloatArray = np.cumsum(pairs.error_m[order])[last] / points
-    best_m: FloatArray = np.cumsum(np.sort(pairs.error_m))[last] / points
-    return CoverageCurve(points, 100 * points / pairs.truth_count, mean_m, best_m)
+    mean_m: FloatArray = np.cumsum(error_m[order])[last] / points
+    best_m: FloatArray = np.cumsum(np.sort(error_m))[last] / points
+    return CoverageCurve(points, 100 * points / truth_count, mean_m, best_m)
 
 
-def _coverage_area(pairs: Pairs) -> float:
-    found = coverage_curve(pairs)
-    return NAN if found is None else _mean_over_points(found.points, found.mean_error_m)
-
-
-def _excess(pairs: Pairs) -> float:
-    found = coverage_curve(pairs)
+def coverage_scores(
+    error_m: FloatArray, confidence: FloatArray | None, truth_count: int
+) -> dict[str, float]:
+    """The metrics of error over coverage; NaN where they are undefined."""
+    found = coverage_curve(error_m, confidence, truth_count)
     if found is None:
-        return NAN
-    # Rounding may put a curve that has no excess a hair below the best one.
-    return max(0.0, _mean_over_points(found.points, found.mean_error_m - found.best_error_m))
+        return {metric.name: NAN for metric in COVERAGE_METRICS}
+    excess = _mean_over_points(found.points, found.mean_error_m - found.best_error_m)
+    return {
+        "aurc": _mean_over_points(found.points, found.mean_error_m),
+        # Rounding may put a curve that has no excess a hair below the best one.
+        "ause": max(0.0, excess),
+        **{_top(percent): _at(found, percent) for percent in COVERAGES_PERCENT},
+    }
+
+
+def _coverage_score(pairs: Pairs, name: str) -> float:
+    return coverage_scores(pairs.error_m, pairs.confidence, pairs.truth_count)[name]
 
 
 def _mean_over_points(points: FloatArray, values: FloatArray) -> float:
     return float(np.sum(np.diff(points, prepend=0.0) * values) / points[-1])
 
 
-def _at(pairs: Pairs, percent: int) -> float:
-    found = coverage_curve(pairs)
-    if found is None or found.coverage[-1] < percent:
+def _at(found: CoverageCurve, percent: int) -> float:
+    if found.coverage[-1] < percent:
         return NAN
     return float(found.mean_error_m[np.argmax(found.coverage >= percent)])
 
 
+def _top(percent: int) -> str:
+    return f"mean_error_top_{percent}pct"
+
+
 def _at_metric(percent: int) -> Metric:
-    name, title = f"mean_error_top_{percent}pct", f"mean error of surest {percent} %"
+    name, title = _top(percent), f"mean error of surest {percent} %"
     formula = f"mean |e - g| of the surest pixels that cover {percent} % of g"
-    compute = partial(_at, percent=percent)
+    compute = partial(_coverage_score, name=name)
     return Metric(name, title, "m", "lower", formula, compute, pooling="order")
 
 
@@ -211,7 +223,7 @@ COVERAGE_METRICS: tuple[Metric, ...] = (
         "m",
         "lower",
         "area under mean |e - g| against share of #e admitted",
-        _coverage_area,
+        partial(_coverage_score, name="aurc"),
         pooling="order",
     ),
     Metric(
@@ -220,7 +232,7 @@ COVERAGE_METRICS: tuple[Metric, ...] = (
         "m",
         "lower",
         "aurc less that of the pixels in order of error",
-        _excess,
+        partial(_coverage_score, name="ause"),
         pooling="order",
     ),
     *(_at_metric(percent) for percent in COVERAGES_PERCENT),

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from eventsweep.emvs.errors import ByName
 from eventsweep.eval.scoring.curves import COVERAGE_METRICS, CURVE_METRICS
-from eventsweep.eval.scoring.metrics import CELL_METRICS, METRICS, Better, Metric, Pairs
+from eventsweep.eval.scoring.direction import Direction
+from eventsweep.eval.scoring.metrics import CELL_METRICS, METRICS, Metric, Pairs
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.scoring.pairing import ALL, COMMON, HARMONIC, SHARED, MethodPairs
 
-COMMON_PREFIX = "common_"
 CAUSE_PREFIX = "cause_"
 BAD_POINTS = "outlier_points"
 COMMON_NAMES = ("points", "mean_error", "median_error", "bad_published")
@@ -34,25 +34,15 @@ ALL_METRICS: dict[str, Metric] = ByName(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Score:
-    """One number about one depth map.
-
-    Attributes:
-        metric: its name, with the region's before it unless that is `all`.
-        value: the number; NaN where it is undefined.
-        unit: of the value.
-        better: which direction is better.
-        region: which pixels count, see `eval.scoring.regions`.
-        points: how many pixels the value is made of; None where it is of none.
-    """
+class Score(NamedTuple):
+    """One number about one depth map: the columns of a table of scores that it fills."""
 
     metric: str
     value: float
     unit: str
-    better: Better
+    direction: Direction
     region: str = ALL
-    points: int | None = None
+    support: int | None = None
 
 
 def score_pairs(pairs: Pairs) -> list[Score]:
@@ -104,4 +94,4 @@ def cause_scores(causes: Mapping[str, int] | None) -> Iterator[Score]:
 def _score(name: str, pairs: Pairs, region: str) -> Score:
     metric = ALL_METRICS[name]
     value, score_name = metric(pairs), full_name(name, region)
-    return Score(score_name, value, metric.unit, metric.better, region, pairs.count)
+    return Score(score_name, value, metric.unit, metric.direction, region, pairs.count)

@@ -11,7 +11,7 @@ from eventsweep.eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.scoring.pairing import Estimate, MethodPairs, Truth, pair_methods
 from eventsweep.eval.scoring.regions import DRAWN
-from eventsweep.eval.scoring.results import POOLED
+from eventsweep.eval.scoring.results import POOLED, each
 from eventsweep.eval.scoring.score import case_rows
 
 CAUSE_MODULES = ("eventsweep.eval.scoring.outlier_causes", "eventsweep.eval.scoring.regions")
@@ -25,9 +25,9 @@ def metric_versions() -> dict[str, str]:
     causes of bad pixels, which depend on a whole sequence, have the hash of their source.
     """
     values: dict[str, list[str]] = {}
-    for row in case_rows("fixed", {"w000": _fixed_pairs(1), "w001": _fixed_pairs(2)}):
+    for row in each(case_rows("fixed", {"w000": _fixed_pairs(1), "w001": _fixed_pairs(2)})):
         if row.window == POOLED:
-            text = f"{row.method} {row.value:.9g} {row.unit} {row.better}"
+            text = f"{row.method} {row.value:.9g} {row.unit} {row.direction}"
             values.setdefault(row.metric, []).append(text)
     causes = (BAD_POINTS, *(CAUSE_PREFIX + cause for cause in CAUSES))
     return {

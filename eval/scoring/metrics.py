@@ -16,7 +16,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Better = Literal["lower", "higher", "none"]
+from eventsweep.eval.scoring.direction import Direction
+
 Pooling = Literal["sum", "pairs", "squares", "truth", "either", "variance", "order"]
 FloatArray = NDArray[np.float64]
 OUTLIER_RELATIVE_ERROR = 0.10
@@ -76,7 +77,7 @@ class Metric:
         name: key in result files.
         title: heading in tables.
         unit: unit of the value; empty for a plain ratio.
-        better: the direction that is better.
+        direction: which end is better.
         formula: the definition in one line.
         compute: the value of some pairs.
         needs_pairs: NaN, rather than computed, where the method reports no depth at all.
@@ -90,7 +91,7 @@ class Metric:
     name: str
     title: str
     unit: str
-    better: Better
+    direction: Direction
     formula: str
     compute: Callable[[Pairs], float]
     needs_pairs: bool = True
@@ -98,7 +99,7 @@ class Metric:
 
     def __repr__(self) -> str:
         unit = f" [{self.unit}]" if self.unit else ""
-        return f"Metric({self.name!r}{unit}, better: {self.better}; {self.formula})"
+        return f"Metric({self.name!r}{unit}, better: {self.direction}; {self.formula})"
 
     def __call__(self, pairs: Pairs) -> float:
         """The metric's value; NaN where it is undefined."""

@@ -1,22 +1,24 @@
-"""All windows' pixels together, as one large window, in memory that stays flat.
+"""All windows' pixels together, as one large window.
 
 Most metrics are means over pixels, so the windows' values and numbers of pixels are enough. Medians
-and curves need all pixels in order, which `eval.scoring.external_sort` keeps on disk.
+and curves need all pixels: their errors are kept in memory, beyond `MOST_BYTES` in a temporary
+file, and those of one method are read back at a time.
 """
 
 from __future__ import annotations
 
 import math
+import os
 import tempfile
-from collections.abc import Iterator, Mapping
-from pathlib import Path
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from types import TracebackType
+from typing import IO
 
 import numpy as np
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.eval.scoring.curves import COVERAGES_PERCENT
-from eventsweep.eval.scoring.external_sort import MOST_AT_ONCE, Floats, SortedRuns
+from eventsweep.eval.scoring.curves import coverage_scores
 from eventsweep.eval.scoring.method_scores import (
     ALL_METRICS,
     Score,
@@ -25,11 +27,85 @@ from eventsweep.eval.scoring.method_scores import (
     full_name,
     metrics_of,
 )
-from eventsweep.eval.scoring.metrics import Metric, Pairs
+from eventsweep.eval.scoring.metrics import FloatArray, Metric, Pairs
 from eventsweep.eval.scoring.outlier_causes import pooled_causes
 from eventsweep.eval.scoring.pairing import ALL, MethodPairs
 
+MOST_BYTES = 1 << 30
+"""How much a case keeps in memory for medians and curves; 40 million pixels of a method."""
 _NAN = float("nan")
+
+
+class NumberStore:
+    """Keeps arrays in memory, and those beyond a size in a temporary file; a context."""
+
+    def __init__(self, most_bytes: int = MOST_BYTES) -> None:
+        """Prepares to keep `most_bytes` in memory."""
+        self._left_bytes = most_bytes
+        self._file: IO[bytes] | None = None
+
+    def __enter__(self) -> NumberStore:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:  # fmt: skip
+        if self._file is not None:
+            self._file.close()
+
+    def keep(self, numbers: FloatArray) -> Callable[[], FloatArray]:
+        """Keeps an array, which the returned function gives back.
+
+        Raises:
+            InputError: no room on the disk.
+        """
+        if numbers.nbytes <= self._left_bytes:
+            self._left_bytes -= numbers.nbytes
+            return lambda: numbers
+        try:
+            if self._file is None:
+                self._file = tempfile.TemporaryFile(prefix="eventsweep-scores-")  # noqa: SIM115
+            start = self._file.seek(0, os.SEEK_END)
+            self._file.write(numbers.tobytes())
+            self._file.flush()
+        except OSError as error:
+            raise InputError(
+                f"{tempfile.gettempdir()}: cannot keep the scores of a window there "
+                f"({error.strerror}): free some room, or set TMPDIR to another folder"
+            ) from error
+        return partial(_read, self._file, start, numbers.nbytes, numbers.dtype)
+
+
+def _read(file: IO[bytes], start: int, size: int, dtype: np.dtype[np.float64]) -> FloatArray:
+    file.seek(start)
+    return np.frombuffer(file.read(size), dtype)
+
+
+class _Column:
+    """One number per pixel, of all windows; undefined once a window lacks it."""
+
+    def __init__(self, store: NumberStore) -> None:
+        self._store = store
+        self._parts: list[Callable[[], FloatArray]] | None = []
+
+    def add(self, numbers: FloatArray | None) -> None:
+        # Half a column is not comparable: one window without it, and there is none.
+        if numbers is None:
+            self._parts = None
+        elif self._parts is not None:
+            self._parts.append(self._store.keep(numbers))
+
+    @property
+    def is_defined(self) -> bool:
+        return self._parts is not None
+
+    def numbers(self) -> FloatArray:
+        return np.concatenate([np.empty(0), *(part() for part in self._parts or ())])
+
+    def median(self) -> float:
+        numbers = self.numbers()
+        return float(np.median(numbers)) if numbers.size else _NAN
 
 
 class Pool:
@@ -41,19 +117,14 @@ class Pool:
         baseline_focal_px_m: of the rig, px·m; NaN for a rig of one camera, and before a window.
     """
 
-    def __init__(self, metrics: Mapping[str, Metric], folder: Path, name: str) -> None:
-        """Prepares to pool these metrics; files in `folder` begin with `name`."""
+    def __init__(self, metrics: Mapping[str, Metric], store: NumberStore) -> None:
+        """Prepares to pool these metrics."""
         self._metrics = metrics
         self.points = self.truth_points = 0
         self.baseline_focal_px_m = _NAN
         self._sums = dict.fromkeys(metrics, 0.0)
         self._log_ratio: list[tuple[int, float]] = []
-        errors, cells, confidence = (
-            SortedRuns(folder / f"{name}-{key}") for key in ("errors", "cells", "confidence")
-        )
-        self._errors = errors if "median_error" in metrics else None
-        self._cells = cells if "median_cells" in metrics else None
-        self._by_confidence = confidence if "aurc" in metrics else None
+        self._errors, self._cells, self._confidence = (_Column(store) for _ in range(3))
         self._windows = 0
 
     def add(self, pairs: Pairs, values: Mapping[str, float]) -> None:
@@ -75,17 +146,20 @@ class Pool:
                 self._sums[name] += weight * (value**2 if metric.pooling == "squares" else value)
         if pairs.count:
             self._log_ratio.append((pairs.count, float(np.mean(pairs.log_ratio))))
-        self._keep(pairs)
+        if {"median_error", "aurc"} & self._metrics.keys():
+            self._errors.add(pairs.error_m)
+        if "median_cells" in self._metrics:
+            self._cells.add(pairs.cells)
+        if "aurc" in self._metrics:
+            self._confidence.add(pairs.confidence)
 
-    def values(self, most: int = MOST_AT_ONCE) -> dict[str, float]:
+    def values(self) -> dict[str, float]:
         """Every metric of all windows' pixels together; NaN where it is undefined."""
         found = {name: self._value(metric) for name, metric in self._metrics.items()}
-        if self._errors is not None:
-            found["median_error"] = self._errors.median(most)
-        if "median_cells" in self._metrics:
-            found["median_cells"] = _NAN if self._cells is None else self._cells.median(most)
+        found |= {"median_error": self._errors.median(), "median_cells": self._cells.median()}
         if "aurc" in self._metrics:
-            found |= self._coverage(most)
+            confidence = self._confidence.numbers() if self._confidence.is_defined else None
+            found |= coverage_scores(self._errors.numbers(), confidence, self.truth_points)
         return {name: found[name] for name in self._metrics}
 
     def _check_rig(self, pairs: Pairs) -> None:
@@ -98,23 +172,13 @@ class Pool:
             )
         self.baseline_focal_px_m, self._windows = now, self._windows + 1
 
-    def _keep(self, pairs: Pairs) -> None:
-        error_m = pairs.error_m
-        self._errors = _added(self._errors, error_m)
-        # Half a column is not comparable: one window without it, and there is none.
-        self._cells = _added(self._cells, pairs.cells)
-        if pairs.confidence is None:
-            self._by_confidence = None
-        elif self._by_confidence is not None:
-            self._by_confidence.add(-pairs.confidence, error_m)
-
     def _value(self, metric: Metric) -> float:
         total, name = self._sums[metric.name], metric.name
         if metric.pooling == "sum":
             return total
         if metric.pooling == "order":
-            return _NAN  # found elsewhere
-        if metric.name.endswith(("cells", "cell")) and self._cells is None:
+            return _NAN  # `values` sets it
+        if metric.name.endswith(("cells", "cell")) and not self._cells.is_defined:
             return _NAN
         if metric.pooling == "truth":
             return total / self.truth_points if self.truth_points else _NAN
@@ -134,59 +198,6 @@ class Pool:
         mean = np.sum(counts * means) / np.sum(counts)
         return 100 * float(np.sum(counts * (means - mean) ** 2) / np.sum(counts))
 
-    def _coverage(self, most: int) -> dict[str, float]:
-        """The curves of all windows' pixels; every chunk goes on where the last one ended."""
-        names = {percent: f"mean_error_top_{percent}pct" for percent in COVERAGES_PERCENT}
-        found = dict.fromkeys(("aurc", "ause", *names.values()), _NAN)
-        if self._by_confidence is None or self._errors is None or not self.points:
-            return found
-        area = least = before = error_sum = best_sum = 0.0
-        best = _SmallestErrors(self._errors, most)
-        for keys, error_m in self._by_confidence.chunks(most):
-            last = np.append(keys[1:] != keys[:-1], True)
-            points = before + np.flatnonzero(last) + 1
-            errors = _cumulative(error_sum, error_m)
-            bests = _cumulative(best_sum, best.take(len(keys)))
-            steps, mean_m = np.diff(points, prepend=before), errors[last] / points
-            area += float(np.sum(steps * mean_m))
-            least += float(np.sum(steps * (mean_m - bests[last] / points)))
-            for percent, name in names.items():
-                enough = 100 * points / self.truth_points >= percent
-                if math.isnan(found[name]) and enough.any():
-                    found[name] = float(mean_m[np.argmax(enough)])
-            before, error_sum, best_sum = float(points[-1]), float(errors[-1]), float(bests[-1])
-        found["aurc"], found["ause"] = area / self.points, max(0.0, least / self.points)
-        return found
-
-
-class _SmallestErrors:
-    """Errors in order, in pieces of any length."""
-
-    def __init__(self, errors: SortedRuns, most: int) -> None:
-        self._chunks, self._rest = errors.chunks(most), np.empty(0)
-
-    def take(self, count: int) -> Floats:
-        """The next `count` errors."""
-        parts = [self._rest]
-        while sum(map(len, parts)) < count:
-            parts.append(next(self._chunks)[0])
-        whole = np.concatenate(parts)
-        self._rest = whole[count:]
-        return whole[:count]
-
-
-def _cumulative(before: float, numbers: Floats) -> Floats:
-    """Cumulative sums that go on from `before`."""
-    found: Floats = np.cumsum(np.concatenate([[before], numbers]))[1:]
-    return found
-
-
-def _added(store: SortedRuns | None, numbers: Floats | None) -> SortedRuns | None:
-    if store is None or numbers is None:
-        return None
-    store.add(numbers)
-    return store
-
 
 def _weight(metric: Metric, pairs: Pairs) -> int:
     """How much a window's value counts; 0 where it has none."""
@@ -198,23 +209,13 @@ def _weight(metric: Metric, pairs: Pairs) -> int:
 
 
 class CasePool:
-    """Pools every method's windows; a context, which holds a temporary folder."""
+    """Pools every method's windows."""
 
-    def __init__(self, most: int = MOST_AT_ONCE) -> None:
-        """Prepares to hold at most so many numbers of a kind at once."""
-        self._folder = tempfile.TemporaryDirectory(prefix="eventsweep-scores-")
-        self._most = most
+    def __init__(self, store: NumberStore) -> None:
+        """Prepares to pool windows; `store` keeps their pixels."""
+        self._store = store
         self._methods: dict[str, _MethodPool] = {}
         self._windows = 0
-
-    def __enter__(self) -> CasePool:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:  # fmt: skip
-        self._folder.cleanup()
 
     def add(self, pairs: Mapping[str, MethodPairs], scores: Mapping[str, list[Score]]) -> None:
         """Adds a window: its pixels by method, and what `score_method` says of them.
@@ -223,24 +224,21 @@ class CasePool:
             InputError: a window of another rig, or no room on the disk.
         """
         if not self._windows:
-            parent = Path(self._folder.name)
-            self._methods = {
-                method: _MethodPool(parent, f"{number}") for number, method in enumerate(pairs)
-            }
+            self._methods = {method: _MethodPool(self._store) for method in pairs}
         self._windows += 1
         for method, pool in self._methods.items():
             pool.add(pairs[method], {score.metric: score.value for score in scores[method]})
 
     def scores(self) -> dict[str, list[Score]]:
         """By method: what `score_method` would say of all windows' pixels in one."""
-        return {method: pool.scores(self._most) for method, pool in self._methods.items()}
+        return {method: pool.scores() for method, pool in self._methods.items()}
 
 
 class _MethodPool:
     """One method's windows, by region; regions that a window lacks are left out."""
 
-    def __init__(self, folder: Path, name: str) -> None:
-        self._folder, self._name = folder, name
+    def __init__(self, store: NumberStore) -> None:
+        self._store = store
         self._regions: dict[str, Pool] = {}
         self._causes: dict[str, int] | None = None
         self._began = False
@@ -257,19 +255,19 @@ class _MethodPool:
         self._causes = pooled_causes([*before, pairs.causes])
         self._began = True
 
-    def scores(self, most: int) -> list[Score]:
-        found = [score for region in self._regions for score in self._scores(region, most)]
+    def scores(self) -> list[Score]:
+        found = [score for region in self._regions for score in self._scores(region)]
         return [*found, *cause_scores(self._causes)]
 
     def _pool(self, region: str) -> Pool:
         metrics = {name: ALL_METRICS[name] for name in metrics_of(region)}
-        return Pool(metrics, self._folder, f"{self._name}-{region}")
+        return Pool(metrics, self._store)
 
-    def _scores(self, region: str, most: int) -> Iterator[Score]:
+    def _scores(self, region: str) -> Iterator[Score]:
         pool = self._regions[region]
         if region == ALL:
             yield from context_scores(pool.truth_points, pool.baseline_focal_px_m)
-        for name, value in pool.values(most).items():
+        for name, value in pool.values().items():
             metric = ALL_METRICS[name]
             score_name = full_name(name, region)
-            yield Score(score_name, value, metric.unit, metric.better, region, pool.points)
+            yield Score(score_name, value, metric.unit, metric.direction, region, pool.points)

@@ -1,17 +1,20 @@
-"""Scores on disk: `results.json` with provenance, and `results.csv` for everything else."""
+"""Scores as one tidy table, and `results.json` and `results.csv`, which hold it with provenance.
+
+A row is one number: of what, how much, in which unit, which direction is better, of which pixels.
+Everything that is scored, gated, compared or ranked is such a table, read and written here.
+"""
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 import numbers
 import os
 import platform
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass, field, fields
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_args
 
 from pydantic import BeforeValidator, ConfigDict, PlainSerializer, TypeAdapter, ValidationError
 
@@ -20,19 +23,48 @@ from eventsweep.emvs.parameters import first_fault
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
 from eventsweep.emvs.utils.runtime import versions
+from eventsweep.eval.scoring.direction import Direction
 
 if TYPE_CHECKING:
     import pandas as pd
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 JSON_NAME = "results.json"
 CSV_NAME = "results.csv"
 POOLED, MEAN = "all", "mean"
-"""What rows call the pixels of all windows together, and the average over windows."""
-
-Read = TypeVar("Read")
+"""Windows of rows about the pixels of all windows together, and about the average over windows."""
+RIG = "rig"
+"""Method of rows about the cameras and their motion."""
 UNITS = ("m", "%", "px", "px·m", "cells", "x100", "x", "events")
 """Units of scores; `x` is a ratio, `x100` a number without unit a hundred times over."""
+
+COLUMNS = {
+    "case": "a text",
+    "seed": "a whole number or nothing",
+    "window": "a text",
+    "method": "a text",
+    "metric": "a text",
+    "value": "a number",
+    "unit": "a text",
+    "direction": f"one of {', '.join(get_args(Direction))}",
+    "region": "a text",
+    "support": "a whole number of pixels or nothing",
+    "low": "a number or nothing",
+    "high": "a number or nothing",
+}
+"""The columns of a table of scores, and what their cells must be.
+
+Case is a scene or recording. Window is a window's name, `all` or `mean`. Metric is unique within
+case, seed, window and method: outside of region `all` its name begins with the region's, as in
+`common_mean_error`. Value is NaN where it is undefined. Region says which pixels count, see
+`eval.scoring.regions`; support is how many there are. Low and high are the ends of the 95 %
+confidence interval, where one is known.
+"""
+_TYPES = {"value": "float64", "low": "float64", "high": "float64", "seed": "Int64",
+          "support": "Int64"}  # fmt: skip
+_OPTIONAL = ("seed", "region", "support", "low", "high")
+_OF_VERSION_1 = {"better": "direction", "points": "support"}
+Read = TypeVar("Read")
 
 # JSON has no NaN: an undefined number travels as null.
 Value = Annotated[
@@ -42,42 +74,94 @@ Value = Annotated[
 ]
 
 
-RIG = "rig"
-"""What stands in a row's place of a method where the row is about the cameras and their motion."""
+def tidy(rows: pd.DataFrame | Iterable[Mapping[str, Any]], seed: int | None = None) -> pd.DataFrame:
+    """A checked table with every column of `COLUMNS` in their order; its index counts.
 
+    Args:
+        rows: one number each. `seed`, `region`, `support`, `low` and `high` may be left out.
+        seed: of rows that lack one.
 
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One number: of what, how much, in which unit, which direction is better, from which pixels.
-
-    Attributes:
-        case: scene or recording.
-        window: a window's name, `all` for all windows pooled, `mean` for their plain average.
-        method: as the paper names it.
-        metric: unique within case, window and method: outside of region `all` its name begins
-            with the region's, as in `common_mean_error`.
-        value: the number; NaN where it is undefined.
-        unit: of the value, and of `low` and `high`.
-        better: the direction that is better.
-        region: which pixels count, see `eval.scoring.regions`.
-        points: how many pixels the value is made of; None where it is of no pixels.
-        low: lower end of the 95 % confidence interval; None where none is known.
-        high: its upper end.
+    Raises:
+        InputError: a column that is missing, unknown or there twice, or a cell of another type.
     """
+    import pandas as pd  # 0.3 s, which help and mapping need not wait for
 
-    case: str
-    window: str
-    method: str
-    metric: str
-    value: Value
-    unit: str
-    better: Literal["lower", "higher", "none"]
-    region: str = "all"
-    points: int | None = None
-    low: float | None = None
-    high: float | None = None
+    frame = rows if isinstance(rows, pd.DataFrame) else pd.DataFrame(list(rows))
+    if frame.columns.empty:
+        frame = pd.DataFrame(columns=list(COLUMNS), dtype=object)
+    _check_columns(frame.columns.tolist())
+    filled = frame.reset_index(drop=True)
+    filled = filled.assign(**{name: None for name in _OPTIONAL if name not in frame})
+    filled["region"] = filled["region"].fillna("all")
+    columns = {name: _checked(filled[name], name) for name in COLUMNS}
+    if seed is not None:
+        columns["seed"] = columns["seed"].fillna(seed)
+    return pd.DataFrame(columns)
 
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+def _check_columns(given: list[Any]) -> None:
+    missing = [name for name in COLUMNS if name not in given and name not in _OPTIONAL]
+    unknown = [name for name in given if name not in COLUMNS or given.count(name) > 1]
+    if missing or unknown:
+        wrong = f"lacks {', '.join(missing)}" if missing else f"has {_short(unknown)}"
+        raise InputError(f"the table {wrong}: needs each once of {', '.join(COLUMNS)}")
+
+
+def _checked(column: pd.Series[Any], name: str) -> pd.Series[Any]:
+    if name not in _TYPES or column.dtype.kind not in "fiu" or name in ("seed", "support"):
+        good = _is_good(name)
+        for k, (cell, is_missing) in enumerate(zip(column.tolist(), column.isna(), strict=True)):
+            if not (good(cell) or (is_missing and name in _TYPES)):
+                wanted = COLUMNS[name]
+                raise InputError(f"row {k} of the table: {name} is {_short(cell)}, needs {wanted}")
+    dtype: Any = _TYPES.get(name, "str")
+    checked: pd.Series[Any] = column.astype(dtype)
+    return checked
+
+
+def _is_good(name: str) -> Callable[[Any], bool]:
+    if name in ("seed", "support"):
+        return lambda cell: _is_number(cell) and cell >= 0 and cell % 1 == 0
+    if name in _TYPES:
+        return _is_number
+    choices = get_args(Direction) if name == "direction" else None
+    return lambda cell: isinstance(cell, str) and (choices is None or cell in choices)
+
+
+def _is_number(cell: object) -> bool:
+    return isinstance(cell, numbers.Real) and not isinstance(cell, bool)
+
+
+def _short(cell: object) -> str:
+    """A cell in an error: on one line, of bounded length."""
+    line = " ".join(repr(cell).split())
+    return line if len(line) < 60 else f"{line[:50]}..."
+
+
+def together(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """Tables one below the other."""
+    import pandas as pd
+
+    return pd.concat([tidy(()), *tables], ignore_index=True)
+
+
+def each(rows: pd.DataFrame) -> Iterator[Any]:
+    """The rows, with a column's cell as attribute of its name."""
+    return rows.itertuples(index=False)
+
+
+def records(rows: pd.DataFrame) -> list[dict[str, Any]]:
+    """The rows as plain JSON values; null where there is no number."""
+    finite = rows.replace([math.inf, -math.inf], math.nan)
+    plain: Any = finite.astype(object).where(finite.notna(), None)
+    found: list[dict[str, Any]] = plain.to_dict("records")
+    return found
+
+
+if TYPE_CHECKING:
+    Rows = pd.DataFrame
+else:
+    Rows = Annotated[Any, PlainSerializer(records)]
 
 
 def platform_name() -> str:
@@ -85,22 +169,22 @@ def platform_name() -> str:
     return f"{platform.system()} {platform.release()}, {platform.machine()}, {os.cpu_count()} CPUs"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Results:
-    """All rows of a run, and everything needed to say where they came from.
+    """All numbers of a run, and everything needed to say where they came from.
 
     Attributes:
-        rows: the scores.
+        rows: a table with the columns of `COLUMNS`, checked as `tidy` does.
         configuration: the run's whole configuration, as plain JSON values.
         seed: seed of the run; None where nothing was simulated.
         sequences: per case, the sha256 of its sequence's manifest (or recording).
         versions: per program, its version.
         platform: operating system, architecture and processors.
         metrics: per metric, the hash of what it makes of fixed maps, as in a suite's samples.
-        schema_version: version of this layout; another one is refused, never guessed at.
+        schema_version: version of this layout.
     """
 
-    rows: tuple[Row, ...]
+    rows: Rows
     configuration: dict[str, Any] = field(default_factory=dict)
     seed: int | None = None
     sequences: dict[str, str] = field(default_factory=dict)
@@ -111,57 +195,44 @@ class Results:
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rows", tidy(self.rows, self.seed))
+
     def to_dataframe(self) -> pd.DataFrame:
-        """The rows as a table, in their order.
+        """A copy of the table.
 
         Returns:
-            One column per attribute of `Row`: texts, but `value`, `low` and `high` float64 with NaN
-            where there is none, and `points` Int64 with NA where there is none.
+            Columns of texts, but `value`, `low` and `high` float64 with NaN, and `seed` and
+            `support` Int64 with NA where there is none.
         """
-        import pandas as pd  # 0.3 s that reading and writing files need not wait for
-
-        return pd.DataFrame(
-            {
-                column.name: pd.Series(
-                    [getattr(row, column.name) for row in self.rows],
-                    dtype=_COLUMN_TYPES.get(column.name, "str"),
-                )
-                for column in fields(Row)
-            }
-        )
+        return self.rows.copy()
 
     @classmethod
-    def from_dataframe(
-        cls,
-        frame: pd.DataFrame,
-        *,
-        configuration: Mapping[str, Any] | None = None,
-        seed: int | None = None,
-        sequences: Mapping[str, str] | None = None,
-        metrics: Mapping[str, str] | None = None,
-    ) -> Results:
+    def from_dataframe(cls, frame: pd.DataFrame, **provenance: Any) -> Results:
         """Makes results of a table such as `to_dataframe` gives; its index does not matter.
 
         Args:
-            frame: one row per number. `region`, `points`, `low` and `high` may be left out.
-            configuration: of the run, as plain JSON values.
-            seed: of the run.
-            sequences: per case, the sha256 of its sequence's manifest (or recording).
-            metrics: per metric, the hash of what it makes of fixed maps.
+            frame: one row per number. `seed`, `region`, `support`, `low` and `high` may be left
+                out.
+            provenance: any of the attributes but `rows`.
 
         Raises:
             InputError: a column that is missing, unknown or there twice, a cell of another type, or
                 a unit that is not in `UNITS`.
         """
-        return cls(
-            _rows_of(frame), dict(configuration or {}), seed, dict(sequences or {}),
-            metrics=dict(metrics or {}),
-        )  # fmt: skip
+        if not hasattr(frame, "columns"):
+            needed = "needs a DataFrame as `to_dataframe` returns it"
+            raise InputError(f"a {type(frame).__name__}: {needed}")
+        results = cls(frame, **provenance)
+        for k, unit in enumerate(results.rows["unit"]):
+            if unit not in UNITS:
+                wanted = f"one of {', '.join(UNITS)}: convert the values"
+                raise InputError(f"row {k} of the table: unit is {_short(unit)}, needs {wanted}")
+        return results
 
     def __repr__(self) -> str:
         cases, methods, metrics = (
-            list(dict.fromkeys(getattr(row, name) for row in self.rows))
-            for name in ("case", "method", "metric")
+            list(self.rows[name].unique()) for name in ("case", "method", "metric")
         )
         methods = [method for method in methods if method != RIG]
         return (
@@ -173,84 +244,18 @@ class Results:
 _RESULTS = TypeAdapter(Results)
 
 
-_COLUMN_TYPES = {"value": "float64", "points": "Int64", "low": "float64", "high": "float64"}
-_OPTIONAL = ("region", "points", "low", "high")
-
-
-def _rows_of(frame: pd.DataFrame) -> tuple[Row, ...]:
-    import pandas as pd
-
-    if not isinstance(frame, pd.DataFrame):
-        raise InputError(
-            f"a {type(frame).__name__}: needs a DataFrame as `to_dataframe` returns it"
-        )
-    known, given = [column.name for column in fields(Row)], frame.columns.tolist()
-    missing = [name for name in known if name not in given and name not in _OPTIONAL]
-    unknown = [name for name in given if name not in known or given.count(name) > 1]
-    if missing or unknown:
-        wrong = f"lacks {', '.join(missing)}" if missing else f"has {_shown(unknown)}"
-        raise InputError(f"the table {wrong}: needs each once of {', '.join(known)}")
-    columns = {name: _cells(frame[name], name) for name in given}
-    return tuple(
-        Row(**dict(zip(columns, cells, strict=True)))
-        for cells in zip(*columns.values(), strict=True)
-    )
-
-
-def _cells(column: pd.Series[Any], name: str) -> list[Any]:
-    """A column's cells as `Row` holds them."""
-    good, plain, wanted = _CELLS.get(name, (_is_text, str, "a text"))
-    nothing = math.nan if name == "value" else None
-    found = []
-    for k, (cell, lacks) in enumerate(zip(column.tolist(), column.isna(), strict=True)):
-        if lacks and name in _COLUMN_TYPES:
-            found.append(nothing)
-        elif not lacks and good(cell):
-            found.append(plain(cell))
-        else:
-            raise InputError(f"row {k} of the table: {name} is {_shown(cell)}, needs {wanted}")
-    return found
-
-
-def _shown(cell: object) -> str:
-    """A cell in an error: on one line, of bounded length."""
-    line = " ".join(repr(cell).split())
-    return line if len(line) < 60 else f"{line[:50]}..."
-
-
-def _is_text(cell: object) -> bool:
-    return isinstance(cell, str)
-
-
-def _is_number(cell: object) -> bool:
-    return isinstance(cell, numbers.Real) and not isinstance(cell, bool)
-
-
-def _is_count(cell: Any) -> bool:
-    return _is_number(cell) and cell >= 0 and cell % 1 == 0
-
-
-def _one_of(words: Sequence[str]) -> Callable[[Any], bool]:
-    return lambda cell: _is_text(cell) and cell in words
-
-
-_DIRECTIONS = ("lower", "higher", "none")
-_CELLS: dict[str, tuple[Callable[[Any], bool], Callable[[Any], Any], str]] = {
-    "value": (_is_number, float, "a number"),
-    "points": (_is_count, int, "a whole number of pixels or nothing"),
-    "low": (_is_number, float, "a number or nothing"),
-    "high": (_is_number, float, "a number or nothing"),
-    "unit": (_one_of(UNITS), str, f"one of {', '.join(UNITS)}: convert the values"),
-    "better": (_one_of(_DIRECTIONS), str, f"one of {', '.join(_DIRECTIONS)}"),
-}
-
-
 def write_results(out_dir: Path, results: Results) -> None:
     """Writes `results.json` and `results.csv` into `out_dir`, each atomically."""
     with atomic_path(out_dir / JSON_NAME) as path:
         path.write_text(to_json(results), encoding="utf-8")
-    with atomic_path(out_dir / CSV_NAME) as path:
-        _write_csv(path, results.rows)
+    write_csv(out_dir / CSV_NAME, results.rows)
+
+
+def write_csv(path: Path, rows: pd.DataFrame) -> None:
+    """Writes a table atomically; undefined numbers are empty."""
+    with atomic_path(path) as partial:
+        finite = rows.replace([math.inf, -math.inf], math.nan)
+        finite.to_csv(partial, index=False, lineterminator="\n", encoding="utf-8")
 
 
 def read_results(path: Path) -> Results:
@@ -262,18 +267,34 @@ def read_results(path: Path) -> Results:
     file = path / JSON_NAME if path.is_dir() else path
     if not file.is_file():
         raise InputError(f"{file}: no such file; `eventsweep run` and `eventsweep score` write it")
-    return read_json(file, _RESULTS.validate_python, SCHEMA_VERSION, "score the run again")
+    return read_json(file, _validated, (1, SCHEMA_VERSION), "score the run again")
+
+
+def _validated(content: dict[str, Any]) -> Results:
+    if content["schema_version"] == 1 and "rows" in content:
+        content = {**content, "rows": rows_of_version_1(content["rows"])}
+    return _RESULTS.validate_python({**content, "schema_version": SCHEMA_VERSION})
+
+
+def rows_of_version_1(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Rows of a file of version 1, with today's names of columns."""
+    return [{_OF_VERSION_1.get(name, name): cell for name, cell in row.items()} for row in rows]
 
 
 def read_json(
-    file: Path, validate: Callable[[Any], Read], version: int | None, cure: str, name: str = ""
+    file: Path,
+    validate: Callable[[Any], Read],
+    versions: tuple[int, ...],
+    cure: str,
+    name: str = "",
 ) -> Read:
     """Reads a JSON file that this program wrote.
 
     Args:
         file: its path.
-        validate: makes the result of the file's content; raises pydantic's error where it cannot.
-        version: the `schema_version` that it must have; None where it has none.
+        validate: makes the result of the file's content; raises pydantic's error or `InputError`
+            where it cannot.
+        versions: the values of `schema_version` that can be read; empty where it has none.
         cure: what to do where the file cannot be used, in words.
         name: how errors call the file, if not by its path.
 
@@ -287,43 +308,31 @@ def read_json(
         raise InputError(f"{name}: cannot be read ({error.strerror}); {cure}") from error
     except ValueError as error:
         raise InputError(f"{name}: not complete JSON ({error}); {cure}") from error
-    if version is not None:
-        _check_version(name, content, version, cure)
+    stored = content.get("schema_version") if isinstance(content, dict) else None
+    if versions and stored not in versions:
+        known = " and ".join(map(str, versions))
+        raise InputError(
+            f"{name}: schema version {stored}, but this program reads {known}; {cure} with this "
+            "version"
+        )
     try:
         return validate(content)
     except ValidationError as error:
         raise InputError(f"{name}: {first_fault(error)}; {cure}") from error
-
-
-def _check_version(name: str, content: object, version: int, cure: str) -> None:
-    stored = content.get("schema_version") if isinstance(content, dict) else None
-    if stored != version:
-        raise InputError(
-            f"{name}: schema version {stored}, but this program reads {version}; {cure} with this "
-            "version"
-        )
+    except (InputError, AttributeError, KeyError, TypeError) as error:
+        raise InputError(f"{name}: {' '.join(str(error).split())}; {cure}") from error
 
 
 def to_json(results: Results) -> str:
     """The text of `results.json`: provenance indented for people, one row a line for diffs."""
-    content = _RESULTS.dump_python(results, mode="json")
-    lines = [json.dumps(row, ensure_ascii=False) for row in content.pop("rows")]
-    head = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False).removesuffix("\n}")
-    body = ",\n    ".join(lines)
-    return (
-        f'{head},\n  "rows": [\n    {body}\n  ]\n}}\n' if lines else f'{head},\n  "rows": []\n}}\n'
-    )
+    return json_text(_RESULTS.dump_python(results, mode="json"), "rows", indent=2)
 
 
-def _write_csv(path: Path, rows: Sequence[Row]) -> None:
-    with path.open("w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(column.name for column in fields(Row))
-        for row in rows:
-            cells = astuple(row)
-            writer.writerow("" if is_undefined(cell) else cell for cell in cells)
-
-
-def is_undefined(cell: object) -> bool:
-    """Whether a table shows nothing there."""
-    return cell is None or (isinstance(cell, float) and not math.isfinite(cell))
+def json_text(content: dict[str, Any], table: str, indent: int) -> str:
+    """JSON in which the objects of one list, put last, take a line each."""
+    pad = " " * indent
+    lines = [json.dumps(row, ensure_ascii=False, allow_nan=False) for row in content.pop(table)]
+    head = json.dumps(content, indent=indent, ensure_ascii=False, allow_nan=False)
+    body = f",\n{pad * 2}".join(lines)
+    filled = f"\n{pad * 2}{body}\n{pad}" if lines else ""
+    return f'{head.removesuffix(f"{chr(10)}}}")},\n{pad}"{table}": [{filled}]\n}}\n'

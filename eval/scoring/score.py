@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from itertools import repeat
+from operator import add
 from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,11 +34,14 @@ from eventsweep.eval.scoring.pairing import (
     pair,
     pair_methods,
 )
-from eventsweep.eval.scoring.pooling import CasePool
+from eventsweep.eval.scoring.pooling import CasePool, NumberStore
 from eventsweep.eval.scoring.predictions import UNIT_FACTOR
 from eventsweep.eval.scoring.regions import region_masks
-from eventsweep.eval.scoring.results import MEAN, POOLED, RIG, Row
+from eventsweep.eval.scoring.results import MEAN, POOLED, RIG, tidy
 from eventsweep.eval.scoring.run_folder import Scored, truth_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Windows = Mapping[str, Mapping[str, MethodPairs]] | Iterable[tuple[str, Mapping[str, MethodPairs]]]
 BASELINE, TRAVEL = "baseline", "lateral_travel"
@@ -70,7 +77,7 @@ def score_depth(
     return score_pairs(pair(depth_m, mask, truth))
 
 
-def case_rows(case: str, windows: Windows) -> list[Row]:
+def case_rows(case: str, windows: Windows) -> pd.DataFrame:
     """The rows of one case: each window, then window `all`, then window `mean`.
 
     Args:
@@ -81,27 +88,26 @@ def case_rows(case: str, windows: Windows) -> list[Row]:
     Raises:
         InputError: windows of several rigs, or no room on the disk for what is pooled.
     """
-    single: list[list[Row]] = []
-    with CasePool() as pool:
+    rows: list[dict[str, Any]] = []
+    with NumberStore() as store:
+        pool = CasePool(store)
         for name, methods in windows.items() if isinstance(windows, Mapping) else windows:
             scores = {method: score_method(pairs) for method, pairs in methods.items()}
             pool.add(methods, scores)
-            single.append(list(_rows(case, name, scores)))
-        pooled = list(_rows(case, POOLED, pool.scores()))
-    rows = [row for found in single for row in found]
-    return [*rows, *pooled, *mean_rows(single)]
+            rows += _rows(case, name, scores)
+        pooled = _rows(case, POOLED, pool.scores())
+    return tidy([*rows, *pooled, *mean_rows(rows)])
 
 
-def _rows(case: str, window: str, methods: Mapping[str, Iterable[Score]]) -> Iterator[Row]:
+def _rows(
+    case: str, window: str, methods: Mapping[str, Iterable[Score]]
+) -> Iterator[dict[str, Any]]:
     for method, scores in methods.items():
         for score in scores:
-            yield Row(
-                case, window, method, score.metric, score.value, score.unit, score.better,
-                score.region, score.points,
-            )  # fmt: skip
+            yield {"case": case, "window": window, "method": method, **score._asdict()}
 
 
-def mean_rows(windows: Sequence[Sequence[Row]]) -> list[Row]:
+def mean_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Averages windows of one case, every window weighing the same.
 
     A number that a window lacks or leaves undefined is undefined here: an average over fewer
@@ -109,26 +115,21 @@ def mean_rows(windows: Sequence[Sequence[Row]]) -> list[Row]:
     has no interval: how much they differ does not say how much another seed would.
 
     Args:
-        windows: the rows of each window.
+        rows: of each window, one window after another.
     """
-    tables = [{(row.method, row.metric): row for row in rows} for rows in windows]
-    keys = list(dict.fromkeys(key for table in tables for key in table))
-    found = [[table.get(key) for key in keys] for table in tables]
-    values = np.array([[math.nan if row is None else row.value for row in rows] for rows in found])
-    if not values.size:
-        return []
-    means = values.mean(axis=0)
-    first = [next(table[key] for table in tables if key in table) for key in keys]
-    points = [_total(rows) for rows in zip(*found, strict=True)]
-    return [
-        replace(row, window=MEAN, value=float(mean), points=total)
-        for row, mean, total in zip(first, means, points, strict=True)
-    ]
+    windows = len({row["window"] for row in rows})
+    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = defaultdict(list)
+    for row in rows:
+        groups[row["method"], row["metric"]].append(row)
+    return [_mean(found, windows) for found in groups.values()]
 
 
-def _total(rows: Sequence[Row | None]) -> int | None:
-    counts = [row.points for row in rows if row is not None and row.points is not None]
-    return sum(counts) if len(counts) == len(rows) else None
+def _mean(rows: Sequence[Mapping[str, Any]], windows: int) -> dict[str, Any]:
+    whole, counts = len(rows) == windows, [row["support"] for row in rows]
+    # One after another: `sum` of floats differs between versions of Python.
+    value = reduce(add, (row["value"] for row in rows)) / windows if whole else math.nan
+    support = sum(counts) if whole and None not in counts else None
+    return {**rows[0], "window": MEAN, "value": value, "support": support}
 
 
 def score_windows(
@@ -138,7 +139,7 @@ def score_windows(
     config: EvalConfig,
     predictions: Iterable[Mapping[str, Estimate]] | None = None,
     reference: str | None = None,
-) -> list[Row]:
+) -> pd.DataFrame:
     """Scores windows of one case: each, all of them pooled, and their mean.
 
     One window after another is read, so that memory holds the pixels of one.
@@ -257,7 +258,7 @@ def _outlier_classifier(
 
 def rig_rows(
     case: str, recording: Scored, windows: Sequence[Window] | Sequence[WindowInfo]
-) -> list[Row]:
+) -> pd.DataFrame:
     """What parallax there is: the baseline between cameras, and camera 0's travel in a window.
 
     Args:
@@ -266,12 +267,11 @@ def rig_rows(
         windows: those scored; the travel is their mean.
     """
     rig = recording.rig
-    travels = [_lateral_travel_m(recording, one) for one in windows]
+    travels = [_lateral_travel_m(recording, window) for window in windows]
     travel_m = sum(travels) / len(travels) if travels else math.nan
-    rows = [Row(case, POOLED, RIG, TRAVEL, travel_m, "m", "none")]
-    if len(rig) > 1:
-        rows.append(Row(case, POOLED, RIG, BASELINE, rig.baseline_m(), "m", "none"))
-    return rows
+    numbers = {TRAVEL: travel_m, **({BASELINE: rig.baseline_m()} if len(rig) > 1 else {})}
+    about = {"case": case, "window": POOLED, "method": RIG, "unit": "m", "direction": "none"}
+    return tidy({**about, "metric": name, "value": value} for name, value in numbers.items())
 
 
 def _lateral_travel_m(recording: Scored, window: Window | WindowInfo) -> float:

@@ -22,10 +22,10 @@ from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.jobs.job import Done, Failed, Job, Outcome
 from eventsweep.eval.jobs.scheduler import Open, run_jobs
-from eventsweep.eval.numbers import shown, shown_unit
+from eventsweep.eval.numbers import display_unit, displayed
 from eventsweep.eval.pipeline import check_case
 from eventsweep.eval.progress import Progress
-from eventsweep.eval.scoring.results import POOLED
+from eventsweep.eval.scoring.results import POOLED, each
 from eventsweep.eval.studies.curves import (
     BREAKS_AT,
     METRICS,
@@ -36,7 +36,7 @@ from eventsweep.eval.studies.curves import (
     sample_words,
 )
 from eventsweep.eval.studies.definitions import MARGIN_S, SECONDS, Change, Study
-from eventsweep.eval.suite.results import sample_from
+from eventsweep.eval.suite.results import EVENTS, sample_from
 from eventsweep.eval.suite.stages.simulate import scene_digest, sequence_parameters
 
 
@@ -142,9 +142,10 @@ def _values(
         outcome = outcomes[job.name]
         if not isinstance(outcome, Done) or outcome.text is None:
             continue
-        for row in sample_from(outcome.text).rows:
-            if row.window == POOLED and row.metric in METRICS and row.method != "events":
-                yield StudyValue(case, seed, amount, row.method, row.metric, row.value, row.unit)
+        _, rows = sample_from(outcome.text)
+        pooled = rows[(rows["window"] == POOLED) & rows["metric"].isin(METRICS)]
+        for row in each(pooled[pooled["method"] != EVENTS]):
+            yield StudyValue(case, seed, amount, row.method, row.metric, row.value, row.unit)
 
 
 def _facts(result: StudyResult) -> dict[str, Any]:
@@ -186,7 +187,7 @@ def show_study(result: StudyResult, *, as_json: bool, quiet: bool) -> None:
         return
     study, breaking = result.study, result.breaking()
     mean_errors = [curve for curve in result.curves if curve.metric == METRICS[0]]
-    unit = shown_unit(mean_errors[0].unit)
+    unit = display_unit(mean_errors[0].unit)
     title = f"{study.name}: mean error [{unit}] against {study.axis} [{study.unit}]"
     table = Table(title=Text(title), title_justify="left", box=None)
     table.add_column("method")
@@ -195,7 +196,7 @@ def show_study(result: StudyResult, *, as_json: bool, quiet: bool) -> None:
     table.add_column(f"x{BREAKS_AT:g} at", justify="right")
     for curve in mean_errors:
         at = breaking[curve.method]
-        cells = [shown(value, curve.unit) for value in curve.mean]
+        cells = [displayed(value, curve.unit) for value in curve.mean]
         table.add_row(curve.method, *cells, "never" if at is None else f"{at:.3g}")
     Console().print(table)
 

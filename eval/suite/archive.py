@@ -39,9 +39,9 @@ from eventsweep.eval.jobs.scheduler import Open, run_jobs
 from eventsweep.eval.progress import Progress
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.eval.suite.results import ArchiveFacts
-from eventsweep.eval.suite.stages.map import told
+from eventsweep.eval.suite.stages.map import as_perturbed
 from eventsweep.eval.suite.stages.simulate import scene_digest, sequence_parameters
-from eventsweep.eval.suite.stages.tell import write_told
+from eventsweep.eval.suite.stages.tell import write_perturbed
 
 SECRET_BYTES = 16
 _MOST_SECRET_BYTES = 1 << 16
@@ -300,4 +300,4 @@ def _unpack_told(path: Path, packed: PackedSequence, place: Path) -> None:
         unpack(path, Path(exact), packed.files)
         perturbation = {"perturb": packed.imperfection, "seed": packed.seed}
         place.parent.mkdir(exist_ok=True)
-        write_told(told(open_recording(exact), perturbation), packed.seed, place)
+        write_perturbed(as_perturbed(open_recording(exact), perturbation), packed.seed, place)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -14,11 +13,12 @@ from rich.console import Console as RichConsole
 from rich.table import Table
 
 from eventsweep.emvs.utils.cache import Cache
-from eventsweep.emvs.utils.files import atomic_path, bytes_text
+from eventsweep.emvs.utils.files import bytes_text
 from eventsweep.emvs.utils.outputs import check_files, output_folder
 from eventsweep.eval.archives.manifest import ArchiveManifest, PackedSequence
 from eventsweep.eval.jobs.job import SEQUENCE, stored
-from eventsweep.eval.numbers import shown, shown_unit
+from eventsweep.eval.numbers import display_unit, displayed
+from eventsweep.eval.scoring.results import write_csv
 from eventsweep.eval.suite.archive import SequenceArchive
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.eval.suite.predictions import assignment
@@ -28,6 +28,7 @@ from eventsweep.eval.suite.series import Series, of_suite
 from eventsweep.eval.suite.submission import Asked, SubmissionFacts
 
 CSV_NAME, PICTURES_FOLDER = "suite.csv", "pictures"
+_CSV_COLUMNS = ("case", "seed", "window", "method", "metric", "value", "unit", "direction")
 _SHOWN = ("points", "median_error", "mean_error", "abs_rel", "bad_published", "completeness")
 
 
@@ -53,17 +54,7 @@ def write(folder: Path, result: SuiteResult, *, force: bool = False) -> None:
     """Writes `suite.json`, with all that made the numbers, and `suite.csv` with the numbers."""
     check_files(folder, (FILE_NAME, CSV_NAME), force=force)
     write_suite(folder, result)
-    with (
-        atomic_path(folder / CSV_NAME) as path,
-        path.open("w", encoding="utf-8", newline="") as stream,
-    ):
-        table = csv.writer(stream, lineterminator="\n")
-        table.writerow(["case", "seed", "window", "method", "metric", "value", "unit", "better"])
-        for sample in result.samples:
-            for row in sample.rows:
-                value = "" if math.isnan(row.value) else row.value
-                about = [row.case, sample.seed, row.window, row.method, row.metric]
-                table.writerow([*about, value, row.unit, row.better])
+    write_csv(folder / CSV_NAME, result.rows[list(_CSV_COLUMNS)])
 
 
 def show(result: SuiteResult, cache: Path, *, as_json: bool, quiet: bool) -> None:
@@ -104,7 +95,7 @@ def _table(case: str, series: Iterable[Series], seeds: Sequence[int]) -> Table:
     for one in series:
         if one.metric in _SHOWN:
             cells.setdefault(one.method, {})[one.metric] = _mean_and_spread(one)
-            units[one.metric] = shown_unit(one.unit)
+            units[one.metric] = display_unit(one.unit)
     many = f"mean over {len(seeds)} seeds ± standard deviation"
     title = f"{case}: {many if len(seeds) > 1 else 'one seed'}"
     table = Table(title=title, title_justify="left")
@@ -118,8 +109,8 @@ def _table(case: str, series: Iterable[Series], seeds: Sequence[int]) -> Table:
 
 
 def _mean_and_spread(one: Series) -> str:
-    mean, spread = shown(one.mean, one.unit), one.spread
-    return mean if math.isnan(spread) else f"{mean} ± {shown(spread, one.unit)}"
+    mean, spread = displayed(one.mean, one.unit), one.spread
+    return mean if math.isnan(spread) else f"{mean} ± {displayed(spread, one.unit)}"
 
 
 def assignments(

@@ -34,7 +34,7 @@ from eventsweep.eval.suite.definition import Suite
 from eventsweep.sim.rigs import rig as named_rig
 
 LISTING = "eventsweep suite SUITE --list-cases"
-Shown = tuple[str, int, int]
+ViewId = tuple[str, int, int]
 _SEED = re.compile(r"seed(\d+)")
 
 
@@ -218,7 +218,7 @@ class _Medians:
         total: maps that hold any depth.
     """
 
-    files: dict[bytes, tuple[Path, Shown]] = field(default_factory=dict)
+    files: dict[bytes, tuple[Path, ViewId]] = field(default_factory=dict)
     upright: int = 0
     inverted: int = 0
     total: int = 0
@@ -229,7 +229,7 @@ class _Medians:
         depth_m: NDArray[np.float32],
         mask: NDArray[np.bool_],
         view: TargetView,
-        shown: Shown,
+        shown: ViewId,
     ) -> None:
         """Looks at one map of what is shown: scene, seed and time.
 

@@ -1,19 +1,30 @@
-"""What a suite's run says: samples, one per case and seed, and the outcome of its jobs."""
+"""What a suite's run says: its numbers, where they came from, and the outcome of its jobs."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from pydantic import ConfigDict, TypeAdapter
 
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.runtime import versions
-from eventsweep.eval.scoring.results import Row, platform_name, read_json
+from eventsweep.eval.scoring.results import (
+    Rows,
+    json_text,
+    platform_name,
+    read_json,
+    records,
+    rows_of_version_1,
+    tidy,
+)
 
-SCHEMA_VERSION = 1
+if TYPE_CHECKING:
+    import pandas as pd
+
+SCHEMA_VERSION = 2
 FILE_NAME = "suite.json"
 DEFAULT_MAPPER = "default"
 EVENTS = "events"
@@ -54,18 +65,13 @@ class SampleFacts:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One case with one seed."""
+    """One case with one seed, and where its numbers came from."""
 
     case: str
     seed: int
-    rows: tuple[Row, ...]
     facts: SampleFacts
 
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
-
-    def to_json(self) -> str:
-        """As the text that `sample_from` reads; undefined numbers are null."""
-        return _SAMPLE.dump_json(self, indent=1).decode()
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +125,7 @@ class MeasuredCost:
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class SuiteResult:
     """A whole run of a suite or a subset.
 
@@ -131,6 +137,7 @@ class SuiteResult:
         cases: per case that was asked for, the hash over its part of the definition.
         seeds: that were asked for.
         samples: one per case and seed that was scored.
+        rows: their numbers, as one table of scores.
         jobs: the outcome of every job.
         predictions: per method of others, the hash over its files and what their numbers mean.
         stated: per method of others, what its submitter says of it.
@@ -149,6 +156,7 @@ class SuiteResult:
     cases: dict[str, str]
     seeds: tuple[int, ...]
     samples: tuple[Sample, ...]
+    rows: Rows
     jobs: tuple[JobNote, ...] = ()
     predictions: dict[str, str] = field(default_factory=dict)
     stated: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -161,6 +169,9 @@ class SuiteResult:
 
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "rows", tidy(self.rows))
+
     @property
     def failures(self) -> tuple[JobNote, ...]:
         """The jobs that failed."""
@@ -171,27 +182,26 @@ _SAMPLE = TypeAdapter(Sample)
 _RESULT = TypeAdapter(SuiteResult)
 
 
-def sample_from(text: str) -> Sample:
-    """Reads what `Sample.to_json` wrote."""
-    return _SAMPLE.validate_json(text)
+def sample_text(sample: Sample, rows: pd.DataFrame) -> str:
+    """A sample with its numbers, as the text that `sample_from` reads."""
+    content = {"sample": _SAMPLE.dump_python(sample, mode="json"), "rows": records(rows)}
+    return json.dumps(content, ensure_ascii=False, allow_nan=False)
+
+
+def sample_from(text: str) -> tuple[Sample, pd.DataFrame]:
+    """Reads what `sample_text` wrote; the numbers say their seed."""
+    content = json.loads(text)
+    sample = _SAMPLE.validate_python(content["sample"])
+    return sample, tidy(content["rows"], sample.seed)
 
 
 def write_suite(folder: Path, result: SuiteResult) -> Path:
     """Writes `suite.json`, atomically, one row a line."""
-    content = _RESULT.dump_python(result, mode="json")
-    samples = content.pop("samples")
-    head = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False).removesuffix("\n}")
-    parts = ",\n".join(_sample_text(sample) for sample in samples)
     path = folder / FILE_NAME
     with atomic_path(path) as partial:
-        partial.write_text(f'{head},\n "samples": [\n{parts}\n ]\n}}\n', encoding="utf-8")
+        text = json_text(_RESULT.dump_python(result, mode="json"), "rows", indent=1)
+        partial.write_text(text, encoding="utf-8")
     return path
-
-
-def _sample_text(sample: dict[str, Any]) -> str:
-    rows = ",\n   ".join(json.dumps(row, ensure_ascii=False) for row in sample.pop("rows"))
-    head = json.dumps(sample, ensure_ascii=False, allow_nan=False).removesuffix("}")
-    return f'  {head}, "rows": [\n   {rows}\n  ]}}'
 
 
 def read_suite(path: Path) -> SuiteResult:
@@ -201,4 +211,20 @@ def read_suite(path: Path) -> SuiteResult:
         InputError: the file is missing, truncated, of another schema version or malformed.
     """
     file = path / FILE_NAME if path.is_dir() else path
-    return read_json(file, _RESULT.validate_python, SCHEMA_VERSION, "run the suite again")
+    return read_json(file, _validated, (1, SCHEMA_VERSION), "run the suite again")
+
+
+def _validated(content: dict[str, Any]) -> SuiteResult:
+    if content["schema_version"] == 1:
+        content = _with_one_table(content)
+    return _RESULT.validate_python({**content, "schema_version": SCHEMA_VERSION})
+
+
+def _with_one_table(content: dict[str, Any]) -> dict[str, Any]:
+    """What version 1 kept in each sample."""
+    samples, rows = [], []
+    for sample in content["samples"]:
+        about = {name: value for name, value in sample.items() if name != "rows"}
+        samples.append(about)
+        rows += [{"seed": about["seed"], **row} for row in rows_of_version_1(sample["rows"])]
+    return {**content, "samples": samples, "rows": rows}

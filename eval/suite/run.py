@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,12 +27,16 @@ from eventsweep.eval.jobs.scheduler import Open, run_jobs
 from eventsweep.eval.pipeline import check_case
 from eventsweep.eval.progress import Progress
 from eventsweep.eval.scoring.predictions import NamedFolder
+from eventsweep.eval.scoring.results import together
 from eventsweep.eval.suite.archive import SequenceArchive, simulated
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.eval.suite.predictions import assignment, open_predictions
 from eventsweep.eval.suite.results import JobNote, Sample, SuiteResult, sample_from
 from eventsweep.eval.suite.speed_kernels import calibration
 from eventsweep.sim.config import SimConfig
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 REPEATS = 3
 _VOTES, _CELLS = 60_000_000, 1 << 17
@@ -70,6 +75,7 @@ def run_suite(
     others = open_predictions(predictions, suite, asked)
     jobs += [other.job(job) for job in jobs for other in others]
     outcomes = run_jobs(jobs, workers, progress)
+    samples, rows = _scored(jobs, outcomes)
     return SuiteResult(
         suite=suite.name,
         subset=subset,
@@ -77,7 +83,8 @@ def run_suite(
         definition=suite.model_dump(mode="json"),
         cases={case: suite.digest_of(case) for case in its_cases},
         seeds=its_seeds,
-        samples=tuple(_samples(jobs, outcomes)),
+        samples=samples,
+        rows=rows,
         jobs=tuple(_note(outcome) for outcome in outcomes.values()),
         predictions={other.name: other.digest for other in others},
         archive=archive.facts if archive else None,
@@ -112,14 +119,16 @@ def _chosen(known: Sequence[str], wanted: Sequence[str] | None) -> tuple[str, ..
     return tuple(case for case in known if not wanted or case in wanted)
 
 
-def _samples(jobs: Sequence[Job], outcomes: Mapping[str, Outcome]) -> list[Sample]:
-    over = [outcomes[job.name] for job in jobs]
-    found: dict[tuple[str, int], Sample] = {}
-    for one in (sample_from(one.text) for one in over if isinstance(one, Done) and one.text):
-        known = found.setdefault((one.case, one.seed), one)
-        if known is not one:
-            found[one.case, one.seed] = replace(known, rows=(*known.rows, *one.rows))
-    return list(found.values())
+def _scored(
+    jobs: Sequence[Job], outcomes: Mapping[str, Outcome]
+) -> tuple[tuple[Sample, ...], pd.DataFrame]:
+    """The samples that jobs scored, and their numbers, sample by sample."""
+    texts = [done.text for job in jobs if isinstance(done := outcomes[job.name], Done)]
+    scored = [sample_from(text) for text in texts if text]
+    samples = {(sample.case, sample.seed): sample for sample, _ in reversed(scored)}
+    order = list(dict.fromkeys((sample.case, sample.seed) for sample, _ in scored))
+    scored.sort(key=lambda pair: order.index((pair[0].case, pair[0].seed)))
+    return tuple(samples[key] for key in order), together(rows for _, rows in scored)
 
 
 def _note(outcome: Outcome) -> JobNote:

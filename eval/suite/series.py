@@ -5,17 +5,20 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.eval.scoring.metrics import Better
-from eventsweep.eval.scoring.results import POOLED, Results, Row, Value, read_results
-from eventsweep.eval.suite.results import FILE_NAME, Sample, SuiteResult, read_suite
+from eventsweep.eval.scoring.direction import Direction
+from eventsweep.eval.scoring.results import POOLED, Results, Value, each, read_results, tidy
+from eventsweep.eval.suite.results import FILE_NAME, SuiteResult, read_suite
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 SPEED_METHOD, SPEED_METRIC = "mapper", "cpu_time_ratio"
 
@@ -46,7 +49,7 @@ class Series(BaseModel):
     method: str
     metric: str
     unit: str
-    better: Better
+    direction: Direction = Field(validation_alias=AliasChoices("direction", "better"))
     identity: str
     values: dict[int, Value]
 
@@ -68,6 +71,15 @@ class Series(BaseModel):
         if len(values) < 2:
             return math.nan
         return math.sqrt(sum((value - mean) ** 2 for value in values) / (len(values) - 1))
+
+
+def means_over_seeds(series: Iterable[Series]) -> pd.DataFrame:
+    """A table with the mean of each series as the number of all windows."""
+    names = ("case", "method", "metric", "unit", "direction")
+    return tidy(
+        {name: getattr(one, name) for name in names} | {"window": POOLED, "value": one.mean}
+        for one in series
+    )
 
 
 @dataclass(frozen=True)
@@ -104,20 +116,24 @@ def read_measured(path: Path) -> Measured:
 
 def of_suite(result: SuiteResult) -> Measured:
     """The pooled numbers of a suite's run, of the metrics that the suite names."""
-    wanted = set(result.definition["metrics"])
-    series: dict[Key, Series] = {}
+    facts = {(sample.case, sample.seed): sample.facts for sample in result.samples}
+    scenes = {sample.case: sample.facts.scene for sample in reversed(result.samples)}
     # Frozen sequences and such as were drawn anew are of different versions.
-    frozen = [result.archive.version] if result.archive else []
-    for sample in result.samples:
-        scene = [result.cases[sample.case], sample.facts.scene, *frozen]
-        for row in _pooled(sample.rows, wanted):
-            identity = _hash([*scene, sample.facts.metrics.get(row.metric)])
-            _add(series, row, sample.seed, identity)
+    archive = [result.archive.version] if result.archive else []
+
+    def identity(row: Any) -> str:
+        of_sample = facts[row.case, row.seed]
+        version = of_sample.metrics.get(row.metric)
+        return _hash([result.cases[row.case], of_sample.scene, *archive, version])
+
+    series = _series(_pooled(result.rows, result.definition["metrics"]), identity)
     for case, ratios in result.speed.items():
-        identity = _hash([result.cases[case], _scene_of(result.samples, case), SPEED_METRIC])
-        for number, ratio in enumerate(ratios):
-            row = Row(case, POOLED, SPEED_METHOD, SPEED_METRIC, ratio, "x", "lower")
-            _add(series, row, number, identity)
+        one = Series(
+            case=case, method=SPEED_METHOD, metric=SPEED_METRIC, unit="x", direction="lower",
+            identity=_hash([result.cases[case], scenes.get(case, ""), SPEED_METRIC]),
+            values=dict(enumerate(ratios)),
+        )  # fmt: skip
+        series[one.key] = one
     failures = {job.name: job.failure for job in result.failures}
     return Measured(
         result.suite, series, result.seeds, tuple(result.cases), failures, result.versions
@@ -126,42 +142,40 @@ def of_suite(result: SuiteResult) -> Measured:
 
 def of_results(results: Results) -> Measured:
     """The pooled numbers of any scored run: comparable on the same sequences, scored alike."""
-    series: dict[Key, Series] = {}
-    seed = results.seed or 0
     scored = results.configuration.get("score")
-    for row in _pooled(results.rows, None):
-        if math.isnan(row.value):  # as good as missing: gone, where the baseline has a number
-            continue
+
+    def identity(row: Any) -> str:
         facts = [results.sequences.get(row.case), scored, row.metric, row.unit]
         # Own results may say nothing of what made their numbers; ours say it.
         version = results.metrics.get(row.metric)
-        identity = _hash(facts if version is None else [*facts, version])
-        _add(series, row, seed, identity)
-    cases = tuple(dict.fromkeys(row.case for row in results.rows))
+        return _hash(facts if version is None else [*facts, version])
+
+    seed = results.seed or 0
+    pooled = _pooled(results.rows).fillna({"seed": seed})
+    # What is undefined is as good as missing: gone, where the baseline has a number.
+    series = _series(pooled[pooled["value"].notna()], identity)
+    cases = tuple(results.rows["case"].unique())
     return Measured("results", series, (seed,), cases, {}, results.versions)
 
 
-def _pooled(rows: Iterable[Row], metrics: set[str] | None) -> Iterable[Row]:
-    for row in rows:
-        if row.window == POOLED and (metrics is None or row.metric in metrics):
-            yield row
+def _pooled(rows: pd.DataFrame, metrics: Collection[str] | None = None) -> pd.DataFrame:
+    pooled = rows[rows["window"] == POOLED]
+    return pooled if metrics is None else pooled[pooled["metric"].isin(metrics)]
 
 
-def _add(series: dict[Key, Series], row: Row, seed: int, identity: str) -> None:
-    key = Key(row.case, row.method, row.metric)
-    known = series.get(key)
-    if known is None:
-        known = Series(
-            case=row.case, method=row.method, metric=row.metric, unit=row.unit,
-            better=row.better, identity=identity, values={},
+def _series(rows: pd.DataFrame, identity: Callable[[Any], str]) -> dict[Key, Series]:
+    """The rows by what they are about, with one value for each seed."""
+    series: dict[Key, Series] = {}
+    for about, of_seeds in rows.groupby(list(Key._fields), sort=False):
+        key, identities = Key(*about), set(map(identity, each(of_seeds)))
+        if len(identities) > 1:
+            raise InputError(f"{key}: seeds of different scenes or metrics: run the suite again")
+        series[key] = Series(
+            **key._asdict(), unit=of_seeds["unit"].iloc[0],
+            direction=of_seeds["direction"].iloc[0], identity=identities.pop(),
+            values=dict(zip(of_seeds["seed"], of_seeds["value"], strict=True)),
         )  # fmt: skip
-    if known.identity != identity:
-        raise InputError(f"{key}: seeds of different scenes or metrics: run the suite again")
-    series[key] = known.model_copy(update={"values": {**known.values, seed: row.value}})
-
-
-def _scene_of(samples: Sequence[Sample], case: str) -> str:
-    return next((sample.facts.scene for sample in samples if sample.case == case), "")
+    return series
 
 
 def _hash(facts: Any) -> str:

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tomli_w
@@ -36,10 +36,12 @@ from eventsweep.eval.scoring.predictions import (
     plain,
     timed_files,
 )
-from eventsweep.eval.scoring.results import POOLED
+from eventsweep.eval.scoring.results import POOLED, each
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.eval.suite.predictions import Assignment, assignment, open_predictions
-from eventsweep.eval.suite.results import Sample
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FACTS = "submission.toml"
 MANIFEST = ".manifest.json"
@@ -333,8 +335,8 @@ def _check_arrays(path: Path, file: Path, name: str, view: TargetView) -> None:
     except DAMAGED_NPY as error:
         raise InputError(f"{path}: {name} is damaged ({error}): make it again") from error
     most = _most_bytes(view)
-    held = [member.filename for member in members]
-    if not set(held) <= _ARRAYS or len(set(held)) < len(held):
+    names = [member.filename for member in members]
+    if not set(names) <= _ARRAYS or len(set(names)) < len(names):
         raise InputError(f"{path}: {name} holds other arrays than depth_m, mask and confidence")
     if sum(member.file_size for member in members) > most:
         raise InputError(f"{path}: {name} unpacks to more than {most} bytes: make it again")
@@ -389,16 +391,14 @@ def _in_cache(
     return NamedFolder(entry.path, given.name), read_manifest(given.path).facts
 
 
-def perfect_scores(samples: Sequence[Sample]) -> dict[str, list[str]]:
+def perfect_scores(rows: pd.DataFrame) -> dict[str, list[str]]:
     """Methods with an error that no estimate has, and the cases and seeds where: copies of truth.
 
     Sensors see light in steps of a fifth, so a mean error of less than a two-thousandth of depth
     cannot come from events; truth that was rounded to millimetres or 16 bits lies below that.
     """
+    is_error = (rows["window"] == POOLED) & (rows["metric"] == "abs_rel")
     found: dict[str, list[str]] = {}
-    for sample in samples:
-        for row in sample.rows:
-            is_error = (row.window, row.metric) == (POOLED, "abs_rel")
-            if is_error and row.value < PERFECT_PERCENT:
-                found.setdefault(row.method, []).append(f"{sample.case} seed {sample.seed}")
+    for row in each(rows[is_error & (rows["value"] < PERFECT_PERCENT)]):
+        found.setdefault(row.method, []).append(f"{row.case} seed {row.seed}")
     return found

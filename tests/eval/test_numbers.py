@@ -7,7 +7,7 @@ import pytest
 
 from eventsweep.emvs.errors import significant
 from eventsweep.eval.cli.main import main
-from eventsweep.eval.numbers import in_shown_unit, shown, shown_unit, thousands
+from eventsweep.eval.numbers import display_unit, displayed, in_display_unit, thousands
 from small_pair import small_sequence
 
 
@@ -23,13 +23,13 @@ from small_pair import small_sequence
     ],
 )
 def test_counts_have_commas_and_metres_are_read_in_centimetres(value, unit, text):
-    assert shown(value, unit) == text
+    assert displayed(value, unit) == text
 
 
 def test_units_follow_their_values():
-    assert [shown_unit(unit) for unit in ("m", "px", "%", "")] == ["cm", "px", "%", ""]
-    assert in_shown_unit(0.25, "m") == 25
-    assert in_shown_unit(0.25, "%") == 0.25
+    assert [display_unit(unit) for unit in ("m", "px", "%", "")] == ["cm", "px", "%", ""]
+    assert in_display_unit(0.25, "m") == 25
+    assert in_display_unit(0.25, "%") == 0.25
     assert thousands(12345.4) == "12,345"
 
 

@@ -19,7 +19,7 @@ from eventsweep.emvs.utils.ownership import strangers
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.numbers import thousands
 from eventsweep.eval.scoring.metrics import METRICS
-from eventsweep.eval.scoring.results import read_results
+from eventsweep.eval.scoring.results import each, read_results
 from eventsweep.eval.scoring.score import RIG
 
 
@@ -39,7 +39,7 @@ def planes_sequence(tmp_path_factory):
 
 
 def value(run, method: str, metric: str) -> float:
-    rows = read_results(run).rows
+    rows = list(each(read_results(run).rows))
     (row,) = [r for r in rows if (r.window, r.method, r.metric) == ("all", method, metric)]
     return row.value
 
@@ -83,9 +83,9 @@ def test_results_are_complete_and_say_where_they_come_from(desk_run):
     assert results.seed == 0
     assert results.configuration["desk"]["map"]["planes"] == 100
     assert {"python", "numpy", "numba", "mujoco", "eventsweep"} <= set(results.versions)
-    found = {row.metric for row in results.rows if row.method == "Alg1/H"}
+    found = {row.metric for row in each(results.rows) if row.method == "Alg1/H"}
     assert {metric.name for metric in METRICS} <= found
-    assert {row.metric for row in results.rows if row.method != RIG} <= set(results.metrics)
+    assert {row.metric for row in each(results.rows) if row.method != RIG} <= set(results.metrics)
     assert value(desk_run, RIG, "baseline") == pytest.approx(sequence.rig.baseline_m())
     assert 0.02 < value(desk_run, RIG, "lateral_travel") < 1
     with (desk_run / "results.csv").open(encoding="utf-8") as file:
@@ -143,7 +143,7 @@ def test_a_prediction_that_copies_ours_gets_our_score_and_an_incomplete_one_none
     assert main(["score", str(copy), "--prediction", str(given), "--quiet"]) == 0
 
     both = {
-        method: {r.metric: r.value for r in read_results(copy).rows if r.method == method}
+        method: {r.metric: r.value for r in each(read_results(copy).rows) if r.method == method}
         for method in ("Alg1/H", "Given/theirs")
     }
     same = ("points", "mean_error", "median_error", "bad_published", "cause_occlusion")

@@ -38,7 +38,7 @@ def entry(label, errors, seeds=5, *, spread=0.05, archive="", part="public", dra
 
 def unit_of(metric):
     known = ALL_METRICS.get(metric)
-    return (known.unit, known.better) if known else ("m", "lower")
+    return (known.unit, known.direction) if known else ("m", "lower")
 
 
 def of_method(method, error, seeds, spread):

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from eventsweep.eval.gate.baseline import Baseline
-    from eventsweep.eval.gate.compare import Choice, Tolerances, Verdict
+    from eventsweep.eval.gate.compare import Choice, Judgement, Tolerances
     from eventsweep.eval.gate.report import VerdictLine
     from eventsweep.eval.suite.results import SuiteResult
     from eventsweep.eval.suite.series import Measured
@@ -196,7 +196,7 @@ def _measured(flags: GateFlags, job_flags: JobFlags, common: Common) -> Measured
 
 
 def _report(
-    verdicts: Sequence[Verdict], measured: Measured, flags: GateFlags, common: Common
+    verdicts: Sequence[Judgement], measured: Measured, flags: GateFlags, common: Common
 ) -> None:
     from eventsweep.eval.gate import report
     from eventsweep.eval.gate.report import write_junit
@@ -218,7 +218,7 @@ def _report(
         _print(verdicts, as_json=common.json, table=not first)
 
 
-def _print(verdicts: Sequence[Verdict], *, as_json: bool, table: bool) -> None:
+def _print(verdicts: Sequence[Judgement], *, as_json: bool, table: bool) -> None:
     """Prints the verdicts; without the table where it would only list a first baseline."""
     from rich.console import Console as RichConsole
 

@@ -125,7 +125,7 @@ def _run(
         output.write(folder, result, force=force)
         with console.progress.stage("pictures", 1):
             write_pictures(folder, suite, result, given, cache, parts.archive)
-    for method, places in perfect_scores(result.samples).items():
+    for method, places in perfect_scores(result.rows).items():
         console.warn(f"{method}: a perfect score, as of copied truth, in {', '.join(places)}")
     output.show(result, cache, as_json=common.json, quiet=common.quiet)
     console.wrote(folder / "suite.json")

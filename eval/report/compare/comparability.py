@@ -44,8 +44,8 @@ def other_sequences(
     pairs = ((first.cases[case, seed], other.cases[case, seed]) for seed in seeds)
     if all(one.sequence == two.sequence for one, two in pairs):
         return ""
-    told = (f"archive {one.archive}" if one.archive else "drawn anew" for one in (first, other))
-    return f"other sequences: {' against '.join(told)}"
+    sources = (f"archive {one.archive}" if one.archive else "drawn anew" for one in (first, other))
+    return f"other sequences: {' against '.join(sources)}"
 
 
 def _differing_scores(one: Mapping[str, Any], two: Mapping[str, Any]) -> list[str]:
@@ -70,8 +70,8 @@ def same_data(case: str, first: ComparedResult, other: ComparedResult) -> str:
         texts = (_few(map(_seed_text, result.seeds(case))) for result in (first, other))
         return f"{case}: not the same data, seeds {' against '.join(texts)}: nothing is paired."
     pairs = [(first.cases[case, seed], other.cases[case, seed]) for seed in seeds]
-    told = dict.fromkeys(text for one, two in pairs if (text := _data_differ(one, two)))
-    return f"{case}: {'; '.join(told)}." if told else ""
+    sentences = dict.fromkeys(text for one, two in pairs if (text := _data_differ(one, two)))
+    return f"{case}: {'; '.join(sentences)}." if sentences else ""
 
 
 def _seed_text(seed: int | None) -> str:
@@ -84,7 +84,7 @@ def _data_differ(one: CaseResult, two: CaseResult) -> str:
     if not (one.sequence and two.sequence):
         return "no hash says whether it is the same data; pairs are taken by name"
     events, truth = (
-        _apart_hash(a, b) for a, b in ((one.events, two.events), (one.truth, two.truth))
+        _hashes_differ(a, b) for a, b in ((one.events, two.events), (one.truth, two.truth))
     )
     if events is False and truth is False:
         return ""
@@ -97,7 +97,7 @@ def _data_differ(one: CaseResult, two: CaseResult) -> str:
     return f"not the same data (other events{' and another true depth' if truth else ''}); {paired}"
 
 
-def _apart_hash(a: str, b: str) -> bool | None:
+def _hashes_differ(a: str, b: str) -> bool | None:
     """Whether two hashes differ; None where one is not known."""
     return a != b if a and b else None
 
@@ -107,10 +107,10 @@ def other_truth(
 ) -> bool:
     """Whether one of the common seeds has another true depth, as far as that is known."""
     truths = ((first.cases[case, seed].truth, other.cases[case, seed].truth) for seed in seeds)
-    return any(_apart_hash(a, b) for a, b in truths)
+    return any(_hashes_differ(a, b) for a, b in truths)
 
 
-def apart(first: ComparedResult, other: ComparedResult) -> Iterator[str]:
+def only_in_one(first: ComparedResult, other: ComparedResult) -> Iterator[str]:
     """What only one of two results has: it is not compared."""
     for one, two in ((first, other), (other, first)):
         lacking = [case for case in one.names if case not in two.names]

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.eval.numbers import shown
+from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.compare.comparability import (
-    apart,
     not_comparable,
     nothing_in_common,
+    only_in_one,
     other_sequences,
     other_truth,
     same_data,
@@ -23,7 +23,8 @@ from eventsweep.eval.report.compare.comparability import (
 )
 from eventsweep.eval.report.compare.results import CaseResult, ComparedResult, Number
 from eventsweep.eval.report.ranking import RANKING_COLUMNS
-from eventsweep.eval.scoring.metrics import PRIMARY, Better
+from eventsweep.eval.scoring.direction import Direction, change_of
+from eventsweep.eval.scoring.metrics import PRIMARY
 from eventsweep.eval.scoring.significance import (
     ALPHA,
     holm,
@@ -32,7 +33,7 @@ from eventsweep.eval.scoring.significance import (
     stratified_p,
 )
 
-Verdict = Literal[
+Conclusion = Literal[
     "better", "worse", "no difference shown", "undecided", "equal", "not comparable", "not judged"
 ]
 Floats = NDArray[np.float64]
@@ -48,7 +49,7 @@ class Difference:
         method: as the paper names it.
         metric: its name.
         unit: of all values.
-        better: the direction that is better.
+        direction: which end is better.
         first: mean over the common seeds, and in each over the common windows, of the first result.
         other: the same of the other result.
         low: lower end of the 95 % interval of `change`; NaN where there is none.
@@ -65,7 +66,7 @@ class Difference:
     method: str
     metric: str
     unit: str
-    better: Better
+    direction: Direction
     first: float = _NAN
     other: float = _NAN
     low: float = _NAN
@@ -73,7 +74,7 @@ class Difference:
     p: float = _NAN
     p_holm: float = _NAN
     seeds: int = 0
-    verdict: Verdict = "undecided"
+    verdict: Conclusion = "undecided"
     why: str = ""
     strata: tuple[Floats, ...] = field(default=(), repr=False)
 
@@ -83,25 +84,22 @@ class Difference:
         return self.other - self.first
 
     @property
-    def direction(self) -> Verdict:
+    def tendency(self) -> Conclusion:
         """What the change is, for better or worse, however sure it is."""
-        if self.better == "none" or math.isnan(self.change):
-            return "not judged"
-        if self.change == 0:
-            return "equal"
-        return "better" if (self.change < 0) == (self.better == "lower") else "worse"
+        found = change_of(self.change, self.direction)
+        return "not judged" if found == "changed" or self.direction == "none" else found
 
     @property
-    def spared(self) -> bool:
+    def lost_to_correction(self) -> bool:
         """Whether it would count as a difference if nothing else had been tested."""
         return self.verdict == "no difference shown" and (self.low > 0 or self.high < 0)
 
     @property
-    def brief(self) -> str:
+    def short_label(self) -> str:
         """The verdict, and what the one seed shows that decides nothing."""
         if self.verdict != "undecided" or self.seeds != 1:
             return self.verdict
-        return f"undecided, {self.direction} here"
+        return f"undecided, {self.tendency} here"
 
     @property
     def words(self) -> str:
@@ -119,7 +117,7 @@ class Pair:
         cases: per case, method and metric that both have.
         means: the same over all common cases; empty where there is only one.
         data: whether it is the same data, a sentence per case where it is not.
-        apart: what only one of them has, a sentence each.
+        only_in_one: what only one of them has, a sentence each.
     """
 
     first: ComparedResult
@@ -127,7 +125,7 @@ class Pair:
     cases: tuple[Difference, ...]
     means: tuple[Difference, ...]
     data: tuple[str, ...]
-    apart: tuple[str, ...]
+    only_in_one: tuple[str, ...]
 
     @property
     def headline(self) -> tuple[Difference, ...]:
@@ -158,7 +156,7 @@ def _pair(first: ComparedResult, other: ComparedResult) -> Pair:
     cases = tuple(_with_intervals(found))
     means = tuple(_means(cases, len(names))) if len(names) > 1 else ()
     data = tuple(text for case in names if (text := same_data(case, first, other)))
-    return Pair(first, other, cases, means, data, tuple(apart(first, other)))
+    return Pair(first, other, cases, means, data, tuple(only_in_one(first, other)))
 
 
 def _differences(case: str, first: ComparedResult, other: ComparedResult) -> Iterator[Difference]:
@@ -169,8 +167,8 @@ def _differences(case: str, first: ComparedResult, other: ComparedResult) -> Ite
     for number in one.values:
         if number.metric not in RANKING_COLUMNS or number not in two.values:
             continue
-        unit, better = one.units[number]
-        base = Difference(case, number.method, number.metric, unit, better)
+        unit, direction = one.units[number]
+        base = Difference(case, number.method, number.metric, unit, direction)
         if why := drawn or not_comparable(number, (first, other), (one, two)):
             values = (_alone(result, case, number) for result in (first, other))
             yield _finished(base, *values, verdict="not comparable", why=why)
@@ -182,7 +180,7 @@ def _differences(case: str, first: ComparedResult, other: ComparedResult) -> Ite
 
 
 def _finished(
-    base: Difference, first: float, other: float, *, verdict: Verdict, why: str
+    base: Difference, first: float, other: float, *, verdict: Conclusion, why: str
 ) -> Difference:
     return replace(base, first=first, other=other, verdict=verdict, why=why)
 
@@ -263,7 +261,7 @@ def _with_intervals(found: Sequence[Difference]) -> Iterator[Difference]:
 
 def _p(one: Difference, strata: Sequence[Floats]) -> float:
     """Only what is judged is tested: every further test would cost the others certainty."""
-    if one.metric not in PRIMARY or one.better == "none":
+    if one.metric not in PRIMARY or one.direction == "none":
         return _NAN
     return stratified_p(strata)
 
@@ -279,7 +277,7 @@ def _means(cases: Sequence[Difference], count: int) -> Iterator[Difference]:
         low, high = stratified_interval(strata)
         yield Difference(
             f"mean of {count} cases",
-            found[0].method, found[0].metric, found[0].unit, found[0].better,
+            found[0].method, found[0].metric, found[0].unit, found[0].direction,
             _mean([one.first for one in found]), _mean([one.other for one in found]),
             low, high, _p(found[0], strata),
             seeds=min(one.seeds for one in found),
@@ -313,7 +311,7 @@ def _corrected(found: Sequence[Difference]) -> list[Difference]:
 def _verdict(one: Difference) -> Difference:
     if not one.strata:
         return one
-    if one.metric not in PRIMARY or one.better == "none":
+    if one.metric not in PRIMARY or one.direction == "none":
         return replace(one, verdict="not judged")
     if all(not values.any() for values in one.strata):
         return replace(one, verdict="equal")
@@ -322,13 +320,13 @@ def _verdict(one: Difference) -> Difference:
     if not (one.low > 0 or one.high < 0):
         return replace(one, verdict="no difference shown")
     if one.p_holm < ALPHA:
-        return replace(one, verdict=one.direction)
-    why = _joined(f"{one.direction}, but for the number of tests", one.why)
+        return replace(one, verdict=one.tendency)
+    why = _joined(f"{one.tendency}, but for the number of tests", one.why)
     return replace(one, verdict="no difference shown", why=why)
 
 
 def _here(one: Difference) -> str:
-    return "equal on the whole" if one.direction == "equal" else f"{one.direction} here"
+    return "equal on the whole" if one.tendency == "equal" else f"{one.tendency} here"
 
 
 def counts_of(found: Iterable[Difference]) -> str:
@@ -336,16 +334,16 @@ def counts_of(found: Iterable[Difference]) -> str:
     found = list(found)
     verdicts = [one.verdict for one in found]
     text = ", ".join(f"{verdicts.count(one)} {one}" for one in dict.fromkeys(verdicts))
-    spared = sum(one.spared for one in found)
-    if spared:
-        text += f" ({spared} of these only for the number of tests: the interval leaves out zero)"
+    lost = sum(one.lost_to_correction for one in found)
+    if lost:
+        text += f" ({lost} of these only for the number of tests: the interval leaves out zero)"
     return text
 
 
 def signed(value: float, unit: str) -> str:
     """A difference as tables print it, with its sign."""
     sign = "+" if value > 0 else "−" if value < 0 else ""
-    return sign + shown(abs(value), unit)
+    return sign + displayed(abs(value), unit)
 
 
 def interval_text(one: Difference) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.outputs import output_folder
 from eventsweep.eval.figures.colormaps import line_style
-from eventsweep.eval.numbers import shown
+from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.compare.differences import (
     Difference,
     Pair,
@@ -137,7 +137,7 @@ def page_context(comparison: Comparison) -> dict[str, Any]:
         "equal": _settings_grid(comparison, [s for s in comparison.settings if not s.differs]),
         "sections": sections,
         "pictures": pictures,
-        "apart": (*(text for pair in comparison.pairs for text in pair.apart), *missing),
+        "only_in_one": (*(t for pair in comparison.pairs for t in pair.only_in_one), *missing),
         "note": _NOTE,
         "most": max(counts),
         "version": comparison.results[0].versions.get("eventsweep", ""),
@@ -195,7 +195,7 @@ def facts_of(comparison: Comparison) -> dict[str, Any]:
                 "first": pair.first.name,
                 "other": pair.other.name,
                 "data": pair.data,
-                "not_compared": pair.apart,
+                "not_compared": pair.only_in_one,
                 "numbers": [_facts(one) for one in (*pair.means, *pair.cases)],
             }
             for pair in comparison.pairs
@@ -219,7 +219,7 @@ def _here(found: Sequence[Difference]) -> str:
     open_ones = [one for one in found if one.verdict == "undecided" and one.seeds == 1]
     if not open_ones:
         return ""
-    directions = [one.direction for one in open_ones]
+    directions = [one.tendency for one in open_ones]
     counts = ", ".join(f"{directions.count(one)} {one}" for one in dict.fromkeys(directions))
     return f" On the one seed that there is: {counts}; whether others would agree is open."
 
@@ -229,13 +229,13 @@ def _cases(comparison: Comparison) -> list[str]:
 
 
 def _settings_grid(comparison: Comparison, settings: Sequence[Setting]) -> Grid:
-    apart = any(one.cases for one in settings)
-    texts = ("setting", *(("of",) if apart else ()), *comparison.names)
+    per_case = any(one.cases for one in settings)
+    texts = ("setting", *(("of",) if per_case else ()), *comparison.names)
     lines = (
         (
             f"{one.name} [{one.unit}]" if one.unit else one.name,
-            *((", ".join(one.cases) or "all cases",) if apart else ()),
-            *one.told,
+            *((", ".join(one.cases) or "all cases",) if per_case else ()),
+            *one.labelled_texts,
         )
         for one in settings
     )
@@ -276,7 +276,7 @@ def _grid(comparison: Comparison, metric: str, found: Sequence[Sequence[Differen
     first, *others = comparison.names
     heads = [Head("method"), Head("result", text=True)] if len(others) > 1 else [Head("method")]
     value = others[0] if len(others) == 1 else "value"
-    heads += [Head(name, head.unit, head.better, arrow=True) for name in (first, value)]
+    heads += [Head(name, head.unit, head.direction, arrow=True) for name in (first, value)]
     heads += [Head(title, head.unit) for title in ("Δ", "Δ from", "Δ to")]
     heads += [Head("Δ", "%"), Head("seeds"), Head("p", "Holm"), Head(VERDICT, text=True)]
     named = [(one, name) for name, of_one in zip(others, found, strict=True) for one in of_one]
@@ -288,7 +288,7 @@ def _grid(comparison: Comparison, metric: str, found: Sequence[Sequence[Differen
 
 def _best_first(found: Sequence[Difference]) -> list[str]:
     """The methods by the first result's value; of a metric without a better end, as they come."""
-    sign = {"lower": 1.0, "higher": -1.0}.get(found[0].better if found else "", 0.0)
+    sign = {"lower": 1.0, "higher": -1.0}.get(found[0].direction if found else "", 0.0)
     ordered = sorted(found, key=lambda o: (math.isnan(o.first), sign and sign * o.first))
     return list(dict.fromkeys(one.method for one in ordered))
 
@@ -304,8 +304,8 @@ def _line(one: Difference, name: str) -> tuple[GridCell, ...]:
     return (
         GridCell(one.method, colour=line_style(one.method).css),
         *((GridCell(name),) if name else ()),
-        GridCell(shown(one.first, one.unit), one.first),
-        GridCell(shown(one.other, one.unit), one.other),
+        GridCell(displayed(one.first, one.unit), one.first),
+        GridCell(displayed(one.other, one.unit), one.other),
         *sure,
         GridCell(relative, share),
         GridCell(str(one.seeds) if one.seeds else "–", one.seeds or math.nan),

@@ -21,7 +21,7 @@ from eventsweep.eval.figures.images import (
     frame_image,
     point_size_px,
 )
-from eventsweep.eval.numbers import shown
+from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.compare.results import ComparedResult, Number
 from eventsweep.eval.report.ranking import column, ranked_methods
 from eventsweep.eval.report.run_data import MethodData, RunData, WindowData, load_run
@@ -224,7 +224,7 @@ def _of_method(
     for view in views:
         one, truth = view.method(name), view.window.truth
         point_px = point_size_px(one.depth_m.shape[1])
-        points = f"{shown(float(one.mask.sum()), 'px')} px"
+        points = f"{displayed(float(one.mask.sum()), 'px')} px"
         image = depth_image(one.depth_m, one.mask, depth, point_px)
         depths.append(Picture(view.result.name, points, _uri(image)))
         if truth is None:
@@ -244,7 +244,7 @@ def _number(view: _View, method: str) -> str:
     if value is None:
         return ""
     head = column(_CAPTION)
-    return f"{head.title} {shown(value, 'm')} {head.unit}"
+    return f"{head.title} {displayed(value, 'm')} {head.unit}"
 
 
 def _behind(window: WindowData) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import pandas as pd
 from pydantic import BaseModel
 
 from eventsweep import scenes
@@ -17,8 +18,8 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.maps.folder import MapInfo, StoredMap
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.report.ranking import RANKING_COLUMNS
-from eventsweep.eval.scoring.metrics import Better
-from eventsweep.eval.scoring.results import MEAN, POOLED, Results, Row, read_results
+from eventsweep.eval.scoring.direction import Direction
+from eventsweep.eval.scoring.results import MEAN, POOLED, Results, each, read_results
 from eventsweep.eval.scoring.run_folder import find_maps
 from eventsweep.eval.suite.results import DEFAULT_MAPPER, FILE_NAME, Sample, SuiteResult, read_suite
 
@@ -49,7 +50,7 @@ class CaseResult:
 
     Attributes:
         values: per number and window, its value; NaN where it is undefined.
-        units: per number, unit and better direction.
+        units: per number, its unit and direction.
         sequence: hash of the sequence that the maps were made from; empty where none is known.
         events: hash of camera 0's events; empty where none is known.
         truth: hash of camera 0's ground truth; empty where none is known.
@@ -59,7 +60,7 @@ class CaseResult:
     """
 
     values: Mapping[Number, Mapping[str, float]]
-    units: Mapping[Number, tuple[str, Better]]
+    units: Mapping[Number, tuple[str, Direction]]
     sequence: str = ""
     events: str = ""
     truth: str = ""
@@ -137,7 +138,7 @@ def _read(path: Path, name: str) -> ComparedResult:
 def of_run(results: Results, name: str, folder: Path) -> ComparedResult:
     """The numbers of a scored run, with what its maps say of its windows."""
     maps, made = _maps(folder), []
-    names = tuple(dict.fromkeys(row.case for row in results.rows))
+    names = tuple(results.rows["case"].unique())
     shared = {key: value for key, value in results.configuration.items() if key not in names}
     cases: dict[tuple[str, int | None], CaseResult] = {}
     for case in names:
@@ -146,7 +147,7 @@ def of_run(results: Results, name: str, folder: Path) -> ComparedResult:
         manifest = _manifest(maps[case], sequence) if case in maps else None
         made += [("mapping", info.versions)] if info else []
         made += [("simulation", manifest.versions)] if manifest else []
-        rows = [row for row in results.rows if row.case == case]
+        rows = results.rows[results.rows["case"] == case]
         own = results.configuration.get(case)
         settings = {**shared, **(own if isinstance(own, dict) else {})}
         settings |= {"renderer": manifest.renderer} if manifest else {}
@@ -171,8 +172,8 @@ def of_suite(result: SuiteResult, name: str, folder: Path) -> ComparedResult:
     """
     cases: dict[tuple[str, int | None], CaseResult] = {}
     try:
-        for one in result.samples:
-            cases[one.case, one.seed] = _of_sample(result.definition, one)
+        for sample in result.samples:
+            cases[sample.case, sample.seed] = _of_sample(result, sample)
     except (KeyError, TypeError) as error:
         raise InputError(
             f"{folder}: the suite's definition is damaged ({error}); run it again"
@@ -189,16 +190,17 @@ def of_suite(result: SuiteResult, name: str, folder: Path) -> ComparedResult:
     return ComparedResult(name, folder, True, cases, versions, result.platform, failures, archive)
 
 
-def _of_sample(definition: Mapping[str, Any], sample: Sample) -> CaseResult:
-    facts, spec = sample.facts, definition["cases"][sample.case]
+def _of_sample(result: SuiteResult, sample: Sample) -> CaseResult:
+    facts, spec = sample.facts, result.definition["cases"][sample.case]
+    rows = result.rows[result.rows["case"] == sample.case]
     return _case(
-        sample.rows, facts.sequence, facts.truth, facts.metrics,
-        _suite_settings(definition, spec, sample), _suite_times(spec),
+        rows[rows["seed"] == sample.seed], facts.sequence, facts.truth, facts.metrics,
+        _suite_settings(result.definition, spec, sample), _suite_times(spec),
     )  # fmt: skip
 
 
 def _case(
-    rows: Iterable[Row],
+    rows: pd.DataFrame,
     sequence: str,
     truth: str,
     metrics: Mapping[str, str],
@@ -207,11 +209,11 @@ def _case(
     events: str = "",
 ) -> CaseResult:
     found: dict[Number, dict[str, float]] = {}
-    units: dict[Number, tuple[str, Better]] = {}
-    for row in rows:
+    units: dict[Number, tuple[str, Direction]] = {}
+    for row in each(rows):
         number = Number(row.method, row.metric)
         found.setdefault(number, {})[row.window] = row.value
-        units[number] = row.unit, row.better
+        units[number] = row.unit, row.direction
     values = {number: _by_window(windows) for number, windows in found.items()}
     return CaseResult(values, units, sequence, events, truth, metrics, settings, times)
 

@@ -51,7 +51,7 @@ class Setting:
         return len({text for text in self.texts if self.chosen or text != ABSENT}) > 1
 
     @property
-    def told(self) -> tuple[str, ...]:
+    def labelled_texts(self) -> tuple[str, ...]:
         """The values; what is the default is marked as such."""
         return tuple(f"{text} (default)" if text == self.default else text for text in self.texts)
 

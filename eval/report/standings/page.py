@@ -72,7 +72,7 @@ def write_ranking(sources: Sequence[Source], out: Path) -> RankingPage:
     return page
 
 
-def _page_of(entries: tuple[RankingEntry, ...], found: Mapping[str, Shown]) -> RankingPage:
+def _page_of(entries: tuple[RankingEntry, ...], found: Mapping[str, MethodPictures]) -> RankingPage:
     public, hidden = summary.parts(entries)
     if not public.cases or not public.complete():
         raise InputError(
@@ -92,7 +92,7 @@ def _page_of(entries: tuple[RankingEntry, ...], found: Mapping[str, Shown]) -> R
 
 
 @dataclass(frozen=True)
-class Shown:
+class MethodPictures:
     """A method's pictures: for best and worst, what they show, and the file's content."""
 
     about: Mapping[str, Mapping[str, Any]]
@@ -106,9 +106,9 @@ class Shown:
             yield Picture(method, uri, text)
 
 
-def _pictures(sources: Sequence[Source]) -> dict[str, Shown]:
+def _pictures(sources: Sequence[Source]) -> dict[str, MethodPictures]:
     """The newest pictures of every method; of a hidden part none is shown."""
-    found: dict[str, Shown] = {}
+    found: dict[str, MethodPictures] = {}
     for source in sources:
         place = source.folder / PICTURES_FOLDER
         if not any(one.part == "public" for one in source.entries):
@@ -117,7 +117,7 @@ def _pictures(sources: Sequence[Source]) -> dict[str, Shown]:
             index = parse_json(read_text(place / METHODS_NAME, TABLE_BYTES))
             for method, about in index.items():
                 content = {which: _content(place, one["file"]) for which, one in about.items()}
-                shown = Shown(about, content)
+                shown = MethodPictures(about, content)
                 if tuple(shown.pictures(method)):  # says all that is shown
                     found[str(method)] = shown
     return found
@@ -129,7 +129,7 @@ def _content(place: Path, name: str) -> bytes:
         return file.read(_PICTURE_BYTES)
 
 
-def _write_pictures(out: Path, found: Mapping[str, Shown]) -> None:
+def _write_pictures(out: Path, found: Mapping[str, MethodPictures]) -> None:
     if not found:
         return
     check_files(out, (PICTURES_FOLDER,), force=True)
@@ -180,8 +180,8 @@ def _findings(page: RankingPage) -> Iterator[str]:
         yield f"Seeds do not tell {who} apart: they share the first rank."
     for entry in page.entries:
         for method, where in entry.perfect.items():
-            told = f"{', '.join(where)} ({entry.label})"
-            yield f"{method}: a perfect score, as of copied truth, in {told}."
+            places = f"{', '.join(where)} ({entry.label})"
+            yield f"{method}: a perfect score, as of copied truth, in {places}."
     for ranked in filter(None, (page.public, page.hidden)):
         for label, why in ranked.joined.refused:
             yield f"{label}: {why}."

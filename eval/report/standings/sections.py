@@ -11,9 +11,9 @@ from eventsweep.emvs.methods import named
 from eventsweep.eval.figures.colormaps import line_style
 from eventsweep.eval.figures.plots import causes_svg
 from eventsweep.eval.figures.ranking import cost_svg, coverage_svg, history_svg
-from eventsweep.eval.numbers import shown
+from eventsweep.eval.numbers import displayed
 from eventsweep.eval.ranking import summary
-from eventsweep.eval.ranking.entries import COVERAGES, Joined, RankingEntry, finite_mean
+from eventsweep.eval.ranking.entries import COVERAGES, Merged, RankingEntry, finite_mean
 from eventsweep.eval.ranking.standings import Standing
 from eventsweep.eval.ranking.summary import CONDITIONS, MAIN, OTHERS, Ranked
 from eventsweep.eval.report.html import (
@@ -27,6 +27,7 @@ from eventsweep.eval.report.html import (
     versions_grid,
 )
 from eventsweep.eval.report.ranking import column, definition
+from eventsweep.eval.scoring.direction import Direction, best
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 
 
@@ -47,7 +48,7 @@ class RankingPage:
     pictures: Mapping[str, tuple[Picture, ...]]
 
     @property
-    def joined(self) -> Joined:
+    def joined(self) -> Merged:
         """The public part."""
         return self.public.joined
 
@@ -74,13 +75,6 @@ def _number(value: float, digits: int = 2, kind: str = "") -> GridCell:
     return GridCell(text, value, "best" if kind == "best" else "")
 
 
-def _best(values: Sequence[float], better: str = "lower") -> float:
-    known = [value for value in values if math.isfinite(value)]
-    if not known or better == "none":
-        return math.nan
-    return max(known) if better == "higher" else min(known)
-
-
 def data(entry: RankingEntry) -> str:
     """Which sequences an entry is of."""
     return f"archive {entry.archive.version}" if entry.archive else "drawn anew, not archived"
@@ -98,14 +92,15 @@ def overview(page: RankingPage) -> Grid:
         heads += [Head("rank, hidden part"), Head("error, hidden part", "%", arrow=True)]
     heads += [Head("time", "s a window"), Head("memory", "MB"), Head("note", text=True)]
     errors = [summary.geometric(joined, m, "abs_rel", joined.cases) for m in page.methods]
-    best = _best(errors)
+    best_error = best(errors, "lower")
     lines = []
     for one, error in zip(page.public.standings, errors, strict=True):
         coverage = summary.arithmetic(joined, one.method, "completeness", joined.cases)
         outliers = summary.arithmetic(joined, one.method, "outlier_share", joined.cases)
         cells = [
             _name(one.method), *_rank(one), _number(one.place, 2),
-            _number(error, kind="best" * (error == best)), _number(coverage), _number(outliers),
+            _number(error, kind="best" * (error == best_error)), _number(coverage),
+            _number(outliers),
         ]  # fmt: skip
         if hidden:
             there = hidden.by_method.get(one.method)
@@ -120,7 +115,7 @@ def _hidden_error(hidden: Ranked, method: str) -> float:
     return summary.geometric(hidden.joined, method, "abs_rel", hidden.joined.cases)
 
 
-def _cost_cells(joined: Joined, method: str) -> tuple[GridCell, GridCell]:
+def _cost_cells(joined: Merged, method: str) -> tuple[GridCell, GridCell]:
     """Time and memory: measured here, else as stated, which is marked."""
     entry = joined.owner[method]
     if method in entry.cost:
@@ -159,19 +154,19 @@ def _standing_grid(ranked: Ranked, about: str) -> Grid:
     head = column(ranked.metric)
     heads = (
         Head("method", text=True), Head("rank"), Head("other seeds"), Head("mean place"),
-        Head(f"{head.title}, mean of cases", head.unit, head.better, arrow=True),
+        Head(f"{head.title}, mean of cases", head.unit, head.direction, arrow=True),
     )  # fmt: skip
     unit = ranked.joined.base.units[ranked.metric][0]
     means = {
         one.method: sum(one.values) / len(one.values) if one.values else math.nan
         for one in ranked.standings
     }
-    best = _best(list(means.values()), head.better)
+    best_mean = best(means.values(), head.direction)
     lines = tuple(
         (
             _name(one.method), *_rank(one), _number(one.place),
-            GridCell(shown(means[one.method], unit), means[one.method],
-                     "best" if means[one.method] == best else ""),
+            GridCell(displayed(means[one.method], unit), means[one.method],
+                     "best" if means[one.method] == best_mean else ""),
         )
         for one in ranked.standings
     )  # fmt: skip
@@ -267,17 +262,17 @@ def conditions(page: RankingPage) -> Section:
 def _by_column(
     page: RankingPage, heads: Sequence[Head], columns: Mapping[str, Mapping[str, float]], title: str
 ) -> Grid:
-    better = "higher" if title.startswith("coverage") else "lower"
-    best = {name: _best(list(found.values()), better) for name, found in columns.items()}
+    direction: Direction = "higher" if title.startswith("coverage") else "lower"
+    tops = {name: best(found.values(), direction) for name, found in columns.items()}
     lines = tuple(
         (
             _name(method),
-            *(_number(found[method], kind="best" * (found[method] == best[name]))
+            *(_number(found[method], kind="best" * (found[method] == tops[name]))
               for name, found in columns.items()),
         )
         for method in page.methods
     )  # fmt: skip
-    arrows = [Head(h.title, h.unit, better, h.text, arrow=not h.text) for h in heads]
+    arrows = [Head(h.title, h.unit, direction, h.text, arrow=not h.text) for h in heads]
     return Grid(tuple(arrows), lines)
 
 
@@ -299,24 +294,24 @@ def scenes(page: RankingPage) -> Section:
     )
 
 
-def _scene_grid(joined: Joined, methods: Sequence[str], cases: Sequence[str], metric: str) -> Grid:
+def _scene_grid(joined: Merged, methods: Sequence[str], cases: Sequence[str], metric: str) -> Grid:
     head, unit = column(metric), joined.base.units[metric][0]
     heads = (
         Head("method", text=True),
-        *(Head(case, head.unit, head.better, arrow=True) for case in cases),
+        *(Head(case, head.unit, head.direction, arrow=True) for case in cases),
     )
     values = {
         (method, case): finite_mean(joined.of_case(method, metric, case))
         for method in methods
         for case in cases
     }
-    best = {case: _best([values[m, case] for m in methods], head.better) for case in cases}
+    tops = {case: best((values[m, case] for m in methods), head.direction) for case in cases}
     lines = []
     for method in methods:
-        found = [(values[method, case], best[case]) for case in cases]
+        found = [(values[method, case], tops[case]) for case in cases]
         if any(math.isfinite(value) for value, _ in found):
             cells = (
-                GridCell(shown(value, unit), value, "best" if value == top else "")
+                GridCell(displayed(value, unit), value, "best" if value == top else "")
                 for value, top in found
             )
             lines.append((_name(method), *cells))

@@ -33,14 +33,14 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
 
     One thread: the results do not depend on how many, and other jobs have the rest.
     """
-    recording = told(open_recording(inputs[0] / SEQUENCE), parameters)
+    recording = as_perturbed(open_recording(inputs[0] / SEQUENCE), parameters)
     config = MapperConfig.model_validate({**parameters["map"], "threads": 1})
     folder = out / str(parameters["window"])
     window, hot = one_window(recording, config, folder)
     write_entry(out, map_into(folder, without(recording, hot), config, window, clouds=False))
 
 
-def told(recording: Recording, parameters: Mapping[str, Any]) -> Recording:
+def as_perturbed(recording: Recording, parameters: Mapping[str, Any]) -> Recording:
     """What the mapper is told of a recording: the truth, or what `perturb` makes of it."""
     if not parameters.get("perturb"):
         return recording

@@ -16,7 +16,7 @@ from eventsweep.eval.scoring.pairing import REFERENCE
 from eventsweep.eval.scoring.predictions import Prediction, PredictionFacts, estimates_of
 from eventsweep.eval.scoring.run_folder import target_view
 from eventsweep.eval.scoring.score import score_windows
-from eventsweep.eval.suite.results import Sample
+from eventsweep.eval.suite.results import Sample, sample_text
 from eventsweep.eval.suite.stages.score import mapped_window, sample_facts
 
 
@@ -40,10 +40,10 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
     views = [target_view(sequence, window, config) for window in windows]
     estimates = (estimates_of([prediction], view) for view in views)
     scored = score_windows(case, sequence, windows, config, estimates, REFERENCE)
-    rows = tuple(row for row in scored if row.method == prediction.name)
+    rows = scored[scored["method"] == prediction.name]
     facts = sample_facts(sequence, str(parameters["scene_digest"]))
-    sample = Sample(case, int(parameters["seed"]), rows, facts)
-    (out / RESULT).write_text(sample.to_json(), encoding="utf-8")
+    sample = Sample(case, int(parameters["seed"]), facts)
+    (out / RESULT).write_text(sample_text(sample, rows), encoding="utf-8")
 
 
 def opened(parameters: Mapping[str, Any], folder: Path) -> Prediction:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,10 +15,12 @@ from eventsweep.emvs.maps.store import read_entry
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.jobs.job import RESULT, SEQUENCE
 from eventsweep.eval.scoring.metric_versions import metric_versions
-from eventsweep.eval.scoring.metrics import Better
-from eventsweep.eval.scoring.results import POOLED, Row
+from eventsweep.eval.scoring.results import POOLED, tidy, together
 from eventsweep.eval.scoring.score import score_windows
-from eventsweep.eval.suite.results import EVENTS, Sample, SampleFacts, mapper_method
+from eventsweep.eval.suite.results import EVENTS, Sample, SampleFacts, mapper_method, sample_text
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
@@ -33,14 +34,15 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
     case, config = str(parameters["case"]), EvalConfig.model_validate(parameters["score"])
     sequence = EventSequence.open(inputs[0] / SEQUENCE)
     stored = [mapped_window(path) for path in inputs[1:]]
-    rows: list[Row] = []
+    tables: list[pd.DataFrame] = []
     for mapper, windows in _by_mapper(parameters["mappers"], stored).items():
         scored = score_windows(case, sequence, windows, config)
-        rows += [_named(row, mapper) for row in scored]
-        rows += _event_rows(case, windows) if mapper == parameters["mappers"][0] else ()
+        tables.append(scored.assign(method=[mapper_method(m, mapper) for m in scored["method"]]))
+        if mapper == parameters["mappers"][0]:
+            tables.append(_event_rows(case, windows))
     facts = sample_facts(sequence, str(parameters["scene_digest"]))
-    sample = Sample(case, int(parameters["seed"]), tuple(rows), facts)
-    (out / RESULT).write_text(sample.to_json(), encoding="utf-8")
+    sample = Sample(case, int(parameters["seed"]), facts)
+    (out / RESULT).write_text(sample_text(sample, together(tables)), encoding="utf-8")
 
 
 def mapped_window(mapped: Path) -> StoredWindow:
@@ -58,27 +60,28 @@ def _by_mapper(
     return found
 
 
-def _event_rows(case: str, windows: Sequence[StoredWindow]) -> Iterator[Row]:
+def _event_rows(case: str, windows: Sequence[StoredWindow]) -> pd.DataFrame:
     """Event statistics: a fault may lose some without a trace in the depth."""
     counts = [camera for window in windows for camera in window.info.counts.values()]
     total = {name: sum(camera[name] for camera in counts) for name in counts[0]}
     outcomes = ("counted", "outside_image", "behind_camera")
     votes = sum(total[f"votes_{outcome}"] for outcome in outcomes)
     image = sum(window.event_image.sum((1, 2), dtype=np.int64) for window in windows)
-    shares: dict[str, tuple[float, float, Better]] = {
+    shares = {
         "brighter_share": (image[1], image.sum(), "none"),
         "voting_share": (total["voting"], total["events"], "higher"),
         "votes_in_image_share": (total["votes_counted"], votes, "none"),
     }
-    yield Row(case, POOLED, EVENTS, "events", float(total["events"]), "events", "none")
-    yield Row(case, POOLED, EVENTS, "dropped_tail", float(total["dropped_tail"]), "events", "lower")
-    for name, (part, whole, better) in shares.items():
+    numbers = [
+        ("events", float(total["events"]), "events", "none"),
+        ("dropped_tail", float(total["dropped_tail"]), "events", "lower"),
+    ]
+    for name, (part, whole, direction) in shares.items():
         share = 100 * float(part) / float(whole) if whole else math.nan
-        yield Row(case, POOLED, EVENTS, name, share, "%", better)
-
-
-def _named(row: Row, mapper: str) -> Row:
-    return replace(row, method=mapper_method(row.method, mapper))
+        numbers.append((name, share, "%", direction))
+    about = {"case": case, "window": POOLED, "method": EVENTS}
+    names = ("metric", "value", "unit", "direction")
+    return tidy(about | dict(zip(names, number, strict=True)) for number in numbers)
 
 
 def sample_facts(sequence: EventSequence, scene_digest: str) -> SampleFacts:

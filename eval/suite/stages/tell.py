@@ -13,7 +13,7 @@ from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.data.writer import SequenceWriter
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.eval.jobs.job import SEQUENCE
-from eventsweep.eval.suite.stages.map import told
+from eventsweep.eval.suite.stages.map import as_perturbed
 
 _STEP_US = 50_000
 
@@ -26,11 +26,11 @@ def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
     """Writes what `perturb` makes of a sequence, under the number that stands for its seed."""
-    recording = told(open_recording(inputs[0] / SEQUENCE), parameters)
-    write_told(recording, int(parameters["seed"]), out / SEQUENCE)
+    recording = as_perturbed(open_recording(inputs[0] / SEQUENCE), parameters)
+    write_perturbed(recording, int(parameters["seed"]), out / SEQUENCE)
 
 
-def write_told(recording: Recording, number: int, out: Path) -> None:
+def write_perturbed(recording: Recording, number: int, out: Path) -> None:
     """Writes events, calibration and poses of a recording as a sequence, and nothing else."""
     spans = [recording.event_span_us(camera) for camera in range(len(recording.rig))]
     first_us, last_us = min(first for first, _ in spans), max(last for _, last in spans)

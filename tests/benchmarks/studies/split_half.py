@@ -8,18 +8,85 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
+
+import numpy as np
+from scipy.stats import kendalltau
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.cli.exit_codes import exit_code
-from eventsweep.eval.ranking.entries import Joined, read_source
-from eventsweep.eval.ranking.standings import SplitHalf, split_half
-from eventsweep.eval.ranking.summary import MAIN, better_of, parts, ranked, table_of
+from eventsweep.eval.ranking.entries import Merged, read_source
+from eventsweep.eval.ranking.standings import Table, places, standings
+from eventsweep.eval.ranking.summary import MAIN, direction_of, parts, ranked, table_of
+from eventsweep.eval.scoring.direction import Direction
 from markdown_blocks import into_page
 
 MARK = "stability"
 LEAST_SEEDS = 4
 _MOST_NAMED = 5
+
+
+@dataclass(frozen=True, slots=True)
+class SplitHalf:
+    """How stable an order is: methods ranked twice, each time by half of the seeds.
+
+    Attributes:
+        splits: in how many ways the seeds were halved.
+        pairs: couples of methods that do not tie by all seeds.
+        kept: share of those couples whose order is the same in both halves, over all splits.
+        agreement: Kendall's tau-b of the two halves' mean places, over all splits.
+        turned: couples that do not tie, and in how many splits a half turns them around.
+    """
+
+    splits: int
+    pairs: int
+    kept: float
+    agreement: float
+    turned: Mapping[tuple[str, str], int]
+
+
+def split_half(table: Table, direction: Direction) -> SplitHalf:
+    """Halves the seeds in every way and compares the orders.
+
+    Args:
+        table: as `standings` takes it; every case with the same number of seeds, 4 or more.
+        direction: which end of the metric is better.
+    """
+    ranked = {one.method: one for one in standings(table, direction)}
+    methods = list(table)
+    distinct = [
+        (a, b)
+        for a, b in combinations(range(len(methods)), 2)
+        if ranked[methods[a]].rank != ranked[methods[b]].rank
+    ]
+    by_case = places(table, direction)
+    seeds = by_case[0].shape[1]
+    turned: dict[tuple[str, str], int] = {}
+    agreements, kept, splits = [], 0, list(_halves(seeds))
+    for half in splits:
+        rest = [k for k in range(seeds) if k not in half]
+        one, two = (
+            np.mean([found[:, chosen].mean(axis=1) for found in by_case], axis=0)
+            for chosen in (list(half), rest)
+        )
+        agreements.append(float(kendalltau(one, two).statistic))
+        for a, b in distinct:
+            if (one[a] - one[b]) * (two[a] - two[b]) > 0:
+                kept += 1
+            else:
+                pair = methods[a], methods[b]
+                turned[pair] = turned.get(pair, 0) + 1
+    share = kept / (len(distinct) * len(splits)) if distinct else float("nan")
+    return SplitHalf(len(splits), len(distinct), share, float(np.mean(agreements)), turned)
+
+
+def _halves(seeds: int) -> list[tuple[int, ...]]:
+    """Every way to choose half of the seeds; of an even number each only once."""
+    chosen = list(combinations(range(seeds), seeds // 2))
+    return [half for half in chosen if seeds % 2 or 0 in half]
 
 
 def main() -> int:
@@ -31,14 +98,14 @@ def main() -> int:
     asked = parser.parse_args()
     with exit_code() as code:
         entries = [entry for one in asked.results for entry in read_source(one).entries]
-        text = told(parts(entries)[0], asked.metric)
+        text = stability_text(parts(entries)[0], asked.metric)
         if asked.page is not None:
             into_page(asked.page, MARK, text)
         sys.stdout.write(text)
     return code.value
 
 
-def told(joined: Joined, metric: str) -> str:
+def stability_text(joined: Merged, metric: str) -> str:
     """What the halves say, in words.
 
     Raises:
@@ -54,11 +121,13 @@ def told(joined: Joined, metric: str) -> str:
             f"{LEAST_SEEDS} or more for each"
         )
     methods = [one.method for one in ranked(joined, metric).standings]
-    found = split_half(table_of(joined, methods, metric, joined.cases), better_of(joined, metric))
+    found = split_half(
+        table_of(joined, methods, metric, joined.cases), direction_of(joined, metric)
+    )
     return _text(found, len(methods), joined, metric)
 
 
-def _text(found: SplitHalf, methods: int, joined: Joined, metric: str) -> str:
+def _text(found: SplitHalf, methods: int, joined: Merged, metric: str) -> str:
     seeds = len(joined.seeds[joined.cases[0]])
     couples = methods * (methods - 1) // 2
     lines = [

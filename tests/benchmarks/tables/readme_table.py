@@ -7,10 +7,8 @@ stale.
 from __future__ import annotations
 
 import argparse
-import math
 import sys
-from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from eventsweep.emvs.errors import InputError
@@ -19,8 +17,8 @@ from eventsweep.eval.gate.baseline import Baseline, read_baseline
 from eventsweep.eval.report.html import plural
 from eventsweep.eval.report.ranking import mean_over_cases, table
 from eventsweep.eval.report.tables import as_markdown, ranking_table
-from eventsweep.eval.scoring.results import Row
 from eventsweep.eval.suite.definition import load
+from eventsweep.eval.suite.series import means_over_seeds
 from markdown_blocks import refresh
 
 METRICS = ("points", "mean_error", "median_error", "abs_rel", "bad_published", "delta_1")
@@ -32,20 +30,19 @@ def results_block(baseline: Baseline) -> str:
     Args:
         baseline: means over its seeds, then over those cases on which every method was run.
     """
-    by_case: dict[str, list[Row]] = defaultdict(list)
-    for one in baseline.series:
-        if one.metric in METRICS and "/" in one.method and " " not in one.method:
-            value = sum(one.values.values()) / len(one.values) if one.values else math.nan
-            row = Row(one.case, "all", one.method, one.metric, value, one.unit, one.better)
-            by_case[one.case].append(row)
-    rows = [row for found in by_case.values() for row in found]
-    if not rows:
+    wanted = [
+        one
+        for one in baseline.series
+        if one.metric in METRICS and "/" in one.method and " " not in one.method
+    ]
+    if not wanted:
         raise InputError("the baseline holds no method's scores; `eventsweep gate --update` does")
-    found = table(mean_over_cases(rows, "mean"), "mean_error", METRICS)
-    return as_markdown(ranking_table(found, "")) + "\n" + _sentence(baseline, by_case)
+    found = table(mean_over_cases(means_over_seeds(wanted), "mean"), "mean_error", METRICS)
+    cases = {one.case for one in wanted}
+    return as_markdown(ranking_table(found, "")) + "\n" + _sentence(baseline, cases)
 
 
-def _sentence(baseline: Baseline, cases: Mapping[str, Sequence[Row]]) -> str:
+def _sentence(baseline: Baseline, cases: Iterable[str]) -> str:
     version = baseline.versions.get("eventsweep", "?")
     return (
         f"Mean over scenes of `{baseline.name}` ({_scenes(baseline, cases)}) and "
@@ -58,11 +55,12 @@ def _sentence(baseline: Baseline, cases: Mapping[str, Sequence[Row]]) -> str:
 def _scenes(baseline: Baseline, cases: Iterable[str]) -> str:
     """The scenes, and the length of their windows, as the suite defines them."""
     suite, _ = load(baseline.name)
-    found: dict[str, list[str]] = defaultdict(list)
+    found: dict[str, list[str]] = {}
     for name in sorted(cases):
         case = suite.cases[name]
         lengths = " and ".join(f"{s:g}" for s in sorted({w.duration_s for w in case.windows}))
-        found[f"{plural(len(case.windows), 'window')} of {lengths} s"].append(case.scene)
+        about = f"{plural(len(case.windows), 'window')} of {lengths} s"
+        found.setdefault(about, []).append(case.scene)
     return "; ".join(f"{', '.join(scenes)}: {windows} each" for windows, scenes in found.items())
 
 

@@ -15,8 +15,9 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.ownership import strangers
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.gate.report import markdown, write_junit
-from eventsweep.eval.scoring.results import Results, Row, write_results
+from eventsweep.eval.scoring.results import Results, write_results
 from eventsweep.sim.parallel.checkpoint import CheckpointFolder, checkpoint_path
+from score_rows import score_row
 from small_pair import small_sequence
 
 
@@ -173,7 +174,7 @@ def test_everything_that_a_map_folder_gets_is_known(tmp_path, rec):
 
 
 def test_own_files_in_a_folder_are_written_anew_and_others_are_not(tmp_path, capsys):
-    rows = (Row("c", "all", "Alg1/H", "mean_error", 1.0, "m", "lower"),)
+    rows = (score_row("c", "all", "Alg1/H", "mean_error", 1.0, "m", "lower"),)
     for name in ("a", "b"):
         (tmp_path / name).mkdir()
         write_results(tmp_path / name, Results(rows))

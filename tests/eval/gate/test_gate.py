@@ -15,9 +15,9 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.gate import report
 from eventsweep.eval.gate.baseline import make_baseline, read_baseline, write_baseline
-from eventsweep.eval.gate.compare import DECIDING, Choice, Tolerances, Verdict, compare, is_red
+from eventsweep.eval.gate.compare import DECIDING, Choice, Judgement, Tolerances, compare, is_red
 from eventsweep.eval.gate.report import write_junit
-from eventsweep.eval.scoring.results import Results, Row, write_results
+from eventsweep.eval.scoring.results import Results, write_results
 from eventsweep.eval.suite.series import (
     SPEED_METHOD,
     SPEED_METRIC,
@@ -27,16 +27,17 @@ from eventsweep.eval.suite.series import (
     read_measured,
 )
 from places import ROOT
+from score_rows import score_row
 
 TOLERANCES = Tolerances()
 BASELINE = ROOT / "reports" / "baseline.json"
 
 
-def series(values, metric="mean_error", better="lower", case="desk", unit="m", identity="i"):
+def series(values, metric="mean_error", direction="lower", case="desk", unit="m", identity="i"):
     values = dict(enumerate(values)) if not isinstance(values, dict) else values
     return Series(
-        case=case, method="Alg1/H", metric=metric, unit=unit, better=better, identity=identity,
-        values=values,
+        case=case, method="Alg1/H", metric=metric, unit=unit, direction=direction,
+        identity=identity, values=values,
     )  # fmt: skip
 
 
@@ -56,7 +57,7 @@ BASE = series([0.10, 0.12, 0.14, 0.11, 0.13])
 
 
 @pytest.mark.parametrize(
-    ("better", "shift", "status"),
+    ("direction", "shift", "status"),
     [
         ("lower", 0.05, "worse"),
         ("lower", -0.05, "better"),
@@ -68,8 +69,8 @@ BASE = series([0.10, 0.12, 0.14, 0.11, 0.13])
         ("higher", 1e-4, "same"),
     ],
 )
-def test_direction_decides(better, shift, status):
-    base = BASE.model_copy(update={"better": better})
+def test_direction_decides(direction, shift, status):
+    base = BASE.model_copy(update={"direction": direction})
     now = base.model_copy(update={"values": {k: base.values[k] + shift for k in range(3)}})
     assert verdict(base, now).status == status
 
@@ -111,7 +112,7 @@ def test_a_failed_job_is_red_and_named():
 
 
 def test_what_is_new_is_told_and_not_red():
-    other = series([1, 1, 1], metric="points", better="higher")
+    other = series([1, 1, 1], metric="points", direction="higher")
     verdicts = compare({BASE.key: BASE}, measured(BASE, other), TOLERANCES)
     assert [one.status for one in verdicts] == ["new", "same"]
     assert not is_red(verdicts)
@@ -128,8 +129,8 @@ ALL = Choice()
 def judged(*changes, choice=ALL, identity="i"):
     """Verdicts where each (metric, direction) of a baseline of 1 has become its value."""
     base, now = [], []
-    for metric, better, value in changes:
-        about = {"metric": metric, "better": better}
+    for metric, direction, value in changes:
+        about = {"metric": metric, "direction": direction}
         base.append(series([1, 1, 1], **about))
         now.append(series([value] * 3, **about, identity=identity))
     return compare({one.key: one for one in base}, measured(*now), TOLERANCES, choice)
@@ -150,7 +151,7 @@ def test_a_gate_that_compared_nothing_is_red():
 
 @pytest.mark.parametrize("status", ["not comparable", "gone", "failed"])
 def test_fewer_numbers_than_the_baseline_asks_for_are_red(status):
-    other = series([1, 1, 1], metric="points", better="higher")
+    other = series([1, 1, 1], metric="points", direction="higher")
     lost = {
         "gone": [],
         "not comparable": [other.model_copy(update={"identity": "other"})],
@@ -163,7 +164,7 @@ def test_fewer_numbers_than_the_baseline_asks_for_are_red(status):
 
 @pytest.mark.parametrize("lost", [True, False])
 def test_what_decides_nothing_may_be_lost_unless_strict(lost):
-    other = series([1, 1, 1], metric="cause_noise", better="none")
+    other = series([1, 1, 1], metric="cause_noise", direction="none")
     found = [] if lost else [other.model_copy(update={"identity": "other"})]
     known = {BASE.key: BASE, other.key: other}
     assert not is_red(compare(known, measured(BASE, *found), TOLERANCES))
@@ -205,7 +206,7 @@ def test_a_mixed_result_says_which_metric_decides():
 
 def test_other_events_are_red_and_said_loudly():
     """Nobody can say whether the depth of other events is better."""
-    events = series([1000, 1000, 1000], metric="events", better="none").model_copy(
+    events = series([1000, 1000, 1000], metric="events", direction="none").model_copy(
         update={"method": "events"}
     )
     now = events.model_copy(update={"values": dict.fromkeys(range(3), 1100)})
@@ -223,7 +224,7 @@ def test_every_direction_of_the_projects_primary_numbers_is_known():
     """Only the input has none: of all else that decides, more or less is better."""
     known = read_baseline(BASELINE).series
     assert {one.metric for one in known} >= set(DECIDING)
-    undirected = {one.metric for one in known if one.metric in DECIDING and one.better == "none"}
+    undirected = {one.metric for one in known if one.metric in DECIDING and one.direction == "none"}
     assert undirected == {"events", "brighter_share"}
 
 
@@ -249,7 +250,7 @@ def test_a_name_that_the_baseline_does_not_have_is_refused():
 
 def test_speed_counts_by_its_best_and_by_a_factor():
     base = Series(
-        case="desk", method=SPEED_METHOD, metric=SPEED_METRIC, unit="x", better="lower",
+        case="desk", method=SPEED_METHOD, metric=SPEED_METRIC, unit="x", direction="lower",
         identity="i", values={0: 2.0, 1: 2.2, 2: 9.0},
     )  # fmt: skip
     cases = {2.0: "same", 2.9: "same", 3.1: "worse", 1.4: "same", 1.3: "better"}
@@ -375,11 +376,11 @@ def test_a_damaged_baseline_is_one_line(tmp_path, text):
 
 
 VERDICTS = [
-    Verdict(Key("desk", "Alg1/H", "mean_error"), "worse", "m", 0.1, 0.2, 0.01),
-    Verdict(Key("desk", "a|b <&>\x00", "bad"), "failed", "%", why="undefined (NaN) for seed 1"),
-    Verdict(Key("desk", "Alg1/A", "bad"), "not comparable", why="another scene", decides=False),
-    Verdict(Key("desk", "Alg1/G", "bad"), "better", "%", 3.0, 2.0, 0.5),
-    Verdict(Key("desk", "Alg1/min", "bad"), "same", "%", 3.0, 3.0, 0.5),
+    Judgement(Key("desk", "Alg1/H", "mean_error"), "worse", "m", 0.1, 0.2, 0.01),
+    Judgement(Key("desk", "a|b <&>\x00", "bad"), "failed", "%", why="undefined (NaN) for seed 1"),
+    Judgement(Key("desk", "Alg1/A", "bad"), "not comparable", why="another scene", decides=False),
+    Judgement(Key("desk", "Alg1/G", "bad"), "better", "%", 3.0, 2.0, 0.5),
+    Judgement(Key("desk", "Alg1/min", "bad"), "same", "%", 3.0, 3.0, 0.5),
 ]
 
 
@@ -415,7 +416,7 @@ def test_verdicts_as_json_have_no_nan():
 
 def results(folder, error=0.1, sequence="s", versions=None):
     rows = tuple(
-        Row("room", "all", "mine", metric, value, "m", "lower")
+        score_row("room", "all", "mine", metric, value, "m", "lower")
         for metric, value in (("mean_error", error), ("median_error", error / 2))
     )
     folder.mkdir()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eventsweep.eval.ranking.standings import places, split_half, standings
+from eventsweep.eval.ranking.standings import places, standings
 
 
 def table(means, cases=4, seeds=5, spread=0.05):
@@ -85,25 +85,3 @@ def test_no_difference_is_rarely_taken_for_one():
         values = {str(k): rng.lognormal(0, 0.3, (4, 5)).tolist() for k in range(5)}
         wrong += any(one.rank > 1 for one in standings(values, "lower"))
     assert wrong <= 20
-
-
-# Split in halves
-
-
-def test_halves_keep_a_clear_order_and_turn_an_unclear_one():
-    clear = split_half(table({"a": 1.0, "b": 1.5, "c": 2.5}), "lower")
-    assert (clear.splits, clear.pairs, clear.kept, clear.agreement) == (10, 3, 1.0, 1.0)
-    assert clear.turned == {}
-    even = split_half(table({"a": 1.0, "b": 1.5}, seeds=4), "lower")
-    assert even.splits == 3
-    unclear = split_half(table({"a": 1.0, "b": 1.0, "c": 1.0, "d": 1.0}, spread=0.5), "lower")
-    assert unclear.agreement < 0.8
-    assert np.isnan(unclear.kept) or unclear.pairs
-
-
-def test_a_couple_that_is_told_apart_and_turns_is_named():
-    values = {"a": [[1, 1, 1, 3]] * 3, "b": [[2, 2, 2, 2]] * 3, "c": [[9, 9, 9, 9]] * 3}
-    found = split_half(values, "lower")
-    assert found.pairs >= 2
-    if ("a", "b") in found.turned:
-        assert found.kept < 1

@@ -11,13 +11,14 @@ import pytest
 
 from eventsweep.emvs.data.image_stores import Photo
 from eventsweep.emvs.errors import InputError
-from eventsweep.eval.numbers import shown
+from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.overview import overview_png
 from eventsweep.eval.report.ranking import findings, fusion_order, mean_over_cases, order, table
 from eventsweep.eval.report.run_data import _range_s
 from eventsweep.eval.report.run_page import render, write_report
-from eventsweep.eval.scoring.results import Row
+from eventsweep.eval.scoring.results import tidy, together
 from report_data import METHODS, SHAPE, WellFormed, report_data
+from score_rows import score_row
 
 
 @pytest.fixture(scope="module")
@@ -65,14 +66,12 @@ def test_the_page_opens_on_whoever_has_rank_1_and_never_on_a_single_camera(name)
         replace(w, methods=(*w.methods, replace(w.methods[0], name=name, dsi_slice=None)))
         for w in data.cases[0].windows
     )
-    best = [
-        replace(r, method=name, value=0.5 * r.value)
-        for r in data.results.rows
-        if r.method == "Alg1/H"
-    ]
-    rows = [r for r in data.results.rows if r.method != name]
+    rows = data.results.rows
+    fused = rows[rows["method"] == "Alg1/H"]
+    best = fused.assign(method=name, value=0.5 * fused["value"])
+    rows = together([rows[rows["method"] != name], best])
     case = replace(data.cases[0], windows=windows)
-    page = render(replace(data, cases=(case,), results=replace(data.results, rows=(*rows, *best))))
+    page = render(replace(data, cases=(case,), results=replace(data.results, rows=rows)))
     shown = "Alg1/H" if name.startswith("EMVS") else name
     assert WellFormed(page).checked == ["case0-m0"]
     assert f'for="case0-m0">{shown}</label>' in page
@@ -118,8 +117,9 @@ def test_the_configuration_is_folded_up(one_case):
 
 def test_a_method_scored_of_whom_no_map_is_left_has_curves_but_no_pictures():
     data = report_data("desk")
-    given = [replace(r, method="Given/x") for r in data.results.rows if r.method == "Alg1/H"]
-    results = replace(data.results, rows=(*data.results.rows, *given))
+    rows = data.results.rows
+    given = rows[rows["method"] == "Alg1/H"].assign(method="Given/x")
+    results = replace(data.results, rows=together([rows, given]))
     page = render(replace(data, results=results))
     assert 'alt="Depth [m] of Given/x' not in page
     svg = page[page.index("tolerated error [cm]") - 40_000 :]
@@ -194,13 +194,18 @@ def test_the_order_is_measured(rows):
 
 
 def test_ties_are_called_ties():
-    tied = [Row("c", "all", f"Alg1/{m}", "rmse", 1.0, "m", "lower") for m in ("H", "G")]
+    tied = tidy(score_row("c", "all", f"Alg1/{m}", "rmse", 1.0, "m", "lower") for m in ("H", "G"))
     assert fusion_order(tied, "rmse") == "H = G"
+
+
+def of_methods(values):
+    """Mean errors of one case by method."""
+    return tidy(score_row("c", "all", m, "mean_error", v, "m", "lower") for m, v in values.items())
 
 
 def test_undefined_is_last_and_never_best():
     values = {"Alg1/min": math.nan, "Alg1/H": 2.0, "Alg1/A": 1.0}
-    tabled = [Row("c", "all", m, "mean_error", v, "m", "lower") for m, v in values.items()]
+    tabled = of_methods(values)
     got = table(tabled, "mean_error")
     assert [line.method for line in got.lines] == ["Alg1/A", "Alg1/H", "Alg1/min"]
     assert [line.cells[0].best for line in got.lines] == [True, False, False]
@@ -211,7 +216,7 @@ def test_the_best_of_each_column_follows_its_direction(rows):
     got = table(rows, "mean_error")
     for position, column in enumerate(got.columns):
         values = [line.cells[position].value for line in got.lines]
-        best = max(values) if column.better == "higher" else min(values)
+        best = max(values) if column.direction == "higher" else min(values)
         marked = [line.cells[position].value for line in got.lines if line.cells[position].best]
         assert set(marked) == {best}, column.name
 
@@ -231,7 +236,7 @@ def test_equal_methods_share_a_rank_and_undefined_ones_have_none():
         "e": math.nan,
         "f": math.nan,
     }
-    tabled = [Row("c", "all", m, "mean_error", v, "m", "lower") for m, v in values.items()]
+    tabled = of_methods(values)
     ranks = {line.method: line.rank for line in table(tabled, "mean_error").lines}
     assert ranks == {"a": 1, "b": 2, "EMVS/cam0": None, "c": 2, "d": 4, "e": None, "f": None}
 
@@ -249,7 +254,9 @@ def numbers(**values):
     for name, value in values.items():
         method, metric = name.split("__")
         unit = "px" if metric.endswith("points") else "m"
-        yield Row("c", "all", method.replace("_", "/"), metric, value, unit, "lower", points=7)
+        yield score_row(
+            "c", "all", method.replace("_", "/"), metric, value, unit, "lower", support=7
+        )
 
 
 PAIR = {
@@ -260,7 +267,7 @@ PAIR = {
 
 
 def test_a_sentence_compares_two_methods_on_the_pixels_of_both_and_says_how_many():
-    (sentence,) = findings(list(numbers(**PAIR)), "mean_error")
+    (sentence,) = findings(tidy(numbers(**PAIR)), "mean_error")
     assert (
         "on the 700 px that both report: mean error 10.00 cm against 25.00 cm (−60 %)" in sentence
     )
@@ -273,7 +280,7 @@ def test_a_prediction_has_a_sentence_of_its_own():
         "Given_x__mean_error": 0.4, "Given_x__points": 100, "Given_x__shared_points": 60,
         "Given_x__shared_mean_error": 0.3, "Given_x__harmonic_mean_error": 0.15,
     }  # fmt: skip
-    sentences = findings(list(numbers(**PAIR, **given)), "mean_error")
+    sentences = findings(tidy(numbers(**PAIR, **given)), "mean_error")
     (told,) = [one for one in sentences if one.startswith("Given/x")]
     assert "Given/x beside Alg1/H, on the 60 px" in told
     assert "30.00 cm against 15.00 cm (+100 %)" in told
@@ -285,7 +292,7 @@ MOTION = {"rig__baseline": 0.1, "rig__lateral_travel": 0.25}
 
 
 def why(**values):
-    found = [s for s in findings(list(numbers(**values)), "mean_error") if "is ahead of Alg1" in s]
+    found = [s for s in findings(tidy(numbers(**values)), "mean_error") if "is ahead of Alg1" in s]
     return found[0] if found else ""
 
 
@@ -306,19 +313,20 @@ def test_why_a_single_camera_is_ahead_follows_from_the_numbers():
 
 
 def test_counts_of_a_mean_are_of_all_its_cases():
-    rows = [
-        Row(case, "all", "Alg1/H", metric, value, unit, "none", points=points, low=1.0, high=2.0)
+    rows = tidy(
+        score_row(case, "all", "Alg1/H", metric, value, unit, "none", "all", points, 1.0, 2.0)
         for case, points in (("a", 30), ("b", 10))
         for metric, value, unit in (("cause_noise", 60.0, "%"), ("mean_error", 0.1, "m"))
-    ]
-    single = [replace(r, metric="common_points", value=r.points, unit="px") for r in rows[::2]]
-    mean = mean_over_cases([*rows, *single], "mean")
-    assert {row.points for row in mean} == {40}
-    assert {(row.low, row.high) for row in mean} == {(None, None)}
+    )
+    causes = rows[rows["metric"] == "cause_noise"]
+    single = causes.assign(metric="common_points", value=causes["support"].astype(float), unit="px")
+    mean = mean_over_cases(together([rows, single]), "mean")
+    assert set(mean["support"]) == {40}
+    assert mean[["low", "high"]].isna().all(axis=None)
     (told,) = findings(mean, "mean_error", 2)
     assert told.startswith("Why 40 px of Alg1/H in 2 cases are off by more than a tenth (mean of")
     assert told.endswith("noise 60 %.")
-    (alone,) = findings([r for r in rows if r.case == "b"], "mean_error")
+    (alone,) = findings(rows[rows["case"] == "b"], "mean_error")
     assert alone == "Why 10 px of Alg1/H are off by more than a tenth: noise 60 %."
 
 
@@ -331,19 +339,20 @@ def test_pixels_of_a_mean_are_said_to_be_a_cases():
 
 def test_the_mean_over_cases_weighs_cases_and_keeps_undefined():
     parts = [
-        Row("a", "all", "Alg1/H", "rmse", 1.0, "m", "lower"),
-        Row("b", "all", "Alg1/H", "rmse", 3.0, "m", "lower"),
-        Row("a", "all", "Alg1/A", "rmse", 1.0, "m", "lower"),
-        Row("b", "all", "Alg1/A", "rmse", math.nan, "m", "lower"),
+        score_row("a", "all", "Alg1/H", "rmse", 1.0, "m", "lower"),
+        score_row("b", "all", "Alg1/H", "rmse", 3.0, "m", "lower"),
+        score_row("a", "all", "Alg1/A", "rmse", 1.0, "m", "lower"),
+        score_row("b", "all", "Alg1/A", "rmse", math.nan, "m", "lower"),
     ]
-    only_one_case = Row("a", "all", "mine", "rmse", 1.0, "m", "lower")
-    means = {row.method: row.value for row in mean_over_cases([*parts, only_one_case], "mean")}
+    only_one_case = score_row("a", "all", "mine", "rmse", 1.0, "m", "lower")
+    found = mean_over_cases(tidy([*parts, only_one_case]), "mean")
+    means = dict(zip(found["method"], found["value"], strict=True))
     assert means["Alg1/H"] == 2.0
     assert math.isnan(means["Alg1/A"])
     assert math.isnan(means["mine"])
 
 
 def test_numbers_are_shown_in_units_that_people_read():
-    assert shown(0.0625, "m") == "6.25"
-    assert shown(1234567.0, "px") == "1,234,567"
-    assert shown(math.nan, "%") == "–"
+    assert displayed(0.0625, "m") == "6.25"
+    assert displayed(1234567.0, "px") == "1,234,567"
+    assert displayed(math.nan, "%") == "–"

@@ -241,7 +241,8 @@ def test_hostile_names_run_nothing(tmp_path, data):
     case = replace(
         data.cases[0], name=hostile, windows=(replace(window, name=hostile, methods=methods),)
     )
-    rows = tuple(replace(r, case=hostile, method=r.method + hostile) for r in data.results.rows)
+    rows = data.results.rows
+    rows = rows.assign(case=hostile, method=rows["method"] + hostile)
     page = render(replace(data, cases=(case,), results=replace(data.results, rows=rows)))
     assert _ask(tmp_path, page, "return window.hit ?? 0;") == 0
 

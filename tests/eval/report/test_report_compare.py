@@ -25,11 +25,12 @@ from eventsweep.eval.report.compare.page import (
 from eventsweep.eval.report.compare.results import read_compared
 from eventsweep.eval.report.html import Section
 from eventsweep.eval.scoring.metrics import PRIMARY
-from eventsweep.eval.scoring.results import Results, Row, write_results
+from eventsweep.eval.scoring.results import Results, write_results
 from eventsweep.eval.scoring.significance import holm, interval
 from eventsweep.eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult, write_suite
 from eventsweep.sim.config import SimConfig
 from report_data import WellFormed, report_data
+from score_rows import score_row
 
 METRICS = {"mean_error": ("m", "lower"), "bad_published": ("%", "lower"),
            "points": ("px", "higher"), "rmse": ("m", "lower"),
@@ -51,10 +52,8 @@ def configuration(case="desk", **values):
 def run_folder(path, factor=1.0, case="desk", **changes):
     """`results.json` of a run of one seed; `factor` changes its mean error."""
     results = report_data(case).results
-    rows = tuple(
-        replace(row, value=row.value * factor) if row.metric == "mean_error" else row
-        for row in results.rows
-    )
+    rows = results.rows
+    rows.loc[rows["metric"] == "mean_error", "value"] *= factor
     path.mkdir(parents=True)
     changes.setdefault("configuration", configuration(case))
     write_results(path, replace(results, rows=rows, **changes))
@@ -71,13 +70,17 @@ def suite_folder(path, values, *, mapper=None, facts=FACTS, windows=None, jobs=(
     seeds = {seed for case in values.values() for method in case.values()
              for metric in method.values() for seed in metric}  # fmt: skip
     samples = [
-        Sample(case, seed, tuple(rows_of(case, seed, methods)), facts)
+        (Sample(case, seed, facts), rows)
         for case, methods in values.items()
         for seed in sorted(seeds)
+        if (rows := list(rows_of(case, seed, methods)))
     ]
-    samples = tuple(sample for sample in samples if sample.rows)
+    rows = [row for _, found in samples for row in found]
+    samples = tuple(sample for sample, _ in samples)
     path.mkdir(parents=True)
-    write_suite(path, SuiteResult("s", "all", "d", definition, {}, tuple(seeds), samples, jobs))
+    write_suite(
+        path, SuiteResult("s", "all", "d", definition, {}, tuple(seeds), samples, rows, jobs)
+    )
     return path
 
 
@@ -85,7 +88,8 @@ def rows_of(case, seed, methods):
     for method, metrics in methods.items():
         for metric, by_seed in metrics.items():
             for k, value in enumerate(by_seed.get(seed, ())):
-                yield Row(case, f"w{k:03d}", method, metric, value, *METRICS[metric])
+                about = (case, f"w{k:03d}", method, metric, value, *METRICS[metric])
+                yield score_row(*about, seed=seed)
 
 
 def spread(seeds, shift=0.0, noise=0.01, windows=3, draw=0):
@@ -157,7 +161,7 @@ def test_a_default_that_is_stated_is_no_difference(tmp_path):
     assert compared(*folders[:2]).differing == ()
     assert settings_text(compared(*folders[:2])) == "No setting differs."
     (planes,) = compared(*folders[1:]).differing
-    assert planes.told == ("100 (default)", "50")
+    assert planes.labelled_texts == ("100 (default)", "50")
 
 
 def test_a_setting_that_one_case_alone_has_names_it(tmp_path):
@@ -182,7 +186,7 @@ def test_a_suites_code_and_failures_are_named(tmp_path):
     assert [(one.name, one.texts) for one in comparison.differing] == [
         ("code of map", ("def", "abc"))
     ]
-    assert "Failed in b: map/desk/seed1: no room" in comparison.pairs[0].apart
+    assert "Failed in b: map/desk/seed1: no room" in comparison.pairs[0].only_in_one
 
 
 # --- numbers
@@ -234,12 +238,12 @@ def test_many_numbers_need_more_to_be_called_different(tmp_path):
         folders.append(suite_folder(tmp_path / name, {"desk": values}))
     found = numbers(compared(*folders))
     assert [one.p_holm for one in found] == holm([one.p for one in found])
-    spared = [one for one in found if one.p < 0.05 <= one.p_holm]
-    assert spared, "a draw that shows nothing"
-    assert {one.verdict for one in spared} == {"no difference shown"}
-    assert {one.why for one in spared} == {"worse, but for the number of tests"}
-    assert all(one.spared for one in spared)
-    assert f"({len(spared)} of these only for the number of tests" in page_text(compared(*folders))
+    lost = [one for one in found if one.p < 0.05 <= one.p_holm]
+    assert lost, "a draw that shows nothing"
+    assert {one.verdict for one in lost} == {"no difference shown"}
+    assert {one.why for one in lost} == {"worse, but for the number of tests"}
+    assert all(one.lost_to_correction for one in lost)
+    assert f"({len(lost)} of these only for the number of tests" in page_text(compared(*folders))
 
 
 def test_one_seed_has_no_interval_and_decides_nothing(tmp_path, capsys):
@@ -265,7 +269,7 @@ def test_one_seed_of_several_is_compared_with_itself_alone(tmp_path):
     one = number(comparison)
     assert (one.seeds, one.verdict) == (1, "undecided")
     assert one.first == pytest.approx(np.mean(values[3]))
-    assert "Only a has the seeds 0, 1, 2, 4." in comparison.pairs[0].apart
+    assert "Only a has the seeds 0, 1, 2, 4." in comparison.pairs[0].only_in_one
 
 
 def test_without_a_common_seed_nothing_is_paired(tmp_path):
@@ -303,7 +307,7 @@ def test_what_is_common_is_compared_and_the_rest_is_named(tmp_path):
         suite_folder(tmp_path / "b", {"desk": {"Alg1/H": h, "Own": h}, "stairs": {"Own": h}}),
     )
     assert {(one.case, one.method) for one in numbers(comparison)} == {("desk", "Alg1/H")}
-    assert set(comparison.pairs[0].apart) == {
+    assert set(comparison.pairs[0].only_in_one) == {
         "Only a has the case boxes.", "Only a has the method Alg1/G.",
         "Only b has the case stairs.", "Only b has the method Own.",
     }  # fmt: skip
@@ -317,7 +321,7 @@ def test_windows_of_another_time_are_no_pair(tmp_path):
     )
     mean = np.mean([[v[0], v[2]] for v in values["desk"]["Alg1/H"]["mean_error"].values()])
     assert number(comparison).first == pytest.approx(mean)
-    assert comparison.pairs[0].apart == (
+    assert comparison.pairs[0].only_in_one == (
         "Only a has the window w001 at 0.15 s.", "Only b has the window w001 at 0.2 s.",
     )  # fmt: skip
 
@@ -389,7 +393,7 @@ def test_nothing_in_common_is_one_line_and_leaves_nothing(tmp_path, capsys, what
     else:
         folders[1].mkdir()
         write_results(
-            folders[1], Results((Row("desk", "all", "Own", "mean_error", 1.0, "m", "lower"),))
+            folders[1], Results((score_row("desk", "all", "Own", "mean_error", 1.0, "m", "lower"),))
         )
     out = tmp_path / "out"
     assert main(["compare", *map(str, folders), "--out", str(out)]) == 2
@@ -485,7 +489,7 @@ def test_the_page_is_whole_and_loads_nothing(tmp_path):
 
 def test_names_from_files_are_escaped(tmp_path):
     hostile = "<script>alert(1)</script>"
-    rows = (Row(hostile, "all", hostile, "mean_error", 1.0, "m", "lower"),)
+    rows = (score_row(hostile, "all", hostile, "mean_error", 1.0, "m", "lower"),)
     names = ("a<b>&'c", "plain")
     for name in names:
         (tmp_path / name).mkdir()
@@ -545,11 +549,10 @@ def test_maps_lie_side_by_side_on_one_scale(tmp_path, monkeypatch):
 def test_pictures_and_tables_begin_with_the_best_of_the_first_result(tmp_path, monkeypatch):
     data = report_data("desk")
     worse = {"Alg1/H": 3.0, "Alg1/max": 0.5}
-    rows = tuple(
-        replace(row, value=worse.get(row.method, 1.0)) if row.metric == "mean_error" else row
-        for row in data.results.rows
-    )
-    swapped = replace(data, results=replace(data.results, rows=rows))
+    rows = data.results.rows
+    chosen = rows["metric"] == "mean_error"
+    rows.loc[chosen, "value"] = [worse.get(method, 1.0) for method in rows["method"][chosen]]
+    swapped = data
     picture_data(monkeypatch, a=swapped, b=swapped)
     results = read_compared([run_folder(tmp_path / "a"), run_folder(tmp_path / "b")])
     (drawn,), _ = side_by_side.pictures_of(results, ["desk"])

@@ -7,10 +7,11 @@ import pytest
 
 from eventsweep.emvs.utils.ownership import strangers
 from eventsweep.eval.cli.main import main
-from eventsweep.eval.scoring.results import POOLED, Row
+from eventsweep.eval.scoring.results import POOLED, tidy, together
 from eventsweep.eval.suite import output
 from eventsweep.eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult
 from report_data import WellFormed
+from score_rows import score_row
 
 # Mean error by case, method and seed, m.
 ERRORS_M = {
@@ -22,20 +23,21 @@ ERRORS_M = {
 def sample(case, seed, metric="mean_error"):
     rows = []
     for method, errors in ERRORS_M[case].items():
-        rows.append(Row(case, POOLED, method, metric, errors[seed], "m", "lower"))
-        rows.append(Row(case, POOLED, method, "points", 12345.0, "px", "higher"))
-    rows.append(Row(case, POOLED, "events", "events", 9.0, "", "none"))
-    return Sample(case, seed, tuple(rows), SampleFacts("s", "t", "n", "osmesa", {}, {}, {}))
+        rows.append(score_row(case, POOLED, method, metric, errors[seed], "m", "lower"))
+        rows.append(score_row(case, POOLED, method, "points", 12345.0, "px", "higher"))
+    rows.append(score_row(case, POOLED, "events", "events", 9.0, "events", "none"))
+    return Sample(case, seed, SampleFacts("s", "t", "n", "osmesa", {}, {}, {})), tidy(rows, seed)
 
 
 @pytest.fixture(params=["mean_error"])
 def folder(tmp_path, request):
     metric = request.param
-    samples = tuple(sample(case, seed, metric) for case in ERRORS_M for seed in (0, 1))
+    scored = [sample(case, seed, metric) for case in ERRORS_M for seed in (0, 1)]
+    samples, rows = zip(*scored, strict=True)
     failed = JobNote("map/<b>", failure="it <broke>")
     result = SuiteResult(
         "mine-v1", "all", "digest", {"metrics": [metric, "points", "events"]},
-        dict.fromkeys(ERRORS_M, "hash"), (0, 1), samples, (failed,),
+        dict.fromkeys(ERRORS_M, "hash"), (0, 1), samples, together(rows), (failed,),
     )  # fmt: skip
     (tmp_path / "out").mkdir()
     output.write(tmp_path / "out", result)
@@ -87,9 +89,16 @@ def test_what_is_for_runs_is_refused(folder, capsys):
 
 
 def test_one_case_has_no_mean_over_cases(tmp_path):
-    samples = tuple(sample("a", seed) for seed in (0, 1))
+    samples, rows = zip(*(sample("a", seed) for seed in (0, 1)), strict=True)
     result = SuiteResult(
-        "mine-v1", "all", "d", {"metrics": ["mean_error"]}, {"a": "h"}, (0, 1), samples
+        "mine-v1",
+        "all",
+        "d",
+        {"metrics": ["mean_error"]},
+        {"a": "h"},
+        (0, 1),
+        samples,
+        together(rows),
     )
     output.write(tmp_path, result)
     assert main(["report", str(tmp_path), "--quiet"]) == 0

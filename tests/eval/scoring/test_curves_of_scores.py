@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.reference_view import inverse_depth_planes
 from eventsweep.eval.report.ranking import column, findings
 from eventsweep.eval.scoring.curves import coverage_curve
@@ -19,13 +18,17 @@ from eventsweep.eval.scoring.metrics import Pairs, cell_error
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.scoring.pairing import Estimate, MethodPairs, Truth, pair_methods
 from eventsweep.eval.scoring.regions import REGIONS
-from eventsweep.eval.scoring.results import Results, Row, read_results, write_results
+from eventsweep.eval.scoring.results import Results, each, read_results, write_results
 from eventsweep.eval.scoring.score import case_rows, mean_rows
-from eventsweep.eval.scoring.significance import rank_runs, unit_values
+from score_rows import score_row, texts
 
 
 def values(pairs):
     return {score.metric: score.value for score in score_pairs(pairs)}
+
+
+def curve_of(pairs):
+    return coverage_curve(pairs.error_m, pairs.confidence, pairs.truth_count)
 
 
 def by_hand():
@@ -36,7 +39,7 @@ def by_hand():
 
 
 def test_coverage_by_hand():
-    found = coverage_curve(by_hand())
+    found = curve_of(by_hand())
     np.testing.assert_array_equal(found.points, [1, 3, 4])
     np.testing.assert_allclose(found.coverage, [12.5, 37.5, 50])
     np.testing.assert_allclose(found.mean_error_m, [0.5, 0.7 / 3, 0.2])
@@ -86,7 +89,7 @@ def confident_pairs(draw):
 
 @given(confident_pairs())
 def test_coverage_ends_at_all_pixels_and_no_order_beats_the_best(pairs):
-    found, got = coverage_curve(pairs), values(pairs)
+    found, got = curve_of(pairs), values(pairs)
     assert found.mean_error_m[-1] == pytest.approx(got["mean_error"])
     assert found.coverage[-1] == pytest.approx(got["completeness"])
     assert (found.best_error_m <= found.mean_error_m * (1 + 1e-12)).all()
@@ -138,7 +141,7 @@ def test_regions_by_hand():
     assert got["interior_completeness"].value == pytest.approx(100 * 2 / 6)
     assert got["interior_mean_error"].region == "interior"
     assert got["common_points"].region == "common"
-    assert (got["mean_error"].points, got["interior_mean_error"].points) == (3, 2)
+    assert (got["mean_error"].support, got["interior_mean_error"].support) == (3, 2)
 
 
 def test_an_empty_prediction_has_no_errors_in_any_region_and_completes_none():
@@ -158,14 +161,15 @@ def test_shares_of_causes_add_up_and_say_of_how_many():
     assert set(shares) == {f"cause_{cause}" for cause in CAUSES}
     assert sum(s.value for s in shares.values()) == pytest.approx(100)
     assert shares["cause_occlusion"].value == 50
-    assert {s.points for s in shares.values()} == {8}
+    assert {s.support for s in shares.values()} == {8}
 
 
 def test_findings_name_the_causes_of_outliers_from_the_most_frequent_on():
     causes = dict(zip(CAUSES, (1, 0, 5, 0, 2, 0, 0, 0), strict=True))
     pairs = regional_pairs()["Alg1/H"]
     windows = {"w000": {"Alg1/H": MethodPairs(pairs.own, pairs.common, causes=causes)}}
-    rows = [row for row in case_rows("desk", windows) if row.window == "all"]
+    rows = case_rows("desk", windows)
+    rows = rows[rows["window"] == "all"]
     assert findings(rows, "mean_error")[-1].endswith(
         "8 px of Alg1/H are off by more than a tenth: "
         "occlusion 62 %, few events 25 %, out of range 12 %."
@@ -179,7 +183,7 @@ def test_every_row_has_a_heading_that_says_its_region():
     pairs = regional_pairs()["Alg1/H"]
     for score in score_method(MethodPairs(pairs.own, pairs.common, pairs.regions, causes)):
         found = column(score.metric)
-        assert (found.name, found.better) == (score.metric, score.better)
+        assert (found.name, found.direction) == (score.metric, score.direction)
         assert score.region in REGIONS
         assert score.region == "all" or REGIONS[score.region] in found.formula
     assert len(REGION_NAMES) == len(set(REGION_NAMES))
@@ -188,54 +192,32 @@ def test_every_row_has_a_heading_that_says_its_region():
 def test_mean_of_windows_weighs_windows_and_has_no_interval():
     """They are of one seed, and say nothing of how another would do."""
     windows = {f"w{k:03d}": regional_pairs(0.1 * k) for k in range(4)}
-    rows = [row for row in case_rows("desk", windows) if row.method == "Alg1/H"]
+    rows = [row for row in each(case_rows("desk", windows)) if row.method == "Alg1/H"]
     errors = [row for row in rows if row.metric == "median_error"]
     single = [row.value for row in errors if row.window.startswith("w")]
     (mean,) = [row for row in errors if row.window == "mean"]
     assert mean.value == pytest.approx(np.mean(single))
-    assert mean.points == 12
-    assert [(row.low, row.high) for row in errors] == [(None, None)] * 6
-    again = [row for row in case_rows("desk", windows) if row.method == "Alg1/H"]
+    assert mean.support == 12
+    assert all(math.isnan(row.low) and math.isnan(row.high) for row in errors)
+    again = [row for row in each(case_rows("desk", windows)) if row.method == "Alg1/H"]
     assert repr(again) == repr(rows)
 
 
 def test_a_number_that_a_window_lacks_has_no_mean():
-    one = Row("desk", "w000", "Alg1/H", "mean_error", 1.0, "m", "lower", points=3)
-    other = Row("desk", "w001", "Alg1/H", "rmse", 2.0, "m", "lower", points=3)
-    rows = mean_rows([[one, other], [one]])
-    assert (rows[0].metric, rows[0].value) == ("mean_error", 1.0)
-    assert math.isnan(rows[1].value)
-    assert rows[1].points is None
+    one = score_row("desk", "w000", "Alg1/H", "mean_error", 1.0, "m", "lower", support=3)
+    other = score_row("desk", "w001", "Alg1/H", "rmse", 2.0, "m", "lower", support=3)
+    rows = mean_rows([one, {**other, "window": "w000"}, {**one, "window": "w001"}])
+    assert (rows[0]["metric"], rows[0]["value"], rows[0]["support"]) == ("mean_error", 1.0, 6)
+    assert math.isnan(rows[1]["value"])
+    assert rows[1]["support"] is None
     assert mean_rows([]) == []
 
 
 def test_regions_and_intervals_travel_to_disk(tmp_path):
-    row = Row("desk", "mean", "Alg1/H", "interior_mean_error", 0.5, "m", "lower",
-              "interior", 12, 0.25, 0.75)  # fmt: skip
+    row = score_row("desk", "mean", "Alg1/H", "interior_mean_error", 0.5, "m", "lower",
+                    "interior", 12, 0.25, 0.75)  # fmt: skip
     write_results(tmp_path, Results((row,)))
-    assert read_results(tmp_path).rows == (row,)
+    assert texts(read_results(tmp_path).rows) == texts([row])
     assert (tmp_path / "results.csv").read_text().splitlines()[1] == (
-        "desk,mean,Alg1/H,interior_mean_error,0.5,m,lower,interior,12,0.25,0.75"
+        "desk,,mean,Alg1/H,interior_mean_error,0.5,m,lower,interior,12,0.25,0.75"
     )
-
-
-def run(seed, **errors):
-    rows = [Row("desk", "mean", method, "mean_error", value, "m", "lower")
-            for method, value in errors.items()]  # fmt: skip
-    return Results(tuple(rows), seed=seed)
-
-
-def test_runs_of_several_seeds_are_ranked_with_ties():
-    rng = np.random.default_rng(0)
-    runs = [run(seed, a=1 + (x := rng.normal()), b=x + 2, c=x + 1 + rng.normal(0, 0.1))
-            for seed in range(8)]  # fmt: skip
-    found = rank_runs(runs, "mean_error")
-    assert {one.method: one.rank for one in found.standings} == {"a": 1, "c": 1, "b": 3}
-    units, table, better = unit_values([*runs[:1], run(9, b=1.0)], "mean_error")
-    assert units == (("desk", 0), ("desk", 9))
-    assert np.isnan(table["a"][1])
-    assert better == "lower"
-    with pytest.raises(InputError, match="in two runs"):
-        rank_runs([runs[0], runs[0]], "mean_error")
-    with pytest.raises(InputError, match="no rows of metric rmse"):
-        rank_runs(runs, "rmse")

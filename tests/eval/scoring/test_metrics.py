@@ -139,7 +139,7 @@ def test_perfect_prediction_is_perfect():
     got = {s.metric: s for s in score_pairs(pairs)}
     for name in ALL_METRICS:
         if name != "points":
-            assert got[name].value == (100 if got[name].better == "higher" else 0), name
+            assert got[name].value == (100 if got[name].direction == "higher" else 0), name
     assert got["points"].value == np.count_nonzero(valid)
 
 
@@ -351,7 +351,7 @@ def test_every_metric_says_what_it_is():
         assert metric.title
         assert metric.formula
         assert metric.unit
-        assert metric.better in ("lower", "higher")
+        assert metric.direction in ("lower", "higher")
     registries = (METRICS, CELL_METRICS, CURVE_METRICS, COVERAGE_METRICS)
     assert len(ALL_METRICS) == sum(map(len, registries))
 

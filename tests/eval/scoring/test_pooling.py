@@ -1,4 +1,4 @@
-"""Pooling window by window: as if all windows' pixels were one window's, in flat memory."""
+"""Pooling window by window: as if all windows' pixels were one window's, in bounded memory."""
 
 from __future__ import annotations
 
@@ -11,12 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.eval.scoring.external_sort import SortedRuns
 from eventsweep.eval.scoring.method_scores import ALL_METRICS, score_method, score_pairs
 from eventsweep.eval.scoring.metrics import Pairs
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.scoring.pairing import MethodPairs
-from eventsweep.eval.scoring.pooling import CasePool, Pool
+from eventsweep.eval.scoring.pooling import CasePool, NumberStore, Pool
 from eventsweep.eval.scoring.score import case_rows
 from naive_metrics import pooled, pooled_methods
 
@@ -39,25 +38,27 @@ def values(scores):
     return {score.metric: score.value for score in scores}
 
 
-def pool_of(windows, folder, most):
-    pool = Pool(ALL_METRICS, folder, "pool")
-    for window in windows:
-        pool.add(window, values(score_pairs(window)))
-    return pool.values(most)
+def pool_of(windows, most_bytes=1 << 20):
+    with NumberStore(most_bytes) as store:
+        pool = Pool(ALL_METRICS, store)
+        for window in windows:
+            pool.add(window, values(score_pairs(window)))
+        return pool.values()
 
 
 lists = st.lists(st.tuples(st.integers(0, 99), st.integers(0, 40)), min_size=1, max_size=6)
 
 
-@given(lists, st.integers(1, 60), st.booleans(), st.booleans(), st.sampled_from([1, 3, 1000]))
+@given(lists, st.integers(0, 900), st.booleans(), st.booleans(), st.sampled_from([1, 3, 1000]))
 def test_pooled_values_are_those_of_one_large_window(
-    tmp_path_factory, windows, most, cells, confidence, levels
+    windows, most_bytes, cells, confidence, levels
 ):
     parts = [
         made(seed, count, cells=cells, confidence=confidence, levels=levels)
         for seed, count in windows
     ]
-    got = pool_of(parts, tmp_path_factory.mktemp("pool"), most)
+    got = pool_of(parts, most_bytes)
+    assert repr(got) == repr(pool_of(parts))  # to the last digit, in memory or in a file
     whole = values(score_pairs(pooled(parts)))
     assert list(got) == list(ALL_METRICS)
     for name, value in got.items():
@@ -65,21 +66,21 @@ def test_pooled_values_are_those_of_one_large_window(
 
 
 @pytest.mark.parametrize("lacking", ["cells", "confidence"])
-def test_a_window_without_a_column_leaves_the_pool_without(tmp_path, lacking):
+def test_a_window_without_a_column_leaves_the_pool_without(lacking):
     parts = [made(1, 20), made(2, 20, **{lacking: False}), made(3, 20)]
-    got = pool_of(parts, tmp_path, 1000)
+    got = pool_of(parts)
     lost = {"cells": ("mean_cells", "median_cells", "bad_1cell")}.get(lacking, ("aurc", "ause"))
     assert np.isnan([got[name] for name in lost]).all()
     assert got["mean_error"] == pytest.approx(values(score_pairs(pooled(parts)))["mean_error"])
 
 
-def test_one_camera_pools_and_two_rigs_do_not(tmp_path):
+def test_one_camera_pools_and_two_rigs_do_not():
     alone = made(1, 5, baseline_focal=float("nan"))
-    got = pool_of([alone, alone], tmp_path, 1000)
+    got = pool_of([alone, alone])
     assert got["points"] == 10
     assert np.isnan(got["bad_1px"])
     with pytest.raises(InputError, match=r"22\.6 and 124"):
-        pool_of([made(1, 5), made(2, 5, baseline_focal=124.0)], tmp_path, 1000)
+        pool_of([made(1, 5), made(2, 5, baseline_focal=124.0)])
 
 
 def regional(seed, names):
@@ -93,13 +94,14 @@ def test_a_case_is_pooled_by_method_region_and_cause(causes):
     parts = [regional(k, ["edges", "moving"] if k else ["edges", "static"]) for k in range(3)]
     if not causes:
         parts[1] = MethodPairs(parts[1].own, parts[1].common, parts[1].regions)
-    with CasePool(most=7) as pool:
+    with NumberStore(700) as store:
+        pool = CasePool(store)
         for part in parts:
             pool.add({"Alg1/H": part}, {"Alg1/H": score_method(part)})
         got = pool.scores()["Alg1/H"]
     want = score_method(pooled_methods(parts))
-    assert [(s.metric, s.unit, s.better, s.region, s.points) for s in got] == [
-        (s.metric, s.unit, s.better, s.region, s.points) for s in want
+    assert [(s.metric, s.unit, s.direction, s.region, s.support) for s in got] == [
+        (s.metric, s.unit, s.direction, s.region, s.support) for s in want
     ]
     np.testing.assert_allclose([s.value for s in got], [s.value for s in want], rtol=1e-11)
 
@@ -107,61 +109,51 @@ def test_a_case_is_pooled_by_method_region_and_cause(causes):
 def test_rows_of_windows_that_come_one_by_one_are_those_of_all_at_once():
     windows = {f"w{k:03d}": {"Alg1/H": regional(k, ["edges"])} for k in range(3)}
     rows = case_rows("desk", windows)
-    assert repr(case_rows("desk", iter(windows.items()))) == repr(rows)
-    assert case_rows("desk", {}) == []
-
-
-keys = st.lists(st.integers(0, 5), max_size=30)
-
-
-@given(st.lists(keys, max_size=5), st.integers(1, 40))
-def test_order_is_that_of_a_stable_sort(tmp_path_factory, runs, most):
-    ordered = SortedRuns(tmp_path_factory.mktemp("order") / "keys")
-    number = 0
-    for run in runs:
-        ordered.add(np.array(run, float), np.arange(number, number + len(run), dtype=float))
-        number += len(run)
-    whole = np.array([key for run in runs for key in run], float)
-    chunks = list(ordered.chunks(most))
-    got = np.concatenate([values for _, values in chunks]) if chunks else np.empty(0)
-    np.testing.assert_array_equal(got, np.argsort(whole, kind="stable"))
-    most_equal = max((np.count_nonzero(whole == key) for key in whole), default=0)
-    assert all(len(found) <= max(most, most_equal) for found, _ in chunks)
-    median = float(np.median(whole)) if len(whole) else float("nan")
-    assert ordered.median(most) == pytest.approx(median, nan_ok=True)
+    assert case_rows("desk", iter(windows.items())).equals(rows)
+    assert case_rows("desk", {}).empty
 
 
 def traced_mib(windows):
-    """Largest allocation while so many windows of 10 000 pixels are pooled."""
+    """Largest allocation while so many windows of 10 000 pixels are added."""
     gc.collect()
     tracemalloc.start()
-    with CasePool(most=10_000) as pool:
+    with NumberStore(100_000) as store:
+        pool = CasePool(store)
         for k in range(windows):
             own = Pairs(*np.random.default_rng(k).uniform(1, 6, (2, 10_000)), 20_000, 22.6,
                         *np.random.default_rng(k).uniform(0, 9, (2, 10_000)))  # fmt: skip
             part = MethodPairs(own, own)
             pool.add({"Alg1/H": part}, {"Alg1/H": score_method(part)})
-        pool.scores()
+            del own, part
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     return peak / 2**20
 
 
-def test_memory_does_not_grow_with_windows():
+def test_memory_does_not_grow_with_windows_beyond_what_is_kept_in_it():
     assert traced_mib(24) < 1.2 * traced_mib(4)
 
 
-def test_a_full_disk_is_one_clear_line(tmp_path, monkeypatch):
-    def full(self, *_):
+def test_a_full_disk_is_one_clear_line(monkeypatch):
+    def full(**_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("pathlib.Path.open", full)
+    monkeypatch.setattr("tempfile.TemporaryFile", full)
     with pytest.raises(InputError, match=r"No space left on device.*TMPDIR"):
-        SortedRuns(tmp_path / "keys").add(np.ones(3))
+        NumberStore(0).keep(np.ones(3))
+
+
+def test_what_is_kept_is_given_back_with_its_type():
+    with NumberStore(20) as store:
+        arrays = [np.arange(k, dtype=dtype) for k in (2, 5, 0, 7) for dtype in (float, "float32")]
+        kept = [store.keep(one) for one in arrays]
+        for one, back in zip(arrays, kept, strict=True):
+            np.testing.assert_array_equal(back(), one, strict=True)
 
 
 def test_nothing_is_left_behind(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("eventsweep.eval.scoring.score.NumberStore", lambda: NumberStore(0))
     case_rows("desk", {"w000": {"Alg1/H": regional(1, ["edges"])}})
     windows = iter([("w000", {"Alg1/H": regional(1, [])}), ("w001", {})])
     with pytest.raises(KeyError):

@@ -15,13 +15,14 @@ from hypothesis import strategies as st
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.scoring.method_scores import ALL_METRICS
-from eventsweep.eval.scoring.results import UNITS, Results, Row, read_results, write_results
+from eventsweep.eval.scoring.results import UNITS, Results, read_results, write_results
 from places import ROOT
+from score_rows import score_row, texts
 
 ROWS = (
-    Row("desk", "w000", "Alg1/H", "mean_error", 0.0625, "m", "lower"),
-    Row("desk", "w000", "Alg1/min", "mean_error", math.nan, "m", "lower"),
-    Row("desk", "all", "Alg1/H", "points", 12345.0, "px", "higher"),
+    score_row("desk", "w000", "Alg1/H", "mean_error", 0.0625, "m", "lower"),
+    score_row("desk", "w000", "Alg1/min", "mean_error", math.nan, "m", "lower"),
+    score_row("desk", "all", "Alg1/H", "points", 12345.0, "px", "higher"),
 )
 CONFIGURATION = {"mapper": {"planes": 100, "fusions": ["H", "A"]}, "eval": {"limit_m": None}}
 RESULTS = Results(ROWS, CONFIGURATION, seed=7, sequences={"desk": "ab" * 32})
@@ -30,9 +31,8 @@ RESULTS = Results(ROWS, CONFIGURATION, seed=7, sequences={"desk": "ab" * 32})
 def test_what_is_written_is_read_back(tmp_path):
     write_results(tmp_path, RESULTS)
     found = read_results(tmp_path)
-    assert found.rows[0] == ROWS[0]
-    assert found.rows[2] == ROWS[2]
-    assert math.isnan(found.rows[1].value)
+    assert found.rows.equals(RESULTS.rows)
+    assert set(found.rows["seed"]) == {7}
     assert (found.configuration, found.seed) == (CONFIGURATION, 7)
     assert (found.sequences, found.versions) == (RESULTS.sequences, RESULTS.versions)
     assert read_results(tmp_path / "results.json").platform == RESULTS.platform
@@ -45,8 +45,8 @@ def test_undefined_is_null_in_json_and_empty_in_csv(tmp_path):
     with (tmp_path / "results.csv").open(newline="") as stream:
         table = list(csv.DictReader(stream))
     assert list(table[0]) == [
-        "case", "window", "method", "metric", "value", "unit", "better",
-        "region", "points", "low", "high",
+        "case", "seed", "window", "method", "metric", "value", "unit", "direction",
+        "region", "support", "low", "high",
     ]  # fmt: skip
     assert [row["value"] for row in table] == ["0.0625", "", "12345.0"]
 
@@ -56,7 +56,7 @@ def test_provenance_names_every_program_that_shapes_the_numbers(tmp_path):
     content = json.loads((tmp_path / "results.json").read_text())
     expected = {"eventsweep", "python", "numpy", "numba", "mujoco", "opencv-python-headless"}
     assert expected <= set(content["versions"])
-    assert content["schema_version"] == 1
+    assert content["schema_version"] == 2
     assert content["platform"]
 
 
@@ -70,7 +70,7 @@ def test_same_results_same_bytes(tmp_path):
 
 def test_no_rows_are_a_readable_file_too(tmp_path):
     write_results(tmp_path, Results(()))
-    assert read_results(tmp_path).rows == ()
+    assert read_results(tmp_path).rows.empty
 
 
 def test_nothing_but_the_results_is_left_behind(tmp_path):
@@ -101,8 +101,8 @@ def _damage(path, damage):
         ("empty", "not complete JSON"),
         ("list", "schema version None"),
         (lambda content: content.update(schema_version=99), "schema version 99"),
-        (lambda content: content["rows"][0].pop("unit"), r"rows\.0"),
-        (lambda content: content["rows"][0].update(better="up"), r"rows\.0\.better"),
+        (lambda content: content["rows"][0].pop("unit"), "unit is nan, needs a text"),
+        (lambda content: content["rows"][0].update(direction="up"), "direction is 'up'"),
         (lambda content: content.update(surprise=1), "surprise"),
     ],
 )
@@ -117,25 +117,33 @@ def test_a_damaged_file_is_refused_in_one_line(tmp_path, damage, message):
 WORDS = st.text(max_size=8)
 NUMBERS = st.floats(allow_nan=False)
 SCORES = st.builds(
-    Row, WORDS, WORDS, WORDS, WORDS, st.floats(), st.sampled_from(UNITS),
+    score_row, WORDS, WORDS, WORDS, WORDS, st.floats(), st.sampled_from(UNITS),
     st.sampled_from(["lower", "higher", "none"]), WORDS,
-    st.none() | st.integers(0, 2**62), st.none() | NUMBERS, st.none() | NUMBERS,
+    st.none() | st.integers(0, 2**53), st.none() | NUMBERS, st.none() | NUMBERS,
 )  # fmt: skip
-
-
-def told(rows):
-    """Rows as text, in which NaN equals NaN."""
-    return [repr(row) for row in rows]
 
 
 @given(st.lists(SCORES, max_size=8))
 def test_a_table_gives_back_the_rows(rows):
-    frame = Results(tuple(rows)).to_dataframe()
+    frame = Results(rows).to_dataframe()
     assert len(frame) == len(rows)
-    assert told(Results.from_dataframe(frame).rows) == told(rows)
-    assert [str(frame[name].dtype) for name in ("value", "points", "low", "high")] == [
-        "float64", "Int64", "float64", "float64",
+    assert texts(Results.from_dataframe(frame).rows) == texts(rows)
+    numbers = ("value", "support", "low", "high", "seed")
+    assert [str(frame[name].dtype) for name in numbers] == [
+        "float64", "Int64", "float64", "float64", "Int64",
     ]  # fmt: skip
+
+
+def test_files_of_version_1_are_read(tmp_path):
+    """Rows had no seed; `direction` and `support` had other names."""
+    write_results(tmp_path, RESULTS)
+    path = tmp_path / "results.json"
+    content = json.loads(path.read_text()) | {"schema_version": 1}
+    for row in content["rows"]:
+        del row["seed"]
+        row["better"], row["points"] = row.pop("direction"), row.pop("support")
+    path.write_text(json.dumps(content))
+    assert read_results(tmp_path).rows.equals(RESULTS.rows)
 
 
 def test_a_table_keeps_the_order_and_takes_provenance():
@@ -144,21 +152,24 @@ def test_a_table_keeps_the_order_and_takes_provenance():
         frame.iloc[::-1], configuration=CONFIGURATION, seed=7, sequences=RESULTS.sequences,
         metrics={"rmse": "12"},
     )  # fmt: skip
-    assert told(again.rows) == told(ROWS[::-1])
+    assert texts(again.rows) == texts([row | {"seed": 7} for row in ROWS[::-1]])
     assert (again.configuration, again.seed, again.sequences) == (
         RESULTS.configuration, 7, RESULTS.sequences,
     )  # fmt: skip
     assert (again.metrics, again.versions) == ({"rmse": "12"}, RESULTS.versions)
     short = Results.from_dataframe(frame[["case", "window", "method", "metric", "value", "unit",
-                                          "better"]])  # fmt: skip
-    assert told(short.rows) == told(ROWS)
+                                          "direction"]])  # fmt: skip
+    assert texts(short.rows) == texts(ROWS)
 
 
 def test_what_pandas_reads_of_the_csv_is_such_a_table(tmp_path):
-    rows = (*ROWS, Row("a", "all", "m", "rmse", 0.1 + 0.2, "m", "lower", "edge", 12, 0.1, 1 / 3))
+    rows = (
+        *ROWS,
+        score_row("a", "all", "m", "rmse", 0.1 + 0.2, "m", "lower", "edge", 12, 0.1, 1 / 3),
+    )
     write_results(tmp_path, Results(rows))
     table = pd.read_csv(tmp_path / "results.csv")
-    assert told(Results.from_dataframe(table).rows) == told(rows)
+    assert texts(Results.from_dataframe(table).rows) == texts(rows)
 
 
 @pytest.mark.parametrize(
@@ -167,17 +178,17 @@ def test_what_pandas_reads_of_the_csv_is_such_a_table(tmp_path):
         (lambda f: f.drop(columns=["unit", "value"]), "lacks value, unit: needs each once of case"),
         (lambda f: f.assign(colour="red"), r"has \['colour'\]: needs"),
         (lambda f: f.assign(**{"two\nlines": 1}), r"has \['two\\nlines'\]: needs"),
-        (lambda f: f.assign(unit=[pd.Series([1, 2])] * 3), "unit is .*, needs one of"),
+        (lambda f: f.assign(unit=[pd.Series([1, 2])] * 3), "unit is .*, needs a text"),
         (lambda f: pd.concat([f, f["unit"]], axis=1), r"has \['unit', 'unit'\]: needs"),
         (lambda f: f.assign(unit="mm"), r"row 0 of the table: unit is 'mm', needs one of m, %"),
-        (lambda f: f.assign(unit=3), "unit is 3, needs one of"),
-        (lambda f: f.assign(better="up"), "better is 'up', needs one of lower, higher, none"),
+        (lambda f: f.assign(unit=3), "unit is 3, needs a text"),
+        (lambda f: f.assign(direction="up"), "direction is 'up', needs one of lower, higher, none"),
         (lambda f: f.assign(case=None), "case is .*, needs a text"),
         (lambda f: f.assign(method=[["a"]] * 3), r"method is \['a'\], needs a text"),
         (lambda f: f.assign(value="1.5"), "value is '1.5', needs a number"),
         (lambda f: f.assign(value=True), "value is True, needs a number"),
-        (lambda f: f.assign(points=-1), "points is -1, needs a whole number of pixels"),
-        (lambda f: f.assign(points=1.5), "points is 1.5, needs a whole number"),
+        (lambda f: f.assign(support=-1), "support is -1, needs a whole number of pixels"),
+        (lambda f: f.assign(support=1.5), "support is 1.5, needs a whole number"),
         (lambda f: f.assign(low=["x" * 500] * 3), "low is 'x+[.][.][.], needs a number or nothing"),
         (lambda f: f.to_dict(), "a dict: needs a DataFrame"),
     ],
@@ -196,6 +207,6 @@ def test_every_unit_that_is_written_is_known():
     assert written <= set(UNITS)
 
 
-def test_pandas_is_imported_only_when_it_is_asked_for():
+def test_pandas_is_imported_only_where_there_is_a_table():
     code = "import sys, eventsweep.eval.scoring.results; sys.exit('pandas' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -14,8 +14,6 @@ from eventsweep.eval.scoring.significance import (
     holm,
     interval,
     intervals,
-    paired_p,
-    rank_methods,
     resampling_weights,
     stratified_interval,
     stratified_p,
@@ -129,31 +127,6 @@ def test_impossible_bootstraps_are_refused(sizes, options, message):
     assert "\n" not in str(caught.value)
 
 
-# Whole numbers: sums that differ by rounding alone would be ties for one and not for the other.
-@given(st.lists(st.tuples(whole, whole), min_size=2, max_size=7))
-def test_permutation_p_is_that_of_all_sign_flips(pairs):
-    a, b = np.array(pairs, float).T
-    if (a == b).all():
-        assert paired_p(a, b) == 1
-        return
-    assert paired_p(a, b) == pytest.approx(naive_scoring.sign_flip_p(a, b), abs=1e-12)
-
-
-def test_p_by_hand():
-    # Of the 2^6 sign patterns, only the one seen and its opposite are as extreme.
-    better, worse = np.arange(6.0), np.arange(6.0) + np.arange(1, 7)
-    assert paired_p(better, worse) == pytest.approx(2 / 64)
-    assert paired_p(better, worse, test="wilcoxon") == pytest.approx(2 / 64)
-    assert paired_p(better[:5], worse[:5]) == pytest.approx(2 / 32)
-    assert np.isnan(paired_p([1.0], [2.0]))
-
-
-def test_values_that_do_not_pair_are_refused():
-    for a, b in (([1.0], [1.0, 2.0]), ([1.0, np.nan], [1.0, 2.0]), ([[1.0]], [[1.0]])):
-        with pytest.raises(InputError, match="pairs of finite"):
-            paired_p(a, b)
-
-
 @given(st.lists(st.floats(0, 1), max_size=8))
 def test_holm_is_step_down_and_never_makes_surer(p):
     got = holm(p)
@@ -167,48 +140,3 @@ def test_holm_by_hand():
     # 3 x 0.01, 2 x 0.03, and 0.04 raised to the one before.
     assert holm([0.03, 0.01, 0.04]) == pytest.approx([0.06, 0.03, 0.06])
     assert holm([0.01, float("nan")])[0] == pytest.approx(0.01)
-
-
-def test_ranks_tie_where_the_difference_is_not_significant():
-    rng = np.random.default_rng(1)
-    base = rng.normal(0, 1, 10)
-    values = {
-        "noisy": base + rng.normal(0, 1e-3, 10),
-        "best": base,
-        "worst": base + 1,
-    }
-    found = rank_methods(values, "lower")
-    assert {one.method: one.rank for one in found.standings} == {"noisy": 1, "best": 1, "worst": 3}
-    assert found.units == 10
-    turned = rank_methods(values, "higher")
-    assert {one.method: one.rank for one in turned.standings} == {"worst": 1, "noisy": 2, "best": 2}
-
-
-def test_a_unit_that_one_method_lacks_is_left_out_for_all():
-    values = {"a": [1.0, 2.0, np.nan], "b": [1.5, 2.5, 9.0]}
-    found = rank_methods(values, "lower")
-    assert found.units == 2
-    assert [one.mean for one in found.standings] == [1.5, 2.0]
-    assert {one.rank for one in found.standings} == {1}
-    nothing = rank_methods({"a": [np.nan], "b": [1.0]}, "lower")
-    assert nothing.units == 0
-    assert {one.rank for one in nothing.standings} == {1}
-
-
-def test_ranking_is_the_same_in_any_order_of_methods():
-    rng = np.random.default_rng(2)
-    values = {name: rng.normal(k, 0.5, 9) for k, name in enumerate("abcd")}
-    turned = dict(reversed(values.items()))
-    ranks = [
-        {one.method: one.rank for one in rank_methods(v, "lower").standings}
-        for v in (values, turned)
-    ]
-    assert ranks[0] == ranks[1]
-    assert sorted(ranks[0].values()) == [1, 2, 3, 4]
-
-
-def test_what_cannot_be_ranked_is_refused():
-    with pytest.raises(InputError, match="as many units"):
-        rank_methods({"a": [1.0], "b": [1.0, 2.0]}, "lower")
-    with pytest.raises(InputError, match="direction"):
-        rank_methods({"a": [1.0]}, "none")

@@ -17,6 +17,7 @@ from eventsweep.eval.config import EvalConfig, Settings
 from eventsweep.eval.pipeline import map_recording, score_folder
 from eventsweep.eval.scoring.method_scores import score_method
 from eventsweep.eval.scoring.pairing import Estimate
+from eventsweep.eval.scoring.results import each
 from eventsweep.eval.scoring.run_folder import find_maps, sequence_of, truth_of
 from eventsweep.eval.scoring.score import rig_rows, window_pairs
 from eventsweep.sim.config import SimConfig
@@ -85,7 +86,7 @@ def test_every_bad_pixel_has_one_cause(scored):
 
 def test_the_map_is_scored_and_half_of_it_is_right(mapped):
     folder, cameras = mapped
-    rows = score_folder(folder, EvalConfig()).rows
+    rows = list(each(score_folder(folder, EvalConfig()).rows))
     found = {(row.method, row.metric): row.value for row in rows if row.window == "all"}
     methods = {method for method, _ in found}
     best = "EMVS/cam0" if cameras == 1 else "Alg1/H"

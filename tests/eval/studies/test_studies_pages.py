@@ -11,10 +11,10 @@ import suite_cost
 import suite_efficiency
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.scoring.metrics import METRICS as KNOWN
-from eventsweep.eval.scoring.results import Row
 from eventsweep.eval.suite.definition import load
 from eventsweep.eval.suite.results import JobNote, Sample, SampleFacts, SuiteResult, mapper_method
 from published_table import MONO, RATIOS, TABLE, H
+from score_rows import score_row
 
 FACTS = SampleFacts("a", "b", "c", "d", {}, {}, dict.fromkeys(RATIOS, "e"))
 
@@ -75,18 +75,18 @@ def test_a_folder_without_studies_or_figures_and_a_page_without_marks_are_refuse
 
 def flights(values, case="mvsec-flying", mapper="default"):
     """A result with, per method, one value of every metric for each seed."""
-    samples = []
-    for seed in range(len(next(iter(values.values())))):
-        rows = tuple(
-            Row(case, "all", mapper_method(method, mapper), metric, row[seed], "x", "lower")
-            for method, row in values.items()
-            for metric in (*RATIOS, "points")
-        )
-        samples.append(Sample(case, seed, rows, FACTS))
+    seeds = range(len(next(iter(values.values()))))
+    rows = [
+        score_row(case, "all", mapper_method(method, mapper), metric, found[seed], "x", "lower",
+                  seed=seed)
+        for seed in seeds
+        for method, found in values.items()
+        for metric in (*RATIOS, "points")
+    ]  # fmt: skip
     suite, _ = load(reproduction.SUITE)
     return SuiteResult(
         suite.name, "all", suite.digest, suite.model_dump(mode="json"), {case: "x"},
-        tuple(range(len(samples))), tuple(samples),
+        tuple(seeds), tuple(Sample(case, seed, FACTS) for seed in seeds), rows,
     )  # fmt: skip
 
 

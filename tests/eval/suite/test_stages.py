@@ -8,9 +8,9 @@ from eventsweep.eval.gate.compare import Choice, Tolerances, compare
 from eventsweep.eval.scoring import metric_versions as versions_of_metrics
 from eventsweep.eval.scoring.metric_versions import metric_versions
 from eventsweep.eval.scoring.outlier_causes import CAUSES
-from eventsweep.eval.scoring.results import Row
 from eventsweep.eval.suite.results import Sample, SampleFacts, SuiteResult
 from eventsweep.eval.suite.series import of_suite
+from score_rows import score_row
 
 CAUSE_METRICS = {"outlier_points", *(f"cause_{cause}" for cause in CAUSES)}
 
@@ -27,15 +27,15 @@ def test_causes_have_versions_of_their_own(monkeypatch):
 
 def test_causes_of_another_version_are_not_comparable():
     """The same number under another definition of the causes is no longer the same number."""
-    row = Row("wall", "all", "Alg1/H", "cause_occlusion", 40.0, "%", "none")
+    row = score_row("wall", "all", "Alg1/H", "cause_occlusion", 40.0, "%", "none", seed=0)
     facts = SampleFacts("s", "t", "scene", "gl", {}, {}, {"cause_occlusion": "one"})
     old = SuiteResult(
         "suite", "all", "d", {"metrics": ["cause_occlusion"]}, {"wall": "c"}, (0,),
-        (Sample("wall", 0, (row,), facts),),
+        (Sample("wall", 0, facts),), [row],
     )  # fmt: skip
     newer = replace(facts, metrics={"cause_occlusion": "two"})
     causes = Choice(metrics=("cause_occlusion",))
-    new = replace(old, samples=(Sample("wall", 0, (row,), newer),))
+    new = replace(old, samples=(Sample("wall", 0, newer),))
     (same,) = compare(of_suite(old).series, of_suite(old), Tolerances(), causes)
     (nothing, other) = compare(of_suite(old).series, of_suite(new), Tolerances(), causes)
     assert (same.status, other.status) == ("same", "not comparable")

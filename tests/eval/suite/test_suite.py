@@ -15,6 +15,7 @@ from eventsweep.eval.cli.main import main
 from eventsweep.eval.gate.baseline import read_baseline
 from eventsweep.eval.perturbations import PRESETS
 from eventsweep.eval.scoring.metric_versions import metric_versions
+from eventsweep.eval.scoring.results import each
 from eventsweep.eval.suite.definition import FOLDER, load, read
 from eventsweep.eval.suite.results import FILE_NAME, read_suite
 from eventsweep.eval.suite.run import suite_jobs
@@ -282,15 +283,15 @@ def test_the_result_says_what_made_it(run):
 
 
 def test_the_result_has_every_window_method_and_metric(run):
-    (sample,) = read_suite(run[2]).samples
-    places = {(row.window, row.method) for row in sample.rows if row.metric == "mean_error"}
+    rows = read_suite(run[2]).rows
+    places = {(row.window, row.method) for row in each(rows) if row.metric == "mean_error"}
     windows, methods = ("w000", "w001", "all"), ("Alg1/H", "EMVS/cam0", "Alg1/H coarse")
     assert places >= {(window, method) for window in windows for method in methods}
-    (events,) = [row for row in sample.rows if row.metric == "events"]
-    assert events.value > 1000
+    (events,) = rows.loc[rows["metric"] == "events", "value"]
+    assert events > 1000
     lines = (run[2] / "suite.csv").read_text().splitlines()
-    assert lines[0] == "case,seed,window,method,metric,value,unit,better"
-    assert len(lines) == len(sample.rows) + 1
+    assert lines[0] == "case,seed,window,method,metric,value,unit,direction"
+    assert len(lines) == len(rows) + 1
 
 
 def test_running_again_does_nothing_again(run, tmp_path):

@@ -20,6 +20,7 @@ from eventsweep.eval.cli.main import main
 from eventsweep.eval.perturbations import Perturbation, perturbed
 from eventsweep.eval.report.compare.differences import compare_results
 from eventsweep.eval.report.compare.results import read_compared
+from eventsweep.eval.scoring.results import each
 from eventsweep.eval.suite.archive import SequenceArchive, hidden_seed, read_secret
 from eventsweep.eval.suite.definition import read as read_definition
 from eventsweep.eval.suite.results import read_suite
@@ -55,9 +56,8 @@ def run(file, cache, out, *more):
 
 def values(folder):
     return {
-        (sample.case, sample.seed, row.window, row.method, row.metric): row.value
-        for sample in read_suite(folder).samples
-        for row in sample.rows
+        (row.case, row.seed, row.window, row.method, row.metric): row.value
+        for row in each(read_suite(folder).rows)
     }
 
 
@@ -279,7 +279,7 @@ def test_a_suite_of_other_methods_can_use_the_same_archive(made, tmp_path):
     more = tmp_path / "more.toml"
     more.write_text(SUITE.replace('"EMVS/cam0"]', '"EMVS/cam0", "Alg1/G"]'))
     assert run(more, cache, tmp_path / "out", "--archive", frozen, "--case", "wall") == 0
-    methods = {row.method for one in read_suite(tmp_path / "out").samples for row in one.rows}
+    methods = set(read_suite(tmp_path / "out").rows["method"])
     assert "Alg1/G" in methods
 
 
