@@ -82,9 +82,11 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str | Text
     """
     made = Table(title=title, title_justify="left")
     for k, heading in enumerate(columns):
-        justify = "right" if heading.startswith(">") else "left"
         made.add_column(
-            heading.removeprefix(">"), justify=justify, no_wrap=k == 0, overflow="fold"
+            heading.removeprefix(">"),
+            justify="right" if heading.startswith(">") else "left",
+            no_wrap=k == 0,
+            overflow="fold",
         )
     for row in rows:
         made.add_row(*row)

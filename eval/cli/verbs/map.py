@@ -73,7 +73,7 @@ def map(  # noqa: A001 - the verb's name
     finish = report_stage(console.progress)
     stored = map_recording(
         recording, out, wanted, force=force, finish=finish, progress=console.progress,
-        doubt=_warn if check else None,
+        warn=_warn if check else None,
     )  # fmt: skip
     console.result({"map": str(stored.path), **_facts(stored)}, _tables(stored))
     console.wrote(out / "report.html")

@@ -76,9 +76,9 @@ def _ranking(case: str, rows: Sequence[Row], metric: str) -> Table:
 
     content = ranking.table(rows, metric, _COLUMNS)
     headings = [f">{one.title} {_ARROWS[one.better]}\n{one.unit}" for one in content.columns]
-    lines = (
-        (line.method, *(Text(cell.text, "bold" if cell.best else "") for cell in line.cells))
+    lines: list[list[str | Text]] = [
+        [line.method, *(Text(cell.text, "bold" if cell.best else "") for cell in line.cells)]
         for line in content.lines
-    )
+    ]
     title = f"{case}, by {ranking.column(metric).title}"
     return table(title, ("method", *headings), lines)
