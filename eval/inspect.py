@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.datasets.posed import PosedRecording
@@ -48,7 +46,7 @@ def inspect(
 
     Args:
         path: what to open.
-        progress: told of each stream.
+        progress: shows each stream.
         columns: which column of an event file is what, if stated.
 
     Raises:
@@ -223,27 +221,21 @@ def _rates(axis: Any, count: StreamCount) -> None:
     axis.grid(alpha=0.3)
 
 
-def show(description: dict[str, Any], *, as_json: bool) -> None:
-    """Writes the facts to standard output, as tables or as JSON."""
-    console = Console(highlight=False)
-    if as_json:
-        console.out(json.dumps(description, indent=2, ensure_ascii=False), highlight=False)
-        return
-    console.print(
-        f"[bold]{escape(description['path'])}[/]: {escape(description['what'])}", soft_wrap=True
-    )
-    console.print(_streams(description))
+def summary(description: dict[str, Any]) -> Iterator[Table | Text]:
+    """The facts as tables, and what a reader should know."""
+    yield Text.assemble((description["path"], "bold"), f": {description['what']}")
+    yield _streams(description)
     if description["recording"] is not None:
-        console.print(_recording(description["recording"]))
+        yield _recording(description["recording"])
     for sentence in warnings(description):
-        console.print(f"note: {sentence}", style="yellow", markup=False, soft_wrap=True)
+        yield Text(f"note: {sentence}", style="yellow")
 
 
 def _streams(description: dict[str, Any]) -> Table:
     table = Table(box=None, pad_edge=False)
     table.add_column("")
     for stream in description["streams"]:
-        table.add_column(escape(stream["name"]), justify="right")
+        table.add_column(stream["name"], justify="right")
     for key, title in _ROWS.items():
         table.add_row(title, *(_cell(key, stream[key]) for stream in description["streams"]))
     return table
@@ -265,7 +257,7 @@ def _recording(facts: dict[str, Any]) -> Table:
     table = Table(box=None, pad_edge=False, show_header=False)
     for camera in facts["cameras"]:
         size = f"{camera['width_px']}x{camera['height_px']} px, {camera['model']}"
-        table.add_row(escape(camera["name"]), f"{size}, f {camera['fx_px']:.1f} px")
+        table.add_row(camera["name"], f"{size}, f {camera['fx_px']:.1f} px")
     if facts["baseline_m"] is not None:
         table.add_row("baseline", f"{facts['baseline_m'] * 100:.2f} cm")
     first, last = (t * 1e-6 for t in facts["poses_us"])
@@ -274,5 +266,5 @@ def _recording(facts: dict[str, Any]) -> Table:
     table.add_row("poses cover events", "yes" if facts["poses_cover_events"] else "no")
     table.add_row("ground truth", f"at {facts['truth_times']:,} times")
     if facts["renderer"] is not None:
-        table.add_row("drawn by", escape(facts["renderer"]))
+        table.add_row("drawn by", facts["renderer"])
     return table

@@ -59,7 +59,7 @@ PRESETS = {
     # table of MVSEC's flights come out, see the page on studies.
     "mvsec": Perturbation(focal_percent=1, pose_walk_mm=9, pose_walk_deg=0.94),
 }
-"""What mappers are told wrongly of real recordings, by name."""
+"""Errors of real recordings, by name."""
 
 
 def amounts(given: Any) -> Any:
@@ -96,7 +96,7 @@ class ThinnedRecording(DerivedRecording):
 
 
 def perturbed(recording: Recording, amount: Perturbation, seed: int) -> Recording:
-    """A recording as a careless user would hand it in."""
+    """A recording with errors."""
     late_us = [0] * len(recording.rig)
     late_us[1:2] = [round(1e3 * amount.camera_delay_ms)] * len(late_us[1:2])
     return AlteredRecording(

@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from eventsweep.emvs.check.findings import Finding
     from eventsweep.emvs.data.recording import Recording
     from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
+    from eventsweep.emvs.utils.runtime import Progress as StepProgress
     from eventsweep.eval.scoring import run_folder
     from eventsweep.eval.scoring.pairing import Estimate
     from eventsweep.eval.scoring.predictions import NamedFolder, Prediction, TargetView
     from eventsweep.eval.scoring.results import Results
-    from eventsweep.sim.config import SimConfig
 
 _SILENT = Silent()
 _RESULTS = ("results.json", "results.csv")
@@ -171,7 +171,7 @@ def score_folder(
     maps = run_folder.find_maps(folder)
     check_files(folder, names, force=True)
     with output_folder(folder, names, force=True):
-        with run_folder.kept_predictions(folder, [one.path for one in given]) as kept:
+        with run_folder.kept_predictions(folder, [entry.path for entry in given]) as kept:
             results = _scored(maps, config, _Predictions(given, kept))
         write_results(folder, results)
     return results
@@ -293,7 +293,7 @@ def map_recording(
     *,
     force: bool = False,
     finish: Callable[[Path], None] = _add_nothing,
-    doubt: Callable[[Finding], None] | None = None,
+    warn: Callable[[Finding], None] | None = None,
     progress: Progress = _SILENT,
 ) -> StoredMap:
     """Maps one window of a recording and writes the map folder.
@@ -301,8 +301,8 @@ def map_recording(
     With `window_s` or `window_events` it maps sliding windows: `out` grows window by window, and
     the same call takes up an unfinished one (`emvs.maps.sliding`). `finish` is that of
     `map_windows`, called when the bars of the mapping have ended, so that it may show its own.
-    `doubt` is told, when mapping begins, of each thing that looks doubtful or wrong without mapping
-    (`emvs.check`); without it nothing is looked at. What is refused is refused without doubts.
+    `warn` is called, when mapping begins, with each thing that looks doubtful or wrong before
+    mapping (`emvs.check`); without it nothing is checked. What is refused is refused before that.
 
     Raises:
         InputError: what `open_recording` or `map_windows` refuses.
@@ -319,16 +319,16 @@ def map_recording(
             bars.close()
             finish(folder)
 
-        told = bars if doubt is None else _doubting(recording, settings.map, doubt, bars)
-        info = map_windows(recording, out, settings.map, about, told, force=force, finish=end)
+        steps = bars if warn is None else _checking(recording, settings.map, warn, bars)
+        info = map_windows(recording, out, settings.map, about, steps, force=force, finish=end)
     return StoredMap(out, info)
 
 
-def _doubting(
-    recording: Recording, config: MapperConfig, doubt: Callable[[Finding], None],
-    progress: Callable[[str, int, int], None],
-) -> Callable[[str, int, int], None]:  # fmt: skip
-    """A progress that tells doubts once, at the first step of mapping, and passes all steps on."""
+def _checking(
+    recording: Recording, config: MapperConfig, warn: Callable[[Finding], None],
+    progress: StepProgress,
+) -> StepProgress:  # fmt: skip
+    """A progress that checks the recording once, at the first step of mapping."""
     from eventsweep.emvs.check.recording import quick_check
 
     waiting = [True]
@@ -337,7 +337,7 @@ def _doubting(
         if waiting and stage not in _BEFORE_MAPPING:
             waiting.clear()
             for finding in quick_check(recording, config):
-                doubt(finding)
+                warn(finding)
         progress(stage, done, total)
 
     return step

@@ -6,7 +6,10 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from types import TracebackType
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from eventsweep.emvs.utils.runtime import Progress as StepProgress
 
 Update = Callable[[float, str], None]
 """Takes how much of the stage's total is done, and a few words."""
@@ -19,7 +22,7 @@ class Progress(Protocol):
         """A context for one stage; yields the function that moves its bar."""
 
     def say(self, line: str) -> None:
-        """Tells something worth knowing in one line."""
+        """Prints a line worth knowing."""
 
 
 def _ignore(_done: float, _words: str) -> None:
@@ -85,19 +88,12 @@ _MAPPING_SHARES = {"rays": (0.0, 0.1), "sweep": (0.1, 0.9)}
 _CHECKING_SHARES = {"events": (0.0, 0.2), "alternatives": (0.2, 0.8)}
 
 
-def mapping(update: Update) -> Callable[[str, int, int], None]:
-    """Turns the mapper's progress, stage by stage, into the movement of one bar."""
-    return _in_one(update, _MAPPING_SHARES)
-
-
-def checking(update: Update) -> Callable[[str, int, int], None]:
+def checking(update: Update) -> StepProgress:
     """Turns a check's progress, stage by stage, into the movement of one bar."""
-    return _in_one(update, _CHECKING_SHARES)
+    return _in_one_bar(update, _CHECKING_SHARES)
 
 
-def _in_one(
-    update: Update, shares: Mapping[str, tuple[float, float]]
-) -> Callable[[str, int, int], None]:
+def _in_one_bar(update: Update, shares: Mapping[str, tuple[float, float]]) -> StepProgress:
     def show(stage: str, done: int, total: int) -> None:
         start, share = shares.get(stage, (1.0, 0.0))
         update(start + share * done / max(total, 1), f"{stage} {done}/{total}")
@@ -106,7 +102,7 @@ def _in_one(
 
 
 class MapBars:
-    """Takes what `emvs.maps.sliding.map_windows` tells, and moves bars that run from 0 to 1.
+    """Turns the progress of `emvs.maps.sliding.map_windows` into bars that run from 0 to 1.
 
     One bar for all sliding windows; or one for mapping a single window, then one for its files. To
     be used as a context.
@@ -140,7 +136,7 @@ class MapBars:
         elif stage == "write" and self._windows is None:
             self._next("write maps")
         else:
-            mapping(self._show)(stage, done, total)
+            _in_one_bar(self._show, _MAPPING_SHARES)(stage, done, total)
 
     def _next(self, title: str) -> None:
         self.close()

@@ -6,17 +6,31 @@ from pathlib import Path
 
 from eventsweep.emvs import mapper
 from eventsweep.emvs.check import recording as checks
-from eventsweep.emvs.check.findings import Report
+from eventsweep.emvs.check.findings import Report as CheckReport
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.errors import InputError, check_path, shown
 from eventsweep.emvs.maps import sliding
-from eventsweep.emvs.maps.folder import RecordingInfo, StoredMap, read_map
+from eventsweep.emvs.maps.folder import RecordingInfo, StoredMap
+from eventsweep.emvs.maps.folder import read_map as map_in
+from eventsweep.emvs.methods import overview as methods
+from eventsweep.emvs.methods import register as register_method
 from eventsweep.emvs.preflight import check_window_fits
 from eventsweep.emvs.utils.runtime import Progress, silent
 from eventsweep.emvs.window_result import WindowResult
 from eventsweep.emvs.windows import choose_window
+
+__all__ = [
+    "CheckReport",
+    "check",
+    "map_window",
+    "map_windows",
+    "methods",
+    "opened",
+    "read_map",
+    "register_method",
+]
 
 # Of `Recording`, all that a mapper needs.
 _MEMBERS = ("name", "rig", "trajectory", "depth_range_m", "event_span_us", "events")
@@ -28,7 +42,7 @@ def check(
     *,
     mapping: bool = True,
     progress: Progress = silent,
-) -> Report:
+) -> CheckReport:
     """Says what is wrong with a recording: its events, poses, calibration, and conventions.
 
     Args:
@@ -120,7 +134,23 @@ def map_windows(
     path = getattr(recording, "path", recording.name)
     about = RecordingInfo.of(recording, Path(path), out)
     sliding.map_windows(recording, out, config, about, progress, force=force, clouds=clouds)
-    return read_map(out)
+    return map_in(out)
+
+
+def read_map(folder: str | Path) -> StoredMap:
+    """Opens a map's folder; arrays are read when they are asked for.
+
+    Args:
+        folder: what `map_windows`, `eventsweep map` or `eventsweep run` wrote: holds `map.json`.
+
+    Returns:
+        The map: `windows`, each with its reference time `t_ref_us` and `depth_map(method)`.
+
+    Raises:
+        InputError: no map there, or a damaged one.
+    """
+    check_path("folder", folder)
+    return map_in(Path(folder))
 
 
 def opened(recording: Recording | str | Path) -> Recording:

@@ -6,17 +6,29 @@ from pathlib import Path
 
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.data.sequence import Sequence
-from eventsweep.emvs.errors import InputError, check_type
+from eventsweep.emvs.errors import InputError, check_path, check_type
 from eventsweep.emvs.maps.folder import StoredMap
 from eventsweep.emvs.window_result import WindowResult
 from eventsweep.eval import pipeline
 from eventsweep.eval.config import EvalConfig
-from eventsweep.eval.scoring import run_folder
+from eventsweep.eval.ranking.standings import standings as rank_methods
+from eventsweep.eval.scoring import results, run_folder
+from eventsweep.eval.scoring.method_scores import ALL_METRICS as METRICS
 from eventsweep.eval.scoring.metric_versions import metric_versions
 from eventsweep.eval.scoring.pairing import REFERENCE
 from eventsweep.eval.scoring.results import Results, together
 from eventsweep.eval.scoring.score import case_rows, pairs_of_maps, rig_rows
+from eventsweep.eval.scoring.significance import interval as confidence_interval
 from eventsweep.mapping import opened
+
+__all__ = [
+    "METRICS",
+    "confidence_interval",
+    "rank_methods",
+    "read_results",
+    "score",
+    "write_results",
+]
 
 _WINDOW = "w000"
 
@@ -48,6 +60,30 @@ def score(
     check_type("mapped", mapped, (StoredMap, str, Path), "a window, a map or a folder's path")
     folder = mapped.path if isinstance(mapped, StoredMap) else Path(mapped)
     return pipeline.score_folder(folder, config)
+
+
+def read_results(path: str | Path) -> Results:
+    """Reads the numbers of a run.
+
+    Args:
+        path: `results.json`, or the folder that holds it.
+
+    Raises:
+        InputError: no such file, or one that is damaged or of another version.
+    """
+    check_path("path", path)
+    return results.read_results(Path(path))
+
+
+def write_results(folder: str | Path, numbers: Results) -> None:
+    """Writes `results.json` and `results.csv` into a folder that exists.
+
+    Args:
+        folder: gets both files; older ones are replaced.
+        numbers: what is written.
+    """
+    check_path("folder", folder)
+    results.write_results(Path(folder), numbers)
 
 
 def _score_window(result: WindowResult, recording: Recording, config: EvalConfig) -> Results:

@@ -8,17 +8,14 @@ from eventsweep import scenes
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.errors import check_path, check_type, check_whole
 from eventsweep.emvs.geometry.rig import Rig
+from eventsweep.emvs.utils.runtime import Progress, silent
 from eventsweep.sim.config import PixelConfig, SimConfig, VideoConfig
 from eventsweep.sim.rigs import rig as named_rig
 from eventsweep.sim.scene import Scene
-from eventsweep.sim.simulate import Progress
 from eventsweep.sim.simulate import simulate as simulate_to_disk
-from eventsweep.sim.video.record import Progress as VideoProgress
 from eventsweep.sim.video.record import RecordedVideo, View, record
 
-
-def _silent(*_progress: float) -> None:
-    """Shows no progress."""
+_SHARES = 1000  # of a video
 
 
 def simulate(
@@ -30,7 +27,7 @@ def simulate(
     *,
     force: bool = False,
     workers: int = 1,
-    progress: Progress = _silent,
+    progress: Progress = silent,
 ) -> Sequence:
     """Renders a scene and simulates its events, with exact depth and poses.
 
@@ -44,7 +41,7 @@ def simulate(
         rig: the cameras, by name or by the path of a calibration; by default the scene's own.
         force: whether to replace `out`.
         workers: rendering processes; with more than 1 a script needs the usual `__main__` guard.
-        progress: called with the time done, the time in total, µs, and the events so far.
+        progress: called with `simulate`, the time done and the time in total, µs.
 
     Returns:
         The sequence, opened.
@@ -58,9 +55,11 @@ def simulate(
     check_whole("workers", workers)
     config, out = SimConfig.or_default(config), Path(out)
     made, cameras, config = _prepared(scene, rig, config, seed)
-    simulate_to_disk(
-        made, cameras, config, seed, out, force=force, workers=workers, progress=progress
-    )
+
+    def show(done_us: int, total_us: int, _events: int) -> None:
+        progress("simulate", done_us, total_us)
+
+    simulate_to_disk(made, cameras, config, seed, out, force=force, workers=workers, progress=show)
     return Sequence.open(out)
 
 
@@ -76,7 +75,7 @@ def video_to_events(
     poses: str | Path | None = None,
     to: str | None = None,
     force: bool = False,
-    progress: VideoProgress = _silent,
+    progress: Progress = silent,
 ) -> RecordedVideo:
     """Turns a video, or a folder of images with times, into events.
 
@@ -91,7 +90,7 @@ def video_to_events(
         poses: of that camera in TUM format, on the video's clock.
         to: `sequence` or an event format, whatever `out` is called.
         force: whether to replace `out`.
-        progress: called with the share of the video that is done, 0 to 1, and the events so far.
+        progress: called with `events`, and how many of 1000 parts of the video are done.
 
     Returns:
         What was written, what was taken for granted, and what to know of it.
@@ -111,7 +110,8 @@ def video_to_events(
     pixels, video = PixelConfig.or_default(config), VideoConfig.or_default(video)
     return record(
         Path(source), Path(out), pixels, video,
-        seed=seed, view=view, to=to, force=force, progress=progress,
+        seed=seed, view=view, to=to, force=force,
+        progress=lambda share, _events: progress("events", round(_SHARES * share), _SHARES),
     )  # fmt: skip
 
 

@@ -31,7 +31,6 @@ TABLES = ("scenes", "eval.cli.verbs")
 SMALL = {
     "eval.cli.main": "the program: interrupts are heeded up to its frame, whoever calls it",
     "eval.suite.stages.tell": "a stage of jobs: its version is that of its own code",
-    "eventsweep.calibration": "names for users: a module per stage, as mapping and scoring are",
 }
 
 # What compiled loops may import besides other kernels: how they are started, codes that they write.

@@ -129,7 +129,7 @@ def entry(name: str, place: str, body: str) -> str:
         raise PluginError(f"docs/api.md has no example of {name}")
     example = f'??? example "Example"\n\n    ```python\n{indented(examples[0])}    ```\n'
     options = f"    options:\n      heading: es.{name}\n      toc_label: {name}\n"
-    return f"::: {place.replace(':', '.')}\n{options}\n{example}"
+    return f"::: {place}\n{options}\n{example}"
 
 
 def indented(code: str) -> str:
@@ -139,8 +139,11 @@ def indented(code: str) -> str:
 
 def public_names() -> dict[str, str]:
     """The names for users of the library, and where each is defined: without importing it."""
-    tree = ast.parse((ROOT / "eventsweep" / "__init__.py").read_text("utf-8"))
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_PLACES":
-            return dict(ast.literal_eval(node.value))
-    raise PluginError("eventsweep/__init__.py has no table of public names")
+    stub = ast.parse((ROOT / "eventsweep" / "__init__.pyi").read_text("utf-8"))
+    return {
+        alias.name: ".".join(filter(None, ("eventsweep", node.module, alias.name)))
+        for node in stub.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if alias.name != "__version__"
+    }

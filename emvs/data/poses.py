@@ -18,7 +18,7 @@ PER_UNIT_US = {"s": 1e6, "ms": 1e3, "us": 1.0, "ns": 1e-3}
 _LARGEST_US = 2.0**62
 
 
-def read_poses(path: Path, unit: str = "s", shift_us: int = 0) -> Trajectory:
+def read_poses(path: str | Path, unit: str = "s", shift_us: int = 0) -> Trajectory:
     """Reads lines `t x y z qx qy qz qw`, separated by blanks or commas.
 
     Args:
@@ -32,6 +32,7 @@ def read_poses(path: Path, unit: str = "s", shift_us: int = 0) -> Trajectory:
     Raises:
         InputError: an unreadable file, a line that is no pose, or impossible poses.
     """
+    path = Path(path)
     if unit not in PER_UNIT_US:
         raise InputError(f"{path}: time unit {unit!r}; choose {', '.join(PER_UNIT_US)}")
     rows = _rows(path, 8, "t x y z qx qy qz qw")
@@ -125,7 +126,7 @@ def read_tum(path: Path) -> Trajectory:
         raise InputError(f"{path}: {error}") from error
 
 
-def write_tum(path: Path, trajectory: Trajectory) -> None:
+def write_tum(path: str | Path, trajectory: Trajectory) -> None:
     """Writes TUM format: times to the microsecond, everything else to 9 decimals."""
     with atomic_path(Path(path)) as partial, partial.open("w", encoding="ascii") as file:
         file.write("# t_s x_m y_m z_m qx qy qz qw (T_world_body)\n")

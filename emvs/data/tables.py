@@ -42,7 +42,7 @@ class ImuSamples:
         return len(self.t_us)
 
 
-def write_imu(path: Path, samples: ImuSamples) -> None:
+def write_imu(path: str | Path, samples: ImuSamples) -> None:
     """Writes one row per sample: time in µs, gyroscope in rad/s, accelerometer in m/s^2."""
     position_m, quat_xyzw = se3.to_quat_xyzw(samples.T_body_imu)
     place = " ".join(f"{value:.12f}" for value in (*position_m, *quat_xyzw))

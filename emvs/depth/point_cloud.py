@@ -93,7 +93,9 @@ def without_outliers(cloud: PointCloud, radius_m: float, neighbours: int) -> Poi
     return PointCloud(cloud.points_world[chosen], cloud.colours[chosen])
 
 
-def write_ply(path: Path, cloud: PointCloud, windows: NDArray[np.int32] | None = None) -> None:
+def write_ply(
+    path: str | Path, cloud: PointCloud, windows: NDArray[np.int32] | None = None
+) -> None:
     """Writes a binary PLY with colours, whole or not at all; open3d would refuse an empty one.
 
     Args:
@@ -119,7 +121,7 @@ def write_ply(path: Path, cloud: PointCloud, windows: NDArray[np.int32] | None =
         "ply", "format binary_little_endian 1.0", f"element vertex {len(cloud)}",
         *(f"property {kinds[kind]} {name}" for name, kind in properties), "end_header", "",
     ]  # fmt: skip
-    with atomic_path(path) as partial, partial.open("wb") as file:
+    with atomic_path(Path(path)) as partial, partial.open("wb") as file:
         file.write("\n".join(header).encode("ascii"))
         file.write(vertices.tobytes())
 

@@ -206,7 +206,7 @@ _ALL = (
 FORMATS = {entry.name: entry for entry in _ALL}
 
 
-def open_events(path: Path, columns: ColumnMap | None = None) -> EventReader:
+def open_events(path: str | Path, columns: ColumnMap | None = None) -> EventReader:
     """Opens an event file, or the folder of a ROS2 bag; reads no events yet.
 
     Args:
@@ -287,7 +287,7 @@ def _file(path: Path, head: bytes) -> EventReader:
 
 
 def write_events(
-    path: Path,
+    path: str | Path,
     format: str,  # noqa: A002 - the caller's word for it
     width_px: int,
     height_px: int,
@@ -311,7 +311,7 @@ def write_events(
         InputError: an unknown format, or an event, a sensor or a number of streams that the
             format cannot hold: nothing is written then.
     """
-    entry = FORMATS.get(format)
+    path, entry = Path(path), FORMATS.get(format)
     if entry is None or not entry.writes:
         known = ", ".join(name for name, known in FORMATS.items() if known.writes)
         raise InputError(f"{path}: format {format!r} cannot be written; choose one of {known}")

@@ -10,7 +10,7 @@ import sys
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Group, Parameter
 from pydantic import BaseModel
@@ -22,6 +22,9 @@ from eventsweep.eval.cli import names
 from eventsweep.eval.cli.help import HELP_FLAGS, RARE, Program, readable
 from eventsweep.eval.config import EvalConfig, Settings, load, unread
 from eventsweep.sim.config import SimConfig
+
+if TYPE_CHECKING:
+    from eventsweep.eval.cli.console import Console
 
 SIM_GROUP, _MAP, _SCORE, JOBS, COMMON_GROUP = map(
     Group.create_ordered,
@@ -67,11 +70,13 @@ class Quiet:
     quiet: Annotated[bool, Parameter(group=COMMON_GROUP, negative=())] = False
     "Print no progress and no summary."
 
-    def console(self) -> Any:
+    json = False
+
+    def console(self) -> Console:
         """Where progress and summaries go."""
         from eventsweep.eval.cli.console import Console
 
-        return Console(quiet=self.quiet, as_json=False)
+        return Console(quiet=self.quiet, as_json=self.json)
 
 
 @Parameter(name="*")
@@ -81,12 +86,6 @@ class Common(Quiet):
 
     json: Annotated[bool, Parameter(group=COMMON_GROUP, negative=())] = False
     "Print the summary as JSON, and no progress."
-
-    def console(self) -> Any:
-        """Where progress and summaries go."""
-        from eventsweep.eval.cli.console import Console
-
-        return Console(quiet=self.quiet, as_json=self.json)
 
 
 @Parameter(name="*")

@@ -76,7 +76,7 @@ def exit_code() -> Iterator[ExitCode]:
     try:
         yield code
         if _came and code.value != INTERRUPTED:
-            code.value = _tell("", OK)
+            code.value = _say("", OK)
     except (Exception, KeyboardInterrupt) as error:
         ending = _ending(error)
         if ending is None:
@@ -90,19 +90,19 @@ def exit_code() -> Iterator[ExitCode]:
 
 
 def _ending(error: BaseException) -> int | None:
-    """The exit code of a command that ended so, told in one line; None: a fault of the program."""
+    """Says in one line why a command ended; returns its code, None for a fault of the program."""
     if _came or isinstance(error, KeyboardInterrupt):  # half-imported libraries end in anything
-        return _tell(_INTERRUPTED, INTERRUPTED)
+        return _say(_INTERRUPTED, INTERRUPTED)
     if isinstance(error, InputError):
-        return _tell(with_flags(str(error)), BAD_INPUT)
+        return _say(with_flags(str(error)), BAD_INPUT)
     if isinstance(error, BrokenPipeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return OK
     if isinstance(error, OSError):
-        return _tell(f"{error}: free the disk or choose another output", BAD_INPUT)
+        return _say(f"{error}: free the disk or choose another output", BAD_INPUT)
     if isinstance(error, MemoryError):
         words = f"{error}: not enough memory; lower the resolution, the planes or the window"
-        return _tell(words, BAD_INPUT)
+        return _say(words, BAD_INPUT)
     return None
 
 
@@ -123,11 +123,11 @@ def incomplete(maps: Iterable[MapInfo], *, allowed: bool) -> int:
         f"{len(skipped)} of {total} windows could not be mapped ({first}); the others are there; "
         "where that is no fault, add --allow-skipped"
     )
-    return _tell(with_flags(words), INCOMPLETE)
+    return _say(with_flags(words), INCOMPLETE)
 
 
 def with_flags(words: str) -> str:
-    """What a library says of its parameters, as the command line's flags."""
+    """A library's message with the command line's flags in place of parameters."""
     for parameter, flag in _FLAGS.items():
         words = words.replace(parameter, flag)
     return _SIM_SETTING.sub(_sim_flag, words)
@@ -179,7 +179,7 @@ def _interrupt_soon() -> None:
     _Later().start()
 
 
-def _tell(words: str, code: int) -> int:
+def _say(words: str, code: int) -> int:
     """Says why a command ends; an interrupt that a library made another error of is one still."""
     if _came:
         words, code = _INTERRUPTED, INTERRUPTED

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,7 +47,7 @@ def collect(
     folder: Path, wanted: Iterable[TrainingSequence], methods: Sequence[str],
     weights: Path | None = None,
 ) -> dict[str, Scored]:  # fmt: skip
-    """Maps the windows of some sequences that were told nothing wrong, and collects their points.
+    """Maps the windows of some sequences without errors, and collects their points.
 
     Args:
         folder: of the sequences.
@@ -127,31 +127,3 @@ def _edges(points: int) -> list[int]:
         if min(edge - edges[-1], points - edge) >= fewest:
             edges.append(edge)
     return edges
-
-
-def reliability_diagram(
-    table: Precision, score: Floats, error_px: Floats, bins: int = 10
-) -> list[Mapping[str, float]]:
-    """Stated against found errors: points sorted by what is stated, in bins of as many each.
-
-    Args:
-        table: what scores were worth on the calibration windows.
-        score: (M,) of other points.
-        error_px: (M,) their errors, px of disparity.
-        bins: how many.
-
-    Returns:
-        Per bin the mean stated error, the found quantile, and the share within the stated band.
-    """
-    said = table.error_at(np.asarray(score, np.float32))
-    parts = np.array_split(np.argsort(said, kind="stable"), bins)
-    return [
-        {
-            "stated_px": float(said[part].mean()),
-            "found_px": float(np.quantile(error_px[part], BAND)),
-            "within": float((error_px[part] <= said[part]).mean()),
-            "points": float(len(part)),
-        }
-        for part in parts
-        if len(part)
-    ]

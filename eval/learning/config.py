@@ -17,7 +17,7 @@ DEFAULTS: dict[NetworkName, dict[str, Any]] = {
     "learned": {"epochs": 8, "batch": 256, "learning_rate": 3e-3},
     "derd": {"epochs": 3, "batch": 64, "learning_rate": 1e-3},
 }
-"""What each network is trained with unless told: ours, and what is published."""
+"""What each network is trained with by default: ours, and what is published."""
 
 
 class TrainingConfig(ParameterGroup):

@@ -74,7 +74,7 @@ class Fitting:
         """Trains the epochs that are left.
 
         Args:
-            update: told how many epochs are done, and a few words.
+            update: called with the epochs that are done, and a few words.
         """
         for epoch in range(len(self.history), self._config.epochs):
             mean = self._epoch(epoch, update)

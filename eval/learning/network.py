@@ -60,8 +60,8 @@ class Network(Trainable):
         logits = self.score(along)[:, 0]
         offset, best, sure = self._place(logits)
         at_best = torch.gather(along, 2, best[:, None, None].expand(-1, along.shape[1], 1))[..., 0]
-        told = torch.stack([offset.detach() / 4, sure.detach()], dim=1)
-        hidden = torch.relu(self.hidden(torch.cat([at_best, cues, told], dim=1)))
+        hints = torch.stack([offset.detach() / 4, sure.detach()], dim=1)
+        hidden = torch.relu(self.hidden(torch.cat([at_best, cues, hints], dim=1)))
         return Judged(logits, offset, self.error(hidden))
 
     def _place(self, logits: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -77,8 +77,8 @@ class Network(Trainable):
 
     def loss(self, inputs: Inputs) -> Tensor:
         """See `loss` of this module."""
-        told = inputs["sample_px"], inputs["target"], inputs["focus_error_px"]
-        return loss(self._judged(inputs), *told)
+        known = inputs["sample_px"], inputs["target"], inputs["focus_error_px"]
+        return loss(self._judged(inputs), *known)
 
     def outcome(self, inputs: Inputs) -> Outcome:
         """Of the two depths the one that is expected to be better counts."""

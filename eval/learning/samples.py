@@ -203,12 +203,12 @@ def samples(sequence: EventSequence, window: TrainingWindow, most: int) -> Sampl
 
     Args:
         sequence: with true depth at the window's reference time.
-        window: the stretch, and what the mapper is told wrongly.
+        window: the stretch, and the errors of what the mapper reads.
         most: at most so many.
     """
     amount = Perturbation.model_validate(window.imperfection)
-    told = perturbed(sequence, amount, window.seed) if window.imperfection else sequence
-    shown = show(told, window_config(window), FOCUS.build(f"Focus/{window.fusion}"))
+    recording = perturbed(sequence, amount, window.seed) if window.imperfection else sequence
+    shown = show(recording, window_config(window), FOCUS.build(f"Focus/{window.fusion}"))
     true_px = true_disparity_px(shown, truth_of(sequence, shown.view.t_us, EvalConfig()))
     known = np.flatnonzero(np.isfinite(true_px))
     rng = np.random.default_rng([window.seed, 0x5A3])

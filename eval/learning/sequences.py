@@ -6,7 +6,7 @@ above every seed of a suite or a study, and a test holds the two lists apart.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -46,7 +46,7 @@ class TrainingSequence:
 
 @dataclass(frozen=True)
 class TrainingWindow:
-    """One window of a sequence, and what the mapper is told of it.
+    """One window of a sequence, and the errors of what the mapper reads.
 
     Attributes:
         start_s: begin, s.
@@ -117,7 +117,7 @@ def _calibration() -> Iterator[TrainingSequence]:
 
 
 def windows(sequence: TrainingSequence) -> tuple[TrainingWindow, ...]:
-    """The windows of one sequence: all of it, a part, a part told wrongly, and one fused otherwise.
+    """The windows of one sequence: all of it, a part, a part with errors, a part fused otherwise.
 
     Args:
         sequence: one of `sequences`.
@@ -125,9 +125,9 @@ def windows(sequence: TrainingSequence) -> tuple[TrainingWindow, ...]:
     rng = np.random.default_rng([sequence.seed, 0x1EA4])
     whole = TrainingWindow(0.0, sequence.seconds, seed=sequence.seed)
     part = _part(rng, sequence, planes=int(rng.choice([60, 100, 160])))
-    told = _part(rng, sequence, planes=100, imperfection=_imperfection(rng))
+    wrong = _part(rng, sequence, planes=100, imperfection=_imperfection(rng))
     other = _part(rng, sequence, planes=100, fusion=str(rng.choice(_OTHER_FUSIONS)))
-    return whole, part, told, other
+    return whole, part, wrong, other
 
 
 def _part(
@@ -154,8 +154,3 @@ def _imperfection(rng: np.random.Generator) -> dict[str, Any]:
         "camera_delay_ms": float(rng.choice([-1, 1]) * size[4]),
         "drift_percent": float(2 * size[5]),
     }
-
-
-def every_seed(parts: Sequence[Part] = ("training", "calibration")) -> frozenset[int]:
-    """The seeds of all motions that the network has to do with."""
-    return frozenset(one.seed for part in parts for one in sequences(part))

@@ -193,7 +193,7 @@ class Prediction:
     description: PredictionFacts
 
     @classmethod
-    def open(cls, folder: Path, case: str, name: str | None = None) -> Prediction:
+    def open(cls, folder: str | Path, case: str, name: str | None = None) -> Prediction:
         """Finds the files for a case: in the folder's subfolder of that name, or in itself.
 
         Args:
@@ -205,6 +205,7 @@ class Prediction:
             InputError: no folder, no depth map in it, times that cannot be told, or a
                 description that cannot be used.
         """
+        folder = Path(folder)
         description = described(folder)
         own = folder / case
         files = timed_files(own if own.is_dir() else folder, description)

@@ -92,3 +92,15 @@ def test_commands_of_the_tutorial_read_all_that_its_settings_say(tmp_path, monke
 def test_the_tutorial_has_code():
     languages = {language for language, _ in blocks(ROOT / "docs" / "tutorial.md")}
     assert {"sh", "python"} <= languages
+
+
+def test_examples_import_only_public_names():
+    inside = re.compile(r"^ *(?:from|import) (?:eventsweep\.)?(?:emvs|sim|eval|scenes)\b.*", re.M)
+    code = re.compile(r"^ *```python\n(.*?)^ *```", re.M | re.S)
+    texts = {page.name: page.read_text(encoding="utf-8") for page in PAGES}
+    assert [
+        (name, line)
+        for name, text in texts.items()
+        for block in code.findall(text)
+        for line in inside.findall(block)
+    ] == []

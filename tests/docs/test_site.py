@@ -74,7 +74,7 @@ def test_every_page_is_in_the_navigation_once():
 
 
 def test_every_public_name_has_its_row():
-    """The reference is made of the tables in api.md and of what `_PLACES` says."""
+    """The reference is made of the tables in api.md and of the stub's imports."""
     rows = re.findall(r"^\| (`.*?) \|", (DOCS / "api.md").read_text("utf-8"), re.MULTILINE)
     named = {name for row in rows for name in re.findall(r"`(\w+)", row)}
     assert set(es.__all__) <= named

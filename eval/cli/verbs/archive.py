@@ -132,7 +132,7 @@ def unpack(
     force: Force = False,
     common: Quiet = QUIET,
 ) -> None:
-    """Unpack sequences for a program of yours: CASE/seedN, each as a mapper is told it.
+    """Unpack sequences for a program of yours: CASE/seedN, each as a mapper may read it.
 
     Args:
         folder: Folder of `archive make` or `fetch`.

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from eventsweep.eval.cli.app import COMMON, Common, Force, app
 from eventsweep.eval.cli.help import RARE
+
+if TYPE_CHECKING:
+    from eventsweep.emvs.calibrate.refine import Refinement
+    from eventsweep.eval.cli.console import Part
 
 
 @app.command
@@ -47,7 +52,7 @@ def calibrate(
     from eventsweep.emvs.calibrate.refine import RefineConfig
     from eventsweep.emvs.datasets import open_recording
     from eventsweep.emvs.utils.outputs import check_output
-    from eventsweep.eval.calibration import calibrate_recording
+    from eventsweep.eval.calibration import calibrate_recording, facts_of
 
     check_output(out, force=force, inputs=(recording,))
     names = tuple(name.strip() for name in refine.split(",") if name.strip())
@@ -57,7 +62,26 @@ def calibrate(
         open_recording(recording), recording, out, config, console.progress, force=force,
         command=" ".join(["eventsweep", *sys.argv[1:]]),
     )  # fmt: skip
-    console.calibrated(calibrated)
+    console.result(facts_of(calibrated), _estimates(calibrated.refinement))
     for note in calibrated.notes:
         console.warn(note)
     console.wrote(out / "report.html")
+
+
+def _estimates(refinement: Refinement) -> Iterator[Part]:
+    """Each parameter with its correction and uncertainty, or why it was refused."""
+    from eventsweep.eval.cli.console import dim, table
+
+    rows = (
+        (
+            estimate.parameter.name,
+            "refused" if estimate.refused else f"{estimate.value:+.3f}",
+            f"{estimate.uncertainty:.3f}",
+            estimate.parameter.unit,
+        )
+        for estimate in refinement.estimates
+    )
+    yield table("calibration", ("parameter", ">correction", ">95 % ±", ">unit"), rows)
+    for estimate in refinement.estimates:
+        if estimate.refused:
+            yield dim(f"{estimate.parameter.name} stays as given: {estimate.refused}")

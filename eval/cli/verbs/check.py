@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from eventsweep.eval.cli.app import CONFIGURED, MAP, Configured, Force, MapFlags, app
 
+if TYPE_CHECKING:
+    from eventsweep.emvs.check.findings import Report
+    from eventsweep.eval.cli.console import Part
+
 SOUND, WRONG = 0, 1
+_STYLES = {"good": "green", "doubtful": "yellow", "wrong": "bold red"}
 
 
 @app.command
@@ -52,7 +58,29 @@ def check(
         with atomic_dir(out, force=force, inputs=(recording,)) as folder:
             write_check_page(folder, report)
             mark(folder)
-    console.checked(report)
+    console.result(report.to_json(), _summary(report))
     if out is not None:
         console.wrote(out / "report.html")
     return WRONG if report.verdict == "wrong" else SOUND
+
+
+def _summary(report: Report) -> Iterator[Part]:
+    """Every finding, what to do about those that are not good, and what was not checked."""
+    from rich.text import Text
+
+    from eventsweep.eval.cli.console import dim, table
+    from eventsweep.eval.cli.exit_codes import with_flags
+
+    rows = (
+        (
+            finding.name,
+            Text(finding.verdict, _STYLES[finding.verdict]),
+            with_flags(finding.evidence),
+        )
+        for finding in report.findings
+    )
+    yield table(f"check of {report.name}", ("what", "verdict", "evidence"), rows)
+    for finding in (*report.of("wrong"), *report.of("doubtful")):
+        yield with_flags(finding.line())
+    for name, why in report.unchecked:
+        yield dim(with_flags(f"not checked: {name}, because {why}"))

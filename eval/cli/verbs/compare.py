@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, app
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from eventsweep.eval.cli.console import Part
+    from eventsweep.eval.report.compare.differences import Pair
+    from eventsweep.eval.report.compare.page import Comparison
 
 
 @app.command
@@ -22,8 +30,51 @@ def compare(
         results: Folders of `run`, `score` or `suite`, or their results.json or suite.json.
         out: Folder to write: compare.html and tables/.
     """
-    from eventsweep.eval.report.compare.page import HTML_NAME, write_comparison
+    from eventsweep.eval.report.compare.page import HTML_NAME, facts_of, write_comparison
 
     console = common.console()
-    console.compared(write_comparison(results, out))
+    comparison = write_comparison(results, out)
+    console.result(facts_of(comparison), _summary(comparison))
     console.wrote(out / HTML_NAME)
+
+
+def _summary(comparison: Comparison) -> Iterator[Part]:
+    """Which settings differ, and the verdict of each method's ranking number."""
+    from eventsweep.eval.cli.console import dim
+    from eventsweep.eval.report.compare import page
+
+    yield page.settings_text(comparison)
+    for pair in comparison.pairs:
+        yield _differences(pair)
+        yield from map(dim, (page.verdict_text(pair), *pair.data, *pair.only_in_one))
+
+
+def _differences(pair: Pair) -> Table:
+    """One line per method, of the first metric that is judged."""
+    from eventsweep.eval.cli.console import table
+    from eventsweep.eval.numbers import displayed
+    from eventsweep.eval.report import ranking
+    from eventsweep.eval.report.compare.differences import interval_text, signed
+
+    metric = pair.headline[0].metric if pair.headline else ""
+    chosen = [line for line in pair.headline if line.metric == metric]
+    title = ""
+    for line in chosen[:1]:
+        head = ranking.column(metric)
+        title = f"{line.case}, {head.title} in {head.unit}, {line.direction} is better"
+    columns = (
+        "method",
+        f">{pair.first.name}",
+        f">{pair.other.name}",
+        ">Δ",
+        ">95 % of Δ",
+        "verdict",
+    )
+    rows = (
+        (
+            line.method, displayed(line.first, line.unit), displayed(line.other, line.unit),
+            signed(line.change, line.unit), interval_text(line), line.short_label,
+        )
+        for line in chosen
+    )  # fmt: skip
+    return table(title, columns, rows)

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Group, Parameter
 
 from eventsweep.eval.cli.app import CONFIGURED, SIM_GROUP, Configured, Force, app
 from eventsweep.eval.cli.help import RARE
 from eventsweep.sim.config import PixelConfig, VideoConfig
+
+if TYPE_CHECKING:
+    from eventsweep.eval.cli.console import Console
+    from eventsweep.sim.video.record import RecordedVideo
 
 _VIDEO = Group.create_ordered("Video")
 VideoFlags = Annotated[VideoConfig, Parameter(name="*", group=_VIDEO), RARE]
@@ -60,4 +64,23 @@ def events(
             force=force,
             progress=lambda share, count: update(share, f"{count:,} events"),
         )
-    console.recorded(recorded)
+    _show(console, recorded)
+
+
+def _show(console: Console, recorded: RecordedVideo) -> None:
+    """Prints what became of a video, and what to know of it."""
+    from eventsweep.eval.cli.console import dim
+    from eventsweep.eval.cli.exit_codes import with_flags
+
+    duration_s = (recorded.span_us[1] - recorded.span_us[0]) * 1e-6
+    line = (
+        f"{recorded.events:,} events of {recorded.frames:,} frames, {recorded.width_px}x"
+        f"{recorded.height_px} px, in {duration_s:g} s, {recorded.path}"
+    )
+    assumed = (
+        f"times: {recorded.time_base}; values: {recorded.encoding}; "
+        f"{recorded.lost_at_half_rate:.0%} fewer events at half the frame rate"
+    )
+    console.result(recorded.facts(), [line, dim(assumed)])
+    for note in recorded.notes:
+        console.warn(with_flags(note))

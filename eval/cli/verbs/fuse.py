@@ -41,4 +41,9 @@ def fuse(
         where, info = fuse_windows(
             stored, config, method, lambda done, total: update(done, f"{done} of {total} windows")
         )
-    console.fused(where, info)
+    mesh = "" if info.triangles is None else f", a mesh of {info.triangles:,} triangles"
+    line = (
+        f"{info.method}: {info.window_points:,} points of {info.windows} windows, "
+        f"{info.points:,} voxels of {info.config.voxel_m:g} m{mesh}, in {where}"
+    )
+    console.result({"path": str(where), **info.model_dump(mode="json")}, [line])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,8 +18,7 @@ from eventsweep.eval.cli.help import RARE
 from eventsweep.eval.cli.job_flags import JOB_FLAGS, JobFlags, run_with_flags, seed_numbers
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
+    from eventsweep.eval.cli.console import Part
     from eventsweep.eval.gate.baseline import Baseline
     from eventsweep.eval.gate.compare import Choice, Judgement, Tolerances
     from eventsweep.eval.gate.report import VerdictLine
@@ -34,7 +33,7 @@ _SUMMARY = "GITHUB_STEP_SUMMARY"
 @Parameter(name="*")
 @dataclass(frozen=True)
 class GateFlags:
-    """What to hold against what, and where to say how it came out."""
+    """What is compared with what, and where the outcome is written."""
 
     baseline: Path
     "Baseline to compare with, or to write with --update."
@@ -130,7 +129,7 @@ class GateFlags:
         return Choice(self.metric or DECIDING, self.case, self.method, self.strict)
 
     def tolerances(self) -> Tolerances:
-        """How much is nothing."""
+        """Up to which difference a number is the same."""
         from eventsweep.eval.gate.compare import Tolerances
 
         if self.tolerance is None:
@@ -214,42 +213,26 @@ def _report(
         with Path(os.environ[_SUMMARY]).open("a", encoding="utf-8") as stream:
             stream.write(text + "\n")
     if not common.quiet:
-        first = all(verdict.status == "new" for verdict in verdicts)
-        _print(verdicts, as_json=common.json, table=not first)
+        common.console().result(report.as_json(verdicts), _summary(verdicts))
 
 
-def _print(verdicts: Sequence[Judgement], *, as_json: bool, table: bool) -> None:
-    """Prints the verdicts; without the table where it would only list a first baseline."""
-    from rich.console import Console as RichConsole
-
+def _summary(verdicts: Sequence[Judgement]) -> Iterator[Part]:
+    """The verdicts; without a table where it would only list a first baseline."""
+    from eventsweep.eval.cli.console import table
     from eventsweep.eval.gate import report
 
-    out = RichConsole(highlight=False)
-    if as_json:
-        out.out(report.as_json(verdicts), highlight=False)
-        return
-    rows = report.lines(verdicts) if table else []
+    first = all(verdict.status == "new" for verdict in verdicts)
+    rows = [] if first else report.lines(verdicts)
     if rows:
-        out.print(_table(rows))
+        columns = ("verdict", "what", ">baseline", ">now", ">allowed")
+        yield table(report.CAPTION, columns, map(_cells, rows))
     if rows and report.hidden(verdicts):
-        out.print(f"and {report.hidden(verdicts)} more")
-    out.print(report.summary(verdicts), markup=False, soft_wrap=True)
+        yield f"and {report.hidden(verdicts)} more"
+    yield report.summary(verdicts)
 
 
-def _table(rows: Sequence[VerdictLine]) -> Table:
-    """The lines in as few columns as a terminal has room for."""
-    from rich.table import Table
-    from rich.text import Text
-
-    from eventsweep.eval.gate.report import CAPTION
-
-    table = Table(title=CAPTION, title_justify="left")
-    table.add_column("verdict", no_wrap=True)
-    table.add_column("what", overflow="fold")
-    for heading in ("baseline", "now", "allowed"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for status, case, method, metric, before, now, _change, allowed, why in rows:
-        what = " ".join(part for part in (case, method, metric) if part)
-        what += f": {why}" if why else ""
-        table.add_row(*map(Text, (status, what, before, now, allowed)))
-    return table
+def _cells(line: VerdictLine) -> tuple[str, ...]:
+    """A line in as few columns as a terminal has room for."""
+    status, case, method, metric, before, now, _change, allowed, why = line
+    what = " ".join(part for part in (case, method, metric) if part)
+    return status, f"{what}: {why}" if why else what, before, now, allowed

@@ -30,7 +30,7 @@ def info(
         time_unit: What times of such a file count: s, ms, us or ns.
     """
     from eventsweep.emvs.formats.tables.columns import column_map
-    from eventsweep.eval.inspect import facts, inspect
+    from eventsweep.eval.inspect import facts, inspect, summary
 
     if force and picture is None:
         raise InputError("--force without --picture: nothing is written")
@@ -40,10 +40,7 @@ def info(
     console = common.console()
     readable, counts = inspect(path, console.progress, column_map(columns, time_unit))
     description = facts(readable, counts)
-    if not common.quiet:
-        from eventsweep.eval.inspect import show
-
-        show(description, as_json=common.json)
+    console.result(description, summary(description))
     if picture is not None:
         from eventsweep.eval.inspect import draw
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -21,6 +23,15 @@ from eventsweep.eval.cli.app import (
     with_values,
 )
 from eventsweep.eval.cli.help import RARE
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from eventsweep.emvs.check.findings import Finding
+    from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
+    from eventsweep.eval.cli.console import Part
+
+_MOST_SKIPPED_SHOWN = 5
 
 
 @app.command
@@ -62,8 +73,100 @@ def map(  # noqa: A001 - the verb's name
     finish = report_stage(console.progress)
     stored = map_recording(
         recording, out, wanted, force=force, finish=finish, progress=console.progress,
-        doubt=console.doubt if check else None,
+        warn=_warn if check else None,
     )  # fmt: skip
-    console.mapped(stored)
+    console.result({"map": str(stored.path), **_facts(stored)}, _tables(stored))
     console.wrote(out / "report.html")
     return incomplete([stored.info], allowed=allow_skipped)
+
+
+def _warn(finding: Finding) -> None:
+    from eventsweep.eval.cli.exit_codes import with_flags
+
+    sys.stderr.write(f"check: {with_flags(finding.line())}\n")
+
+
+def _facts(stored: StoredMap) -> dict[str, Any]:
+    """Every window with its counts and points, and what was left out."""
+    info = stored.info
+    return {
+        "windows": [
+            {
+                **window.info.model_dump(mode="json", exclude={"methods", "points"}),
+                "points": _points_of(window),
+            }
+            for window in stored.windows
+        ],
+        "skipped": [window.model_dump(mode="json") for window in info.skipped],
+        "hot_pixels": {
+            camera: {"pixels": len(hot.pixels), "events": hot.events}
+            for camera, hot in info.hot_pixels.items()
+        },
+        "without_pose": info.without_pose,
+        "complete": info.complete,
+    }
+
+
+def _tables(stored: StoredMap) -> Iterator[Part]:
+    """One window in full; of several, sums and ranges, and which were skipped and why."""
+    info, windows = stored.info, stored.windows
+    title = "event statistics"
+    if info.config.slides:
+        title += f", summed over {len(windows)} windows"
+    yield _counts(title, [window.info.counts for window in windows])
+    yield _points([_points_of(window) for window in windows])
+    for camera, hot in info.hot_pixels.items():
+        yield f"{camera}: {len(hot.pixels):,} hot pixels dropped, with {hot.events:,} events"
+    for camera, events in info.without_pose.items():
+        if events:
+            yield f"{camera}: {events:,} events before the first or after the last pose left out"
+    yield from _skipped(stored)
+
+
+def _points_of(window: StoredWindow) -> dict[str, int]:
+    """Points per method; maps of older versions do not say it in their index."""
+    methods = window.info.methods
+    return window.info.points or {name: window.depth_map(name).points for name in methods}
+
+
+def _skipped(stored: StoredMap) -> Iterator[Part]:
+    from rich.text import Text
+
+    skipped = stored.info.skipped
+    if not skipped:
+        return
+    total = len(skipped) + len(stored.windows)
+    yield Text(f"{len(skipped)} of {total} windows could not be mapped:", style="bold")
+    for window in skipped[:_MOST_SKIPPED_SHOWN]:
+        yield f"{window.name}: {window.reason}"
+    if len(skipped) > _MOST_SKIPPED_SHOWN:
+        yield f"and {len(skipped) - _MOST_SKIPPED_SHOWN} more, see map.json"
+
+
+def _counts(title: str, windows: Sequence[Mapping[str, Mapping[str, int]]]) -> Table:
+    from eventsweep.eval.cli.console import table
+
+    cameras = list(windows[0])
+    rows = (
+        (
+            name.replace("_", " "),
+            *(f"{sum(counts[camera][name] for counts in windows):,}" for camera in cameras),
+        )
+        for name in windows[0][cameras[0]]
+    )
+    return table(title, ("", *(f">{camera}" for camera in cameras)), rows)
+
+
+def _points(windows: Sequence[Mapping[str, int]]) -> Table:
+    from eventsweep.eval.cli.console import table
+
+    counts = {name: sorted(points[name] for points in windows) for name in windows[0]}
+    if len(windows) == 1:
+        alone = ((name, f"{count:,}") for name, (count,) in counts.items())
+        return table("points", ("method", ">pixels with depth"), alone)
+    headings = (f">{name} pixels\nwith depth" for name in ("fewest", "median", "most"))
+    rows = (
+        (name, f"{count[0]:,}", f"{count[len(count) // 2]:,}", f"{count[-1]:,}")
+        for name, count in counts.items()
+    )
+    return table("points", ("method", *headings), rows)

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, app
+
+if TYPE_CHECKING:
+    from eventsweep.eval.cli.console import Part
+    from eventsweep.eval.ranking.summary import Ranked
 
 
 @app.command
@@ -27,5 +32,26 @@ def ranking(
 
     page = write_ranking([read_source(one) for one in results], out)
     console = common.console()
-    console.ranked(page.public)
+    console.result(_facts(page.public), _summary(page.public))
     console.wrote(out / HTML_NAME)
+
+
+def _facts(ranked: Ranked) -> dict[str, Any]:
+    standings = [
+        {"method": one.method, "rank": one.rank, "other_seeds": [one.low_rank, one.high_rank],
+         "mean_place": round(one.place, 4)}
+        for one in ranked.standings
+    ]  # fmt: skip
+    refused = dict(ranked.joined.refused)
+    return {"standings": standings, "not_ranked": ranked.lacking, "refused": refused}
+
+
+def _summary(ranked: Ranked) -> Iterator[Part]:
+    """Who is ahead, with ties, and which results were refused."""
+    from eventsweep.eval.cli.console import table
+
+    rows = ((one.method, str(one.rank), f"{one.place:.2f}") for one in ranked.standings)
+    title = f"ranks by {ranked.metric.replace('_', ' ')}"
+    yield table(title, ("method", ">rank", ">mean place"), rows)
+    for label, why in ranked.joined.refused:
+        yield f"{label}: {why}"

@@ -63,6 +63,7 @@ def run(
     from eventsweep.emvs.maps.folder import read_info
     from eventsweep.eval.cli.exit_codes import incomplete
     from eventsweep.eval.cli.verbs.report import report_stage
+    from eventsweep.eval.cli.verbs.score import show_results
     from eventsweep.eval.pipeline import run_cases
     from eventsweep.eval.scoring.run_folder import MAP_FOLDER
     from eventsweep.scenes import case_name
@@ -86,7 +87,7 @@ def run(
         finish=report_stage(console.progress),
         progress=console.progress,
     )
-    console.results(results, wanted.score.ranking_metric)
+    show_results(console, results, wanted.score.ranking_metric)
     console.wrote(out / "report.html")
     maps = [read_info(out / case_name(one) / MAP_FOLDER) for one in case]
     return incomplete(maps, allowed=allow_skipped)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from eventsweep.eval.cli.app import (
     CONFIGURED,
@@ -17,6 +17,9 @@ from eventsweep.eval.cli.app import (
     app,
     with_values,
 )
+
+if TYPE_CHECKING:
+    from eventsweep.eval.cli.console import Console
 
 _POSES = (".txt", ".tum")
 
@@ -77,4 +80,25 @@ def simulate(
         fresh=fresh,
         progress=console.progress,
     )
-    console.sequence(out)
+    _show(console, out)
+
+
+def _show(console: Console, path: Path) -> None:
+    """Prints what a sequence holds."""
+    from eventsweep.emvs.data.sequence import Sequence
+    from eventsweep.eval.cli.console import dim
+    from eventsweep.eval.numbers import thousands
+
+    sequence = Sequence.open(path)
+    manifest = sequence.manifest
+    duration_s = (manifest.span_us[1] - manifest.span_us[0]) * 1e-6
+    facts = {
+        "sequence": str(path),
+        "events": list(manifest.event_counts),
+        "duration_s": duration_s,
+        "renderer": manifest.renderer,
+        "sha256": manifest.digest(),
+    }
+    counts = " + ".join(map(thousands, manifest.event_counts))
+    line = f"{sequence.name}: {counts} events in {duration_s:g} s, {path}"
+    console.result(facts, [line, dim(f"drawn by {manifest.renderer}")])

@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 
 from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, app
 from eventsweep.eval.cli.help import RARE
-from eventsweep.eval.learning.config import TrainingConfig
 
 
 @app.command
@@ -50,23 +49,24 @@ def train(
         published: Train nothing: turn the DERD-Net authors' own file of weights (.pth) into
             OUT/derd.npz; given twice, the mean of both counts.
     """
+    from eventsweep.eval.learning.config import TrainingConfig
+    from eventsweep.eval.learning.page import write_training_page
     from eventsweep.eval.learning.train import train as trained_in
-    from eventsweep.eval.report.training_page import write_training_page
 
     flags = {
         "uniform_in": uniform_in, "epochs": epochs, "batch": batch, "learning_rate": learning_rate,
     }  # fmt: skip
-    told = {name: value for name, value in flags.items() if value is not None}
+    given = {name: value for name, value in flags.items() if value is not None}
     config = TrainingConfig(
         network=network, scenes=scene, candidates=candidates, seed=seed, threads=threads,
-        device=device, **told,
+        device=device, **given,
     )  # fmt: skip
     console = common.console()
     if published:
         from eventsweep.emvs.errors import InputError
         from eventsweep.eval.learning.published import convert
 
-        if unused := [*told, *(["scene"] if scene else [])]:
+        if unused := [*given, *(["scene"] if scene else [])]:
             raise InputError(f"published weights are not trained: leave out {', '.join(unused)}")
         console.wrote(convert(published, out))
         return

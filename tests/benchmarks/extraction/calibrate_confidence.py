@@ -26,7 +26,7 @@ from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.learning import confidence
-from eventsweep.eval.learning.confidence import Scored
+from eventsweep.eval.learning.confidence import Floats, Scored
 from eventsweep.eval.learning.sequences import sequences
 from eventsweep.eval.scoring.run_folder import truth_of
 from markdown_blocks import into_page
@@ -87,6 +87,34 @@ def table_of(method: str) -> Precision:
     return known
 
 
+def reliability_diagram(
+    table: Precision, score: Floats, error_px: Floats, bins: int = 10
+) -> list[Mapping[str, float]]:
+    """Stated against found errors: points sorted by what is stated, in bins of as many each.
+
+    Args:
+        table: what scores were worth on the calibration windows.
+        score: (M,) of other points.
+        error_px: (M,) their errors, px of disparity.
+        bins: how many.
+
+    Returns:
+        Per bin the mean stated error, the found quantile, and the share within the stated band.
+    """
+    said = table.error_at(np.asarray(score, np.float32))
+    parts = np.array_split(np.argsort(said, kind="stable"), bins)
+    return [
+        {
+            "stated_px": float(said[part].mean()),
+            "found_px": float(np.quantile(error_px[part], precision.BAND)),
+            "within": float((error_px[part] <= said[part]).mean()),
+            "points": float(len(part)),
+        }
+        for part in parts
+        if len(part)
+    ]
+
+
 def report(found: Mapping[str, Scored]) -> str:
     """Markdown: stated bands and wanted precisions beside those that were found."""
     lines = [
@@ -96,9 +124,7 @@ def report(found: Mapping[str, Scored]) -> str:
     for name, points in found.items():
         table = table_of(name)
         kept = points.score >= np.quantile(points.score, 0.5)  # others are never reported
-        diagram = confidence.reliability_diagram(
-            table, points.score[kept], points.error_px[kept], bins=5
-        )
+        diagram = reliability_diagram(table, points.score[kept], points.error_px[kept], bins=5)
         for k, line in enumerate(diagram, 1):
             cells = f"{line['stated_px']:.2f} | {line['found_px']:.2f} | {100 * line['within']:.0f}"
             lines.append(f"| `{name}` | {k} | {cells} |")

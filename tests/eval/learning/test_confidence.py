@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from calibrate_confidence import reliability_diagram
 from eventsweep.emvs.depth.precision import BAND, Precision, table_name, tables
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.learning import confidence
@@ -29,7 +30,7 @@ def test_errors_never_rise_and_precision_never_falls(seed, count):
 def test_stated_bands_hold_their_share_of_other_points():
     table = confidence.fit(*points(0, 40_000))
     score, error_px = points(1, 40_000)
-    diagram = confidence.reliability_diagram(table, score, error_px)
+    diagram = reliability_diagram(table, score, error_px)
     assert len(diagram) == 10
     for line in diagram:
         assert abs(line["within"] - BAND) < 0.05
