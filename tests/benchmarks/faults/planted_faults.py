@@ -93,15 +93,18 @@ FAULTS = (
 def broken_copy(folder: Path, *edits: Edit, more: tuple[str, ...] = ()) -> Path:
     """Copies the packages, and `more`, and changes one line for each edit.
 
-    What was in the folder is gone. Numba finds kernels again by place and time of change: copies
-    made one after the other in one folder compile only what an edit changes.
+    Links stay links: what `eventsweep` links to is then the copy too. What was in the folder is
+    gone. Numba finds kernels again by place and time of change: copies made one after the other in
+    one folder compile only what an edit changes.
     """
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     for name in (*PACKAGES, *more):
         place = ROOT / name
-        copy = shutil.copytree if place.is_dir() else shutil.copy2
-        copy(place, folder / name)
+        if place.is_dir():
+            shutil.copytree(place, folder / name, symlinks=True)
+        else:
+            shutil.copy2(place, folder / name)
     for edit in edits:
         file = folder / edit.file
         file.write_text(edit.applied(file.read_text(encoding="utf-8")), encoding="utf-8")
