@@ -2,7 +2,7 @@
 BIN := .venv/bin
 SEED ?= 0
 
-.PHONY: demo test slow lint gate bench site setup clean
+.PHONY: demo test tools slow lint gate bench site setup clean
 .PHONY: pictures pictures-code pictures-scenes pictures-simulator pictures-methods tables measurements studies
 .DEFAULT_GOAL := demo
 
@@ -13,8 +13,12 @@ demo: setup
 test: setup
 	$(BIN)/python -m pytest -n auto
 
+# What measures, counts and writes tables for the documentation.
+tools: setup
+	$(BIN)/python -m pytest -n auto tests/benchmarks
+
 slow: setup
-	HYPOTHESIS_RANDOM=1 $(BIN)/python -m pytest --run-slow
+	HYPOTHESIS_RANDOM=1 $(BIN)/python -m pytest --run-slow tests
 
 lint: setup
 	$(BIN)/ruff check .

@@ -16,7 +16,7 @@ from import_graph import (
     within,
 )
 from places import ROOT
-from structure import is_tool, small_with_one_importer
+from structure import small_with_one_importer
 
 MOST_MODULES = 15  # in one folder, beside its `__init__`
 MOST_FLOORS = 10  # of subpackages of `emvs`, one upon the other
@@ -102,10 +102,6 @@ def test_compiled_loops_know_nothing_of_the_product(graph):
     imported = {name: graph[name] - KERNELS_IMPORT for name in graph if is_kernels(name)}
     assert len(imported) > 10
     assert {one for found in imported.values() for one in found if not is_kernels(one)} == set()
-
-
-def test_developer_tools_are_no_part_of_the_product(modules):
-    assert [name for name in modules if is_tool(name)] == []
 
 
 def test_no_part_of_scenes_imports_a_scene(modules, graph):

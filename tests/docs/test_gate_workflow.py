@@ -79,7 +79,7 @@ def mapped(place, depth_m):
     """All steps up to the gate, each of which must succeed."""
     for name, command in steps().items():
         if name not in (INSTALLS, "Gate"):
-            end = done(place, command, depth_m)
+            end = done(place, command.replace("--seconds 0.2", "--seconds 0.05"), depth_m)
             assert end.returncode == 0, (name, end.stderr)
 
 
@@ -115,7 +115,7 @@ def test_a_run_on_another_sequence_is_red(place):
     """As after a change of the cache's key: nothing can be compared, and the gate says so."""
     folder = anew(place)
     assert done(place, "mv sequences/desk sequences/first").returncode == 0
-    first, shorter = "--seconds 0.2 --seed 0", "--seconds 0.05 --seed 1"
+    first, shorter = "--seconds 0.2 --seed 0", "--seconds 0.04 --seed 1"
     simulate = steps()["Simulate, once"]
     assert first in simulate
     other = {**steps(), "Simulate, once": simulate.replace(first, shorter)}

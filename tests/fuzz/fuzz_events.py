@@ -12,6 +12,7 @@ import os
 import re
 import resource
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -38,10 +39,29 @@ from eventsweep.emvs.formats.tables.columns import ColumnMap
 SIZE_PX = (1280, 720)
 # A line of what a run prints.
 LINE = re.compile(r"(\S+) +(\d+) done, +(\d+) refused, slowest +\d+ ms, +(\d+) MB more((?:\n .*)*)")
+MOST_MB = 64  # more of memory that a kind may take
 ROOM = 512 << 20
 PATIENCE_S = 20
 # A prefix of these is a whole file of its own, where it ends between two words or lines.
 PREFIXES = {"evt2", "evt3", "evt21", "dat", "text", "esim-text", "csv", "csv+stated"}
+
+
+def ran(script, examples):
+    """Runs a script of this folder in a process of its own, and checks what it says of each kind.
+
+    Returns:
+        The kinds.
+    """
+    command = [sys.executable, str(Path(__file__).with_name(f"{script}.py")), str(examples)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.stderr == ""  # no library prints anything of its own
+    found = {match[1]: match.groups()[1:] for match in LINE.finditer(done.stdout)}
+    for kind, (count, refused, more_mb, faults) in found.items():
+        assert faults == "", kind
+        assert int(count) == examples, kind
+        assert int(refused) > examples // 4, kind  # the damage is worth the name
+        assert int(more_mb) < MOST_MB, kind
+    return set(found)
 
 
 def rows(count=1500):

@@ -23,17 +23,7 @@ from eventsweep.sim.motion.curves import look_at, sampled
 from eventsweep.sim.motion.head_motion import six_dof
 from eventsweep.sim.scene import replayed
 from eventsweep.sim.simulate import describe, make_job, simulate
-from noise_scene import Killed, scene_in, stop_at
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("replay")
-
-
-@pytest.fixture(scope="module")
-def scene(folder):
-    return scene_in(folder)
+from noise_scene import Killed, stop_at
 
 
 @pytest.fixture(scope="module")

@@ -42,7 +42,7 @@ from eventsweep.sim.motion.curves import HeadSway, Wave
 from eventsweep.sim.rigs import rig
 from eventsweep.sim.sensor_presets import SensorConfig
 from eventsweep.sim.simulate import simulate
-from markdown_blocks import into_page
+from markdown_blocks import show
 
 TWINS = (
     "desk", "tumvie-6dof", "rpg-boxes", "boxes", "mvsec-flying", "rpg-bin", "rpg-monitor",
@@ -324,9 +324,7 @@ def main(arguments: Iterable[str] | None = None) -> int:
                 results.append(run(name, study, seed))
                 sys.stderr.write(f"{study} {name} {seed}: {_brief(results[-1])}\n")
             text = tables(results)
-            sys.stdout.write(text)
-            if chosen.page is not None:
-                into_page(chosen.page, f"recovery-{study}", text)
+            show(text, chosen.page, f"recovery-{study}")
     return code.value
 
 

@@ -14,39 +14,36 @@ Each function counts where it does so first, as a reader reads it once. The modu
 functions in order, those in a row counted once, are the way; a *return* is a step into a module
 that was left before.
 
-The checkout is run, not only read: its modules are found under today's names or, where there is
-none, under the names that they had before. Threads that begin meanwhile are followed, processes
-are not.
+The checkout is run, not only read. Threads that begin meanwhile are followed, processes are not.
 """
 
 from __future__ import annotations
 
 import argparse
-import importlib
+import importlib.util
 import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from inspect import signature
 from itertools import groupby
 from pathlib import Path
 from types import CellType, FrameType, FunctionType, SimpleNamespace
 from typing import Any
 
-# what is needed -> where it may be, the newest place first
+# what is needed -> where it is; `eventsweep.` stands before it in all but older checkouts
 PLACES = {
-    "map_window": ("eventsweep.emvs.mapper",),
-    "MapperConfig": ("eventsweep.emvs.config",),
-    "Camera": ("eventsweep.emvs.geometry.camera", "eventsweep.emvs.data.camera"),
-    "Rig": ("eventsweep.emvs.geometry.rig", "eventsweep.emvs.data.rig"),
-    "Trajectory": ("eventsweep.emvs.geometry.trajectory", "eventsweep.emvs.data.trajectory"),
-    "Events": ("eventsweep.emvs.data.events",),
-    "Scene": ("eventsweep.sim.scene",),
-    "run_cases": ("eventsweep.eval.pipeline", "eval.runner"),
-    "write_report": ("eventsweep.eval.report.run_page", "eventsweep.eval.report"),
-    "Settings": ("eventsweep.eval.config", "eval.settings"),
+    "map_window": "emvs.mapper",
+    "MapperConfig": "emvs.config",
+    "Camera": "emvs.geometry.camera",
+    "Rig": "emvs.geometry.rig",
+    "Trajectory": "emvs.geometry.trajectory",
+    "Events": "emvs.data.events",
+    "Scene": "sim.scene",
+    "run_cases": "eval.pipeline",
+    "write_report": "eval.report.run_page",
+    "Settings": "eval.config",
 }
 METHODS = ("Alg1/H", "EMVS/cam0")
 SIZE_PX = (64, 48)
@@ -60,13 +57,10 @@ EMPTY = CellType()
 
 
 def find(name: str) -> Any:
-    """A name of the product, from the first of its places that has it."""
-    for place in PLACES[name]:
-        try:
-            return getattr(importlib.import_module(place), name)
-        except (ModuleNotFoundError, AttributeError):
-            continue
-    raise SystemExit(f"{name}: in none of {', '.join(PLACES[name])}; add its place to PLACES")
+    """A name of the product, from its place."""
+    place = PLACES[name]
+    inside = importlib.util.find_spec(f"eventsweep.{place.partition('.')[0]}") is not None
+    return getattr(importlib.import_module(f"eventsweep.{place}" if inside else place), name)
 
 
 class Follower:
@@ -212,9 +206,6 @@ def follow_config(root: Path) -> Follower:
 def follow_scene(root: Path) -> Follower:
     """A scene through everything that `run` does with it."""
     run_cases = find("run_cases")
-    keywords = {}  # earlier, `run_cases` wrote the report itself
-    if "finish" in signature(run_cases).parameters:
-        keywords["finish"] = find("write_report")
     settings = find("Settings").model_validate(
         {"sim": {"duration_s": SCENE_S}, "map": {"methods": METHODS, "planes": 10}}
     )
@@ -223,7 +214,7 @@ def follow_scene(root: Path) -> Follower:
         return _followed(
             root,
             find("Scene"),
-            lambda: run_cases([SCENE], out, settings, None, 0, **keywords),
+            lambda: run_cases([SCENE], out, settings, None, 0, finish=find("write_report")),
         )
 
 

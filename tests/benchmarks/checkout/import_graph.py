@@ -154,16 +154,12 @@ def circles(graph: Graph) -> list[tuple[str, ...]]:
     return sorted((one for one in components(graph) if len(one) > 1), key=lambda one: -len(one))
 
 
-def floors(graph: Graph, *, whole_circles: bool = False) -> dict[str, int]:
-    """Name -> the length of the longest chain that begins there; 1 where nothing is imported.
-
-    A circle is one floor, or with `whole_circles` as many as it has modules.
-    """
+def floors(graph: Graph) -> dict[str, int]:
+    """Name -> the length of the longest chain that begins there; 1 where nothing is imported."""
     height: dict[str, int] = {}
     for members in components(graph):
         below = {target for name in members for target in graph[name]} - set(members)
-        own = len(members) if whole_circles else 1
-        height.update(dict.fromkeys(members, own + max((height[one] for one in below), default=0)))
+        height.update(dict.fromkeys(members, 1 + max((height[one] for one in below), default=0)))
     return height
 
 

@@ -6,10 +6,10 @@ Prints a Markdown table with a column for each checkout, such as before and afte
 checkout is read as text (`import_graph` says what counts as an import, a circle and a floor);
 nothing of it is run.
 
-- Lines are lines of text, empty ones and comments included. The wheel holds every module of the
-  packages. Developer tools draw, measure and write tables for the documentation. Older checkouts
-  have some of them in the wheel, or loose among the tests: `TOOLS_IN_WHEEL` and `TOOL_FILES` name
-  them. The product is the wheel without them.
+- Lines are lines of text, empty ones and comments included. The product is every module of the
+  packages. Developer tools draw, measure and write tables for the documentation: what lies in
+  `tests/benchmarks` and `docs/figures` and is no test. Tests are the rest of `tests`, their helpers
+  included; those of the tools are counted once more by themselves.
 - The mapper's modules are all that `emvs.mapper` imports, directly or not, itself included.
 - A subpackage is what `import_graph.subpackage` says: `emvs.dsi` with all below it; a module
   directly in a top-level package is a part by itself.
@@ -31,7 +31,6 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterator
-from fnmatch import fnmatchcase
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -42,7 +41,6 @@ from import_graph import (
     Module,
     by_folder,
     circles,
-    floors,
     import_graph,
     importers,
     longest_chain,
@@ -54,29 +52,17 @@ from import_graph import (
 
 SMALL_LINES = 60
 FULLEST = 6
-# Developer tools: modules of older checkouts that moved to `tests/benchmarks` and `docs/figures`,
-# and the files of any checkout that are tools by their place; tests of tools are none.
-TOOLS_IN_WHEEL = (
-    "emvs.io.events.__main__", "eval.bench_gpu", "eval.cost_*", "eval.gpu_*", "eval.marked",
-    "eval.readme_table", "eval.settings_table", "eval.studies.efficiency", "eval.studies.page",
-    "eval.studies.published", "eval.studies.reproduction", "eval.studies.suite_cost",
-    "eval.study_*", "scenes._figures", "scenes._sheet", "sim.motion_figures", "sim.replay_cost",
-    "sim.sensor_pictures", "sim.sensor_samples", "sim.statistics",
-)  # fmt: skip
-TOOL_FILES = {
-    "tests": (
-        "benchmarks/**/*.py", "bench_*.py", "memory_*.py", "profile_*.py", "fault_runs.py",
-        "planted_faults.py",
-    ),
-    "docs": ("**/*.py",),
-}  # fmt: skip
+TOOLS = ("tests/benchmarks", "docs/figures")
 SUFFIXES = (".toml", ".xml", ".j2", ".js", ".css")
 
 # what is added -> a regular expression that finds the example; `_` parts words
 ADDITIONS = {
+    "extraction (`derd`)": r"(?i:derd)",
     "fusion function (`RMS`)": r"RMS",
     "metric (`silog`)": r"silog",
     "scene (`hdr_night`)": r"hdr[_-]night",
+    "verb (`prune`)": r"(?i:prune)",
+    "renderer (`StereoRenderer`)": r"StereoRenderer",
     "event format (`aedat4`)": r"(?i:aedat4)",
     "encoding of a known format (`evt2`)": r"(?i:evt2)",
 }
@@ -89,23 +75,18 @@ def measure(root: Path) -> dict[str, Any]:
     folders = by_folder(modules.values())
     fullest = Counter({folder: len(inside) for folder, inside in folders.items()})
     parts = subpackage_graph(graph)
-    tools = [module for name, module in modules.items() if is_tool(name)]
     return {
-        "modules": len(modules),
-        "lines": sum(module.lines for module in modules.values()),
-        "tools_in_wheel": _sizes(tools),
-        "product": _sizes([module for name, module in modules.items() if not is_tool(name)]),
+        **{name: _sizes(files) for name, files in files_by_kind(root).items()},
         "median_module_lines": median(module.lines for module in modules.values()),
-        "packages": {name: _sizes(_inside(modules, name)) for name in PACKAGES},
-        "folders": {name: _sizes(inside) for name, inside in sorted(folders.items())},
+        "packages": {name: _sizes(_python(root / name)) for name in PACKAGES},
+        "folders": {
+            name: _sizes([module.path for module in inside])
+            for name, inside in sorted(folders.items())
+        },
         "fullest_folders": dict(fullest.most_common(FULLEST)),
-        "tool_lines": {folder: tool_lines(root / folder) for folder in TOOL_FILES},
         "mapper_modules": len(reachable(graph, "emvs.mapper")) if "emvs.mapper" in graph else 0,
         "chains": chains(graph),
         "part_chains": chains(parts),
-        "emvs_floors_whole_circles": max(
-            floors(within(graph, "emvs"), whole_circles=True).values(), default=0
-        ),
         "circles": circles(graph),
         "subpackages": len(parts),
         "subpackage_circles": circles(parts),
@@ -121,24 +102,30 @@ def chains(graph: Graph) -> dict[str, list[str]]:
     return inside | {"all": longest_chain(graph)}
 
 
-def _inside(modules: dict[str, Module], package: str) -> list[Module]:
-    return [module for name, module in modules.items() if name.split(".")[0] == package]
+def files_by_kind(root: Path) -> dict[str, list[Path]]:
+    """Python files of the product, of the tests, of tests of tools among them, and of the tools."""
+    tests, tools = (
+        _python(root / "tests"),
+        [path for name in TOOLS for path in _python(root / name)],
+    )
+    of_tools = [path for path in tools if path.name.startswith("test_")]
+    tools = [path for path in tools if path not in of_tools]
+    return {
+        "product": [path for name in PACKAGES for path in _python(root / name)],
+        "tests": [path for path in tests if path not in tools],
+        "tests of tools": of_tools,
+        "tools": tools,
+    }
 
 
-def _sizes(modules: list[Module]) -> dict[str, int]:
-    return {"modules": len(modules), "lines": sum(module.lines for module in modules)}
+def _python(folder: Path) -> list[Path]:
+    """Python files below a folder; what a link in it leads to is counted where it lies."""
+    return sorted(folder.rglob("*.py"))
 
 
-def is_tool(name: str) -> bool:
-    """Whether a module in the wheel is for developers only."""
-    return any(fnmatchcase(name, pattern) for pattern in TOOLS_IN_WHEEL)
-
-
-def tool_lines(folder: Path) -> int:
-    """Lines of the developer tools in `tests` or `docs`."""
-    found = {path for pattern in TOOL_FILES[folder.name] for path in folder.glob(pattern)}
-    tools = [path for path in found if not path.name.startswith("test_")]
-    return sum(len(path.read_text("utf-8").splitlines()) for path in tools)
+def _sizes(files: list[Path]) -> dict[str, int]:
+    lines = sum(len(path.read_text("utf-8").splitlines()) for path in files)
+    return {"modules": len(files), "lines": lines}
 
 
 def small_with_one_importer(modules: dict[str, Module], graph: Graph) -> dict[str, str]:
@@ -203,19 +190,15 @@ def _bare_strings(tree: ast.Module) -> Iterator[ast.Constant]:
 def rows(found: dict[str, Any]) -> dict[str, str]:
     """The table's rows: what was measured -> the value as it is shown."""
     return {
-        "modules, lines in the wheel": f"{found['modules']}, {found['lines']:,}",
-        "developer tools among them": _size(found["tools_in_wheel"]),
-        "product: the wheel without developer tools": _size(found["product"]),
+        "product: modules, lines": _size(found["product"]),
+        "tests: modules, lines": _size(found["tests"]),
+        "tests of developer tools among them": _size(found["tests of tools"]),
+        "developer tools: modules, lines": _size(found["tools"]),
         "median module, lines": f"{found['median_module_lines']:g}",
         **{f"`{name}`: modules, lines": _size(size) for name, size in found["packages"].items()},
         "fullest folders": ", ".join(f"`{k}` {n}" for k, n in found["fullest_folders"].items()),
-        **{
-            f"lines of developer tools in `{folder}`": f"{lines:,}"
-            for folder, lines in found["tool_lines"].items()
-        },
         "modules that the mapper imports": str(found["mapper_modules"]),
         **{f"floors, {name}": str(len(one)) for name, one in found["chains"].items()},
-        "floors, emvs, every module of a circle counted": str(found["emvs_floors_whole_circles"]),
         "circles of modules (modules in each)": _circle_sizes(found["circles"]),
         **{
             f"floors of subpackages, {name}": str(len(one))
@@ -223,7 +206,6 @@ def rows(found: dict[str, Any]) -> dict[str, str]:
         },
         "subpackages": str(found["subpackages"]),
         "circles of subpackages (parts in each)": _circle_sizes(found["subpackage_circles"]),
-        "subpackages form a DAG": "no" if found["subpackage_circles"] else "yes",
         f"modules under {SMALL_LINES} lines with one importer": str(
             len(found["small_with_one_importer"])
         ),

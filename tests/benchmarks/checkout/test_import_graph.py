@@ -1,5 +1,6 @@
 """The graph of imports, on checkouts and graphs that one can see through."""
 
+import call_trace
 from import_graph import (
     circles,
     components,
@@ -10,7 +11,7 @@ from import_graph import (
     read_modules,
     subpackage_graph,
 )
-from structure import classes_defined_twice, is_tool, named_in, small_with_one_importer, tool_lines
+from structure import classes_defined_twice, files_by_kind, named_in, small_with_one_importer
 
 # a imports b is "a": {"b"}
 
@@ -23,11 +24,10 @@ def test_floors_are_counted_from_what_imports_nothing():
     assert longest_chain(DIAMOND) == ["top", "left", "base"]
 
 
-def test_a_circle_is_one_floor_or_as_many_as_it_has_modules():
+def test_a_circle_is_one_floor():
     assert circles(CIRCLE) == [("b", "c")]
     assert components(CIRCLE) == [("d",), ("b", "c"), ("a",)]
     assert floors(CIRCLE) == {"a": 3, "b": 2, "c": 2, "d": 1}
-    assert floors(CIRCLE, whole_circles=True)["a"] == 4
     assert longest_chain(CIRCLE) == ["a", "b = c", "d"]
     assert reachable(CIRCLE, "c") == {"b", "c", "d"}
 
@@ -78,12 +78,15 @@ def test_small_modules_and_second_classes_are_found(tmp_path):
     assert classes_defined_twice(modules) == {"Job": ["emvs.one", "emvs.small"]}
 
 
-def test_developer_tools_are_counted_wherever_they_lie(tmp_path):
-    assert is_tool("eval.gpu_votes")
-    assert is_tool("scenes._sheet")
-    assert not is_tool("eval.gate_table")
-    tests = tmp_path / "tests"
-    (tests / "benchmarks").mkdir(parents=True)
-    for name in ("bench_sweep", "test_sweep", "benchmarks/study_cost", "benchmarks/test_cost"):
-        (tests / f"{name}.py").write_text("x = 1\ny = 2\n", encoding="utf-8")
-    assert tool_lines(tests) == 4
+def test_product_tests_and_tools_are_counted_apart(tmp_path):
+    tests, tools = "tests/emvs/test_a tests/helpers/b", "docs/figures/c tests/benchmarks/d/study"
+    for name in ("emvs/a", *tests.split(), *tools.split(), "tests/benchmarks/d/test_study"):
+        path = tmp_path / f"{name}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("x = 1\ny = 2\n", encoding="utf-8")
+    counts = {kind: len(files) for kind, files in files_by_kind(tmp_path).items()}
+    assert counts == {"product": 1, "tests": 3, "tests of tools": 1, "tools": 2}
+
+
+def test_what_the_trace_follows_is_where_it_looks_for_it():
+    assert all(call_trace.find(name) for name in call_trace.PLACES)

@@ -23,7 +23,7 @@ from eventsweep.emvs.check.alternatives import Amount, Chosen, amounts_of_one, a
 from eventsweep.emvs.check.by_mapping import CameraTrials, TrialWindows
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
-from markdown_blocks import into_page
+from markdown_blocks import show
 
 _SIGNS = (-1.0, 1.0)
 _SCENES = ("boxes", "desk", "thin-structures", "tumvie-6dof")
@@ -118,9 +118,7 @@ def main() -> None:
     flags = parser.parse_args()
     bases = [base for base in DEVELOPMENT if base.scene in _SCENES]
     text = table([es.open_recording(sequence(base, flags.out)) for base in bases])
-    sys.stdout.write(text)
-    if flags.page is not None:
-        into_page(flags.page, "check-sizes", text)
+    show(text, flags.page, "check-sizes")
 
 
 if __name__ == "__main__":

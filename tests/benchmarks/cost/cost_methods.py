@@ -21,7 +21,7 @@ from cost_stream import MovingEdges
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.mapper import map_window
 from eventsweep.eval.cli.exit_codes import exit_code
-from markdown_blocks import into_page
+from markdown_blocks import show
 from study_cost import machine
 
 BASE = "Alg1/H"
@@ -126,9 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     effort = MethodsEffort(chosen.events, chosen.planes, chosen.rounds)
     with exit_code() as code:
         text = _measured(effort)
-        sys.stdout.write(text)
-        if chosen.page is not None:
-            into_page(chosen.page, "costs", text)
+        show(text, chosen.page, "costs")
     return code.value
 
 

@@ -36,7 +36,7 @@ from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.reference_view import inverse_depth_planes
 from eventsweep.emvs.utils.runtime import use_threads
 from eventsweep.eval.cli.exit_codes import exit_code
-from markdown_blocks import into_page
+from markdown_blocks import show
 from study_cost import machine
 
 SOURCE = Path(__file__).with_suffix(".cpp")
@@ -273,9 +273,7 @@ def main(arguments: list[str] | None = None) -> int:
             for sensor, events in EVENTS.items()
         ]
         text = f"{about} {chosen.rounds} rounds.\n\n{table(found, chosen.events)}"
-        sys.stdout.write(text)
-        if chosen.page is not None:
-            into_page(chosen.page, "published", text)
+        show(text, chosen.page, "published")
     return code.value
 
 

@@ -9,7 +9,6 @@ an archive are unpacked instead of simulated.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Collection, Iterable
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.suite.definition import GATED, Suite, load
 from eventsweep.eval.suite.results import JobNote, read_suite
-from markdown_blocks import into_page
+from markdown_blocks import show
 
 MARK = "cost"
 STAGES = ("simulate", "unpack", "tell", "map", "predict", "score")
@@ -38,9 +37,7 @@ def main() -> int:
         suite, _ = load(asked.suite)
         jobs = {job.name: job for run in asked.runs for job in _jobs(run, suite)}
         text = table(suite, took(jobs.values())) + outcomes(jobs.values())
-        if asked.page is not None:
-            into_page(asked.page, asked.mark, text)
-        sys.stdout.write(text)
+        show(text, asked.page, asked.mark)
     return code.value
 
 

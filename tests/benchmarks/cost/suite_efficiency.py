@@ -8,7 +8,6 @@ one.
 from __future__ import annotations
 
 import argparse
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -18,7 +17,7 @@ from eventsweep.eval.cli import job_flags
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.progress import Silent
 from eventsweep.eval.suite.definition import load
-from markdown_blocks import into_page
+from markdown_blocks import show
 
 MARK = "efficiency"
 
@@ -33,9 +32,7 @@ def main() -> int:
     with exit_code() as code:
         alone_s, together_s = (elapsed_s(asked.suite, count) for count in (1, asked.workers))
         text = line(asked.suite, asked.workers, alone_s, together_s)
-        if asked.page is not None:
-            into_page(asked.page, MARK, text)
-        sys.stdout.write(text)
+        show(text, asked.page, MARK)
     return code.value
 
 

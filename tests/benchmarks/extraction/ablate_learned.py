@@ -29,7 +29,7 @@ from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.learning.samples import Shown, shown_of, swept_window
 from eventsweep.eval.scoring.run_folder import truth_of
-from markdown_blocks import into_page
+from markdown_blocks import show
 from study_cache import load_sequence
 from study_extraction import Numbers
 from study_learned import BASE, FOCUS, SUMMARY, SUMMARY_RULE, numbers, summary_cells
@@ -129,9 +129,7 @@ def main(arguments: list[str] | None = None) -> int:
         found = {one.title: trained(chosen.out, one, budget) for one in VARIANTS}
         networks = {title: net for title, net in found.items() if net is not None}
         text = "\n".join(_titled(name, chosen.cache, networks) for name in chosen.sets)
-        sys.stdout.write(text)
-        if chosen.page is not None:
-            into_page(chosen.page, "learned-ablation", text)
+        show(text, chosen.page, "learned-ablation")
     return code.value
 
 

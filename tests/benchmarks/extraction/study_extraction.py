@@ -20,7 +20,7 @@ from eventsweep.emvs.reference_view import inverse_depth_at
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.scoring.method_scores import ALL_METRICS
 from eventsweep.eval.scoring.pairing import pair
-from markdown_blocks import into_page
+from markdown_blocks import show
 from study_cache import StudySample, load_sample
 from study_samples import SETS, SampleSpec
 from study_variants import (
@@ -194,9 +194,7 @@ def main(arguments: list[str] | None = None) -> int:
                 study(_load(wanted, chosen.cache), ablate=name == ABLATED) for wanted in SETS[name]
             ]
         text = report(outcomes)
-        sys.stdout.write(text)
-        if chosen.page is not None:
-            into_page(chosen.page, chosen.mark, text)
+        show(text, chosen.page, chosen.mark)
     return code.value
 
 

@@ -27,7 +27,7 @@ from eventsweep.eval.perturbations import Perturbation, amounts, perturbed
 from eventsweep.eval.scoring.method_scores import ALL_METRICS
 from eventsweep.eval.scoring.pairing import Truth, pair
 from eventsweep.eval.scoring.run_folder import truth_of
-from markdown_blocks import into_page
+from markdown_blocks import show
 from study_cache import load_sequence
 from study_extraction import METRICS, Numbers, blocks_with_points
 from study_samples import SETS, SampleSpec
@@ -194,9 +194,7 @@ def main(arguments: list[str] | None = None) -> int:
         for spec in (one for name in chosen.sets for one in SETS[name]):
             outcomes[spec] = outcome(spec, chosen.cache, chosen.imperfection, *weights)
         text = "\n".join(TABLES[name](outcomes) for name in chosen.tables)
-        sys.stdout.write(text)
-        if chosen.page is not None:
-            into_page(chosen.page, chosen.mark, text)
+        show(text, chosen.page, chosen.mark)
     return code.value
 
 

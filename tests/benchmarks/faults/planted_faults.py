@@ -93,8 +93,9 @@ FAULTS = (
 def broken_copy(folder: Path, *edits: Edit, more: tuple[str, ...] = ()) -> Path:
     """Copies the packages, and `more`, and changes one line for each edit.
 
-    What was in the folder is gone. Numba finds kernels again by place and time of change: copies
-    made one after the other in one folder compile only what an edit changes.
+    Links stay links: what `eventsweep` links to is then the copy too. What was in the folder is
+    gone. Numba finds kernels again by place and time of change: copies made one after the other in
+    one folder compile only what an edit changes.
     """
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)

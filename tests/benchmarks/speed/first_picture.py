@@ -185,7 +185,7 @@ def main() -> None:
     if options.child:
         child(*options.child)
     # Only here: what this file imports at the top counts for every child.
-    from markdown_blocks import into_page
+    from markdown_blocks import show
     from study_cost import machine
 
     about = machine()
@@ -197,9 +197,7 @@ def main() -> None:
         cold = [measured(scene, None) for _ in range(max(1, options.runs // 3))]
         costs |= {(scene, s): median_of(runs) for s, runs in zip(STATES, (warm, cold), strict=True)}
     text = f"{about}\n\n{table(costs)}\n"
-    sys.stdout.write(text)
-    if options.page:
-        into_page(options.page, MARK, text)
+    show(text, options.page, MARK)
 
 
 if __name__ == "__main__":

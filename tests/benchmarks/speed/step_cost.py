@@ -9,7 +9,6 @@ everything else, which is this project's own overhead.
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -22,7 +21,7 @@ from eventsweep.sim.event_camera import EventCamera
 from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.rendering.renderer import StereoRenderer
 from eventsweep.sim.sensor.sensor import Sensor
-from markdown_blocks import into_page
+from markdown_blocks import show
 
 MODEL = """<mujoco><option timestep="0.002" gravity="0 0 0"/>
 <asset><texture name="t" type="2d" builtin="checker" rgb1=".2 .3 .4" rgb2=".8 .8 .7" width="300"
@@ -109,9 +108,7 @@ def main() -> None:
         share = f"{100 * rest_s / draw_s:.0f} %"
         lines.append(f"| {width_px}×{height_px} | {2 * every} ms | {numbers} | {share} |")
     text = "\n".join(lines) + "\n"
-    sys.stdout.write(text)
-    if asked.page is not None:
-        into_page(asked.page, "step-cost", text)
+    show(text, asked.page, "step-cost")
 
 
 if __name__ == "__main__":

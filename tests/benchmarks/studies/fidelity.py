@@ -36,7 +36,7 @@ from eventsweep.sim.scene import Scene
 from eventsweep.sim.sensor.esim import EventSimulator
 from eventsweep.sim.simulate import simulate
 from fidelity_picture import draw
-from markdown_blocks import into_page
+from markdown_blocks import show
 
 FINEST_SAMPLES, FINEST_PX = 16, 0.05
 MATCH_US = 1000
@@ -246,9 +246,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stdout.write(json.dumps(line, ensure_ascii=False) + "\n")
             sys.stdout.flush()
     block = table(results, counts)
-    sys.stdout.write(block)
-    if given.page:
-        into_page(given.page, _MARK + "-parts" * given.parts, block)
+    show(block, given.page, _MARK + "-parts" * given.parts)
     if given.picture:
         draw({c: {w: f.error_us for w, f in ways.items()} for c, ways in results.items()},
              given.picture)  # fmt: skip

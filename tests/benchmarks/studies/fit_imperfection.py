@@ -24,7 +24,7 @@ from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.perturbations import PRESETS, Perturbation
 from eventsweep.eval.suite.definition import Suite, load
 from eventsweep.eval.suite.series import Key, Series, of_suite
-from markdown_blocks import into_page
+from markdown_blocks import show
 from published_table import MONO, RATIOS, H
 
 MARK = "imperfection"
@@ -66,9 +66,7 @@ def main() -> int:
             suite(tried), "all", flags, progress, seeds=FLIGHTS, cases=(), speed=False
         )
         text = table(candidates(tried, of_suite(result).series))
-        sys.stdout.write(text)
-        if asked.page is not None:
-            into_page(asked.page, MARK, text)
+        show(text, asked.page, MARK)
         code.value = 1 if result.failures else 0
     return code.value
 

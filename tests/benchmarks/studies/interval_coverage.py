@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.scoring.significance import intervals, stratified_interval
-from markdown_blocks import into_page
+from markdown_blocks import show
 
 DESIGNS = ((2, 5), (3, 5), (5, 1), (5, 4), (5, 20), (8, 1), (8, 10), (12, 3), (20, 5))
 """Seeds, and windows of each."""
@@ -102,9 +102,7 @@ def main(arguments: list[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     with exit_code() as code:
         text = table(DESIGNS, chosen.trials)
-        sys.stdout.write(text)
-        if chosen.page is not None:
-            into_page(chosen.page, "coverage", text)
+        show(text, chosen.page, "coverage")
     return code.value
 
 

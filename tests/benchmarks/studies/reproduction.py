@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from itertools import combinations
@@ -23,7 +22,7 @@ from eventsweep.eval.suite import output
 from eventsweep.eval.suite.definition import load
 from eventsweep.eval.suite.results import SuiteResult
 from eventsweep.eval.suite.series import Key, Series, of_suite
-from markdown_blocks import into_page
+from markdown_blocks import show
 from published_table import MONO, RATIOS, TABLE, H, Published
 
 SUITE, MARK = "mvsec-table-v2", "reproduction"
@@ -58,9 +57,7 @@ def main() -> int:
     with exit_code() as code:
         result = _run(asked)
         text = report(result)
-        if asked.page is not None:
-            into_page(asked.page, MARK, text)
-        sys.stdout.write(text)
+        show(text, asked.page, MARK)
         code.value = 1 if result.failures else 0
     return code.value
 

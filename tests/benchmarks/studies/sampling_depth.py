@@ -19,7 +19,7 @@ from scipy import stats
 from eventsweep.eval.suite.results import read_suite
 from eventsweep.eval.suite.series import Key, Series, of_suite
 from fidelity import WAYS
-from markdown_blocks import into_page
+from markdown_blocks import show
 
 CASES = ("desk", "boxes", "thin-structures", "planes")
 SHOWN = ("Alg1/H", "Focus/H", "EMVS/cam0")
@@ -115,9 +115,7 @@ def main() -> None:
     flags = ["--no-speed", "--force", "--quiet"]
     subprocess.run([sys.executable, "-m", "eventsweep", *words, *flags], check=True)
     text = table(of_suite(read_suite(asked.out / "result")).series)
-    sys.stdout.write(text)
-    if asked.page is not None:
-        into_page(asked.page, MARK, text)
+    show(text, asked.page, MARK)
 
 
 if __name__ == "__main__":

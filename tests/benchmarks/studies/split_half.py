@@ -22,7 +22,7 @@ from eventsweep.eval.ranking.entries import Merged, read_source
 from eventsweep.eval.ranking.standings import Table, places, standings
 from eventsweep.eval.ranking.summary import MAIN, direction_of, parts, ranked, table_of
 from eventsweep.eval.scoring.direction import Direction
-from markdown_blocks import into_page
+from markdown_blocks import show
 
 MARK = "stability"
 LEAST_SEEDS = 4
@@ -99,9 +99,7 @@ def main() -> int:
     with exit_code() as code:
         entries = [entry for one in asked.results for entry in read_source(one).entries]
         text = stability_text(parts(entries)[0], asked.metric)
-        if asked.page is not None:
-            into_page(asked.page, MARK, text)
-        sys.stdout.write(text)
+        show(text, asked.page, MARK)
     return code.value
 
 

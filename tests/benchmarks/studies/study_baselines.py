@@ -8,7 +8,6 @@ is known here, so what the ablation says explains ESVO and chooses no default.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +22,7 @@ from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.mapper import map_window
 from eventsweep.eval.cli.exit_codes import exit_code
-from markdown_blocks import into_page
+from markdown_blocks import show
 from published_table import TABLE, H
 
 MARK, METHOD = "esvo-ablation", "ESVO/own-rate"
@@ -161,9 +160,7 @@ def main() -> int:
     asked = parser.parse_args()
     with exit_code() as code:
         text = report(Sequence.open(asked.sequence))
-        if asked.page is not None:
-            into_page(asked.page, MARK, text)
-        sys.stdout.write(text)
+        show(text, asked.page, MARK)
     return code.value
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from eventsweep.eval.archives.manifest import ArchiveManifest, PackedSequence, read
 from eventsweep.eval.cli.exit_codes import exit_code
-from markdown_blocks import into_page
+from markdown_blocks import show
 
 MARK = "sizes"
 
@@ -37,9 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = parser.parse_args(arguments)
     with exit_code() as code:
         text = sizes(read(asked.archive))
-        if asked.page is not None:
-            into_page(asked.page, MARK, text)
-        sys.stdout.write(text)
+        show(text, asked.page, MARK)
     return code.value
 
 

@@ -34,6 +34,13 @@ def into_page(page: Path, mark: str, block: str) -> None:
     _write(page, with_block(_read(page), mark, block, f"{page}:"))
 
 
+def show(text: str, page: Path | None, mark: str) -> None:
+    """Prints a text and, where a page is given, puts it between the page's marks."""
+    sys.stdout.write(text)
+    if page is not None:
+        into_page(page, mark, text)
+
+
 def refresh(page: Path, mark: str, block: str, *, check: bool, command: str) -> int:
     """Brings a page's block up to date; with `check` only says whether it is.
 

@@ -32,11 +32,11 @@ def world(kind="swinging", cameras=2):
     return edge_points(trajectory, stereo_rig(CAMERA, 0.1, cameras), points=500)
 
 
+STEREO = {"cam1 pitch": 0.5, "cam1 yaw": -0.5, "cam1 roll": 0.4, "cam1 clock": 6.0}
+
+
 def refined(names, errors, kind="swinging", cameras=2, **config):
-    recording = world(kind, cameras)
-    parameters = parameters_of(names, cameras)
-    spoilt = Correction.of(parameters, [errors.get(one.name, 0.0) for one in parameters])
-    found = refine(spoilt.applied(recording), RefineConfig(names, **(SMALL | config)))
+    found, _ = _refined(names, tuple(errors.items()), kind, cameras, tuple(config.items()))
     left = {
         one.parameter.name: one.value + errors.get(one.parameter.name, 0.0)
         for one in found.estimates
@@ -45,13 +45,21 @@ def refined(names, errors, kind="swinging", cameras=2, **config):
     return found, left
 
 
+@cache
+def _refined(names, errors, kind, cameras, config):
+    recording = world(kind, cameras)
+    parameters = parameters_of(names, cameras)
+    spoilt = Correction.of(parameters, [dict(errors).get(one.name, 0.0) for one in parameters])
+    config, steps = RefineConfig(names, **(SMALL | dict(config))), []
+    return refine(spoilt.applied(recording), config, lambda *step: steps.append(step)), steps
+
+
 def refusals(found):
     return {one.parameter.name: one.refused for one in found.estimates if one.refused}
 
 
 def test_stereo_rotation_and_camera_clock_come_back_together():
-    errors = {"cam1 pitch": 0.5, "cam1 yaw": -0.5, "cam1 roll": 0.4, "cam1 clock": 6.0}
-    found, left = refined(("stereo", "delay"), errors)
+    found, left = refined(("stereo", "delay"), STEREO)
     assert not refusals(found)
     assert abs(left["cam1 pitch"]) < 0.08
     assert abs(left["cam1 yaw"]) < 0.08
@@ -73,13 +81,12 @@ def test_a_lag_that_all_cameras_share_is_no_clock_between_them():
 def test_turn_rates_that_would_make_windows_less_sharp_are_not_followed(monkeypatch):
     wild = np.r_[25.0, np.radians([4.0, -4.0, 4.0])]
     monkeypatch.setattr("eventsweep.emvs.calibrate.refine.align", lambda *_: wild)
-    _, left = refined(("pose-delay",), {})
+    _, left = refined(("pose-delay",), {"pose clock": 0.0})
     assert abs(left["pose clock"]) < 1.5
 
 
 def test_the_truth_lies_within_the_stated_uncertainty():
-    errors = {"cam1 pitch": -0.3, "cam1 yaw": 0.4, "cam1 roll": -0.2, "cam1 clock": -4.0}
-    found, left = refined(("stereo", "delay"), errors)
+    found, left = refined(("stereo", "delay"), STEREO)
     for one in found.estimates:
         assert abs(left[one.parameter.name]) <= one.uncertainty, one
 
@@ -120,7 +127,7 @@ def test_hand_eye_rotation_and_pose_clock_come_back_where_the_camera_turns():
 
 
 def test_a_lever_is_refused_without_turning_and_says_why():
-    found, left = refined(("lever",), {}, "translating")
+    found, left = refined(("lever",), {"lever x": 10.0}, "translating")
     assert {"lever x", "lever y", "lever z"} <= refusals(found).keys()
     assert "turns" in refusals(found)["lever x"]
     assert not {"lever x", "lever y", "lever z"} & left.keys()
@@ -161,7 +168,7 @@ def test_any_number_of_threads_gives_the_same_bits():
     threads = numba.get_num_threads()
     try:
         one, two = (
-            refined(("stereo",), {"cam1 pitch": 0.3}, threads=count, events=2000)[0]
+            refined(("stereo",), {"cam1 pitch": 0.3}, threads=count, events=2000, windows=4)[0]
             for count in (1, 2)
         )
     finally:
@@ -171,10 +178,9 @@ def test_any_number_of_threads_gives_the_same_bits():
 
 
 def test_progress_tells_every_stage():
-    heard = []
-    refine(world(), RefineConfig(("delay",), **SMALL), lambda *told: heard.append(told))
-    assert {stage for stage, _, _ in heard} == {"windows", "scan", "stereo", "curves"}
-    assert all(0 <= done <= total for _, done, total in heard)
+    _, steps = _refined(("stereo", "delay"), tuple(STEREO.items()), "swinging", 2, ())
+    assert {stage for stage, _, _ in steps} == {"windows", "scan", "stereo", "curves"}
+    assert all(0 <= done <= total for _, done, total in steps)
 
 
 def test_a_rig_of_one_camera_has_no_stereo():
@@ -207,5 +213,5 @@ def test_windows_of_a_calm_camera_are_read_once(motion, times, monkeypatch):
         return read_windows(*arguments)
 
     monkeypatch.setattr(module, "read_windows", counted)
-    refined(("hand-eye",), {}, motion)
+    refined(("hand-eye",), {}, motion, windows=4, events=2000)
     assert len(read) == times

@@ -1,5 +1,6 @@
 """The command line: what it refuses, what it prints, and what it never leaves behind."""
 
+import io
 import json
 import os
 import resource
@@ -7,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import h5py
@@ -23,9 +25,22 @@ from small_pair import small_sequence
 COMMAND = [sys.executable, "-m", "eventsweep"]
 
 
+FEW = ("--method", "Alg1/H", "--map.planes", "20", "--quiet")
+
+
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory) -> Path:
     return small_sequence(tmp_path_factory.mktemp("small") / "seq")
+
+
+@pytest.fixture(scope="module")
+def mapped(sequence, tmp_path_factory) -> tuple[Path, str, str]:
+    """A map with what is the default, and what the command printed."""
+    out, err = io.StringIO(), io.StringIO()
+    folder = tmp_path_factory.mktemp("mapped") / "o"
+    with redirect_stdout(out), redirect_stderr(err):
+        assert main(["map", str(sequence), "--out", str(folder), "--json"]) == 0
+    return folder, out.getvalue(), err.getvalue()
 
 
 def refused(capsys, arguments: list[str]) -> str:
@@ -120,17 +135,8 @@ def test_flag_beats_file_beats_default(tmp_path, capsys, sequence):
     file = tmp_path / "c.toml"
     file.write_text("[map]\nplanes = 7\nmedian_px = 3\n")
     out = tmp_path / "o"
-    arguments = [
-        "map",
-        str(sequence),
-        "--out",
-        str(out),
-        "--config",
-        str(file),
-        "--map.median-px",
-        "1",
-    ]
-    assert main([*arguments, "--quiet"]) == 0
+    asked = ["--config", str(file), "--method", "Alg1/H", "--map.median-px", "1", "--quiet"]
+    assert main(["map", str(sequence), "--out", str(out), *asked]) == 0
     config = json.loads((out / "map.json").read_text())["config"]
     assert (config["planes"], config["median_px"], config["threshold_kernel_px"]) == (7, 1, 5)
     assert capsys.readouterr().out == ""
@@ -158,7 +164,7 @@ def test_an_existing_output_is_kept_unless_forced(tmp_path, capsys, sequence):
     out = tmp_path / "o"
     out.mkdir()
     (out / "precious").write_text("keep me")
-    arguments = ["map", str(sequence), "--out", str(out), "--quiet"]
+    arguments = ["map", str(sequence), "--out", str(out), *FEW]
     for asked in (arguments, [*arguments, "--force"]):
         said = refused(capsys, asked)
         assert "(precious)" in said
@@ -173,17 +179,14 @@ def test_an_existing_output_is_kept_unless_forced(tmp_path, capsys, sequence):
     assert (out / "map.json").stat().st_ino != before
 
 
-def test_json_is_all_that_is_printed(tmp_path, capsys, sequence):
-    assert main(["map", str(sequence), "--out", str(tmp_path / "o"), "--json"]) == 0
-    printed = capsys.readouterr()
-    facts = json.loads(printed.out)
-    assert facts["windows"][0]["counts"]["cam0"]["events"] == 4000
-    assert printed.err == ""
+def test_json_is_all_that_is_printed(mapped):
+    _, printed, err = mapped
+    assert json.loads(printed)["windows"][0]["counts"]["cam0"]["events"] == 4000
+    assert err == ""
 
 
-def test_a_map_is_scored_and_reported_from_its_folder(tmp_path, capsys, sequence):
-    out = tmp_path / "o"
-    assert main(["map", str(sequence), "--out", str(out), "--quiet"]) == 0
+def test_a_map_is_scored_and_reported_from_its_folder(capsys, mapped):
+    out, _, _ = mapped
     assert main(["score", str(out), "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["rows"]
     assert {row["method"] for row in rows} >= {"Alg1/H", "Alg1/max", "EMVS/cam0", "EMVS/cam1"}
@@ -196,7 +199,7 @@ def test_a_map_is_scored_and_reported_from_its_folder(tmp_path, capsys, sequence
 ])  # fmt: skip
 def test_a_view_of_its_own_is_reported_but_not_scored(tmp_path, capsys, sequence, flag):
     out = str(tmp_path / "o")
-    assert main(["map", str(sequence), "--out", out, "--quiet", *flag]) == 0
+    assert main(["map", str(sequence), "--out", out, *FEW, *flag]) == 0
     page = (tmp_path / "o" / "report.html").read_text(encoding="utf-8")
     assert "Alg1/H" in page
     assert "Ground truth" not in page
@@ -205,7 +208,7 @@ def test_a_view_of_its_own_is_reported_but_not_scored(tmp_path, capsys, sequence
 
 def test_a_changed_sequence_is_not_scored(tmp_path, capsys):
     sequence = small_sequence(tmp_path / "seq")
-    assert main(["map", str(sequence), "--out", str(tmp_path / "o"), "--quiet"]) == 0
+    assert main(["map", str(sequence), "--out", str(tmp_path / "o"), *FEW]) == 0
     file = sequence / "cam0" / "truth.h5"
     content = file.read_bytes()
     file.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
@@ -252,7 +255,7 @@ def test_an_interrupted_run_leaves_nothing(tmp_path, kind):
         # A parent in the background may have told its children to ignore Ctrl-C.
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
-    arguments = ["simulate", "desk", "--out", str(tmp_path / "s"), "--quiet"]
+    arguments = ["simulate", "planes", "--out", str(tmp_path / "s"), "--quiet"]
     process = subprocess.Popen(
         [*COMMAND, *arguments], preexec_fn=heed_signals, stderr=subprocess.PIPE, text=True
     )

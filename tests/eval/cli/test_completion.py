@@ -4,10 +4,11 @@ import os
 import shutil
 import subprocess
 import sys
+from functools import cache
 
 import pytest
 
-from eventsweep.eval.cli.main import main
+from eventsweep.eval.cli.main import app, main
 from places import ROOT
 
 ASKED = {
@@ -47,9 +48,9 @@ def home(tmp_path_factory):
     program.chmod(0o755)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HOME", str(home))
-        for shell in ("bash", "zsh", "fish"):
-            for _ in range(2):  # the second time changes nothing
-                assert main(["completion", shell, "--quiet"]) == 0
+        patch.setattr(app, "generate_completion", cache(app.generate_completion))
+        for shell in ("bash", "zsh", "fish") * 2:  # the second time changes nothing
+            assert main(["completion", shell, "--quiet"]) == 0
     return home
 
 

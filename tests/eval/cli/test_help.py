@@ -1,6 +1,8 @@
 """Help: the flags that matter, all of them on request, in words; refusals that lead there."""
 
+import io
 import re
+from contextlib import redirect_stdout
 
 import pytest
 from rich.console import Console
@@ -35,15 +37,30 @@ def taken_by(verb):
     return {one.name for one in found if not one.children and one.name.startswith("--")}
 
 
-@pytest.mark.parametrize("verb", EVERY)
-def test_help_shows_what_matters_and_help_all_the_rest(capsys, verb):
-    brief, whole = printed(capsys, *verb.split(), "--help"), printed(capsys, *verb.split(), ALL)
-    assert flags_in(whole) == taken_by(verb)
-    assert flags_in(brief) <= flags_in(whole)
-    assert len(flags_in(brief)) <= MOST_FLAGS
-    hidden = len(flags_in(whole) - flags_in(brief))
-    assert (f"{hidden} more flags: eventsweep {verb} {ALL}\n" in brief) == (hidden > 0)
-    assert "more flags" not in whole
+@pytest.fixture(scope="module")
+def pages():
+    """Verb -> its help, all of it, and the flags that the latter shows."""
+    found = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(app, "console", Console(width=200))
+        for verb in EVERY:
+            texts = [io.StringIO(), io.StringIO()]
+            for flag, text in zip(("--help", ALL), texts, strict=True):
+                with redirect_stdout(text):
+                    assert main([*verb.split(), flag]) == 0
+            flags = [flag for flag in command(verb)._described[1] if not flag.children]
+            found[verb] = (*(text.getvalue() for text in texts), flags)
+    return found
+
+
+def test_help_shows_what_matters_and_help_all_the_rest(pages):
+    for verb, (short, whole, _) in pages.items():
+        assert flags_in(whole) == taken_by(verb), verb
+        assert flags_in(short) <= flags_in(whole), verb
+        assert len(flags_in(short)) <= MOST_FLAGS, verb
+        hidden = len(flags_in(whole) - flags_in(short))
+        assert (f"{hidden} more flags: eventsweep {verb} {ALL}\n" in short) == (hidden > 0)
+        assert "more flags" not in whole, verb
 
 
 @pytest.mark.parametrize("group", ["archive"])
@@ -59,16 +76,15 @@ def test_the_longest_help_fits_a_screen_or_two(capsys, monkeypatch):
     assert len(taken_by("run")) > 100
 
 
-@pytest.mark.parametrize("verb", EVERY)
-def test_every_flag_is_explained_in_words_and_no_default_is_python(capsys, verb):
-    whole = printed(capsys, *verb.split(), ALL)
-    for ugly in ("()", "('", "',)", "None", "[default: False]", "[default: True]", '[default: ""]'):
-        assert ugly not in whole
-    for one in command(verb)._described[1]:
-        if not one.children:
-            assert one.show
-            assert one.parameter.help, one.name
-            assert one.parameter.help.endswith((".", "?", "!"))
+UGLY = ("()", "('", "',)", "None", "[default: False]", "[default: True]", '[default: ""]')
+
+
+def test_every_flag_is_explained_in_words_and_no_default_is_python(pages):
+    for verb, (_, whole, flags) in pages.items():
+        assert [ugly for ugly in UGLY if ugly in whole] == [], verb
+        assert all(flag.show for flag in flags), verb
+        unexplained = [f.name for f in flags if not (f.parameter.help or "").endswith((*".?!",))]
+        assert unexplained == [], verb
 
 
 @pytest.mark.parametrize(

@@ -33,8 +33,10 @@ def test_a_copy_is_broken_in_one_line(tmp_path):
     fault = FAULTS[0]
     copy = broken_copy(tmp_path / "copy", fault)
     before = (ROOT / fault.file).read_text(encoding="utf-8").splitlines()
-    after = (copy / fault.file).read_text(encoding="utf-8").splitlines()
+    imported = copy / "eventsweep" / fault.file
+    after = imported.read_text(encoding="utf-8").splitlines()
     assert len([1 for a, b in zip(before, after, strict=True) if a != b]) == 1
+    assert imported.samefile(copy / fault.file)
     with pytest.raises(ValueError, match="has 0 such lines"):
         broken_copy(tmp_path / "again", Fault("none", fault.file, "no such line", ""))
 

@@ -24,18 +24,8 @@ from eventsweep.sim.parallel.workers import slot_count
 from eventsweep.sim.sensor.labels import Label
 from eventsweep.sim.sensor_presets import SensorConfig
 from eventsweep.sim.simulate import check_disk, make_job, simulate
-from noise_scene import CONFIG, Killed, contents, motion, scene_in, stop_at, textures
+from noise_scene import CONFIG, Killed, contents, motion, stop_at, textures
 from places import HELPERS
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("render_jobs")
-
-
-@pytest.fixture(scope="module")
-def scene(folder):
-    return scene_in(folder)
 
 
 @pytest.fixture(scope="module")

@@ -24,21 +24,11 @@ from eventsweep.sim.sensor.frame_camera import (
 )
 from eventsweep.sim.simulate import make_job, simulate
 from exposed import captured_light, mean_light
-from noise_scene import Killed, contents, scene_in, stop_at
+from noise_scene import Killed, contents, stop_at
 
 # The shutter is open across chunks, parts and truth times.
 FRAMES = FramesConfig(rate_hz=100, exposure_us=9_000)
 CONFIG = SimConfig(truth_interval_s=0.007, frames=FRAMES)
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("photos")
-
-
-@pytest.fixture(scope="module")
-def scene(folder):
-    return scene_in(folder)
 
 
 @pytest.fixture(scope="module")
