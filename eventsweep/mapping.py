@@ -48,7 +48,7 @@ def check(
     Args:
         recording: what `open_recording` gave, a recording of your own, or the path of one.
         config: depth range, window and threads count; by default as for mapping.
-        mapping: whether to map it otherwise as well: cameras swapped, poses inverted, clocks
+        mapping: whether to map it with other settings, too: cameras swapped, poses inverted, clocks
             shifted, other axes, and so on.
         progress: called with the name of the stage, how much is done and how much there is.
 

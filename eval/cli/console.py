@@ -1,4 +1,4 @@
-"""How a command prints: tables for people, JSON for scripts, nothing when told to be quiet."""
+"""How a command prints: tables for people, JSON for scripts, nothing with --quiet."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ def method_names(_: Any = None) -> Mapping[str, str]:
     from eventsweep.emvs.methods import FAMILIES, overview
 
     whole = {name: text for name, text in overview().items() if " " not in name}
-    examples = {name: one.summary for one in FAMILIES.values() for name in one.examples}
+    examples = {name: family.summary for family in FAMILIES.values() for name in family.examples}
     return whole | examples
 
 

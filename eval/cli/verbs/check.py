@@ -37,7 +37,8 @@ def check(
     Args:
         recording: A sequence, a data set in its publisher's layout, a ROS bag or a recording.toml.
         out: Folder to write: report.html, with evidence and cures, and check.json.
-        mapping: Also map it otherwise: cameras swapped, poses inverted, clocks shifted, other axes.
+        mapping: Also map it with other settings: cameras swapped, poses inverted, clocks shifted,
+            other axes.
     """
     from eventsweep.emvs.check.recording import check_path
     from eventsweep.emvs.errors import InputError

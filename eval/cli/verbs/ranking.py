@@ -30,7 +30,7 @@ def ranking(
     from eventsweep.eval.ranking.entries import read_source
     from eventsweep.eval.report.standings.page import HTML_NAME, write_ranking
 
-    page = write_ranking([read_source(one) for one in results], out)
+    page = write_ranking([read_source(result) for result in results], out)
     console = common.console()
     console.result(_facts(page.public), _summary(page.public))
     console.wrote(out / HTML_NAME)
@@ -38,9 +38,9 @@ def ranking(
 
 def _facts(ranked: Ranked) -> dict[str, Any]:
     standings = [
-        {"method": one.method, "rank": one.rank, "other_seeds": [one.low_rank, one.high_rank],
-         "mean_place": round(one.place, 4)}
-        for one in ranked.standings
+        {"method": row.method, "rank": row.rank, "other_seeds": [row.low_rank, row.high_rank],
+         "mean_place": round(row.place, 4)}
+        for row in ranked.standings
     ]  # fmt: skip
     refused = dict(ranked.joined.refused)
     return {"standings": standings, "not_ranked": ranked.lacking, "refused": refused}
@@ -50,7 +50,7 @@ def _summary(ranked: Ranked) -> Iterator[Part]:
     """Who is ahead, with ties, and which results were refused."""
     from eventsweep.eval.cli.console import table
 
-    rows = ((one.method, str(one.rank), f"{one.place:.2f}") for one in ranked.standings)
+    rows = ((row.method, str(row.rank), f"{row.place:.2f}") for row in ranked.standings)
     title = f"ranks by {ranked.metric.replace('_', ' ')}"
     yield table(title, ("method", ">rank", ">mean place"), rows)
     for label, why in ranked.joined.refused:

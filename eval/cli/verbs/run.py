@@ -89,5 +89,5 @@ def run(
     )
     show_results(console, results, wanted.score.ranking_metric)
     console.wrote(out / "report.html")
-    maps = [read_info(out / case_name(one) / MAP_FOLDER) for one in case]
+    maps = [read_info(out / case_name(name) / MAP_FOLDER) for name in case]
     return incomplete(maps, allowed=allow_skipped)

@@ -77,7 +77,9 @@ def _ranking(case: str, rows: pd.DataFrame, metric: str) -> Table:
     from eventsweep.eval.report import ranking
 
     content = ranking.table(rows, metric, _COLUMNS)
-    headings = [f">{one.title} {_ARROWS[one.direction]}\n{one.unit}" for one in content.columns]
+    headings = [
+        f">{column.title} {_ARROWS[column.direction]}\n{column.unit}" for column in content.columns
+    ]
     lines: list[list[str | Text]] = [
         [line.method, *(Text(cell.text, "bold" if cell.best else "") for cell in line.cells)]
         for line in content.lines

@@ -43,7 +43,7 @@ def study(
     from eventsweep.eval.studies.run import file_names, run_study, show_study, write_study
 
     chosen = tuple(STUDIES) if name == ("all",) else name
-    studies = [study_named(one) for one in chosen]
+    studies = [study_named(study) for study in chosen]
     samples = (method or METHODS, case or CASES, seed_numbers(seeds, "--seeds") or SEEDS)
     console, failed = common.console(), 0
     files = [name for one in studies for name in file_names(one)]

@@ -25,7 +25,6 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
-PACKAGES = ("emvs", "sim", "scenes", "eval", "eventsweep")
 INSTALLERS = {"pip", "setuptools"}
 """They come with the environment itself."""
 
@@ -100,9 +99,12 @@ def loaded_files() -> set[str]:
 
 
 def own_folders() -> list[Path]:
-    """Where our packages are, in this environment."""
-    specs = [importlib.util.find_spec(name) for name in PACKAGES]
-    return [Path(spec.origin).parent for spec in specs if spec and spec.origin]
+    """Where our package is in this environment, and its parts where they are links."""
+    spec = importlib.util.find_spec("eventsweep")
+    if spec is None or spec.origin is None:
+        return []
+    home = Path(spec.origin).parent
+    return [home, *(path for path in home.iterdir() if path.is_symlink())]
 
 
 def imported(found: Sequence[Weighed], loaded: set[str]) -> dict[str, str]:
