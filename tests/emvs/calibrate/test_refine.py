@@ -171,10 +171,10 @@ def test_any_number_of_threads_gives_the_same_bits():
 
 
 def test_progress_tells_every_stage():
-    heard = []
-    refine(world(), RefineConfig(("delay",), **SMALL), lambda *told: heard.append(told))
-    assert {stage for stage, _, _ in heard} == {"windows", "scan", "stereo", "curves"}
-    assert all(0 <= done <= total for _, done, total in heard)
+    steps = []
+    refine(world(), RefineConfig(("delay",), **SMALL), lambda *step: steps.append(step))
+    assert {stage for stage, _, _ in steps} == {"windows", "scan", "stereo", "curves"}
+    assert all(0 <= done <= total for _, done, total in steps)
 
 
 def test_a_rig_of_one_camera_has_no_stereo():
