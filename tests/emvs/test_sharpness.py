@@ -21,9 +21,9 @@ def recording():
     return fronto_parallel(1.2, points=200)
 
 
-def sharpness(recording, planes=24, **told):
+def sharpness(recording, planes=24, **changed):
     events = tuple(recording.events(k, T0_US, T1_US) for k in range(len(recording.rig)))
-    said = Hypothesis(recording.rig, recording.trajectory, **told)
+    said = Hypothesis(recording.rig, recording.trajectory, **changed)
     measure = Sharpness((0.5, 4.0), Level(1, planes))
     return measure([WindowEvents(T0_US, T1_US, events)], [said]).item()
 
@@ -66,16 +66,16 @@ def test_a_late_camera_makes_the_fused_volume_less_sharp(recording, late_us):
     late = AlteredRecording(recording, clock_us=(0, late_us))
     held = [recording.events(0, T0_US, T1_US), late.events(1, T0_US + late_us, T1_US + late_us)]
     window = WindowEvents(T0_US - 50_000, T1_US + 50_000, tuple(held))
-    told = Hypothesis(recording.rig, recording.trajectory)
-    assert Sharpness((0.5, 4.0), Level(1, 24))([window], [told]).item() == sharpness(
+    changed = Hypothesis(recording.rig, recording.trajectory)
+    assert Sharpness((0.5, 4.0), Level(1, 24))([window], [changed]).item() == sharpness(
         recording, clock_us=(0, late_us)
     )
 
 
 @pytest.mark.parametrize("share", [0.7, 1.4])
 def test_a_wrong_baseline_makes_the_fused_volume_less_sharp(recording, share):
-    told = AlteredRecording(recording, rig=stereo_rig(recording.rig.cameras[0], 0.1 * share))
-    assert sharpness(told) < 0.9 * sharpness(recording)
+    changed = AlteredRecording(recording, rig=stereo_rig(recording.rig.cameras[0], 0.1 * share))
+    assert sharpness(changed) < 0.9 * sharpness(recording)
 
 
 def turned_away(recording, angle_deg):

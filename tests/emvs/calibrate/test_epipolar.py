@@ -15,7 +15,7 @@ PITCH = parameters_of(("stereo",), 2)[0]
 
 @pytest.mark.parametrize("pitch_deg", [0.0, 0.8])
 def test_rows_miss_by_as_much_as_a_camera_is_pitched(pitch_deg):
-    told = Correction({PITCH: pitch_deg}).applied(RECORDING)
-    missed = epipolar_residuals_px(told, 600_000, 0.7)
+    changed = Correction({PITCH: pitch_deg}).applied(RECORDING)
+    missed = epipolar_residuals_px(changed, 600_000, 0.7)
     assert len(missed) > 5
     assert abs(np.median(missed)) == pytest.approx(140 * np.radians(pitch_deg), abs=0.6)

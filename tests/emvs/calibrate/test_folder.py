@@ -42,16 +42,16 @@ def written(tmp_path, path, refinement):
     return out, recording, write_refined(out, out, recording, refinement, "a command")
 
 
-def same_recording(ours, told):
-    for a, b in zip(ours.rig.T_body_cam, told.rig.T_body_cam, strict=True):
+def same_recording(ours, changed):
+    for a, b in zip(ours.rig.T_body_cam, changed.rig.T_body_cam, strict=True):
         assert np.allclose(a, b, atol=1e-9)
-    assert ours.rig.cameras == told.rig.cameras
-    assert (ours.trajectory.t_us == told.trajectory.t_us).all()
-    assert np.allclose(ours.trajectory.positions_m, told.trajectory.positions_m, atol=1e-8)
+    assert ours.rig.cameras == changed.rig.cameras
+    assert (ours.trajectory.t_us == changed.trajectory.t_us).all()
+    assert np.allclose(ours.trajectory.positions_m, changed.trajectory.positions_m, atol=1e-8)
     for k in range(len(ours.rig)):
         ours_us = ours.events(k, 100_000, 200_000).t_us
         assert len(ours_us)
-        assert (ours_us == told.events(k, 100_000, 200_000).t_us).all()
+        assert (ours_us == changed.events(k, 100_000, 200_000).t_us).all()
 
 
 @pytest.mark.parametrize("kind", ["sequence", "dsec", "tumvie", "mvsec", "rosbag1", "npz"])
@@ -77,9 +77,9 @@ def test_the_calibration_is_also_written_in_the_recordings_own_format(
     refinement = found()
     out, recording, _ = written(tmp_path, path, refinement)
     file = next(out.rglob(name))
-    told, own = refinement.applied(recording).rig, read_rig(file)
-    assert own.cameras[0].fx_px == pytest.approx(told.cameras[0].fx_px)
-    ours = np.linalg.inv(told.T_body_cam[0]) @ told.T_body_cam[1]
+    changed, own = refinement.applied(recording).rig, read_rig(file)
+    assert own.cameras[0].fx_px == pytest.approx(changed.cameras[0].fx_px)
+    ours = np.linalg.inv(changed.T_body_cam[0]) @ changed.T_body_cam[1]
     assert np.allclose(np.linalg.inv(own.T_body_cam[0]) @ own.T_body_cam[1], ours, atol=1e-6)
 
 
@@ -91,8 +91,8 @@ def test_a_described_recording_gets_a_file_of_the_kind_that_it_names(tmp_path, s
     descriptor.write_text(descriptor.read_text("utf-8").replace("rig.json", "mine.yaml"), "utf-8")
     refinement = found()
     out, recording, _ = written(tmp_path, path, refinement)
-    told, own = refinement.applied(recording).rig, read_rig(out / "mine.yaml")
-    assert own.cameras[1].fy_px == pytest.approx(told.cameras[1].fy_px)
+    changed, own = refinement.applied(recording).rig, read_rig(out / "mine.yaml")
+    assert own.cameras[1].fy_px == pytest.approx(changed.cameras[1].fy_px)
 
 
 def test_what_a_format_cannot_hold_is_said(tmp_path, sequence):
@@ -117,9 +117,9 @@ def test_provenance_says_what_was_refined_from_what(tmp_path, sequence):
 def test_the_hash_of_other_formats_follows_their_content(tmp_path, sequence):
     path = rewritten(sequence, tmp_path / "npz", "npz")
     recording = open_recording(path)
-    told = Correction({parameters_of(("focal",), 2)[0]: 1.0}).applied(recording)
+    changed = Correction({parameters_of(("focal",), 2)[0]: 1.0}).applied(recording)
     digests = []
-    for k, one in enumerate((recording, recording, told)):
+    for k, one in enumerate((recording, recording, changed)):
         out = tmp_path / f"out{k}"
         out.mkdir()
         write_refined(out, out, one, found())
@@ -128,8 +128,8 @@ def test_the_hash_of_other_formats_follows_their_content(tmp_path, sequence):
 
 
 def test_a_recording_without_files_is_written_without_a_descriptor(tmp_path, sequence):
-    told = Correction().applied(open_recording(sequence))
-    notes = write_refined(tmp_path, tmp_path, told, found())
+    changed = Correction().applied(open_recording(sequence))
+    notes = write_refined(tmp_path, tmp_path, changed, found())
     assert not (tmp_path / "recording.toml").exists()
     assert any("does not name its event files" in note for note in notes)
     assert (tmp_path / "rig.json").exists()

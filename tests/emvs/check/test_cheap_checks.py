@@ -54,11 +54,11 @@ def _checked_events(recording):
 @given(FACTORS)
 def test_speed_and_acceleration_scale_as_positions_do(factor):
     poses = head_recording().trajectory
-    told = _checked_poses(_poses(positions_m=poses.positions_m * factor))
+    changed = _checked_poses(_poses(positions_m=poses.positions_m * factor))
     right = _checked_poses(poses)
     for name in ("poses-speed", "poses-acceleration"):
-        assert told[name].value == pytest.approx(factor * right[name].value, rel=1e-6)
-    assert told["poses-turning"].value == pytest.approx(right["poses-turning"].value)
+        assert changed[name].value == pytest.approx(factor * right[name].value, rel=1e-6)
+    assert changed["poses-turning"].value == pytest.approx(right["poses-turning"].value)
 
 
 @settings(max_examples=20, deadline=None)
@@ -222,9 +222,9 @@ def test_cameras_that_look_apart_share_no_view(angle, verdict):
 def test_the_residual_of_the_rectification_is_that_of_the_pitch(pitch_deg):
     rig = head_recording().rig
     turn = se3.from_rotation(Rotation.from_euler("x", pitch_deg, degrees=True), np.zeros(3))
-    told = replace(rig, T_body_cam=(rig.T_body_cam[0], rig.T_body_cam[1] @ turn))
-    found = check_rectification(AlteredRecording(head_recording(), rig=told), 0, 400_000)
-    # x to the right and y down: a camera told to be pitched up sees its rows too high
+    changed = replace(rig, T_body_cam=(rig.T_body_cam[0], rig.T_body_cam[1] @ turn))
+    found = check_rectification(AlteredRecording(head_recording(), rig=changed), 0, 400_000)
+    # x to the right and y down: a camera changed to be pitched up sees its rows too high
     assert found.value == pytest.approx(-CAMERA.fy_px * np.tan(np.radians(pitch_deg)), abs=1.5)
 
 

@@ -61,14 +61,14 @@ def test_mapping_is_not_tried_on_nonsense_and_says_so():
 
 
 def test_every_step_shows_and_answers_are_the_same_again():
-    told = []
+    steps = []
     reports = [
-        check(head_recording(), progress=lambda *step: told.append(step)).to_json()
+        check(head_recording(), progress=lambda *step: steps.append(step)).to_json()
         for _ in range(2)
     ]
     assert reports[0] == reports[1]
-    assert {stage for stage, _, _ in told} == {"events", "alternatives"}
-    assert all(done <= total for _, done, total in told)
+    assert {stage for stage, _, _ in steps} == {"events", "alternatives"}
+    assert all(done <= total for _, done, total in steps)
 
 
 def test_the_quick_check_never_maps_and_leaves_out_what_mapping_refuses(monkeypatch):
@@ -102,8 +102,8 @@ def test_poses_that_cover_no_window_are_a_reason_not_to_map():
     poses = head_recording().trajectory
     few = poses.t_us < 120_000
     short = Trajectory(poses.t_us[few], poses.positions_m[few], poses.quats_xyzw[few])
-    told = AlteredRecording(head_recording(), trajectory=short)
+    shortened = AlteredRecording(head_recording(), trajectory=short)
     with pytest.raises(InputError, match=r"needs 0\.2 s"):
-        TrialWindows.of(told, MapperConfig())
-    assert check(told).finding("poses-coverage").verdict == "wrong"
+        TrialWindows.of(shortened, MapperConfig())
+    assert check(shortened).finding("poses-coverage").verdict == "wrong"
     assert DURATION_US > 200_000

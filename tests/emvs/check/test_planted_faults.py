@@ -32,9 +32,9 @@ def test_a_planted_fault_is_named_first(fault):
     assert report.suspects[0] in fault.named
 
 
-@pytest.mark.parametrize("told", UNSPOILT)
-def test_a_recording_that_is_told_rightly_is_not_accused(told):
-    report = check(UNSPOILT[told](head_recording(), np.random.default_rng(1)))
+@pytest.mark.parametrize("name", UNSPOILT)
+def test_a_correct_recording_is_not_accused(name):
+    report = check(UNSPOILT[name](head_recording(), np.random.default_rng(1)))
     assert report.suspects == ()
     assert any(one.name.startswith("mapping") for one in report.findings)
 
@@ -54,7 +54,7 @@ def sequence(tmp_path_factory):
 
 @pytest.mark.parametrize("fault", FILE_FAULTS, ids=lambda one: f"{one.kind} {one.format}")
 def test_a_fault_in_the_files_is_named_first(fault, sequence, tmp_path):
-    folder = rewritten(sequence, tmp_path / "told", fault.format)
+    folder = rewritten(sequence, tmp_path / "rewritten", fault.format)
     assert check_path(folder, mapping=False).verdict != "wrong"
     fault.edit(folder)
     assert check_path(folder).suspects[0] in fault.named

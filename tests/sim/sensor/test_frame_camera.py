@@ -121,7 +121,7 @@ def test_streamed_pictures_are_those_of_the_whole_light(steps_us, cut):
         for photo, factor in zip(photos, (1, 2), strict=True):
             scaled = [(t, factor * light) for t, light in lights]
             light = mean_light(scaled, photo.start_us, photo.end_us)
-            assert np.array_equal(photo.image, develop(light, auto_shutter(light, frames)).image)
+            assert np.array_equal(photo.image, develop(light, auto_shutter(light, frames)))
 
 
 def test_automatic_gain_meets_the_level_and_leaves_the_dark_dark():
