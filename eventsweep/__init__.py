@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from eventsweep.emvs.datasets.training import TrainingWindows
     from eventsweep.emvs.depth.depth_map import DepthMap
     from eventsweep.emvs.errors import InputError
-    from eventsweep.emvs.extraction.method import Extraction, Method
     from eventsweep.emvs.geometry.camera import Camera
     from eventsweep.emvs.geometry.rig import Rig
     from eventsweep.emvs.geometry.trajectory import Trajectory
     from eventsweep.emvs.methods import overview as methods
     from eventsweep.emvs.methods import register as register_method
+    from eventsweep.emvs.methods.method import Extraction, Method
     from eventsweep.emvs.window_result import WindowResult
     from eventsweep.eval.config import EvalConfig
     from eventsweep.eval.scoring.method_scores import ALL_METRICS as METRICS
@@ -104,12 +104,12 @@ _PLACES = {
     "EventRig": "eventsweep.sim.event_camera:EventRig",
     "EventSimulator": "eventsweep.sim.sensor.esim:EventSimulator",
     "Events": "eventsweep.emvs.data.events:Events",
-    "Extraction": "eventsweep.emvs.extraction.method:Extraction",
+    "Extraction": "eventsweep.emvs.methods.method:Extraction",
     "Finding": "eventsweep.emvs.check.findings:Finding",
     "InputError": "eventsweep.emvs.errors:InputError",
     "MapperConfig": "eventsweep.emvs.config:MapperConfig",
     "ModelConfig": "eventsweep.sim.config:ModelConfig",
-    "Method": "eventsweep.emvs.extraction.method:Method",
+    "Method": "eventsweep.emvs.methods.method:Method",
     "PixelConfig": "eventsweep.sim.config:PixelConfig",
     "RecordedVideo": "eventsweep.sim.video.record:RecordedVideo",
     "Recording": "eventsweep.emvs.data.recording:Recording",

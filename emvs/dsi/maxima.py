@@ -334,7 +334,7 @@ class FocusPeak:
 
 
 def _in_one_row(planes: Float32s) -> tuple[Float32s, int]:
-    """(P, H, W) planes as one contiguous row, the same memory, and the step from one to the next."""
+    """(P, H, W) planes as one contiguous row, the same memory, and the step between planes."""
     if planes.ndim != 3 or not planes[0].flags.c_contiguous or planes.strides[0] < 0:
         planes = np.ascontiguousarray(planes)
     size = planes.itemsize

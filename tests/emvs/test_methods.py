@@ -14,9 +14,9 @@ from eventsweep.emvs.dsi.fusion import Split, fuse
 from eventsweep.emvs.dsi.maxima import RunningMaxima
 from eventsweep.emvs.dsi.voting import batch_planes, batches
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.extraction.method import Method
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.methods import methods_by_name, overview, register, unregister
+from eventsweep.emvs.methods.method import Method
 from eventsweep.emvs.reference_view import (
     inverse_depth_at,
     inverse_depth_planes,

@@ -18,12 +18,12 @@ from eventsweep.emvs.depth.focus import estimate_in_focus
 from eventsweep.emvs.depth.precision import stated
 from eventsweep.emvs.dsi.method import MethodName
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.extraction.focus import Focus
-from eventsweep.emvs.extraction.method import Method, Swept
 from eventsweep.emvs.learned.inputs import candidates
 from eventsweep.emvs.learned.judgement import at_reference_px, judge
 from eventsweep.emvs.learned.network import network
 from eventsweep.emvs.learned.weights import files_of_weights, packaged
+from eventsweep.emvs.methods.focus import Focus
+from eventsweep.emvs.methods.method import Method, Swept
 from eventsweep.emvs.reference_view import inverse_depth_at
 
 

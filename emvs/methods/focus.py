@@ -8,7 +8,7 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.depth.focus import at_least, estimate_in_focus
 from eventsweep.emvs.depth.precision import stated
-from eventsweep.emvs.extraction.method import Extraction, Method, Swept
+from eventsweep.emvs.methods.method import Extraction, Method, Swept
 from eventsweep.emvs.reference_view import inverse_depth_at
 
 
