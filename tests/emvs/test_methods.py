@@ -419,7 +419,7 @@ def test_names_are_parsed():
     )
     assert "minimum, then over time by the root mean square" in method.summary
     assert find("Alg2/HcAt@2").fusion.time_first
-    assert find("Alg2/AtHc@2", mcemvs=True).code != find("Alg2/AtHc@2").code
+    assert find("Alg2/AtHc@2", mcemvs=True).fusion != find("Alg2/AtHc@2").fusion
     assert [m.name for m in methods_by_name(("Late/union", "Alg1/H", "Late/union"), 2)] == [
         "Alg1/H", "Late/union",
     ]  # fmt: skip
