@@ -77,10 +77,10 @@ class Learned(Focus):
         reliability = np.zeros(depth_m.shape, np.float32)
         reliability[at] = judged.reliability
         found = swept.new_map(method, focus.maximum, depth_m, mask, reliability)
-        return stated(found, per_rho_px, config, precision(net, method.name))
+        return stated(found, per_rho_px, config, precision_of(net, method.name))
 
 
-def precision(net: Network, method: str) -> Precision | None:
+def precision_of(net: Network, method: str) -> Precision | None:
     """What the expected error of a method is worth, where the network's manifest says so.
 
     Raises:
