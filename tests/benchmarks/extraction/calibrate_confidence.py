@@ -81,7 +81,9 @@ def table_of(method: str) -> Precision:
         InputError: there is none.
     """
     known = (
-        precision_of(network(), method) if method == "Learned/H" else tables().get(table_name(method))
+        precision_of(network(), method)
+        if method == "Learned/H"
+        else tables().get(table_name(method))
     )
     if known is None:
         raise InputError(f"{method}: no table of precision; calibrate first")
