@@ -28,7 +28,7 @@ class Derd(Extraction):
     family = "DERD"
     grammar = "DERD/H"
     summary = "DERD-Net (published): a recurrent network reads all 100 planes around a pixel"
-    examples = ("DERD/H",)
+    examples: tuple[str, ...] = ("DERD/H",)
     how = ", read by DERD-Net"
     keeps_votes = trained = True
 

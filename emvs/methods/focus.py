@@ -21,7 +21,7 @@ class Focus(Extraction):
         "our own: depth where the fused rays are most in focus, kept where cameras and neighbours "
         "agree; camK: one camera, without agreement"
     )
-    examples = ("Focus/H", "Focus/cam0", "Focus/AtHc@4")
+    examples: tuple[str, ...] = ("Focus/H", "Focus/cam0", "Focus/AtHc@4")
     how = ", by focus"
     per_camera = needs_baseline = True
 

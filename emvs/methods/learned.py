@@ -36,7 +36,7 @@ class Learned(Focus):
         "our own: Focus, and a small network that looks at the votes around, corrects the depth "
         "and says how wrong it may be"
     )
-    examples = ("Learned/H", "Learned/cam0")
+    examples: tuple[str, ...] = ("Learned/H", "Learned/cam0")
     calibrated = ("Learned/H", "Learned/cam")
     how = ", by focus and a network"
     keeps_votes = trained = True

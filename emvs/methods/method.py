@@ -248,7 +248,7 @@ class Late(Extraction):
     family = "Late"
     grammar = "Late/union"
     summary = "per pixel the most confident camera among those that pass their own threshold"
-    examples = ("Late/union",)
+    examples: tuple[str, ...] = ("Late/union",)
     calibrated = ("Late/union",)
 
     def measure(self, config: MapperConfig) -> None:
