@@ -41,7 +41,7 @@ Ranked = tuple[Float32s, Float32s]  # (M,) disparity, px, and (M,) rank of each 
 
 def judged(shown: Shown, net: Network) -> Judgement:
     """What a network makes of a window."""
-    return judge(net, shown.method, shown.kept, shown.chosen, shown.disparity_px)
+    return judge(net, shown.method.fusion, shown.kept, shown.chosen, shown.disparity_px)
 
 
 def _smaller_error(_: Shown, found: Judgement) -> Ranked:
