@@ -55,7 +55,7 @@ def find_hot_pixels(
         t0_us: begin, included.
         t1_us: end, excluded.
         ratio: how many times its surroundings' activity makes a pixel hot.
-        progress: told the stage `hot pixels`, cameras done and all.
+        progress: called with the stage `hot pixels`, cameras done and all.
 
     Returns:
         One per camera.

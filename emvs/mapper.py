@@ -19,7 +19,6 @@ from eventsweep.emvs.dsi.slices import Slices
 from eventsweep.emvs.dsi.sweep import slice_row, splits_of, sweep
 from eventsweep.emvs.dsi.voting import VoteCounts
 from eventsweep.emvs.errors import InputError, check_type
-from eventsweep.emvs.extraction.method import Method, Swept
 from eventsweep.emvs.learned.kept_votes import KeptVotes
 from eventsweep.emvs.methods import (
     check_methods,
@@ -28,6 +27,7 @@ from eventsweep.emvs.methods import (
     with_volume,
     without_volume,
 )
+from eventsweep.emvs.methods.method import Method, Swept
 from eventsweep.emvs.reference_view import ReferenceView, reference_view
 from eventsweep.emvs.utils.runtime import Progress, Stopwatch, check_openmp, silent
 from eventsweep.emvs.window_result import CameraCounts, WindowResult

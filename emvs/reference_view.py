@@ -60,7 +60,7 @@ def _T_body_rv(recording: Recording, shift: float) -> NDArray[np.float64]:
 
 
 def _camera(camera: Camera, config: MapperConfig) -> Camera:
-    """The view's own size and lens; unless told, its axis keeps its place to the middle."""
+    """The view's own size and lens; by default its axis keeps its place to the middle."""
     if config.is_camera_0_view:
         return camera
     width_px, height_px = config.view_width_px, config.view_height_px
@@ -80,7 +80,7 @@ def _camera(camera: Camera, config: MapperConfig) -> Camera:
     )
 
 
-_NEAREST_M, _FARTHEST_M = 1e-4, 1e6  # beyond them single precision tells no planes apart
+_NEAREST_M, _FARTHEST_M = 1e-4, 1e6  # beyond them single precision cannot separate planes
 
 
 def depth_range_m(recording: Recording, config: MapperConfig) -> tuple[float, float]:

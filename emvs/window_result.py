@@ -77,7 +77,9 @@ class WindowResult:
 
     def __repr__(self) -> str:
         camera, window = self.view.camera, self.window
-        points = ", ".join(f"{name} {one.points}" for name, one in self.depth_maps.items())
+        points = ", ".join(
+            f"{name} {depth_map.points}" for name, depth_map in self.depth_maps.items()
+        )
         return (
             f"WindowResult({window.t0_us} to {window.t1_us} µs, view of {camera.width_px} x "
             f"{camera.height_px} px at {window.t_ref_us} µs, on {self.device};\n"

@@ -225,7 +225,7 @@ def plan_windows(
     Args:
         recording: events and poses.
         config: `window_s` and `stride_s`, or `window_events` and `stride_events`.
-        progress: told the stage `count`, seconds read and all, where events are counted.
+        progress: called with the stage `count`, seconds read and all, where events are counted.
 
     Raises:
         InputError: no window asked for, no room for one, or more than `MOST_WINDOWS` of them.

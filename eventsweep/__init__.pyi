@@ -23,8 +23,6 @@ from .emvs.depth.point_cloud import back_project_map as back_project_map
 from .emvs.depth.point_cloud import write_ply as write_ply
 from .emvs.dsi.fusion import Split as Split
 from .emvs.errors import InputError as InputError
-from .emvs.extraction.method import Extraction as Extraction
-from .emvs.extraction.method import Method as Method
 from .emvs.formats import open_events as open_events
 from .emvs.formats import write_events as write_events
 from .emvs.formats.tables.columns import ColumnMap as ColumnMap
@@ -32,6 +30,8 @@ from .emvs.geometry.camera import Camera as Camera
 from .emvs.geometry.rig import Rig as Rig
 from .emvs.geometry.trajectory import Trajectory as Trajectory
 from .emvs.maps.folder import StoredMap as StoredMap
+from .emvs.methods.method import Extraction as Extraction
+from .emvs.methods.method import Method as Method
 from .emvs.window_result import WindowResult as WindowResult
 from .eval.config import EvalConfig as EvalConfig
 from .eval.scoring.predictions import Prediction as Prediction

@@ -128,12 +128,12 @@ BASELINES: tuple[BaselineEstimator, ...] = (
 
 # Words of `--method` for several methods; `all` is `emvs.methods.known_methods`.
 GROUPS: dict[str, tuple[str, ...]] = {
-    "baselines": tuple(one.name for one in BASELINES if not one.needs),
-    "everything": ("all", "Late/union", *(one.name for one in BASELINES if not one.needs)),
+    "baselines": tuple(each.name for each in BASELINES if not each.needs),
+    "everything": ("all", "Late/union", *(each.name for each in BASELINES if not each.needs)),
 }
 
-_BY_NAME = {one.name: one for one in BASELINES}
-FAMILIES = tuple(dict.fromkeys(one.family for one in BASELINES))
+_BY_NAME = {each.name: each for each in BASELINES}
+FAMILIES = tuple(dict.fromkeys(each.family for each in BASELINES))
 
 
 def baseline(name: str) -> BaselineEstimator | None:

@@ -79,7 +79,7 @@ def estimate_window(
 
 def _newest(maps: Sequence[EsvoMap], most_points: int) -> Sequence[EsvoMap]:
     """The last maps whose estimates are not more than so many; at least the last one."""
-    points = np.cumsum([one.estimates for one in reversed(maps)])
+    points = np.cumsum([m.estimates for m in reversed(maps)])
     return maps[len(maps) - max(1, int((points <= most_points).sum())) :]
 
 
@@ -95,7 +95,7 @@ def _fused(
     rho = regularised(known, clean_up, parameters.regularisation, most)
     inside = rho > 0
     if not inside.any():
-        estimates = sum(one.estimates for one in maps)
+        estimates = sum(m.estimates for m in maps)
         raise InputError(
             f"{method}: {estimates} estimates of {len(maps)} maps up to {maps[-1].t_ref_us} µs, "
             f"but no pixel where {clean_up.least_fusions + 1} of them agree: choose a longer or "

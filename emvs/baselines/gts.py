@@ -150,15 +150,15 @@ def pairs(
 
 
 def _best(
-    one: Stream, other: Stream, low: float, high: float, settings: Coincidence
+    stream: Stream, other: Stream, low: float, high: float, settings: Coincidence
 ) -> tuple[Indices, Float64s]:
-    """For each event of `one`, the best of `other` with `low <= column difference <= high`."""
-    out, energy = np.empty(len(one.t_us), np.int64), np.empty(len(one.t_us))
+    """For each event of `stream`, the best of `other` with `low <= column difference <= high`."""
+    out, energy = np.empty(len(stream.t_us), np.int64), np.empty(len(stream.t_us))
     order, start = _by_row(other.uv_px)
     widths = settings.row_px, settings.time_us, settings.motion, settings.most_energy
     search(
-        one.uv_px, one.t_us, one.p, one.slope, other.uv_px, other.t_us, other.p, other.slope,
-        order, start, low, high, widths, out, energy,
+        stream.uv_px, stream.t_us, stream.p, stream.slope,
+        other.uv_px, other.t_us, other.p, other.slope, order, start, low, high, widths, out, energy,
     )  # fmt: skip
     return out, energy
 

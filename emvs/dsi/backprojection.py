@@ -57,7 +57,7 @@ def back_project(
         view: the reference view.
         splits: into which sub-intervals the rays are cut.
         projector: what casts rays, on the CPU or a GPU.
-        progress: told the stage `rays`, cameras done and all.
+        progress: called with the stage `rays`, cameras done and all.
         polarities: 2 where each polarity gets rays of its own.
         packets: the compatibility setting, see `emvs.dsi.rays.event_rays`.
         min_events: events that can vote which every camera needs.

@@ -51,24 +51,6 @@ def choose_device(wanted: DeviceName) -> Device:
     return device
 
 
-def device_for(wanted: DeviceName, estimators: Sequence[str], *, only: bool) -> Device:
-    """The device of a run; methods without a volume have no sweep and always run on the CPU.
-
-    Args:
-        wanted: its name.
-        estimators: names of the methods without a volume; beside a GPU a line says where they run.
-        only: whether there is no other method.
-
-    Raises:
-        InputError: as `choose_device`.
-    """
-    device = choose_device(wanted)
-    if device.kind == "cpu" or not estimators:
-        return device
-    _log.warning("device %s: baselines run on the CPU: %s", wanted, ", ".join(estimators))
-    return CPU if only else device
-
-
 def check_device(wanted: DeviceName) -> None:
     """Refuses a GPU that is not there.
 

@@ -15,7 +15,7 @@ from eventsweep.emvs.learned.network import Network
 AT_PX = 10.0
 """Disparity to which `learned.error_px` refers, px."""
 LOG_ERROR_RANGE = -6.0, 4.0
-"""What training can tell apart: from a four-hundredth of a pixel to some dozen."""
+"""What training can distinguish: from a four-hundredth of a pixel to some dozen."""
 Float32s = NDArray[np.float32]
 
 

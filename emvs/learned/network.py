@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.depth.precision import Precision, table_name
 from eventsweep.emvs.learned import kept_votes_kernels, network_kernels
 from eventsweep.emvs.learned.weights import Weights, packaged, read_weights, stamp
 
@@ -123,15 +122,6 @@ class Network:
             ),
             *rest,
         )
-
-    def precision(self, method: str) -> Precision | None:
-        """What the expected error of a method is worth, where the manifest says so.
-
-        Raises:
-            InputError: a manifest whose table is none.
-        """
-        stated = self.weights.manifest.get("precision", {}).get(table_name(method))
-        return None if stated is None else Precision.from_json(stated)
 
 
 def _convolution(

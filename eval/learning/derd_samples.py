@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from eventsweep.emvs.config import DerdParameters, MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.depth.depth_map import confidence_mask, without_border
-from eventsweep.emvs.extraction.derd import DERD
 from eventsweep.emvs.learned.derd import PLANES, SIDE_PX, DepthRange, columns_of, selecting
+from eventsweep.emvs.methods.derd import DERD
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.learning.samples import SampleSet, Swept, swept_window, window_config
 from eventsweep.eval.learning.sequences import TrainingSequence, TrainingWindow, windows

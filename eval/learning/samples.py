@@ -19,11 +19,11 @@ from eventsweep.emvs.dsi.backprojection import back_project
 from eventsweep.emvs.dsi.device import CPU, projector_on
 from eventsweep.emvs.dsi.fusion import WHOLE
 from eventsweep.emvs.dsi.sweep import sweep
-from eventsweep.emvs.extraction.focus import FOCUS
-from eventsweep.emvs.extraction.method import Method
 from eventsweep.emvs.learned.inputs import BATCH, Candidates, as_patches, candidates, channels
 from eventsweep.emvs.learned.kept_votes import KeptVotes, votes_of_codes
 from eventsweep.emvs.learned.network import CHANNELS, DEPTH, SIDE_PX
+from eventsweep.emvs.methods.focus import FOCUS
+from eventsweep.emvs.methods.method import Method
 from eventsweep.emvs.reference_view import ReferenceView, reference_view
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.windows import choose_window

@@ -27,7 +27,8 @@ F = np.float32
 
 
 def mapped(recording, *names, **values):
-    return map_window(recording, CONFIG.model_copy(update={"methods": names, **values}))
+    own = CONFIG.model_dump(exclude_unset=True) | {"methods": names} | values
+    return map_window(recording, MapperConfig.model_validate(own))
 
 
 def assert_same_bits(a, b):
@@ -155,7 +156,7 @@ def test_a_measure_moves_the_depth_of_any_method_and_nothing_else(measure):
     votes = mapped(recording, *names)
     # The difference of Gaussians filters votes and gathers none
     sigma_px = 0.7 if measure == "dog" else 2.5
-    result = mapped(recording, *names, extraction=measure, focus_sigma_px=sigma_px)
+    result = mapped(recording, *names, extraction=measure, focus={"sigma_px": sigma_px})
     for name in names:
         plain, sharp = votes.depth_maps[name], result.depth_maps[name]
         np.testing.assert_array_equal(plain.mask, sharp.mask)
@@ -176,8 +177,8 @@ def test_the_focus_methods_have_parameters_of_their_own():
     recording, names = fronto_parallel(1.23), ("Alg1/H", "Focus/H")
     plain = mapped(recording, *names)
     by_votes = mapped(recording, *names, extraction="gradient", threshold_c=1)
-    by_focus = mapped(recording, *names, focus_measure="gradient", focus_threshold_c=15)
-    wide = mapped(recording, *names, focus_threshold_kernel_px=25)
+    by_focus = mapped(recording, *names, focus={"measure": "gradient", "threshold_c": 15})
+    wide = mapped(recording, *names, focus={"threshold_kernel_px": 25})
     same_map(plain, by_votes, "Focus/H")
     for other in (by_focus, wide):
         same_map(plain, other, "Alg1/H")
@@ -206,7 +207,7 @@ def test_interpolation_and_border_are_the_configurations(interpolate):
 def test_points_fall_with_the_reliability_that_is_asked_for():
     recording = fronto_parallel(1.5)
     points = [
-        mapped(recording, "Focus/H", focus_reliability=r).depth_maps["Focus/H"].points
+        mapped(recording, "Focus/H", focus={"reliability": r}).depth_maps["Focus/H"].points
         for r in (0.0, 0.2, 0.5, 1.0)
     ]
     assert points == sorted(points, reverse=True)

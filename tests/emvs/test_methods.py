@@ -14,9 +14,9 @@ from eventsweep.emvs.dsi.fusion import Split, fuse
 from eventsweep.emvs.dsi.maxima import RunningMaxima
 from eventsweep.emvs.dsi.voting import batch_planes, batches
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.extraction.method import Method
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.methods import methods_by_name, overview, register, unregister
+from eventsweep.emvs.methods.method import Method
 from eventsweep.emvs.reference_view import (
     inverse_depth_at,
     inverse_depth_planes,
@@ -419,7 +419,7 @@ def test_names_are_parsed():
     )
     assert "minimum, then over time by the root mean square" in method.summary
     assert find("Alg2/HcAt@2").fusion.time_first
-    assert find("Alg2/AtHc@2", mcemvs=True).code != find("Alg2/AtHc@2").code
+    assert find("Alg2/AtHc@2", mcemvs=True).fusion != find("Alg2/AtHc@2").fusion
     assert [m.name for m in methods_by_name(("Late/union", "Alg1/H", "Late/union"), 2)] == [
         "Alg1/H", "Late/union",
     ]  # fmt: skip

@@ -7,7 +7,7 @@ import pytest
 
 GOOD = """
 from eventsweep.emvs.methods import register
-from eventsweep.emvs.extraction.method import Method
+from eventsweep.emvs.methods.method import Method
 
 def offer():
     register(Method.from_function("Theirs/last", lambda votes: votes[-1, -1], "the last camera"))

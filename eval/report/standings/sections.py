@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from eventsweep.emvs.extraction.method import Method
 from eventsweep.emvs.methods import named
+from eventsweep.emvs.methods.method import Method
 from eventsweep.eval.figures.colormaps import line_style
 from eventsweep.eval.figures.plots import causes_svg
 from eventsweep.eval.figures.ranking import cost_svg, coverage_svg, history_svg

@@ -22,9 +22,9 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.depth.depth_map import extract
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.extraction.focus import FOCUS as BY_FOCUS
 from eventsweep.emvs.learned.judgement import Judgement, at_reference_px, judge
 from eventsweep.emvs.learned.network import Float32s, Network, network
+from eventsweep.emvs.methods.focus import FOCUS as BY_FOCUS
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.learning.samples import Shown, shown_of, swept_window
@@ -41,7 +41,7 @@ Ranked = tuple[Float32s, Float32s]  # (M,) disparity, px, and (M,) rank of each 
 
 def judged(shown: Shown, net: Network) -> Judgement:
     """What a network makes of a window."""
-    return judge(net, shown.method, shown.kept, shown.chosen, shown.disparity_px)
+    return judge(net, shown.method.fusion, shown.kept, shown.chosen, shown.disparity_px)
 
 
 def _smaller_error(_: Shown, found: Judgement) -> Ranked:

@@ -22,6 +22,7 @@ from eventsweep.emvs.depth.precision import Precision, table_name, tables
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.learned.network import network
 from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.methods.learned import precision_of
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.config import EvalConfig
@@ -80,7 +81,9 @@ def table_of(method: str) -> Precision:
         InputError: there is none.
     """
     known = (
-        network().precision(method) if method == "Learned/H" else tables().get(table_name(method))
+        precision_of(network(), method)
+        if method == "Learned/H"
+        else tables().get(table_name(method))
     )
     if known is None:
         raise InputError(f"{method}: no table of precision; calibrate first")

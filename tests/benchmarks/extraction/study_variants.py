@@ -20,8 +20,8 @@ from eventsweep.emvs.depth.focus import (
     on_surface,
 )
 from eventsweep.emvs.dsi import focus_measures
+from eventsweep.emvs.dsi.fusion import MEANS, Fusion, fuse
 from eventsweep.emvs.dsi.maxima import FocusPeak, Maximum
-from fusions import FUSIONS
 from study_cache import StudySample
 
 BASE = "Alg1/H"
@@ -68,7 +68,7 @@ class Volumes:
     def of(cls, sample: StudySample) -> Volumes:
         """Fuses a sample's volumes."""
         rho = sample.view.rho
-        fused = FUSIONS["H"](sample.votes)
+        fused = fuse(Fusion(MEANS["H"].code), sample.votes)
         disparity_px = sample.truth.baseline_focal_px_m * rho.astype(np.float64)
         return cls(sample.votes, fused, disparity_px, MapperConfig())
 

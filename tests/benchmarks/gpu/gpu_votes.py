@@ -13,7 +13,7 @@ from eventsweep.emvs.dsi.backend import Task
 from eventsweep.emvs.dsi.backprojection import back_project
 from eventsweep.emvs.dsi.device import backend_on, choose_device, projector_on
 from eventsweep.emvs.dsi.fusion import WHOLE
-from eventsweep.emvs.extraction.method import single_camera
+from eventsweep.emvs.methods.method import single_camera
 from eventsweep.emvs.reference_view import reference_view
 from eventsweep.emvs.windows import choose_window
 

@@ -14,12 +14,15 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.config import FocusParameters, LearnedParameters, MapperConfig
 from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.config import EvalConfig
 from markdown_blocks import refresh
 
-TABLES: dict[str, type[BaseModel]] = {"mapper.md": MapperConfig, "scores.md": EvalConfig}
+TABLES: dict[str, type[BaseModel]] = {
+    "mapper.md": MapperConfig, "extraction.md": FocusParameters, "learned.md": LearnedParameters,
+    "scores.md": EvalConfig,
+}  # fmt: skip
 """Page -> what its table is about."""
 
 _HEAD = "| Setting | Default | Values | Meaning |\n|---|---|---|---|\n"

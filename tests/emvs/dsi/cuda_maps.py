@@ -40,7 +40,7 @@ def recording(n=40, cameras=2):
 
 
 def config(**values):
-    return MapperConfig(**{"planes": 3, "focus_sigma_px": 0.7, "border_px": 0, **values})
+    return MapperConfig(**{"planes": 3, "focus": {"sigma_px": 0.7}, "border_px": 0, **values})
 
 
 def by_both(config, **more):

@@ -7,7 +7,6 @@ import pytest
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.depth.depth_map import confidence_mask, without_border
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.extraction.derd import DERD
 from eventsweep.emvs.learned import derd
 from eventsweep.emvs.learned.derd import (
     LAYERS,
@@ -26,6 +25,7 @@ from eventsweep.emvs.learned.kept_votes import LANES, KeptVotes
 from eventsweep.emvs.learned.weights import Weights, packaged, write_weights
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.methods import methods_by_name, named, overview
+from eventsweep.emvs.methods.derd import DERD
 from eventsweep.emvs.reference_view import inverse_depth_planes, linear_planes, mcemvs_planes
 from naive_derd import place
 from point_world import fronto_parallel

@@ -16,7 +16,8 @@ FIELDS = "depth_m", "confidence", "mask", "argmax", "reliability"
 
 
 def mapped(recording, *names, **values):
-    return map_window(recording, CONFIG.model_copy(update={"methods": names, **values}))
+    own = CONFIG.model_dump(exclude_unset=True) | {"methods": names} | values
+    return map_window(recording, MapperConfig.model_validate(own))
 
 
 def steps_off(result, method, depth_m):
@@ -74,7 +75,7 @@ def test_its_company_does_not_change():
 def test_a_lower_error_keeps_a_part_of_the_points():
     recording = fronto_parallel(1.5)
     wide, narrow = (
-        mapped(recording, "Learned/H", learned_error_px=px).depth_maps["Learned/H"]
+        mapped(recording, "Learned/H", learned={"error_px": px}).depth_maps["Learned/H"]
         for px in (2.0, 0.3)
     )
     assert 0 < narrow.points < wide.points
@@ -98,7 +99,7 @@ def test_the_error_in_metres_grows_with_the_square_of_depth():
 def test_a_window_without_candidates_has_no_points():
     recording = fronto_parallel(1.5)
     few = replace(recording, streams=tuple(one.slice(0, 3) for one in recording.streams))
-    result = mapped(few, "Learned/H", focus_threshold_c=200)
+    result = mapped(few, "Learned/H", focus={"threshold_c": 200})
     assert result.depth_maps["Learned/H"].points == 0
 
 

@@ -53,7 +53,7 @@ def test_several_kinds_come_as_they_are_asked_for(capsys):
 
 
 def test_a_method_of_ones_own_is_listed(capsys):
-    from eventsweep.emvs.extraction.method import Method
+    from eventsweep.emvs.methods.method import Method
 
     methods.register(Method.from_function("Mine/listed", lambda votes: votes[:, 0].min(0), "mine"))
     try:

@@ -11,8 +11,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 
 from eventsweep.emvs.baselines import BASELINES, BaselineEstimator, sgm
-from eventsweep.emvs.extraction.method import Method
 from eventsweep.emvs.methods import named, register, unregister
+from eventsweep.emvs.methods.method import Method
 from eventsweep.eval.figures.colormaps import INK, line_style
 from eventsweep.eval.report.run_page import confidence_unit
 

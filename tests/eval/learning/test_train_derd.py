@@ -5,9 +5,9 @@ import pytest
 
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.depth.depth_map import confidence_mask, without_border
-from eventsweep.emvs.extraction.derd import DERD
 from eventsweep.emvs.learned.derd import DepthRange, derd_net, selecting
 from eventsweep.emvs.mapper import map_window
+from eventsweep.emvs.methods.derd import DERD
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.learning import data, derd_samples

@@ -6,7 +6,7 @@ import pytest
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.extraction.focus import FOCUS
+from eventsweep.emvs.methods.focus import FOCUS
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.learning import data, samples
 from eventsweep.eval.learning.config import TrainingConfig

@@ -10,7 +10,6 @@ import numpy as np
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.depth.depth_map import DepthMap, confidence_mask, extract, without_border
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.extraction.method import Extraction, Method, Swept
 from eventsweep.emvs.learned.derd import (
     PLANES,
     SIDE_PX,
@@ -20,6 +19,7 @@ from eventsweep.emvs.learned.derd import (
     selecting,
 )
 from eventsweep.emvs.learned.weights import files_of_weights, packaged
+from eventsweep.emvs.methods.method import Extraction, Method, Swept
 
 
 class Derd(Extraction):
@@ -28,7 +28,7 @@ class Derd(Extraction):
     family = "DERD"
     grammar = "DERD/H"
     summary = "DERD-Net (published): a recurrent network reads all 100 planes around a pixel"
-    examples = ("DERD/H",)
+    examples: tuple[str, ...] = ("DERD/H",)
     how = ", read by DERD-Net"
     keeps_votes = trained = True
 

@@ -15,15 +15,15 @@ import numpy as np
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.depth.focus import estimate_in_focus
-from eventsweep.emvs.depth.precision import stated
+from eventsweep.emvs.depth.precision import Precision, stated, table_name
 from eventsweep.emvs.dsi.method import MethodName
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.extraction.focus import Focus
-from eventsweep.emvs.extraction.method import Method, Swept
 from eventsweep.emvs.learned.inputs import candidates
 from eventsweep.emvs.learned.judgement import at_reference_px, judge
-from eventsweep.emvs.learned.network import network
+from eventsweep.emvs.learned.network import Network, network
 from eventsweep.emvs.learned.weights import files_of_weights, packaged
+from eventsweep.emvs.methods.focus import Focus
+from eventsweep.emvs.methods.method import Method, Swept
 from eventsweep.emvs.reference_view import inverse_depth_at
 
 
@@ -36,7 +36,7 @@ class Learned(Focus):
         "our own: Focus, and a small network that looks at the votes around, corrects the depth "
         "and says how wrong it may be"
     )
-    examples = ("Learned/H", "Learned/cam0")
+    examples: tuple[str, ...] = ("Learned/H", "Learned/cam0")
     calibrated = ("Learned/H", "Learned/cam")
     how = ", by focus and a network"
     keeps_votes = trained = True
@@ -77,7 +77,17 @@ class Learned(Focus):
         reliability = np.zeros(depth_m.shape, np.float32)
         reliability[at] = judged.reliability
         found = swept.new_map(method, focus.maximum, depth_m, mask, reliability)
-        return stated(found, per_rho_px, config, net.precision(method.name))
+        return stated(found, per_rho_px, config, precision_of(net, method.name))
+
+
+def precision_of(net: Network, method: str) -> Precision | None:
+    """What the expected error of a method is worth, where the network's manifest says so.
+
+    Raises:
+        InputError: a manifest whose table is none.
+    """
+    table = net.weights.manifest.get("precision", {}).get(table_name(method))
+    return None if table is None else Precision.from_json(table)
 
 
 LEARNED = Learned()

@@ -9,61 +9,49 @@ A package offers methods of its own in its `pyproject.toml`; the function takes 
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Protocol
 
 from eventsweep.emvs import baselines
 from eventsweep.emvs.baselines import BaselineEstimator, DepthEstimator
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.depth.precision import check_precision
 from eventsweep.emvs.dsi import fusion_kernels
-from eventsweep.emvs.dsi.device import Device, device_for
+from eventsweep.emvs.dsi.device import CPU, Device, choose_device
 from eventsweep.emvs.dsi.fusion import MEANS, Fusion
 from eventsweep.emvs.dsi.method import MethodName
 from eventsweep.emvs.errors import InputError, check_type, check_whole
-from eventsweep.emvs.extraction.derd import DERD
-from eventsweep.emvs.extraction.focus import FOCUS
-from eventsweep.emvs.extraction.fusion_names import code_of, named_fusion
-from eventsweep.emvs.extraction.late import LATE
-from eventsweep.emvs.extraction.learned import LEARNED
-from eventsweep.emvs.extraction.method import Extraction, Method, single_camera, single_cameras
+from eventsweep.emvs.methods.derd import DERD
+from eventsweep.emvs.methods.focus import FOCUS
+from eventsweep.emvs.methods.fusion_names import code_of, named_fusion
+from eventsweep.emvs.methods.learned import LEARNED
+from eventsweep.emvs.methods.method import LATE, Extraction, Method, single_camera, single_cameras
 from eventsweep.emvs.utils.plugins import files_of, run_point
 
 # What a name stands for: a fusion and an extraction, or what makes its depth map without volumes
 AnyMethod = Method | DepthEstimator
+_log = logging.getLogger(__name__)
 GROUP = "eventsweep.methods"
 _NAME = re.compile(r"\w[\w.+@~-]*(/[\w.+@~-]+)+")
 _FAMILY_NAME = re.compile(r"\w[\w.+@~-]*")
 _ALGORITHM_1 = ("Alg1", "EMVS")
 
 
-class Family(Protocol):
-    """Methods whose names follow a grammar, made on request; every `Extraction` is one."""
-
-    @property
-    def grammar(self) -> str:
-        """How the names are built."""
-
-    @property
-    def summary(self) -> str:
-        """What they do, in a few words."""
-
-    @property
-    def examples(self) -> tuple[str, ...]:
-        """Some names."""
-
-    def build(self, name: str, mcemvs: bool, /) -> AnyMethod:
-        """The method of a name; `mcemvs` says whether the compatibility setting is on."""
-
-
 @dataclass(frozen=True)
-class NamedFamily:
-    """A `Family` of given words."""
+class Family:
+    """Methods whose names follow a grammar, made on request; an `Extraction` says the same.
+
+    Attributes:
+        grammar: how the names are built.
+        summary: what they do, in a few words.
+        examples: some names.
+        build: name and whether the compatibility setting is on, to the method.
+    """
 
     grammar: str
     summary: str
@@ -78,7 +66,7 @@ def _alg2(name: str, mcemvs: bool) -> Method:
     return Method(name, words, fusion)
 
 
-ALG2 = NamedFamily(
+ALG2 = Family(
     "Alg2/<F>t<F>c@n[/time][~] or Alg2/<F>c<F>t@n[/time] with <F> of min, H, G, A, RMS, max",
     "fused across cameras (c) and over n sub-intervals of equal count (/time: equal time), the "
     "right-hand fusion first; ~ pairs sub-intervals half a window apart",
@@ -97,17 +85,17 @@ def _baseline(name: str, mcemvs: bool) -> BaselineEstimator:
     return baseline
 
 
-def _baseline_family(family: str) -> NamedFamily:
+def _baseline_family(family: str) -> Family:
     own = [baseline for baseline in baselines.BASELINES if baseline.family == family]
     names = tuple(baseline.name for baseline in own)
     summary = "; ".join(baseline.summary for baseline in own)
-    return NamedFamily(", ".join(names), summary, names, _baseline)
+    return Family(", ".join(names), summary, names, _baseline)
 
 
 # Extractions of ours whose methods are asked for by name; a new one is added here.
 EXTRACTIONS: tuple[Extraction, ...] = (FOCUS, LEARNED, DERD, LATE)
 # First part of the name -> family. A rig of one camera has only what fuses no cameras.
-FAMILIES: Mapping[str, Family] = {
+FAMILIES: Mapping[str, Family | Extraction] = {
     "Alg2": ALG2,
     **{extraction.family: extraction for extraction in EXTRACTIONS},
     **{family: _baseline_family(family) for family in baselines.FAMILIES},
@@ -161,11 +149,18 @@ def without_volume(chosen: Sequence[AnyMethod]) -> tuple[DepthEstimator, ...]:
 def device_for_methods(config: MapperConfig, chosen: Sequence[AnyMethod]) -> Device:
     """The device that the configuration names, but the CPU where no method has a volume.
 
+    Baselines have no sweep and always run on the CPU; beside a GPU a line says so.
+
     Raises:
         InputError: `cuda`, and no GPU that can be used.
     """
+    device = choose_device(config.device)
     estimators = [method.name for method in without_volume(chosen)]
-    return device_for(config.device, estimators, only=len(estimators) == len(chosen))
+    if device.kind == "cpu" or not estimators:
+        return device
+    names = ", ".join(estimators)
+    _log.warning("device %s: baselines run on the CPU: %s", config.device, names)
+    return CPU if len(estimators) == len(chosen) else device
 
 
 def check_methods(config: MapperConfig, chosen: Sequence[AnyMethod]) -> None:
@@ -176,17 +171,9 @@ def check_methods(config: MapperConfig, chosen: Sequence[AnyMethod]) -> None:
     """
     for method in with_volume(chosen):
         method.extraction.check(config)
-    own = [table for extraction in _extractions() for table in extraction.calibrated]
+    registered = (each for each in _registered.values() if isinstance(each, Extraction))
+    own = [table for each in (*EXTRACTIONS, *registered) for table in each.calibrated]
     check_precision(config.min_precision, [method.name for method in chosen], own)
-
-
-def _extractions() -> list[Extraction]:
-    """All that can be named: ours, those registered, and those of registered methods."""
-    registered = [
-        each.extraction if isinstance(each, Method) else each for each in _registered.values()
-    ]
-    known = (*EXTRACTIONS, *(each for each in registered if isinstance(each, Extraction)))
-    return list(dict.fromkeys(known))
 
 
 def known_methods(n_cameras: int, *, mcemvs: bool = False) -> tuple[Method, ...]:
@@ -256,14 +243,14 @@ def register(method: AnyMethod | Extraction) -> None:
     """
     made = "what Method.from_function or BaselineEstimator made, or an Extraction"
     check_type("method", method, (Method, DepthEstimator, Extraction), made)
-    is_family = isinstance(method, Extraction)
-    name = method.family if isinstance(method, Extraction) else method.name
-    form = _FAMILY_NAME if is_family else _NAME
+    if isinstance(method, Extraction):
+        name, what, form, pattern = method.family, "family", "Family", _FAMILY_NAME
+    else:
+        name, what, form, pattern = method.name, "method", "Family/variant", _NAME
     ours = (*_ALGORITHM_1, *FAMILIES)
-    if not form.fullmatch(name) or MethodName.of(name).family in ours:
+    if not pattern.fullmatch(name) or MethodName.of(name).family in ours:
         raise InputError(
-            f"{'family' if is_family else 'method'} name {name!r}: needs the form "
-            f"{'Family' if is_family else 'Family/variant'}, with a family other than "
+            f"{what} name {name!r}: needs the form {form}, with a family other than "
             f"{', '.join(ours)}"
         )
     if name in _registered:
@@ -276,7 +263,7 @@ def unregister(name: str) -> None:
     _registered.pop(name, None)
 
 
-def _families() -> dict[str, Family]:
+def _families() -> dict[str, Family | Extraction]:
     """Ours and those registered, by the first part of their names."""
     registered = {n: each for n, each in _registered.items() if isinstance(each, Extraction)}
     return {**FAMILIES, **registered}

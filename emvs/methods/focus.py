@@ -8,7 +8,7 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.depth.focus import at_least, estimate_in_focus
 from eventsweep.emvs.depth.precision import stated
-from eventsweep.emvs.extraction.method import Extraction, Method, Swept
+from eventsweep.emvs.methods.method import Extraction, Method, Swept
 from eventsweep.emvs.reference_view import inverse_depth_at
 
 
@@ -21,7 +21,7 @@ class Focus(Extraction):
         "our own: depth where the fused rays are most in focus, kept where cameras and neighbours "
         "agree; camK: one camera, without agreement"
     )
-    examples = ("Focus/H", "Focus/cam0", "Focus/AtHc@4")
+    examples: tuple[str, ...] = ("Focus/H", "Focus/cam0", "Focus/AtHc@4")
     how = ", by focus"
     per_camera = needs_baseline = True
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.depth.depth_map import DepthMap, Float32s, Mask, extract
+from eventsweep.emvs.depth.depth_map import DepthMap, Float32s, Mask, extract, union
 from eventsweep.emvs.depth.precision import stated
 from eventsweep.emvs.dsi.backend import SweepResult
 from eventsweep.emvs.dsi.fusion import WHOLE, Fusion, FusionFunction, Split, Target
@@ -16,8 +16,8 @@ from eventsweep.emvs.dsi.fusion_kernels import CAMERA
 from eventsweep.emvs.dsi.maxima import Maximum
 from eventsweep.emvs.dsi.method import OWN_UNIT, VOTES, NamedMethod
 from eventsweep.emvs.errors import InputError, check_type
-from eventsweep.emvs.extraction.fusion_names import named_fusion
 from eventsweep.emvs.learned.kept_votes import KeptVotes
+from eventsweep.emvs.methods.fusion_names import named_fusion
 from eventsweep.emvs.reference_view import ReferenceView
 
 
@@ -240,3 +240,35 @@ def single_cameras(n_cameras: int) -> tuple[Method, ...]:
 def single_camera(camera: int) -> Method:
     """EMVS with one camera."""
     return Method(f"EMVS/cam{camera}", f"camera {camera} alone", Fusion(CAMERA + camera))
+
+
+class Late(Extraction):
+    """Per pixel the most confident camera; the volume, the cameras' maximum, only shows a slice."""
+
+    family = "Late"
+    grammar = "Late/union"
+    summary = "per pixel the most confident camera among those that pass their own threshold"
+    examples: tuple[str, ...] = ("Late/union",)
+    calibrated = ("Late/union",)
+
+    def measure(self, config: MapperConfig) -> None:
+        """Nothing: it searches no rays of its own."""
+
+    def parts(self, n_cameras: int) -> tuple[Method, ...]:
+        """EMVS with each camera."""
+        return single_cameras(n_cameras)
+
+    def extract(self, method: Method, swept: Swept, /) -> DepthMap:
+        """Joins the single cameras' depth maps."""
+        parts = self.parts(len(swept.result.votes))
+        return union(method.name, [swept.depth_map(part) for part in parts])
+
+    def build(self, name: str, mcemvs: bool = False) -> Method:
+        """The late fusion, the same in the compatibility setting."""
+        del mcemvs
+        if name != "Late/union":
+            raise InputError(f"unknown method {name!r}: the late fusion is Late/union")
+        return Method(name, "the single cameras' maps, joined", Fusion(), self)
+
+
+LATE = Late()

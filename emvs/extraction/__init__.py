@@ -1,1 +1,0 @@
-"""From the maxima of a sweep to depth maps: one strategy a module, and the method that it makes."""
