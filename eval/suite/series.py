@@ -167,7 +167,7 @@ def _series(rows: pd.DataFrame, identity: Callable[[Any], str]) -> dict[Key, Ser
     """The rows by what they are about, with one value for each seed."""
     series: dict[Key, Series] = {}
     for about, of_seeds in rows.groupby(list(Key._fields), sort=False):
-        key, identities = Key(*about), set(map(identity, each(of_seeds)))
+        key, identities = Key(*map(str, about)), set(map(identity, each(of_seeds)))
         if len(identities) > 1:
             raise InputError(f"{key}: seeds of different scenes or metrics: run the suite again")
         series[key] = Series(

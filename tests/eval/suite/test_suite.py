@@ -152,11 +152,13 @@ def test_a_mapper_is_told_wrong_geometry_of_the_same_sequence(tmp_path):
     assert "perturb" not in exact.needs[1].parameters
     assert mapping.parameters["perturb"] == {"stereo_yaw_deg": 1, "pose_walk_mm": 9}
     sound = fronto_parallel(2.0)
-    heard = stage.told(sound, mapping.parameters)
-    turn = heard.rig.T_body_cam[1][:3, :3]
+    recording = stage.as_perturbed(sound, mapping.parameters)
+    turn = recording.rig.T_body_cam[1][:3, :3]
     assert np.degrees(np.arccos((np.trace(turn) - 1) / 2)) == pytest.approx(1)
-    assert not np.allclose(heard.trajectory.positions_m, sound.trajectory.positions_m, atol=1e-4)
-    assert stage.told(sound, exact.needs[1].parameters) is sound
+    assert not np.allclose(
+        recording.trajectory.positions_m, sound.trajectory.positions_m, atol=1e-4
+    )
+    assert stage.as_perturbed(sound, exact.needs[1].parameters) is sound
     named = read(toml(tmp_path, TINY.replace("sim = {", 'imperfection = "mvsec"\nsim = {')))
     assert named.cases["wall"].imperfection == PRESETS["mvsec"].model_dump(exclude_defaults=True)
 
