@@ -29,7 +29,6 @@ from eventsweep.emvs.formats.calibration_writers import (
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.outputs import atomic_dir
-from eventsweep.emvs.utils.ownership import mark
 
 Told = Callable[[int], None]
 
@@ -111,7 +110,6 @@ def write_recording(
             _described(job, folder, kind)
         else:
             write(job, folder)
-        mark(folder)
 
 
 def kinds() -> list[str]:

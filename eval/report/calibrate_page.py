@@ -23,7 +23,6 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.reference_view import depth_range_m
 from eventsweep.emvs.utils.outputs import atomic_dir
-from eventsweep.emvs.utils.ownership import mark
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.emvs.window_result import WindowResult
 from eventsweep.emvs.windows import Window
@@ -113,7 +112,6 @@ def calibrate_recording(
             notes = write_refined(folder, out, recording, refinement, command)
             text = page_text(recording, refinement, sides, notes, command, folder)
             (folder / REPORT_NAME).write_text(text, encoding="utf-8")
-            mark(folder)
         update(3.0, "")
     return Calibrated(refinement, notes)
 

@@ -14,8 +14,8 @@ from rich.console import Console as RichConsole
 from rich.table import Table
 
 from eventsweep.emvs.utils.cache import Cache
-from eventsweep.emvs.utils.files import atomic_path, bytes_text
-from eventsweep.emvs.utils.outputs import check_files, output_folder
+from eventsweep.emvs.utils.files import bytes_text
+from eventsweep.emvs.utils.outputs import check_files, files_together, output_folder
 from eventsweep.eval.archives.manifest import ArchiveManifest, PackedSequence
 from eventsweep.eval.jobs.job import SEQUENCE, stored
 from eventsweep.eval.numbers import shown, shown_unit
@@ -52,11 +52,11 @@ def prepare_folder(out: Path, *, force: bool, inputs: Iterable[Path] = ()) -> It
 def write(folder: Path, result: SuiteResult, *, force: bool = False) -> None:
     """Writes `suite.json`, with all that made the numbers, and `suite.csv` with the numbers."""
     check_files(folder, (FILE_NAME, CSV_NAME), force=force)
-    write_suite(folder, result)
     with (
-        atomic_path(folder / CSV_NAME) as path,
-        path.open("w", encoding="utf-8", newline="") as stream,
+        files_together(folder, (FILE_NAME, CSV_NAME)) as staged,
+        (staged / CSV_NAME).open("w", encoding="utf-8", newline="") as stream,
     ):
+        write_suite(staged, result)
         table = csv.writer(stream, lineterminator="\n")
         table.writerow(["case", "seed", "window", "method", "metric", "value", "unit", "better"])
         for sample in result.samples:

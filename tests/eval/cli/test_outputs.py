@@ -12,9 +12,10 @@ import pytest
 
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.ownership import strangers
+from eventsweep.emvs.utils.output_manifest import strangers
+from eventsweep.emvs.utils.outputs import output_file
 from eventsweep.eval.cli.main import main
-from eventsweep.eval.gate.report import markdown, write_junit
+from eventsweep.eval.cli.verbs.gate import GateFlags
 from eventsweep.eval.scoring.results import Results, Row, write_results
 from eventsweep.sim.parallel.checkpoint import CheckpointFolder, checkpoint_path
 from small_pair import small_sequence
@@ -196,13 +197,14 @@ def test_the_gate_writes_over_nothing_but_its_own(tmp_path, capsys):
         assert "the input itself" in refused(capsys, *words, baseline, "--force")
         assert "is a folder" in refused(capsys, *words, tmp_path, "--force")
         assert mine.read_text() == "mine"
-    from eventsweep.emvs.utils.ownership import is_our_file
-
-    write_junit(tmp_path / "own.xml", [])
-    (tmp_path / "own.md").write_text(markdown([], "eventsweep gate, quick"), encoding="utf-8")
-    assert is_our_file(tmp_path / "own.xml")
-    assert is_our_file(tmp_path / "own.md")
-    assert not is_our_file(tmp_path / "thesis.xml")
+    own = tmp_path / "own.md"
+    flags = GateFlags(baseline=baseline, markdown=own)
+    with output_file(own, listed=True) as path:
+        path.write_text("### eventsweep gate")
+    flags.check_files(force=False)
+    own.write_text("### eventsweep gate: corrected")
+    with pytest.raises(InputError, match="exists"):
+        flags.check_files(force=False)
 
 
 # Unfinished simulations
