@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from eventsweep.emvs.config import MapperConfig
@@ -10,6 +9,7 @@ from eventsweep.emvs.data.recording import DerivedRecording, Recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.reference_view import ReferenceView
 from eventsweep.emvs.utils.files import bytes_text, free_bytes
+from eventsweep.emvs.utils.runtime import available_bytes
 from eventsweep.emvs.windows import Window, time_steps
 
 _EVENT_BYTES = 13 + 16  # columns of the event, float32 of its ray
@@ -79,25 +79,3 @@ def need_memory(needed: int, what: str, cure: str) -> None:
             f"{what} needs at least {bytes_text(needed)} of memory, "
             f"{bytes_text(available)} are free: {cure}"
         )
-
-
-def available_bytes() -> int:
-    """Memory that a process can still get: the system's, or its control group's if that is less."""
-    return min(_system_bytes(), _group_bytes())
-
-
-def _system_bytes() -> int:
-    try:
-        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-        return next(1024 * int(line.split()[1]) for line in lines if line[:12] == "MemAvailable")
-    except (OSError, StopIteration, ValueError):
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-
-
-def _group_bytes() -> int:
-    group = Path("/sys/fs/cgroup")
-    try:
-        most = int((group / "memory.max").read_text(encoding="ascii"))
-        return most - int((group / "memory.current").read_text(encoding="ascii"))
-    except (OSError, ValueError):  # no control group, or one without a limit
-        return 1 << 62

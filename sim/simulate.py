@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -26,7 +25,7 @@ from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.files import bytes_text, free_bytes
 from eventsweep.emvs.utils.outputs import check_output
-from eventsweep.emvs.utils.runtime import versions
+from eventsweep.emvs.utils.runtime import available_bytes, versions
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.graphics import import_mujoco, note
 from eventsweep.sim.ground_truth import geom_table
@@ -376,23 +375,13 @@ def check_memory(job: RenderJob, workers: int) -> None:
     # Of fine frames the sensors keep one, work on one and wait for one.
     kept = 3 * slot_bytes(job) if job.fine else 0
     needed = _PIXEL_BYTES * sum(sizes) + kept + workers * (drawing + shared)
-    free = available_memory()
-    if free is not None and needed > free:
+    free = available_bytes()
+    if needed > free:
         raise InputError(
             f"rig {job.rig.name} at supersample={job.supersample} with {workers} workers "
             f"takes about {bytes_text(needed)} of memory, but {bytes_text(free)} are free: use "
             "fewer workers, a lower supersample or smaller cameras"
         )
-
-
-def available_memory() -> int | None:
-    """Bytes that can be had without swapping, within the control group's limit; None: unknown."""
-    known = re.findall(r"^MemAvailable: *(\d+) kB", _text("/proc/meminfo"), re.MULTILINE)
-    limits = [1024 * int(amount) for amount in known]
-    group, used = _text("/sys/fs/cgroup/memory.max"), _text("/sys/fs/cgroup/memory.current")
-    if group.strip().isdigit() and used.strip().isdigit():
-        limits.append(max(0, int(group) - int(used)))
-    return min(limits, default=None)
 
 
 def check_outside(job: RenderJob, model: Any) -> None:
@@ -467,10 +456,3 @@ def _inside_mesh(model: Any, mesh_id: int, local: NDArray[np.float64]) -> bool:
     )
     # Van Oosterom and Strackee (IEEE Trans. Biomed. Eng. 1983): the whole sphere is 4 pi.
     return bool(2 * np.arctan2(volume, below).sum() > 2 * np.pi)
-
-
-def _text(path: str) -> str:
-    try:
-        return Path(path).read_text(encoding="ascii")
-    except OSError:
-        return ""

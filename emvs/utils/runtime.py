@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from functools import cache
 from importlib import metadata
+from pathlib import Path
 
 import numba
 
@@ -87,3 +88,25 @@ def _version(name: str) -> str:
         return metadata.version(name)
     except metadata.PackageNotFoundError:
         return "absent"
+
+
+def available_bytes() -> int:
+    """Memory that a process can still get: the system's, or its control group's if that is less."""
+    return min(_system_bytes(), _group_bytes())
+
+
+def _system_bytes() -> int:
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        return next(1024 * int(line.split()[1]) for line in lines if line[:12] == "MemAvailable")
+    except (OSError, StopIteration, ValueError):
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def _group_bytes() -> int:
+    group = Path("/sys/fs/cgroup")
+    try:
+        most = int((group / "memory.max").read_text(encoding="ascii"))
+        return max(0, most - int((group / "memory.current").read_text(encoding="ascii")))
+    except (OSError, ValueError):  # no control group, or one without a limit
+        return 1 << 62

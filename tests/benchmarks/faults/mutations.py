@@ -42,7 +42,7 @@ LEFT_OUT = (
 )  # fmt: skip
 """Pictures, inertial samples, labels, GPUs and other data sets' truth: no part of `quick`."""
 
-_GUARDS = re.compile(r"_*(check|available_memory|notice|lap)")
+_GUARDS = re.compile(r"_*(check|available_bytes|notice|lap)")
 """Functions that refuse bad input or too large a job, tell the user something, or take the time."""
 
 _BINARY = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*", ast.FloorDiv: "/"}

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -162,6 +163,26 @@ def test_the_old_map_stays_until_the_new_one_is_done(tmp_path, capsys, rec):
     assert contents(tmp_path) == before
     (tmp_path / ".map.next").symlink_to(tmp_path / "rec")
     assert "is a link" in refused(capsys, "map", rec, "--out", out, *SLIDING, "--force")
+
+
+def test_a_map_that_was_to_replace_another_and_was_killed_is_taken_up(tmp_path, rec):
+    out = tmp_path / "map"
+    words = [*map(str, ("map", rec, "--out", out, *SLIDING)), "--quiet", "--no-check"]
+    assert main(words) == 0
+    names = sorted(path.name for path in out.glob("w*"))
+    expected = {path: what for path, what in contents(tmp_path).items() if path.name != ".lock"}
+    following = tmp_path / ".map.next"
+    shutil.copytree(out, following)
+    shutil.rmtree(following / names[-1])
+    left = following / f".{names[-1]}.abcdefgh.partial"
+    (left / "new").mkdir(parents=True)
+    (left / ".eventsweep-work").touch()
+    (following / f".{names[0]}.abcdefgh.partial").mkdir()
+    stamp = (following / names[0] / "window.json").stat().st_ino
+    assert main([*words, "--force"]) == 0
+    assert contents(tmp_path) == expected
+    assert (out / names[0] / "window.json").stat().st_ino == stamp
+    assert strangers(out) == []
 
 
 def test_everything_that_a_map_folder_gets_is_known(tmp_path, rec):

@@ -284,6 +284,6 @@ def test_too_little_disk_or_memory_is_refused_with_numbers(folder, scene, monkey
         full.setattr("eventsweep.sim.simulate.free_bytes", lambda _: 12_345)
         with pytest.raises(InputError, match=r"about [\d.]+ [kM]B, but 12.3 kB are free"):
             check_disk(job, place)
-    monkeypatch.setattr("eventsweep.sim.simulate.available_memory", lambda: 10**8)
+    monkeypatch.setattr("eventsweep.sim.simulate.available_bytes", lambda: 10**8)
     with pytest.raises(InputError, match=r"takes about [\d.]+ [MG]B of memory, but 100 MB"):
         simulate(scene, made.tiny_rig(), CONFIG, 0, folder / "big")
