@@ -55,7 +55,7 @@ def use_kernel_cache() -> Path:
         folder = home / name
         is_new = not folder.exists()
         if _claim(folder, trusted=home == chosen):
-            caching.IndexDataCacheFile = VerifiedKernels
+            setattr(caching, "IndexDataCacheFile", VerifiedKernels)  # noqa: B010 (a type to mypy)
             numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
             if is_new:
                 _remove_old(home, folder)
@@ -170,7 +170,7 @@ def _is_kernel(file: Path) -> bool:
         return stream.read(len(_HEAD)) == _HEAD
 
 
-class VerifiedKernels(caching.IndexDataCacheFile):  # type: ignore[misc]
+class VerifiedKernels(caching.IndexDataCacheFile):
     """Numba's files of one function, each with a hash; a damaged one is as good as none."""
 
     def _load_index(self) -> dict[Any, Any]:
@@ -181,12 +181,12 @@ class VerifiedKernels(caching.IndexDataCacheFile):  # type: ignore[misc]
         return overloads if (version, stamp) == (self._version, self._source_stamp) else {}
 
     def _save_index(self, overloads: dict[Any, Any]) -> None:
-        content = self._dump((self._version, (self._source_stamp, overloads)))
+        content = pickle.dumps((self._version, (self._source_stamp, overloads)), protocol=-1)
         with self._open_for_write(self._index_path) as file:
             file.write(content)
 
     def _load_data(self, name: str) -> Any:
-        content = _verified(Path(self._data_path(name)))
+        content = _verified(Path(self._cache_path, name))
         return None if content is None else pickle.loads(content)
 
     @contextmanager

@@ -95,6 +95,7 @@ def complete(folder: Path) -> None:
     """Lists every file below a folder, all of them ours, that no manifest lists yet."""
     known = read(folder) or _NOTHING
     files, parts = dict(known.files), set(known.parts)
+    before = len(files), len(parts)
     for parent, below, names in os.walk(folder):
         at = Path(parent).relative_to(folder)
         if at.parts and read(Path(parent)) is not None:
@@ -103,7 +104,7 @@ def complete(folder: Path) -> None:
             continue
         new = {(at / name).as_posix() for name in names} - {*files, *known.unlisted}
         files |= {name: facts_of(folder / name) for name in new}
-    if (files, parts) != (known.files, known.parts) or not known.unlisted:
+    if (len(files), len(parts)) != before or not known.unlisted:
         _write(folder, replace(known, files=files, parts=frozenset(parts)))
 
 
