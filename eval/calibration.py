@@ -12,7 +12,6 @@ from eventsweep.emvs.calibrate.folder import estimate_facts, write_refined
 from eventsweep.emvs.calibrate.refine import RefineConfig, Refinement, refine
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.utils.outputs import atomic_dir
-from eventsweep.emvs.utils.ownership import mark
 from eventsweep.eval.progress import Progress
 from eventsweep.eval.report.calibrate_page import page_text, summary
 from eventsweep.eval.report.html import REPORT_NAME
@@ -58,7 +57,6 @@ def calibrate_recording(
             notes = write_refined(folder, out, recording, refinement, command)
             text = page_text(recording, refinement, sides, notes, command, folder)
             (folder / REPORT_NAME).write_text(text, encoding="utf-8")
-            mark(folder)
         update(3.0, "")
     return Calibrated(refinement, notes)
 

@@ -15,7 +15,12 @@ from typing import TYPE_CHECKING
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.outputs import atomic_dir, check_files, output_folder
+from eventsweep.emvs.utils.outputs import (
+    atomic_dir,
+    check_files,
+    files_together,
+    output_folder,
+)
 from eventsweep.eval.config import EvalConfig, Settings
 from eventsweep.eval.progress import MapBars, Progress, Silent
 from eventsweep.scenes import case_name
@@ -173,7 +178,8 @@ def score_folder(
     with output_folder(folder, names, force=True):
         with run_folder.kept_predictions(folder, [entry.path for entry in given]) as kept:
             results = _scored(maps, config, _Predictions(given, kept))
-        write_results(folder, results)
+        with files_together(folder, _RESULTS) as staged:
+            write_results(staged, results)
     return results
 
 

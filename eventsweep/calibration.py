@@ -37,7 +37,6 @@ def calibrate(
     """
     from eventsweep.emvs.calibrate.folder import write_refined
     from eventsweep.emvs.utils.outputs import atomic_dir, check_output
-    from eventsweep.emvs.utils.ownership import mark
 
     given = opened(recording)
     inputs = (recording,) if isinstance(recording, str | Path) else ()
@@ -48,5 +47,4 @@ def calibrate(
     if out is not None:
         with atomic_dir(Path(out), force=force, inputs=inputs) as folder:
             write_refined(folder, Path(out), given, found)
-            mark(folder)
     return found

@@ -18,7 +18,7 @@ from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.datasets import dsec
 from eventsweep.emvs.datasets.posed import EventSource
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.formats import FORMATS, _in_time_order, write_events
+from eventsweep.emvs.formats import FORMATS, in_time_order, write_events
 from eventsweep.emvs.formats.base import Checker
 from eventsweep.emvs.formats.calibration_writers import (
     basalt,
@@ -29,7 +29,6 @@ from eventsweep.emvs.formats.calibration_writers import (
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.outputs import atomic_dir
-from eventsweep.emvs.utils.ownership import mark
 
 Told = Callable[[int], None]
 
@@ -111,7 +110,6 @@ def write_recording(
             _described(job, folder, kind)
         else:
             write(job, folder)
-        mark(folder)
 
 
 def kinds() -> list[str]:
@@ -184,7 +182,7 @@ def _rosbag(job: RecordingExport, folder: Path) -> None:
     with RecordingBag(path, *size, names) as bag:
         bag.append_cameras([f"{p}/camera_info" for p in prefixes], job.rig, poses.span_us[0])
         bag.append_poses(poses)
-        for stream, events in _in_time_order(streams):
+        for stream, events in in_time_order(streams):
             bag.append(stream, check(stream, events))
             job.told(check.count)
 

@@ -21,7 +21,6 @@ from eventsweep.emvs.datasets.ground_truth import TruthRecording
 from eventsweep.emvs.errors import InputError, check_type
 from eventsweep.emvs.geometry.warp import distort_depth
 from eventsweep.emvs.utils.outputs import atomic_dir
-from eventsweep.emvs.utils.ownership import mark
 
 Window = dict[str, Any]
 MANIFEST = "windows.json"
@@ -177,7 +176,6 @@ def write_windows(
             if told is not None:
                 told(k + 1)
         (folder / MANIFEST).write_text(json.dumps(_manifest(windows, rows), indent=1) + "\n")
-        mark(folder)
     return len(rows)
 
 

@@ -326,14 +326,14 @@ def write_events(
         atomic_path(path) as partial,
         _writer(partial, format, width_px, height_px, tuple(streams)) as writer,
     ):
-        for stream, events in _in_time_order(streams):
+        for stream, events in in_time_order(streams):
             writer.append(stream, check(stream, events))
             if progress is not None:
                 progress(check.count)
     return check.count
 
 
-def _in_time_order(streams: Streams) -> Iterator[tuple[str, Events]]:
+def in_time_order(streams: Streams) -> Iterator[tuple[str, Events]]:
     """Packets of all streams, always the one that ends first."""
     rest = {name: iter(packets) for name, packets in streams.items()}
     heads: dict[str, Events] = {}

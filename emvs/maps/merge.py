@@ -99,7 +99,7 @@ def fuse_windows(
         "window_points": window_points, "points": len(cloud),
     }  # fmt: skip
     folder = stored.path / FOLDER / file_name(method)
-    with atomic_dir(folder, force=True) as partial:
+    with atomic_dir(folder, force=True, part_of=stored.path) as partial:
         write_ply(partial / "cloud.ply", cloud, windows)
         if surface is not None:
             mesh = surface.mesh(config.mesh_part)

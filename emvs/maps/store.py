@@ -17,10 +17,18 @@ from pathlib import Path
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.maps.folder import MapInfo, WindowInfo, read_info
-from eventsweep.emvs.utils.files import atomic_path, made_parent
+from eventsweep.emvs.utils.files import made_parent, remove_leftovers
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, read_text
-from eventsweep.emvs.utils.outputs import atomic_dir, check_output, claimed, cure, real, replace_dir
-from eventsweep.emvs.utils.ownership import named, remove_ours, strangers
+from eventsweep.emvs.utils.output_manifest import named, remove_ours, strangers
+from eventsweep.emvs.utils.outputs import (
+    atomic_dir,
+    check_output,
+    claimed,
+    cure,
+    files_together,
+    real,
+    replace_dir,
+)
 
 _INDEX, _ENTRY = "map.json", "window.json"
 _ENTRIES = '  "windows": []'
@@ -42,6 +50,8 @@ class MapStore:
         """Writes a first `map.json` where there is none, or instead of another, empty run's."""
         if self._anew:
             remove_ours(self.path)
+        if self.path.is_dir():
+            remove_leftovers(self.path)
         if not (self.path / _INDEX).exists():
             self.write_index(head, ())
 
@@ -57,7 +67,7 @@ class MapStore:
     @contextmanager
     def window(self, name: str) -> Iterator[Path]:
         """Yields a folder to write a window into; it takes its place when it is whole."""
-        with atomic_dir(self.path / name, claim=False) as folder:
+        with atomic_dir(self.path / name, claim=False, part_of=self.path) as folder:
             yield folder
 
     def write_index(self, head: MapInfo, names: Iterable[str]) -> None:
@@ -69,7 +79,10 @@ class MapStore:
         """
         before, after = _text(head.model_dump(mode="json")).split(_ENTRIES)
         started_s = time.monotonic()
-        with atomic_path(self.path / _INDEX) as path, path.open("w", encoding="utf-8") as file:
+        with (
+            files_together(self.path, [_INDEX]) as staged,
+            (staged / _INDEX).open("w", encoding="utf-8") as file,
+        ):
             file.write(before + '  "windows": [')
             separator = "\n"
             for name in names:

@@ -1,28 +1,28 @@
 """A content-addressed store of what was made before: whole, verified by hash, shared by processes.
 
-An entry is a folder named by its key, which says everything that decides its content. It appears
-complete or not at all, and is read only after its hashes agreed.
+An entry is a folder named by its key, a hash over everything that decides its content. It appears
+complete or not at all, and is read only after its hashes agreed. Its `entry.json` holds the facts
+that the key is made of: a folder whose name they do not give is somebody else's.
 """
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.outputs import atomic_dir
+from eventsweep.emvs.utils.output_manifest import facts_of
+from eventsweep.emvs.utils.outputs import atomic_dir, check_parent, claimed
 
 _FORMAT = 1
-_ENTRY, _DATA, _LOCKS = "entry.json", "data", "locks"
+_ENTRY, _DATA = "entry.json", "data"
 
 Fill = Callable[[Path], None]
 """Writes an entry's files into the empty folder that it is given."""
@@ -78,28 +78,27 @@ class Cache:
 
     def __init__(self, folder: Path) -> None:
         self.folder = Path(folder).absolute()
-        try:
-            (self.folder / _LOCKS).mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(
-                f"cache {folder}: cannot be made ({error.strerror}): choose another"
-            ) from error
+        if not self.folder.is_dir():
+            check_parent(self.folder)
 
-    def get(self, key: str, facts: Any, fill: Fill) -> CacheEntry:
-        """The entry called `key`, filled now if it is not there or damaged.
+    def get(self, facts: Any, fill: Fill) -> CacheEntry:
+        """The entry that `facts` decide, filled now if it is not there or damaged.
 
         Two processes that want the same entry do the work once: the second waits for the first.
 
         Args:
-            key: `key_of(facts)`.
-            facts: what decides the entry, kept beside it for people to read.
+            facts: everything that decides the entry, kept beside it.
             fill: makes the entry's files; what it raises passes through, and nothing stays behind.
+
+        Raises:
+            InputError: the folder cannot be made or written to.
         """
-        with self._locked(key):
-            found = self._read(key)
-            if found is not None:
-                return found
-            self._clear(key)
+        key = key_of(facts)
+        with claimed(self.path_of(key), wait=True):
+            entry = self._read(key)
+            if entry is not None:
+                return entry
+            shutil.rmtree(self.path_of(key), ignore_errors=True)  # damaged
             return self._make(key, facts, fill)
 
     def find(self, key: str) -> CacheEntry | None:
@@ -112,7 +111,7 @@ class Cache:
 
     def size_bytes(self) -> int:
         """Bytes of all entries."""
-        return sum(self._bytes(path) for path in self._entries())
+        return sum(map(_bytes, self._entries()))
 
     def prune(self, keep_bytes: int) -> int:
         """Removes the entries that were not used for longest until `keep_bytes` are left.
@@ -121,19 +120,19 @@ class Cache:
             The bytes that were freed.
         """
         oldest_first = sorted(self._entries(), key=lambda path: (path / _ENTRY).stat().st_mtime)
-        sizes = {path: self._bytes(path) for path in oldest_first}
+        sizes = {path: _bytes(path) for path in oldest_first}
         left, freed = sum(sizes.values()), 0
         for path in oldest_first:
             if left - freed <= keep_bytes:
                 break
-            with self._locked(path.name):
-                self._clear(path.name)
+            with claimed(path, wait=True):
+                _remove(path)
             freed += sizes[path]
         return freed
 
     def _make(self, key: str, facts: Any, fill: Fill) -> CacheEntry:
         started_s, started_cpu_s = time.monotonic(), time.process_time()
-        with atomic_dir(self.path_of(key)) as folder:
+        with atomic_dir(self.path_of(key), claim=False, manifest=False) as folder:
             data = folder / _DATA
             data.mkdir()
             fill(data)
@@ -167,37 +166,33 @@ class Cache:
         path = self.path_of(key) / _DATA
         return CacheEntry(key, path, _digest(files), files=tuple(files), **rest)
 
-    def _clear(self, key: str) -> None:
-        """Removes a damaged entry, and what a killed process left of it; under the lock."""
-        path = self.path_of(key)
-        for remains in (path, *path.parent.glob(f".{key}.*")):
-            shutil.rmtree(remains, ignore_errors=True)
-
     def _entries(self) -> Iterator[Path]:
-        for entry in self.folder.glob(f"??/*/{_ENTRY}"):
-            yield entry.parent
+        for index in self.folder.glob(f"??/*/{_ENTRY}"):
+            with suppress(OSError, ValueError, KeyError, TypeError):
+                facts = json.loads(index.read_text(encoding="utf-8"))["facts"]
+                if key_of(facts) == index.parent.name:
+                    yield index.parent
 
-    @staticmethod
-    def _bytes(path: Path) -> int:
-        return sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
 
-    @contextmanager
-    def _locked(self, key: str) -> Iterator[None]:
-        """One process at a time; the system lets go of a lock whose holder was killed."""
-        with (self.folder / _LOCKS / key).open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            yield
+def _bytes(path: Path) -> int:
+    return sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
+
+
+def _remove(path: Path) -> None:
+    """Removes an entry's files, its index last, and no other."""
+    names = json.loads((path / _ENTRY).read_text(encoding="utf-8"))["files"]
+    for file in (*(path / _DATA / name for name in names), path / _ENTRY):
+        file.unlink(missing_ok=True)
+    for parent, _, _ in os.walk(path, topdown=False):
+        with suppress(OSError):  # somebody's file is in it
+            Path(parent).rmdir()
 
 
 def _files(data: Path) -> dict[str, dict[str, Any]]:
     """Size and hash of every file."""
-    found = {}
-    for path in sorted(path for path in data.rglob("*") if path.is_file()):
-        with path.open("rb") as file:
-            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-        name = path.relative_to(data).as_posix()
-        found[name] = {"sha256": sha256, "bytes": path.stat().st_size}
-    return found
+    paths = sorted(path for path in data.rglob("*") if path.is_file())
+    facts = {path.relative_to(data).as_posix(): facts_of(path) for path in paths}
+    return {name: {"sha256": one.sha256, "bytes": one.bytes} for name, one in facts.items()}
 
 
 def _digest(files: dict[str, Any]) -> str:

@@ -1,8 +1,14 @@
-"""Files that are either whole or not there: write beside, flush, rename."""
+"""Files that are either complete or absent: made in a hidden folder beside, flushed, renamed.
+
+A hidden work folder is ours because of the mark in it, which is there before anything else, and in
+use as long as a process holds its lock. One that nobody holds was left by a killed process: the
+next one that writes the same output removes it.
+"""
 
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
 import shutil
 import tempfile
@@ -12,6 +18,10 @@ from pathlib import Path
 
 from eventsweep.emvs.errors import InputError
 
+MARK = ".eventsweep-work"
+"""An empty file in every hidden work folder; its creation is atomic."""
+REPLACED = "replaced"
+"""What lies in a work folder until the output that takes its place is there; removed last."""
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _UNITS = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
 
@@ -62,7 +72,7 @@ def bytes_text(count: float) -> str:
 
 @contextmanager
 def atomic_path(path: Path) -> Iterator[Path]:
-    """Yields a temporary file beside `path`; renames it to `path` at the end, removes it on error.
+    """Yields a file of the same name in a hidden folder; renames it to `path` at the end.
 
     Raises:
         InputError: the folder of `path` cannot be written to, or its disk is full.
@@ -70,24 +80,124 @@ def atomic_path(path: Path) -> Iterator[Path]:
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path} is a folder, but the output is a file: choose another output")
-    with made_parent(path), names_full_disk(path), _partial(path) as partial:
-        yield partial
-        partial.chmod(0o666 & ~umask())
-        flush(partial)
-        partial.replace(path)
+    with made_parent(path), names_full_disk(path), work_folder(path) as work:
+        yield work / path.name
+        flush(work / path.name)
+        (work / path.name).replace(path)
 
 
 @contextmanager
-def _partial(path: Path) -> Iterator[Path]:
-    handle, name = tempfile.mkstemp(
-        prefix=f".{path.name}.", suffix=f".partial{path.suffix}", dir=path.parent
-    )
-    os.close(handle)
-    partial = Path(name)
+def work_folder(place: Path, *, resume: bool = False) -> Iterator[Path]:
+    """Makes a hidden folder beside a place, for this process alone; removes it at the end.
+
+    Args:
+        place: what is made in it; what killed processes left of the same place is removed first.
+        resume: whether to yield the folder of a killed process instead, if there is one, and to
+            keep it after an error.
+
+    Raises:
+        InputError: the place's folder cannot be written to.
+    """
+    if not os.access(place.parent, os.W_OK):
+        raise InputError(f"cannot write to {place.parent}: no permission, choose another output")
+    own = f".{place.name}."
+    left = next(leftovers(place.parent, own), None) if resume else None
+    if not resume:
+        remove_leftovers(place.parent, own)
+    work, lock = left or _new_work_folder(place)
     try:
-        yield partial
+        yield work
+    except BaseException:
+        if not resume or [path.name for path in work.iterdir()] == [MARK]:
+            remove_work(work)
+        raise
+    else:
+        remove_work(work)
     finally:
-        partial.unlink(missing_ok=True)
+        os.close(lock)
+
+
+def leftovers(folder: Path, start: str = ".") -> Iterator[tuple[Path, int]]:
+    """Work folders that killed processes left in a folder, locked; the caller closes the lock.
+
+    Args:
+        folder: where they lie.
+        start: of their names: `.NAME.` for those of one output.
+    """
+    for work in list(folder.iterdir()):
+        is_named = work.name.startswith(start) and work.name.endswith(".partial")
+        if is_named and is_work_folder(work):
+            with suppress(OSError):
+                lock = os.open(work, os.O_RDONLY | os.O_NOFOLLOW)
+                try:
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except OSError:
+                    os.close(lock)
+                else:
+                    yield work, lock
+
+
+def remove_leftovers(folder: Path, start: str = ".") -> None:
+    """Removes what killed processes left in a folder; arguments as `leftovers`."""
+    for work, lock in leftovers(folder, start):
+        remove_work(work)
+        os.close(lock)
+
+
+def is_work_folder(path: Path) -> bool:
+    """Whether a folder carries our mark; an empty one may be about to, and holds nothing."""
+    with suppress(OSError):
+        if not path.is_symlink() and path.is_dir():
+            return (path / MARK).is_file() or not any(path.iterdir())
+    return False
+
+
+def remove_work(work: Path) -> None:
+    """Removes a work folder, its mark last; not one that holds what a kill kept from its place."""
+    with suppress(OSError):
+        for path in [path for path in work.iterdir() if path.name not in (MARK, REPLACED)]:
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink()
+        if not os.path.lexists(work / REPLACED):
+            (work / MARK).unlink(missing_ok=True)
+            work.rmdir()
+
+
+def _new_work_folder(place: Path) -> tuple[Path, int]:
+    while True:
+        name = tempfile.mkdtemp(prefix=f".{place.name}.", suffix=".partial", dir=place.parent)
+        # Another process may take it for a leftover before it is locked and marked.
+        with suppress(FileNotFoundError):
+            lock = os.open(name, os.O_RDONLY)
+            with suppress(OSError):
+                # Where the file system has no locks, nothing is ever taken for a leftover either.
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            try:
+                os.close(os.open(Path(name, MARK), os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+            except FileNotFoundError:
+                os.close(lock)
+                raise
+            return Path(name), lock
+
+
+def link_new(made: Path, place: Path) -> None:
+    """Gives a file its name, which must be free.
+
+    Raises:
+        FileExistsError: it is not.
+    """
+    try:
+        os.link(made, place)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without links
+        if os.path.lexists(place):
+            raise FileExistsError(str(place)) from None
+        made.rename(place)
+    else:
+        made.unlink()
 
 
 @contextmanager
@@ -131,10 +241,3 @@ def flush(path: Path) -> None:
             except OSError as error:
                 if _is_full(error):
                     raise
-
-
-def umask() -> int:
-    """The process's file mode creation mask."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

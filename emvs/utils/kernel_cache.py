@@ -3,31 +3,39 @@
 Numba asks only whether a kernel's own file changed. A kernel holds the machine code of what it
 calls in other files, too, and the values of their constants; after an edit there it would go on as
 before. So the folder is named by a hash over every file with compiled functions.
+
+Every file in it begins with a hash over the rest: one that is damaged is compiled anew, and one
+without it was not written here.
 """
 
 from __future__ import annotations
 
 import hashlib
+import io
 import os
+import pickle
 import platform
 import re
-import shutil
 import tempfile
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any, BinaryIO
 
 import llvmlite
 import numba
+from numba.core import caching
 
 from eventsweep.emvs.errors import InputError
 
 _ROOT = Path(__file__).parents[2]
 _PACKAGES = ("emvs", "sim", "eval")
 _CUDA = _ROOT / "emvs" / "dsi" / "cuda"
-_OURS = re.compile(r"eventsweep-[0-9a-f]{16}|\.eventsweep-[0-9a-f]{16}\.[0-9]+\.old")
+_VERSION = re.compile(r"eventsweep-[0-9a-f]{16}")
 _MARK = "last-used"
+_HEAD = b"eventsweep kernel 1\n"
+_HASH_BYTES = 32
 _KEEP = 8  # a version takes 10 MB
 _BUSY_S, _OLD_S = 86_400, 30 * 86_400
 
@@ -47,6 +55,7 @@ def use_kernel_cache() -> Path:
         folder = home / name
         is_new = not folder.exists()
         if _claim(folder, trusted=home == chosen):
+            setattr(caching, "IndexDataCacheFile", VerifiedKernels)  # noqa: B010 (a type to mypy)
             numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
             if is_new:
                 _remove_old(home, folder)
@@ -58,7 +67,7 @@ def use_kernel_cache() -> Path:
 
 def kernel_version() -> str:
     """16 hexadecimal digits over the files of compiled functions and over who compiles them."""
-    parts = [platform.python_implementation(), platform.python_version()]
+    parts = [repr(_HEAD), platform.python_implementation(), platform.python_version()]
     parts += [numba.__version__, llvmlite.__version__]
     parts += digests(kernel_files(), _ROOT)
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
@@ -132,18 +141,69 @@ def _remove_old(home: Path, present: Path) -> None:
 
 
 def _versions(home: Path) -> Iterator[tuple[Path, float]]:
-    """Folders of versions, and the leavings of a removal that was killed; seconds since use."""
+    """Folders of versions; seconds since use."""
     now = time.time()
     for path in home.iterdir():
-        if _OURS.fullmatch(path.name) and path.is_dir() and not path.is_symlink():
-            is_leaving = path.name.startswith(".")
+        if _VERSION.fullmatch(path.name) and path.is_dir() and not path.is_symlink():
             with suppress(OSError):  # not marked: not ours, or being removed by someone else
-                mark = path if is_leaving else path / _MARK
-                yield path, now - mark.stat().st_mtime
+                yield path, now - (path / _MARK).stat().st_mtime
 
 
 def _remove(path: Path) -> None:
-    away = path.with_name(f".{path.name.lstrip('.').split('.')[0]}.{os.getpid()}.old")
+    """Removes the kernels in a folder, its mark last, and no other file."""
+    for file in path.glob("*/*"):
+        if _is_kernel(file):
+            file.unlink(missing_ok=True)
+    for folder in [one for one in path.iterdir() if one.is_dir() and not one.is_symlink()]:
+        with suppress(OSError):
+            folder.rmdir()
     with suppress(OSError):
-        path.rename(away)  # at once, so that nobody finds half a version
-        shutil.rmtree(away, ignore_errors=True)
+        if [one.name for one in path.iterdir()] == [_MARK]:
+            (path / _MARK).unlink()
+            path.rmdir()
+
+
+def _is_kernel(file: Path) -> bool:
+    if file.is_symlink() or not file.is_file():
+        return False
+    with file.open("rb") as stream:
+        return stream.read(len(_HEAD)) == _HEAD
+
+
+class VerifiedKernels(caching.IndexDataCacheFile):
+    """Numba's files of one function, each with a hash; a damaged one is as good as none."""
+
+    def _load_index(self) -> dict[Any, Any]:
+        content = _verified(Path(self._index_path))
+        if content is None:
+            return {}
+        version, (stamp, overloads) = pickle.loads(content)
+        return overloads if (version, stamp) == (self._version, self._source_stamp) else {}
+
+    def _save_index(self, overloads: dict[Any, Any]) -> None:
+        content = pickle.dumps((self._version, (self._source_stamp, overloads)), protocol=-1)
+        with self._open_for_write(self._index_path) as file:
+            file.write(content)
+
+    def _load_data(self, name: str) -> Any:
+        content = _verified(Path(self._cache_path, name))
+        return None if content is None else pickle.loads(content)
+
+    @contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[BinaryIO]:
+        content = io.BytesIO()
+        yield content
+        with super()._open_for_write(filepath) as file:
+            file.write(_HEAD + hashlib.sha256(content.getvalue()).digest())
+            file.write(content.getvalue())
+
+
+def _verified(path: Path) -> bytes | None:
+    """What a file holds behind its hash; None where that does not agree, or nothing is there."""
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        return None
+    start = len(_HEAD) + _HASH_BYTES
+    body = content[start:]
+    return body if content[:start] == _HEAD + hashlib.sha256(body).digest() else None

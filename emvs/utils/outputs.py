@@ -1,9 +1,10 @@
-"""Outputs: whole or not there, and nothing that was there is lost that was not ours.
+"""Outputs: complete or absent, and nothing is lost that this program did not write.
 
-The one place that decides what may be replaced. An output is claimed, so that no other run writes
-it; made beside its place; and put there only after everything was checked once more. A folder is
-replaced only where this program wrote all that is in it, and never where it is, holds or lies in
-an input, the working directory, the home folder or a mounted file system.
+The one door to the disk. An output is claimed, so that no other run writes it; made in a hidden
+folder beside its place; and put there only after everything was checked once more. What it replaces
+is moved aside first and removed last. A folder is replaced only where its manifest lists all that
+is in it, unchanged (`emvs.utils.output_manifest`), and never where it is, holds or lies in an
+input, the working directory, the home folder or a mounted file system.
 """
 
 from __future__ import annotations
@@ -11,39 +12,56 @@ from __future__ import annotations
 import fcntl
 import os
 import re
-import shutil
 import stat
-import tempfile
 import tomllib
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.files import flush, made_parent, names_full_disk, umask
-from eventsweep.emvs.utils.ownership import named, remove_ours, strangers
+from eventsweep.emvs.utils import output_manifest
+from eventsweep.emvs.utils.files import (
+    REPLACED,
+    flush,
+    leftovers,
+    link_new,
+    made_parent,
+    names_full_disk,
+    remove_leftovers,
+    remove_work,
+    work_folder,
+)
+from eventsweep.emvs.utils.output_manifest import (
+    LOCK,
+    check_ours,
+    named,
+    remove_ours,
+    strangers,
+)
 
 _ANOTHER = "choose another output"
-_LOCK = b"eventsweep: a run is writing the output of this name\n"
 Inputs = Iterable[Path | str | None]
 
 
 @contextmanager
 def atomic_dir(
-    path: Path, *, force: bool = False, inputs: Inputs = (), claim: bool = True
-) -> Iterator[Path]:
-    """Yields an empty folder beside `path`; renames it to `path` at the end, removes it on error.
+    path: Path, *, force: bool = False, inputs: Inputs = (), claim: bool = True,
+    manifest: bool = True, part_of: Path | None = None,
+) -> Iterator[Path]:  # fmt: skip
+    """Yields an empty folder; at the end lists what is in it, and puts it in the place of `path`.
 
     An existing folder is replaced only with `force`, only at the end, and only as `check_output`
     allows. If it may not be replaced then, the finished output stays beside it, and the error says
-    where. What a killed process left beside `path` is removed first.
+    where. What a killed process left of `path` is removed first.
 
     Args:
         path: the folder to make.
-        force: whether one of ours is replaced.
+        force: whether an output of ours is replaced.
         inputs: what the output is made from.
         claim: whether to keep other processes away; not where the caller does.
+        manifest: whether to list what is in it; not where the caller wrote hashes of its own.
+        part_of: the output that the folder is a part of, and which the caller has claimed.
 
     Raises:
         InputError: what `check_output` refuses, another process writes the same output, or its
@@ -53,24 +71,33 @@ def atomic_dir(
     check_output(path, force=force, inputs=inputs)
     place = real(path)
     with claimed(path) if claim else made_parent(place):
+        if not claim:
+            _restore(place)
         check_output(path, force=force, inputs=inputs)  # another run may just have ended
-        remove_abandoned(path)
-        with names_full_disk(path), _beside(place) as partial:
-            yield partial
-            partial.chmod(0o777 & ~umask())
-            for file in partial.rglob("*"):
+        with names_full_disk(path), work_folder(place) as work:
+            made = work / "new"
+            made.mkdir()
+            yield made
+            if manifest:
+                output_manifest.complete(made)
+            for file in made.rglob("*"):
                 flush(file)
-            _put(partial, path, place, force=force, inputs=inputs, folder=True)
+            if part_of is not None:
+                output_manifest.add_part(part_of, place.relative_to(real(part_of)).as_posix())
+            _put(made, path, place, work, force=force, inputs=inputs, folder=True)
 
 
 @contextmanager
-def output_file(path: Path, *, force: bool = False, inputs: Inputs = ()) -> Iterator[Path]:
+def output_file(
+    path: Path, *, force: bool = False, inputs: Inputs = (), listed: bool = False
+) -> Iterator[Path]:
     """Yields where to write a file of the same name; puts it in its place at the end.
 
     Args:
         path: the file to make.
         force: whether a file that is there is replaced.
         inputs: what it is made from.
+        listed: whether the manifest of its folder lists it, so that it is known to be ours.
 
     Raises:
         InputError: as `atomic_dir`.
@@ -78,15 +105,17 @@ def output_file(path: Path, *, force: bool = False, inputs: Inputs = ()) -> Iter
     path, inputs = Path(path), tuple(inputs)
     check_output(path, force=force, inputs=inputs, folder=False)
     place = real(path)
-    with claimed(path), names_full_disk(path), _beside(place) as partial:
+    with claimed(path), names_full_disk(path), work_folder(place) as work:
         check_output(path, force=force, inputs=inputs, folder=False)
-        staged = partial / place.name
+        made = work / place.name
         try:
-            yield staged
+            yield made
         except InputError as error:
-            raise type(error)(str(error).replace(str(staged), str(path))) from error
-        flush(staged)
-        _put(staged, path, place, force=force, inputs=inputs, folder=False)
+            raise type(error)(str(error).replace(str(made), str(path))) from error
+        flush(made)
+        files = {place.name: output_manifest.facts_of(made)} if listed else {}
+        with output_manifest.listing(place.parent, files) if listed else nullcontext():
+            _put(made, path, place, work, force=force, inputs=inputs, folder=False)
 
 
 @contextmanager
@@ -108,39 +137,36 @@ def output_folder(
     path, inputs = Path(path), tuple(inputs)
     check_files(path, names, force=force, inputs=inputs)
     with claimed(path), made_parent(real(path) / "file", make=False):
+        if path.is_dir():
+            remove_leftovers(path)
         yield path
 
 
 @contextmanager
 def files_together(folder: Path, names: Iterable[str], *, index: str = "") -> Iterator[Path]:
-    """Yields a hidden folder to write files into; puts them into `folder` at the end, all or none.
+    """Yields a hidden folder to write files into; at the end lists and puts them into `folder`.
 
-    A kill may come between two of them: what is hidden then stays, says which files are ours
-    (`emvs.utils.ownership`), and the next call of the same names removes it.
+    A kill may come between two of them: they are listed before, and the next call of the same names
+    goes on from there.
 
     Args:
         folder: where they belong, beside others.
-        names: of all files, in the order in which they are put there; the last one is the same in
-            every call for the same files.
+        names: of all files, below the folder.
         index: one of them that others are read by: while they are exchanged it is not there.
 
     Raises:
-        InputError: the folder cannot be made or written to, or its disk is full.
+        InputError: a name is taken by what is not ours, the folder cannot be made or written to, or
+            its disk is full.
     """
-    names = list(names)
-    folder = Path(folder)
-    with made_parent(folder / names[-1]), names_full_disk(folder):
-        place = real(folder)
-        remove_abandoned(place / names[-1])
-        with _beside(place / names[-1]) as staged:
-            yield staged
-            for name in names:
-                (staged / name).chmod(0o666 & ~umask())
-                flush(staged / name)
-            if index:
-                (place / index).unlink(missing_ok=True)
-            for name in sorted(names, key=lambda name: name == index):
-                (staged / name).replace(place / name)
+    names, place = list(names), real(folder)
+    hidden = place / output_manifest.NAME
+    with made_parent(hidden), names_full_disk(folder), work_folder(hidden) as work:
+        staged = work / "new"
+        staged.mkdir()
+        for name in names:
+            (staged / name).parent.mkdir(parents=True, exist_ok=True)
+        yield staged
+        output_manifest.exchange(staged, place, names, index)
 
 
 def replace_dir(made: Path, path: Path, *, inputs: Inputs = ()) -> None:
@@ -149,7 +175,9 @@ def replace_dir(made: Path, path: Path, *, inputs: Inputs = ()) -> None:
     Raises:
         InputError: what is there may no longer be replaced; says where the finished output is.
     """
-    _put(made, path, real(path), force=True, inputs=tuple(inputs), folder=True)
+    place = real(path)
+    with work_folder(place) as work:
+        _put(made, path, place, work, force=True, inputs=tuple(inputs), folder=True)
 
 
 def check_output(path: Path, *, force: bool, inputs: Inputs = (), folder: bool = True) -> None:
@@ -167,7 +195,7 @@ def check_output(path: Path, *, force: bool, inputs: Inputs = (), folder: bool =
     path = Path(path)
     place = real(path)
     if not os.path.lexists(place):
-        _check_parent(path, place)
+        check_parent(path)
         return
     why = _why_not(place, tuple(inputs), folder=folder)
     if why:
@@ -187,19 +215,14 @@ def check_files(
     path = Path(path)
     place = real(path)
     if not os.path.lexists(place):
-        _check_parent(path, place)
+        check_parent(path)
         return
     if not place.is_dir():
         raise InputError(f"{path} is a file, the output is a folder: {_ANOTHER}")
     if not os.access(place, os.W_OK | os.X_OK):
         raise InputError(f"cannot write to {path}: no permission, {_ANOTHER}")
     taken = [name for name in names if os.path.lexists(place / name)]
-    theirs = strangers(place, taken)
-    if theirs:
-        raise InputError(
-            f"{path} holds {named(theirs)}, which eventsweep did not write: {_ANOTHER}, or move "
-            f"{'it' if len(theirs) == 1 else 'them'} away"
-        )
+    check_ours(place, taken)
     given = tuple(inputs)
     for name in taken:
         why = _touching(place / name, given)
@@ -242,11 +265,15 @@ def inputs_of(path: Path) -> tuple[Path, ...]:
 
 
 @contextmanager
-def claimed(path: Path) -> Iterator[None]:
+def claimed(path: Path, *, wait: bool = False) -> Iterator[None]:
     """Keeps other processes from the same output; folders above it are made, and go on an error.
 
     The claim is a lock on a hidden file beside the output, which the system lets go of when the
     process ends, however it ends.
+
+    Args:
+        path: the output.
+        wait: whether to wait for another process that holds it.
 
     Raises:
         InputError: another process holds it, or the folder cannot be made or written to.
@@ -256,32 +283,20 @@ def claimed(path: Path) -> Iterator[None]:
         yield  # a folder that can only be written into: nothing can lie beside it
         return
     with made_parent(place):
-        lock = _lock(path, place.parent / f".{place.name}.lock")
+        file = place.parent / f".{place.name}.lock"
+        remove_leftovers(place.parent, f".{file.name}.")
+        lock = _lock(path, file, wait=wait)
         try:
+            _restore(place)
             yield
         finally:
             if lock is not None:
-                _release(lock, place.parent / f".{place.name}.lock")
+                _release(lock, file)
 
 
-def remove_abandoned(path: Path) -> None:
-    """Removes what killed processes left of the same target: folders that nobody holds locked."""
-    path = real(path)
-    left = re.compile(rf"\.{re.escape(path.name)}\.\w{{8}}\.partial")
-    for folder in path.parent.iterdir():
-        if not left.fullmatch(folder.name) or folder.is_symlink() or not folder.is_dir():
-            continue
-        with suppress(OSError):
-            lock = os.open(folder, os.O_RDONLY)
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(folder)
-            finally:
-                os.close(lock)
-
-
-def _check_parent(path: Path, place: Path) -> None:
+def check_parent(path: Path) -> None:
     """Refuses, without making anything, an output below a file or where nobody may write."""
+    place = real(path)
     if path.is_symlink():
         raise InputError(f"{path} is a link to {place}, which is not there: {_ANOTHER}")
     parent = next(folder for folder in place.parents if os.path.lexists(folder))
@@ -374,101 +389,63 @@ def _texts(content: Any) -> Iterator[str]:
             yield from _texts(one)
 
 
-@contextmanager
-def _beside(place: Path) -> Iterator[Path]:
-    """A new folder beside a place, locked as long as this process lives; removed at the end."""
-    if not os.access(place.parent, os.W_OK):
-        raise InputError(f"cannot write to {place.parent}: no permission, {_ANOTHER}")
-    partial, lock = _locked_folder(place)
-    try:
-        yield partial
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-        os.close(lock)
-
-
-def _locked_folder(place: Path) -> tuple[Path, int]:
-    while True:
-        name = tempfile.mkdtemp(prefix=f".{place.name}.", suffix=".partial", dir=place.parent)
-        try:
-            lock = os.open(name, os.O_RDONLY)
-        except FileNotFoundError:
-            continue
-        with suppress(OSError):
-            # Where the file system has no locks, nothing is ever taken for abandoned either.
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        # Another process may have taken it for abandoned before it was locked.
-        if Path(name).exists():
-            return Path(name), lock
-        os.close(lock)
-
-
 def _put(
-    made: Path,
-    path: Path,
-    place: Path,
-    *,
-    force: bool,
-    inputs: tuple[Path | str | None, ...],
-    folder: bool,
-) -> None:
+    made: Path, path: Path, place: Path, work: Path, *,
+    force: bool, inputs: tuple[Path | str | None, ...], folder: bool,
+) -> None:  # fmt: skip
     """Puts what was made in its place, after checking once more; else keeps it beside."""
     try:
         if real(path) != place:
             raise InputError(f"{path} now leads elsewhere, to {real(path)}")
         check_output(path, force=force, inputs=inputs, folder=folder)
         if folder:
-            _swap(made, place)
+            _swap(made, place, work / REPLACED)
         elif force:
             made.replace(place)
         else:
-            _link(made, place)
+            link_new(made, place)
     except (InputError, FileExistsError) as error:
         why = str(error) if isinstance(error, InputError) else f"{path} appeared meanwhile"
         raise InputError(f"{why} (the finished output is in {_kept(made, place)})") from error
 
 
-def _link(made: Path, place: Path) -> None:
-    """Gives a file its name, which must be free."""
-    try:
-        os.link(made, place)
-    except FileExistsError:
-        raise
-    except OSError:  # a file system without links
-        if os.path.lexists(place):
-            raise FileExistsError(str(place)) from None
-        made.rename(place)
-
-
 def _kept(made: Path, place: Path) -> Path:
     """Moves a finished output to a free name beside its place."""
     names = (f"{place.stem}.finished{n or ''}{place.suffix}" for n in range(1_000_000))
-    free = next(one for one in map(place.with_name, names) if not os.path.lexists(one))
+    free = next(path for path in map(place.with_name, names) if not os.path.lexists(path))
     made.rename(free)
     return free
 
 
-def _swap(made: Path, place: Path) -> None:
+def _swap(made: Path, place: Path, replaced: Path) -> None:
     """Puts a folder in the place of another, of which only what is ours is then removed."""
     if not os.path.lexists(place):
         _rename(made, place)
         return
-    old = Path(tempfile.mkdtemp(prefix=f".{place.name}.", suffix=".old", dir=place.parent))
-    aside = old / "replaced"
     try:
-        place.rename(aside)
+        place.rename(replaced)
         # Out of everybody's way now: what came since the last check is found here.
-        found = strangers(aside)
-        if found:
-            raise InputError(f"{place} now holds what eventsweep did not write ({named(found)})")
+        theirs = strangers(replaced)
+        if theirs:
+            raise InputError(f"{place} now holds what eventsweep did not write ({named(theirs)})")
         _rename(made, place)
     finally:
         if not made.exists():
-            remove_ours(aside)
-        elif aside.exists() and not os.path.lexists(place):
-            aside.rename(place)
-        with suppress(OSError):
-            old.rmdir()
+            remove_ours(replaced)
+        elif replaced.exists() and not os.path.lexists(place):
+            replaced.rename(place)
+
+
+def _restore(place: Path) -> None:
+    """Undoes, or ends, what a killed process was doing with the folder that it replaced."""
+    for work, lock in leftovers(place.parent, f".{place.name}."):
+        replaced = work / REPLACED
+        if os.path.lexists(replaced) and not os.path.lexists(place):
+            replaced.rename(place)
+        elif replaced.exists():
+            remove_ours(replaced)
+        remove_work(work)
+        os.close(lock)
 
 
 def _rename(made: Path, place: Path) -> None:
@@ -481,14 +458,14 @@ def _rename(made: Path, place: Path) -> None:
         raise
 
 
-def _lock(path: Path, file: Path) -> int | None:
+def _lock(path: Path, file: Path, *, wait: bool) -> int | None:
     """Locks a hidden file; None where the file system has no locks or lets nobody write."""
     while True:
         lock = _opened(file)
         if lock is None:
             return None
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(lock, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
             # Its last holder may have removed it before it was locked.
             if file.exists() and os.path.samestat(os.fstat(lock), os.lstat(file)):
                 return lock
@@ -504,29 +481,28 @@ def _lock(path: Path, file: Path) -> int | None:
 
 
 def _opened(file: Path) -> int | None:
-    """The hidden file, new with our words in it, or as it is."""
-    flags = os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK
+    """The hidden file as it is, or a new one that appears with our words in it."""
     while True:
+        with suppress(FileNotFoundError):
+            try:
+                return os.open(file, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+            except FileNotFoundError:
+                raise
+            except OSError:
+                return None
         try:
-            new = os.open(file, flags | os.O_CREAT | os.O_EXCL, 0o666)
+            with work_folder(file) as work:
+                (work / "lock").write_bytes(LOCK)
+                link_new(work / "lock", file)
         except FileExistsError:
-            with suppress(FileNotFoundError):
-                try:
-                    return os.open(file, flags)
-                except FileNotFoundError:
-                    raise
-                except OSError:
-                    return None
-        except OSError:
+            continue
+        except (OSError, InputError):
             return None
-        else:
-            os.write(new, _LOCK)
-            return new
 
 
 def _release(lock: int, file: Path) -> None:
     """Removes the hidden file, if it is ours, and lets go of it."""
     with suppress(OSError):
-        if os.pread(lock, len(_LOCK) + 1, 0) == _LOCK:
+        if os.pread(lock, len(LOCK) + 1, 0) == LOCK:
             file.unlink()
     os.close(lock)

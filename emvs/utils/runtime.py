@@ -107,6 +107,6 @@ def _group_bytes() -> int:
     group = Path("/sys/fs/cgroup")
     try:
         most = int((group / "memory.max").read_text(encoding="ascii"))
-        return most - int((group / "memory.current").read_text(encoding="ascii"))
+        return max(0, most - int((group / "memory.current").read_text(encoding="ascii")))
     except (OSError, ValueError):  # no control group, or one without a limit
         return 1 << 62

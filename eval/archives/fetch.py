@@ -1,12 +1,14 @@
 """Fetches archived sequences from an address or a folder: resumed, and verified byte by byte.
 
-A file is written under another name until its hash agrees. What a broken connection left is taken
-up where it ended, if the server can do that, and begun anew if it cannot.
+A file is written in a hidden folder until its hash agrees. What a broken connection or a killed
+process left there is continued where it ended, if the server can do that, and begun anew if it
+cannot. Files of other origin in the output are never touched.
 """
 
 from __future__ import annotations
 
 import http.client
+import os
 import time
 import urllib.error
 import urllib.request
@@ -17,8 +19,18 @@ from typing import IO, Protocol
 from urllib.parse import quote, urlsplit
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.files import bytes_text, free_bytes, names_full_disk
+from eventsweep.emvs.utils.files import (
+    bytes_text,
+    flush,
+    free_bytes,
+    link_new,
+    made_parent,
+    names_full_disk,
+    work_folder,
+)
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file
+from eventsweep.emvs.utils.output_manifest import FileFacts, listing
+from eventsweep.emvs.utils.outputs import claimed
 from eventsweep.eval.archives import manifest as manifests
 from eventsweep.eval.archives.manifest import FILE_NAME, ArchiveManifest, PackedSequence
 from eventsweep.eval.archives.tarball import sha256_of
@@ -28,7 +40,6 @@ TIMEOUT_S = 30.0
 ATTEMPTS = 4
 _WAIT_S = 0.5
 _STEP = 1 << 20
-_PARTIAL = ".partial"
 _FAULTS = (urllib.error.URLError, http.client.HTTPException, OSError)
 
 
@@ -112,27 +123,35 @@ def fetch(
 
     Raises:
         InputError: an unreachable place, a manifest of another version than `version` or than that
-            in `out`, no such subset, case or seed, a file that is not what the manifest says, or no
-            room on the disk.
+            in `out`, no such subset, case or seed, a file that is not what the manifest says, a
+            file of another origin in its place, another process that writes into `out`, or no room
+            on the disk.
     """
     source = source_of(place)
     text = _read_manifest(source, place)
     manifest = manifests.parse(text, f"{place}/{FILE_NAME}")
     if version and manifest.version != version:
         raise InputError(f"{place}: is archive {manifest.version}, asked for is {version}")
-    _check_same(out, manifest)
     wanted = manifest.chosen(subset, cases, seeds)
-    missing = [one for one in wanted if not is_whole(out / one.file, one)]
-    _check_room(out, missing)
-    out.mkdir(parents=True, exist_ok=True)
-    total = sum(one.bytes for one in missing)
-    with progress.stage("fetch", max(total, 1)) as update, names_full_disk(out):
-        done = 0
+    with claimed(out), made_parent(out / FILE_NAME, make=False), names_full_disk(out):
+        _check_same(out, manifest)
+        missing = [one for one in wanted if not is_whole(out / one.file, one)]
         for one in missing:
-            _fetch_file(source, place, out, one)
-            done += one.bytes
-            update(done, f"{bytes_text(done)} of {bytes_text(total)}")
-        manifests.write(out, manifest)
+            if os.path.lexists(out / one.file):
+                raise InputError(
+                    f"{out / one.file}: is not the archive's file, or was changed since it was "
+                    "fetched: move it away"
+                )
+        _check_room(out, missing)
+        out.mkdir(parents=True, exist_ok=True)
+        total, done = sum(one.bytes for one in missing), 0
+        with progress.stage("fetch", max(total, 1)) as update:
+            for one in missing:
+                _fetch_file(source, place, out, one)
+                done += one.bytes
+                update(done, f"{bytes_text(done)} of {bytes_text(total)}")
+        if not (out / FILE_NAME).exists():
+            manifests.write(out, manifest)
     return manifest, wanted
 
 
@@ -160,7 +179,7 @@ def verify(folder: Path) -> tuple[ArchiveManifest, tuple[PackedSequence, ...]]:
 
 
 def _read_manifest(source: Source, place: str) -> bytes:
-    with _told(f"{place}/{FILE_NAME}"):
+    with _as_input_error(f"{place}/{FILE_NAME}"):
         file, _ = source.open(FILE_NAME)
         with file:
             text = file.read(TABLE_BYTES + 1)
@@ -170,7 +189,7 @@ def _read_manifest(source: Source, place: str) -> bytes:
 
 
 def _check_same(out: Path, manifest: ArchiveManifest) -> None:
-    if not (out / FILE_NAME).exists():
+    if not os.path.lexists(out / FILE_NAME):
         return
     there = manifests.read(out)
     if there.version != manifest.version:
@@ -191,34 +210,45 @@ def _check_room(out: Path, missing: Sequence[PackedSequence]) -> None:
 
 def _fetch_file(source: Source, place: str, out: Path, wanted: PackedSequence) -> None:
     """Fetches one file; broken connections are tried again, from where they broke."""
-    partial = out / (wanted.file + _PARTIAL)
-    for attempt in range(ATTEMPTS):
-        try:
-            _append(source, partial, wanted)
-        except _FAULTS:
-            if attempt + 1 == ATTEMPTS or isinstance(source, FolderSource):
-                with _told(f"{place}/{wanted.file}"):
-                    raise
-            time.sleep(_WAIT_S * 2**attempt)
-        else:
-            break
-    if not is_whole(partial, wanted):
-        partial.unlink(missing_ok=True)
-        raise InputError(
-            f"{place}/{wanted.file}: is not what the manifest says (sha256): ask its publisher"
-        )
-    partial.replace(out / wanted.file)
+    target = out / wanted.file
+    with work_folder(target, resume=True) as work:
+        partial = work / wanted.file
+        for attempt in range(ATTEMPTS):
+            try:
+                _append(source, partial, wanted)
+            except _FAULTS:
+                if attempt + 1 == ATTEMPTS or isinstance(source, FolderSource):
+                    with _as_input_error(f"{place}/{wanted.file}"):
+                        raise
+                time.sleep(_WAIT_S * 2**attempt)
+            else:
+                break
+        if not is_whole(partial, wanted):
+            partial.unlink(missing_ok=True)
+            raise InputError(
+                f"{place}/{wanted.file}: is not what the manifest says (sha256): ask its publisher"
+            )
+        flush(partial)
+        checked = partial.stat()
+        with listing(out, {wanted.file: FileFacts(wanted.bytes, wanted.sha256)}):
+            try:
+                link_new(partial, target)
+            except FileExistsError as error:
+                raise InputError(f"{target}: appeared meanwhile: move it away") from error
+        now = target.stat()
+        if (now.st_size, now.st_mtime_ns) != (checked.st_size, checked.st_mtime_ns):
+            raise InputError(f"{target}: was changed while it was fetched: move it away")
 
 
 def _append(source: Source, partial: Path, wanted: PackedSequence) -> None:
-    start = partial.stat().st_size if partial.is_file() and not partial.is_symlink() else 0
-    if start > wanted.bytes or partial.is_symlink():
-        partial.unlink()
+    start = partial.stat().st_size if _is_only_ours(partial) else 0
+    if start == 0 or start > wanted.bytes:
+        partial.unlink(missing_ok=True)
         start = 0
     if start == wanted.bytes:
         return
     content, begins = source.open(wanted.file, start)
-    with content, partial.open("ab") as file:
+    with content, partial.open("ab" if start else "xb") as file:
         if begins != start:  # a server that always sends all of it
             file.truncate(0)
         left = wanted.bytes - (start if begins == start else 0)
@@ -230,8 +260,13 @@ def _append(source: Source, partial: Path, wanted: PackedSequence) -> None:
         raise http.client.IncompleteRead(b"", left)
 
 
+def _is_only_ours(path: Path) -> bool:
+    """Whether a file can be appended to: nobody links to it, and it is no link."""
+    return path.is_file() and not path.is_symlink() and path.stat().st_nlink == 1
+
+
 @contextmanager
-def _told(what: str) -> Iterator[None]:
+def _as_input_error(what: str) -> Iterator[None]:
     """One line for whatever a network or a disk says."""
     try:
         yield

@@ -17,8 +17,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from eventsweep.emvs.data.manifest import FileEntry
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.parameters import first_fault
-from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file
+from eventsweep.emvs.utils.outputs import files_together
 
 SCHEMA_VERSION = 1
 FILE_NAME = "archive.json"
@@ -197,9 +197,10 @@ def read(folder: Path) -> ArchiveManifest:
 
 
 def write(folder: Path, manifest: ArchiveManifest) -> None:
-    """Writes the manifest into a folder, whole or not at all."""
-    with atomic_path(folder / FILE_NAME) as path:
-        path.write_text(manifest.model_dump_json(indent=1) + "\n", encoding="utf-8")
+    """Writes the manifest into a folder beside others, and lists it there as ours."""
+    with files_together(folder, (FILE_NAME,)) as staged:
+        text = manifest.model_dump_json(indent=1) + "\n"
+        (staged / FILE_NAME).write_text(text, encoding="utf-8")
 
 
 def packed_files(entries: Mapping[str, FileEntry]) -> dict[str, PackedFile]:

@@ -19,7 +19,7 @@ from eventsweep.emvs.depth.point_cloud import back_project_map, without_outliers
 from eventsweep.emvs.dsi.method import file_name
 from eventsweep.emvs.errors import InputError, heed_interrupt
 from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
-from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.outputs import files_together
 from eventsweep.emvs.utils.release import install
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.scoring.regions import on_view
@@ -51,10 +51,9 @@ def write_rerun(folder: Path) -> Path:
         InputError: no maps, damaged files, or no Rerun.
     """
     viewer, maps = _library(), find_maps(folder)
-    path = folder / FILE_NAME
-    with atomic_path(path) as partial:
+    with files_together(folder, (FILE_NAME,)) as staged:
         stream = viewer.RecordingStream("eventsweep", recording_id=folder.resolve().name)
-        stream.save(partial)
+        stream.save(staged / FILE_NAME)
         stream.log("/", viewer.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for case, stored in maps.items():
             log = _Log(viewer, stream, case)
@@ -62,7 +61,7 @@ def write_rerun(folder: Path) -> Path:
                 _log_window(log, folder, stored, window)
         stream.flush()
         stream.disconnect()
-    return path
+    return folder / FILE_NAME
 
 
 def _library() -> Any:

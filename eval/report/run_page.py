@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.dsi.method import OWN_UNIT, VOTES
 from eventsweep.emvs.methods import named
-from eventsweep.emvs.utils.files import atomic_path
-from eventsweep.emvs.utils.outputs import check_files
+from eventsweep.emvs.utils.outputs import check_files, files_together
 from eventsweep.eval.figures.colormaps import (
     Scale,
     confidence_scale,
@@ -319,13 +318,13 @@ def write_report(run_dir: Path) -> Path:
     check_files(run_dir, (REPORT_NAME, OVERVIEW_NAME), force=True)
     data = load_run(run_dir)
     page = render(data, _files(run_dir, data))
-    with atomic_path(run_dir / REPORT_NAME) as path:
-        path.write_text(page, encoding="utf-8")
-    with atomic_path(run_dir / OVERVIEW_NAME) as path:
-        first = data.cases[0]
-        rows = data.rows_of(first.name, POOLED)
-        title = first.name if len(data.cases) > 1 else ""
-        path.write_bytes(overview_png(first, title, ranked_methods(rows, data.ranking_metric)))
+    first = data.cases[0]
+    rows = data.rows_of(first.name, POOLED)
+    title = first.name if len(data.cases) > 1 else ""
+    overview = overview_png(first, title, ranked_methods(rows, data.ranking_metric))
+    with files_together(run_dir, (REPORT_NAME, OVERVIEW_NAME)) as staged:
+        (staged / REPORT_NAME).write_text(page, encoding="utf-8")
+        (staged / OVERVIEW_NAME).write_bytes(overview)
     return run_dir / REPORT_NAME
 
 

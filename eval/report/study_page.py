@@ -9,9 +9,8 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
-from eventsweep.emvs.utils.outputs import check_files
+from eventsweep.emvs.utils.outputs import check_files, files_together
 from eventsweep.eval.figures.colormaps import INK, line_style
 from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.html import (
@@ -110,8 +109,9 @@ def write_study_report(folder: Path) -> Path:
     figures = [_figure(path.with_suffix(".svg")) for path in paths]
     names = [f"{path.stem}{end}" for path in paths for end in (".json", ".csv", ".svg")]
     files = files_in(folder, names)
-    with atomic_path(folder / REPORT_NAME) as path:
-        path.write_text(page_text(study_page(studies, figures, files)), encoding="utf-8")
+    page = page_text(study_page(studies, figures, files))
+    with files_together(folder, (REPORT_NAME,)) as staged:
+        (staged / REPORT_NAME).write_text(page, encoding="utf-8")
     return folder / REPORT_NAME
 
 

@@ -9,8 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import get_args
 
-from eventsweep.emvs.utils.files import atomic_path
-from eventsweep.emvs.utils.outputs import check_files
+from eventsweep.emvs.utils.outputs import check_files, files_together
 from eventsweep.eval.config import EvalConfig, RankingMetric
 from eventsweep.eval.figures.colormaps import line_style
 from eventsweep.eval.numbers import displayed
@@ -68,8 +67,8 @@ def write_suite_report(folder: Path) -> Path:
     pictures = {case: folder / PICTURES_FOLDER / f"{case}.png" for case in result.cases}
     shown = {case: png_uri(path) for case, path in pictures.items() if path.is_file()}
     page = page_text(suite_page(result, files_in(folder, (FILE_NAME, CSV_NAME)), shown))
-    with atomic_path(folder / REPORT_NAME) as path:
-        path.write_text(page, encoding="utf-8")
+    with files_together(folder, (REPORT_NAME,)) as staged:
+        (staged / REPORT_NAME).write_text(page, encoding="utf-8")
     return folder / REPORT_NAME
 
 

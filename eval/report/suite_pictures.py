@@ -16,8 +16,8 @@ from PIL import Image
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.utils.cache import Cache
+from eventsweep.emvs.utils.output_manifest import remove_ours
 from eventsweep.emvs.utils.outputs import atomic_dir, check_files
-from eventsweep.emvs.utils.ownership import mark, remove_ours
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.figures.colormaps import depth_scale, error_scale
 from eventsweep.eval.figures.images import (
@@ -83,10 +83,10 @@ def write_pictures(
         if place.is_dir():
             remove_ours(place)
         return
-    with atomic_dir(place, force=True, inputs=[one.path for one in predictions]) as made:
+    inputs = [one.path for one in predictions]
+    with atomic_dir(place, force=True, inputs=inputs, part_of=folder) as made:
         for name, picture in pictures.items():
             (made / name).write_bytes(picture)
-        mark(made)
 
 
 @dataclass(frozen=True)

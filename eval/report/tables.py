@@ -15,7 +15,6 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from eventsweep.emvs.utils.outputs import files_together
-from eventsweep.emvs.utils.ownership import MARKER, mark
 from eventsweep.eval.figures.plots import (
     STYLE,
     causes_figure,
@@ -90,18 +89,17 @@ def _heading(title: str, unit: str, direction: str) -> str:
 
 
 def write_tables(folder: Path, tables: dict[str, TextTable]) -> list[Path]:
-    """Writes NAME.csv, NAME.tex and NAME.md of each table, and returns their paths."""
+    """Writes NAME.csv, NAME.tex and NAME.md of each table into a folder of an output."""
     writers = {"csv": as_csv, "tex": as_latex, "md": as_markdown}
     texts = {
-        f"{file_name(name)}.{suffix}": writers[suffix](one)
+        f"{folder.name}/{file_name(name)}.{suffix}": writers[suffix](one)
         for name, one in tables.items()
         for suffix in FORMATS
     }
-    with files_together(folder, [*texts, MARKER]) as staged:
+    with files_together(folder.parent, texts) as staged:
         for name, text in texts.items():
             (staged / name).write_text(text, encoding="utf-8")
-        mark(staged, folder)
-    return [folder / name for name in texts]
+    return [folder.parent / name for name in texts]
 
 
 def file_name(name: str) -> str:
@@ -193,18 +191,17 @@ def write_report_figures(run_dir: Path, suffix: FigureFormat) -> list[Path]:
     Raises:
         InputError: no maps, or a damaged file.
     """
-    data, folder = load_run(run_dir), run_dir / FIGURES_FOLDER
+    data = load_run(run_dir)
     with mpl.rc_context(_FILE_STYLE):
         figures = {
-            f"{file_name(f'{case.name}-{name}')}.{suffix}": figure
+            f"{FIGURES_FOLDER}/{file_name(f'{case.name}-{name}')}.{suffix}": figure
             for case in data.cases
             for name, figure in _figures(data, case)
         }
-        with files_together(folder, [*figures, MARKER]) as staged:
+        with files_together(run_dir, figures) as staged:
             for name, figure in figures.items():
                 _save(figure, staged / name, suffix)
-            mark(staged, folder)
-    return [folder / name for name in figures]
+    return [run_dir / name for name in figures]
 
 
 def _figures(data: RunData, case: CaseData) -> Iterator[tuple[str, Figure]]:

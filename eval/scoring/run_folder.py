@@ -23,8 +23,9 @@ from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.dsi.method import file_name
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.maps.folder import StoredMap, StoredWindow, read_map
+from eventsweep.emvs.utils import output_manifest
+from eventsweep.emvs.utils.output_manifest import remove_ours
 from eventsweep.emvs.utils.outputs import atomic_dir, real
-from eventsweep.emvs.utils.ownership import MARKER, mark, remove_ours
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.scoring.pairing import Estimate, Truth
 from eventsweep.eval.scoring.predictions import DESCRIPTION, FAMILY, Prediction, TargetView, plain
@@ -210,12 +211,11 @@ def kept_predictions(folder: Path, predictions: Sequence[Path]) -> Iterator[Path
     place = folder / KEPT_FOLDER
     if predictions:
         inside = [one for one in predictions if real(one).is_relative_to(real(place))]
-        with atomic_dir(place, force=True, inputs=inside) as partial:
+        with atomic_dir(place, force=True, inputs=inside, part_of=folder) as partial:
             yield partial
-            mark(partial)
         return
     yield place
-    if (place / MARKER).is_file():
+    if output_manifest.read(place) is not None:
         remove_ours(place)
 
 
@@ -253,7 +253,7 @@ def predicted_maps(folder: Path, case: str, like: DepthMap) -> list[DepthMap]:
         InputError: a damaged file.
     """
     place, own = folder / KEPT_FOLDER, _case_folder(case)
-    if not (place / MARKER).is_file():  # somebody's folder of that name
+    if output_manifest.read(place) is None:  # somebody's folder of that name
         return []
     camera = like.camera
     view = TargetView(like.t_us, camera.width_px, camera.height_px, camera.fx_px, None)

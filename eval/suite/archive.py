@@ -24,7 +24,6 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.cache import Cache
 from eventsweep.emvs.utils.inputs import check_file
 from eventsweep.emvs.utils.outputs import atomic_dir, check_output
-from eventsweep.emvs.utils.ownership import mark
 from eventsweep.eval.archives import manifest as manifests
 from eventsweep.eval.archives.manifest import (
     LICENCE,
@@ -220,7 +219,6 @@ def make_archive(
             update(len(packed), packed[-1].place)
         manifest = _manifest(plan, packed, sequences.read(made.path / SEQUENCE))
         manifests.write(folder, manifest)
-        mark(folder)
     return manifest, ()
 
 
@@ -292,7 +290,6 @@ def unpack_recordings(
             else:
                 _unpack_told(folder / one.file, one, place)
             update(number + 1, one.place)
-        mark(made)
 
 
 def _unpack_told(path: Path, packed: PackedSequence, place: Path) -> None:

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from eventsweep.emvs.utils.cache import Cache
 from eventsweep.emvs.utils.files import bytes_text
-from eventsweep.emvs.utils.outputs import check_files, output_folder
+from eventsweep.emvs.utils.outputs import check_files, files_together, output_folder
 from eventsweep.eval.archives.manifest import ArchiveManifest, PackedSequence
 from eventsweep.eval.jobs.job import SEQUENCE, stored
 from eventsweep.eval.numbers import display_unit, displayed
@@ -53,8 +53,9 @@ def prepare_folder(out: Path, *, force: bool, inputs: Iterable[Path] = ()) -> It
 def write(folder: Path, result: SuiteResult, *, force: bool = False) -> None:
     """Writes `suite.json`, with all that made the numbers, and `suite.csv` with the numbers."""
     check_files(folder, (FILE_NAME, CSV_NAME), force=force)
-    write_suite(folder, result)
-    write_csv(folder / CSV_NAME, result.rows[list(_CSV_COLUMNS)])
+    with files_together(folder, (FILE_NAME, CSV_NAME)) as staged:
+        write_suite(staged, result)
+        write_csv(staged / CSV_NAME, result.rows[list(_CSV_COLUMNS)])
 
 
 def show(result: SuiteResult, cache: Path, *, as_json: bool, quiet: bool) -> None:

@@ -33,9 +33,9 @@ from eventsweep.emvs.data.image_stores import (
 )
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
-from eventsweep.emvs.utils.files import atomic_path, made_parent
-from eventsweep.emvs.utils.outputs import real, remove_abandoned
-from eventsweep.emvs.utils.ownership import named
+from eventsweep.emvs.utils.files import atomic_path, made_parent, remove_leftovers
+from eventsweep.emvs.utils.output_manifest import named
+from eventsweep.emvs.utils.outputs import real
 
 Notice = Callable[[str], None]
 """Called with one line for people to read."""
@@ -46,7 +46,7 @@ _FORMAT = 2
 _KEY, _LOCK = "job.json", "lock"
 _INDEX, _STATE = "part.json", "state.npz"
 _OURS = re.compile(
-    r"job\.json|lock|\.job\.json\.\w{8}\.partial\.json"
+    r"job\.json|lock|\.job\.json\.\w{8}\.partial(/.*)?"
     r"|\d{6}(\.partial)?(/(part\.json|state\.npz|cam\d+\.(events|truth|frames)\.h5))?"
 )
 # A damaged checkpoint costs the work back to the last state before it.
@@ -163,7 +163,7 @@ class CheckpointFolder:
         """What a killed process left of a checkpoint, or of putting the sequence together."""
         for folder in self.path.glob("*.partial"):
             shutil.rmtree(folder, ignore_errors=True)
-        remove_abandoned(self._out)
+        remove_leftovers(self.path.parent, f".{real(self._out).name}.")
 
     def _find_checkpoints(self) -> None:
         """The longest run of whole checkpoints from the start that ends with a state."""

@@ -299,6 +299,22 @@ def test_old_versions_go_and_nothing_else(config, tmp_path, monkeypatch):
     assert not old.exists()
 
 
+@pytest.mark.parametrize("damage", ["cut", "flip", "empty"])
+def test_a_damaged_kernel_is_compiled_anew(copy, tmp_path, damage):
+    folder, before = copy
+    expected = before("emvs/dsi/fusion_kernels.py")
+    shutil.copytree(folder / "cache", tmp_path / "cache")
+    kernels = sorted((tmp_path / "cache").glob("*/*/*.nb[ci]"))
+    assert kernels
+    for path in kernels:
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 1
+        path.write_bytes({"cut": content[:-9], "flip": content, "empty": b""}[damage])
+    assert python(FOLD, folder, tmp_path / "cache") == expected
+    again = sorted((tmp_path / "cache").glob("*/*/*.nb[ci]"))
+    assert any(kernel_cache._verified(path) is not None for path in again)
+
+
 def test_it_costs_little(config, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     kernel_cache.use_kernel_cache()

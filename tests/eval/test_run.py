@@ -15,7 +15,7 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.maps.folder import read_map
-from eventsweep.emvs.utils.ownership import strangers
+from eventsweep.emvs.utils.output_manifest import strangers
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.numbers import thousands
 from eventsweep.eval.scoring.metrics import METRICS

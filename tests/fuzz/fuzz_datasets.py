@@ -33,7 +33,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import calibration_writers as rigs
 from eventsweep.emvs.formats.calibration import read_rig
 from eventsweep.emvs.formats.calibration_values import parsed
-from eventsweep.emvs.utils.ownership import MARKER
+from eventsweep.emvs.utils.output_manifest import NAME as MARKER
 
 SPARE = {"rectify_map.h5", "images.txt", "frame_00000000.png", "hand_eye.yaml", MARKER}
 """What a recording may lack: hand-eye where poses are then the first camera's; whose it is."""

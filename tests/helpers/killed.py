@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from unittest import mock
 
-_STEPS = ("replace", "unlink", "chmod", "rename", "rmdir")
+_STEPS = ("replace", "unlink", "rename", "rmdir", "mkdir", "link", "open", "fsync")
 _KILLED = 9
 
 
@@ -44,9 +43,9 @@ def _run(call, step):
 
         return wrapper
 
-    patches = {name: counted(getattr(Path, name)) for name in _STEPS}
+    patches = {name: counted(getattr(os, name)) for name in _STEPS}
     try:
-        with mock.patch.multiple(Path, **patches):
+        with mock.patch.multiple(os, **patches):
             call()
     except BaseException:
         os._exit(1)

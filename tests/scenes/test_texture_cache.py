@@ -172,7 +172,7 @@ def test_what_is_kept_in_a_read_only_folder_is_used(textures, drawings, monkeypa
     def refused(*_):
         raise OSError(errno.EROFS, "Read-only file system")
 
-    monkeypatch.setattr(Cache, "_locked", refused)
+    monkeypatch.setattr(Cache, "get", refused)
     monkeypatch.setattr(os, "utime", refused)
     same(textures(), first)
     assert drawings == [0]

@@ -43,7 +43,6 @@ def check(
     from eventsweep.emvs.check.recording import check_path
     from eventsweep.emvs.errors import InputError
     from eventsweep.emvs.utils.outputs import atomic_dir
-    from eventsweep.emvs.utils.ownership import mark
     from eventsweep.eval.progress import checking
     from eventsweep.eval.report.check_page import write_check_page
 
@@ -58,7 +57,6 @@ def check(
     if out is not None:
         with atomic_dir(out, force=force, inputs=(recording,)) as folder:
             write_check_page(folder, report)
-            mark(folder)
     console.result(report.to_json(), _summary(report))
     if out is not None:
         console.wrote(out / "report.html")

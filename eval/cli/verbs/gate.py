@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.output_manifest import strangers
 from eventsweep.emvs.utils.outputs import check_output, output_file
-from eventsweep.emvs.utils.ownership import is_our_file
 from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, SuiteName, app
 from eventsweep.eval.cli.help import RARE
 from eventsweep.eval.cli.job_flags import JOB_FLAGS, JobFlags, run_with_flags, seed_numbers
@@ -117,7 +117,7 @@ class GateFlags:
         if len({path.resolve() for path in named}) < len(named):
             raise InputError(f"--junit and --markdown are both {self.junit}: name two files")
         for path in named:
-            ours = force or is_our_file(path)
+            ours = force or not strangers(path.parent, [path.name])
             check_output(path, force=ours, inputs=self.read(), folder=False)
         if self.update and self.baseline.exists():
             check_output(self.baseline, force=True, folder=False)
@@ -203,11 +203,11 @@ def _report(
     # Checked before; what came meanwhile is checked again.
     flags.check_files(force=flags.force)
     if flags.junit is not None:
-        with output_file(flags.junit, force=True) as path:
+        with output_file(flags.junit, force=True, listed=True) as path:
             write_junit(path, verdicts)
     text = report.markdown(verdicts, f"eventsweep gate, {measured.name}")
     if flags.markdown is not None:
-        with output_file(flags.markdown, force=True) as path:
+        with output_file(flags.markdown, force=True, listed=True) as path:
             path.write_text(text, encoding="utf-8")
     if os.environ.get(_SUMMARY):
         with Path(os.environ[_SUMMARY]).open("a", encoding="utf-8") as stream:

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eventsweep.emvs.utils.files import atomic_path
-from eventsweep.emvs.utils.outputs import output_folder
+from eventsweep.emvs.utils.outputs import files_together, output_folder
 from eventsweep.eval.figures.colormaps import line_style
 from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.compare.differences import (
@@ -92,8 +91,8 @@ def write_comparison(paths: Sequence[Path], out: Path) -> Comparison:
     with output_folder(out, (HTML_NAME, TABLES_FOLDER), force=True):
         comparison = compare(read_compared(paths))
         text = page_text(comparison, _result_files(comparison, out))
-        with atomic_path(out / HTML_NAME) as path:
-            path.write_text(text, encoding="utf-8")
+        with files_together(out, (HTML_NAME,)) as staged:
+            (staged / HTML_NAME).write_text(text, encoding="utf-8")
         write_tables(out / TABLES_FOLDER, comparison_tables(comparison))
     return comparison
 

@@ -11,10 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
-from eventsweep.emvs.utils.outputs import atomic_dir, check_files, output_folder
-from eventsweep.emvs.utils.ownership import mark
+from eventsweep.emvs.utils.outputs import (
+    atomic_dir,
+    check_files,
+    files_together,
+    output_folder,
+)
 from eventsweep.eval.ranking import summary
 from eventsweep.eval.ranking.entries import DATA_NAME, RankingData, RankingEntry, Source
 from eventsweep.eval.ranking.summary import MAIN
@@ -64,11 +67,11 @@ def write_ranking(sources: Sequence[Source], out: Path) -> RankingPage:
     with output_folder(out, (HTML_NAME, DATA_NAME, PICTURES_FOLDER), force=True) as folder:
         folder.mkdir(parents=True, exist_ok=True)
         _write_pictures(folder, found)
-        data = RankingData(entries=entries).to_text() + "\n"
-        for name, text in ((DATA_NAME, data), (HTML_NAME, "")):
-            with atomic_path(folder / name) as path:
-                text = text or page_text(ranking_page(page, files_in(folder, (DATA_NAME,))))
-                path.write_text(text, encoding="utf-8")
+        with files_together(folder, (DATA_NAME, HTML_NAME)) as staged:
+            data = RankingData(entries=entries).to_text() + "\n"
+            (staged / DATA_NAME).write_text(data, encoding="utf-8")
+            text = page_text(ranking_page(page, files_in(staged, (DATA_NAME,))))
+            (staged / HTML_NAME).write_text(text, encoding="utf-8")
     return page
 
 
@@ -133,13 +136,12 @@ def _write_pictures(out: Path, found: Mapping[str, MethodPictures]) -> None:
     if not found:
         return
     check_files(out, (PICTURES_FOLDER,), force=True)
-    with atomic_dir(out / PICTURES_FOLDER, force=True) as made:
+    with atomic_dir(out / PICTURES_FOLDER, force=True, part_of=out) as made:
         for one in found.values():
             for which, about in one.about.items():
                 (made / Path(about["file"]).name).write_bytes(one.content[which])
         index = {method: one.about for method, one in found.items()}
         (made / METHODS_NAME).write_text(json.dumps(index, ensure_ascii=False, indent=1))
-        mark(made)
 
 
 # The page

@@ -177,13 +177,13 @@ def test_what_a_killed_process_left_is_removed_and_what_a_living_one_holds_is_no
     with atomic_dir(target) as first:
         (first / "kept").write_text("kept")
         hidden = {path for path in tmp_path.iterdir() if path.name.startswith(".out.")}
-        assert hidden == {first, tmp_path / ".out.lock"}
+        assert hidden == {first.parent, tmp_path / ".out.lock"}
         with (
             pytest.raises(InputError, match="another process"),
             atomic_dir(target, force=True),
         ):
             pass
-    assert [path.name for path in target.iterdir()] == ["kept"]
+    assert sorted(path.name for path in target.iterdir()) == [".eventsweep.json", "kept"]
     # Of the other target a folder and its claim are left, which the next run into it removes.
     assert sorted(p.name.split(".")[1] for p in tmp_path.iterdir() if p != target) == ["out2"] * 2
     with atomic_dir(other):
@@ -200,6 +200,7 @@ def test_folders_that_only_look_alike_are_left_alone(tmp_path):
     ]
     for name in alike:
         (tmp_path / name).mkdir()
+        (tmp_path / name / "thesis").write_text("mine")
     (tmp_path / ".out.12345678.partial").write_text("a file")
     with atomic_dir(tmp_path / "out"):
         pass

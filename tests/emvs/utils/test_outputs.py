@@ -1,12 +1,13 @@
 """Outputs: nothing that was there is lost, and nothing is left of what was refused."""
 
+import hashlib
 import json
 import os
 import re
 import shutil
 import tempfile
 import threading
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -14,25 +15,21 @@ from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils import outputs
-from eventsweep.emvs.utils.files import DiskFull, atomic_path, bytes_text, free_bytes
+from eventsweep.emvs.utils import output_manifest, outputs
+from eventsweep.emvs.utils.files import MARK, DiskFull, atomic_path, bytes_text, free_bytes
+from eventsweep.emvs.utils.output_manifest import NAME, complete, remove_ours, strangers
 from eventsweep.emvs.utils.outputs import (
     atomic_dir,
+    check_files,
     check_output,
+    claimed,
     files_together,
     inputs_of,
     output_file,
     output_folder,
+    replace_dir,
 )
-from eventsweep.emvs.utils.ownership import MARKER, mark, remove_ours, strangers
 from killed import killed_at_every_step
-
-PAGE = "<!doctype html>\n<title>eventsweep · x</title>"
-RESULTS = '{"rows": [], "configuration": {}}'
-INDEX = {
-    "schema_version": 1, "recording": {}, "config": {},
-    "windows": [{"name": "w000", "methods": ["Alg1/H"]}],
-}  # fmt: skip
 
 
 def put(folder, **files):
@@ -44,52 +41,33 @@ def put(folder, **files):
 
 
 def write_sequence(folder):
-    manifest = {"schema_version": 1, "event_counts": [1], "files": {"cam0/events.h5": {}}}
-    put(folder, cam0__events_0h5="events", manifest_0json=json.dumps(manifest))
+    """A sequence lists its files in a manifest of its own."""
+    files = {"cam0/events.h5": "events", "poses.txt": "poses"}
+    put(folder, cam0__events_0h5="events", poses_0txt="poses")
+    facts = {n: {"sha256": sha256(text), "bytes": len(text)} for n, text in files.items()}
+    manifest = {"schema_version": 1, "event_counts": [1], "files": facts}
+    put(folder, manifest_0json=json.dumps(manifest))
+
+
+def sha256(text):
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def write_map(folder):
-    put(folder, map_0json=json.dumps(INDEX), report_0html=PAGE, overview_0png="png")
-    put(folder / "w000", events_0npz="n", slices_0npz="n", window_0json='{"methods": ["Alg1/X"]}')
-    put(folder / "w000" / "Alg1-H", depth_0npz="d", cloud_0ply="c")
-    put(folder / "w000" / "dsi", **{"Alg1-H_0npy": "v"})
-    put(folder / "global" / "Alg1-H", fuse_0json="{}", cloud_0ply="c")
+    put(folder, map_0json="{}", w000__events_0npz="n", w000__depth_0npz="d")
+    complete(folder)
+    with files_together(folder, ["report.html", "tables/ranking.csv"]) as staged:
+        put(staged, report_0html="page", tables__ranking_0csv="r")
 
 
 def write_run(folder):
     write_sequence(folder / "desk" / "sequence")
     write_map(folder / "desk" / "map")
-    put(folder, config_0toml="", results_0json=RESULTS, results_0csv="", report_0html=PAGE)
-    put(folder / "tables", ranking_0csv="r")
-    mark(folder / "tables")
+    put(folder, config_0toml="", results_0json="{}")
+    complete(folder)
 
 
-def write_converted(folder):
-    put(folder, events__left__events_0h5="e", poses_0txt="p")
-    mark(folder)
-
-
-def write_fused(folder):
-    put(folder, fuse_0json='{"method": "m", "window_points": 1}', cloud_0ply="c", mesh_0ply="m")
-
-
-def write_suite(folder):
-    put(folder, suite_0json='{"suite": "quick", "samples": []}', suite_0csv="case")
-
-
-def write_study(folder):
-    put(folder, noise_0json='{"study": "noise", "breaks_at": {}}', noise_0csv="", noise_0svg="")
-
-
-def write_comparison(folder):
-    put(folder, compare_0html=PAGE, tables__changes_0csv="c")
-    mark(folder / "tables")
-
-
-WRITERS = {
-    "simulate": write_sequence, "map": write_map, "run": write_run, "convert": write_converted,
-    "fuse": write_fused, "suite": write_suite, "study": write_study, "compare": write_comparison,
-}  # fmt: skip
+WRITERS = {"sequence": write_sequence, "map": write_map, "run": write_run}
 
 
 def contents(folder):
@@ -116,12 +94,63 @@ def test_what_each_verb_writes_is_known_and_replaced(tmp_path, verb):
         pass
     with atomic_dir(out, force=True) as folder:
         (folder / "new").write_text("new")
-    assert contents(tmp_path) == {out: "folder", out / "new": b"new"}
+    assert contents(tmp_path).keys() == {out, out / "new", out / NAME}
+    assert (out / "new").read_text() == "new"
+
+
+def written(folder):
+    """Every file of an output but its manifests."""
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return sorted(path for path in files if path.name not in (NAME, "manifest.json"))
+
+
+@pytest.mark.parametrize("verb", WRITERS)
+def test_a_file_that_somebody_edited_is_no_longer_ours(tmp_path, verb):
+    WRITERS[verb](tmp_path / "out")
+    for path in written(tmp_path / "out"):
+        text = path.read_text()
+        path.write_text("x" * max(len(text), 1))  # of the same size, where there is any
+        with pytest.raises(InputError, match="did not write") as caught:
+            check_output(tmp_path / "out", force=True)
+        assert path.relative_to(tmp_path / "out").as_posix() in str(caught.value)
+        path.write_text(text)
+    check_output(tmp_path / "out", force=True)
+
+
+@pytest.mark.parametrize("verb", WRITERS)
+def test_a_copy_or_a_move_within_an_output_is_somebodys(tmp_path, verb):
+    out = tmp_path / "out"
+    WRITERS[verb](out)
+    shutil.copytree(out, tmp_path / "copy")
+    shutil.move(tmp_path / "copy", out / "copy")
+    with pytest.raises(InputError, match="copy/"):
+        check_output(out, force=True)
+    shutil.rmtree(out / "copy")
+    first = written(out)[0]
+    first.rename(first.with_name("renamed"))
+    with pytest.raises(InputError, match="renamed"):
+        check_output(out, force=True)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", '{"written_by": "eventsweep", "files": {"a": 1}}', '{"schema": 1}']
+)
+def test_without_a_manifest_that_can_be_read_nothing_is_ours(tmp_path, text):
+    put(tmp_path / "out", a="a", **{f"_0{NAME[1:]}": text})
+    with pytest.raises(InputError, match=r"did not write .*a\)"):
+        check_output(tmp_path / "out", force=True)
+    with (
+        pytest.raises(InputError, match="older version"),
+        files_together(tmp_path / "out", ["b"]) as staged,
+    ):
+        put(staged, b="b")
+    assert (tmp_path / "out" / NAME).read_text() == text
 
 
 FOREIGN = [
     "thesis.tex", "figs/a.svg", "w000/notes.txt", "w000/mine/depth.npz", "tables/mine.csv",
-    "desk/map/w000/mine.txt", "cam0/events.h5.bak", "empty/",
+    "desk/map/w000/mine.txt", "cam0/events.h5.bak", ".out.abcdefgh.partial/thesis.tex",
+    ".thesis.download.partial", ".a.lock",
 ]  # fmt: skip
 
 
@@ -132,7 +161,7 @@ def test_what_others_put_into_an_output_is_named_and_kept(tmp_path, verb, name):
     WRITERS[verb](out)
     path = out / name
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.mkdir() if name.endswith("/") else path.write_text("precious")
+    path.write_text("precious")
     before = contents(tmp_path)
     with pytest.raises(InputError, match="did not write") as caught, atomic_dir(out, force=True):
         pass
@@ -145,13 +174,35 @@ def test_what_others_put_into_an_output_is_named_and_kept(tmp_path, verb, name):
 def test_a_link_into_an_output_is_never_ours(tmp_path):
     out = tmp_path / "out"
     write_map(out)
-    (out / "w000" / "events.npz").unlink()
-    put(tmp_path, precious="p")
+    (out / "w000" / "events.npz").rename(tmp_path / "precious")
     (out / "w000" / "events.npz").symlink_to(tmp_path / "precious")
     with pytest.raises(InputError, match=r"w000/events\.npz"):
         check_output(out, force=True)
     assert remove_ours(out) == ["w000/events.npz"]
-    assert (tmp_path / "precious").read_text() == "p"
+    assert (tmp_path / "precious").read_text() == "n"
+
+
+def test_nothing_is_written_through_a_link(tmp_path):
+    """Neither a hard nor a symbolic one, of a file or of a folder on the way to it."""
+    put(tmp_path, theirs__a="precious")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "tables").symlink_to(tmp_path / "theirs")
+    for name in ("tables/a", "tables/b"):
+        with (
+            pytest.raises(InputError, match="tables"),
+            files_together(tmp_path / "out", [name]) as s,
+        ):
+            (s / name).write_text("new")
+    with atomic_path(tmp_path / "out" / "hard") as path:
+        path.write_text("old")
+    os.link(tmp_path / "out" / "hard", tmp_path / "theirs" / "linked")
+    (tmp_path / "soft").symlink_to(tmp_path / "theirs" / "a")
+    for path in (tmp_path / "out" / "hard", tmp_path / "soft"):
+        with atomic_path(path) as place:
+            place.write_text("new")
+    assert {path.name: path.read_text() for path in (tmp_path / "theirs").iterdir()} == {
+        "a": "precious", "linked": "old"
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -241,9 +292,8 @@ def test_a_link_to_an_output_stays_a_link(tmp_path):
     (tmp_path / "out").symlink_to("disk/map")
     with atomic_dir(tmp_path / "out", force=True) as folder:
         put(folder, new="n")
-    assert contents(tmp_path / "disk") == {
-        tmp_path / "disk" / "map": "folder", tmp_path / "disk" / "map" / "new": b"n"
-    }  # fmt: skip
+    made = tmp_path / "disk" / "map"
+    assert contents(tmp_path / "disk").keys() == {made, made / "new", made / NAME}
     assert (tmp_path / "out").readlink() == Path("disk/map")
 
 
@@ -286,9 +336,9 @@ def test_what_comes_between_the_last_check_and_the_swap_is_kept(tmp_path, monkey
     write_map(out)
     swap = outputs._swap
 
-    def late(made, place):
+    def late(made, place, replaced):
         put(place, notes="p")
-        swap(made, place)
+        swap(made, place, replaced)
 
     monkeypatch.setattr(outputs, "_swap", late)
     with pytest.raises(InputError, match=r"now holds .*notes"), atomic_dir(out, force=True):
@@ -325,7 +375,7 @@ def test_two_runs_into_one_output(tmp_path, kind):
 
 
 def test_a_killed_run_leaves_no_claim(tmp_path):
-    put(tmp_path, **{"_0out_0lock": outputs._LOCK.decode()})
+    put(tmp_path, **{"_0out_0lock": outputs.LOCK.decode()})
     with atomic_dir(tmp_path / "out"):
         pass
     assert {path.name for path in tmp_path.iterdir()} == {"out"}
@@ -395,7 +445,9 @@ def test_an_error_about_a_file_names_it_and_not_where_it_is_made(tmp_path):
 # Anything at all
 
 MEMORY = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
-ENTRY = st.sampled_from(["thesis.tex", "w000/Alg1-H/depth.npz", "map.json", "tables/a.csv", "w/"])
+ENTRY = st.sampled_from(
+    ["thesis.tex", "w000/depth.npz", "map.json", "tables/a.csv", ".in.abcdefgh.partial/a", NAME]
+)
 SPOT = st.sampled_from(["out", "out/in", "parent", "other", "out/w000", "link", "parent/out"])
 
 
@@ -409,7 +461,7 @@ def plant(root, kinds, foreign, link):
         if any(one.is_file() for one in (path, *path.parents)) or path.exists():
             continue
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.mkdir() if name.endswith("/") else path.write_text(f"precious {place}/{name}")
+        path.write_text(f"precious {place}/{name}")
     if link is not None and not os.path.lexists(root / "link"):
         (root / "link").symlink_to(root / link)
     return {path: what for path, what in contents(root).items() if path not in ours}
@@ -421,7 +473,7 @@ ANYTHING = given(
     link=st.none() | SPOT,
     out=SPOT,
     given_inputs=st.lists(SPOT, max_size=2),
-    verb=st.sampled_from([*sorted(WRITERS), "file"]),
+    verb=st.sampled_from([*sorted(WRITERS), "file", "together"]),
     working=st.sampled_from(["", "", "out", "parent"]),
 )
 
@@ -462,7 +514,8 @@ def check_nothing_is_lost(kinds, foreign, link, out, given_inputs, verb, working
         event("refused" if refused else "made")
         if refused:
             assert after == before
-        assert not [path for path in after if path.name.endswith((".lock", ".partial", ".old"))]
+        new = after.keys() - theirs.keys()
+        assert not [path for path in new if path.name.endswith((".lock", ".partial", MARK))]
     finally:
         os.fsync = fsync
         os.chdir(home)
@@ -475,6 +528,13 @@ def attempt(out, verb, inputs):
         if verb == "file":
             with output_file(out, force=True, inputs=inputs) as place:
                 place.write_text("new")
+        elif verb == "together":
+            names = ["map.json", "tables/a.csv"]
+            with (
+                output_folder(out, names, force=True, inputs=inputs),
+                files_together(out, names) as staged,
+            ):
+                put(staged, map_0json="new", tables__a_0csv="new")
         else:
             with atomic_dir(out, force=True, inputs=inputs) as folder:
                 WRITERS[verb](folder)
@@ -483,52 +543,139 @@ def attempt(out, verb, inputs):
     return True
 
 
-# --- files that belong together
+# Kills
 
 
-def put_together(folder, text, index=""):
-    names = ["b", "c", index or MARKER]
-    with files_together(folder, names, index=index) as staged:
-        for name in names[:-1]:
-            (staged / name).write_text(text)
-        if index:
-            (staged / index).write_text('{"study": "x", "breaks_at": {}}')
-        else:
-            mark(staged, folder)
+def replaced_whole(out):
+    with atomic_dir(out, force=True) as folder:
+        write_run(folder)
+        put(folder, a="new")
 
 
-@pytest.mark.parametrize("before", [False, True])
-def test_files_that_belong_together_are_ours_wherever_a_kill_comes(tmp_path, before):
-    folder = tmp_path / "out"
+def exchanged(out):
+    with files_together(out, ["b", "tables/c", "index"], index="index") as staged:
+        put(staged, b="a newer text", tables__c="new", index="new")
+
+
+def taken_up(out):
+    """A folder that grows beside its place, and takes it in the end."""
+    following = out.with_name(".out.next")
+    with claimed(out):
+        if (out / "part0").exists():
+            return
+        with output_folder(following):
+            following.mkdir(exist_ok=True)
+            for part in (following / "part0", following / "part1"):
+                if not part.exists():
+                    with atomic_dir(part, claim=False, part_of=following) as folder:
+                        put(folder, a="new")
+            with files_together(following, ["index"]) as staged:
+                put(staged, index="new")
+        replace_dir(following, out)
+
+
+def one_file(out):
+    with output_file(out / "a.xml", force=True, listed=True) as place:
+        place.write_text("new")
+
+
+KILLED = {"whole": replaced_whole, "exchanged": exchanged, "grown": taken_up, "file": one_file}
+
+
+@pytest.mark.parametrize("before", ["nothing", "ours", "beside somebody's"])
+@pytest.mark.parametrize("call", KILLED)
+def test_killed_at_any_step_it_ends_with_the_same_bytes(tmp_path, call, before):
+    if before == "beside somebody's" and call in ("whole", "grown"):
+        pytest.skip("they replace whole folders")
+    out, make = tmp_path / "out", KILLED[call]
 
     def start():
-        shutil.rmtree(folder, ignore_errors=True)
-        put(folder, mine_0txt="mine")
-        if before:
-            put_together(folder, "old one")
+        shutil.rmtree(tmp_path)
+        put(tmp_path, **{"_0out_0abcdefgh_0partial__thesis": "mine"})
+        if before != "nothing":
+            put(out, b="old", index="old", a_0xml="old")
+            complete(out)
+        if before == "beside somebody's":
+            put(out, mine_0txt="mine")
+        if call == "file":
+            out.mkdir(exist_ok=True)
 
     def check(step):
-        assert strangers(folder) == ["mine.txt"] if (folder / MARKER).exists() else True
-        assert strangers(folder, ["b", "c", MARKER]) == [], step
-        put_together(folder, "a newer text")
-        assert sorted(path.name for path in folder.iterdir()) == [MARKER, "b", "c", "mine.txt"]
+        assert strangers(out) in ([], ["mine.txt"]) if (out / NAME).exists() else True
+        make(out)
+        assert contents(tmp_path) == expected, step
         start()
 
     start()
-    assert killed_at_every_step(lambda: put_together(folder, "new"), check) > 5
-    assert (folder / "b").read_text() == "new"
-    assert (folder / "mine.txt").read_text() == "mine"
+    make(out)
+    expected = contents(tmp_path)
+    start()
+    assert killed_at_every_step(lambda: make(out), check) > 5
+    assert contents(tmp_path) == expected
+
+
+def test_a_kill_between_old_and_new_gives_the_old_one_back(tmp_path):
+    out, hidden = tmp_path / "out", tmp_path / ".out.abcdefgh.partial"
+    write_map(hidden / "replaced")
+    before = contents(hidden / "replaced").keys()
+    (hidden / MARK).touch()
+    with pytest.raises(InputError, match="exists"), atomic_dir(out):
+        pass
+    assert {path.relative_to(out) for path in contents(out)} == {
+        path.relative_to(hidden / "replaced") for path in before
+    }
+    assert not hidden.exists()
+
+
+def test_what_somebody_put_into_an_output_that_was_replaced_stays(tmp_path):
+    hidden = tmp_path / ".out.abcdefgh.partial"
+    write_map(hidden / "replaced")
+    put(hidden, replaced__thesis="mine")
+    (hidden / MARK).touch()
+    write_map(tmp_path / "out")
+    for _ in range(2):
+        with atomic_dir(tmp_path / "out", force=True):
+            pass
+        assert (hidden / "replaced" / "thesis").read_text() == "mine"
+
+
+# Files beside others
 
 
 def test_a_file_of_the_same_name_is_not_ours_for_that(tmp_path):
-    put(tmp_path, b="a longer text of somebody's")
-    with suppress(RuntimeError), files_together(tmp_path, ["b", MARKER]) as staged:
+    put(tmp_path, b="somebody's")
+    with pytest.raises(InputError, match=r"holds b, which eventsweep did not write"):
+        check_files(tmp_path, ["b"], force=True)
+    with (
+        pytest.raises(InputError, match="did not write"),
+        files_together(tmp_path, ["b"]) as staged,
+    ):
         (staged / "b").write_text("ours")
-        mark(staged, tmp_path)
-        assert strangers(tmp_path, ["b"]) == ["b"]
-        raise RuntimeError
-    assert [path.name for path in tmp_path.iterdir()] == ["b"]
-    assert (tmp_path / "b").read_text() == "a longer text of somebody's"
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("b", "somebody's")]
+
+
+def test_what_is_listed_and_unchanged_is_written_anew(tmp_path):
+    for text in ("one", "two"):
+        with files_together(tmp_path, ["a/b"]) as staged:
+            (staged / "a" / "b").write_text(text)
+        assert (tmp_path / "a" / "b").read_text() == text
+    facts = output_manifest.read(tmp_path).files["a/b"]
+    assert facts == (3, sha256("two"))
+    assert strangers(tmp_path) == []
+    (tmp_path / "a" / "b").write_text("own")
+    with pytest.raises(InputError, match="a/b"), files_together(tmp_path, ["a/b"]) as staged:
+        (staged / "a" / "b").write_text("three")
+    assert (tmp_path / "a" / "b").read_text() == "own"
+
+
+def test_a_part_belongs_to_the_output_that_made_it(tmp_path):
+    write_map(tmp_path / "out")
+    for listed in (False, True):
+        with atomic_dir(
+            tmp_path / "out" / f"part{listed}", part_of=tmp_path / "out" if listed else None
+        ) as folder:
+            put(folder, a="a")
+    assert strangers(tmp_path / "out") == [f"partFalse/{NAME}", "partFalse/a"]
 
 
 # --- a full disk

@@ -3,13 +3,18 @@
 import hashlib
 import http.server
 import json
+import os
 import threading
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
 import archive_sizes
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.files import MARK
+from eventsweep.emvs.utils.output_manifest import strangers
+from eventsweep.emvs.utils.outputs import claimed
 from eventsweep.eval.archives import fetch as fetching
 from eventsweep.eval.archives.fetch import fetch, verify
 from eventsweep.eval.archives.manifest import (
@@ -134,20 +139,67 @@ def test_a_broken_connection_is_taken_up_where_it_broke(published, tmp_path):
     assert files(tmp_path / "a")["desk-seed0.tar.zst"] == CONTENT["desk-seed0.tar.zst"]
 
 
+def partial_of(folder, content):
+    """What a killed process left of a file."""
+    work = folder / ".desk-seed0.tar.zst.abcdefgh.partial"
+    work.mkdir()
+    (work / MARK).touch()
+    (work / "desk-seed0.tar.zst").write_bytes(content)
+    return work / "desk-seed0.tar.zst"
+
+
+def test_a_partial_that_somebody_linked_is_not_appended_to(published, tmp_path):
+    (tmp_path / "a").mkdir()
+    left = partial_of(tmp_path / "a", CONTENT["desk-seed0.tar.zst"][:3000])
+    os.link(left, tmp_path / "mine")
+    with server(published) as (address, asked):
+        fetch(address, tmp_path / "a", Silent(), cases=["desk"], seeds=[0])
+    assert ("desk-seed0.tar.zst", None) in asked
+    assert len((tmp_path / "mine").read_bytes()) == 3000
+    assert files(tmp_path / "a")["desk-seed0.tar.zst"] == CONTENT["desk-seed0.tar.zst"]
+
+
+PLANTED = {
+    "file": lambda path: path.write_text("mine"),
+    "pipe": os.mkfifo,
+    "link": lambda path: path.symlink_to("nowhere"),
+    "folder": Path.mkdir,
+}
+
+
+@pytest.mark.parametrize("kind", PLANTED)
+@pytest.mark.parametrize("name", ["desk-seed0.tar.zst", "archive.json"])
+def test_somebodys_file_in_the_place_of_the_archives_is_refused(published, tmp_path, kind, name):
+    out = tmp_path / "a"
+    out.mkdir()
+    (out / "desk-seed0.tar.zst.partial").write_text("mine")
+    PLANTED[kind](out / name)
+    text = one_line(str(published), out)
+    assert name in text
+    assert {path.name for path in out.iterdir()} <= {name, "desk-seed0.tar.zst.partial", *CONTENT}
+    assert (out / "desk-seed0.tar.zst.partial").read_text() == "mine"
+    if kind == "file":
+        assert (out / name).read_text() == "mine"
+
+
+def test_two_at_once_into_one_folder(published, tmp_path):
+    with server(published) as (address, _), claimed(tmp_path / "a"):
+        assert "another process" in one_line(address, tmp_path / "a")
+
+
 def test_what_an_earlier_process_left_is_taken_up(published, tmp_path):
     (tmp_path / "a").mkdir()
-    left = tmp_path / "a" / "desk-seed0.tar.zst.partial"
-    left.write_bytes(CONTENT["desk-seed0.tar.zst"][:3000])
+    left = partial_of(tmp_path / "a", CONTENT["desk-seed0.tar.zst"][:3000])
     with server(published) as (address, asked):
         fetch(address, tmp_path / "a", Silent(), cases=["desk"], seeds=[0])
     assert ("desk-seed0.tar.zst", "bytes=3000-") in asked
     assert files(tmp_path / "a")["desk-seed0.tar.zst"] == CONTENT["desk-seed0.tar.zst"]
-    assert not left.exists()
+    assert not left.parent.exists()
 
 
 def test_a_server_without_ranges_sends_all_of_it_again(published, tmp_path):
     (tmp_path / "a").mkdir()
-    (tmp_path / "a" / "desk-seed0.tar.zst.partial").write_bytes(b"x" * 3000)
+    partial_of(tmp_path / "a", b"x" * 3000)
     with server(published, ranges=False) as (address, _):
         fetch(address, tmp_path / "a", Silent(), cases=["desk"], seeds=[0])
     assert files(tmp_path / "a")["desk-seed0.tar.zst"] == CONTENT["desk-seed0.tar.zst"]
@@ -164,7 +216,8 @@ def test_a_connection_that_breaks_for_ever_is_one_line_and_keeps_what_came(publi
     with server(published, breaks_after=100) as (address, _):
         text = one_line(address, tmp_path / "a", cases=["desk"])
     assert "cannot be fetched" in text
-    assert (tmp_path / "a" / "desk-seed0.tar.zst.partial").stat().st_size == 400
+    (left,) = (tmp_path / "a").glob(".desk-seed0.tar.zst.*.partial/desk-seed0.tar.zst")
+    assert left.stat().st_size == 400
     assert not files(tmp_path / "a")
 
 
@@ -178,7 +231,7 @@ def test_a_damaged_file_is_not_kept(published, tmp_path):
 def test_no_more_is_read_than_the_manifest_says(published, tmp_path):
     with server(published, lies=True) as (address, _):
         assert "sha256" in one_line(address, tmp_path / "a")
-    assert sum(p.stat().st_size for p in (tmp_path / "a").iterdir()) < 10_000
+    assert not (tmp_path / "a").exists()
 
 
 def test_a_changed_file_is_found_and_fetched_again(published, tmp_path):
@@ -186,8 +239,11 @@ def test_a_changed_file_is_found_and_fetched_again(published, tmp_path):
     (tmp_path / "a" / "wall-seed1.tar.zst").write_bytes(b"z" * 5004)
     with pytest.raises(InputError, match=r"wall-seed1\.tar\.zst: was changed"):
         verify(tmp_path / "a")
+    assert "wall-seed1.tar.zst: is not" in one_line(str(published), tmp_path / "a")
+    (tmp_path / "a" / "wall-seed1.tar.zst").unlink()
     fetch(str(published), tmp_path / "a", Silent())
     assert len(verify(tmp_path / "a")[1]) == 4
+    assert strangers(tmp_path / "a") == []
 
 
 def test_another_archive_is_not_mixed_in(published, tmp_path):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,9 +13,10 @@ import pytest
 
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.ownership import strangers
+from eventsweep.emvs.utils.output_manifest import strangers
+from eventsweep.emvs.utils.outputs import output_file
 from eventsweep.eval.cli.main import main
-from eventsweep.eval.gate.report import markdown, write_junit
+from eventsweep.eval.cli.verbs.gate import GateFlags
 from eventsweep.eval.scoring.results import Results, write_results
 from eventsweep.sim.parallel.checkpoint import CheckpointFolder, checkpoint_path
 from score_rows import score_row
@@ -164,6 +166,26 @@ def test_the_old_map_stays_until_the_new_one_is_done(tmp_path, capsys, rec):
     assert "is a link" in refused(capsys, "map", rec, "--out", out, *SLIDING, "--force")
 
 
+def test_a_map_that_was_to_replace_another_and_was_killed_is_taken_up(tmp_path, rec):
+    out = tmp_path / "map"
+    words = [*map(str, ("map", rec, "--out", out, *SLIDING)), "--quiet", "--no-check"]
+    assert main(words) == 0
+    names = sorted(path.name for path in out.glob("w*"))
+    expected = {path: what for path, what in contents(tmp_path).items() if path.name != ".lock"}
+    following = tmp_path / ".map.next"
+    shutil.copytree(out, following)
+    shutil.rmtree(following / names[-1])
+    left = following / f".{names[-1]}.abcdefgh.partial"
+    (left / "new").mkdir(parents=True)
+    (left / ".eventsweep-work").touch()
+    (following / f".{names[0]}.abcdefgh.partial").mkdir()
+    stamp = (following / names[0] / "window.json").stat().st_ino
+    assert main([*words, "--force"]) == 0
+    assert contents(tmp_path) == expected
+    assert (out / names[0] / "window.json").stat().st_ino == stamp
+    assert strangers(out) == []
+
+
 def test_everything_that_a_map_folder_gets_is_known(tmp_path, rec):
     out = tmp_path / "map"
     flags = ("--map.save-dsi", "--map.inpaint")
@@ -197,13 +219,14 @@ def test_the_gate_writes_over_nothing_but_its_own(tmp_path, capsys):
         assert "the input itself" in refused(capsys, *words, baseline, "--force")
         assert "is a folder" in refused(capsys, *words, tmp_path, "--force")
         assert mine.read_text() == "mine"
-    from eventsweep.emvs.utils.ownership import is_our_file
-
-    write_junit(tmp_path / "own.xml", [])
-    (tmp_path / "own.md").write_text(markdown([], "eventsweep gate, quick"), encoding="utf-8")
-    assert is_our_file(tmp_path / "own.xml")
-    assert is_our_file(tmp_path / "own.md")
-    assert not is_our_file(tmp_path / "thesis.xml")
+    own = tmp_path / "own.md"
+    flags = GateFlags(baseline=baseline, markdown=own)
+    with output_file(own, listed=True) as path:
+        path.write_text("### eventsweep gate")
+    flags.check_files(force=False)
+    own.write_text("### eventsweep gate: corrected")
+    with pytest.raises(InputError, match="exists"):
+        flags.check_files(force=False)
 
 
 # Unfinished simulations

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from eventsweep.emvs.utils.ownership import strangers
+from eventsweep.emvs.utils.output_manifest import strangers
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.scoring.results import POOLED, tidy, together
 from eventsweep.eval.suite import output

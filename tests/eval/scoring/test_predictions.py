@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
-from eventsweep.emvs.utils.ownership import strangers
+from eventsweep.emvs.utils.output_manifest import strangers
 from eventsweep.eval.scoring.depth_files import SUFFIXES, depths_in, read_stored
 from eventsweep.eval.scoring.pairing import Estimate
 from eventsweep.eval.scoring.predictions import Prediction, TargetView, estimates_of

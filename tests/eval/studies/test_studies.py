@@ -12,7 +12,7 @@ import pytest
 from eventsweep import scenes
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.ownership import strangers
+from eventsweep.emvs.utils.output_manifest import strangers
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.perturbations import Perturbation
 from eventsweep.eval.studies.curves import METRICS, StudyValue, curves, draw
