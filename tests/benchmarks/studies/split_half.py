@@ -15,7 +15,7 @@ from eventsweep.eval.cli.exit_codes import exit_code
 from eventsweep.eval.ranking.entries import Joined, read_source
 from eventsweep.eval.ranking.standings import SplitHalf, split_half
 from eventsweep.eval.ranking.summary import MAIN, better_of, parts, ranked, table_of
-from markdown_blocks import show
+from markdown_blocks import into_page
 
 MARK = "stability"
 LEAST_SEEDS = 4
@@ -32,7 +32,9 @@ def main() -> int:
     with exit_code() as code:
         entries = [entry for one in asked.results for entry in read_source(one).entries]
         text = told(parts(entries)[0], asked.metric)
-        show(text, asked.page, MARK)
+        if asked.page is not None:
+            into_page(asked.page, MARK, text)
+        sys.stdout.write(text)
     return code.value
 
 
