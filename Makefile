@@ -10,12 +10,13 @@ demo: setup
 	$(BIN)/eventsweep run desk --seed $(SEED) --out demo --force
 	@echo "Open demo/report.html"
 
+# Tests of one file stay with one process: they share what its fixtures simulate and map.
 test: setup
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 # What measures, counts and writes tables for the documentation.
 tools: setup
-	$(BIN)/python -m pytest -n auto tests/benchmarks
+	$(BIN)/python -m pytest -n auto --dist loadfile tests/benchmarks
 
 slow: setup
 	HYPOTHESIS_RANDOM=1 $(BIN)/python -m pytest --run-slow tests

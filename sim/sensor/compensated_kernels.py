@@ -26,6 +26,8 @@ _FIRST_ROOM = 4096
 _WAY = 8
 _TIME, _LIGHT, _LAST, _RISE, _FALL, _RATE, _PER_PX, _THEN, _SEEN = range(9, 18)
 _ROWS = 18
+# Sums may be reordered, so each function rounds as it was compiled: what is called from here is
+# inlined, or a process that compiles would call another copy than one that loads the cache.
 _FAST = {"nnan", "nsz", "reassoc", "contract", "arcp"}
 
 
@@ -99,7 +101,7 @@ def rate_at(
     return max(a, b) * way_px + apart + 1e-9
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@numba.njit(cache=True, nogil=True, fastmath=_FAST, forceinline=True)
 def begin_row(
     y: int,
     pixels: NDArray[np.int64],
@@ -125,7 +127,7 @@ def begin_row(
         row[_RATE, x] = rate_at(slope_a, slope_b, places, row[_WAY, x], apart)
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@numba.njit(cache=True, nogil=True, fastmath=_FAST, forceinline=True)
 def step_of_row(
     y: int,
     pixels: NDArray[np.int64],
@@ -168,7 +170,7 @@ def end_step(pixels: NDArray[np.int64], row: NDArray[np.float64]) -> int:
     return n
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@numba.njit(cache=True, nogil=True, fastmath=_FAST, forceinline=True)
 def crossing(
     x: int,
     y0: float,
