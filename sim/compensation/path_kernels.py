@@ -96,7 +96,7 @@ def path_through(
     return au1, au2, av1, av2, bu1, bu2, bv1, bv2, longest
 
 
-@numba.njit(cache=True, nogil=True, fastmath=_FAST)
+@numba.njit(cache=True, nogil=True, fastmath=_FAST, forceinline=True)
 def straight_paths(
     bearing: NDArray[np.float32],
     rho_a: NDArray[np.float32],
