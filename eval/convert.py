@@ -178,7 +178,11 @@ def _windows(
     )
     with progress.stage("write windows", len(windows)) as update:
         count = write_windows(
-            windows, out, force=options.force, inputs=inputs, told=lambda done: update(done, "")
+            windows,
+            out,
+            force=options.force,
+            inputs=inputs,
+            on_written=lambda done: update(done, ""),
         )
     return Written(f"{count:,} windows of {windows.window_s:g} s with depth")
 

@@ -1,4 +1,4 @@
-"""HDF5 as every store here uses it: one compression, faults told in one line, a safe full disk.
+"""HDF5 as every store here uses it: one compression, faults reported in one line, a safe full disk.
 
 HDF5 reads zeros where chunks are missing, and a filter whose parameters were damaged can end the
 whole process; so both are looked at before the first value is read.

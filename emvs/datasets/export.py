@@ -30,7 +30,7 @@ from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.outputs import atomic_dir
 
-Told = Callable[[int], None]
+OnWritten = Callable[[int], None]
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,13 @@ class RecordingExport:
         recording: its rig, name and ground truth.
         sources: its events, per camera.
         shift_us: added to all times.
-        told: told of the events written so far.
+        on_written: called with the number of events written so far.
     """
 
     recording: Recording
     sources: tuple[EventSource, ...]
     shift_us: int
-    told: Told
+    on_written: OnWritten
 
     @property
     def rig(self) -> Rig:
@@ -74,7 +74,7 @@ class RecordingExport:
         sensor = self.rig.cameras[camera]
         path.parent.mkdir(parents=True, exist_ok=True)
         size = (sensor.width_px, sensor.height_px)
-        write_events(path, kind, *size, {"events": self.packets(camera)}, self.told)
+        write_events(path, kind, *size, {"events": self.packets(camera)}, self.on_written)
 
 
 def write_recording(
@@ -161,7 +161,7 @@ def _mvsec(job: RecordingExport, folder: Path) -> None:
     name, size = job.recording.name, job.rig.cameras[0]
     streams = {"davis/left": job.packets(0), "davis/right": job.packets(1)}
     data = folder / f"{name}_data.hdf5"
-    write_events(data, "mvsec", size.width_px, size.height_px, streams, job.told)
+    write_events(data, "mvsec", size.width_px, size.height_px, streams, job.on_written)
     chain = yaml.safe_dump(kalibr_chain(job.rig), sort_keys=False)
     (folder / f"camchain-imucam-{name}.yaml").write_text(chain, encoding="utf-8")
     write_truth(folder / f"{name}_gt.hdf5", job.recording, job.poses(), job.shift_us)
@@ -184,7 +184,7 @@ def _rosbag(job: RecordingExport, folder: Path) -> None:
         bag.append_poses(poses)
         for stream, events in in_time_order(streams):
             bag.append(stream, check(stream, events))
-            job.told(check.count)
+            job.on_written(check.count)
 
 
 def _sequence(
@@ -208,7 +208,7 @@ def _sequence(
             for events in job.packets(camera):
                 writer.append_events(camera, events)
                 done += len(events)
-                job.told(done)
+                job.on_written(done)
 
 
 def _dsec(job: RecordingExport, folder: Path) -> None:

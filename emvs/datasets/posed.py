@@ -92,7 +92,7 @@ class EventSource:
 
     @property
     def _name(self) -> str:
-        """The stream's name, which an unopened file may not have told yet."""
+        """The stream's name, which an unopened file may not have given yet."""
         return self.reader.streams[0] if not self.stream else self.stream
 
     def _shifted(self, events: Events) -> Events:

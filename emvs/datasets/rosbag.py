@@ -102,7 +102,7 @@ def find_bag(folder: Path) -> Path | None:
 def lacks(path: Path) -> str:
     """Why a bag can be read for its events alone; empty where it is a whole recording.
 
-    Only what is not there at all is told of: what is there and damaged is an error of
+    Only what is missing altogether is reported: what is there and damaged is an error of
     `open_bag_recording`.
 
     Raises:

@@ -148,7 +148,7 @@ def write_windows(
     *,
     force: bool = False,
     inputs: Collection[Path] = (),
-    told: Callable[[int], None] | None = None,
+    on_written: Callable[[int], None] | None = None,
 ) -> int:
     """Writes `000000.npz` ... with the fields of each window, and `windows.json` that lists them.
 
@@ -157,7 +157,7 @@ def write_windows(
         out: the folder; it appears whole or not at all.
         force: whether to replace an existing folder that this wrote.
         inputs: what it is made from, which it never replaces.
-        told: told of the windows written so far.
+        on_written: called with the number of windows written so far.
 
     Returns:
         The number of windows.
@@ -173,8 +173,8 @@ def write_windows(
             events = len(window["t_us"])
             times = {name: window[name] for name in ("t0_us", "t1_us")}
             rows.append({"file": name, **times, "events": events})
-            if told is not None:
-                told(k + 1)
+            if on_written is not None:
+                on_written(k + 1)
         (folder / MANIFEST).write_text(json.dumps(_manifest(windows, rows), indent=1) + "\n")
     return len(rows)
 

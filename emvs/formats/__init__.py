@@ -302,7 +302,7 @@ def write_events(
         width_px: sensor width.
         height_px: sensor height.
         streams: packets per stream; with several streams, written in the order of time.
-        progress: told the number of events written so far, after each packet.
+        progress: called with the number of events written so far, after each packet.
 
     Returns:
         The number of events written.

@@ -68,7 +68,7 @@ def fuse_windows(
         stored: the map folder.
         config: voxels, support and mesh.
         method: whose depth maps; see `chosen_method`.
-        progress: told the windows done and all.
+        progress: called with the windows done and all.
 
     Returns:
         The folder, and what is in it.

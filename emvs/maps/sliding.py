@@ -75,8 +75,8 @@ def map_windows(
         out: the map folder: new, or, with sliding windows, of the same run.
         config: `window_s` or `window_events` for sliding windows, and everything else.
         about: what `map.json` says of the recording.
-        progress: told `count`, `hot pixels`, then, with sliding windows, `windows` done and all,
-            with the stages of `map_window` and `write` in between.
+        progress: called with `count`, `hot pixels`, then, with sliding windows, `windows` done and
+            all, with the stages of `map_window` and `write` in between.
         force: whether a map that `out` holds is replaced, when the new one is done.
         clouds: whether to write each window's `cloud.ply`.
         finish: adds to the folder that holds all windows, such as a report; that of one window has
@@ -119,7 +119,7 @@ def one_window(
         recording: events, poses and calibration.
         config: the settings.
         out: where its maps will lie; need not exist.
-        progress: told `hot pixels`.
+        progress: called with `hot pixels`.
 
     Returns:
         The window, and the hot pixels in it.
@@ -151,7 +151,7 @@ def map_into(
         recording: without its hot pixels, if they are to be left out.
         config: planes, methods, thresholds.
         window: which events.
-        progress: told the stages of `map_window`, then `write`.
+        progress: called with the stages of `map_window`, then `write`.
         device: what computes; by default what the configuration says.
         clouds: whether to write `cloud.ply`.
         name: of the window, where its folder has another one for now.

@@ -56,7 +56,7 @@ class PackedSequence(_Model):
         sequence: hash over the sequence's own files, as results name it.
         scene: hash over what defined the scene.
         drawn_from: scene, rig and settings of the simulator that it was drawn from.
-        imperfection: what a mapper is told wrongly of it; none where that is in it already.
+        imperfection: errors added to what a mapper is given; none where they are in it already.
         files: what is in it, by name.
     """
 

@@ -17,7 +17,7 @@ from cyclopts import App, Parameter
 from cyclopts.argument import Argument, ArgumentCollection
 from cyclopts.exceptions import CycloptsError, UnknownOptionError
 
-Shown = Literal["as declared", "nothing", "brief", "all"]
+Shown = Literal["as declared", "nothing", "short", "all"]
 
 ALL = "--help-all"
 HELP_FLAGS = ("--help", "-h", ALL)
@@ -44,7 +44,7 @@ _CLOSE = 0.7
 _OURS = "eventsweep."
 
 _shown: ContextVar[Shown] = ContextVar("shown", default="as declared")
-_asked: ContextVar[Shown] = ContextVar("asked", default="brief")
+_asked: ContextVar[Shown] = ContextVar("asked", default="short")
 
 
 class Program(App):
@@ -60,7 +60,7 @@ class Program(App):
         flags = words[: words.index("--")] if "--" in words else words
         # Nothing is parsed where help is asked for, and a verb's flags take a third of a second.
         needed: Shown = "nothing" if set(flags) & set(HELP_FLAGS) else "as declared"
-        with _set(_asked, "all" if ALL in flags else "brief"), _set(_shown, needed):
+        with _set(_asked, "all" if ALL in flags else "short"), _set(_shown, needed):
             return super().__call__(words, **options)
 
     def help_print(

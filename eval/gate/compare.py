@@ -27,7 +27,7 @@ LOST: tuple[Status, ...] = ("failed", "gone", "not comparable")
 RED: tuple[Status, ...] = ("changed", "worse", *LOST)
 """What makes the gate fail, where the number is one that decides."""
 COMPARED: tuple[Status, ...] = ("changed", "worse", "better", "same")
-"""Two numbers were held against each other."""
+"""Two numbers were compared."""
 
 INPUT = ("events", "brighter_share")
 """What the mapper is given. Without a direction: a change says that depth is of other events."""

@@ -95,7 +95,7 @@ Outcome = Done | Failed
 
 
 def do(job: Job, cache_folder: str) -> Outcome:
-    """Does a job, unless the cache has it; whatever goes wrong is told, never raised.
+    """Does a job, unless the cache has it; failures are reported, never raised.
 
     Inputs that are lost or damaged are made again, here.
     """

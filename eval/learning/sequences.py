@@ -1,7 +1,7 @@
 """What the learned extraction is trained on: motions that no suite and no study ever scores.
 
 Scenes are those of the benchmark, motions are not: seeds of training begin at `FIRST_SEED`, far
-above every seed of a suite or a study, and a test holds the two lists apart.
+above every seed of a suite or a study, and a test keeps the two lists disjoint.
 """
 
 from __future__ import annotations

@@ -76,7 +76,7 @@ def read_confidence(path: Path, height_px: int, width_px: int) -> Image | None:
 
 
 def is_integral(path: Path) -> bool:
-    """Whether files of this kind hold whole numbers, whose scale must be told."""
+    """Whether files of this kind hold whole numbers, whose scale must be given."""
     return path.suffix.lower() == ".png"
 
 

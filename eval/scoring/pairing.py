@@ -14,7 +14,7 @@ from eventsweep.eval.scoring.metrics import OUTLIER_RELATIVE_ERROR, Pairs, cell_
 from eventsweep.eval.scoring.regions import away_from_border
 
 REFERENCE = "Alg1/H"
-"""The method that others are held against, on the pixels that both report."""
+"""The method that others are compared with, on the pixels that both report."""
 ALL, COMMON, SHARED, HARMONIC = "all", "common", "shared", "harmonic"
 COMPARED: dict[str, str] = {
     SHARED: f"the pixels that the method and {REFERENCE} both report",

@@ -150,7 +150,7 @@ def score_windows(
         windows: its maps.
         config: masks and limits.
         predictions: for each window, by name, depth maps of other methods; None for none.
-        reference: the method that all others are held against on the pixels that both report.
+        reference: the method that all others are compared with on the pixels that both report.
 
     Raises:
         InputError: what `window_pairs` and `case_rows` refuse.
@@ -179,7 +179,7 @@ def window_pairs(
         window: its maps.
         config: masks and limits.
         predictions: by name, depth maps of other methods for the same view.
-        reference: the method that all others are held against on the pixels that both report.
+        reference: the method that all others are compared with on the pixels that both report.
 
     Raises:
         InputError: no ground truth at the window's reference time, or damaged files.

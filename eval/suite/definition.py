@@ -64,7 +64,7 @@ class CaseSpec(_Definition):
     """One scene, rig and length, and how it is mapped.
 
     `imperfection` is what is wrong with the calibration, the poses and the clocks that the mapper
-    is told: the name of a preset, kept as what that stands for, or amounts of a `Perturbation`.
+    is given: the name of a preset, kept as what that stands for, or amounts of a `Perturbation`.
     `conditions` say what is hard about it, for tables; they decide no number.
     """
 

@@ -49,7 +49,7 @@ class Assignment:
         camera: the reference view: camera 0 without lens distortion, at the reference time.
         baseline_m: distance of the rig's first two cameras; None for a rig of one.
         depth_range_m: nearest and farthest z-depth that the cameras see.
-        imperfection: what a method is told wrongly, as amounts; None where all is exact.
+        imperfection: errors in what a method is given, as amounts; None where all is exact.
     """
 
     case: str

@@ -109,11 +109,11 @@ class Difference:
 
 @dataclass(frozen=True)
 class Pair:
-    """A result held against the first.
+    """A result compared with the first.
 
     Attributes:
         first: the reference.
-        other: what is held against it.
+        other: the result compared with it.
         cases: per case, method and metric that both have.
         means: the same over all common cases; empty where there is only one.
         data: whether it is the same data, a sentence per case where it is not.

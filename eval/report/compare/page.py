@@ -62,7 +62,7 @@ class Comparison:
 
     Attributes:
         results: the first one is the reference.
-        pairs: each further one held against it.
+        pairs: each further result compared with it.
         settings: all of them, those that are equal too.
     """
 
@@ -130,7 +130,7 @@ def page_context(comparison: Comparison) -> dict[str, Any]:
     counts = [len(section.names) for section in sections] + [len(one.methods) for one in pictures]
     return {
         "title": f"{', '.join(others)} against {first}",
-        "subtitle": f"{len(comparison.names)} results, held against {first}.",
+        "subtitle": f"{len(comparison.names)} results, compared with {first}.",
         "findings": tuple(findings(comparison)),
         "settings": _settings_grid(comparison, comparison.differing),
         "equal": _settings_grid(comparison, [s for s in comparison.settings if not s.differs]),

@@ -41,7 +41,7 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
 
 
 def as_perturbed(recording: Recording, parameters: Mapping[str, Any]) -> Recording:
-    """What the mapper is told of a recording: the truth, or what `perturb` makes of it."""
+    """What the mapper is given of a recording: the truth, or what `perturb` makes of it."""
     if not parameters.get("perturb"):
         return recording
     amount = Perturbation.model_validate(parameters["perturb"])

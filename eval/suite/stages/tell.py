@@ -1,4 +1,4 @@
-"""A stage behind the first one: a sequence as its mapper is told it, for programs of others.
+"""A stage behind the first one: a sequence as its mapper is given it, for programs of others.
 
 Imperfect geometry is in it, ground truth is not, nor the seed, nor what made each event.
 """
