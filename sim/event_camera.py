@@ -191,7 +191,7 @@ class EventRig:
         self._start_s = float(data.time)
         self._track.begin(data)
         job = self._job()
-        self._renderer = self._open_parts.enter_context(job.renderer())
+        self._renderer: Renderer = self._open_parts.enter_context(job.renderer())
         pool = self._open_parts.enter_context(ThreadPoolExecutor(len(self.rig)))
         self._cameras = Cameras(job, pool, None)
         if self._record is not None:

@@ -26,6 +26,7 @@ from eventsweep.emvs.maps.sliding import map_windows
 from eventsweep.emvs.maps.store import open_store
 from eventsweep.emvs.preflight import check_view_fits, need_memory
 from eventsweep.emvs.reference_view import reference_view
+from eventsweep.emvs.utils.output_manifest import facts_of, listing
 from eventsweep.emvs.windows import _every, check_poses, plan_windows
 from places import HELPERS
 from point_world import Recorded, fronto_parallel, sideways, stereo_rig
@@ -232,16 +233,15 @@ def test_a_killed_run_resumes_to_the_same_bytes(tmp_path):
 def test_what_a_kill_leaves_of_a_window_is_done_anew(tmp_path):
     run(tmp_path / "map")
     whole = all_bytes(tmp_path / "map")
-    # As after a kill: the index is old, one window has no folder, another was being written.
+    # As after a kill: the index is old, and one window has no folder.
     index = json.loads((tmp_path / "map" / "map.json").read_text())
     index |= {"windows": [], "complete": False}
     (tmp_path / "map" / "map.json").write_text(json.dumps(index))
     for path in sorted((tmp_path / "map" / "w003").rglob("*"), reverse=True):
         path.rmdir() if path.is_dir() else path.unlink()
     (tmp_path / "map" / "w003").rmdir()
-    left = tmp_path / "map" / ".w003.abcd1234.partial"
-    left.mkdir()
-    (left / "half").write_bytes(b"x")
+    with listing(tmp_path / "map", {"map.json": facts_of(tmp_path / "map" / "map.json")}):
+        pass
     run(tmp_path / "map")
     assert all_bytes(tmp_path / "map") == whole
 
@@ -412,7 +412,7 @@ def test_a_single_window_has_the_maps_of_the_same_sliding_window(tmp_path):
     run(tmp_path / "one", with_(**ONE))
     run(tmp_path / "sliding", with_(start_s=0.1, duration_s=0.2, window_s=0.2, stride_s=None))
     one, sliding = (all_bytes(tmp_path / name) for name in ("one", "sliding"))
-    assert set(sliding) - set(one) == {"w000/window.json"}
+    assert set(sliding) - set(one) == {"w000/window.json", "w000/.eventsweep.json"}
     arrays = [name for name in one if name.endswith(".npz")]
     assert arrays
     assert all(one[name] == sliding[name] for name in arrays)

@@ -107,7 +107,7 @@ SPOILT = {
     "size": ("np.full(shape, 1 /", "np.full((3, 4), 1 /", "(3, 4)"),
     "NaN": ("1 / view.rho[plane])", "np.nan)", "not finite and positive"),
     "negative": ("1 / view.rho[plane])", "-1.0)", "not finite and positive"),
-    "nothing": ("    return DepthMap(", "    DepthMap(", "what Chance/middle gives is None"),
+    "nothing": ("    return es.DepthMap(", "    es.DepthMap(", "what Chance/middle gives is None"),
 }
 
 

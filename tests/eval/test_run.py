@@ -91,8 +91,8 @@ def test_results_are_complete_and_say_where_they_come_from(desk_run):
     with (desk_run / "results.csv").open(encoding="utf-8") as file:
         table = list(csv.DictReader(file))
     assert list(table[0]) == [
-        "case", "window", "method", "metric", "value", "unit", "better",
-        "region", "points", "low", "high",
+        "case", "seed", "window", "method", "metric", "value", "unit", "direction",
+        "region", "support", "low", "high",
     ]  # fmt: skip
     assert len(table) == len(results.rows)
 

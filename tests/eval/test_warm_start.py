@@ -66,7 +66,7 @@ def test_nothing_heavy_is_imported_before_the_first_event(tmp_path):
     MovingEdges((64, 48), 3000).write(tmp_path / "edges")
     names = run(FIRST_EVENT, tmp_path / "edges", tmp_path / "map")
     modules = {name.partition(".")[0] for name in names}
-    assert {"numba", "emvs"} <= modules
+    assert {"numba", "eventsweep"} <= modules
     assert not modules & set(HEAVY)
 
 

@@ -6,6 +6,7 @@ import re
 import pytest
 
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.output_manifest import NAME
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.ranking.entries import DATA_NAME, RankingData, Source, read_data
 from eventsweep.eval.report.standings.page import HTML_NAME, ranking_page, write_ranking
@@ -72,7 +73,7 @@ def test_one_file_holds_everything_and_nothing_is_loaded(written):
     assert "url(" not in page.replace("url(#", "")
     assert '<meta name="viewport"' in page
     assert sorted(path.name for path in written.iterdir()) == [
-        HTML_NAME, "pictures", DATA_NAME,
+        NAME, HTML_NAME, "pictures", DATA_NAME,
     ]  # fmt: skip
 
 

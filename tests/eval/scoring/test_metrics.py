@@ -17,6 +17,7 @@ from eventsweep.eval.scoring.curves import COVERAGE_METRICS, CURVE_METRICS, curv
 from eventsweep.eval.scoring.method_scores import ALL_METRICS, score_method, score_pairs
 from eventsweep.eval.scoring.metrics import CELL_METRICS, METRICS, Pairs
 from eventsweep.eval.scoring.pairing import Truth, pair, pair_methods
+from eventsweep.eval.scoring.results import each
 from eventsweep.eval.scoring.score import case_rows, score_depth
 
 METRE_METRICS = ("mean_error", "median_error", "rmse")
@@ -322,8 +323,8 @@ def test_pairs_of_windows_pool_as_one_large_window():
         return pair_methods(found, truth, mapped=["Alg1/H"], reference="Alg1/H")
 
     parts = {f"w{seed:03d}": windows(seed) for seed in (0, 1)}
-    pooled = [row for row in case_rows("desk", parts) if row.window == "all" and row.method == "b"]
-    got = {row.metric: row.value for row in pooled}
+    rows = each(case_rows("desk", parts))
+    got = {row.metric: row.value for row in rows if row.window == "all" and row.method == "b"}
     whole = naive_metrics.pooled_methods([part["b"] for part in parts.values()])
     for score in score_method(whole):
         if score.region in ("shared", "harmonic"):
@@ -338,7 +339,7 @@ def test_case_rows_hold_every_window_and_their_pool():
         depth_m, mask, truth_m, valid = scene(seed)
         truth = Truth(truth_m, valid, 226.0, 0.1)
         windows[f"w{seed:03d}"] = pair_methods({"Alg1/H": (depth_m, mask)}, truth)
-    rows = case_rows("desk", windows)
+    rows = list(each(case_rows("desk", windows)))
     points = {row.window: row.value for row in rows if row.metric == "points"}
     assert points["mean"] == points["all"] / 2
     assert points["all"] == points["w000"] + points["w001"]

@@ -109,11 +109,11 @@ def test_travel_is_what_lies_across_the_view(way, travel_m):
     recording = SimpleNamespace(
         rig=rig, trajectory=Trajectory.from_matrices(times_us, T_world_body)
     )
-    rows = rig_rows("c", recording, [Window(-50_000, 400_000, 200_000, ())])
+    rows = list(each(rig_rows("c", recording, [Window(-50_000, 400_000, 200_000, ())])))
     got = {row.metric: row.value for row in rows}
     assert got["lateral_travel"] == pytest.approx(travel_m)
     assert got["baseline"] == pytest.approx(BASELINE)
     assert {row.method for row in rows} == {"rig"}
     single = SimpleNamespace(rig=rig_of(1, "pinhole"), trajectory=recording.trajectory)
     alone = rig_rows("c", single, [])
-    assert [row.metric for row in alone] == ["lateral_travel"]
+    assert list(alone["metric"]) == ["lateral_travel"]

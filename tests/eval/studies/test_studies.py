@@ -12,7 +12,7 @@ import pytest
 from eventsweep import scenes
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.output_manifest import strangers
+from eventsweep.emvs.utils.output_manifest import NAME, strangers
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.perturbations import Perturbation
 from eventsweep.eval.studies.curves import METRICS, StudyValue, curves, draw
@@ -214,7 +214,7 @@ def test_a_killed_study_is_whole_or_not_there_and_never_in_the_way(tmp_path, mon
             assert found in whole, f"half old, half new after step {step}"
         assert strangers(tmp_path, names) == []
         write_study(tmp_path, new)  # was refused: figures without a marker
-        assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+        assert sorted(path.name for path in tmp_path.iterdir()) == sorted([NAME, *names])
         start()
 
     start()
