@@ -352,7 +352,8 @@ def _touching(place: Path, inputs: tuple[Path | str | None, ...]) -> str:
 
 def _foreign(place: Path) -> str:
     found = strangers(place)
-    return f"holds what eventsweep did not write ({named(found)})" if found else ""
+    what = "which eventsweep did not write, or which was changed since"
+    return f"holds {named(found)}, {what}" if found else ""
 
 
 def _is_in(inner: Path, outer: Path) -> bool:

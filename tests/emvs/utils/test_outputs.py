@@ -137,7 +137,7 @@ def test_a_copy_or_a_move_within_an_output_is_somebodys(tmp_path, verb):
 )
 def test_without_a_manifest_that_can_be_read_nothing_is_ours(tmp_path, text):
     put(tmp_path / "out", a="a", **{f"_0{NAME[1:]}": text})
-    with pytest.raises(InputError, match=r"did not write .*a\)"):
+    with pytest.raises(InputError, match="a, which eventsweep did not write"):
         check_output(tmp_path / "out", force=True)
     with (
         pytest.raises(InputError, match="older version"),
@@ -324,7 +324,7 @@ def test_what_somebody_adds_meanwhile_is_kept_and_so_is_the_work(tmp_path):
             put(folder, new="n")
             put(out, notes="p")
 
-    with pytest.raises(InputError, match=r"\(notes\) *: .*out\.finished"):
+    with pytest.raises(InputError, match=r"holds notes, .*: .*out\.finished"):
         work()
     assert (out / "notes").read_text() == "p"
     assert (out / "map.json").exists()
