@@ -81,19 +81,19 @@ class Cache:
         if not self.folder.is_dir():
             check_parent(self.folder)
 
-    def get(self, facts: Any, fill: Fill) -> CacheEntry:
-        """The entry that `facts` decide, filled now if it is not there or damaged.
+    def get(self, key: str, facts: Any, fill: Fill) -> CacheEntry:
+        """The entry called `key`, filled now if it is not there or damaged.
 
         Two processes that want the same entry do the work once: the second waits for the first.
 
         Args:
+            key: `key_of(facts)`.
             facts: everything that decides the entry, kept beside it.
             fill: makes the entry's files; what it raises passes through, and nothing stays behind.
 
         Raises:
             InputError: the folder cannot be made or written to.
         """
-        key = key_of(facts)
         with claimed(self.path_of(key), wait=True):
             entry = self._read(key)
             if entry is not None:

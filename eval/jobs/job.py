@@ -137,7 +137,7 @@ def entry(job: Job, cache: Cache) -> CacheEntry:
     inputs = [entry(need, cache) for need in job.needs]
     facts, stage = _facts(job, [made.digest for made in inputs]), _stage(job)
     paths = [*(made.path for made in inputs), *map(Path, job.sources)]
-    return cache.get(facts, lambda out: stage.run(job.parameters, paths, out))
+    return cache.get(key_of(facts), facts, lambda out: stage.run(job.parameters, paths, out))
 
 
 def _facts(job: Job, inputs: Sequence[str]) -> dict[str, Any]:

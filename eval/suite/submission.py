@@ -21,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from eventsweep.emvs.errors import DAMAGED_NPY, InputError, quoted
 from eventsweep.emvs.parameters import first_fault
-from eventsweep.emvs.utils.cache import Cache
+from eventsweep.emvs.utils.cache import Cache, key_of
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
 from eventsweep.emvs.utils.outputs import output_file
 from eventsweep.eval.archives.manifest import ArchiveManifest, PackedFile
@@ -387,7 +387,7 @@ def _in_cache(
     def fill(out: Path) -> None:
         unpack_submission(given.path, asked, out)
 
-    entry = cache.get(facts, fill)
+    entry = cache.get(key_of(facts), facts, fill)
     return NamedFolder(entry.path, given.name), read_manifest(given.path).facts
 
 

@@ -63,7 +63,7 @@ def kept(draw: Draw) -> Draw:
 def _entry(facts: Any, fill: Callable[[Path], None]) -> CacheEntry:
     store, key = Cache(default_cache() / "textures"), key_of(facts)
     # Without the lock first: it cannot be had in a folder that may only be read.
-    entry = store.find(key) or store.get(facts, fill)
+    entry = store.find(key) or store.get(key, facts, fill)
     if not entry.found:
         store.prune(_KEEP_BYTES)
     return entry

@@ -70,8 +70,8 @@ def refuse_to_fill(out):
 
 def test_an_entry_is_made_once(tmp_path):
     cache = Cache(tmp_path)
-    made = cache.get("k1", write("one"))
-    again = cache.get("k1", refuse_to_fill)
+    made = cache.get(key_of("k1"), "k1", write("one"))
+    again = cache.get(key_of("k1"), "k1", refuse_to_fill)
     assert (made.found, again.found) == (False, True)
     assert made.digest == again.digest
     assert (again.path / "a").read_text() == "one"
@@ -97,9 +97,9 @@ DAMAGES = {
 @pytest.mark.parametrize("damage", DAMAGES.values(), ids=DAMAGES)
 def test_a_damaged_entry_is_made_again(tmp_path, damage):
     cache = Cache(tmp_path)
-    before = cache.get("k1", write("one"))
+    before = cache.get(key_of("k1"), "k1", write("one"))
     damage(before.path.parent)
-    after = cache.get("k1", write("one"))
+    after = cache.get(key_of("k1"), "k1", write("one"))
     assert not after.found
     assert after.digest == before.digest
     assert [path.name for path in after.path.iterdir()] == ["a"]
@@ -108,7 +108,7 @@ def test_a_damaged_entry_is_made_again(tmp_path, damage):
 def test_a_failed_entry_leaves_nothing(tmp_path):
     cache = Cache(tmp_path)
     with pytest.raises(ZeroDivisionError):
-        cache.get("k1", lambda out: 1 / 0)
+        cache.get(key_of("k1"), "k1", lambda out: 1 / 0)
     assert not cache.path_of(key_of("k1")).exists()
     assert cache.size_bytes() == 0
 
@@ -120,7 +120,7 @@ def test_what_a_killed_process_left_goes_with_the_next(tmp_path):
     for folder, name in ((left, MARK), (looks_like_it, "thesis")):
         folder.mkdir(parents=True)
         (folder / name).touch()
-    cache.get("k1", write("one"))
+    cache.get(key_of("k1"), "k1", write("one"))
     assert not left.exists()
     assert (looks_like_it / "thesis").exists()
 
@@ -131,7 +131,7 @@ def _get_slowly(folder, log):
         time.sleep(0.3)
         (out / "a").write_text("one")
 
-    Cache(folder).get("k1", fill)
+    Cache(folder).get(key_of("k1"), "k1", fill)
 
 
 def test_two_processes_make_it_once(tmp_path):
@@ -150,14 +150,14 @@ def test_two_processes_make_it_once(tmp_path):
 def test_pruning_removes_what_was_not_used_for_longest(tmp_path):
     cache = Cache(tmp_path)
     for number, name in enumerate(("k1", "k2", "k3")):
-        entry = cache.get(name, write("x" * 1000))
+        entry = cache.get(key_of(name), name, write("x" * 1000))
         os.utime(entry.path.parent / "entry.json", (number, number))
-    cache.get("k1", refuse_to_fill)
+    cache.get(key_of("k1"), "k1", refuse_to_fill)
     one = cache.size_bytes() / 3
     freed = cache.prune(round(2.5 * one))
     assert freed == pytest.approx(one, rel=0.1)
-    assert cache.get("k1", refuse_to_fill).found
-    assert cache.get("k3", refuse_to_fill).found
+    assert cache.get(key_of("k1"), "k1", refuse_to_fill).found
+    assert cache.get(key_of("k3"), "k3", refuse_to_fill).found
     assert not cache.path_of(key_of("k2")).exists()
     cache.prune(0)
     assert cache.size_bytes() == 0
@@ -174,7 +174,7 @@ def test_only_what_is_ours_in_a_cache_is_pruned(tmp_path):
     for empty in (folder, tmp_path):
         assert (Cache(empty).size_bytes(), Cache(empty).prune(0)) == (0, 0)
     assert not folder.exists()
-    entry = Cache(folder).get("k1", write("one")).path.parent
+    entry = Cache(folder).get(key_of("k1"), "k1", write("one")).path.parent
     (entry / "notes").write_text("mine")
     theirs = [folder / "th" / "thesis" / name for name in ("entry.json", "data/a", "thesis.tex")]
     for path in theirs:

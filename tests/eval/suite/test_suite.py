@@ -363,7 +363,7 @@ def test_a_damaged_result_is_one_line(tmp_path, text):
 
 
 def test_the_cache_says_its_size_and_shrinks(tmp_path, capsys):
-    Cache(tmp_path).get("k1", lambda out: (out / "a").write_bytes(bytes(1000)))
+    Cache(tmp_path).get(key_of("k1"), "k1", lambda out: (out / "a").write_bytes(bytes(1000)))
     assert main(["cache", "--cache", str(tmp_path), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["bytes"] > 1000
     assert main(["cache", "--cache", str(tmp_path), "--prune", "0", "--json"]) == 0
