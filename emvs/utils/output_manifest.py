@@ -145,7 +145,7 @@ def exchange(staged: Path, folder: Path, names: Iterable[str], index: str = "") 
         staged: where they are.
         folder: where they belong.
         names: of the files, below both.
-        index: one of them that others are read by: while they are exchanged it is not there.
+        index: the file that says which others to read; absent while they are exchanged.
 
     Raises:
         InputError: one of the names is taken by what is not ours.
@@ -223,15 +223,17 @@ def _hashed(path: Path) -> FileFacts:
 
 def _survey(folder: Path) -> Iterator[tuple[str, bool]]:
     """Every file below a folder, and whether it is ours."""
-    manifest = read(folder) or _NOTHING
-    for name in _entries(folder) or ():
-        yield from _look(folder, name, manifest)
-    if _entries(folder) is None:
+    names = _entries(folder)
+    if names is None:
         yield "./", False
+        return
+    manifest = read(folder) or _NOTHING
+    for name in names:
+        yield from _look(folder, name, manifest)
 
 
 def _look_below(folder: Path, name: str, manifest: OutputManifest) -> Iterator[tuple[str, bool]]:
-    """As `_look`; what is no folder of its own on the way to it is in the way."""
+    """As `_look`; a file or link where a folder above it should be is reported instead."""
     for parent in [one.as_posix() for one in list(Path(name).parents)[-2::-1]]:
         if os.path.lexists(folder / parent) and not _is_folder(folder / parent):
             yield parent, False
