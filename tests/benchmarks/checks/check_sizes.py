@@ -70,8 +70,8 @@ def seen_share(amount: Amount, size: float, recordings: Sequence[Recording]) -> 
     for recording in recordings:
         pair = Chosen(recording, (0, 1))
         for sign in _SIGNS:
-            told = float(np.exp(sign * np.log1p(size))) if amount.is_factor else sign * size
-            windows = TrialWindows.of(amount.change(pair, told), MapperConfig())
+            signed_size = float(np.exp(sign * np.log1p(size))) if amount.is_factor else sign * size
+            windows = TrialWindows.of(amount.change(pair, signed_size), MapperConfig())
             trial = CameraTrials(windows, (0, 1)).trial(amount)
             verdicts.append(trial.verdict == "wrong")
     return float(np.mean(verdicts))
