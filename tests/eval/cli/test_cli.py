@@ -167,7 +167,7 @@ def test_an_existing_output_is_kept_unless_forced(tmp_path, capsys, sequence):
     arguments = ["map", str(sequence), "--out", str(out), *FEW]
     for asked in (arguments, [*arguments, "--force"]):
         said = refused(capsys, asked)
-        assert "(precious)" in said
+        assert "holds precious, which eventsweep did not write" in said
         assert "--force" not in said
         assert (out / "precious").read_text() == "keep me"
     (out / "precious").unlink()
