@@ -104,7 +104,7 @@ def timed_files(folder: Path, description: PredictionFacts) -> dict[int, Path]:
     """Finds the depth maps of a folder by their times, µs.
 
     Raises:
-        InputError: none there, times that cannot be told, or two files for one.
+        InputError: none there, files without a time, or two files for one time.
     """
     paths = sorted(
         path
@@ -202,7 +202,7 @@ class Prediction:
             name: of the method; by default that in `prediction.toml`, else the folder's.
 
         Raises:
-            InputError: no folder, no depth map in it, times that cannot be told, or a
+            InputError: no folder, no depth map in it, a file without a time, or a
                 description that cannot be used.
         """
         folder = Path(folder)
