@@ -51,38 +51,17 @@ def text_of(*pages):
     return "\n".join(page.read_text(encoding="utf-8") for page in pages)
 
 
-def module_names():
-    """Dotted names of all modules but packages' own."""
-    for package in PACKAGES:
-        for path in (ROOT / package).rglob("*.py"):
-            if path.stem not in ("__init__", "__main__"):
-                yield ".".join(path.relative_to(ROOT).with_suffix("").parts)
+def folders():
+    """Dotted names of the folders that hold modules, and the tables of suites."""
+    files = (path for package in PACKAGES for path in (ROOT / package).rglob("*.*"))
+    modules = (path.parent for path in files if path.suffix in (".py", ".toml"))
+    return {".".join(folder.relative_to(ROOT).parts) for folder in modules}
 
 
-def named_modules():
-    """What the page on architecture calls modules, packages and families of them."""
-    found = re.findall(
-        r"`((?:emvs|sim|scenes|eval|eventsweep)\.[\w.*]+)`", text_of(DOCS / "architecture.md")
-    )
-    # Scenes are listed on pages of their own.
-    return {*found, "scenes.[a-z]*"}
-
-
-def covers(name, module):
-    return fnmatchcase(module, name) or module.startswith(name + ".")
-
-
-def test_every_module_has_its_place_in_the_architecture():
-    named = named_modules()
-    homeless = [m for m in module_names() if not any(covers(name, m) for name in named)]
-    assert homeless == [], (
-        "name them in docs/architecture.md, or their family: `emvs.dsi.focus_measures*`"
-    )
-
-
-def test_the_architecture_names_no_module_that_is_gone():
-    modules = [*module_names(), *(f"{p}.{d.name}" for p in PACKAGES for d in (ROOT / p).iterdir())]
-    assert [n for n in named_modules() if not any(covers(n, module) for module in modules)] == []
+def test_the_architecture_names_every_folder_and_no_other():
+    table = text_of(DOCS / "architecture.md").split("| Folder | Holds |")[1].split("\n\n")[0]
+    named = [name for row in table.splitlines() for name in re.findall(r"`([\w.]+)`", row[:80])]
+    assert {name for name in named if name.split(".")[0] in PACKAGES} == folders()
 
 
 def test_tables_of_settings_are_not_stale(capsys):
