@@ -13,6 +13,8 @@ from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
+import eventsweep
+
 _PREFIX = "eventsweep."
 _NOT_MEANING = {"ctx", "kind", "type_comment", "type_params", "lineno", "col_offset"}
 
@@ -35,7 +37,7 @@ def code_version(roots: Iterable[str], files: Iterable[Path] = ()) -> str:
 
 def source_digest(modules: Iterable[str], files: Iterable[Path] = ()) -> str:
     """Hashes the source of exactly these modules, and files."""
-    lines = [f"{name.removeprefix(_PREFIX)} {_source_hash(name)}" for name in sorted(modules)]
+    lines = [f"{name.removeprefix(_PREFIX)} {_source(name)[1]}" for name in sorted(modules)]
     lines += [f"{path.name} {hashlib.sha256(path.read_bytes()).hexdigest()}" for path in files]
     return hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
@@ -58,21 +60,26 @@ def closure(roots: Iterable[str]) -> set[str]:
         name = waiting.pop()
         if name not in found:
             found.add(name)
-            waiting += _imports(name)
+            waiting += _source(name)[0]
     return found
 
 
 def _tree(name: str) -> ast.Module | None:
-    spec = importlib.util.find_spec(name)
-    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
-        return None
-    return ast.parse(Path(spec.origin).read_bytes())
+    file = _file(name)
+    return ast.parse(file.read_bytes()) if file else None
 
 
 @cache
-def _imports(name: str) -> tuple[str, ...]:
+def _source(name: str) -> tuple[tuple[str, ...], str]:
+    """What a module imports of this project, and the hash of its source."""
     tree = _tree(name)
-    return tuple(sorted(set(_imported(tree)))) if tree else ()
+    return (tuple(sorted(set(_imported(tree)))), _hash(tree)) if tree else ((), "absent")
+
+
+def _hash(tree: ast.Module) -> str:
+    words: list[str] = []
+    _add_words(tree, words)
+    return hashlib.sha256("\0".join(words).encode()).hexdigest()
 
 
 def _imported(tree: ast.Module) -> Iterator[str]:
@@ -82,7 +89,7 @@ def _imported(tree: ast.Module) -> Iterator[str]:
         elif isinstance(node, ast.ImportFrom) and node.module and _ours(node.module):
             yield node.module
             inner = (f"{node.module}.{alias.name}" for alias in node.names)
-            yield from (name for name in inner if _is_module(name))
+            yield from (name for name in inner if _file(name))
 
 
 def _ours(name: str) -> bool:
@@ -90,24 +97,19 @@ def _ours(name: str) -> bool:
 
 
 @cache
-def _is_module(name: str) -> bool:
-    try:
-        return importlib.util.find_spec(name) is not None
-    except ModuleNotFoundError:  # its parent is a module, not a package
-        return False
-
-
-@cache
-def _source_hash(name: str) -> str:
-    tree = _tree(name)
-    words = "\0".join(_words(tree)) if tree else "absent"
-    return hashlib.sha256(words.encode()).hexdigest()
+def _file(name: str) -> Path | None:
+    """The source of a module; of this project's without importing the packages that hold it."""
+    if _ours(name):
+        at = Path(eventsweep.__path__[0], *name.split(".")[1:])
+        return next(filter(Path.is_file, (at / "__init__.py", at.with_suffix(".py"))), None)
+    spec = importlib.util.find_spec(name)
+    origin = spec.origin if spec else None
+    return Path(origin) if origin and origin.endswith(".py") else None
 
 
 @cache
 def _definition_hash(name: str) -> str:
-    words = "\0".join(_words(_WithoutImports().visit(_tree(name) or ast.Module([], []))))
-    return hashlib.sha256(words.encode()).hexdigest()
+    return _hash(_WithoutImports().visit(_tree(name) or ast.Module([], [])))
 
 
 class _WithoutImports(ast.NodeTransformer):
@@ -118,28 +120,31 @@ class _WithoutImports(ast.NodeTransformer):
         return None
 
 
-def _words(node: object) -> Iterator[str]:
-    """What a syntax tree says, without places, doc strings and what differs between Pythons."""
+def _add_words(node: object, words: list[str]) -> None:
+    """Appends what a syntax tree says, without places, doc strings and what Pythons call anew.
+
+    Imports name modules by their place in the repository.
+    """
     if isinstance(node, ast.AST):
-        yield f"({type(node).__name__}"
-        for field, value in _fields(node):
-            if field not in _NOT_MEANING and value is not None and value != []:
-                yield field
-                yield from _words(value)
-        yield ")"
+        words.append(f"({type(node).__name__}")
+        for field in _meaning(type(node)):
+            value = getattr(node, field, None)
+            if value is not None and value != []:
+                words.append(field)
+                is_module = field == "module" and isinstance(value, str)
+                _add_words(value.removeprefix(_PREFIX) if is_module else value, words)
+        words.append(")")
     elif isinstance(node, list):
-        yield from (word for item in node if not _is_text(item) for word in _words(item))
+        for item in node:
+            if not _is_text(item):
+                _add_words(item, words)
     else:
-        yield repr(node)
+        words.append(repr(node))
 
 
-def _fields(node: ast.AST) -> Iterator[tuple[str, object]]:
-    """Fields of a node; imports name modules by their place in the repository."""
-    for field, value in ast.iter_fields(node):
-        if field == "module" and isinstance(value, str):
-            yield field, value.removeprefix(_PREFIX)
-        else:
-            yield field, value
+@cache
+def _meaning(kind: type[ast.AST]) -> tuple[str, ...]:
+    return tuple(field for field in kind._fields if field not in _NOT_MEANING)
 
 
 def _is_text(node: object) -> bool:

@@ -201,13 +201,11 @@ def module(tmp_path, monkeypatch):
 
     def version(text):
         (tmp_path / "written.py").write_text(text)
-        for memory in ("_imports", "_source_hash"):
-            getattr(versions_of_code, memory).cache_clear()
+        versions_of_code._source.cache_clear()
         return code_version(["written"])
 
     yield version
-    for memory in ("_imports", "_source_hash"):
-        getattr(versions_of_code, memory).cache_clear()
+    versions_of_code._source.cache_clear()
 
 
 def test_words_for_people_do_not_change_the_version(module):
