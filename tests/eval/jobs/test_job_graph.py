@@ -199,13 +199,17 @@ def module(tmp_path, monkeypatch):
     """A function that writes a module and returns its version."""
     monkeypatch.syspath_prepend(str(tmp_path))
 
+    def forget():
+        for memory in ("_source", "_file"):
+            getattr(versions_of_code, memory).cache_clear()
+
     def version(text):
         (tmp_path / "written.py").write_text(text)
-        versions_of_code._source.cache_clear()
+        forget()
         return code_version(["written"])
 
     yield version
-    versions_of_code._source.cache_clear()
+    forget()
 
 
 def test_words_for_people_do_not_change_the_version(module):
