@@ -58,3 +58,13 @@ def shared_reference() -> Path:
     if not (SHARED / "reference").exists():
         pytest.skip("no golden numbers beside the project")
     return SHARED / "reference"
+
+
+@pytest.fixture(scope="module")
+def jobs_in_this_process():
+    """Jobs of suites and studies run here: a process of its own for each run takes 3 s to start."""
+    from in_process import in_process
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("eventsweep.eval.jobs.local.local_workers", in_process)
+        yield

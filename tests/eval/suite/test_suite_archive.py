@@ -38,7 +38,7 @@ NUMBERS = ("--workers", "1", "--no-speed", "--quiet")
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def made(tmp_path_factory, jobs_in_this_process):
     """The suite's file, its cache, its archive, and its result without one."""
     folder = tmp_path_factory.mktemp("archive")
     file, cache = folder / "pair.toml", folder / "cache"

@@ -28,7 +28,7 @@ SUITE = suite_text(
 
 
 @pytest.fixture(scope="module")
-def suite(tmp_path_factory):
+def suite(tmp_path_factory, jobs_in_this_process):
     """A suite that ran once without predictions: its file, the cache, what must be predicted."""
     folder = tmp_path_factory.mktemp("suite")
     (folder / "pair.toml").write_text(SUITE)
