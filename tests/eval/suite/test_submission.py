@@ -316,7 +316,7 @@ def test_what_hides_in_the_archive_itself_is_one_line(place, capsys, kind):
 
 
 @pytest.fixture(scope="module")
-def ran(tmp_path_factory):
+def ran(tmp_path_factory, jobs_in_this_process):
     """The suite's archive, as published, and a cache that holds what it needs."""
     folder = tmp_path_factory.mktemp("suite")
     (folder / "pair.toml").write_text(SUITE)
