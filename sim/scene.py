@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.data.poses import read_tum
+from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -167,7 +167,7 @@ def replayed(scene: Scene, config: SimConfig) -> tuple[Scene, SimConfig]:
     path = config.replay.trajectory
     if path is None:
         return scene, config
-    recorded, digest = read_tum(path), hashlib.sha256(path.read_bytes()).hexdigest()
+    recorded, digest = read_poses(path), hashlib.sha256(path.read_bytes()).hexdigest()
     if config.replay.sha256 not in ("", digest):
         raise InputError(f"{path}: not the file of sha256 {config.replay.sha256}: restore that one")
     noted = config.replay.model_copy(update={"sha256": digest})

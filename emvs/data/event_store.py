@@ -131,12 +131,9 @@ class EventStoreWriter(ClosingWriter):
         for start in range(0, count, _CHUNK):
             stop = min(start + _CHUNK, count)
             for name in names:
-                with self._hdf5.opened(f"events/{name}") as dataset:
-                    dataset.resize((self._written + stop - start,))
-                    dataset[self._written :] = joined[name][start:stop]
+                self._hdf5.extend(f"events/{name}", joined[name][start:stop])
             self._extend_index(joined["t"][start:stop].astype(np.int64, copy=False))
             self._written += stop - start
-            self._hdf5.check()
         self._waiting_count -= count
         rest = {name: column[count:].copy() for name, column in joined.items()}
         self._waiting = [rest] if self._waiting_count else []
@@ -152,10 +149,7 @@ class EventStoreWriter(ClosingWriter):
 
     def _write_index(self) -> None:
         """Writes the part of the index that waits."""
-        part = np.concatenate([np.zeros(0, np.int64), *self._ms_to_idx])
-        with self._hdf5.opened("ms_to_idx") as index:
-            index.resize((len(index) + len(part),))
-            index[len(index) - len(part) :] = part
+        self._hdf5.extend("ms_to_idx", np.concatenate([np.zeros(0, np.int64), *self._ms_to_idx]))
         self._ms_to_idx = []
 
 

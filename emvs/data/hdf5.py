@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import h5py
@@ -169,12 +168,7 @@ class ClosingWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.close()
 
 
@@ -207,6 +201,14 @@ class Hdf5Writer(ClosingWriter):
             yield data
         finally:
             data.id.close()
+
+    def extend(self, name: str, rows: Any) -> None:
+        """Appends rows to a data set; raises what the disk said."""
+        with self.opened(name) as data:
+            count = len(data)
+            data.resize(count + len(rows), axis=0)
+            data[count:] = rows
+        self.check()
 
     def check(self) -> None:
         """Raises what the disk said to the last writes."""

@@ -46,7 +46,6 @@ class TruthWriter(ClosingWriter):
     def __init__(self, path: Path, width_px: int, height_px: int) -> None:
         self._optional: tuple[str, ...] | None = None
         self._hdf5 = Hdf5Writer(path)
-        self._count = 0
         self._hdf5.create("t_us", (0,), np.int64, maxshape=(None,), chunks=(1024,))
         for name in _ALWAYS:
             self._create(name, (height_px, width_px))
@@ -72,11 +71,7 @@ class TruthWriter(ClosingWriter):
         more = self._checked(optional or {})
         values: dict[str, Any] = {"t_us": t_us, "depth_m": depth_m, "intensity": intensity, **more}
         for name, value in values.items():
-            with self._hdf5.opened(name) as dataset:
-                dataset.resize(self._count + 1, axis=0)
-                dataset[self._count] = value
-        self._count += 1
-        self._hdf5.check()
+            self._hdf5.extend(name, [value])
 
     def close(self) -> None:
         """Closes the file."""
@@ -198,7 +193,6 @@ class FrameWriter(ClosingWriter):
     def __init__(self, path: Path, width_px: int, height_px: int) -> None:
         self._shape, self._last_us = (height_px, width_px), -(2**62)
         self._hdf5 = Hdf5Writer(path)
-        self._count = 0
         for name in ("start_us", "end_us"):
             self._hdf5.create(name, (0,), np.int64, maxshape=(None,), chunks=(1024,))
         self._hdf5.create("gain", (0,), np.float64, maxshape=(None,), chunks=(1024,))
@@ -223,11 +217,7 @@ class FrameWriter(ClosingWriter):
             )
         self._last_us = photo.end_us
         for name, value in photo._asdict().items():
-            with self._hdf5.opened(name) as dataset:
-                dataset.resize(self._count + 1, axis=0)
-                dataset[self._count] = value
-        self._count += 1
-        self._hdf5.check()
+            self._hdf5.extend(name, [value])
 
     def close(self) -> None:
         """Closes the file."""

@@ -13,7 +13,7 @@ from eventsweep.emvs.data import manifest
 from eventsweep.emvs.data.event_store import EventStoreReader
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.image_stores import FRAMES_FILE, FrameReader, Photo, TruthReader
-from eventsweep.emvs.data.poses import POSES_FILE, read_tum
+from eventsweep.emvs.data.poses import POSES_FILE, read_poses
 from eventsweep.emvs.data.recording import summary
 from eventsweep.emvs.data.tables import IMU_FILE, Geom, ImuSamples, read_geoms, read_imu
 from eventsweep.emvs.errors import InputError, check_path
@@ -38,7 +38,7 @@ class Sequence:
         self.path = Path(path)
         self.manifest = manifest.read(self.path)
         self.rig = _read_rig(self.path / "rig.json")
-        self._trajectory = read_tum(self.path / POSES_FILE) if self.has_poses else None
+        self._trajectory = read_poses(self.path / POSES_FILE) if self.has_poses else None
 
     @classmethod
     def open(cls, path: str | Path) -> Sequence:

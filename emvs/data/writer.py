@@ -6,7 +6,6 @@ import json
 from collections.abc import Collection, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -81,31 +80,21 @@ class SequenceWriter:
             "renderer": renderer,
         }
         self.depth_range_m = depth_range_m
-        self._folder_stack, self._file_stack = ExitStack(), ExitStack()
 
     def __enter__(self) -> SequenceWriter:
-        self._folder = self._folder_stack.enter_context(self._output)
-        try:
+        with ExitStack() as stack:
+            self._folder = stack.enter_context(self._output)
+            self._file_stack = stack.enter_context(ExitStack())
             self._open_files()
-        except BaseException as error:
-            self._folder_stack.__exit__(type(error), error, error.__traceback__)
-            raise
+            self._stack = stack.pop_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        try:
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
+        with self._stack:  # which leaves no folder where anything fails in here
             self._file_stack.close()
-            if error is None:
-                self._write_end()
-        except BaseException as failure:
-            self._folder_stack.__exit__(type(failure), failure, failure.__traceback__)
-            raise
-        self._folder_stack.__exit__(kind, error, trace)
+            if error is not None:
+                raise error
+            self._write_end()
 
     def append_events(
         self,

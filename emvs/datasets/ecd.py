@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.data.poses import read_tum
+from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.data.recording import summary
 from eventsweep.emvs.errors import InputError, said
 from eventsweep.emvs.formats.depth import read_grey
@@ -42,7 +42,7 @@ class EventCameraDataset:
         self.name = self.path.resolve().name
         camera = _read_calibration(self.path / "calib.txt", _sensor_size(self.path))
         self.rig = Rig("DAVIS240C", (camera,), (np.eye(4),))
-        self.trajectory: Trajectory = read_tum(self.path / "groundtruth.txt")
+        self.trajectory: Trajectory = read_poses(self.path / "groundtruth.txt")
 
     def __repr__(self) -> str:
         return f"EventCameraDataset({summary(self)})"

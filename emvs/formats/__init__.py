@@ -7,13 +7,12 @@ refuses what the format cannot hold. `FORMATS` says what that is.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats.base import (
-    ANY_PX,
     ANY_US,
     DOUBLE_US,
     MANY,
@@ -55,154 +54,82 @@ class Format:
     suffix: str
     writes: bool
     limits: Limits
-    polarity: str
+    polarity: str = "1/0"
 
 
 def _evt(unit: str, max_us: int) -> Limits:
-    return Limits(2047, 2047, max_us, unit, False, 1, _EVT)
+    return Limits(unit, _EVT, max_us, max_x=2047, max_y=2047, keeps_order=False)
 
 
+_RAW = "Prophesee RAW, EVT"
+_BAG = Limits("s + ns", "32-bit seconds", (1 << 32) * 10**6 - 1, streams=MANY)
+_LINES = Limits("s, six decimals", "18 digits", ANY_US // 10)
 _ALL = (
-    Format("evt2", "Prophesee RAW, EVT 2.0", ".raw", True, _evt("µs mod 2^34", 1 << 48), "1/0"),
-    Format("evt21", "Prophesee RAW, EVT 2.1", ".raw", False, _evt("µs mod 2^34", ANY_US), "1/0"),
-    Format("evt3", "Prophesee RAW, EVT 3.0", ".raw", True, _evt("µs mod 2^24", 1 << 40), "1/0"),
+    Format("evt2", f"{_RAW} 2.0", ".raw", True, _evt("µs mod 2^34", 1 << 48)),
+    Format("evt21", f"{_RAW} 2.1", ".raw", False, _evt("µs mod 2^34", ANY_US)),
+    Format("evt3", f"{_RAW} 3.0", ".raw", True, _evt("µs mod 2^24", 1 << 40)),
     Format(
-        "dat",
-        "Prophesee DAT",
-        ".dat",
-        False,
-        Limits(16383, 16383, ANY_US, "µs mod 2^32", True, 1, "14-bit pixels"),
-        "1/0",
+        "dat", "Prophesee DAT", ".dat", False,
+        Limits("µs mod 2^32", "14-bit pixels", max_x=16383, max_y=16383),
     ),
     Format(
-        "prophesee-hdf5",
-        "Prophesee HDF5 (`CD/events`, ECF)",
-        ".hdf5",
-        False,
-        Limits(ANY_PX, ANY_PX, ANY_US, "µs", True, 1, _COLUMNS),
-        "1/0",
+        "prophesee-hdf5", "Prophesee HDF5 (`CD/events`, ECF)", ".hdf5", False,
+        Limits("µs", _COLUMNS),
     ),
     Format(
-        "dsec",
-        "HDF5 as DSEC lays it out, and our own",
-        ".h5",
-        True,
-        Limits(ANY_PX, ANY_PX, ANY_US, "µs from `t_offset`", False, 1, _PER_MS, _SPAN_US),
-        "1/0",
+        "dsec", "HDF5 as DSEC lays it out, and our own", ".h5", True,
+        Limits("µs from `t_offset`", _PER_MS, keeps_order=False, max_span_us=_SPAN_US),
     ),
     Format(
-        "tumvie",
-        "HDF5 as TUM-VIE lays it out",
-        ".h5",
-        True,
-        Limits(ANY_PX, ANY_PX, _SPAN_US, "µs", False, 1, f"{_PER_MS} from 0"),
-        "1/0",
+        "tumvie", "HDF5 as TUM-VIE lays it out", ".h5", True,
+        Limits("µs", f"{_PER_MS} from 0", _SPAN_US, keeps_order=False),
     ),
     Format(
-        "v2e",
-        "HDF5 of v2e (`events`, N x 4)",
-        ".h5",
-        False,
-        Limits(ANY_PX, ANY_PX, ANY_US, "µs, 32 bits", True, 1, "32-bit numbers"),
-        "1/0",
+        "v2e", "HDF5 of v2e (`events`, N x 4)", ".h5", False,
+        Limits("µs, 32 bits", "32-bit numbers"),
     ),
     Format(
-        "e2calib",
-        "HDF5 of e2calib (`x`, `y`, `t`, `p` in the root)",
-        ".h5",
-        False,
-        Limits(ANY_PX, ANY_PX, ANY_US, "µs", True, 1, _COLUMNS),
-        "1/0",
+        "e2calib", "HDF5 of e2calib (`x`, `y`, `t`, `p` in the root)", ".h5", False,
+        Limits("µs", _COLUMNS),
     ),
     Format(
-        "hdf5",
-        "any HDF5, by its columns",
-        ".h5",
-        False,
-        Limits(ANY_PX, ANY_PX, ANY_US, "as stated", True, 1, _COLUMNS),
+        "hdf5", "any HDF5, by its columns", ".h5", False, Limits("as stated", _COLUMNS),
         "1/0, 1/-1",
     ),
     Format(
-        "mvsec",
-        "HDF5 as MVSEC lays it out",
-        ".hdf5",
-        True,
-        Limits(ANY_PX, ANY_PX, DOUBLE_US, "s, double", True, 2, "seconds in a double"),
-        "1/-1",
+        "mvsec", "HDF5 as MVSEC lays it out", ".hdf5", True,
+        Limits("s, double", "seconds in a double", DOUBLE_US, streams=2), "1/-1",
     ),
     Format(
-        "aedat4",
-        "iniVation AEDAT 4.0",
-        ".aedat4",
-        True,
-        Limits(32767, 32767, ANY_US, "µs", False, 64, "signed 16-bit pixels"),
-        "1/0",
+        "aedat4", "iniVation AEDAT 4.0", ".aedat4", True,
+        Limits(
+            "µs", "signed 16-bit pixels", max_x=32767, max_y=32767, keeps_order=False, streams=64
+        ),
     ),
     Format(
-        "rosbag1",
-        "ROS1 bag, dvs_msgs (reads prophesee_event_msgs and event_camera_msgs, too)",
-        ".bag",
-        True,
-        Limits(ANY_PX, ANY_PX, (1 << 32) * 10**6 - 1, "s + ns", True, MANY, "32-bit seconds"),
-        "1/0",
+        "rosbag1", "ROS1 bag, dvs_msgs (reads prophesee_event_msgs and event_camera_msgs, too)",
+        ".bag", True, _BAG,
     ),
     Format(
-        "rosbag2",
-        "ROS2 bag, dvs_msgs, prophesee_event_msgs or event_camera_msgs",
-        "",
-        False,
-        Limits(ANY_PX, ANY_PX, (1 << 32) * 10**6 - 1, "s + ns", True, MANY, "32-bit seconds"),
-        "1/0",
+        "rosbag2", "ROS2 bag, dvs_msgs, prophesee_event_msgs or event_camera_msgs", "", False,
+        _BAG,
+    ),
+    Format("text", "lines `t x y p`", ".txt", True, _LINES),
+    Format("esim-text", "a line `width height`, then lines `t x y p`", ".txt", True, _LINES),
+    Format("csv", "columns named in a header", ".csv", True, replace(_LINES, unit="µs")),
+    Format(
+        "npz", "NumPy archive of columns (reads (N, 4) and fields, too)", ".npz", True,
+        Limits("µs", _COLUMNS),
     ),
     Format(
-        "text",
-        "lines `t x y p`",
-        ".txt",
-        True,
-        Limits(ANY_PX, ANY_PX, ANY_US // 10, "s, six decimals", True, 1, "18 digits"),
-        "1/0",
+        "npy", "NumPy array: (N, 4), or with fields", ".npy", False,
+        Limits("µs, s, or as stated", _COLUMNS), "1/0, 1/-1",
     ),
     Format(
-        "esim-text",
-        "a line `width height`, then lines `t x y p`",
-        ".txt",
-        True,
-        Limits(ANY_PX, ANY_PX, ANY_US // 10, "s, six decimals", True, 1, "18 digits"),
-        "1/0",
+        "parquet", "Parquet table, by its columns", ".parquet", False,
+        Limits("as typed or stated", _COLUMNS), "1/0, 1/-1",
     ),
-    Format(
-        "csv",
-        "columns named in a header",
-        ".csv",
-        True,
-        Limits(ANY_PX, ANY_PX, ANY_US // 10, "µs", True, 1, "18 digits"),
-        "1/0",
-    ),
-    Format(
-        "npz",
-        "NumPy archive of columns (reads (N, 4) and fields, too)",
-        ".npz",
-        True,
-        Limits(ANY_PX, ANY_PX, ANY_US, "µs", True, 1, _COLUMNS),
-        "1/0",
-    ),
-    Format(
-        "npy",
-        "NumPy array: (N, 4), or with fields",
-        ".npy",
-        False,
-        Limits(ANY_PX, ANY_PX, ANY_US, "µs, s, or as stated", True, 1, _COLUMNS),
-        "1/0, 1/-1",
-    ),
-    Format(
-        "parquet",
-        "Parquet table, by its columns",
-        ".parquet",
-        False,
-        Limits(ANY_PX, ANY_PX, ANY_US, "as typed or stated", True, 1, _COLUMNS),
-        "1/0, 1/-1",
-    ),
-)
+)  # fmt: skip
 FORMATS = {entry.name: entry for entry in _ALL}
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Protocol, Self
 
 from eventsweep.emvs.data.events import Events, check_sorted
@@ -63,23 +62,23 @@ class Limits:
     """What a format can hold; its writer refuses the rest.
 
     Attributes:
+        unit: what the file counts time in.
+        why: what stands behind the numbers, in a few words.
+        max_us: largest time stamp that is written, µs (all begin at 0).
         max_x: largest column, px.
         max_y: largest row, px.
-        max_us: largest time stamp that is written, µs (all begin at 0).
-        unit: what the file counts time in.
         keeps_order: whether time stamps that run backwards survive.
         streams: how many streams one file holds at most.
-        why: what stands behind these numbers, in a few words.
         max_span_us: largest time between the first event of a stream and its last, µs.
     """
 
-    max_x: int
-    max_y: int
-    max_us: int
     unit: str
-    keeps_order: bool
-    streams: int
     why: str
+    max_us: int = ANY_US
+    max_x: int = ANY_PX
+    max_y: int = ANY_PX
+    keeps_order: bool = True
+    streams: int = 1
     max_span_us: int = 1 << 62
 
 
@@ -187,12 +186,7 @@ class StreamWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
         try:
             if error is None:
                 self._finish()

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.data.poses import read_tum
+from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim.config import SimConfig
@@ -205,7 +205,7 @@ class _Drive:
             self.duration_s = config.duration_s or float(track.t_us[-1] * 1e-6)
             return track
         if self._recorded is not None and config.duration_s is None:
-            first_us, last_us = read_tum(self._recorded).span_us
+            first_us, last_us = read_poses(self._recorded).span_us
             self.duration_s = (last_us - first_us) * 1e-6 - config.replay.start_s
         return at_rest(self._model, key)
 

@@ -14,14 +14,13 @@ from hypothesis import strategies as st
 from dataset_world import write_sequence
 from event_files import ALL, READ_ONLY, WRITTEN, moving_edges, write_any
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.data.poses import read_kitti, read_poses, read_tum, write_tum
+from eventsweep.emvs.data.poses import read_poses, write_tum
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets.dsec import read_disparity
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import calibration_writers as rigs
 from eventsweep.emvs.formats import open_events, write_events
 from eventsweep.emvs.formats.calibration import read_rig
-from eventsweep.emvs.geometry.se3 import from_quat_xyzw
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.convert import Options, convert_file, targets
@@ -190,9 +189,11 @@ def test_trajectories_go_to_tum_and_kitti(tmp_path):
     write_tum(a, made)
     assert run(a, tmp_path / "b", "--to", "tum") == 0
     assert run(a, tmp_path / "c", "--to", "kitti") == 0
-    for got in (read_tum(tmp_path / "b"), read_kitti(tmp_path / "c", made.t_us)):
-        np.testing.assert_array_equal(got.t_us, made.t_us)
-        np.testing.assert_allclose(got.at(made.t_us), made.at(made.t_us), atol=1e-9)
+    got, T_world_body = read_poses(tmp_path / "b"), made.at(made.t_us)
+    np.testing.assert_array_equal(got.t_us, made.t_us)
+    np.testing.assert_allclose(got.at(made.t_us), T_world_body, atol=1e-9)
+    rows = np.loadtxt(tmp_path / "c").reshape(-1, 3, 4)
+    np.testing.assert_allclose(rows, T_world_body[:, :3], atol=1e-9)
 
 
 @pytest.mark.parametrize(("unit", "scale"), [("s", 1e-6), ("ms", 1e-3), ("us", 1), ("ns", 1000)])
@@ -276,14 +277,3 @@ def test_every_target_is_named_in_the_docs():
 
     text = (ROOT / "docs" / "convert.md").read_text()
     assert [name for name in targets() if f"`{name}`" not in text] == []
-
-
-def test_kitti_refuses_what_is_no_rotation(tmp_path):
-    path = tmp_path / "k.txt"
-    path.write_text("2 0 0 0 0 1 0 0 0 0 1 0\n")
-    with pytest.raises(InputError, match="line 1 is not a rigid motion"):
-        read_kitti(path, np.array([0]))
-    T = from_quat_xyzw(np.zeros(3), np.array([0, 0, 0, 1.0]))
-    np.savetxt(path, T[:3].reshape(1, 12))
-    with pytest.raises(InputError, match="1 poses for 2 times"):
-        read_kitti(path, np.array([0, 1]))

@@ -22,7 +22,7 @@ import yaml
 import dataset_files
 import dataset_world as world
 import fuzz_events
-from eventsweep.emvs.data.poses import read_kitti, read_poses, read_tum, write_kitti, write_tum
+from eventsweep.emvs.data.poses import read_poses, write_tum
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets import dsec, open_recording
 from eventsweep.emvs.datasets.custom import read_hand_eye
@@ -41,7 +41,7 @@ MODEL = {"tumvie": "kb4", "tumvie-vio": "kb4", "mvsec": "kb4"}
 LAYOUTS = ("dsec", "tumvie", "tumvie-vio", "mvsec", "rosbag1", "evt3")
 FOLDERS = ("sequence", *LAYOUTS, "event-camera-dataset", *dataset_files.WRITERS)
 RIGS = ("kalibr", "basalt", "rig", "opencv", "cam_to_cam", "hand_eye", "marker")
-POSES = ("tum", "csv", "kitti")
+POSES = ("tum", "csv")
 KINDS = [*FOLDERS, *RIGS, *(f"{kind}+values" for kind in RIGS), *POSES]
 ODD = (
     None, True, "", "x", [], {}, [[]], {"a": 1}, -1, 0, 1e-320, 1e308, 10**400, float("nan"),
@@ -192,13 +192,10 @@ def sound_file(folder, kind):
             return path, lambda p: sane(read_hand_eye(p, p))
         case "tum":
             write_tum(path, trajectory)
-            return path, lambda p: (sane(read_tum(p)), sane(read_poses(p)))
-        case "csv":
-            write_tum(path, trajectory)
-            path.write_text("t,x,y,z\n" + path.read_text().replace(" ", ","))
-            return path, lambda p: sane(read_poses(p, "s", -5))
-    write_kitti(path, trajectory)
-    return path, lambda p: sane(read_kitti(p, trajectory.t_us))
+            return path, lambda p: sane(read_poses(p))
+    write_tum(path, trajectory)
+    path.write_text("t,x,y,z\n" + path.read_text().replace(" ", ","))
+    return path, lambda p: sane(read_poses(p, "s", -5))
 
 
 def checked_rig(path):

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import mujoco_scenes as made
 import replay_cost
-from eventsweep.emvs.data.poses import read_tum, write_tum
+from eventsweep.emvs.data.poses import read_poses, write_tum
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets.custom import read_hand_eye
 from eventsweep.emvs.errors import InputError
@@ -47,7 +47,7 @@ def motion_of(scene, path, **settings):
 
 
 def recorded_poses(path, start_s, times_s):
-    recorded = read_tum(path)
+    recorded = read_poses(path)
     return recorded.at(recorded.t_us[0] + np.rint((start_s + times_s) * 1e6).astype(np.int64))
 
 
@@ -112,7 +112,7 @@ def test_a_view_straight_down_has_no_heading(folder, scene):
 
 
 def test_a_gap_counts_only_where_it_is_replayed(folder, scene, tum):
-    recorded = read_tum(tum)
+    recorded = read_poses(tum)
     late = np.arange(len(recorded)) > 300
     t_us = recorded.t_us + np.where(late, 128_000, 0)
     path = folder / "gap.txt"
@@ -211,14 +211,14 @@ def test_a_real_hand_eye_puts_the_camera_a_hand_from_the_marker(shared_data, whi
 @pytest.mark.parametrize("name", ["tumvie/mocap-6dof", "tumvie/mocap-desk", "rpg_eccv18/boxes"])
 def test_recorded_heads_are_upright_without_a_hand_eye(shared_data, name):
     """So these files hold poses of the camera, not of a marker: y is down, z far from upright."""
-    recorded = read_tum(shared_data / f"{name}.tum.txt")
+    recorded = read_poses(shared_data / f"{name}.tum.txt")
     poses = se3.from_quat_xyzw(recorded.positions_m, recorded.quats_xyzw)
     assert poses[:, 2, 1].mean() < -0.9
     assert np.abs(poses[:, 2, 2].mean()) < 0.4
 
 
 def test_a_recorded_car_drives_where_its_camera_looks(shared_data):
-    recorded = read_tum(shared_data / "dsec/zurich_city_04_a/poses.tum.txt")
+    recorded = read_poses(shared_data / "dsec/zurich_city_04_a/poses.tum.txt")
     poses = se3.from_quat_xyzw(recorded.positions_m, recorded.quats_xyzw)
     step = np.einsum("nji,nj->ni", poses[:-1, :3, :3], np.diff(recorded.positions_m, axis=0))
     length = np.linalg.norm(step, axis=1)

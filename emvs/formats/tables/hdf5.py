@@ -175,12 +175,12 @@ class TumvieWriter(GatheringWriter):
         del stream
         for name, kind in _COLUMNS.items():
             column = getattr(events, "t_us" if name == "t" else name)
-            _extend(self._hdf5, f"events/{name}", column.astype(kind, copy=False))
+            self._hdf5.extend(f"events/{name}", column.astype(kind, copy=False))
         after_ms = int(events.t_us[-1]) // 1000 + 1
         for first_ms in range(self._next_ms, after_ms, 1 << 20):
             stamps = np.arange(first_ms, min(first_ms + (1 << 20), after_ms)) * 1000
             rows = self._count + np.searchsorted(events.t_us, stamps, side="left")
-            _extend(self._hdf5, "ms_to_idx", rows.astype(np.int64))
+            self._hdf5.extend("ms_to_idx", rows.astype(np.int64))
         self._next_ms = max(self._next_ms, after_ms)
         self._count += len(events)
 
@@ -207,7 +207,7 @@ class MvsecWriter(GatheringWriter):
         rows = np.empty((len(events), 4), np.float64)
         rows[:, 0], rows[:, 1], rows[:, 2] = events.x, events.y, events.t_us / 1e6
         rows[:, 3] = np.where(events.p > 0, 1.0, -1.0)
-        _extend(self._hdf5, self._names[stream], rows)
+        self._hdf5.extend(self._names[stream], rows)
 
     def _close(self) -> None:
         self._hdf5.close()
@@ -218,11 +218,3 @@ def _create(hdf5: Hdf5Writer, name: str, kind: Any, shape: tuple[int, ...]) -> N
     hdf5.create(
         name, shape, kind, maxshape=(None, *shape[1:]), chunks=(_CHUNK_ROWS, *shape[1:]), **kept
     )
-
-
-def _extend(hdf5: Hdf5Writer, name: str, rows: Any) -> None:
-    with hdf5.opened(name) as data:
-        count = data.shape[0]
-        data.resize(count + len(rows), axis=0)
-        data[count:] = rows
-    hdf5.check()

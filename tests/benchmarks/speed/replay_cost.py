@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.data.poses import read_tum
+from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.errors import InputError
 from eventsweep.sim.motion.replay import Replay
 
@@ -23,7 +23,7 @@ def row(path: Path, cutoff_hz: float, max_gap_s: float, max_speed_m_s: float) ->
     Raises:
         InputError: what `Replay` refuses.
     """
-    recorded = read_tum(path)
+    recorded = read_poses(path)
     replay = Replay(
         position_hz=cutoff_hz,
         rotation_hz=cutoff_hz,

@@ -78,10 +78,10 @@ def statistics(motion: Motion, duration_s: float) -> HeadStatistics:
 
 def recorded(path: Path, cutoff_hz: float = CUTOFF_HZ) -> CurveMotion:
     """A TUM file as a smooth motion, low-passed at `cutoff_hz`, the recording's own scale."""
-    from eventsweep.emvs.data.poses import read_tum
+    from eventsweep.emvs.data.poses import read_poses
 
     try:
-        return Replay(position_hz=cutoff_hz, rotation_hz=cutoff_hz).motion(read_tum(path))
+        return Replay(position_hz=cutoff_hz, rotation_hz=cutoff_hz).motion(read_poses(path))
     except InputError as error:
         reason = str(error).removeprefix(f"{path}: ")
         raise InputError(f"{path}: {reason}") from error

@@ -15,7 +15,7 @@ from cost_stream import MovingEdges
 from dataset_world import rewritten, write_sequence
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.hdf5 import open_hdf5
-from eventsweep.emvs.data.poses import read_poses, read_tum
+from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.datasets.custom import read_descriptor
@@ -97,8 +97,7 @@ def plug(path):
 
 
 READERS = {
-    "poses": read_tum,
-    "posed": read_poses,
+    "poses": read_poses,
     "calibration": parsed,
     "recording.toml": read_descriptor,
     "events": open_events,
@@ -228,7 +227,7 @@ def test_impossible_sensors_are_one_line(size):
     refused(Camera, *size, 5, 5, 2, 1, match="at most 65536")
 
 
-@pytest.mark.parametrize("call", [read_tum, read_poses, parsed, open_events])
+@pytest.mark.parametrize("call", [read_poses, parsed, open_events])
 def test_a_nul_in_a_name_is_one_line(tmp_path, call):
     refused(call, tmp_path / "a\0b", match="a..?x?0*b")
 

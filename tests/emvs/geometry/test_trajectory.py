@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from eventsweep.emvs.data.poses import read_tum, write_tum
+from eventsweep.emvs.data.poses import read_poses, write_tum
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -96,7 +96,7 @@ def test_impossible_poses_are_refused(t_us, position, quat, message):
 @given(trajectories)
 def test_tum_text_round_trip(tmp_path, trajectory):
     write_tum(tmp_path / "poses.txt", trajectory)
-    again = read_tum(tmp_path / "poses.txt")
+    again = read_poses(tmp_path / "poses.txt")
     assert np.array_equal(again.t_us, trajectory.t_us)
     np.testing.assert_allclose(again.at(again.t_us), trajectory.at(trajectory.t_us), atol=1e-11)
 
@@ -108,7 +108,7 @@ def test_tum_text_round_trip(tmp_path, trajectory):
         ("# only a comment\n", "no poses"),
         ("0 0 0 0 0 0 1\n", "line 1: 7 numbers"),
         ("0 0 0 0 0 0 0 1\n1 x 0 0 0 0 0 1\n", "line 2"),
-        ("nan 0 0 0 0 0 0 1\n", "no finite time"),
+        ("nan 0 0 0 0 0 0 1\n", "needs a finite time"),
         ("0 0 0 0 0 0 0 1\n0 0 0 0 0 0 0 1\n", "does not come after"),
     ],
 )
@@ -116,15 +116,15 @@ def test_damaged_text_is_refused(tmp_path, text, message):
     path = tmp_path / "poses.txt"
     path.write_text(text)
     with pytest.raises(InputError, match=message):
-        read_tum(path)
+        read_poses(path)
 
 
 def test_missing_or_binary_file_is_refused(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
-        read_tum(tmp_path / "poses.txt")
+    with pytest.raises(InputError, match="No such file"):
+        read_poses(tmp_path / "poses.txt")
     (tmp_path / "poses.txt").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match="text"):
-        read_tum(tmp_path / "poses.txt")
+        read_poses(tmp_path / "poses.txt")
 
 
 @pytest.mark.parametrize(
@@ -133,6 +133,6 @@ def test_missing_or_binary_file_is_refused(tmp_path):
      "dsec/zurich_city_04_a/poses.tum.txt", "slider_depth/groundtruth.txt"],
 )  # fmt: skip
 def test_real_trajectories_are_read(shared_data, name):
-    trajectory = read_tum(shared_data / name)
+    trajectory = read_poses(shared_data / name)
     middle = sum(trajectory.span_us) // 2
     assert se3.is_rigid(trajectory.at(middle))

@@ -137,12 +137,12 @@ def test_uneven_times_are_brought_onto_a_grid():
 
 def test_a_real_head_replays_within_its_noise():
 
-    from eventsweep.emvs.data.poses import read_tum
+    from eventsweep.emvs.data.poses import read_poses
 
     path = SHARED / "data/tumvie/mocap-6dof.tum.txt"
     if not path.is_file():
         pytest.skip("needs ../shared/data, which is not part of the project")
-    recorded = read_tum(path)
+    recorded = read_poses(path)
     motion = Replay().motion(recorded)
     t_s = (recorded.t_us - recorded.t_us[0]) * 1e-6
     error_m = np.linalg.norm(motion.poses(t_s)[:, :3, 3] - recorded.positions_m, axis=1)
