@@ -8,7 +8,8 @@ import textwrap
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from numbers import Real
 from typing import TypeVar
 
@@ -76,9 +77,6 @@ def check_type(
         value: what came.
         kinds: one of these is needed.
         needs: the same in words; by default the types' names.
-
-    Raises:
-        InputError: it is none of them.
     """
     if not isinstance(value, kinds):
         every = kinds if isinstance(kinds, tuple) else (kinds,)
@@ -87,20 +85,12 @@ def check_type(
 
 
 def check_path(name: str, value: object) -> None:
-    """Refuses what is no path.
-
-    Raises:
-        InputError: it is neither a string nor a `Path`.
-    """
+    """Refuses what is no path."""
     check_type(name, value, (str, os.PathLike), "a path")
 
 
 def check_whole(name: str, value: object) -> None:
-    """Refuses what is no whole number.
-
-    Raises:
-        InputError: it is something else.
-    """
+    """Refuses what is no whole number."""
     if not isinstance(value, Real) or value % 1 != 0:
         raise InputError(f"{name} is {shown(value)}: needs a whole number")
 
@@ -113,13 +103,19 @@ def check_array(name: str, value: object, needs: str, kinds: str = "biuf") -> No
         value: what came.
         needs: what is needed, in words.
         kinds: which kinds of numbers, as NumPy's `dtype.kind` has them.
-
-    Raises:
-        InputError: a list, a single number, or an array of something else.
     """
     kind = getattr(getattr(value, "dtype", None), "kind", "none")
     if kind not in kinds or getattr(value, "shape", ()) == ():
         raise InputError(f"{name} is {shown(value)}: needs {needs}")
+
+
+@contextmanager
+def located(where: object) -> Iterator[None]:
+    """Puts a place, such as a file or a key, in front of what is refused within."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
 
 
 def heed_interrupt(error: BaseException) -> None:

@@ -24,9 +24,6 @@ def check_view_fits(view: ReferenceView, methods: int, config: MapperConfig, out
         methods: how many maps are made.
         config: `save_dsi`.
         out: a folder on the disk that takes the volumes; its parents may not exist yet.
-
-    Raises:
-        InputError: what is needed, what there is, and what to lower.
     """
     pixels = view.camera.width_px * view.camera.height_px
     rows = len(view.rho) * view.camera.width_px
@@ -43,11 +40,7 @@ def check_view_fits(view: ReferenceView, methods: int, config: MapperConfig, out
 
 
 def check_window_fits(recording: Recording, window: Window) -> None:
-    """Refuses a window whose events alone are more than memory holds; counts them only in doubt.
-
-    Raises:
-        InputError: what is needed, what there is, and what to lower.
-    """
+    """Refuses a window whose events alone are more than memory holds; counts them only in doubt."""
     known = getattr(_stored(recording), "event_count", None)
     cameras = range(len(recording.rig))
     available = available_bytes()
@@ -68,11 +61,7 @@ def _stored(recording: Recording) -> Recording:
 
 
 def need_memory(needed: int, what: str, cure: str) -> None:
-    """Refuses what needs more memory than there is.
-
-    Raises:
-        InputError: it does.
-    """
+    """Refuses what needs more memory than there is."""
     available = available_bytes()
     if needed > available:
         raise InputError(

@@ -153,9 +153,6 @@ def check_poses(trajectory: Trajectory, t0_us: int, t1_us: int, config: MapperCo
         t0_us: begin, included.
         t1_us: end, excluded.
         config: `max_pose_gap_s`.
-
-    Raises:
-        InputError: two neighbouring poses too far apart; says where and how far.
     """
     first = max(int(np.searchsorted(trajectory.t_us, t0_us, side="right")) - 1, 0)
     last = int(np.searchsorted(trajectory.t_us, t1_us - 1, side="left")) + 1

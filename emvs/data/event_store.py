@@ -23,7 +23,7 @@ from eventsweep.emvs.data.hdf5 import (
     check_dataset,
     open_hdf5,
 )
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, located
 
 _CHUNK = 1 << 17
 _COLUMNS = {"x": np.uint16, "y": np.uint16, "t": np.int64, "p": np.uint8}
@@ -186,11 +186,7 @@ class EventStoreReader:
         return self._checked(x, y, t_us, p)
 
     def read_extra(self, name: str, t0_us: int, t1_us: int) -> Column:
-        """An optional column of the same events.
-
-        Raises:
-            InputError: the file does not have it.
-        """
+        """An optional column of the same events."""
         if name not in self.extra:
             raise InputError(
                 f"{self.path}: has no {name} per event; simulate with a sensor or truth that "
@@ -223,10 +219,8 @@ class EventStoreReader:
 
     def _checked(self, x: Column, y: Column, t_us: NDArray[np.int64], p: Column) -> Events:
         events = Events(x.astype(np.uint16), y.astype(np.uint16), t_us, p.astype(np.uint8))
-        try:
+        with located(self.path):
             return events.checked(*self._size_px)
-        except InputError as error:
-            raise InputError(f"{self.path}: {error}") from error
 
     def _bounds(self, t0: int, t1: int) -> tuple[int, int]:
         """Event indices that enclose `t0 <= t < t1` (relative µs), to the millisecond."""

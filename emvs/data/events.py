@@ -112,9 +112,6 @@ def check_sorted(t_us: NDArray[np.int64], first_row: int = 0) -> None:
     Args:
         t_us: (N,) times, µs.
         first_row: the number that the first of them has in its stream.
-
-    Raises:
-        InputError: names the first event that comes after a later one.
     """
     backwards = np.flatnonzero(t_us[1:] < t_us[:-1])
     if backwards.size:

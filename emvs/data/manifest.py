@@ -93,11 +93,7 @@ def read(folder: Path) -> Manifest:
 
 
 def check_hashes(folder: Path, manifest: Manifest) -> None:
-    """Reads every file and compares its hash.
-
-    Raises:
-        InputError: a file whose content is not what the manifest says.
-    """
+    """Reads every file and compares its hash."""
     for name, entry in manifest.files.items():
         if _sha256(folder / name) != entry.sha256:
             raise InputError(

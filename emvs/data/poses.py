@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.errors import InputError, said
+from eventsweep.emvs.errors import InputError, located, said
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, read_text
@@ -41,10 +41,8 @@ def read_poses(path: str | Path, unit: str = "s", shift_us: int = 0) -> Trajecto
         raise InputError(
             f"{path}: pose {bad[0]} at {rows[bad[0], 0]:g} {unit}; needs a finite time, < 2^62 µs"
         )
-    try:
+    with located(path):
         return Trajectory(t_us.astype(np.int64), rows[:, 1:4].copy(), rows[:, 4:8].copy())
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
 
 
 def write_kitti(path: Path, trajectory: Trajectory) -> None:

@@ -16,7 +16,7 @@ from eventsweep.emvs.data.image_stores import FRAMES_FILE, FrameReader, Photo, T
 from eventsweep.emvs.data.poses import POSES_FILE, read_poses
 from eventsweep.emvs.data.recording import summary
 from eventsweep.emvs.data.tables import IMU_FILE, Geom, ImuSamples, read_geoms, read_imu
-from eventsweep.emvs.errors import InputError, check_path
+from eventsweep.emvs.errors import InputError, check_path, located
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, TABLE_BYTES, parse_json, read_text
@@ -260,8 +260,8 @@ class Sequence:
 
 def _read_rig(path: Path) -> Rig:
     try:
-        return Rig.from_json(parse_json(read_text(path, SETTINGS_BYTES)))
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        values = parse_json(read_text(path, SETTINGS_BYTES))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as a rig's calibration ({error})") from error
+    with located(path):
+        return Rig.from_json(values)

@@ -54,12 +54,7 @@ def write_imu(path: str | Path, samples: ImuSamples) -> None:
 
 
 def read_imu(path: Path) -> ImuSamples:
-    """Reads what `write_imu` wrote.
-
-    Raises:
-        InputError: no such file, not seven finite numbers in every row, times that do not rise,
-            or no place on the body in the first line.
-    """
+    """Reads what `write_imu` wrote."""
     try:
         check_file(path, TABLE_BYTES)
         with Path(path).open(encoding="ascii") as file:
@@ -107,11 +102,7 @@ def write_geoms(folder: Path, geoms: GeomTable) -> None:
 
 
 def read_geoms(folder: Path) -> dict[int, Geom]:
-    """Reads the table of a sequence.
-
-    Raises:
-        InputError: it was not stored, or is damaged.
-    """
+    """Reads the table of a sequence."""
     path = folder / GEOMS_FILE
     try:
         return _TABLE.validate_json(read_text(path, TABLE_BYTES))

@@ -50,9 +50,6 @@ def read_bag_rig(path: Path, event_topics: Sequence[str]) -> Rig:
     rectified frames are parallel, and the fourth column of `P` is minus the focal length times
     the offset from the first camera. Where they put all cameras into one place, as ESIM does, the
     topics of poses beside the events say it.
-
-    Raises:
-        InputError: no such topic, or impossible values.
     """
     kinds = topics(path)
     entries = [_info(path, kinds, topic) for topic in event_topics]
@@ -175,11 +172,7 @@ def pose_topic(kinds: Mapping[str, str], streams: Sequence[str]) -> PoseTopic:
 
 
 def topics(path: Path) -> dict[str, str]:
-    """Type of each topic of a bag.
-
-    Raises:
-        InputError: a missing or damaged bag.
-    """
+    """Type of each topic of a bag."""
     with opened_bag(path) as bag:
         return {c.topic: c.msgtype for c in bag.connections}
 

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.datasets.own_truth import TruthTable, open_truth
 from eventsweep.emvs.datasets.posed import EventSource, PosedRecording, on_first_camera
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, located
 from eventsweep.emvs.formats.calibration import read_imu_cam, read_rig
 from eventsweep.emvs.formats.calibration_values import matrix, parsed, pose_of
 from eventsweep.emvs.formats.tables.columns import ColumnMap
@@ -133,9 +133,6 @@ def open_described(path: Path, layout: str = FILE_NAME) -> PosedRecording:
     Args:
         path: the descriptor; its file names are relative to its folder.
         layout: what to call the layout.
-
-    Raises:
-        InputError: a bad descriptor, or a file that it names is missing or bad.
     """
     return assembled(path.parent, read_descriptor(path), layout)
 
@@ -194,15 +191,13 @@ def read_hand_eye(path: Path, imu_cam: Path | None = None) -> NDArray[np.float64
         InputError: an unreadable file, or a missing or impossible value.
     """
     values = parsed(path)
-    try:
+    with located(path):
         if "T_body_cam" in values:
             return matrix(values["T_body_cam"], "T_body_cam")
         value0 = values.get("value0")
         if not isinstance(value0, dict) or "T_imu_marker" not in value0:
             raise InputError("no key T_body_cam or value0.T_imu_marker: needs one of them")
         T_imu_marker = pose_of(value0["T_imu_marker"], "value0.T_imu_marker")
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
     if imu_cam is None:
         raise InputError(
             f"{path} says where the marker sits on the IMU, but not the camera: give the camera "

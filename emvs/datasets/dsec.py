@@ -23,7 +23,7 @@ from eventsweep.emvs.datasets.custom import (
 )
 from eventsweep.emvs.datasets.files import find_one, find_optional
 from eventsweep.emvs.datasets.posed import PosedRecording
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, located
 from eventsweep.emvs.formats.calibration_values import camera_of, entry_of, numbers_of, parsed
 from eventsweep.emvs.formats.calibration_writers import kalibr_camera
 from eventsweep.emvs.formats.depth import read_png
@@ -51,11 +51,7 @@ def is_dsec(folder: Path) -> bool:
 
 
 def open_dsec(folder: Path) -> PosedRecording:
-    """Opens a sequence; the set has no poses, so a file of `T_world_cam0` must be beside it.
-
-    Raises:
-        InputError: a file that is missing, ambiguous or damaged.
-    """
+    """Opens a sequence; the set has no poses, so a file of `T_world_cam0` must be beside it."""
     calibration = find_one(folder, _CAMERAS, "the calibration")
     poses = find_one(folder, _POSES, "poses (T_world_cam of the left event camera, TUM format)")
     right = find_one(folder, ["events/right/events.h5"], "the right events")
@@ -88,9 +84,6 @@ def check_rectify_map(path: Path, calibration: Path, camera: Camera) -> None:
 
     The mapper rectifies by the calibration, ray by ray; the map says the same per pixel, so a
     difference means that the two files belong to different cameras.
-
-    Raises:
-        InputError: an unreadable file, another shape, or a difference of more than a pixel.
     """
     with opened_hdf5(path) as file:
         data = file.get("rectify_map")
@@ -153,13 +146,9 @@ class DsecDisparity:
 
 
 def rectification_of(calibration: Path) -> tuple[Camera, NDArray[np.float64], float]:
-    """The rectified left camera, its rotation from the camera, and focal length x baseline, px m.
-
-    Raises:
-        InputError: a missing or impossible value of `cam_to_cam.yaml`; names the key.
-    """
+    """The rectified left camera, its rotation from the camera, focal length x baseline in px m."""
     values = parsed(calibration)
-    try:
+    with located(calibration):
         entry = entry_of(entry_of(values, "intrinsics", "file", dict), "camRect0", "file", dict)
         four = numbers_of(entry.get("camera_matrix"), 4, "camRect0.camera_matrix")
         extrinsics = entry_of(values, "extrinsics", "file", dict)
@@ -175,17 +164,11 @@ def rectification_of(calibration: Path) -> tuple[Camera, NDArray[np.float64], fl
                              "needs principal points that agree")  # fmt: skip
         size = entry.get("resolution")
         camera = camera_of(size, four, "pinhole", [], "camRect0.resolution", "camRect0")
-    except InputError as error:
-        raise InputError(f"{calibration}: {error}") from error
     return camera, turned, float(Q[2, 3] / abs(Q[3, 2]))
 
 
 def read_disparity(path: Path, focal_baseline_px_m: float) -> NDArray[np.float32]:
-    """Reads DSEC's disparity image as z-depth, m, NaN where it is 0.
-
-    Raises:
-        InputError: no readable 16-bit image.
-    """
+    """Reads DSEC's disparity image as z-depth, m, NaN where it is 0."""
     image = read_png(path)
     if image.dtype != np.uint16 or image.ndim != 2:
         raise InputError(f"{path}: no 16-bit grey image; fetch it again")

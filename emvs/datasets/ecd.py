@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.data.recording import summary
-from eventsweep.emvs.errors import InputError, said
+from eventsweep.emvs.errors import InputError, located, said
 from eventsweep.emvs.formats.depth import read_grey
 from eventsweep.emvs.formats.prophesee import STREAM
 from eventsweep.emvs.formats.tables.text import TextLayout, TextReader
@@ -96,11 +96,7 @@ class EventCameraDataset:
 
 
 class SortedText(TextReader):
-    """Lines `t_s x y p` of one camera, in order of time; all are checked when they are first read.
-
-    Raises:
-        InputError: a missing file, a line that is no event, or events unsorted or off the sensor.
-    """
+    """Lines `t_s x y p` of one camera, in order of time; all are checked when first read."""
 
     def __init__(self, path: Path, camera: Camera) -> None:
         super().__init__(path, layout=_LINES)
@@ -144,8 +140,6 @@ def _read_calibration(path: Path, size_px: tuple[int, int]) -> Camera:
         raise InputError(f"{path}: cannot be read as a calibration ({said(error)})") from error
     if len(values) != 9:
         raise InputError(f"{path}: {len(values)} numbers; needs fx fy cx cy k1 k2 p1 p2 k3")
-    try:
-        fx, fy, cx, cy, *terms = values
+    fx, fy, cx, cy, *terms = values
+    with located(path):
         return Camera(*size_px, fx, fy, cx, cy, "radtan", tuple(terms))
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error

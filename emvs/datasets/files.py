@@ -9,11 +9,7 @@ from eventsweep.emvs.errors import InputError
 
 
 def find_one(folder: Path, patterns: Iterable[str], what: str) -> Path:
-    """The one file that matches; the first pattern that matches decides.
-
-    Raises:
-        InputError: none matches, or several do.
-    """
+    """The one file that matches; the first pattern that matches decides."""
     patterns = tuple(patterns)
     found = find_optional(folder, patterns, what)
     if found is None:
@@ -22,11 +18,7 @@ def find_one(folder: Path, patterns: Iterable[str], what: str) -> Path:
 
 
 def find_optional(folder: Path, patterns: Iterable[str], what: str) -> Path | None:
-    """The one file that matches, or None.
-
-    Raises:
-        InputError: several match.
-    """
+    """The one file that matches, or None."""
     for pattern in patterns:
         found = sorted(path for path in folder.glob(pattern) if path.is_file())
         if len(found) > 1:

@@ -34,9 +34,6 @@ def nearest_truth_us(recording: TruthRecording, t_ref_us: int, tolerance_us: int
         recording: with ground truth.
         t_ref_us: time of the reference view, µs.
         tolerance_us: how far the truth may lie from it, µs; at 0 the stamps must be equal.
-
-    Raises:
-        InputError: none is that near; says how far the nearest one lies.
     """
     times_us = recording.truth_times_us(0)
     if getattr(recording, "truth_any_time", False) and times_us[0] <= t_ref_us <= times_us[-1]:

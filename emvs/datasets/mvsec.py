@@ -13,7 +13,7 @@ from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets.files import find_one
 from eventsweep.emvs.datasets.posed import EventSource, PosedRecording
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, located
 from eventsweep.emvs.formats.calibration import read_rig
 from eventsweep.emvs.formats.tables.hdf5_layouts import check_columns, opened_hdf5
 from eventsweep.emvs.geometry.camera import Camera
@@ -30,11 +30,7 @@ def is_mvsec(folder: Path) -> bool:
 
 
 def open_mvsec(folder: Path) -> PosedRecording:
-    """Opens a sequence: `NAME_data.hdf5`, `NAME_gt.hdf5`, `camchain-imucam-*.yaml`.
-
-    Raises:
-        InputError: a file that is missing, ambiguous or damaged.
-    """
+    """Opens a sequence: `NAME_data.hdf5`, `NAME_gt.hdf5`, `camchain-imucam-*.yaml`."""
     data = find_one(folder, [DATA], "the events")
     truth = find_one(folder, ["*_gt.hdf5"], "poses and depth")
     rig = read_rig(find_one(folder, ["camchain*.yaml", "*/camchain*.yaml"], "the calibration"))
@@ -69,10 +65,8 @@ def _poses(path: Path) -> Trajectory:
     if not np.isfinite(T_world_cam).all() or not (wrong < 1e-3).all():
         bad = int(np.argmax(~(wrong < 1e-3)))
         raise InputError(f"{path}: pose {bad} is not a rigid motion; fetch the file again")
-    try:
+    with located(path):
         return Trajectory.from_matrices(t_us, T_world_cam)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
 
 
 def _times(path: Path, values: object, count: int) -> NDArray[np.int64]:

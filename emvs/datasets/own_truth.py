@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from eventsweep.emvs.data.stamps import read_stamps
-from eventsweep.emvs.errors import InputError, heed_interrupt, said
+from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats.depth import read_depth, read_exr, read_png
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.geometry.warp import nearest_depth, undistort_depth
-from eventsweep.emvs.utils.release import install
+from eventsweep.emvs.utils.plugins import extra_module
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -63,9 +63,6 @@ def open_truth(
         table: `[truth]`.
         rig: its first camera is the one with truth.
         trajectory: `T_world_body`, for a surface.
-
-    Raises:
-        InputError: both or neither is named, files are missing, or times and maps do not match.
     """
     if bool(table.depth) == bool(table.surface):
         raise InputError(f"{folder}: [truth] needs one of the keys depth and surface")
@@ -135,7 +132,7 @@ class SurfaceTruth:
         return self._cast(self._rig.cameras[0].undistorted(), T_world_cam)
 
     def _opened(self) -> Callable[[Camera, NDArray[np.float64]], NDArray[np.float32]]:
-        o3d = _open3d(self._path)
+        o3d = extra_module("open3d", f"{self._path}: truth from a surface needs", "mesh")
         mesh = o3d.io.read_triangle_mesh(str(self._path))
         if len(mesh.triangles):
             mesh.vertices = o3d.utility.Vector3dVector(np.asarray(mesh.vertices) * self._unit_m)
@@ -185,17 +182,6 @@ def _depth_of_mesh(
     # A ray whose z in the camera is 1 is met after as many of its lengths as the depth has metres.
     depth_m = scene.cast_rays(o3d.core.Tensor(np.ascontiguousarray(both)))["t_hit"].numpy()
     return np.where(np.isfinite(depth_m), depth_m, np.nan).astype(np.float32)
-
-
-def _open3d(path: Path) -> Any:
-    try:
-        import open3d
-    except (ImportError, OSError) as error:  # libraries of the system may be missing
-        heed_interrupt(error)
-        raise InputError(
-            f"{path}: truth from a surface needs open3d ({said(error)}): {install('mesh')}"
-        ) from error
-    return open3d
 
 
 def _read_times(path: Path, table: TruthTable) -> tuple[NDArray[np.int64], tuple[str, ...]]:

@@ -124,9 +124,6 @@ def open_bag_recording(path: Path) -> PosedRecording:
     """Opens a bag with what lies beside it: calibration, hand-eye, and poses if the bag has none.
 
     Streams are taken in the order of their names, so that left comes before right.
-
-    Raises:
-        InputError: a bag without events, poses or calibration, or with a choice of poses.
     """
     beside = path.parent
     calibration = find_optional(beside, _CALIBRATIONS, "the calibration")

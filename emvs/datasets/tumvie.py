@@ -29,11 +29,7 @@ def is_tumvie(folder: Path) -> bool:
 
 
 def open_tumvie(folder: Path) -> PosedRecording:
-    """Opens a sequence; mocap poses where there are any, else VIO poses of the IMU.
-
-    Raises:
-        InputError: a file that is missing, ambiguous or damaged.
-    """
+    """Opens a sequence; mocap poses where there are any, else VIO poses of the IMU."""
     left = find_one(folder, [LEFT], "the left events")
     calibration = _relative(folder, find_one(folder, _CAMERAS, "the camera calibration"))
     mocap = find_optional(folder, _MOCAP, "the mocap poses")

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.errors import InputError, heed_interrupt
+from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.utils.files import atomic_path
-from eventsweep.emvs.utils.release import install
+from eventsweep.emvs.utils.plugins import extra_module
 
 _BLOCK_VOXELS, _FIRST_BLOCKS = 8, 10_000
 _LIBRARIES = (
@@ -121,13 +121,5 @@ def load_open3d() -> Any:
     Raises:
         InputError: it cannot be loaded.
     """
-    try:
-        import open3d
-    except (ImportError, OSError) as error:
-        heed_interrupt(error)
-        missing = isinstance(error, ModuleNotFoundError) and error.name == "open3d"
-        why = f"is not installed: {install('mesh')}" if missing else f"fails: {error}; {_LIBRARIES}"
-        raise InputError(
-            f"meshes and conversions of point clouds need open3d, which {why}"
-        ) from error
-    return open3d
+    needed = "meshes and conversions of point clouds need"
+    return extra_module("open3d", needed, "mesh", f"; {_LIBRARIES}")

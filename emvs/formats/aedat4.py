@@ -35,11 +35,7 @@ _LZ4 = 1
 
 
 class Aedat4Reader(BlockReader):
-    """An AEDAT4 file; streams bear the names of the recording's outputs, and their number.
-
-    Raises:
-        InputError: a missing or damaged file, or one without events.
-    """
+    """An AEDAT4 file; streams bear the names of the recording's outputs, and their number."""
 
     format = "aedat4"
 
@@ -224,11 +220,7 @@ def _attributes(node: ElementTree.Element, **values: str | int) -> None:
 
 
 class FlatbufferTable:
-    """The root table of a size-prefixed buffer.
-
-    Raises:
-        InputError: a buffer of another kind, or one whose offsets lead out of it.
-    """
+    """The root table of a size-prefixed buffer."""
 
     def __init__(self, data: bytes | memoryview, kind: bytes, where: str) -> None:
         self._data, self._where = memoryview(data), where

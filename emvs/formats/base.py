@@ -105,11 +105,7 @@ class Checker:
         self.count = 0
 
     def __call__(self, stream: str, events: Events) -> Events:
-        """Returns the packet itself.
-
-        Raises:
-            InputError: an event that the format cannot hold.
-        """
+        """Returns the packet itself."""
         if not len(events):
             return events
         try:
@@ -146,11 +142,7 @@ class Checker:
 
 
 def only_stream(path: Path, streams: Streams) -> tuple[str, Iterable[Events]]:
-    """The one stream of a format that holds one.
-
-    Raises:
-        InputError: there are none or several.
-    """
+    """The one stream of a format that holds one."""
     if len(streams) != 1:
         raise InputError(
             f"{path}: {len(streams)} streams ({', '.join(streams) or 'none'}) for a format that "

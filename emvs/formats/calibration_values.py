@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from eventsweep.emvs.errors import InputError, said
+from eventsweep.emvs.errors import InputError, located, said
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera, Model
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, read_text
@@ -113,10 +113,8 @@ def camera_of(
     fx, fy, cx, cy = four
     if not (-width < cx < 2 * width and -height < cy < 2 * height):
         raise InputError(f"{key}: principal point ({cx:g}, {cy:g}) is far off the sensor")
-    try:
+    with located(key):
         return Camera(int(width), int(height), fx, fy, cx, cy, model, tuple(terms))
-    except InputError as error:
-        raise InputError(f"{key}: {error}") from error
 
 
 def matrix(rows: Any, key: str) -> NDArray[np.float64]:

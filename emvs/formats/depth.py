@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.errors import InputError, heed_interrupt, said
+from eventsweep.emvs.errors import InputError, said
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file
-from eventsweep.emvs.utils.release import install
+from eventsweep.emvs.utils.plugins import extra_module
 
 if TYPE_CHECKING:
     from PIL.PngImagePlugin import PngImageFile
@@ -60,11 +60,7 @@ def read_exr(path: Path) -> dict[str, NDArray[np.float32]]:
     Raises:
         InputError: a damaged file, or the OpenEXR package is not installed.
     """
-    try:
-        import OpenEXR
-    except ImportError as error:
-        heed_interrupt(error)
-        raise InputError(f"{path}: reading EXR needs OpenEXR: {install('exr')}") from error
+    OpenEXR = extra_module("OpenEXR", f"{path}: reading EXR needs", "exr")
     try:
         # It prints what it finds damaged, which would stand among the numbers of a summary.
         with (
@@ -78,11 +74,7 @@ def read_exr(path: Path) -> dict[str, NDArray[np.float32]]:
 
 
 def write_depth_png(path: Path, depth_m: NDArray[np.float32]) -> None:
-    """Writes millimetres in 16 bits; loses fractions of one.
-
-    Raises:
-        InputError: depth beyond 65.535 m.
-    """
+    """Writes millimetres in 16 bits; loses fractions of one."""
     known = np.isfinite(depth_m)
     units = np.rint(np.where(known, depth_m, 0) / PNG_UNIT_M)
     if units.max(initial=0) > 65535:
@@ -105,16 +97,8 @@ def write_depth_npy(path: Path, depth_m: NDArray[np.float32]) -> None:
 
 
 def write_depth_exr(path: Path, depth_m: NDArray[np.float32]) -> None:
-    """Writes channel Z, 32-bit floats, m, NaN where unknown.
-
-    Raises:
-        InputError: the OpenEXR package is not installed.
-    """
-    try:
-        import OpenEXR
-    except ImportError as error:
-        heed_interrupt(error)
-        raise InputError(f"{path}: writing EXR needs OpenEXR: {install('exr')}") from error
+    """Writes channel Z, 32-bit floats, m, NaN where unknown."""
+    OpenEXR = extra_module("OpenEXR", f"{path}: writing EXR needs", "exr")
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with atomic_path(path) as partial:
         OpenEXR.File(header, {"Z": np.ascontiguousarray(depth_m, np.float32)}).write(str(partial))
@@ -182,11 +166,7 @@ def _checked(path: Path) -> PngImageFile:
 
 
 def check_png(path: Path, data: bytes) -> None:
-    """Refuses bytes of a PNG file that is damaged, has lost its end, or declares too many pixels.
-
-    Raises:
-        InputError: says what is damaged, or how many pixels it declares.
-    """
+    """Refuses a PNG file that is damaged, has lost its end, or declares too many pixels."""
     with _names_damage(path):
         _check_chunks(path, data)
 

@@ -76,9 +76,6 @@ def packet_head(data: bytes | memoryview, ros2: bool, where: str) -> PacketHead:
         data: a message, as the bag holds it.
         ros2: whether it is coded as ROS2 does (CDR), else as ROS1 does.
         where: file and place, for the error's sake.
-
-    Raises:
-        InputError: a message that is not as long as it declares.
     """
     if ros2 and bytes(data[:2]) != b"\x00\x01":
         raise InputError(f"{where}: coded other than little-endian CDR; record the bag again")
@@ -110,9 +107,6 @@ def packet_events(data: bytes | memoryview, ros2: bool, where: str, state: State
         ros2: whether it is coded as ROS2 does.
         where: file and place, for the error's sake.
         state: what the decoder knows of the stream so far; updated.
-
-    Raises:
-        InputError: a damaged message, or an encoding that is not read.
     """
     head = packet_head(data, ros2, where)
     if head.encoding not in ENCODINGS or head.is_bigendian:

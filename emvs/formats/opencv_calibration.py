@@ -41,11 +41,7 @@ def is_opencv(values: dict[str, Any]) -> bool:
 
 
 def opencv_cameras(values: dict[str, Any]) -> list[OpenCVCamera]:
-    """All cameras: the file's only one, or `cam0_K`, `cam0_D`, `cam0_size` and so on of each.
-
-    Raises:
-        InputError: a missing or impossible value; names the key.
-    """
+    """All cameras: the file's only one, or `cam0_K`, `cam0_D`, `cam0_size` and so on of each."""
     if "camera_matrix" in values:
         size = [number_of(values, name, "the file") for name in ("image_width", "image_height")]
         lens = values.get("distortion_model", "plumb_bob")

@@ -64,9 +64,6 @@ class RawReader(BlockReader):
     Attributes:
         untimed: events in front of the file's first time word, seen so far. They have no time and
             are left out, as the maker's own tools do.
-
-    Raises:
-        InputError: a missing or cut-off file, an unknown coding, or a word of no known kind.
     """
 
     def __init__(self, path: Path) -> None:
@@ -129,9 +126,6 @@ def decode_words(
 
     Returns:
         How many words were used, and their events.
-
-    Raises:
-        InputError: a word of no known kind.
     """
     room = min(_ROOM, prophesee_kernels.MOST_PER_WORD * len(words))
     x, y = np.empty(room, np.uint16), np.empty(room, np.uint16)
@@ -200,11 +194,7 @@ class RawHeader:
 
 
 def read_raw_header(path: Path, file: BinaryIO) -> RawHeader:
-    """Reads the lines and leaves the file where the events begin.
-
-    Raises:
-        InputError: no such lines, too many, or a size that is none.
-    """
+    """Reads the lines and leaves the file where the events begin."""
     fields: dict[str, str] = {}
     while file.peek(1)[:1] == b"%":  # type: ignore[attr-defined]
         line = file.readline(_MOST_BYTES)

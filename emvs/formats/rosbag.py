@@ -36,9 +36,6 @@ class RosbagReader(BlockReader):
 
     A block is a run of messages, found again by their times of recording. Times of events are
     their own stamps, not those of recording.
-
-    Raises:
-        InputError: a missing or damaged bag, or one without event arrays.
     """
 
     def __init__(self, path: Path) -> None:
@@ -196,9 +193,6 @@ def array_head(data: bytes | memoryview, ros2: bool, where: str) -> ArrayHead:
         data: a message, as the bag holds it.
         ros2: whether it is coded as ROS2 does (CDR), else as ROS1 does.
         where: file and place, for the error's sake.
-
-    Raises:
-        InputError: a message that is too short for what it declares.
     """
     if ros2 and bytes(data[:2]) != b"\x00\x01":
         raise InputError(f"{where}: coded other than little-endian CDR; record the bag again")
@@ -220,11 +214,7 @@ def array_head(data: bytes | memoryview, ros2: bool, where: str) -> ArrayHead:
 
 
 def array_events(data: bytes | memoryview, ros2: bool, where: str) -> Events:
-    """The events of a message; nanoseconds are rounded to µs.
-
-    Raises:
-        InputError: a damaged message.
-    """
+    """The events of a message; nanoseconds are rounded to µs."""
     head = array_head(data, ros2, where)
     n = head.count
     x, y = np.empty(n, np.uint16), np.empty(n, np.uint16)

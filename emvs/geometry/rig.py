@@ -70,11 +70,7 @@ class Rig:
         return f"{words}, baseline {self.baseline_m():.3g} m" if len(self) > 1 else words
 
     def check_camera(self, camera: int) -> None:
-        """Refuses a camera that is not there.
-
-        Raises:
-            InputError: says which there are.
-        """
+        """Refuses a camera that is not there."""
         if camera not in range(len(self)):
             raise InputError(
                 f"rig {self.name}: no camera {shown(camera)}, it has 0 to {len(self) - 1}"

@@ -345,9 +345,6 @@ def read_dense(path: Path, shape: tuple[int, ...]) -> Dense:
     Args:
         path: `dense.npz` of a method.
         shape: (H, W) of its depth map.
-
-    Raises:
-        InputError: a missing or damaged file, or a pixel both measured and filled.
     """
     arrays = read_npz(path, ("depth_m", "measured", "filled"))
     for key, kind in (("depth_m", "f"), ("measured", "b"), ("filled", "b")):
@@ -366,11 +363,7 @@ def write_slices(path: Path, slices: Slices) -> None:
 
 
 def read_slices(path: Path, methods: Sequence[str], width_px: int) -> Slices:
-    """Reads what `write_slices` wrote.
-
-    Raises:
-        InputError: a missing or damaged file.
-    """
+    """Reads what `write_slices` wrote."""
     arrays = read_npz(path, ("row_px", "rho", *map(file_name, methods)))
     check_array(path, "row_px", arrays["row_px"], "i", ())
     check_array(path, "rho", arrays["rho"], "f", arrays["rho"].shape[:1])
@@ -389,9 +382,6 @@ def read_npz(path: Path, keys: Sequence[str], also: Sequence[str] = ()) -> Array
         path: the archive.
         keys: arrays that it must hold.
         also: others, read where it holds them.
-
-    Raises:
-        InputError: a missing or damaged file, or one without these arrays.
     """
     try:
         check_file(path)
@@ -408,11 +398,7 @@ def read_npz(path: Path, keys: Sequence[str], also: Sequence[str] = ()) -> Array
 def check_array(
     path: Path, name: str, array: NDArray[Any], kind: str, shape: tuple[int, ...]
 ) -> None:
-    """Refuses an array of another kind (`f`, `i`, `u`, `b`) or shape.
-
-    Raises:
-        InputError: what the array is, and what it must be.
-    """
+    """Refuses an array of another kind (`f`, `i`, `u`, `b`) or shape."""
     if array.dtype.kind != kind or array.shape != shape:
         raise InputError(
             f"{path}: {name} is {array.dtype} {array.shape}, must be of kind {kind!r} and shape "

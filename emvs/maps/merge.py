@@ -43,11 +43,7 @@ class FusedInfo(BaseModel):
 
 
 def chosen_method(stored: StoredMap, method: str | None) -> str:
-    """The method asked for; by default harmonic-mean fusion, else the first that was mapped.
-
-    Raises:
-        InputError: no windows, or a method that was not mapped.
-    """
+    """The method asked for; by default harmonic-mean fusion, else the first that was mapped."""
     if not stored.windows:
         raise InputError(f"{stored.path}: holds no window yet; map until one is finished")
     known = stored.windows[0].info.methods

@@ -170,12 +170,7 @@ def map_into(
 
 
 def check_settings(recording: Recording, config: MapperConfig, out: Path) -> None:
-    """Refuses, before any event is read, settings that suit no window of a recording.
-
-    Raises:
-        InputError: an unknown method, a GPU that is not there, an impossible depth range or row, or
-            planes that memory or disk cannot hold.
-    """
+    """Refuses, before any event is read, settings that suit no window of a recording."""
     requested = methods_by_name(config.methods, len(recording.rig), mcemvs=config.is_mcemvs)
     check_device(config.device)
     view = reference_view(recording, config, recording.trajectory.span_us[0])

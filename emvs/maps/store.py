@@ -110,10 +110,6 @@ def open_store(
         force: whether the folder may hold another run. The new one then grows in `.NAME.next`
             beside it, is taken up from there, and takes its place when the context ends well.
         inputs: what is mapped, which is never replaced.
-
-    Raises:
-        InputError: a folder of another run, no map, one that may not be replaced, or one that
-            another process writes.
     """
     path, inputs = Path(path), tuple(inputs)
     place = real(path)
@@ -138,11 +134,7 @@ def open_store(
 
 
 def _is_to_be_begun(path: Path, head: MapInfo) -> bool:
-    """Whether what is left of a run that was to replace another is of other settings.
-
-    Raises:
-        InputError: it is a link, or holds what is not ours.
-    """
+    """Whether what is left of a run that was to replace another is of other settings."""
     if path.is_symlink():
         raise InputError(f"{path}: is a link where unfinished work is kept: remove it")
     if not path.is_dir():

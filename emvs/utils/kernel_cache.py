@@ -45,9 +45,6 @@ def use_kernel_cache() -> Path:
 
     It is a folder below `NUMBA_CACHE_DIR`, or the user's cache folder, or, where that cannot be
     written to, one of the user's own among the temporary files.
-
-    Raises:
-        InputError: none of them can be written to.
     """
     name = f"eventsweep-{kernel_version()}"
     chosen = Path(numba.config.CACHE_DIR) if numba.config.CACHE_DIR else None  # type: ignore[attr-defined]

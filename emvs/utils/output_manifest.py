@@ -125,11 +125,7 @@ def listing(folder: Path, files: Files) -> Iterator[None]:
 
 
 def check_ours(folder: Path, names: Iterable[str]) -> None:
-    """Refuses files and folders in a folder that are not ours; absent ones pass.
-
-    Raises:
-        InputError: names them.
-    """
+    """Refuses files and folders in a folder that are not ours; absent ones pass."""
     theirs = strangers(folder, names)
     if theirs:
         raise InputError(
@@ -146,9 +142,6 @@ def exchange(staged: Path, folder: Path, names: Iterable[str], index: str = "") 
         folder: where they belong.
         names: of the files, below both.
         index: the file that says which others to read; absent while they are exchanged.
-
-    Raises:
-        InputError: one of the names is taken by what is not ours.
     """
     ordered = sorted(names, key=lambda name: name == index)
     for name in ordered:

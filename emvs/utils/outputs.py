@@ -188,9 +188,6 @@ def check_output(path: Path, *, force: bool, inputs: Inputs = (), folder: bool =
         force: whether it is to be replaced.
         inputs: what it is made from; None and what does not exist are passed over.
         folder: whether the output is a folder; else it is a file.
-
-    Raises:
-        InputError: says why, and what helps.
     """
     path = Path(path)
     place = real(path)
@@ -207,11 +204,7 @@ def check_output(path: Path, *, force: bool, inputs: Inputs = (), folder: bool =
 def check_files(
     path: Path, names: Iterable[str], *, force: bool = False, inputs: Inputs = ()
 ) -> None:
-    """Refuses files in a folder whose names are taken, by ours unless `force`, by others always.
-
-    Raises:
-        InputError: names them.
-    """
+    """Refuses files in a folder whose names are taken, by ours unless `force`, by others always."""
     path = Path(path)
     place = real(path)
     if not os.path.lexists(place):

@@ -1,4 +1,4 @@
-"""Code of others: functions named by the user, and what packages register by entry points."""
+"""Code of others: functions named by the user, entry points of packages, libraries of extras."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
 
-from eventsweep.emvs.errors import InputError, heed_interrupt
+from eventsweep.emvs.errors import InputError, heed_interrupt, said
+from eventsweep.emvs.utils.release import install
 
 Value = TypeVar("Value")
 FUNCTION = "MODULE:FUNCTION or FILE.py:FUNCTION"
@@ -39,6 +40,28 @@ def run_point(point: EntryPoint, what: str, run: Callable[[Any], Value]) -> Valu
             f"{package}: {what.format(f'({point.name} = {point.value})')} ({reason}): fix or "
             "uninstall it"
         ) from error
+
+
+def extra_module(name: str, purpose: str, extra: str, cure: str = "") -> Any:
+    """Imports a library that comes with an extra.
+
+    Args:
+        name: of the module.
+        purpose: what begins the error: `Parquet needs`.
+        extra: name of the optional dependencies.
+        cure: what helps where the library is there and cannot be loaded.
+
+    Raises:
+        InputError: it cannot be loaded.
+    """
+    try:
+        return import_module(name)
+    except (ImportError, OSError) as error:  # libraries of the system may be missing
+        heed_interrupt(error)
+        library = name.partition(".")[0]
+        missing = isinstance(error, ModuleNotFoundError) and error.name in (name, library)
+        why = f"is not installed: {install(extra)}" if missing else f"fails: {said(error)}{cure}"
+        raise InputError(f"{purpose} {library}, which {why}") from error
 
 
 def files_of(points: Iterable[EntryPoint]) -> list[Path]:

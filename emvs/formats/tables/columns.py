@@ -94,11 +94,7 @@ def column_map(columns: str = "", time_unit: str = "") -> ColumnMap | None:
 
 
 def address_of(address: str) -> tuple[str, str]:
-    """Name and key of an address, such as `events` and `0` of `events[0]`.
-
-    Raises:
-        InputError: brackets that are no key.
-    """
+    """Name and key of an address, such as `events` and `0` of `events[0]`."""
     match = _ADDRESS.fullmatch(address)
     if match is None:
         raise InputError(f"column {quoted(address)}: needs a name, with one [field] or [number]")
@@ -106,11 +102,7 @@ def address_of(address: str) -> tuple[str, str]:
 
 
 def by_names(where: str, names: Collection[str]) -> tuple[ColumnMap, float | None]:
-    """The columns whose names say what they are, and the unit that the time's name says, s.
-
-    Raises:
-        InputError: named after `where`: one is not there, or several could be it.
-    """
+    """The columns whose names say what they are, and the unit that the time's name says, s."""
     times = [name for name in TIMES if name in names]
     signs = [name for name in POLARITIES if name in names]
     if len(times) != 1 or len(signs) != 1 or not {"x", "y"} <= set(names):
@@ -130,9 +122,6 @@ def order_of(where: str, columns: Sequence[NDArray[Any]]) -> str:
 
     Returns:
         One of `ORDERS`.
-
-    Raises:
-        InputError: both are possible, or neither.
     """
     possible = [
         order
@@ -157,11 +146,7 @@ def _may_be(name: str, values: NDArray[Any]) -> bool:
 
 
 def nameless_unit_s(where: str, t: NDArray[Any]) -> float:
-    """What the times of a nameless column count, s: µs where of a whole type, else seconds.
-
-    Raises:
-        InputError: floating numbers without fractions, which could be either.
-    """
+    """What the times of a nameless column count, s: µs where of a whole type, else seconds."""
     if t.dtype.kind != "f":
         return 1e-6
     if (t == np.floor(t)).all():

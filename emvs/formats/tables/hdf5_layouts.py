@@ -72,11 +72,7 @@ class Hdf5Layout:
 
 
 def hdf5_layout(path: Path, columns: ColumnMap | None = None) -> Hdf5Layout:
-    """Recognises the layout of a file by its data sets, or takes it as stated.
-
-    Raises:
-        InputError: a damaged file, or one without events in a known or the stated place.
-    """
+    """Recognises the layout of a file by its data sets, or takes it as stated."""
     with opened_hdf5(path) as file:
         if columns is not None and columns.x:
             return _stated(path, file, columns)

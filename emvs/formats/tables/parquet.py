@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from eventsweep.emvs.data.events import Events
-from eventsweep.emvs.errors import InputError, heed_interrupt, quoted, said, shown
+from eventsweep.emvs.errors import InputError, quoted, said, shown
 from eventsweep.emvs.formats.blocks import BlockReader, Numbers, to_events
 from eventsweep.emvs.formats.prophesee import STREAM, opened
 from eventsweep.emvs.formats.tables.columns import UNITS_S, ColumnMap, by_names
-from eventsweep.emvs.utils.release import install
+from eventsweep.emvs.utils.plugins import extra_module
 
 _ROWS = 1 << 18
 
@@ -38,7 +38,8 @@ class ParquetReader(BlockReader):
 
     def __init__(self, path: Path, columns: ColumnMap | None = None) -> None:
         super().__init__(Path(path), (STREAM,))
-        self._parquet = load_parquet(self.path)
+        purpose = f"{self.path}: Parquet needs"
+        self._parquet = extra_module("pyarrow.parquet", purpose, "parquet")
         with self._opened() as table:
             schema, self._rows = table.schema_arrow, table.metadata.num_rows
             self._groups = [
@@ -140,19 +141,3 @@ _NUMBERS = {
     *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
     *("bool", "halffloat", "float", "double"),
 }
-
-
-def load_parquet(path: Path) -> Any:
-    """The library's reader of Parquet.
-
-    Raises:
-        InputError: it cannot be loaded.
-    """
-    try:
-        import pyarrow.parquet
-    except (ImportError, OSError) as error:
-        heed_interrupt(error)
-        missing = isinstance(error, ModuleNotFoundError)
-        why = f"is not installed: {install('parquet')}" if missing else f"fails: {said(error)}"
-        raise InputError(f"{path}: Parquet needs pyarrow, which {why}") from error
-    return pyarrow.parquet

@@ -119,11 +119,7 @@ class TextReader(BlockReader):
 
 
 def text_layout(path: Path, head: bytes, columns: ColumnMap | None = None) -> TextLayout:
-    """Recognises the layout from the first bytes of a file, or takes it as stated.
-
-    Raises:
-        InputError: binary content, or a header that lacks a column.
-    """
+    """Recognises the layout from the first bytes of a file, or takes it as stated."""
     if b"\0" in head or not head.isascii():
         raise InputError(
             f"{path}: neither text nor a known binary event format; "
