@@ -11,14 +11,18 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from eventsweep.emvs.errors import InputError, shown
 
 
-class ParameterGroup(BaseModel):
-    """A group of parameters: nothing unknown is taken, and nothing changes afterwards.
+class FrozenModel(BaseModel):
+    """Named values: nothing unknown is taken, and nothing changes afterwards."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class ParameterGroup(FrozenModel):
+    """A group of parameters.
 
     Raises:
         InputError: an unknown name or an impossible value.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     def __init__(self, /, **values: Any) -> None:
         try:

@@ -17,13 +17,9 @@ _PIXEL_BYTES = 4 + 4 + 4 + 1  # depth, confidence, argmax, mask
 
 
 def check_view_fits(view: ReferenceView, methods: int, config: MapperConfig, out: Path) -> None:
-    """Refuses planes and images that memory, or with `save_dsi` the disk, cannot hold.
+    """Refuses planes and images of so many methods that memory, or with `save_dsi` the disk, lacks.
 
-    Args:
-        view: size and planes.
-        methods: how many maps are made.
-        config: `save_dsi`.
-        out: a folder on the disk that takes the volumes; its parents may not exist yet.
+    `out` is a folder on the disk that takes the volumes; its parents may not exist yet.
     """
     pixels = view.camera.width_px * view.camera.height_px
     rows = len(view.rho) * view.camera.width_px

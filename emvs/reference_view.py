@@ -105,43 +105,22 @@ def depth_range_m(recording: Recording, config: MapperConfig) -> tuple[float, fl
 
 
 def inverse_depth_planes(min_depth_m: float, max_depth_m: float, count: int) -> NDArray[np.float32]:
-    """Returns the planes of the sweep, near to far, with both ends of the range among them.
+    """Returns (count,) float32 planes in equal steps of inverse depth, 1/m, near to far.
 
-    Args:
-        min_depth_m: depth of the first plane, m.
-        max_depth_m: depth of the last plane, m.
-        count: number of planes, at least 2.
-
-    Returns:
-        (count,) float32 inverse depths, 1/m, falling in equal steps.
+    Both ends of the range are among them; there are at least 2.
     """
     return np.linspace(1 / min_depth_m, 1 / max_depth_m, count).astype(np.float32)
 
 
 def linear_planes(min_depth_m: float, max_depth_m: float, count: int) -> NDArray[np.float32]:
-    """Returns planes in equal steps of depth, near to far, with both ends of the range among them.
-
-    Args:
-        min_depth_m: depth of the first plane, m.
-        max_depth_m: depth of the last plane, m.
-        count: number of planes, at least 2.
-
-    Returns:
-        (count,) float32 inverse depths, 1/m, falling.
-    """
+    """Returns (count,) float32 planes in equal steps of depth, 1/m, near to far, ends included."""
     return (1 / np.linspace(min_depth_m, max_depth_m, count)).astype(np.float32)
 
 
 def mcemvs_planes(min_depth_m: float, max_depth_m: float, count: int) -> NDArray[np.float32]:
-    """Returns the planes of the authors' implementation: far to near, never quite at the near end.
+    """Returns the (count,) float32 planes of the authors' implementation, 1/m, far to near.
 
-    Args:
-        min_depth_m: near end of the range, m; the nearest plane lies one step beyond it.
-        max_depth_m: depth of the first plane, m.
-        count: number of planes, at least 2.
-
-    Returns:
-        (count,) float32 inverse depths, 1/m: `1/max + i (1/min - 1/max) / count`.
+    `1/max + i (1/min - 1/max) / count`: the nearest one lies a step beyond `min_depth_m`.
     """
     near, far = 1 / min_depth_m, 1 / max_depth_m
     return (far + np.arange(count) * (near - far) / count).astype(np.float32)
@@ -150,12 +129,7 @@ def mcemvs_planes(min_depth_m: float, max_depth_m: float, count: int) -> NDArray
 def inverse_depth_at(
     rho: NDArray[np.float32], position: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Returns the inverse depth at fractional plane positions: (...) float32, 1/m.
-
-    Args:
-        rho: (N,) planes in equal steps of inverse depth or of depth, 1/m.
-        position: (...) plane indices, whole or fractional.
-    """
+    """Returns the inverse depth at (...) fractional plane indices: (...) float32, 1/m."""
     first, last, place = float(rho[0]), float(rho[-1]), position.astype(np.float64)
     if not is_linear(rho):
         place *= (last - first) / (len(rho) - 1)

@@ -146,14 +146,7 @@ def time_steps(t0_us: int, t1_us: int) -> Iterator[tuple[int, int]]:
 
 
 def check_poses(trajectory: Trajectory, t0_us: int, t1_us: int, config: MapperConfig) -> None:
-    """Refuses a window in which poses are missing.
-
-    Args:
-        trajectory: poses that cover the window.
-        t0_us: begin, included.
-        t1_us: end, excluded.
-        config: `max_pose_gap_s`.
-    """
+    """Refuses a window, `t0_us <= t < t1_us`, in which neighbouring poses lie too far apart."""
     first = max(int(np.searchsorted(trajectory.t_us, t0_us, side="right")) - 1, 0)
     last = int(np.searchsorted(trajectory.t_us, t1_us - 1, side="left")) + 1
     times = trajectory.t_us[first:last]
@@ -289,13 +282,6 @@ def _by_count(
 
 
 def _every(t_us: Times, seen: int, first: int, stride: int) -> Times:
-    """Times of the events number first, first + stride, ... of a stream, within one piece of it.
-
-    Args:
-        t_us: times of the piece.
-        seen: events of the stream before it.
-        first: number of the first event wanted.
-        stride: from one to the next.
-    """
+    """Times of a stream's events first, first + stride, ... in a piece behind `seen` others."""
     start = first - seen if seen <= first else (first - seen) % stride
     return np.array(t_us[start::stride], np.int64)

@@ -301,17 +301,11 @@ def _depth(source: Path, out: Path, options: Options) -> str:
 
 
 def _focal_px(source: Path) -> float:
-    import json
-
-    import numpy as np
+    from eventsweep.emvs.maps.folder import read_depth
 
     if source.suffix != ".npz":
         raise InputError(f"{source}: holds no focal length; needs a map's depth.npz")
-    try:
-        with np.load(source, allow_pickle=False) as stored:
-            return float(json.loads(str(stored["camera"]))["fx_px"])
-    except (KeyError, ValueError, OSError, TypeError) as error:
-        raise InputError(f"{source}: holds no camera; needs a map's depth.npz") from error
+    return read_depth(source, "").camera.fx_px
 
 
 def _cloud(source: Path, out: Path, to: str) -> str:

@@ -12,7 +12,6 @@ from rich.table import Table
 from rich.text import Text
 
 from eventsweep.emvs.data.recording import Recording
-from eventsweep.emvs.datasets.posed import PosedRecording
 from eventsweep.emvs.datasets.raw_streams import Readable, open_readable
 from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.utils.files import atomic_path
@@ -142,8 +141,6 @@ def _covered(count: StreamCount, first_us: int, last_us: int) -> float:
 
 
 def _truth_times(recording: Recording) -> int:
-    if isinstance(recording, PosedRecording):
-        return len(recording.truth_times_us(0))
     times = getattr(recording, "truth_times_us", None)
     return 0 if times is None else len(times(0))
 

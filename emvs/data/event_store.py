@@ -21,6 +21,7 @@ from eventsweep.emvs.data.hdf5 import (
     ClosingWriter,
     Hdf5Writer,
     check_dataset,
+    known_names,
     open_hdf5,
 )
 from eventsweep.emvs.errors import InputError, located
@@ -98,23 +99,14 @@ class EventStoreWriter(ClosingWriter):
 
     def _create(self, name: str, kind: DTypeLike, like: DTypeLike) -> None:
         """A growing column, compressed as those of type `like`."""
-        kept = COMPRESSION[np.dtype(like)]
-        self._hdf5.create(name, (0,), kind, maxshape=(None,), chunks=(_CHUNK,), **kept)
+        self._hdf5.grow(name, kind, _CHUNK, **COMPRESSION[np.dtype(like)])
 
     def _checked_extra(self, extra: Mapping[str, Column], count: int) -> dict[str, Column]:
+        names = known_names("event columns", extra, EXTRA_COLUMNS, self._extra)
         if self._extra is None:
-            unknown = set(extra) - set(EXTRA_COLUMNS)
-            if unknown:
-                known = ", ".join(EXTRA_COLUMNS)
-                raise InputError(f"event columns {sorted(unknown)} are unknown: there are {known}")
-            self._extra = tuple(name for name in EXTRA_COLUMNS if name in extra)
-            for name in self._extra:
+            self._extra = names
+            for name in names:
                 self._create(f"events/{name}", EXTRA_COLUMNS[name], EXTRA_COLUMNS[name])
-        if set(extra) != set(self._extra):
-            raise InputError(
-                f"event packet with columns {sorted(extra)} after packets with "
-                f"{sorted(self._extra)}: give the same ones each time"
-            )
         for name, column in extra.items():
             if len(column) != count:
                 raise InputError(

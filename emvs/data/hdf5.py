@@ -6,7 +6,8 @@ whole process; so both are looked at before the first value is read.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import io
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self
@@ -94,7 +95,7 @@ def _lies_elsewhere(file: h5py.File, name: bytes, kind: int) -> str | None:
     return "external storage" if plist.get_external_count() else None
 
 
-class Sink:
+class Sink(io.FileIO):
     """What HDF5 writes into: a file that keeps its first fault for `check` and swallows the rest.
 
     HDF5 retries a failed write from every cache that it closes and can crash the process; so it
@@ -102,7 +103,7 @@ class Sink:
     """
 
     def __init__(self, path: Path) -> None:
-        self._file = path.open("w+b", buffering=0)
+        super().__init__(path, "w+")
         self._fault: OSError | None = None
 
     def check(self) -> None:
@@ -110,52 +111,33 @@ class Sink:
         if self._fault is not None:
             raise self._fault
 
-    def write(self, data: bytes) -> int:
+    def write(self, data: Any) -> int:
         """Writes all of `data`, or remembers why that failed."""
         view = memoryview(data)
-        end = self._file.tell() + len(view)
+        end = self.tell() + len(view)
         try:
             while len(view):
-                view = view[self._file.write(view) :]
+                view = view[super().write(view) :]
         except OSError as error:
             self._fault = self._fault or error
-            self._file.seek(end)
+            self.seek(end)
         return len(data)
 
-    def read(self, size: int = -1) -> bytes:
-        """Reads back; h5py takes an object with `read` and `seek` for a file."""
-        return self._file.read(size)
-
-    def readinto(self, buffer: memoryview) -> int:
+    def readinto(self, buffer: Any) -> int:
         """Reads back; after a fault there may be less than HDF5 wrote, so zeros stand in."""
-        count = self._file.readinto(buffer) or 0
+        count = super().readinto(buffer) or 0
         if self._fault is not None:
             buffer[count:] = bytes(len(buffer) - count)
             return len(buffer)
         return count
 
-    def seek(self, offset: int, whence: int = 0) -> int:
-        """Moves as files do."""
-        return self._file.seek(offset, whence)
-
-    def tell(self) -> int:
-        """Position, bytes."""
-        return self._file.tell()
-
     def truncate(self, size: int | None = None) -> int:
         """Sets the length, unless the disk has already failed."""
         try:
-            return self._file.truncate(size)
+            return super().truncate(size)
         except OSError as error:
             self._fault = self._fault or error
             return size or 0
-
-    def flush(self) -> None:
-        """Nothing is buffered here."""
-
-    def close(self) -> None:
-        """Closes the file."""
-        self._file.close()
 
 
 class ClosingWriter:
@@ -186,6 +168,13 @@ class Hdf5Writer(ClosingWriter):
     def create(self, name: str, *arguments: Any, **settings: Any) -> None:
         """A new data set, as `h5py.Group.create_dataset` makes it."""
         self.file.create_dataset(name, *arguments, **settings).id.close()
+
+    def grow(
+        self, name: str, kind: Any, rows: int, shape: tuple[int, ...] = (), **kept: Any
+    ) -> None:
+        """A new, empty data set to `extend`: rows of a shape, so many of them in a chunk."""
+        limits = {"maxshape": (None, *shape), "chunks": (rows, *shape)}
+        self.create(name, (0, *shape), kind, **limits, **kept)
 
     @contextmanager
     def opened(self, name: str) -> Iterator[h5py.Dataset]:
@@ -219,6 +208,20 @@ class Hdf5Writer(ClosingWriter):
         self.file.close()
         self._sink.close()
         self.check()
+
+
+def known_names(
+    what: str, given: Collection[str], known: Collection[str], before: Collection[str] | None
+) -> tuple[str, ...]:
+    """Names of optional data sets, in the order of the known ones, and the same as `before`."""
+    unknown = sorted(set(given) - set(known))
+    if unknown:
+        raise InputError(f"{what} {unknown} unknown: there are {', '.join(known)}")
+    if before is not None and set(given) != set(before):
+        raise InputError(
+            f"{what} {sorted(given)} after {sorted(before)}: give the same ones each time"
+        )
+    return tuple(name for name in known if name in given)
 
 
 def check_dataset(path: Path, data: Any) -> int:

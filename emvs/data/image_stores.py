@@ -19,6 +19,7 @@ from eventsweep.emvs.data.hdf5 import (
     ClosingWriter,
     Hdf5Writer,
     check_dataset,
+    known_names,
     open_hdf5,
 )
 from eventsweep.emvs.errors import InputError
@@ -46,7 +47,7 @@ class TruthWriter(ClosingWriter):
     def __init__(self, path: Path, width_px: int, height_px: int) -> None:
         self._optional: tuple[str, ...] | None = None
         self._hdf5 = Hdf5Writer(path)
-        self._hdf5.create("t_us", (0,), np.int64, maxshape=(None,), chunks=(1024,))
+        self._hdf5.grow("t_us", np.int64, 1024)
         for name in _ALWAYS:
             self._create(name, (height_px, width_px))
 
@@ -79,27 +80,15 @@ class TruthWriter(ClosingWriter):
 
     def _create(self, name: str, shape: tuple[int, ...]) -> None:
         kind = {**_ALWAYS, **OPTIONAL}[name]
-        self._hdf5.create(
-            name, (0, *shape), kind, maxshape=(None, *shape), chunks=(1, *shape),
-            **COMPRESSION.get(kind, _SHUFFLED),
-        )  # fmt: skip
+        self._hdf5.grow(name, kind, 1, shape, **COMPRESSION.get(kind, _SHUFFLED))
 
     def _checked(self, optional: Mapping[str, Image]) -> dict[str, Image]:
+        names = known_names("ground truth", optional, OPTIONAL, self._optional)
         if self._optional is None:
-            unknown = set(optional) - set(OPTIONAL)
-            if unknown:
-                raise InputError(
-                    f"ground truth {sorted(unknown)} is unknown: there are {', '.join(OPTIONAL)}"
-                )
-            self._optional = tuple(name for name in OPTIONAL if name in optional)
-            for name in self._optional:
+            self._optional = names
+            for name in names:
                 self._create(name, optional[name].shape)
-        if set(optional) != set(self._optional):
-            raise InputError(
-                f"ground truth with {sorted(optional)} after times with "
-                f"{sorted(self._optional)}: give the same data sets at every time"
-            )
-        return {name: optional[name] for name in self._optional}
+        return {name: optional[name] for name in names}
 
 
 class TruthReader:
@@ -193,14 +182,9 @@ class FrameWriter(ClosingWriter):
     def __init__(self, path: Path, width_px: int, height_px: int) -> None:
         self._shape, self._last_us = (height_px, width_px), -(2**62)
         self._hdf5 = Hdf5Writer(path)
-        for name in ("start_us", "end_us"):
-            self._hdf5.create(name, (0,), np.int64, maxshape=(None,), chunks=(1024,))
-        self._hdf5.create("gain", (0,), np.float64, maxshape=(None,), chunks=(1024,))
-        shape, uint8 = self._shape, np.dtype(np.uint8)
-        self._hdf5.create(
-            "image", (0, *shape), uint8, maxshape=(None, *shape), chunks=(1, *shape),
-            **COMPRESSION[uint8],
-        )  # fmt: skip
+        for name, kind in (("start_us", np.int64), ("end_us", np.int64), ("gain", np.float64)):
+            self._hdf5.grow(name, kind, 1024)
+        self._hdf5.grow("image", np.uint8, 1, self._shape, **COMPRESSION[np.dtype(np.uint8)])
 
     def append(self, photo: Photo) -> None:
         """Adds a picture.

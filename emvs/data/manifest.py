@@ -7,27 +7,27 @@ from os.path import realpath
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
 from eventsweep.emvs.errors import InputError, quoted
+from eventsweep.emvs.parameters import FrozenModel
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, read_text
+from eventsweep.emvs.utils.output_manifest import facts_of, hashed
 
 SCHEMA_VERSION = 1
 FILE_NAME = "manifest.json"
 
 
-class FileEntry(BaseModel):
+class FileEntry(FrozenModel):
     """One file of the sequence."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
     sha256: str
     bytes: int
 
 
-class Manifest(BaseModel):
+class Manifest(FrozenModel):
     """What is known of a sequence beside its data."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
     schema_version: int
     name: str
     configuration: dict[str, Any]
@@ -48,12 +48,8 @@ class Manifest(BaseModel):
 def entries(folder: Path) -> dict[str, FileEntry]:
     """Hashes every file below a folder, the manifest excepted."""
     paths = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != FILE_NAME)
-    return {
-        path.relative_to(folder).as_posix(): FileEntry(
-            sha256=_sha256(path), bytes=path.stat().st_size
-        )
-        for path in paths
-    }
+    facts = {path.relative_to(folder).as_posix(): facts_of(path) for path in paths}
+    return {name: FileEntry(sha256=file.sha256, bytes=file.bytes) for name, file in facts.items()}
 
 
 def write(folder: Path, manifest: Manifest) -> None:
@@ -95,7 +91,7 @@ def read(folder: Path) -> Manifest:
 def check_hashes(folder: Path, manifest: Manifest) -> None:
     """Reads every file and compares its hash."""
     for name, entry in manifest.files.items():
-        if _sha256(folder / name) != entry.sha256:
+        if hashed(folder / name).sha256 != entry.sha256:
             raise InputError(
                 f"{folder / name}: content changed since it was made; make the sequence again"
             )
@@ -123,8 +119,3 @@ def _check_size(path: Path, entry: FileEntry) -> None:
         raise InputError(f"{path}: missing; make the sequence again") from error
     if size != entry.bytes:
         raise InputError(f"{path}: {size} bytes, should be {entry.bytes}; make the sequence again")
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

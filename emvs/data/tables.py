@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.parameters import FrozenModel
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, read_text
 
@@ -79,10 +80,8 @@ def _place(line: str) -> Array:
     return se3.from_quat_xyzw(numbers[:3], numbers[3:])
 
 
-class Geom(BaseModel):
+class Geom(FrozenModel):
     """One piece of a scene's geometry."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
     """The scene's name for it, or that of its body, or its type; not always unique."""

@@ -8,6 +8,7 @@ from eventsweep.emvs.data.manifest import FILE_NAME
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets.ecd import FILES, EventCameraDataset
+from eventsweep.emvs.datasets.files import find_optional
 from eventsweep.emvs.errors import InputError, check_path
 
 DESCRIPTOR = "recording.toml"
@@ -34,9 +35,9 @@ def open_recording(path: str | Path) -> Recording:
         return Sequence.open(path)
     if (path / DESCRIPTOR).exists():
         return _file(path / DESCRIPTOR)
-    found = _data_set(path)
-    if found is not None:
-        return found
+    recording = _data_set(path)
+    if recording is not None:
+        return recording
     missing = [name for name in FILES if not (path / name).exists()]
     if not missing:
         return EventCameraDataset(path)
@@ -52,10 +53,10 @@ def open_recording(path: str | Path) -> Recording:
 
 
 def _file(path: Path) -> Recording:
-    from eventsweep.emvs.datasets.custom import open_described
+    from eventsweep.emvs.datasets.custom import assembled, read_descriptor
 
     if path.suffix == ".toml":
-        return open_described(path)
+        return assembled(path.parent, read_descriptor(path), DESCRIPTOR)
     if path.suffix == ".bag":
         from eventsweep.emvs.datasets.rosbag import open_bag_recording
 
@@ -69,13 +70,14 @@ def _data_set(path: Path) -> Recording | None:
     """A data set with a module of its own, if the folder looks like one."""
     from eventsweep.emvs.datasets import dsec, mvsec, rosbag, tumvie
 
-    if dsec.is_dsec(path):
-        return dsec.open_dsec(path)
-    if tumvie.is_tumvie(path):
-        return tumvie.open_tumvie(path)
-    if mvsec.is_mvsec(path):
-        return mvsec.open_mvsec(path)
-    if (path / "metadata.yaml").exists():
-        return rosbag.open_bag_recording(path)
-    bag = rosbag.find_bag(path)
+    layouts = {
+        dsec.LEFT: dsec.open_dsec,
+        tumvie.LEFT: tumvie.open_tumvie,
+        mvsec.DATA: mvsec.open_mvsec,
+        "metadata.yaml": rosbag.open_bag_recording,
+    }
+    for pattern, opened in layouts.items():
+        if any(path.glob(pattern)):
+            return opened(path)
+    bag = find_optional(path, ["*.bag"], "the bag")
     return None if bag is None else rosbag.open_bag_recording(bag)

@@ -7,11 +7,11 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from eventsweep.emvs.data.poses import read_poses
 from eventsweep.emvs.datasets.own_truth import TruthTable, open_truth
-from eventsweep.emvs.datasets.posed import EventSource, PosedRecording, on_first_camera
+from eventsweep.emvs.datasets.posed import EventSource, PosedRecording
 from eventsweep.emvs.errors import InputError, located
 from eventsweep.emvs.formats.calibration import read_imu_cam, read_rig
 from eventsweep.emvs.formats.calibration_values import matrix, parsed, pose_of
@@ -19,21 +19,16 @@ from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
-from eventsweep.emvs.parameters import first_fault
+from eventsweep.emvs.parameters import FrozenModel, first_fault
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
 from eventsweep.emvs.utils.release import page
 
 FILE_NAME = "recording.toml"
 
-
 FileName = Annotated[str, Field(pattern=r"^[^\x00-\x1f\x7f]+$")]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class ColumnsTable(_Table):
+class ColumnsTable(FrozenModel):
     """Addresses of the columns of a file, as `emvs.formats.tables.columns` explains them."""
 
     x: str = Field(min_length=1)
@@ -42,7 +37,7 @@ class ColumnsTable(_Table):
     p: str = Field(min_length=1)
 
 
-class EventsTable(_Table):
+class EventsTable(FrozenModel):
     """One camera's events.
 
     Attributes:
@@ -68,7 +63,7 @@ class EventsTable(_Table):
         return EventSource(folder / self.file, self.stream, self.time_offset_us, columns)
 
 
-class CalibrationTable(_Table):
+class CalibrationTable(FrozenModel):
     """The rig.
 
     Attributes:
@@ -80,7 +75,7 @@ class CalibrationTable(_Table):
     cameras: tuple[int | str, ...] = ()
 
 
-class PosesTable(_Table):
+class PosesTable(FrozenModel):
     """The trajectory.
 
     Attributes:
@@ -101,7 +96,7 @@ class PosesTable(_Table):
     imu_cam: FileName | None = None
 
 
-class Descriptor(_Table):
+class Descriptor(FrozenModel):
     """A whole recording."""
 
     name: str | None = None
@@ -127,24 +122,14 @@ def read_descriptor(path: Path) -> Descriptor:
         raise InputError(f"{path}: cannot be read as TOML ({error}); correct it") from error
 
 
-def open_described(path: Path, layout: str = FILE_NAME) -> PosedRecording:
-    """Opens what a `recording.toml` describes.
-
-    Args:
-        path: the descriptor; its file names are relative to its folder.
-        layout: what to call the layout.
-    """
-    return assembled(path.parent, read_descriptor(path), layout)
-
-
 def assembled(folder: Path, what: Descriptor, layout: str) -> PosedRecording:
     """Opens the recording that a descriptor describes, relative to a folder."""
     rig = _rig(folder / what.calibration.file, what)
     poses = _poses(folder / what.poses.file, what.poses)
     if what.poses.hand_eye is not None:
         imu_cam = None if what.poses.imu_cam is None else folder / what.poses.imu_cam
-        poses = on_first_camera(poses, read_hand_eye(folder / what.poses.hand_eye, imu_cam))
-    sources = tuple(one.source(folder) for one in what.events)
+        poses = poses.times(read_hand_eye(folder / what.poses.hand_eye, imu_cam))
+    sources = tuple(events.source(folder) for events in what.events)
     truth = None if what.truth is None else open_truth(folder, what.truth, rig, poses)
     return PosedRecording(
         path=folder,
@@ -163,7 +148,7 @@ def _rig(path: Path, what: Descriptor) -> Rig:
         return read_rig(path, what.calibration.cameras)
     from eventsweep.emvs.datasets.bags import read_bag_rig
 
-    return read_bag_rig(path, [one.stream for one in what.events])
+    return read_bag_rig(path, [events.stream for events in what.events])
 
 
 def _poses(path: Path, table: PosesTable) -> Trajectory:

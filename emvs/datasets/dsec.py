@@ -45,11 +45,6 @@ DISPARITY_SCALE = 256
 Array = NDArray[np.float64]
 
 
-def is_dsec(folder: Path) -> bool:
-    """Whether a folder looks like a sequence of DSEC."""
-    return (folder / LEFT).exists()
-
-
 def open_dsec(folder: Path) -> PosedRecording:
     """Opens a sequence; the set has no poses, so a file of `T_world_cam0` must be beside it."""
     calibration = find_one(folder, _CAMERAS, "the calibration")

@@ -28,12 +28,9 @@ class TruthRecording(Recording, Protocol):
 
 
 def nearest_truth_us(recording: TruthRecording, t_ref_us: int, tolerance_us: int = 0) -> int:
-    """The time of ground truth of camera 0 that is nearest to a reference time.
+    """The time of ground truth of camera 0 that is nearest to a reference time, µs.
 
-    Args:
-        recording: with ground truth.
-        t_ref_us: time of the reference view, µs.
-        tolerance_us: how far the truth may lie from it, µs; at 0 the stamps must be equal.
+    It may lie `tolerance_us` from it; at 0 the stamps must be equal.
     """
     times_us = recording.truth_times_us(0)
     if getattr(recording, "truth_any_time", False) and times_us[0] <= t_ref_us <= times_us[-1]:
@@ -61,8 +58,8 @@ def truth_at(
 
     Args:
         recording: with ground truth.
-        t_ref_us: time of the reference view, µs.
-        tolerance_us: how far the truth may lie from it, µs.
+        t_ref_us: time of the reference view.
+        tolerance_us: how far the truth may lie from it.
 
     Returns:
         (H, W) z-depth, m; not finite where unknown.

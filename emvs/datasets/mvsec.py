@@ -24,11 +24,6 @@ _LARGEST_S = 1 << 40
 _MOST_POSES = 1_000_000
 
 
-def is_mvsec(folder: Path) -> bool:
-    """Whether a folder looks like a sequence of MVSEC."""
-    return any(folder.glob(DATA))
-
-
 def open_mvsec(folder: Path) -> PosedRecording:
     """Opens a sequence: `NAME_data.hdf5`, `NAME_gt.hdf5`, `camchain-imucam-*.yaml`."""
     data = find_one(folder, [DATA], "the events")

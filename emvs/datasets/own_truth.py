@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from eventsweep.emvs.data.stamps import read_stamps
 from eventsweep.emvs.errors import InputError
@@ -18,12 +18,13 @@ from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.geometry.warp import nearest_depth, undistort_depth
+from eventsweep.emvs.parameters import FrozenModel
 from eventsweep.emvs.utils.plugins import extra_module
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
-class TruthTable(BaseModel):
+class TruthTable(FrozenModel):
     """The table `[truth]`: `depth` and `times`, or `surface`.
 
     Attributes:
@@ -40,8 +41,6 @@ class TruthTable(BaseModel):
         point_radius_m: radius of a cloud's points: each hides what lies behind it.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     depth: str = ""
     times: str = ""
     time_unit: Literal["s", "ms", "us", "ns"] = "s"
@@ -56,14 +55,7 @@ class TruthTable(BaseModel):
 def open_truth(
     folder: Path, table: TruthTable, rig: Rig, trajectory: Trajectory
 ) -> StoredTruth | SurfaceTruth:
-    """Opens what the table names.
-
-    Args:
-        folder: what file names are relative to.
-        table: `[truth]`.
-        rig: its first camera is the one with truth.
-        trajectory: `T_world_body`, for a surface.
-    """
+    """Opens what `[truth]` names, below a folder; the rig's first camera is the one with truth."""
     if bool(table.depth) == bool(table.surface):
         raise InputError(f"{folder}: [truth] needs one of the keys depth and surface")
     if table.surface:
@@ -152,24 +144,10 @@ class SurfaceTruth:
 
 
 def depth_of_points(
-    points_m: NDArray[np.float64],
-    radius_m: float,
-    view: Camera,
-    T_world_cam: NDArray[np.float64],
+    points_m: NDArray[np.float64], radius_m: float, view: Camera, T_world_cam: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """Depth of points that are discs facing the camera: the nearest disc of each pixel shows.
-
-    Args:
-        points_m: (N, 3) in the world.
-        radius_m: of the discs.
-        view: a pinhole camera.
-        T_world_cam: (4, 4) its pose.
-
-    Returns:
-        (H, W) float32 z-depth, m, NaN where there is none.
-    """
-    T_cam_world = se3.inverse(T_world_cam)
-    return nearest_depth(points_m @ T_cam_world[:3, :3].T + T_cam_world[:3, 3], view, radius_m)
+    """(H, W) z-depth in a view, m, of discs around (N, 3) points of the world; else NaN."""
+    return nearest_depth(se3.transform(se3.inverse(T_world_cam), points_m), view, radius_m)
 
 
 def _depth_of_mesh(
@@ -196,7 +174,11 @@ def _read_times(path: Path, table: TruthTable) -> tuple[NDArray[np.int64], tuple
 def _read_map(path: Path, unit_m: float | None) -> NDArray[np.float32]:
     """(H, W) depth in m, NaN where unknown."""
     if path.suffix.lower() == ".exr":
-        return _known(_read_exr(path), unit_m or 1.0)
+        channels = read_exr(path)
+        depth = next((channels[name] for name in "ZYR" if name in channels), None)
+        if depth is None:
+            raise InputError(f"{path}: channels {', '.join(channels) or 'none'}; needs Z")
+        return _known(depth, unit_m or 1.0)
     if path.suffix.lower() != ".png":
         return np.asarray(read_depth(path) * np.float32(unit_m or 1.0))
     image = read_png(path)
@@ -211,11 +193,3 @@ def _read_map(path: Path, unit_m: float | None) -> NDArray[np.float32]:
 
 def _known(values: NDArray[Any], unit_m: float) -> NDArray[np.float32]:
     return np.where(np.isfinite(values) & (values > 0), values * unit_m, np.nan).astype(np.float32)
-
-
-def _read_exr(path: Path) -> NDArray[np.float32]:
-    channels = read_exr(path)
-    for name in ("Z", "Y", "R"):
-        if name in channels:
-            return channels[name]
-    raise InputError(f"{path}: channels {', '.join(channels) or 'none'}; needs Z")

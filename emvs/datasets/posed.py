@@ -74,8 +74,8 @@ class EventSource:
 
     def between(self, t0_us: int, t1_us: int) -> Events:
         """Events with `t0_us <= t < t1_us`, as the file holds them."""
-        found = self.reader.between(self._name, t0_us - self.shift_us, t1_us - self.shift_us)
-        return self._shifted(found)
+        events = self.reader.between(self._name, t0_us - self.shift_us, t1_us - self.shift_us)
+        return self._shifted(events)
 
     def chunks(self, max_events: int = 1 << 20) -> Iterator[Events]:
         """All events in file order, in packets."""
@@ -191,16 +191,3 @@ def _only(path: Path, streams: tuple[str, ...]) -> str:
             f"{path}: streams {', '.join(streams)}; say which one is meant (key `stream`)"
         )
     return streams[0]
-
-
-def on_first_camera(trajectory: Trajectory, T_tracked_cam: NDArray[np.float64]) -> Trajectory:
-    """Poses of the rig's body, its first camera, from poses of what was tracked.
-
-    Args:
-        trajectory: `T_world_tracked`.
-        T_tracked_cam: (4, 4) where the first camera sits on it, m (hand-eye).
-
-    Returns:
-        `T_world_body`.
-    """
-    return trajectory.times(T_tracked_cam)

@@ -13,7 +13,6 @@ from eventsweep.emvs.datasets.posed import EventSource, PosedRecording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import FORMATS, open_events
 from eventsweep.emvs.formats.tables.columns import ColumnMap
-from eventsweep.emvs.geometry.rig import Rig
 
 
 @dataclass(frozen=True)
@@ -49,9 +48,7 @@ def open_readable(path: Path, columns: ColumnMap | None = None) -> Readable:
         raise InputError(
             f"{path}: columns are stated of an event file; in a recording.toml, by keys"
         )
-    if path.is_dir() and not (path / "metadata.yaml").exists():
-        return _recording(path)
-    if path.suffix == ".toml":
+    if path.suffix == ".toml" or (path.is_dir() and not (path / "metadata.yaml").exists()):
         return _recording(path)
     reader, why = open_events(path, columns), ""
     if reader.format.startswith("rosbag"):
@@ -60,28 +57,22 @@ def open_readable(path: Path, columns: ColumnMap | None = None) -> Readable:
         why = lacks(path)
         if not why:
             return _recording(path)
-    size_px = _size(reader.width_px, reader.height_px)
+    width_px, height_px = reader.width_px, reader.height_px
+    size_px = None if width_px is None or height_px is None else (width_px, height_px)
     streams = tuple((name, EventSource(path, name, 0, columns)) for name in reader.streams)
-    what = f"{FORMATS[reader.format].what} ({reader.format})" + (
-        f"; events alone: {why}" * bool(why)
-    )
-    sizes = tuple(size_px if k == 0 else None for k in range(len(streams)))
-    return Readable(path, what, None, streams, sizes)
+    what = f"{FORMATS[reader.format].what} ({reader.format})"
+    what += f"; events alone: {why}" if why else ""
+    return Readable(path, what, None, streams, (size_px, *[None] * (len(streams) - 1)))
 
 
 def _recording(path: Path) -> Readable:
     recording = open_recording(path)
     what, sources = _sources(recording)
     streams = tuple(zip(recording.rig.camera_names, sources, strict=True))
-    sizes_px = sensor_sizes(recording.rig)
+    sizes_px = tuple((c.width_px, c.height_px) for c in recording.rig.cameras)
     if isinstance(recording, Sequence) and not recording.has_poses:
         return Readable(path, f"{what}; events alone: no poses", None, streams, sizes_px)
     return Readable(path, what, recording, streams, sizes_px)
-
-
-def sensor_sizes(rig: Rig) -> tuple[tuple[int, int], ...]:
-    """Width and height of each camera."""
-    return tuple((camera.width_px, camera.height_px) for camera in rig.cameras)
 
 
 def _sources(recording: Recording) -> tuple[str, tuple[EventSource, ...]]:
@@ -94,7 +85,3 @@ def _sources(recording: Recording) -> tuple[str, tuple[EventSource, ...]]:
         case PosedRecording():
             return f"recording ({recording.layout})", recording.sources
     raise InputError(f"{recording.name}: its event files are unknown")
-
-
-def _size(width_px: int | None, height_px: int | None) -> tuple[int, int] | None:
-    return None if width_px is None or height_px is None else (width_px, height_px)

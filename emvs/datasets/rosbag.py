@@ -94,11 +94,6 @@ class RecordingBag(RosbagWriter):
         return types["std_msgs/msg/Header"](seq=sequence, stamp=stamp, frame_id=frame)
 
 
-def find_bag(folder: Path) -> Path | None:
-    """The one bag of a folder, if there is one."""
-    return find_optional(folder, ["*.bag"], "the bag")
-
-
 def lacks(path: Path) -> str:
     """Why a bag can be read for its events alone; empty where it is a whole recording.
 

@@ -23,11 +23,6 @@ _MOCAP = ("*vi_gt_data/mocap_data.txt", "mocap_data.txt")
 _VIO = ("*vi_gt_data/vio_poses.txt", "vio_poses.txt")
 
 
-def is_tumvie(folder: Path) -> bool:
-    """Whether a folder looks like a sequence of TUM-VIE."""
-    return any(folder.glob(LEFT))
-
-
 def open_tumvie(folder: Path) -> PosedRecording:
     """Opens a sequence; mocap poses where there are any, else VIO poses of the IMU."""
     left = find_one(folder, [LEFT], "the left events")

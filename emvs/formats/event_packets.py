@@ -9,7 +9,9 @@ packet's `time_base`.
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,18 +25,10 @@ ENCODINGS = ("evt3", "mono")
 _MOST_NS = 1 << 62
 
 
-@dataclass(frozen=True, slots=True)
-class PacketHead:
-    """What stands before the bytes of a packet.
+class PacketHead(NamedTuple):
+    """What stands before the bytes of a packet, which begin at `start`; `mono` counts from a base.
 
-    Attributes:
-        width_px: sensor width.
-        height_px: sensor height.
-        time_base_ns: what the times of `mono` count from, ns.
-        encoding: how the events are coded.
-        is_bigendian: whether they were written by a machine of the other byte order.
-        start: where the bytes begin.
-        size: how many there are.
+    `is_bigendian` says whether a machine of the other byte order wrote the events.
     """
 
     width_px: int
@@ -46,7 +40,7 @@ class PacketHead:
     size: int
 
 
-class _Fields:
+class Fields:
     """Reads a message field by field, aligned as ROS2 does (CDR) or packed as ROS1 does."""
 
     def __init__(self, data: bytes | memoryview, ros2: bool) -> None:
@@ -54,6 +48,7 @@ class _Fields:
         self.at = 4 if ros2 else 0  # behind the encapsulation, from which CDR aligns
 
     def number(self, code: str) -> int:
+        """A number, by its `struct` code."""
         size = struct.calcsize(code)
         self.at += -(self.at - 4) % size if self._ros2 else 0
         (value,) = struct.unpack_from(f"<{code}", self._data, self.at)
@@ -61,6 +56,7 @@ class _Fields:
         return int(value)
 
     def text(self) -> str:
+        """A text, which may end in zeros."""
         size = self.number("I")
         if self.at + size > len(self._data):
             raise struct.error(f"a text of {size} bytes")
@@ -69,8 +65,9 @@ class _Fields:
         return word.rstrip(b"\0").decode("ascii", "replace")
 
 
-def packet_head(data: bytes | memoryview, ros2: bool, where: str) -> PacketHead:
-    """Reads the fields before the events, and checks that the events are all there.
+@contextmanager
+def message_fields(data: bytes | memoryview, ros2: bool, where: str) -> Iterator[Fields]:
+    """Yields the fields of a message behind its header; one that ends too early is refused.
 
     Args:
         data: a message, as the bag holds it.
@@ -79,17 +76,23 @@ def packet_head(data: bytes | memoryview, ros2: bool, where: str) -> PacketHead:
     """
     if ros2 and bytes(data[:2]) != b"\x00\x01":
         raise InputError(f"{where}: coded other than little-endian CDR; record the bag again")
-    fields = _Fields(data, ros2)
+    fields = Fields(data, ros2)
     try:
         for _ in range(2 if ros2 else 3):  # ROS1 counts messages before the stamp
             fields.number("I")
         fields.text()
+        yield fields
+    except struct.error as error:
+        raise InputError(f"{where}: message ends before its events ({error}); damaged") from error
+
+
+def packet_head(data: bytes | memoryview, ros2: bool, where: str) -> PacketHead:
+    """Reads the fields before the events, and checks that the events are all there."""
+    with message_fields(data, ros2, where) as fields:
         height, width = fields.number("I"), fields.number("I")
         fields.number("Q")
         time_base_ns, encoding = fields.number("Q"), fields.text()
         is_bigendian, size = bool(fields.number("B")), fields.number("I")
-    except struct.error as error:
-        raise InputError(f"{where}: message ends before its events ({error}); damaged") from error
     excess = len(data) - fields.at - size
     if excess < 0 or (excess and not ros2) or excess > 3:  # CDR may pad to four bytes
         raise InputError(
@@ -100,14 +103,7 @@ def packet_head(data: bytes | memoryview, ros2: bool, where: str) -> PacketHead:
 
 
 def packet_events(data: bytes | memoryview, ros2: bool, where: str, state: State) -> Events:
-    """The events of a packet; nanoseconds are rounded to µs.
-
-    Args:
-        data: a message, as the bag holds it.
-        ros2: whether it is coded as ROS2 does.
-        where: file and place, for the error's sake.
-        state: what the decoder knows of the stream so far; updated.
-    """
+    """The events of a packet, in whole µs; `state`, what the decoder knows, is updated."""
     head = packet_head(data, ros2, where)
     if head.encoding not in ENCODINGS or head.is_bigendian:
         order = ", big-endian" * head.is_bigendian

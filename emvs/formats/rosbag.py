@@ -5,10 +5,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rosbags.rosbag1 import Writer
@@ -176,8 +175,7 @@ def _bounded(path: Path, at: int, chunk: Any) -> Any:
     return chunk._replace(decompressor=partial(unpacked, compression=kind, where=where))
 
 
-@dataclass(frozen=True, slots=True)
-class ArrayHead:
+class ArrayHead(NamedTuple):
     """What stands before the events of a message: sensor size, event count, where they begin."""
 
     width_px: int
@@ -187,23 +185,10 @@ class ArrayHead:
 
 
 def array_head(data: bytes | memoryview, ros2: bool, where: str) -> ArrayHead:
-    """Reads the fields before the events, and checks that the events are all there.
-
-    Args:
-        data: a message, as the bag holds it.
-        ros2: whether it is coded as ROS2 does (CDR), else as ROS1 does.
-        where: file and place, for the error's sake.
-    """
-    if ros2 and bytes(data[:2]) != b"\x00\x01":
-        raise InputError(f"{where}: coded other than little-endian CDR; record the bag again")
-    at = 12  # behind sequence number and stamp, or encapsulation and stamp
-    try:
-        at += 4 + struct.unpack_from("<I", data, at)[0]
-        at += -at % 4 if ros2 else 0
-        height, width, count = struct.unpack_from("<III", data, at)
-    except struct.error as error:
-        raise InputError(f"{where}: message ends before its events ({error}); damaged") from error
-    start = at + 12
+    """Reads the fields before the events, and checks that the events are all there."""
+    with event_packets.message_fields(data, ros2, where) as fields:
+        height, width, count = (fields.number("I") for _ in range(3))
+    start = fields.at
     size = (16 * count - 3 if count else 0) if ros2 else EVENT_BYTES * count
     if start + size > len(data) or (not ros2 and start + size != len(data)):
         raise InputError(

@@ -16,17 +16,7 @@ def turn_depth(
     target: Camera,
     R_target_source: NDArray[np.float64],
 ) -> NDArray[np.float32]:
-    """Projects every pixel into the target and keeps the nearest surface per pixel.
-
-    Args:
-        depth_m: (H, W) z-depth in the source view, m; not finite or not above 0 where unknown.
-        source: its pinhole camera.
-        target: the pinhole camera of the result.
-        R_target_source: (3, 3) rotation between the two.
-
-    Returns:
-        (H, W) z-depth in the target view, m, NaN where no source pixel lands.
-    """
+    """As `move_depth`, between views of one place: `R_target_source` is a (3, 3) rotation."""
     T_target_source = np.eye(4)
     T_target_source[:3, :3] = R_target_source
     return move_depth(depth_m, source, target, T_target_source)

@@ -6,8 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict
-
 from eventsweep.emvs.config import FuseConfig
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.depth.inpainting import inpaint
@@ -22,16 +20,15 @@ from eventsweep.emvs.depth.tsdf import SurfaceFusion, write_mesh
 from eventsweep.emvs.dsi.method import file_name
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.maps.folder import StoredMap
+from eventsweep.emvs.parameters import FrozenModel
 from eventsweep.emvs.utils.outputs import atomic_dir
 
 FOLDER = "global"
 _PREFERRED = "Alg1/H"
 
 
-class FusedInfo(BaseModel):
+class FusedInfo(FrozenModel):
     """What was made, as `fuse.json` says it."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     method: str
     config: FuseConfig

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -98,7 +98,7 @@ class Cache:
             entry = self._read(key)
             if entry is not None:
                 return entry
-            shutil.rmtree(self.path_of(key), ignore_errors=True)  # damaged
+            _clear(self.path_of(key))
             return self._make(key, facts, fill)
 
     def find(self, key: str) -> CacheEntry | None:
@@ -178,11 +178,22 @@ def _bytes(path: Path) -> int:
     return sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
 
 
+def _clear(path: Path) -> None:
+    """Makes room for a damaged entry: what in it is not ours, or not known, is moved aside."""
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        _remove(path)
+    with suppress(OSError):
+        if os.path.lexists(path):
+            path.replace(tempfile.mkdtemp(prefix=f"{path.name}.kept-", dir=path.parent))
+
+
 def _remove(path: Path) -> None:
     """Removes an entry's files, its index last, and no other."""
     names = json.loads((path / _ENTRY).read_text(encoding="utf-8"))["files"]
-    for file in (*(path / _DATA / name for name in names), path / _ENTRY):
-        file.unlink(missing_ok=True)
+    for file in (path / _DATA).rglob("*"):
+        if file.is_file() and file.relative_to(path / _DATA).as_posix() in names:
+            file.unlink()
+    (path / _ENTRY).unlink()
     for parent, _, _ in os.walk(path, topdown=False):
         with suppress(OSError):  # somebody's file is in it
             Path(parent).rmdir()
@@ -192,7 +203,7 @@ def _files(data: Path) -> dict[str, dict[str, Any]]:
     """Size and hash of every file."""
     paths = sorted(path for path in data.rglob("*") if path.is_file())
     facts = {path.relative_to(data).as_posix(): facts_of(path) for path in paths}
-    return {name: {"sha256": one.sha256, "bytes": one.bytes} for name, one in facts.items()}
+    return {name: {"sha256": file.sha256, "bytes": file.bytes} for name, file in facts.items()}
 
 
 def _digest(files: dict[str, Any]) -> str:

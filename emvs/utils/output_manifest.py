@@ -88,7 +88,7 @@ def read(folder: Path) -> OutputManifest | None:
 
 
 def _parsed(files: dict[str, Any]) -> Files:
-    return {n: FileFacts(int(one["bytes"]), str(one["sha256"])) for n, one in files.items()}
+    return {n: FileFacts(int(f["bytes"]), str(f["sha256"])) for n, f in files.items()}
 
 
 def complete(folder: Path) -> None:
@@ -168,7 +168,7 @@ def strangers(folder: Path, names: Iterable[str] | None = None) -> list[str]:
     manifest = read(folder)
     if names is not None:
         every = (_look_below(folder, name, manifest or _NOTHING) for name in names)
-        return sorted({name for found in every for name, ours in found if not ours})
+        return sorted({name for entries in every for name, ours in entries if not ours})
     if manifest is None and os.access(folder, os.R_OK):  # all of it is somebody's: named briefly
         return sorted(f"{path.name}{'/' * _is_folder(path)}" for path in folder.iterdir())
     return sorted(name for name, ours in _survey(folder) if not ours)
@@ -176,15 +176,15 @@ def strangers(folder: Path, names: Iterable[str] | None = None) -> list[str]:
 
 def remove_ours(folder: Path) -> list[str]:
     """Removes what is ours in a folder, and the folder if that was all; returns what is left."""
-    found = list(_survey(folder))
+    entries = list(_survey(folder))
     # Manifests last: after a kill they still say what is ours.
-    ours = [name for name, is_ours in found if is_ours]
+    ours = [name for name, is_ours in entries if is_ours]
     for name in sorted(ours, key=lambda name: (name.endswith((NAME, _SEQUENCE)), -name.count("/"))):
         (folder / name).unlink(missing_ok=True)
     for parent, _, _ in os.walk(folder, topdown=False):
         with suppress(OSError):  # somebody's file is in it
             Path(parent).rmdir()
-    return sorted(name for name, is_ours in found if not is_ours)
+    return sorted(name for name, is_ours in entries if not is_ours)
 
 
 def named(names: list[str]) -> str:
@@ -200,15 +200,16 @@ def facts_of(path: Path) -> FileFacts:
     stamp = (seen.st_ino, seen.st_size, seen.st_mtime_ns, seen.st_ctime_ns)
     # A clock with coarse ticks shows no second change right after a first one.
     is_settled = time.time_ns() - seen.st_ctime_ns > _SETTLED_NS
-    return _settled_facts(path, stamp) if is_settled else _hashed(path)
+    return _settled_facts(path, stamp) if is_settled else hashed(path)
 
 
 @lru_cache(1 << 16)
 def _settled_facts(path: Path, _stamp: tuple[int, ...]) -> FileFacts:
-    return _hashed(path)
+    return hashed(path)
 
 
-def _hashed(path: Path) -> FileFacts:
+def hashed(path: Path) -> FileFacts:
+    """The same, read anew."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
         return FileFacts(file.tell(), digest)
@@ -227,7 +228,7 @@ def _survey(folder: Path) -> Iterator[tuple[str, bool]]:
 
 def _look_below(folder: Path, name: str, manifest: OutputManifest) -> Iterator[tuple[str, bool]]:
     """As `_look`; a file or link where a folder above it should be is reported instead."""
-    for parent in [one.as_posix() for one in list(Path(name).parents)[-2::-1]]:
+    for parent in [above.as_posix() for above in list(Path(name).parents)[-2::-1]]:
         if os.path.lexists(folder / parent) and not _is_folder(folder / parent):
             yield parent, False
             return
@@ -259,8 +260,8 @@ def _entries(folder: Path) -> list[str] | None:
 
 
 def _files_below(folder: Path) -> list[str]:
-    found = (Path(parent, name) for parent, _, names in os.walk(folder) for name in names)
-    return [path.relative_to(folder).as_posix() for path in found]
+    paths = (Path(parent, name) for parent, _, names in os.walk(folder) for name in names)
+    return [path.relative_to(folder).as_posix() for path in paths]
 
 
 def _is_folder(path: Path) -> bool:

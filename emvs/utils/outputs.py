@@ -64,8 +64,7 @@ def atomic_dir(
         part_of: the output that the folder is a part of, and which the caller has claimed.
 
     Raises:
-        InputError: what `check_output` refuses, another process writes the same output, or its
-            folder cannot be written to.
+        InputError: what `check_output` refuses, or another process writes the same output.
     """
     path, inputs = Path(path), tuple(inputs)
     check_output(path, force=force, inputs=inputs)
@@ -91,16 +90,9 @@ def atomic_dir(
 def output_file(
     path: Path, *, force: bool = False, inputs: Inputs = (), listed: bool = False
 ) -> Iterator[Path]:
-    """Yields where to write a file of the same name; puts it in its place at the end.
+    """Yields where to write a file of the same name; puts it in its place as `atomic_dir` does.
 
-    Args:
-        path: the file to make.
-        force: whether a file that is there is replaced.
-        inputs: what it is made from.
-        listed: whether the manifest of its folder lists it, so that it is known to be ours.
-
-    Raises:
-        InputError: as `atomic_dir`.
+    With `listed` the manifest of its folder lists it, so that it is known to be ours.
     """
     path, inputs = Path(path), tuple(inputs)
     check_output(path, force=force, inputs=inputs, folder=False)
@@ -131,8 +123,7 @@ def output_folder(
         inputs: what they are made from.
 
     Raises:
-        InputError: another process writes the same output, or a name is taken: by a file of ours
-            and `force` is not set, or by anything else.
+        InputError: what `check_files` refuses, or another process writes the same output.
     """
     path, inputs = Path(path), tuple(inputs)
     check_files(path, names, force=force, inputs=inputs)
@@ -147,16 +138,10 @@ def files_together(folder: Path, names: Iterable[str], *, index: str = "") -> It
     """Yields a hidden folder to write files into; at the end lists and puts them into `folder`.
 
     A kill may come between two of them: they are listed before, and the next call of the same names
-    goes on from there.
-
-    Args:
-        folder: where they belong, beside others.
-        names: of all files, below the folder.
-        index: one of them that others are read by: while they are exchanged it is not there.
+    goes on from there. While they are exchanged `index`, by which others are read, is not there.
 
     Raises:
-        InputError: a name is taken by what is not ours, the folder cannot be made or written to, or
-            its disk is full.
+        InputError: a name is taken by what is not ours, or the folder cannot be written to.
     """
     names, place = list(names), real(folder)
     hidden = place / output_manifest.NAME
@@ -170,11 +155,7 @@ def files_together(folder: Path, names: Iterable[str], *, index: str = "") -> It
 
 
 def replace_dir(made: Path, path: Path, *, inputs: Inputs = ()) -> None:
-    """Puts a finished folder, made beside `path`, in its place; the caller holds the claim.
-
-    Raises:
-        InputError: what is there may no longer be replaced; says where the finished output is.
-    """
+    """Puts a finished folder, made beside `path`, in its place; the caller holds the claim."""
     place = real(path)
     with work_folder(place) as work:
         _put(made, path, place, work, force=True, inputs=tuple(inputs), folder=True)
@@ -225,9 +206,9 @@ def check_files(
             raise InputError(f"{path / name} exists: {_ANOTHER}, or set force=True to replace it")
 
 
-def cure(path: Path, inputs: Inputs = ()) -> str:
+def cure(path: Path) -> str:
     """What helps where an output is in the way: `force` only where it would be heeded."""
-    why = _why_not(real(path), tuple(inputs), folder=True)
+    why = _why_not(real(path), (), folder=True)
     return f"{_ANOTHER}, or set force=True to replace it" if not why else f"{_ANOTHER}; it {why}"
 
 
@@ -264,12 +245,8 @@ def claimed(path: Path, *, wait: bool = False) -> Iterator[None]:
     The claim is a lock on a hidden file beside the output, which the system lets go of when the
     process ends, however it ends.
 
-    Args:
-        path: the output.
-        wait: whether to wait for another process that holds it.
-
     Raises:
-        InputError: another process holds it, or the folder cannot be made or written to.
+        InputError: another process holds it, unless to `wait`; the folder cannot be made.
     """
     place = real(path)
     if place.is_dir() and not os.access(place.parent, os.W_OK):
@@ -317,13 +294,13 @@ def _precious(place: Path) -> str:
     """Whether a folder is, or holds, one that nobody means to replace."""
     for what, find in (("the working directory", Path.cwd), ("the home folder", Path.home)):
         try:
-            one = find().resolve()
+            folder = find().resolve()
         except (OSError, RuntimeError):  # removed, or without a name
             continue
-        if _is_in(one, place):
-            return f"is {what}" if _same(one, place) else f"holds {what}"
+        if _is_in(folder, place):
+            return f"is {what}" if _same(folder, place) else f"holds {what}"
     # Compared by name: looking at a file system whose server is gone may take for ever.
-    if os.path.ismount(place) or any(place in (one, *one.parents) for one in _mounts()):
+    if os.path.ismount(place) or any(place in (mount, *mount.parents) for mount in _mounts()):
         return "is or holds a mounted file system"
     return ""
 
@@ -331,27 +308,27 @@ def _precious(place: Path) -> str:
 def _touching(place: Path, inputs: tuple[Path | str | None, ...]) -> str:
     """How an output and an input lie to each other, where they touch."""
     for given in inputs:
-        one = None if given is None else real(Path(given))
-        if one is None or not os.path.lexists(one):
+        source = None if given is None else real(Path(given))
+        if source is None or not os.path.lexists(source):
             continue
-        if _same(one, place):
+        if _same(source, place):
             return "is the input itself"
-        if _is_in(one, place):
+        if _is_in(source, place):
             return f"holds the input {given}"
-        if _is_in(place, one):
+        if _is_in(place, source):
             return f"is part of the input {given}"
     return ""
 
 
 def _foreign(place: Path) -> str:
-    found = strangers(place)
+    foreign = strangers(place)
     what = "which eventsweep did not write, or which was changed since"
-    return f"holds {named(found)}, {what}" if found else ""
+    return f"holds {named(foreign)}, {what}" if foreign else ""
 
 
 def _is_in(inner: Path, outer: Path) -> bool:
     """Whether one folder is, or lies in, another; by what they are, not by what they are called."""
-    return any(_same(one, outer) for one in (inner, *inner.parents))
+    return any(_same(folder, outer) for folder in (inner, *inner.parents))
 
 
 def _same(first: Path, second: Path) -> bool:
@@ -367,20 +344,17 @@ def _mounts() -> list[Path]:
         lines = Path("/proc/self/mountinfo").read_bytes().splitlines()
     except OSError:
         return []
-    names = (re.sub(rb"\\([0-7]{3})", _byte, line.split()[4]) for line in lines)
+    octal = re.compile(rb"\\([0-7]{3})")
+    names = (octal.sub(lambda code: bytes([int(code[1], 8)]), line.split()[4]) for line in lines)
     return [Path(os.fsdecode(name)) for name in names]
-
-
-def _byte(match: re.Match[bytes]) -> bytes:
-    return bytes([int(match[1], 8)])
 
 
 def _texts(content: Any) -> Iterator[str]:
     if isinstance(content, str):
         yield content
     elif isinstance(content, dict | list):
-        for one in content.values() if isinstance(content, dict) else content:
-            yield from _texts(one)
+        for value in content.values() if isinstance(content, dict) else content:
+            yield from _texts(value)
 
 
 def _put(

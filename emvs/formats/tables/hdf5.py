@@ -167,8 +167,8 @@ class TumvieWriter(GatheringWriter):
         self._hdf5 = Hdf5Writer(path)
         self._count = self._next_ms = 0
         for name, kind in _COLUMNS.items():
-            _create(self._hdf5, f"events/{name}", kind, (0,))
-        _create(self._hdf5, "ms_to_idx", np.int64, (0,))
+            _grow(self._hdf5, f"events/{name}", kind)
+        _grow(self._hdf5, "ms_to_idx", np.int64)
 
     def _put(self, stream: str, events: Events) -> None:
         """Writes a packet and its part of the index."""
@@ -201,7 +201,7 @@ class MvsecWriter(GatheringWriter):
         self._names = {name: f"davis/{side}/events" for name, side in sides.items()}
         self._hdf5 = Hdf5Writer(path)
         for name in self._names.values():
-            _create(self._hdf5, name, np.float64, (0, 4))
+            _grow(self._hdf5, name, np.float64, 4)
 
     def _put(self, stream: str, events: Events) -> None:
         rows = np.empty((len(events), 4), np.float64)
@@ -213,8 +213,6 @@ class MvsecWriter(GatheringWriter):
         self._hdf5.close()
 
 
-def _create(hdf5: Hdf5Writer, name: str, kind: Any, shape: tuple[int, ...]) -> None:
+def _grow(hdf5: Hdf5Writer, name: str, kind: Any, *shape: int) -> None:
     kept = COMPRESSION.get(np.dtype(kind)) or hdf5plugin.Blosc(cname="lz4", clevel=5)
-    hdf5.create(
-        name, shape, kind, maxshape=(None, *shape[1:]), chunks=(_CHUNK_ROWS, *shape[1:]), **kept
-    )
+    hdf5.grow(name, kind, _CHUNK_ROWS, shape, **kept)

@@ -105,6 +105,31 @@ def test_a_damaged_entry_is_made_again(tmp_path, damage):
     assert [path.name for path in after.path.iterdir()] == ["a"]
 
 
+@pytest.mark.parametrize("damage", [name for name in DAMAGES if name != "nothing"])
+def test_what_is_not_ours_in_a_damaged_entry_is_kept(tmp_path, damage):
+    cache = Cache(tmp_path / "cache")
+    entry = cache.get(key_of("k1"), "k1", write("one")).path.parent
+    mine = [entry / "notes", entry / "data" / "b"]
+    for path in mine:
+        path.write_text("mine")
+    DAMAGES[damage](entry)
+    before = {path.name: path.read_text() for path in mine}
+    assert not cache.get(key_of("k1"), "k1", write("one")).found
+    (kept,) = entry.parent.glob("*.kept-*")
+    assert {name: next(kept.rglob(name)).read_text() for name in before} == before
+    assert cache.get(key_of("k1"), "k1", refuse_to_fill).found
+
+
+def test_a_damaged_index_names_no_file_elsewhere(tmp_path):
+    cache = Cache(tmp_path / "cache")
+    entry = cache.get(key_of("k1"), "k1", write("one")).path.parent
+    (tmp_path / "mine").write_text("mine")
+    outside = ["../../../../mine", str(tmp_path / "mine")]
+    (entry / "entry.json").write_text(json.dumps({"facts": "k1", "files": dict.fromkeys(outside)}))
+    assert not cache.get(key_of("k1"), "k1", write("one")).found
+    assert (tmp_path / "mine").read_text() == "mine"
+
+
 def test_a_failed_entry_leaves_nothing(tmp_path):
     cache = Cache(tmp_path)
     with pytest.raises(ZeroDivisionError):
