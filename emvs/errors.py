@@ -70,14 +70,7 @@ def significant(value: float, digits: int = 4) -> str:
 def check_type(
     name: str, value: object, kinds: type | tuple[type, ...], needs: str | None = None
 ) -> None:
-    """Refuses a value of another type.
-
-    Args:
-        name: of the parameter.
-        value: what came.
-        kinds: one of these is needed.
-        needs: the same in words; by default the types' names.
-    """
+    """Refuses a value of none of these types; `needs` says in words what is needed."""
     if not isinstance(value, kinds):
         every = kinds if isinstance(kinds, tuple) else (kinds,)
         needs = needs or " or ".join(kind.__name__ for kind in every)
@@ -98,11 +91,7 @@ def check_whole(name: str, value: object) -> None:
 def check_array(name: str, value: object, needs: str, kinds: str = "biuf") -> None:
     """Refuses what is no array of numbers, without loading the library of arrays.
 
-    Args:
-        name: of the parameter.
-        value: what came.
-        needs: what is needed, in words.
-        kinds: which kinds of numbers, as NumPy's `dtype.kind` has them.
+    `kinds` are NumPy's `dtype.kind`; `needs` says in words what is needed.
     """
     kind = getattr(getattr(value, "dtype", None), "kind", "none")
     if kind not in kinds or getattr(value, "shape", ()) == ():
@@ -119,14 +108,7 @@ def located(where: object) -> Iterator[None]:
 
 
 def heed_interrupt(error: BaseException) -> None:
-    """Raises the interrupt that a library made another error of, as imports do.
-
-    Args:
-        error: what the library raised.
-
-    Raises:
-        KeyboardInterrupt: one lies behind it.
-    """
+    """Raises the `KeyboardInterrupt` that a library made another error of, as imports do."""
     behind: BaseException | None = error
     while behind is not None:
         behind = behind.__cause__ or behind.__context__

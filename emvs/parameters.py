@@ -74,13 +74,7 @@ class ParameterGroup(FrozenModel):
 
 
 def explain(error: ValidationError, model: type[BaseModel], where: str = "") -> str:
-    """The first fault of a pydantic error in one line.
-
-    Args:
-        error: what pydantic says.
-        model: what was to be made, whose names are suggested.
-        where: what to begin with, such as a file's name and a colon.
-    """
+    """The first fault of a pydantic error in one line, which begins with `where`."""
     fault = error.errors(include_url=False, include_context=False)[0]
     place, value = fault["loc"], shown(fault["input"])
     key = ".".join(str(part) for part in place) or model.__name__

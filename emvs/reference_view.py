@@ -15,14 +15,7 @@ from eventsweep.emvs.geometry.camera import Camera
 
 @dataclass(frozen=True, eq=False)
 class ReferenceView:
-    """A pose, a pinhole camera and planes.
-
-    Attributes:
-        t_us: time of the view, µs.
-        T_world_rv: (4, 4) its pose.
-        camera: its pinhole camera.
-        rho: (N,) float32 planes, 1/m.
-    """
+    """A pose at a time, a pinhole camera, and (N,) float32 planes `rho` of inverse depth, 1/m."""
 
     t_us: int
     T_world_rv: NDArray[np.float64]

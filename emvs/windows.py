@@ -22,13 +22,9 @@ _COUNTING_STEP_US = 1_000_000
 
 @dataclass(frozen=True)
 class Window:
-    """A stretch of time, and the instant of its reference view.
+    """A stretch of time, µs, whose end is excluded, and the instant of its reference view.
 
-    Attributes:
-        t0_us: begin, included.
-        t1_us: end, excluded.
-        t_ref_us: time of the reference view.
-        left_out: per camera, events before or after that no pose covers.
+    `left_out` are, per camera, events before or after that no pose covers.
     """
 
     t0_us: int
@@ -40,13 +36,9 @@ class Window:
 def choose_window(recording: Recording, config: MapperConfig) -> Window:
     """Finds the window that the configuration asks for.
 
-    Without `start_s` and `duration_s` the window is everything that the poses cover; events before
-    the first or after the last pose are left out and counted. With sliding windows this is the
-    stretch that they slide over, and `plan_windows` cuts it.
-
-    Args:
-        recording: events and poses.
-        config: `start_s`, `duration_s`, `reference_s`, relative to the first event; `reference`.
+    Without `start_s` and `duration_s`, which count from the first event, the window is everything
+    that the poses cover; events before the first or after the last pose are left out and counted.
+    With sliding windows this is the stretch that they slide over, and `plan_windows` cuts it.
 
     Raises:
         InputError: a window or reference time that events or poses do not cover, or poses
@@ -210,12 +202,7 @@ def plan_windows(
 
     Windows by time follow each other every `stride_s`; windows by count hold `window_events` events
     of camera 0, and those of the same microsecond, every `stride_events` events. Only whole windows
-    are taken.
-
-    Args:
-        recording: events and poses.
-        config: `window_s` and `stride_s`, or `window_events` and `stride_events`.
-        progress: called with the stage `count`, seconds read and all, where events are counted.
+    are taken. Where events are counted `progress` is called with `count`, seconds read and all.
 
     Raises:
         InputError: no window asked for, no room for one, or more than `MOST_WINDOWS` of them.

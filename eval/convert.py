@@ -34,12 +34,9 @@ class Options:
         stream: the only stream to convert, of an event file with several or of a recording.
         shift_us: added to all times; None: such that the first event or pose is at 0.
         unit: unit of time of a text of poses.
-        width_px: sensor width, where the input does not say it.
-        height_px: sensor height, likewise.
+        width_px: sensor width, where the input does not say it, as `height_px`.
         baseline_m: distance between the cameras, for disparity.
-        window_s: length of windows to learn from, s.
-        stride_s: least time from the end of one to the next one's, s.
-        force: whether to replace an existing output.
+        window_s: length of windows to learn from, as of `TrainingWindows`; so `stride_s`.
         columns: which column of an event file is what, and what its times count, if stated.
         inputs: other files that the output must not replace, such as a configuration.
     """
@@ -67,12 +64,7 @@ def targets() -> list[str]:
 
 @dataclass(frozen=True)
 class Written:
-    """What became of a conversion.
-
-    Attributes:
-        what: one sentence about what was written.
-        notes: what is wrong with it, as it was with the input; a line each.
-    """
+    """What was written, in a sentence, and notes on what is wrong with it as with the input."""
 
     what: str
     notes: tuple[str, ...] = ()

@@ -20,21 +20,16 @@ GAP_US = 100_000
 
 @dataclass
 class StreamCount:
-    """What a stream holds, after all packets were added.
+    """What a stream holds, after all packets were added; times in µs.
 
     Attributes:
-        events: how many.
-        brighter: how many of polarity 1.
-        first_us: earliest time stamp, µs.
-        last_us: latest time stamp, µs.
         backwards: steps at which time runs backwards.
         backwards_events: events earlier than one before them.
         outside: events off the sensor, where its size is known.
-        largest_x: largest column, px.
-        largest_y: largest row, px.
-        gaps: longest silences, (start, end), µs.
+        largest_x: largest column, px, as `largest_y` is the row.
+        gaps: longest silences, (start, end).
         gap_count: how many silences of at least `GAP_US` there are.
-        bin_us: width of a bin of `rates`, µs.
+        bin_us: width of a bin of `rates`.
     """
 
     size_px: tuple[int, int] | None
@@ -167,13 +162,7 @@ def count_stream(
     size_px: tuple[int, int] | None,
     progress: Callable[[StreamCount], None] | None = None,
 ) -> StreamCount:
-    """Counts all packets of a stream.
-
-    Args:
-        packets: events in file order.
-        size_px: width and height of the sensor, where known.
-        progress: called with the count after each packet.
-    """
+    """Counts all packets of a stream, in file order; `progress` gets the count after each."""
     found = StreamCount(size_px)
     for events in packets:
         found.add(events)

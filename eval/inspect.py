@@ -43,11 +43,6 @@ def inspect(
 ) -> tuple[Readable, list[StreamCount]]:
     """Opens anything readable and counts its events, one pass per stream.
 
-    Args:
-        path: what to open.
-        progress: shows each stream.
-        columns: which column of an event file is what, if stated.
-
     Raises:
         InputError: nothing readable, or a damaged file.
     """

@@ -15,14 +15,14 @@ from eventsweep.emvs.geometry.trajectory import PoseSource, Trajectory
 
 
 class AlteredRecording(DerivedRecording):
-    """The same events with what is said about them altered.
+    """The same events with what is said about them altered; what is None or empty stays.
 
     Args:
         recording: the one to alter.
-        rig: another calibration; None keeps the recording's.
-        trajectory: other poses, for example a tracker's; None keeps the recording's.
+        rig: another calibration.
+        trajectory: other poses, for example a tracker's.
         clock_us: how much later the events of each camera are stamped, µs.
-        streams: which camera's events each camera shows, for example (1, 0); empty: its own.
+        streams: which camera's events each camera shows, for example (1, 0).
     """
 
     def __init__(

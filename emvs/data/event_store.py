@@ -59,13 +59,7 @@ class EventStoreWriter(ClosingWriter):
     def append(self, events: Events, extra: Mapping[str, Column] | None = None) -> None:
         """Adds a packet that begins no earlier than the last one ended.
 
-        Args:
-            events: the packet.
-            extra: more columns (N,), named in `EXTRA_COLUMNS`; the same ones in every packet.
-
-        Raises:
-            InputError: unsorted or out-of-sensor events, a packet out of order, or columns that
-                are unknown, of another length, or not those of the packets before.
+        `extra` are more columns (N,), named in `EXTRA_COLUMNS`; the same ones in every packet.
         """
         columns = self._checked_extra(extra or {}, len(events))
         if not len(events):
@@ -239,24 +233,21 @@ def indexed_slice(
     slice_us: tuple[int, int],
     offset_us: int,
 ) -> tuple[int, int]:
-    """Finds a time slice among the rows that an index by time gave, and tries what they say.
+    """Finds a time slice among the rows `with_neighbours` that an index by time gave for it.
 
     An index is believed about rows elsewhere. What it gives must be in order, and hold all events
     of the slice: otherwise events would be missing, or be others, without a word.
 
     Args:
         where: the file, for the error's sake.
-        t_us: (N,) times of the rows `with_neighbours`, µs.
-        rows: what the index gave.
+        t_us: (N,) times of the rows, µs.
+        rows: what the index gave, without neighbours.
         count: how many rows the file has.
         slice_us: begin, included, and end, excluded, µs.
         offset_us: where the index's first millisecond begins, µs.
 
     Returns:
-        Begin and end of the slice among the rows `with_neighbours`.
-
-    Raises:
-        InputError: times that run backwards, or rows that do not hold the slice.
+        Begin and end of the slice among the rows.
     """
     if slice_us[0] >= slice_us[1]:
         return 0, 0

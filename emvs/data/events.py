@@ -107,12 +107,7 @@ class Events:
 
 
 def check_sorted(t_us: NDArray[np.int64], first_row: int = 0) -> None:
-    """Refuses times that run backwards.
-
-    Args:
-        t_us: (N,) times, µs.
-        first_row: the number that the first of them has in its stream.
-    """
+    """Refuses (N,) times, µs, that run backwards; `first_row` is the first one's number."""
     backwards = np.flatnonzero(t_us[1:] < t_us[:-1])
     if backwards.size:
         k = int(backwards[0]) + 1
@@ -123,12 +118,7 @@ def check_sorted(t_us: NDArray[np.int64], first_row: int = 0) -> None:
 
 
 def count_late(t_us: NDArray[np.int64], latest_us: int) -> int:
-    """How many events are earlier than one before them.
-
-    Args:
-        t_us: (N,) times of a packet, µs.
-        latest_us: the latest time in front of the packet, µs.
-    """
+    """How many events of a packet are earlier than one before them, or than `latest_us`."""
     if not len(t_us) or (t_us[0] >= latest_us and (t_us[1:] >= t_us[:-1]).all()):
         return 0
     running = np.maximum.accumulate(np.maximum(t_us, latest_us))

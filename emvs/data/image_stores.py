@@ -58,16 +58,13 @@ class TruthWriter(ClosingWriter):
         intensity: NDArray[np.uint8],
         optional: Mapping[str, Image] | None = None,
     ) -> None:
-        """Adds one time.
+        """Adds a time, µs, behind the one before.
 
         Args:
             t_us: after the time before, µs.
             depth_m: (H, W) z-depth, m.
             intensity: (H, W) linear intensity, 0..255.
             optional: data sets named in `OPTIONAL`, the same ones at every time.
-
-        Raises:
-            InputError: an unknown data set, or not those of the times before.
         """
         more = self._checked(optional or {})
         values: dict[str, Any] = {"t_us": t_us, "depth_m": depth_m, "intensity": intensity, **more}
@@ -148,11 +145,8 @@ class TruthReader:
 class Photo(NamedTuple):
     """One picture of an ordinary camera in the event camera's place.
 
-    Attributes:
-        start_us: when the shutter opened, µs.
-        end_us: when it closed, µs.
-        gain: pixel value (full scale 1) per mean linear light.
-        image: (H, W) uint8, linear, 255 at saturation.
+    `gain` is the pixel value (full scale 1) per mean linear light, `image` (H, W) uint8, linear,
+    255 at saturation; the shutter opened at `start_us` and closed at `end_us`.
     """
 
     start_us: int

@@ -18,13 +18,7 @@ _LARGEST_US = 2**62
 
 
 class Stamps(NamedTuple):
-    """What a file of times says.
-
-    Attributes:
-        t_us: times, µs.
-        names: the images' names, as many; none where the file has times alone.
-        unit: what its numbers count.
-    """
+    """Times, µs; the images' names, as many or none; what the file's numbers count."""
 
     t_us: tuple[int, ...]
     names: tuple[str, ...]

@@ -27,6 +27,8 @@ from eventsweep.emvs.utils.runtime import versions
 class SequenceWriter:
     """A context that writes a sequence folder; on an exception nothing remains.
 
+    Until the end, what is known only then may be set as an attribute of the same name.
+
     Args:
         path: the folder to make.
         name: what the sequence is called.
@@ -35,12 +37,10 @@ class SequenceWriter:
         config: the configuration that made it, plain values.
         seed: the seed that made it.
         renderer: what rendered it.
-        depth_range_m: nearest and farthest depth, if known; may be set as an attribute.
-        span_us: first and last instant of the recording; by default those of the trajectory. What
-            is known only at the end may be set as an attribute until then.
+        depth_range_m: nearest and farthest depth, if known.
+        span_us: first and last instant of the recording; by default those of the trajectory.
         geoms: what the ids in a segmentation mean, if there is one.
-        sensor_counts: per camera, what became of its events: sent by cause, dropped by reason;
-            may be set as an attribute, too.
+        sensor_counts: per camera, what became of its events: sent by cause, dropped by reason.
         imu: inertial samples, if there is an IMU.
         force: whether an existing sequence is replaced.
         inputs: files and folders that it is made from, which it never replaces.
@@ -105,11 +105,8 @@ class SequenceWriter:
     ) -> None:
         """Adds a packet of one camera's events, in time order.
 
-        Args:
-            camera: index in the rig.
-            events: the packet.
-            label: (N,) what made each event; in every packet or in none.
-            depth_m: (N,) z-depth of the surface that made each event, m; likewise.
+        `label`, what made each event, and `depth_m`, z-depth of the surface that did, are (N,):
+        in every packet or in none.
         """
         extra: dict[str, NDArray[np.generic]] = {}
         if label is not None:
@@ -126,15 +123,7 @@ class SequenceWriter:
         intensity_u8: NDArray[np.uint8],
         optional: Mapping[str, NDArray[np.generic]] | None = None,
     ) -> None:
-        """Adds one camera's ground truth at a time.
-
-        Args:
-            camera: index in the rig.
-            t_us: after the time before, µs.
-            depth_m: (H, W) z-depth, m.
-            intensity_u8: (H, W) linear intensity, 0..255.
-            optional: more data sets, named in `emvs.data.image_stores.OPTIONAL`.
-        """
+        """Adds one camera's ground truth, as `TruthWriter` in `emvs.data.image_stores` takes it."""
         self._truth[camera].append(t_us, depth_m, intensity_u8, optional)
 
     def append_photo(self, camera: int, photo: Photo) -> None:

@@ -35,14 +35,7 @@ OnWritten = Callable[[int], None]
 
 @dataclass(frozen=True)
 class RecordingExport:
-    """What is to be written.
-
-    Attributes:
-        recording: its rig, name and ground truth.
-        sources: its events, per camera.
-        shift_us: added to all times.
-        on_written: called with the number of events written so far.
-    """
+    """What is to be written: a recording, its events per camera, all times shifted."""
 
     recording: Recording
     sources: tuple[EventSource, ...]
@@ -85,17 +78,14 @@ def write_recording(
     force: bool = False,
     inputs: Collection[Path] = (),
 ) -> None:
-    """Writes a folder that `open_recording` opens again.
+    """Writes a folder that `open_recording` opens again; it appears whole or not at all.
 
     Args:
         job: what to write.
-        out: the folder; it appears whole or not at all.
+        out: the folder.
         kind: a key of `LAYOUTS`, or an event format with a file per camera.
         force: whether to replace an existing folder that this wrote.
         inputs: what it is made from, which it never replaces.
-
-    Raises:
-        InputError: a format that does not exist, or that cannot hold the recording.
     """
     write = LAYOUTS.get(kind)
     if write is None and not (kind in FORMATS and FORMATS[kind].writes):

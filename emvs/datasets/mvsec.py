@@ -110,13 +110,9 @@ class MvsecDepth:
 
 
 def write_truth(path: Path, recording: Recording, poses: Trajectory, shift_us: int) -> None:
-    """Writes poses, and raw depth where the recording holds the sensor's own.
+    """Writes poses `T_world_cam` on the file's clock, and raw depth of a sequence of ours.
 
-    Args:
-        path: the new HDF5 file.
-        recording: a sequence of ours gives depth on the distorted sensor; others give none.
-        poses: `T_world_cam` of the left camera, on the file's clock.
-        shift_us: from the recording's clock to the file's, µs.
+    Other recordings hold no depth on the distorted sensor. `shift_us` leads to the file's clock.
     """
     with Hdf5Writer(path) as hdf5:
         hdf5.create("davis/left/pose", data=poses.at(poses.t_us))

@@ -30,8 +30,7 @@ class TruthTable(FrozenModel):
     Attributes:
         depth: pattern of depth maps of the first camera, such as `truth/*.png`, one per time, in
             the order of their names: 16-bit PNG, npy, npz (`depth_m`, `mask`) or EXR (channel Z).
-        times: text with one time per line, or `time name`.
-        time_unit: of `times`.
+        times: text with one time per line, or `time name`, in `time_unit`.
         time_offset_us: added to them.
         unit_m: what 1 counts in the maps or the surface, m; needed for whole numbers.
         kind: `z`, along the optical axis, or `distance`, along the ray.

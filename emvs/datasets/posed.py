@@ -39,12 +39,8 @@ class DepthTruth(Protocol):
 class EventSource:
     """One camera's events: a stream of a file, on the recording's clock.
 
-    Attributes:
-        path: the file.
-        stream: its stream; the only one where it is empty.
-        shift_us: added to the file's times, µs.
-        columns: which of its columns is what, where somebody states it.
-        late: events earlier than one before them, in what `chunks` has given.
+    A file's only stream needs no name; `shift_us` is added to its times, and `columns` says which
+    is what. `late` counts events earlier than one before them, in what `chunks` has given.
     """
 
     path: Path
@@ -108,10 +104,7 @@ class PosedRecording:
     Attributes:
         path: the folder or file that was opened.
         layout: what it was recognised as.
-        name: what the recording is called.
-        rig: its cameras, in the order of `sources`.
-        trajectory: `T_world_body`.
-        sources: events per camera.
+        sources: events per camera, in the order of the rig.
         truth: ground truth of camera 0, if there is some.
         depth_range_m: nearest and farthest depth, where known.
     """

@@ -17,14 +17,9 @@ from eventsweep.emvs.formats.tables.columns import ColumnMap
 
 @dataclass(frozen=True)
 class Readable:
-    """What was found at a path.
+    """What was found at a path, `what` in words: streams, or a recording of which they are.
 
-    Attributes:
-        path: the path.
-        what: what it is, in words.
-        recording: the recording, or None where there are only events.
-        streams: name and events of each camera or topic.
-        sizes_px: width and height per stream, None where nobody says.
+    `streams` has name and events of each camera or topic, `sizes_px` their sensors' where known.
     """
 
     path: Path

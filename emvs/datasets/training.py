@@ -157,13 +157,7 @@ def write_windows(
         out: the folder; it appears whole or not at all.
         force: whether to replace an existing folder that this wrote.
         inputs: what it is made from, which it never replaces.
-        on_written: called with the number of windows written so far.
-
-    Returns:
-        The number of windows.
-
-    Raises:
-        InputError: damaged files, or a folder that may not be written.
+        on_written: called with the number of windows written so far; in the end it is returned.
     """
     with atomic_dir(out, force=force, inputs=inputs) as folder:
         rows = []

@@ -38,15 +38,10 @@ _COLUMNS = "64-bit columns"
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A format.
+    """A format, by the name that `write_events` takes; all can be read, some written here.
 
-    Attributes:
-        name: as `write_events` takes it.
-        what: in a few words.
-        suffix: customary end of the file's name.
-        writes: whether it can be written here; all can be read.
-        limits: what it can hold.
-        polarity: how it codes brighter and darker.
+    `what` describes it, `suffix` customarily ends the file's name, `polarity` codes brighter and
+    darker.
     """
 
     name: str

@@ -83,14 +83,7 @@ class Limits:
 
 
 class Checker:
-    """Refuses what a format cannot hold, and events off the sensor; counts the rest.
-
-    Args:
-        path: the output, for the error's sake.
-        limits: what the format holds.
-        width_px: sensor width.
-        height_px: sensor height.
-    """
+    """Refuses what a format cannot hold, and events off the sensor; counts the rest."""
 
     def __init__(self, path: Path, limits: Limits, width_px: int, height_px: int) -> None:
         if not (0 < width_px <= limits.max_x + 1 and 0 < height_px <= limits.max_y + 1):

@@ -67,13 +67,7 @@ class Fields:
 
 @contextmanager
 def message_fields(data: bytes | memoryview, ros2: bool, where: str) -> Iterator[Fields]:
-    """Yields the fields of a message behind its header; one that ends too early is refused.
-
-    Args:
-        data: a message, as the bag holds it.
-        ros2: whether it is coded as ROS2 does (CDR), else as ROS1 does.
-        where: file and place, for the error's sake.
-    """
+    """Yields a message's fields behind its header; one that ends too early is refused."""
     if ros2 and bytes(data[:2]) != b"\x00\x01":
         raise InputError(f"{where}: coded other than little-endian CDR; record the bag again")
     fields = Fields(data, ros2)

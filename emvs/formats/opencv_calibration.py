@@ -24,12 +24,7 @@ _LENSES: dict[str, Model] = {
 
 
 class OpenCVCamera(NamedTuple):
-    """One camera of a file, and its place on the body.
-
-    Attributes:
-        camera: its intrinsics.
-        T_body_cam: (4, 4); the identity where the file holds one camera alone.
-    """
+    """One camera of a file, and its place (4, 4) on the body: the identity where it is alone."""
 
     camera: Camera
     T_body_cam: NDArray[np.float64]

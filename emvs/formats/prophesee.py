@@ -178,14 +178,7 @@ _SENSORS |= {"imx636": (1280, 720), "genx320": (320, 320)}
 
 @dataclass(frozen=True)
 class RawHeader:
-    """What the lines say.
-
-    Attributes:
-        kind: `EVT2`, `EVT21`, `EVT3`, or an empty text where no line says it.
-        width_px: sensor width, where a line says it.
-        height_px: sensor height, where a line says it.
-        data_offset: where the events begin, bytes.
-    """
+    """What the lines say: coding (empty: none), sensor size, and where the events begin, bytes."""
 
     kind: str
     width_px: int | None

@@ -28,12 +28,12 @@ def move_depth(
     target: Camera,
     T_target_source: NDArray[np.float64],
 ) -> NDArray[np.float32]:
-    """Projects every pixel's point into another view and keeps the nearest surface per pixel.
+    """Projects every pixel's point into another pinhole view and keeps the nearest per pixel.
 
     Args:
         depth_m: (H, W) z-depth in the source view, m; not finite or not above 0 where unknown.
-        source: its pinhole camera.
-        target: the pinhole camera of the result.
+        source: its camera.
+        target: the camera of the result.
         T_target_source: (4, 4) rigid motion between the two.
 
     Returns:
@@ -49,15 +49,10 @@ def move_depth(
 def nearest_depth(
     points_m: NDArray[np.float64], view: Camera, radius_m: float = 0.0
 ) -> NDArray[np.float32]:
-    """Depth of points, or of discs that face the camera: the nearest of each pixel shows.
-
-    Args:
-        points_m: (N, 3) in the view's frame.
-        view: a pinhole camera.
-        radius_m: of the discs; 0 for points.
+    """Depth of (N, 3) points in a pinhole view's frame, or of discs that face the camera.
 
     Returns:
-        (H, W) float32 z-depth, m, NaN where there is none.
+        (H, W) float32 z-depth of the nearest at each pixel, m, NaN where there is none.
     """
     seen = points_m[points_m[:, 2] > radius_m]
     uv = view.project(seen)
@@ -83,14 +78,9 @@ def _stamp(
 
 
 def undistort_depth(depth_m: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
-    """Looks up z-depth of the distorted sensor for each pixel of the undistorted view.
+    """(H, W) z-depth, m, in `camera.undistorted()` from z-depth at the sensor's pixels.
 
-    Args:
-        depth_m: (H, W) z-depth at the sensor's pixels, m.
-        camera: the sensor with its lens.
-
-    Returns:
-        (H, W) z-depth in `camera.undistorted()`, of the nearest sensor pixel; NaN off the sensor.
+    Each pixel takes that of the nearest one of the sensor; NaN off the sensor.
     """
     if camera.model == "pinhole":
         return depth_m
@@ -98,14 +88,9 @@ def undistort_depth(depth_m: NDArray[np.float32], camera: Camera) -> NDArray[np.
 
 
 def distort_depth(depth_m: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
-    """Looks up z-depth of the undistorted view for each pixel of the distorted sensor.
+    """(H, W) z-depth, m, at a sensor's pixels from z-depth in `camera.undistorted()`.
 
-    Args:
-        depth_m: (H, W) z-depth in `camera.undistorted()`, m.
-        camera: the sensor with its lens.
-
-    Returns:
-        (H, W) z-depth at the sensor's pixels, of the nearest one of the view; NaN off the view.
+    Each pixel takes that of the nearest one of the view; NaN off the view.
     """
     if camera.model == "pinhole":
         return depth_m

@@ -93,15 +93,10 @@ class HotPixelInfo(_Model):
 
 
 class MapInfo(_Model):
-    """The whole of `map.json`.
+    """The whole of `map.json`: what was mapped and how, the windows in order, those skipped.
 
     Attributes:
-        schema_version: of this file.
-        recording: what was mapped.
-        config: every parameter.
         versions: of everything that can change a result.
-        windows: those mapped, in order.
-        skipped: those that could not be.
         hot_pixels: per camera, where the filter is on.
         without_pose: with sliding windows, events per camera that no pose covers.
         recording_sha256: with sliding windows, of calibration, poses and spans.
@@ -129,7 +124,7 @@ def write_window(
     clouds: bool = True,
     name: str | None = None,
 ) -> WindowInfo:
-    """Writes one window's folder; `directory` is made, and its name becomes the window's.
+    """Writes one window's folder and returns its entry of `map.json`, for `write_index`.
 
     Args:
         directory: such as `MAP/w000`, in a folder that the caller writes atomically.
@@ -137,10 +132,7 @@ def write_window(
         config: radius filter of the clouds.
         camera_names: one per camera, for the counts.
         clouds: whether to write `cloud.ply`.
-        name: of the window, where its folder has another one for now.
-
-    Returns:
-        The window's entry of `map.json`, for `write_index`.
+        name: of the window; by default its folder's.
     """
     directory.mkdir(parents=True, exist_ok=True)
     for depth_map in result.depth_maps.values():
@@ -223,12 +215,7 @@ class StoredMap:
 
 
 class StoredWindow:
-    """One window of a map folder; files are read when asked for.
-
-    Attributes:
-        path: its folder.
-        info: its entry of `map.json`.
-    """
+    """One window of a map folder, and its entry of `map.json`; files are read when asked for."""
 
     def __init__(self, path: Path, info: WindowInfo) -> None:
         self.path, self.info = path, info
@@ -340,12 +327,7 @@ def read_depth(path: Path, method: str) -> DepthMap:
 
 
 def read_dense(path: Path, shape: tuple[int, ...]) -> Dense:
-    """Reads what `emvs.depth.inpainting.write_dense` wrote.
-
-    Args:
-        path: `dense.npz` of a method.
-        shape: (H, W) of its depth map.
-    """
+    """Reads `dense.npz` of a method, (H, W), which `write_dense` wrote."""
     arrays = read_npz(path, ("depth_m", "measured", "filled"))
     for key, kind in (("depth_m", "f"), ("measured", "b"), ("filled", "b")):
         check_array(path, key, arrays[key], kind, shape)
@@ -376,13 +358,7 @@ def read_slices(path: Path, methods: Sequence[str], width_px: int) -> Slices:
 
 
 def read_npz(path: Path, keys: Sequence[str], also: Sequence[str] = ()) -> Arrays:
-    """Reads the named arrays.
-
-    Args:
-        path: the archive.
-        keys: arrays that it must hold.
-        also: others, read where it holds them.
-    """
+    """Reads the named arrays, and `also` others where there are any."""
     try:
         check_file(path)
         with np.load(path, allow_pickle=False) as file:

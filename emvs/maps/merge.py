@@ -57,11 +57,7 @@ def fuse_windows(
 ) -> tuple[Path, FusedInfo]:
     """Writes `MAP/global/<method>/cloud.ply`, `mesh.ply` on request, and `fuse.json`, anew.
 
-    Args:
-        stored: the map folder.
-        config: voxels, support and mesh.
-        method: whose depth maps; see `chosen_method`.
-        progress: called with the windows done and all.
+    `progress` is called with the windows done and all.
 
     Returns:
         The folder, and what is in it.

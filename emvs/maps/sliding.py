@@ -114,11 +114,7 @@ def one_window(
 ) -> tuple[Window, Hot]:
     """Chooses and checks the one window that settings without sliding windows ask for.
 
-    Args:
-        recording: events, poses and calibration.
-        config: the settings.
-        out: where its maps will lie; need not exist.
-        progress: called with `hot pixels`.
+    Its maps will lie in `out`, which need not exist; `progress` is called with `hot pixels`.
 
     Returns:
         The window, and the hot pixels in it.
@@ -143,7 +139,7 @@ def map_into(
     clouds: bool = True,
     name: str | None = None,
 ) -> WindowInfo:
-    """Maps a window that was checked, and writes its folder.
+    """Maps a window that was checked, writes its folder and returns its entry of `map.json`.
 
     Args:
         folder: such as `MAP/w000`, in a folder that the caller writes atomically.
@@ -153,10 +149,7 @@ def map_into(
         progress: called with the stages of `map_window`, then `write`.
         device: what computes; by default what the configuration says.
         clouds: whether to write `cloud.ply`.
-        name: of the window, where its folder has another one for now.
-
-    Returns:
-        The window's entry of `map.json`.
+        name: of the window; by default its folder's.
 
     Raises:
         InputError: as `map_window`.
@@ -337,12 +330,9 @@ class Prefetcher(DerivedRecording):
     def __init__(
         self, recording: Recording, received: Callable[[Events], Events], *, ahead: bool
     ) -> None:
-        """Starts nothing yet.
+        """Starts nothing yet; `received` is done with events as they are read, such as an upload.
 
-        Args:
-            recording: what to read.
-            received: what is done with events as they are read, such as an upload.
-            ahead: whether to read ahead at all; else everything is read when it is asked for.
+        Unless `ahead`, everything is read when it is asked for.
         """
         super().__init__(recording)
         self._received, self._ahead = received, ahead

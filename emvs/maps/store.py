@@ -36,11 +36,7 @@ _INDEX_EVERY_S, _INDEX_SHARE = 2.0, 0.05
 
 
 class MapStore:
-    """The folder of one run.
-
-    Attributes:
-        path: the folder; with `force`, beside the one that it takes the place of in the end.
-    """
+    """The folder of one run; with `force`, beside the one that it takes the place of in the end."""
 
     def __init__(self, path: Path, *, anew: bool = False) -> None:
         self.path, self._anew = path, anew
@@ -71,12 +67,7 @@ class MapStore:
             yield folder
 
     def write_index(self, head: MapInfo, names: Iterable[str]) -> None:
-        """Writes `map.json` anew from the windows' entries, one at a time.
-
-        Args:
-            head: everything but the windows.
-            names: the finished windows, in order.
-        """
+        """Writes `map.json` anew: `head`, and the entries of these windows, one at a time."""
         before, after = _text(head.model_dump(mode="json")).split(_ENTRIES)
         started_s = time.monotonic()
         with (

@@ -36,10 +36,9 @@ class CacheEntry:
         key: name of the entry.
         path: folder of its files.
         digest: hash over all of them: equal where the data are equal.
-        seconds: what making it took, s.
+        seconds: what making it took, s; `cpu_seconds` of processors, 0 where it is not known.
         found: whether it was there already.
         files: names of its files below `path`; one that is gone was deleted by someone since.
-        cpu_seconds: time of processors that making it took, s; 0 where it is not known.
     """
 
     key: str

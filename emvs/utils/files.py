@@ -34,8 +34,7 @@ class DiskFull(InputError):
 def names_full_disk(path: Path) -> Iterator[None]:
     """Says which output a disk had no room for: the system's error names no file at all.
 
-    Args:
-        path: of the output, as its user knows it; what is written may lie beside it meanwhile.
+    What is written may lie beside `path` meanwhile.
 
     Raises:
         DiskFull: instead of an `OSError` that says so, or of one that names a part of the output.
@@ -90,13 +89,8 @@ def atomic_path(path: Path) -> Iterator[Path]:
 def work_folder(place: Path, *, resume: bool = False) -> Iterator[Path]:
     """Makes a hidden folder beside a place, for this process alone; removes it at the end.
 
-    Args:
-        place: what is made in it; what killed processes left of the same place is removed first.
-        resume: whether to yield the folder of a killed process instead, if there is one, and to
-            keep it after an error.
-
-    Raises:
-        InputError: the place's folder cannot be written to.
+    What killed processes left of the same place is removed first; with `resume` their folder is
+    yielded instead, if there is one, and is kept after an error.
     """
     if not os.access(place.parent, os.W_OK):
         raise InputError(f"cannot write to {place.parent}: no permission, choose another output")
@@ -120,9 +114,7 @@ def work_folder(place: Path, *, resume: bool = False) -> Iterator[Path]:
 def leftovers(folder: Path, start: str = ".") -> Iterator[tuple[Path, int]]:
     """Work folders that killed processes left in a folder, locked; the caller closes the lock.
 
-    Args:
-        folder: where they lie.
-        start: of their names: `.NAME.` for those of one output.
+    Names of one output's begin with `.NAME.`.
     """
     for work in list(folder.iterdir()):
         is_named = work.name.startswith(start) and work.name.endswith(".partial")
@@ -204,12 +196,7 @@ def link_new(made: Path, place: Path) -> None:
 def made_parent(path: Path, *, make: bool = True) -> Iterator[None]:
     """Makes the folder of `path`, and those above; on an error those go that nothing is in.
 
-    Args:
-        path: of a file or folder that is to be made.
-        make: whether to make them now; else others may, and only the end is seen to.
-
-    Raises:
-        InputError: the folder cannot be made or written to.
+    Unless `make`, others may make them, and only the end is seen to.
     """
     missing = [folder for folder in path.parents if not os.path.lexists(folder)]
     try:

@@ -23,9 +23,7 @@ TABLE_BYTES = 1 << 28
 def check_file(path: Path, most_bytes: int | None = None) -> None:
     """Refuses what cannot be read to its end; looks, and opens nothing.
 
-    Args:
-        path: where it should be; symbolic links are followed.
-        most_bytes: what the file may hold; None where it is read piece by piece.
+    Symbolic links are followed; of a file that is read piece by piece `most_bytes` is None.
 
     Raises:
         InputError: a pipe, a device, a socket or a folder, a name with a NUL, or too large.
@@ -45,22 +43,13 @@ def check_file(path: Path, most_bytes: int | None = None) -> None:
 
 
 def read_text(path: Path, most_bytes: int, encoding: str = "utf-8") -> str:
-    """The whole text of a file.
-
-    Raises:
-        InputError: as `check_file`.
-        OSError, UnicodeDecodeError: it cannot be read, or is no text.
-    """
+    """The whole text of a file, as `check_file` allows; OSError or UnicodeDecodeError otherwise."""
     check_file(path, most_bytes)
     return Path(path).read_text(encoding=encoding)
 
 
 def parse_json(text: str) -> Any:
-    """The content of a JSON text.
-
-    Raises:
-        ValueError: no JSON, or nested too deeply.
-    """
+    """The content of a JSON text; ValueError where it is none, or nested too deeply."""
     try:
         return json.loads(text)
     except RecursionError as error:
@@ -68,11 +57,7 @@ def parse_json(text: str) -> Any:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """The content of a TOML text.
-
-    Raises:
-        ValueError: no TOML, nested too deeply, or a number of thousands of digits.
-    """
+    """The content of a TOML text; ValueError where it is none, or too deep or long in numbers."""
     try:
         return tomllib.loads(text)
     except RecursionError as error:

@@ -135,13 +135,9 @@ def check_ours(folder: Path, names: Iterable[str]) -> None:
 
 
 def exchange(staged: Path, folder: Path, names: Iterable[str], index: str = "") -> None:
-    """Puts files from a work folder into a folder, and lists them there.
+    """Puts staged files of these names into a folder, and lists them there.
 
-    Args:
-        staged: where they are.
-        folder: where they belong.
-        names: of the files, below both.
-        index: the file that says which others to read; absent while they are exchanged.
+    `index`, the one that says which others to read, is absent while they are exchanged.
     """
     ordered = sorted(names, key=lambda name: name == index)
     for name in ordered:
@@ -157,13 +153,9 @@ def exchange(staged: Path, folder: Path, names: Iterable[str], index: str = "") 
 
 
 def strangers(folder: Path, names: Iterable[str] | None = None) -> list[str]:
-    """What a folder holds that is not ours: names below it, folders with a slash.
+    """What a folder holds, or these names in it, that is not ours; folders with a slash.
 
     Links, devices and mounted file systems are never ours. Empty folders hold nothing.
-
-    Args:
-        folder: an output, or what is in its place.
-        names: only look at these files and folders in it.
     """
     manifest = read(folder)
     if names is not None:

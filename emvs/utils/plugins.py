@@ -45,14 +45,9 @@ def run_point(point: EntryPoint, what: str, run: Callable[[Any], Value]) -> Valu
 def extra_module(name: str, purpose: str, extra: str, cure: str = "") -> Any:
     """Imports a library that comes with an extra.
 
-    Args:
-        name: of the module.
-        purpose: what begins the error: `Parquet needs`.
-        extra: name of the optional dependencies.
-        cure: what helps where the library is there and cannot be loaded.
-
     Raises:
-        InputError: it cannot be loaded.
+        InputError: it cannot be loaded; begins with a `purpose`, such as `Parquet needs`, and ends
+            with a `cure` where the library is there.
     """
     try:
         return import_module(name)

@@ -15,11 +15,7 @@ ON_INDEX = False
 
 
 def requirement(extra: str = "") -> str:
-    """What `pip install` takes, in quotes as a shell needs them.
-
-    Args:
-        extra: name of optional dependencies; see `pyproject.toml`.
-    """
+    """What `pip install` takes, with an extra's name; in quotes as a shell needs them."""
     name = f"eventsweep[{extra}]" if extra else "eventsweep"
     if ON_INDEX:
         return f"'{name}'" if extra else name
@@ -32,10 +28,5 @@ def install(extra: str = "") -> str:
 
 
 def page(name: str, section: str = "") -> str:
-    """The address of a page of the documentation.
-
-    Args:
-        name: the page's file in `docs/`, without its ending.
-        section: the heading's anchor.
-    """
+    """The address of a page: its file in `docs/` without the ending, and a heading's anchor."""
     return f"{DOCUMENTATION}/{name}.html" + (f"#{section}" if section else "")

@@ -114,14 +114,9 @@ def by_names(where: str, names: Collection[str]) -> tuple[ColumnMap, float | Non
 
 
 def order_of(where: str, columns: Sequence[NDArray[Any]]) -> str:
-    """Which order of four nameless columns is the only one that their values allow.
+    """Which of `ORDERS` is the only one that the values of four nameless columns (N,) allow.
 
-    Args:
-        where: file and place, for the error's sake.
-        columns: four of (N,) values, of the file's end, where times are largest.
-
-    Returns:
-        One of `ORDERS`.
+    They are best of the file's end, where times are largest.
     """
     possible = [
         order

@@ -176,15 +176,7 @@ def check_columns(
 ) -> int:
     """Rows of a stream; refuses data sets that do not match or whose bytes are not all there.
 
-    Args:
-        path: the file, for the error's sake.
-        file: open.
-        names: data sets that must be as long as each other.
-        axes: how many each must have.
-        matrices: those that must have two.
-
-    Raises:
-        InputError: as said, or a filter that is not installed.
+    All must be of one length and have so many axes, but for `matrices`, which have two.
     """
     counts = {name: check_dataset(path, file[name]) for name in names}
     for name in names:

@@ -52,13 +52,8 @@ _COLUMNS: dict[str, type[np.generic]] = {
 class _Array:
     """An array as its header declares it.
 
-    Attributes:
-        name: as the archive has it, without `.npy`; empty for an npy file.
-        shape: as declared.
-        kind: type of a value, with fields where it has them.
-        by_columns: whether columns lie one after another, not rows (Fortran order).
-        head: bytes in front of the values.
-        place: where the values lie in the file, byte; None where they are compressed.
+    Columns lie one after another `by_columns` (Fortran order), not rows; `head` bytes are in front
+    of the values, which lie at a byte of the file, or nowhere (None) where they are compressed.
     """
 
     name: str
@@ -73,11 +68,7 @@ class _Array:
 class _Run:
     """Rows of one type that lie behind each other: a column, or several side by side.
 
-    Attributes:
-        name: the array's.
-        row: type of a row.
-        head: bytes in front of the first.
-        place: where the first lies in the file, byte; None where it is compressed.
+    `head` and `place` as of `_Array`, for the first row.
     """
 
     name: str
@@ -87,16 +78,7 @@ class _Run:
 
 
 class NpzReader(BlockReader):
-    """An archive of columns: one stream, `events`.
-
-    Args:
-        path: the file.
-        columns: which column is what; by default what their names or values say.
-
-    Raises:
-        InputError: a missing or damaged archive, missing or ambiguous columns, or columns that do
-            not match.
-    """
+    """An archive of columns, as stated, or as names or values say: one stream, `events`."""
 
     format = "npz"
 

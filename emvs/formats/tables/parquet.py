@@ -22,16 +22,8 @@ _ROWS = 1 << 18
 class ParquetReader(BlockReader):
     """A Parquet file: one stream, `events`.
 
-    A block is a batch of a row group; a row group is read from its start to find one again.
-
-    Args:
-        path: the file.
-        columns: which column is what; by default what their names say. Time stamps of Arrow's own
-            type say their unit.
-
-    Raises:
-        InputError: pyarrow is not installed, a damaged file, missing columns, or columns of
-            anything but numbers.
+    A block is a batch of a row group; a row group is read from its start to find one again. Columns
+    are as stated, or what their names say; time stamps of Arrow's own type say their unit.
     """
 
     format = "parquet"

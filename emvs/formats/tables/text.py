@@ -32,15 +32,10 @@ _NAMES = dict.fromkeys(TIMES, 0) | {"x": 1, "y": 2} | dict.fromkeys(POLARITIES, 
 
 @dataclass(frozen=True)
 class TextLayout:
-    """How lines are read.
+    """How lines are read: behind `skip` bytes, with times that count `10**power` µs.
 
-    Attributes:
-        format: `text`, `esim-text` (size line) or `csv`.
-        skip: bytes of the header.
-        order: what each field is: 0 time, 1 x, 2 y, 3 polarity, -1 anything.
-        power: a time counts `10**power` µs.
-        whole_times: whether times are whole numbers.
-        size_px: width and height, where a line says them.
+    `order` is what each field is: 0 time, 1 x, 2 y, 3 polarity, -1 anything; `size_px` is width and
+    height, where a line says them.
     """
 
     format: str
@@ -54,13 +49,8 @@ class TextLayout:
 class TextReader(BlockReader):
     """A text of events: one stream, `events`.
 
-    Args:
-        path: the file.
-        columns: which field of a line is what; by default what a header says, or `t x y p`.
-        layout: how its lines are read; found from its first lines where not given.
-
-    Raises:
-        InputError: a missing file, a header without the columns, or a line that is no event.
+    Which field of a line is what is stated, or a header says, or it is `t x y p`; its `layout` is
+    found from its first lines where not given.
     """
 
     def __init__(
