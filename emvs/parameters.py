@@ -49,11 +49,7 @@ class ParameterGroup(FrozenModel):
 
     @classmethod
     def model_validate(cls, obj: Any, **options: Any) -> Self:
-        """Takes plain values, such as a table of a file.
-
-        Raises:
-            InputError: an unknown name or an impossible value.
-        """
+        """Takes plain values, such as a table of a file."""
         try:
             return super().model_validate(obj, **options)
         except ValidationError as error:

@@ -77,11 +77,7 @@ _NEAREST_M, _FARTHEST_M = 1e-4, 1e6  # beyond them single precision cannot separ
 
 
 def depth_range_m(recording: Recording, config: MapperConfig) -> tuple[float, float]:
-    """Returns nearest and farthest depth: as configured, else as recorded, else 0.2 and 5 m.
-
-    Raises:
-        InputError: the two do not make a range.
-    """
+    """Returns nearest and farthest depth: as configured, else as recorded, else 0.2 and 5 m."""
     near_m, far_m = recording.depth_range_m or DEFAULT_DEPTH_RANGE_M
     near_m = near_m if config.min_depth_m is None else config.min_depth_m
     far_m = far_m if config.max_depth_m is None else config.max_depth_m

@@ -71,11 +71,7 @@ class Written:
 
 
 def convert_file(source: Path, out: Path, options: Options, progress: Progress) -> Written:
-    """Converts one thing.
-
-    Raises:
-        InputError: an unreadable input, an unknown format, or something the format cannot hold.
-    """
+    """Converts one thing."""
     to = options.to
     if to not in targets():
         raise InputError(f"--to {to}: unknown; choose from {', '.join(targets())}")

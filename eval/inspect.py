@@ -41,11 +41,7 @@ _ROWS = {
 def inspect(
     path: Path, progress: Progress, columns: ColumnMap | None = None
 ) -> tuple[Readable, list[StreamCount]]:
-    """Opens anything readable and counts its events, one pass per stream.
-
-    Raises:
-        InputError: nothing readable, or a damaged file.
-    """
+    """Opens anything readable and counts its events, one pass per stream."""
     readable = open_readable(path, columns)
     counts = []
     for (name, source), size_px in zip(readable.streams, readable.sizes_px, strict=True):

@@ -140,11 +140,7 @@ class EventStoreWriter(ClosingWriter):
 
 
 class EventStoreReader:
-    """Reads time slices of an event file; the file is opened for each slice and closed again.
-
-    Raises:
-        InputError: a missing or truncated file, or one of another layout.
-    """
+    """Reads time slices of an event file; the file is opened for each slice and closed again."""
 
     def __init__(self, path: Path, width_px: int, height_px: int) -> None:
         self.path = Path(path)

@@ -89,11 +89,7 @@ class TruthWriter(ClosingWriter):
 
 
 class TruthReader:
-    """Reads single ground-truth images.
-
-    Raises:
-        InputError: a missing or truncated file, or one of another layout.
-    """
+    """Reads single ground-truth images."""
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
@@ -112,11 +108,7 @@ class TruthReader:
         return self._read("intensity", t_us).astype(np.uint8, copy=False)
 
     def read(self, name: str, t_us: int) -> Image:
-        """An optional data set at a stored time, see `OPTIONAL`.
-
-        Raises:
-            InputError: it was not stored, or not at that time.
-        """
+        """An optional data set at a stored time, see `OPTIONAL`."""
         if name not in self.optional:
             stored = ", ".join(self.optional) or "none of the optional ones"
             raise InputError(
@@ -181,11 +173,7 @@ class FrameWriter(ClosingWriter):
         self._hdf5.grow("image", np.uint8, 1, self._shape, **COMPRESSION[np.dtype(np.uint8)])
 
     def append(self, photo: Photo) -> None:
-        """Adds a picture.
-
-        Raises:
-            InputError: of another size, or not after the picture before.
-        """
+        """Adds a picture."""
         if photo.image.shape != self._shape:
             raise InputError(f"picture of shape {photo.image.shape}: this file needs {self._shape}")
         if not self._last_us <= photo.start_us < photo.end_us:
@@ -203,11 +191,7 @@ class FrameWriter(ClosingWriter):
 
 
 class FrameReader:
-    """Reads single pictures.
-
-    Raises:
-        InputError: a missing or truncated file, or one of another layout.
-    """
+    """Reads single pictures."""
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)

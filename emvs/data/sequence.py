@@ -233,11 +233,7 @@ class Sequence:
         manifest.check_hashes(self.path, self.manifest)
 
     def _of(self, readers: list[Reader], camera: int) -> Reader:
-        """A camera's own reader.
-
-        Raises:
-            InputError: a camera that is not there.
-        """
+        """A camera's own reader."""
         self.rig.check_camera(camera)
         return readers[camera]
 

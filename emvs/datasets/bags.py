@@ -178,11 +178,7 @@ def topics(path: Path) -> dict[str, str]:
 
 
 def messages(path: Path, topic: str) -> Iterator[Any]:
-    """The decoded messages of a topic of standard type, in the order of recording.
-
-    Raises:
-        InputError: a damaged bag or message.
-    """
+    """The decoded messages of a topic of standard type, in the order of recording."""
     from rosbags.typesys import Stores, get_typestore
 
     ros2 = path.is_dir()

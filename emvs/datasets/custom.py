@@ -108,11 +108,7 @@ class Descriptor(FrozenModel):
 
 
 def read_descriptor(path: Path) -> Descriptor:
-    """Reads a `recording.toml`.
-
-    Raises:
-        InputError: an unreadable file, or a missing, unknown or impossible key.
-    """
+    """Reads a `recording.toml`."""
     try:
         return Descriptor(**parse_toml(read_text(path, SETTINGS_BYTES)))
     except ValidationError as error:
@@ -171,9 +167,6 @@ def read_hand_eye(path: Path, imu_cam: Path | None = None) -> NDArray[np.float64
         path: JSON or YAML with the key `T_body_cam` (rows of four), or TUM-VIE's mocap-IMU
             calibration with `value0.T_imu_marker`.
         imu_cam: TUM-VIE's camera calibration, for the latter.
-
-    Raises:
-        InputError: an unreadable file, or a missing or impossible value.
     """
     values = parsed(path)
     with located(path):

@@ -260,11 +260,7 @@ def write_truth(folder: Path, recording: Recording, shift_us: int) -> None:
 
 
 def write_disparity(path: Path, depth_m: NDArray[np.float32], focal_baseline_px_m: float) -> None:
-    """Writes z-depth as DSEC's 16-bit disparity: 256 units per pixel, 0 where unknown.
-
-    Raises:
-        InputError: a disparity of 256 px or more, which 16 bits do not hold.
-    """
+    """Writes z-depth as DSEC's 16-bit disparity: 256 units per pixel, 0 where unknown."""
     known = np.isfinite(depth_m) & (depth_m > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         units = np.rint(np.where(known, focal_baseline_px_m / depth_m, 0) * DISPARITY_SCALE)

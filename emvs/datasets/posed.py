@@ -158,11 +158,7 @@ class PosedRecording:
         return bool(getattr(self.truth, "any_time", False))
 
     def truth_view_depth_m(self, camera: int, t_us: int) -> NDArray[np.float32]:
-        """(H, W) z-depth in the camera's undistorted view, m; not finite where unknown.
-
-        Raises:
-            InputError: none at that time.
-        """
+        """(H, W) z-depth in the camera's undistorted view, m; not finite where unknown."""
         times_us = self.truth_times_us(camera)
         known = t_us in times_us or (self.truth_any_time and not camera)
         if self.truth is None or not known:

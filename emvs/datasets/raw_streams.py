@@ -34,9 +34,6 @@ def open_readable(path: Path, columns: ColumnMap | None = None) -> Readable:
 
     A ROS bag without calibration or poses, or a sequence without poses, is opened for its events
     alone, and `what` says why; one whose calibration or poses are damaged is refused.
-
-    Raises:
-        InputError: nothing there or nothing known, or a damaged file.
     """
     path = Path(path)
     if columns is not None and (path.is_dir() or path.suffix == ".toml"):

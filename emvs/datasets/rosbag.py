@@ -99,9 +99,6 @@ def lacks(path: Path) -> str:
 
     Only what is missing altogether is reported: what is there and damaged is an error of
     `open_bag_recording`.
-
-    Raises:
-        InputError: a damaged bag, or several files beside it for one purpose.
     """
     if not is_bag(path):
         return "its name does not end in .bag"

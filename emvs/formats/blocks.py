@@ -132,11 +132,7 @@ def within(events: Events, t0_us: int, t1_us: int) -> Events:
 
 
 def checked_times(events: Events, where: str) -> Events:
-    """Returns the events; no format here has time stamps below 0 or beyond 2^62 µs.
-
-    Raises:
-        InputError: a time stamp is, named after `where` (file and place).
-    """
+    """Returns the events; no format here has time stamps below 0 or beyond 2^62 µs."""
     bad = np.flatnonzero((events.t_us < 0) | (events.t_us > 1 << 62))
     if bad.size:
         k = int(bad[0])

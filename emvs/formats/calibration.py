@@ -67,11 +67,7 @@ def read_rig(path: Path, cameras: Sequence[str | int] = ()) -> Rig:
 
 
 def read_imu_cam(path: Path) -> NDArray[np.float64]:
-    """Where the first event camera sits on the IMU, `T_imu_cam` (4, 4), from a Basalt JSON.
-
-    Raises:
-        InputError: a file that cannot be read, or a missing or impossible value; names the key.
-    """
+    """Where the first event camera sits on the IMU, `T_imu_cam` (4, 4), from a Basalt JSON."""
     values = parsed(path)
     try:
         entries = _basalt(entry_of(values, "value0", "the file", dict))

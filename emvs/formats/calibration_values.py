@@ -39,11 +39,7 @@ _Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
 
 
 def parsed(path: Path) -> dict[str, Any]:
-    """The mapping that a JSON or YAML file holds.
-
-    Raises:
-        InputError: a file that cannot be read, or holds something else.
-    """
+    """The mapping that a JSON or YAML file holds."""
     try:
         text = read_text(path, SETTINGS_BYTES)
     except (OSError, UnicodeDecodeError) as error:
@@ -73,9 +69,6 @@ def _check_plain(values: Any) -> None:
 
     A few lines of YAML that name each other stand for more values than memory holds, so values are
     counted as often as they are meant.
-
-    Raises:
-        ValueError: too many or too deep values, or a number or a word beyond all bounds.
     """
     left, waiting = _MOST_VALUES, [(values, 0)]
     while waiting:

@@ -55,11 +55,7 @@ def read_depth(path: Path) -> NDArray[np.float32]:
 
 
 def read_exr(path: Path) -> dict[str, NDArray[np.float32]]:
-    """Reads an EXR image: (H, W) of each channel, by name.
-
-    Raises:
-        InputError: a damaged file, or the OpenEXR package is not installed.
-    """
+    """Reads an EXR image: (H, W) of each channel, by name."""
     OpenEXR = extra_module("OpenEXR", f"{path}: reading EXR needs", "exr")
     try:
         # It prints what it finds damaged, which would stand among the numbers of a summary.
@@ -140,11 +136,7 @@ def read_png(path: Path) -> NDArray[np.uint8 | np.uint16]:
 
 
 def read_grey(path: Path) -> NDArray[np.uint8]:
-    """Reads an image as (H, W) uint8 grey levels, of 16 bits the upper eight.
-
-    Raises:
-        InputError: as `read_png`.
-    """
+    """Reads an image as (H, W) uint8 grey levels, of 16 bits the upper eight."""
     image = _checked(path)
     if image.mode == "I;16":  # Pillow would clip what does not fit eight bits
         return (np.asarray(image) >> 8).astype(np.uint8)

@@ -140,11 +140,7 @@ def decode_words(
 
 
 def opened(path: Path) -> BinaryIO:
-    """Opens a file for reading.
-
-    Raises:
-        InputError: it cannot be opened.
-    """
+    """Opens a file for reading."""
     try:
         check_file(path)
         return path.open("rb")

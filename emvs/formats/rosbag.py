@@ -141,11 +141,7 @@ class RosbagReader(BlockReader):
 
 @contextmanager
 def opened_bag(path: Path) -> Iterator[Any]:
-    """Opens a bag for reading.
-
-    Raises:
-        InputError: a missing or damaged bag; whatever the library says of it becomes one line.
-    """
+    """Opens a bag for reading."""
     from rosbags.rosbag1 import Reader as Reader1  # 0.2 s that other formats need not wait for
     from rosbags.rosbag2 import Reader as Reader2
 

@@ -101,9 +101,6 @@ class Camera:
 
         Returns:
             (..., 2) pixel coordinates; NaN where z <= 0.
-
-        Raises:
-            InputError: no such points.
         """
         points = _vectors("points_cam", points_cam, 3)
         z = points[..., 2:3]
@@ -119,9 +116,6 @@ class Camera:
 
         Returns:
             (..., 2) bearings x/z and y/z; NaN where no ray in front of the camera lands there.
-
-        Raises:
-            InputError: no such positions.
         """
         uv = _vectors("uv_px", uv_px, 2)
         sensor = (uv - (self.cx_px, self.cy_px)) / (self.fx_px, self.fy_px)
@@ -154,11 +148,7 @@ class Camera:
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Camera:
-        """Reads what `to_json` wrote.
-
-        Raises:
-            InputError: a missing, unknown or impossible value.
-        """
+        """Reads what `to_json` wrote."""
         try:
             return cls(**{**values, "distortion": tuple(values.get("distortion", ()))})
         except TypeError as error:

@@ -77,11 +77,7 @@ class Rig:
             )
 
     def baseline_m(self, i: int = 0, j: int = 1) -> float:
-        """Distance between the centres of cameras i and j.
-
-        Raises:
-            InputError: a camera that is not there.
-        """
+        """Distance between the centres of cameras i and j."""
         self.check_camera(i)
         self.check_camera(j)
         return float(np.linalg.norm(self.T_body_cam[i][:3, 3] - self.T_body_cam[j][:3, 3]))
@@ -100,11 +96,7 @@ class Rig:
 
     @classmethod
     def from_json(cls, values: dict[str, Any]) -> Rig:
-        """Reads what `to_json` wrote.
-
-        Raises:
-            InputError: a missing or impossible value.
-        """
+        """Reads what `to_json` wrote."""
         try:
             entries = [dict(entry) for entry in values["cameras"]]
             names = tuple(str(entry.pop("name")) for entry in entries)

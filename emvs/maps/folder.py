@@ -272,11 +272,7 @@ class StoredWindow:
 
 
 def read_info(directory: Path) -> MapInfo:
-    """Reads `map.json` of a map folder.
-
-    Raises:
-        InputError: no map there, or a file that is damaged or of another version.
-    """
+    """Reads `map.json` of a map folder."""
     index = directory / "map.json"
     try:
         text = read_text(index, TABLE_BYTES)
@@ -307,11 +303,7 @@ def write_depth(path: Path, depth_map: DepthMap) -> None:
 
 
 def read_depth(path: Path, method: str) -> DepthMap:
-    """Reads what `write_depth` wrote.
-
-    Raises:
-        InputError: a missing or damaged file.
-    """
+    """Reads what `write_depth` wrote."""
     arrays = read_npz(path, _DEPTH_KEYS, also=_JUDGED)
     camera = _camera(path, str(arrays["camera"]))
     shape = (camera.height_px, camera.width_px)

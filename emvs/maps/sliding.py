@@ -118,9 +118,6 @@ def one_window(
 
     Returns:
         The window, and the hot pixels in it.
-
-    Raises:
-        InputError: what `check_settings`, `choose_window` and `check_window_fits` refuse.
     """
     check_settings(recording, config, out)
     window = choose_window(recording, config)
@@ -150,9 +147,6 @@ def map_into(
         device: what computes; by default what the configuration says.
         clouds: whether to write `cloud.ply`.
         name: of the window; by default its folder's.
-
-    Raises:
-        InputError: as `map_window`.
     """
     result = map_window(
         recording, config, progress, window=window, dsi_dir=folder / "dsi", device=device

@@ -192,11 +192,7 @@ def write_entry(path: Path, info: WindowInfo) -> None:
 
 
 def read_entry(path: Path) -> WindowInfo:
-    """Reads a finished window's entry.
-
-    Raises:
-        InputError: a damaged file.
-    """
+    """Reads a finished window's entry."""
     try:
         return WindowInfo.model_validate_json(read_text(path / _ENTRY, TABLE_BYTES))
     except (OSError, ValueError) as error:

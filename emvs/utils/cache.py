@@ -70,9 +70,6 @@ class Cache:
 
     Args:
         folder: made when first written to.
-
-    Raises:
-        InputError: the folder cannot be made.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -89,9 +86,6 @@ class Cache:
             key: `key_of(facts)`.
             facts: everything that decides the entry, kept beside it.
             fill: makes the entry's files; what it raises passes through, and nothing stays behind.
-
-        Raises:
-            InputError: the folder cannot be made or written to.
         """
         with claimed(self.path_of(key), wait=True):
             entry = self._read(key)

@@ -175,11 +175,7 @@ def _new_work_folder(place: Path) -> tuple[Path, int]:
 
 
 def link_new(made: Path, place: Path) -> None:
-    """Gives a file its name, which must be free.
-
-    Raises:
-        FileExistsError: it is not.
-    """
+    """Gives a file its name, which must be free."""
     try:
         os.link(made, place)
     except FileExistsError:

@@ -52,11 +52,7 @@ use_kernel_cache()
 
 @cache
 def check_openmp() -> None:
-    """Finds out before any work whether the kernels can have their threads.
-
-    Raises:
-        InputError: the system lacks OpenMP's library.
-    """
+    """Finds out before any work whether the kernels can have their threads."""
     try:
         importlib.import_module("numba.np.ufunc.omppool")
     except ImportError as error:

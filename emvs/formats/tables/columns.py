@@ -79,11 +79,7 @@ class ColumnMap:
 
 
 def column_map(columns: str = "", time_unit: str = "") -> ColumnMap | None:
-    """What `x=...,y=...,t=...,p=...` and a unit state; None where both are empty.
-
-    Raises:
-        InputError: a part that is no such pair, or what `ColumnMap` refuses.
-    """
+    """What `x=...,y=...,t=...,p=...` and a unit state; None where both are empty."""
     if not (columns or time_unit):
         return None
     pairs = [part.partition("=") for part in columns.split(",") if part.strip()]

@@ -37,9 +37,6 @@ class Hdf5Reader(BlockReader):
 
     Where the file has `ms_to_idx`, a time slice costs two look-ups; its rows and their neighbours
     are checked against it. Otherwise one pass over the times builds an index.
-
-    Raises:
-        InputError: a missing or damaged file, another layout, or a filter that is not installed.
     """
 
     def __init__(self, path: Path, columns: ColumnMap | None = None) -> None:

@@ -36,11 +36,7 @@ _SAMPLE_ROWS = 1 << 12
 
 @contextmanager
 def opened_hdf5(path: Path) -> Iterator[h5py.File]:
-    """Opens a file for reading; what damage makes the library say becomes one line.
-
-    Raises:
-        InputError: a missing or damaged file.
-    """
+    """Opens a file for reading; what damage makes the library say becomes one line."""
     try:
         with open_hdf5(path) as file:
             yield file
