@@ -21,6 +21,8 @@ DeviceName = Literal["cpu", "cuda", "auto"]
 FocusMeasure = Literal["variance", "mean-square", "gradient", "laplacian", "dog"]
 Count = Annotated[int, Field(ge=1)]
 Pixel = Annotated[FiniteFloat, Field(ge=-32768, le=65536)]
+ViewPixels = Annotated[int, Field(ge=2, le=32768)]
+Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class FuseConfig(ParameterGroup):
@@ -294,9 +296,8 @@ class MapperConfig(ParameterGroup):
     window_events: int | None = Field(
         default=None, ge=1, description="map sliding windows of this many events of camera 0"
     )
-    stride_events: int | None = Field(
+    stride_events: Count | None = Field(
         default=None,
-        ge=1,
         description="events from one window's start to the next; by default window_events",
     )
     min_events: int = Field(
@@ -318,23 +319,15 @@ class MapperConfig(ParameterGroup):
         default="middle",
         description="time of the reference view in the window, without reference_s",
     )
-    reference_shift: float = Field(
+    reference_shift: Share = Field(
         default=0.0,
-        ge=0,
-        le=1,
         description="position of the reference view on the baseline: 0 at camera 0, 1 at camera 1",
     )
-    view_width_px: int | None = Field(
-        default=None,
-        ge=2,
-        le=32768,
-        description="columns of the reference view; by default camera 0's",
+    view_width_px: ViewPixels | None = Field(
+        default=None, description="columns of the reference view; by default camera 0's"
     )
-    view_height_px: int | None = Field(
-        default=None,
-        ge=2,
-        le=32768,
-        description="rows of the reference view; by default camera 0's",
+    view_height_px: ViewPixels | None = Field(
+        default=None, description="rows of the reference view; by default camera 0's"
     )
     view_focal_px: Positive | None = Field(
         default=None, description="focal length of the reference view, px; by default camera 0's"

@@ -77,7 +77,8 @@ def explain(error: ValidationError, model: type[BaseModel], where: str = "") -> 
     if fault["type"] == "extra_forbidden":
         return f"{where}unknown key {key}{_suggestion(model, place)}"
     message = fault["msg"].removeprefix("Value error, ")
-    if fault["type"] == "value_error" and _is_group(_annotation(model, place)):
+    kind = _annotation(model, place)
+    if fault["type"] == "value_error" and (kind is None or hasattr(kind, "model_fields")):
         return f"{where}{message}"
     more = f" ({error.error_count() - 1} more faults)" if error.error_count() > 1 else ""
     return f"{where}{key} is {value}: {message[0].lower()}{message[1:]}{more}"
@@ -97,12 +98,8 @@ def _suggestion(model: type[BaseModel], place: tuple[int | str, ...]) -> str:
 
 def _annotation(model: type[BaseModel], place: tuple[int | str, ...]) -> Any:
     """What a place in a model is to hold; None where no group has such a field."""
-    found: Any = model
+    kind: Any = model
     for name in place:
-        field = getattr(found, "model_fields", {}).get(str(name))
-        found = field.annotation if field else None
-    return found
-
-
-def _is_group(annotation: Any) -> bool:
-    return annotation is None or hasattr(annotation, "model_fields")
+        field = getattr(kind, "model_fields", {}).get(str(name))
+        kind = field.annotation if field else None
+    return kind

@@ -278,13 +278,11 @@ def _depth(source: Path, out: Path, options: Options) -> str:
         depth.WRITERS[options.to](out, depth_m)
         return f"depth map of {depth_m.shape[1]}x{depth_m.shape[0]} as {options.to}"
     from eventsweep.emvs.datasets.dsec import write_disparity
-    from eventsweep.emvs.utils.files import atomic_path
 
     focal_px = _focal_px(source)
     if options.baseline_m is None:
         raise InputError(f"{source}: holds no baseline; add --baseline-m")
-    with atomic_path(out) as partial:
-        write_disparity(partial, depth_m, focal_px * options.baseline_m)
+    write_disparity(out, depth_m, focal_px * options.baseline_m)
     return f"disparity, b·f {focal_px * options.baseline_m:.3f} px·m"
 
 

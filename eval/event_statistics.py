@@ -96,8 +96,8 @@ class StreamCount:
         self.gap_count += len(wide)
         if len(wide):
             longest = wide[np.argsort(-steps[wide], kind="stable")[:_MOST_GAPS]]
-            found = [(int(t_us[k] - steps[k]), int(t_us[k])) for k in longest]
-            every = sorted(self.gaps + found, key=lambda gap: gap[0] - gap[1])
+            gaps = [(int(t_us[k] - steps[k]), int(t_us[k])) for k in longest]
+            every = sorted(self.gaps + gaps, key=lambda gap: gap[0] - gap[1])
             self.gaps = every[:_MOST_GAPS]
         self._before_us = int(t_us[-1])
 
@@ -137,23 +137,18 @@ class StreamCount:
         if self.first_us is None:
             self._origin_us = low // self.bin_us * self.bin_us
         while low < self._origin_us:
-            self._grow_down()
+            self._widen(down=True)
         while high >= self._origin_us + _BINS * self.bin_us:
-            self._grow_up()
+            self._widen(down=False)
         at = (t_us - self._origin_us) // self.bin_us + (p > 0) * _BINS
         self._bins += np.bincount(at, minlength=2 * _BINS).reshape(2, _BINS)
 
-    def _grow_up(self) -> None:
-        """Doubles the bins' width; the first bin begins where it did."""
+    def _widen(self, *, down: bool) -> None:
+        """Doubles the bins' width; the last bin ends where it did, or the first begins there."""
         half = self._bins.reshape(2, _BINS // 2, 2).sum(axis=2)
-        self._bins = np.concatenate([half, np.zeros_like(half)], axis=1)
-        self.bin_us *= 2
-
-    def _grow_down(self) -> None:
-        """Doubles the bins' width; the last bin ends where it did."""
-        half = self._bins.reshape(2, _BINS // 2, 2).sum(axis=2)
-        self._bins = np.concatenate([np.zeros_like(half), half], axis=1)
-        self._origin_us -= _BINS * self.bin_us
+        free = np.zeros_like(half)
+        self._bins = np.concatenate([free, half] if down else [half, free], axis=1)
+        self._origin_us -= _BINS * self.bin_us if down else 0
         self.bin_us *= 2
 
 
@@ -163,9 +158,9 @@ def count_stream(
     progress: Callable[[StreamCount], None] | None = None,
 ) -> StreamCount:
     """Counts all packets of a stream, in file order; `progress` gets the count after each."""
-    found = StreamCount(size_px)
+    count = StreamCount(size_px)
     for events in packets:
-        found.add(events)
+        count.add(events)
         if progress is not None:
-            progress(found)
-    return found
+            progress(count)
+    return count

@@ -74,11 +74,7 @@ class SequenceWriter:
         self._geoms, self._imu = geoms, imu
         self.sensor_counts = sensor_counts
         self.span_us = span_us
-        self._facts: dict[str, Any] = {
-            "configuration": config,
-            "seed": seed,
-            "renderer": renderer,
-        }
+        self._facts: dict[str, Any] = {"configuration": config, "seed": seed, "renderer": renderer}
         self.depth_range_m = depth_range_m
 
     def __enter__(self) -> SequenceWriter:
@@ -108,11 +104,8 @@ class SequenceWriter:
         `label`, what made each event, and `depth_m`, z-depth of the surface that did, are (N,):
         in every packet or in none.
         """
-        extra: dict[str, NDArray[np.generic]] = {}
-        if label is not None:
-            extra["label"] = label
-        if depth_m is not None:
-            extra["depth_m"] = depth_m
+        columns = {"label": label, "depth_m": depth_m}
+        extra = {name: column for name, column in columns.items() if column is not None}
         self._events[camera].append(events, extra)
 
     def append_truth(
@@ -165,16 +158,14 @@ class SequenceWriter:
             (self._folder / "sensor.json").write_text(counts_text, encoding="utf-8")
         if self.span_us is None:
             raise InputError(f"{self._path}: a sequence without trajectory needs span_us")
-        manifest.write(self._folder, self._manifest(self.span_us))
-
-    def _manifest(self, span_us: tuple[int, int]) -> manifest.Manifest:
-        return manifest.Manifest(
+        facts = manifest.Manifest(
             schema_version=manifest.SCHEMA_VERSION,
             name=self._name,
             versions=versions(),
-            span_us=span_us,
+            span_us=self.span_us,
             depth_range_m=self.depth_range_m,
             event_counts=tuple(writer.count for writer in self._events),
             files=manifest.entries(self._folder),
             **self._facts,
         )
+        manifest.write(self._folder, facts)

@@ -26,7 +26,7 @@ from eventsweep.emvs.datasets.posed import PosedRecording
 from eventsweep.emvs.errors import InputError, located
 from eventsweep.emvs.formats.calibration_values import camera_of, entry_of, numbers_of, parsed
 from eventsweep.emvs.formats.calibration_writers import kalibr_camera
-from eventsweep.emvs.formats.depth import read_png
+from eventsweep.emvs.formats.depth import read_png, write_image
 from eventsweep.emvs.formats.tables.hdf5_layouts import opened_hdf5
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
@@ -206,14 +206,9 @@ def write_calibration(folder: Path, rig: Rig) -> None:
     common, R_left, R_right, baseline_m = rectification(rig)
     T_right_left = se3.inverse(rig.T_body_cam[1]) @ rig.T_body_cam[0]
     intrinsics: dict[str, Any] = {}
-    for k, (camera, kind) in enumerate(
-        zip(
-            [rig.cameras[j] for j in (0, 0, 1, 1)],
-            ("event", "frame", "frame", "event"),
-            strict=True,
-        )
-    ):
-        intrinsics[f"cam{k}"] = {"camera_type": kind, **kalibr_camera(camera, f"cam{k}")}
+    for k, (side, kind) in enumerate(((0, "event"), (0, "frame"), (1, "frame"), (1, "event"))):
+        entry = kalibr_camera(rig.cameras[side], f"cam{k}")
+        intrinsics[f"cam{k}"] = {"camera_type": kind, **entry}
         intrinsics[f"cam{k}"]["camera_matrix"] = intrinsics[f"cam{k}"].pop("intrinsics")
         rectified = kalibr_camera(common, f"camRect{k}")
         rectified["camera_matrix"] = rectified.pop("intrinsics")
@@ -266,7 +261,4 @@ def write_disparity(path: Path, depth_m: NDArray[np.float32], focal_baseline_px_
         units = np.rint(np.where(known, focal_baseline_px_m / depth_m, 0) * DISPARITY_SCALE)
     if units.max(initial=0) > 65535:
         raise InputError(f"{path}: a disparity of {units.max() / 256:.1f} px; 16 bits hold 255.99")
-    done, data = cv2.imencode(".png", units.astype(np.uint16))
-    if not done:
-        raise InputError(f"{path}: cannot be encoded as PNG")
-    path.write_bytes(data.tobytes())
+    write_image(path, ".png", units.astype(np.uint16))

@@ -18,7 +18,7 @@ from eventsweep.emvs.data.events import Events, count_late
 from eventsweep.emvs.data.recording import summary
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.formats import open_events
-from eventsweep.emvs.formats.base import EventReader
+from eventsweep.emvs.formats.blocks import BlockReader
 from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -51,7 +51,7 @@ class EventSource:
     _span_us: tuple[int, int] | None = field(default=None, init=False, repr=False)
 
     @cached_property
-    def reader(self) -> EventReader:
+    def reader(self) -> BlockReader:
         """The open file."""
         reader = open_events(self.path, self.columns)
         self.stream = self.stream or _only(self.path, reader.streams)

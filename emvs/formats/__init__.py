@@ -17,13 +17,13 @@ from eventsweep.emvs.formats.base import (
     DOUBLE_US,
     MANY,
     Checker,
-    EventReader,
     Limits,
     Progress,
     Streams,
     StreamWriter,
     only_stream,
 )
+from eventsweep.emvs.formats.blocks import BlockReader
 from eventsweep.emvs.formats.prophesee import opened
 from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.utils.files import atomic_path
@@ -128,7 +128,7 @@ _ALL = (
 FORMATS = {entry.name: entry for entry in _ALL}
 
 
-def open_events(path: str | Path, columns: ColumnMap | None = None) -> EventReader:
+def open_events(path: str | Path, columns: ColumnMap | None = None) -> BlockReader:
     """Opens an event file, or the folder of a ROS2 bag; reads no events yet.
 
     Args:
@@ -155,7 +155,7 @@ def open_events(path: str | Path, columns: ColumnMap | None = None) -> EventRead
     return _plain(path, _file(path, head), columns) if table is None else table(path, columns)
 
 
-def _plain(path: Path, reader: EventReader, columns: ColumnMap | None) -> EventReader:
+def _plain(path: Path, reader: BlockReader, columns: ColumnMap | None) -> BlockReader:
     if columns is not None:
         raise InputError(
             f"{path}: is {reader.format}, which says itself what it holds; leave `columns` and "
@@ -164,7 +164,7 @@ def _plain(path: Path, reader: EventReader, columns: ColumnMap | None) -> EventR
     return reader
 
 
-def _folder(path: Path) -> EventReader:
+def _folder(path: Path) -> BlockReader:
     from eventsweep.emvs.formats.rosbag import RosbagReader
 
     if not (path / "metadata.yaml").exists():
@@ -172,7 +172,7 @@ def _folder(path: Path) -> EventReader:
     return RosbagReader(path)
 
 
-def _table(head: bytes) -> Callable[[Path, ColumnMap | None], EventReader] | None:
+def _table(head: bytes) -> Callable[[Path, ColumnMap | None], BlockReader] | None:
     """What opens a file of columns, by its first bytes; None for other formats."""
     # Each import waits until its format is met: together they cost half a second.
     if head.startswith(_HDF5):
@@ -194,7 +194,7 @@ def _table(head: bytes) -> Callable[[Path, ColumnMap | None], EventReader] | Non
     return TextReader
 
 
-def _file(path: Path, head: bytes) -> EventReader:
+def _file(path: Path, head: bytes) -> BlockReader:
     if head.startswith(b"#ROSBAG V"):
         from eventsweep.emvs.formats.rosbag import RosbagReader
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Self
 
 from eventsweep.emvs.data.events import Events, check_sorted
 from eventsweep.emvs.errors import InputError
@@ -19,42 +19,6 @@ ANY_PX = (1 << 16) - 1
 ANY_US = (1 << 62) - 1
 DOUBLE_US = 1 << 51  # up to here seconds in a double still round to the right microsecond
 MANY = 1 << 16
-
-
-class EventReader(Protocol):
-    """The event streams of a file, as the file holds them: in its order, nothing dropped.
-
-    Order in time and position on the sensor are the file's business; `Events.checked` tells of
-    events that run backwards or lie off the sensor.
-    """
-
-    @property
-    def format(self) -> str:
-        """The format's name, as `emvs.formats.FORMATS` lists it."""
-
-    @property
-    def width_px(self) -> int | None:
-        """Sensor width (of the first stream), where the file says it."""
-
-    @property
-    def height_px(self) -> int | None:
-        """Sensor height (of the first stream), where the file says it."""
-
-    @property
-    def streams(self) -> tuple[str, ...]:
-        """One name per camera or topic."""
-
-    def span_us(self, stream: str) -> tuple[int, int]:
-        """Earliest and latest time stamp, µs; `InputError` where there are no events."""
-
-    def between(self, stream: str, t0_us: int, t1_us: int) -> Events:
-        """Events with `t0_us <= t < t1_us`, in file order."""
-
-    def chunks(self, stream: str, max_events: int = 1 << 20) -> Iterator[Events]:
-        """All events in file order, in packets of 1 to `max_events`."""
-
-    def share(self, stream: str) -> float:
-        """How much of the stream `chunks` has read, 0 to 1, for a bar that moves."""
 
 
 @dataclass(frozen=True, slots=True)

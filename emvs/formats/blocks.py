@@ -44,10 +44,18 @@ class IndexedBlock:
 
 
 class BlockReader:
-    """An `EventReader` over blocks of events that a format finds by `scan` and reads by `load`.
+    """The event streams of a file, as the file holds them: in its order, nothing dropped.
 
-    Nothing is read before it is asked for. `chunks` reads the file once from front to back;
-    `span_us`, `count` and `between` first build the index, some 100 bytes per block, which is kept.
+    Order in time and position on the sensor are the file's business; `Events.checked` tells of
+    events that run backwards or lie off the sensor. A format finds blocks of events by `scan` and
+    reads them by `load`. Nothing is read before it is asked for. `chunks` reads the file once from
+    front to back; `span_us`, `count` and `between` first build the index, some 100 bytes per block,
+    which is kept.
+
+    Attributes:
+        format: as `emvs.formats.FORMATS` lists it.
+        width_px: sensor width (of the first stream), where the file says it; so `height_px`.
+        streams: one name per camera or topic.
     """
 
     format = ""

@@ -78,12 +78,12 @@ def write_depth_png(path: Path, depth_m: NDArray[np.float32]) -> None:
             f"{path}: depth up to {np.nanmax(depth_m):g} m; millimetres in 16 bits end at "
             "65.535 m: choose depth-npy, depth-tiff or depth-exr"
         )
-    _encoded(path, ".png", units.astype(np.uint16))
+    write_image(path, ".png", units.astype(np.uint16))
 
 
 def write_depth_tiff(path: Path, depth_m: NDArray[np.float32]) -> None:
     """Writes 32-bit floats, m, NaN where unknown."""
-    _encoded(path, ".tiff", np.asarray(depth_m, np.float32))
+    write_image(path, ".tiff", np.asarray(depth_m, np.float32))
 
 
 def write_depth_npy(path: Path, depth_m: NDArray[np.float32]) -> None:
@@ -100,7 +100,8 @@ def write_depth_exr(path: Path, depth_m: NDArray[np.float32]) -> None:
         OpenEXR.File(header, {"Z": np.ascontiguousarray(depth_m, np.float32)}).write(str(partial))
 
 
-def _encoded(path: Path, suffix: str, image: NDArray[np.uint16] | NDArray[np.float32]) -> None:
+def write_image(path: Path, suffix: str, image: NDArray[np.uint16] | NDArray[np.float32]) -> None:
+    """Writes an image as OpenCV encodes it, whole or not at all."""
     done, data = cv2.imencode(suffix, image)
     if not done:
         raise InputError(f"{path}: cannot be encoded as {suffix}; choose depth-npy")

@@ -166,10 +166,11 @@ def _coding(path: Path, header: RawHeader, file: BinaryIO) -> tuple[_Coding, int
     return CODINGS["DAT"], header.data_offset + 2
 
 
-_SENSORS = {"gen31": (640, 480), "gen3": (640, 480), "gen41": (1280, 720), "gen42": (1280, 720)}
-
-
-_SENSORS |= {"imx636": (1280, 720), "genx320": (320, 320)}
+_SENSORS = {
+    **dict.fromkeys(("gen3", "gen31"), (640, 480)),
+    **dict.fromkeys(("gen41", "gen42", "imx636"), (1280, 720)),
+    "genx320": (320, 320),
+}
 
 
 @dataclass(frozen=True)
