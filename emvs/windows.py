@@ -115,16 +115,11 @@ def _reference_us(config: MapperConfig, events: _Span, poses: _Span, t0_us: int,
 
 
 def _left_out(recording: Recording, events: _Span, t0_us: int, t1_us: int) -> tuple[int, ...]:
+    steps = [*time_steps(events.first_us, t0_us), *time_steps(t1_us, events.last_us + 1)]
     return tuple(
-        _count(recording, camera, events.first_us, t0_us)
-        + _count(recording, camera, t1_us, events.last_us + 1)
+        sum(len(recording.events(camera, *step)) for step in steps)
         for camera in range(len(recording.rig))
     )
-
-
-def _count(recording: Recording, camera: int, t0_us: int, t1_us: int) -> int:
-    steps = time_steps(t0_us, t1_us)
-    return sum(len(recording.events(camera, begin_us, end_us)) for begin_us, end_us in steps)
 
 
 def _to_us(seconds: float) -> int:

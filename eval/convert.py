@@ -239,15 +239,15 @@ def _start_us(readable: Readable) -> int:
 def _poses(source: Path, out: Path, options: Options) -> str:
     from eventsweep.emvs.data.poses import write_kitti
 
-    found = _trajectory(source, options.unit)
+    poses = _trajectory(source, options.unit)
     if options.shift_us is None or options.shift_us:
-        shift = -found.span_us[0] if options.shift_us is None else options.shift_us
-        found = Trajectory(found.t_us + shift, found.positions_m, found.quats_xyzw)
+        shift = -poses.span_us[0] if options.shift_us is None else options.shift_us
+        poses = Trajectory(poses.t_us + shift, poses.positions_m, poses.quats_xyzw)
     if options.to == "kitti":
-        write_kitti(out, found)
-        return f"{len(found)} poses as KITTI rows, without their times"
-    write_tum(out, found)
-    return f"{len(found)} poses as TUM rows"
+        write_kitti(out, poses)
+        return f"{len(poses)} poses as KITTI rows, without their times"
+    write_tum(out, poses)
+    return f"{len(poses)} poses as TUM rows"
 
 
 def _trajectory(source: Path, unit: str) -> Trajectory:

@@ -128,10 +128,10 @@ class StreamCount:
         rows, columns = (
             1 << max(6, last.bit_length()) for last in (self.largest_y, self.largest_x)
         )
-        old = self._image
-        self._image = np.zeros((2, max(height, rows), max(width, columns)), np.int64)
-        if old is not None:
-            self._image[:, :height, :width] = old
+        image = np.zeros((2, max(height, rows), max(width, columns)), np.int64)
+        if self._image is not None:
+            image[:, :height, :width] = self._image
+        self._image = image
 
     def _bin(self, t_us: NDArray[np.int64], p: NDArray[np.uint8], low: int, high: int) -> None:
         if self.first_us is None:

@@ -122,15 +122,15 @@ class TruthReader:
             yield t_us, {name: self._read(name, t_us) for name in (*_ALWAYS, *self.optional)}
 
     def _read(self, name: str, t_us: int) -> Image:
-        found = np.flatnonzero(self.t_us == t_us)
-        if not found.size:
+        rows = np.flatnonzero(self.t_us == t_us)
+        if not rows.size:
             nearest = self.t_us[np.argmin(np.abs(self.t_us - t_us))] if len(self.t_us) else "none"
             raise InputError(
                 f"{self.path}: no ground truth at {t_us} µs (nearest: {nearest}); put the "
                 "reference view on a stored time, or simulate with another truth interval"
             )
         with open_hdf5(self.path) as file:
-            image: Image = file[name][int(found[0])]
+            image: Image = file[name][int(rows[0])]
         return image
 
 

@@ -28,10 +28,8 @@ class Stamps(NamedTuple):
 def read_stamps(path: Path, unit: str | None = None) -> Stamps:
     """Reads lines `t` or `t name`, parted by blanks or a comma; `#` starts a comment.
 
-    Args:
-        path: the text; its first line may be a header.
-        unit: of `t`: s, ms, us or ns. Without it a header says so (`timestamp_ns`, `[us]`), or a
-            decimal point, which means seconds; whole numbers alone could be anything.
+    Without a `unit`, s, ms, us or ns, a header has it (`timestamp_ns`, `[us]`), or a decimal point,
+    which means seconds; whole numbers alone could be anything.
 
     Raises:
         InputError: an unreadable file, a line that is neither, some lines with a name and some

@@ -163,10 +163,8 @@ def is_bag(path: Path) -> bool:
 def read_hand_eye(path: Path, imu_cam: Path | None = None) -> NDArray[np.float64]:
     """Where the first event camera sits on what was tracked, `T_tracked_cam` (4, 4).
 
-    Args:
-        path: JSON or YAML with the key `T_body_cam` (rows of four), or TUM-VIE's mocap-IMU
-            calibration with `value0.T_imu_marker`.
-        imu_cam: TUM-VIE's camera calibration, for the latter.
+    The file is JSON or YAML with the key `T_body_cam` (rows of four), or TUM-VIE's mocap-IMU
+    calibration with `value0.T_imu_marker`, which needs its camera calibration `imu_cam` as well.
     """
     values = parsed(path)
     with located(path):

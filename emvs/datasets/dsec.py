@@ -175,12 +175,12 @@ def read_disparity(path: Path, focal_baseline_px_m: float) -> NDArray[np.float32
 
 def _rows(values: Any, shape: tuple[int, int], key: str) -> NDArray[np.float64]:
     try:
-        found = np.array(values, np.float64)
+        array = np.array(values, np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"{key} holds something that is not a number: correct it") from error
-    if found.shape != shape or not np.isfinite(found).all():
-        raise InputError(f"{key} has shape {found.shape}: needs {shape} finite numbers")
-    return found
+    if array.shape != shape or not np.isfinite(array).all():
+        raise InputError(f"{key} has shape {array.shape}: needs {shape} finite numbers")
+    return array
 
 
 def rectification(rig: Rig) -> tuple[Camera, Array, Array, float]:

@@ -11,22 +11,22 @@ from eventsweep.emvs.errors import InputError
 def find_one(folder: Path, patterns: Iterable[str], what: str) -> Path:
     """The one file that matches; the first pattern that matches decides."""
     patterns = tuple(patterns)
-    found = find_optional(folder, patterns, what)
-    if found is None:
+    match = find_optional(folder, patterns, what)
+    if match is None:
         raise InputError(f"{folder}: lacks {what}; needs {' or '.join(patterns)}")
-    return found
+    return match
 
 
 def find_optional(folder: Path, patterns: Iterable[str], what: str) -> Path | None:
     """The one file that matches, or None."""
     for pattern in patterns:
-        found = sorted(path for path in folder.glob(pattern) if path.is_file())
-        if len(found) > 1:
-            names = ", ".join(path.name for path in found[:4])
+        matches = sorted(path for path in folder.glob(pattern) if path.is_file())
+        if len(matches) > 1:
+            names = ", ".join(path.name for path in matches[:4])
             raise InputError(
-                f"{folder}: {len(found)} candidates for {what} ({names}); keep one, or name it in "
-                "a recording.toml"
+                f"{folder}: {len(matches)} candidates for {what} ({names}); keep one, or name it "
+                "in a recording.toml"
             )
-        if found:
-            return found[0]
+        if matches:
+            return matches[0]
     return None

@@ -53,13 +53,9 @@ def truth_at(
 ) -> NDArray[np.float32]:
     """Ground truth in camera 0's undistorted view at a reference time.
 
-    Truth of another time is carried over point by point: the world stands still, the poses say
-    where both views are, and of several surfaces on one pixel the nearest stays.
-
-    Args:
-        recording: with ground truth.
-        t_ref_us: time of the reference view.
-        tolerance_us: how far the truth may lie from it.
+    Truth of another time within the tolerance is carried over point by point: the world stands
+    still, the poses say where both views are, and of several surfaces on one pixel the nearest
+    stays.
 
     Returns:
         (H, W) z-depth, m; not finite where unknown.

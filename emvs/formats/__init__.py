@@ -6,7 +6,7 @@ refuses what the format cannot hold. `FORMATS` says what that is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -261,7 +261,7 @@ def in_time_order(streams: Streams) -> Iterator[tuple[str, Events]]:
     heads: dict[str, Events] = {}
     while rest or heads:
         for name in [name for name in rest if name not in heads]:
-            packet = _next(rest[name])
+            packet = next((events for events in rest[name] if len(events)), None)
             if packet is None:
                 del rest[name]
             else:
@@ -269,10 +269,6 @@ def in_time_order(streams: Streams) -> Iterator[tuple[str, Events]]:
         if heads:
             name = min(heads, key=lambda name: int(heads[name].t_us[-1]))
             yield name, heads.pop(name)
-
-
-def _next(packets: Iterable[Events]) -> Events | None:
-    return next((packet for packet in packets if len(packet)), None)
 
 
 def _writer(

@@ -29,8 +29,7 @@ class Limits:
         unit: what the file counts time in.
         why: what stands behind the numbers, in a few words.
         max_us: largest time stamp that is written, µs (all begin at 0).
-        max_x: largest column, px.
-        max_y: largest row, px.
+        max_x: largest column, px, as `max_y` is the row.
         keeps_order: whether time stamps that run backwards survive.
         streams: how many streams one file holds at most.
         max_span_us: largest time between the first event of a stream and its last, µs.

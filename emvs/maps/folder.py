@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
@@ -22,7 +22,7 @@ from eventsweep.emvs.dsi.method import file_name
 from eventsweep.emvs.dsi.slices import Slices
 from eventsweep.emvs.errors import DAMAGED_NPY, InputError
 from eventsweep.emvs.geometry.camera import Camera
-from eventsweep.emvs.parameters import first_fault
+from eventsweep.emvs.parameters import FrozenModel, first_fault
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, parse_json, read_text
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.emvs.window_result import WindowResult
@@ -36,11 +36,7 @@ _DEPTH_KEYS = (
 _JUDGED = "reliability", "error_m"  # of methods that say so
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class RecordingInfo(_Model):
+class RecordingInfo(FrozenModel):
     """Which recording was mapped; `manifest_sha256` is None for other people's formats."""
 
     name: str
@@ -60,7 +56,7 @@ class RecordingInfo(_Model):
         return cls(name=recording.name, path=place, manifest_sha256=digest)
 
 
-class WindowInfo(_Model):
+class WindowInfo(FrozenModel):
     """One window in `map.json`; times in µs, counts per camera and by what became of events.
 
     `device` is what swept it: `cpu`, or the name of a GPU; `cpu` where only baselines ran.
@@ -72,11 +68,11 @@ class WindowInfo(_Model):
     t_ref_us: int
     methods: tuple[str, ...]
     counts: dict[str, dict[str, int]]
-    points: dict[str, int] = {}
+    points: dict[str, int] = Field(default_factory=dict)
     device: str = "cpu"
 
 
-class SkippedWindow(_Model):
+class SkippedWindow(FrozenModel):
     """A sliding window that could not be mapped, and why."""
 
     name: str
@@ -85,14 +81,14 @@ class SkippedWindow(_Model):
     reason: str
 
 
-class HotPixelInfo(_Model):
+class HotPixelInfo(FrozenModel):
     """The hot pixels of one camera: (x, y) of each, and how many events they sent."""
 
     pixels: tuple[tuple[int, int], ...]
     events: int
 
 
-class MapInfo(_Model):
+class MapInfo(FrozenModel):
     """The whole of `map.json`: what was mapped and how, the windows in order, those skipped.
 
     Attributes:
@@ -109,8 +105,8 @@ class MapInfo(_Model):
     versions: dict[str, str]
     windows: tuple[WindowInfo, ...]
     skipped: tuple[SkippedWindow, ...] = ()
-    hot_pixels: dict[str, HotPixelInfo] = {}
-    without_pose: dict[str, int] = {}
+    hot_pixels: dict[str, HotPixelInfo] = Field(default_factory=dict)
+    without_pose: dict[str, int] = Field(default_factory=dict)
     recording_sha256: str | None = None
     complete: bool = True
 
@@ -177,8 +173,12 @@ def write_index(
         windows=tuple(windows),
         hot_pixels=dict(hot_pixels),
     )
-    text = json.dumps(info.model_dump(mode="json"), indent=2, ensure_ascii=False)
-    (directory / "map.json").write_text(text + "\n", encoding="utf-8")
+    (directory / "map.json").write_text(text_of(info), encoding="utf-8")
+
+
+def text_of(info: BaseModel) -> str:
+    """Values as the folder's JSON files have them."""
+    return json.dumps(info.model_dump(mode="json"), indent=2, ensure_ascii=False) + "\n"
 
 
 def read_map(path: Path) -> StoredMap:
@@ -204,9 +204,7 @@ class StoredMap:
         self.windows = tuple(StoredWindow(path / window.name, window) for window in info.windows)
 
     def __repr__(self) -> str:
-        methods = ", ".join(
-            dict.fromkeys(name for one in self.info.windows for name in one.methods)
-        )
+        methods = ", ".join(dict.fromkeys(name for w in self.info.windows for name in w.methods))
         state = "" if self.info.complete else ", unfinished"
         return (
             f"StoredMap({str(self.path)!r}, of {self.info.recording.name}: {len(self.windows)} "
@@ -284,11 +282,11 @@ def read_info(directory: Path) -> MapInfo:
 
 def _parse(index: Path, text: str) -> MapInfo:
     try:
-        found = parse_json(text).get("schema_version")
+        version = parse_json(text).get("schema_version")
     except (ValueError, AttributeError) as error:
         raise InputError(f"{index}: not the JSON of a map ({error}): {CURE}") from error
-    if found != SCHEMA_VERSION:
-        raise InputError(f"{index}: schema version {found}, needs {SCHEMA_VERSION}: {CURE}")
+    if version != SCHEMA_VERSION:
+        raise InputError(f"{index}: schema version {version}, needs {SCHEMA_VERSION}: {CURE}")
     try:
         return MapInfo.model_validate_json(text)
     except ValidationError as error:
@@ -298,7 +296,7 @@ def _parse(index: Path, text: str) -> MapInfo:
 def write_depth(path: Path, depth_map: DepthMap) -> None:
     """Writes a depth map: arrays by name, the camera as JSON text."""
     arrays = {key: getattr(depth_map, key) for key in _DEPTH_KEYS if key != "camera"}
-    arrays |= {key: one for key in _JUDGED if (one := getattr(depth_map, key)) is not None}
+    arrays |= {key: a for key in _JUDGED if (a := getattr(depth_map, key)) is not None}
     np.savez(path, camera=json.dumps(depth_map.camera.to_json()), **arrays)
 
 
@@ -314,7 +312,7 @@ def read_depth(path: Path, method: str) -> DepthMap:
     check_array(path, "t_us", arrays["t_us"], "i", ())
     for key in (key for key in _JUDGED if key in arrays):
         check_array(path, key, arrays[key], "f", shape)
-    fields = {key: one for key, one in arrays.items() if key not in ("camera", "t_us")}
+    fields = {key: a for key, a in arrays.items() if key not in ("camera", "t_us")}
     return DepthMap(method=method, camera=camera, t_us=int(arrays["t_us"]), **fields)
 
 
@@ -354,7 +352,7 @@ def read_npz(path: Path, keys: Sequence[str], also: Sequence[str] = ()) -> Array
     try:
         check_file(path)
         with np.load(path, allow_pickle=False) as file:
-            return {key: file[key] for key in (*keys, *(one for one in also if one in file))}
+            return {key: file[key] for key in (*keys, *(key for key in also if key in file))}
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file, the map is incomplete: {CURE}") from error
     except KeyError as error:

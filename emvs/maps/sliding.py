@@ -47,10 +47,6 @@ _SINGLE = "w000"
 _Stretch = tuple[int, int]
 
 
-def _add_nothing(folder: Path) -> None:
-    """What `finish` is by default."""
-
-
 def map_windows(
     recording: Recording,
     out: Path,
@@ -60,7 +56,7 @@ def map_windows(
     *,
     force: bool = False,
     clouds: bool = True,
-    finish: Callable[[Path], None] = _add_nothing,
+    finish: Callable[[Path], None] = lambda _folder: None,
 ) -> MapInfo:
     """Maps a recording into a map folder: one window, or sliding windows.
 
@@ -176,16 +172,17 @@ def find_hot(
 
 def without(recording: Recording, hot: Hot) -> Recording:
     """The recording without its hot pixels; itself where the filter is off."""
-    return recording if hot is None else WithoutPixels(recording, [found.mask for found in hot])
+    return recording if hot is None else WithoutPixels(recording, [camera.mask for camera in hot])
 
 
 def described(rig: Rig, hot: Hot) -> dict[str, HotPixelInfo]:
     """What `map.json` says of hot pixels; nothing where the filter is off."""
     return {
         name: HotPixelInfo(
-            pixels=tuple((int(x), int(y)) for y, x in np.argwhere(found.mask)), events=found.events
+            pixels=tuple((int(x), int(y)) for y, x in np.argwhere(pixels.mask)),
+            events=pixels.events,
         )
-        for name, found in zip(rig.camera_names, hot or (), strict=hot is not None)
+        for name, pixels in zip(rig.camera_names, hot or (), strict=hot is not None)
     }
 
 
@@ -308,12 +305,12 @@ class _Run:
 
 
 def _check_entry(path: Path, window: Window, device: Device) -> None:
-    found = read_entry(path)
-    if (found.t0_us, found.t1_us) != (window.t0_us, window.t1_us):
+    entry = read_entry(path)
+    if (entry.t0_us, entry.t1_us) != (window.t0_us, window.t1_us):
         raise InputError(f"{path}: is another window; remove it, and map again")
-    if found.device != device.name:
+    if entry.device != device.name:
         raise InputError(
-            f"{path}: was mapped on {found.device}, not {device.name}: choose that device, or "
+            f"{path}: was mapped on {entry.device}, not {device.name}: choose that device, or "
             f"{cure(path.parent)}"
         )
 
@@ -351,11 +348,9 @@ class Prefetcher(DerivedRecording):
 
     def _read(self, window: Window) -> list[Events]:
         check_window_fits(self.recording, window)
-        cameras = range(len(self.rig))
-        return [
-            self._received(self.recording.events(camera, window.t0_us, window.t1_us))
-            for camera in cameras
-        ]
+        span_us = window.t0_us, window.t1_us
+        read = (self.recording.events(camera, *span_us) for camera in range(len(self.rig)))
+        return [self._received(events) for events in read]
 
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """Events of a camera with `t0_us <= t < t1_us`, read ahead where that was started."""

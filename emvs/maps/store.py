@@ -11,12 +11,12 @@ import hashlib
 import json
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.maps.folder import MapInfo, WindowInfo, read_info
+from eventsweep.emvs.maps.folder import MapInfo, WindowInfo, read_info, text_of
 from eventsweep.emvs.utils.files import made_parent, remove_leftovers
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, read_text
 from eventsweep.emvs.utils.output_manifest import named, remove_ours, strangers
@@ -60,15 +60,13 @@ class MapStore:
         """Whether a window is finished."""
         return (self.path / name / _ENTRY).is_file()
 
-    @contextmanager
-    def window(self, name: str) -> Iterator[Path]:
-        """Yields a folder to write a window into; it takes its place when it is whole."""
-        with atomic_dir(self.path / name, claim=False, part_of=self.path) as folder:
-            yield folder
+    def window(self, name: str) -> AbstractContextManager[Path]:
+        """A folder to write a window into; it takes its place when it is whole."""
+        return atomic_dir(self.path / name, claim=False, part_of=self.path)
 
     def write_index(self, head: MapInfo, names: Iterable[str]) -> None:
         """Writes `map.json` anew: `head`, and the entries of these windows, one at a time."""
-        before, after = _text(head.model_dump(mode="json")).split(_ENTRIES)
+        before, after = text_of(head).split(_ENTRIES)
         started_s = time.monotonic()
         with (
             files_together(self.path, [_INDEX]) as staged,
@@ -130,9 +128,11 @@ def _is_to_be_begun(path: Path, head: MapInfo) -> bool:
         raise InputError(f"{path}: is a link where unfinished work is kept: remove it")
     if not path.is_dir():
         return False
-    found = strangers(path)
-    if found:
-        raise InputError(f"{path}: is for unfinished work, but holds {named(found)}: move it away")
+    foreign = strangers(path)
+    if foreign:
+        raise InputError(
+            f"{path}: is for unfinished work, but holds {named(foreign)}: move it away"
+        )
     try:
         return next(_differences(read_info(path), head), None) is not None
     except InputError:
@@ -152,34 +152,34 @@ def identity(recording: Recording) -> str:
     return digest.hexdigest()
 
 
-def _check_same(path: Path, found: MapInfo, wanted: MapInfo) -> bool:
+def _check_same(path: Path, stored: MapInfo, wanted: MapInfo) -> bool:
     """Refuses to go on with other settings; says which one differs first.
 
     Returns:
         Whether it is to be begun anew: of another run, in which no window was ever finished.
     """
-    difference = next(_differences(found, wanted), None)
+    difference = next(_differences(stored, wanted), None)
     if difference is None:
         return False
-    if not found.windows and not any(path.glob(f"*/{_ENTRY}")) and not strangers(path):
+    if not stored.windows and not any(path.glob(f"*/{_ENTRY}")) and not strangers(path):
         return True
     raise InputError(f"{path}: was begun with {difference}: {cure(path)}")
 
 
-def _differences(found: MapInfo, wanted: MapInfo) -> Iterator[str]:
-    name, wanted_name = found.recording.name, wanted.recording.name
+def _differences(stored: MapInfo, wanted: MapInfo) -> Iterator[str]:
+    name, wanted_name = stored.recording.name, wanted.recording.name
     if name != wanted_name:
         yield f"the recording {name}, not {wanted_name}"
-    if _hashes(found) != _hashes(wanted):
+    if _hashes(stored) != _hashes(wanted):
         yield f"another recording of the name {name}"
-    before, now = found.config.model_dump(), wanted.config.model_dump()
+    before, now = stored.config.model_dump(), wanted.config.model_dump()
     for name, value in now.items():
         # Results do not depend on the number of threads.
         if name != "threads" and before[name] != value:
             yield f"{name} {before[name]}, not {value}"
     for name, version in wanted.versions.items():
-        if found.versions.get(name) != version:
-            yield f"{name} {found.versions.get(name)}, not {version}"
+        if stored.versions.get(name) != version:
+            yield f"{name} {stored.versions.get(name)}, not {version}"
 
 
 def _hashes(info: MapInfo) -> tuple[str | None, str | None]:
@@ -188,7 +188,7 @@ def _hashes(info: MapInfo) -> tuple[str | None, str | None]:
 
 def write_entry(path: Path, info: WindowInfo) -> None:
     """Writes a window's entry of `map.json` into a folder: the last file of a window."""
-    (path / _ENTRY).write_text(_text(info.model_dump(mode="json")), encoding="utf-8")
+    (path / _ENTRY).write_text(text_of(info), encoding="utf-8")
 
 
 def read_entry(path: Path) -> WindowInfo:
@@ -198,7 +198,3 @@ def read_entry(path: Path) -> WindowInfo:
     except (OSError, ValueError) as error:
         line = str(error).splitlines()[0]
         raise InputError(f"{path / _ENTRY}: {line}; remove {path} and map again") from error
-
-
-def _text(values: object) -> str:
-    return json.dumps(values, indent=2, ensure_ascii=False) + "\n"

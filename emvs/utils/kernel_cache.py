@@ -80,17 +80,17 @@ def digests(paths: Iterable[Path], root: Path) -> list[str]:
 
 def kernel_files() -> list[Path]:
     """Every file with compiled functions, or with what they take from elsewhere."""
-    found = []
+    files = []
     for package in _PACKAGES:
         for folder, inner, names in os.walk(_ROOT / package):
             inner[:] = [name for name in inner if name.isidentifier() and name != "__pycache__"]
             whole = Path(folder) == _CUDA
-            found += [
+            files += [
                 Path(folder, name)
                 for name in names
                 if name.endswith("_kernels.py") or (whole and name.endswith(".py"))
             ]
-    return sorted(found)
+    return sorted(files)
 
 
 def _homes(chosen: Path | None) -> Iterator[Path]:
@@ -151,11 +151,11 @@ def _remove(path: Path) -> None:
     for file in path.glob("*/*"):
         if _is_kernel(file):
             file.unlink(missing_ok=True)
-    for folder in [one for one in path.iterdir() if one.is_dir() and not one.is_symlink()]:
+    for folder in [child for child in path.iterdir() if child.is_dir() and not child.is_symlink()]:
         with suppress(OSError):
             folder.rmdir()
     with suppress(OSError):
-        if [one.name for one in path.iterdir()] == [_MARK]:
+        if [child.name for child in path.iterdir()] == [_MARK]:
             (path / _MARK).unlink()
             path.rmdir()
 

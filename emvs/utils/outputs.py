@@ -114,13 +114,9 @@ def output_file(
 def output_folder(
     path: Path, names: Iterable[str] = (), *, force: bool = False, inputs: Inputs = ()
 ) -> Iterator[Path]:
-    """Claims a folder that files are put into, beside others; on an error none is left empty.
+    """Claims a folder that files, or folders, of these names are put into, beside others.
 
-    Args:
-        path: the folder; made by what writes the files.
-        names: of the files that will be written, or of their folders.
-        force: whether files of ours are replaced.
-        inputs: what they are made from.
+    It is made by what writes the files; on an error none is left empty.
 
     Raises:
         InputError: what `check_files` refuses, or another process writes the same output.
@@ -164,11 +160,7 @@ def replace_dir(made: Path, path: Path, *, inputs: Inputs = ()) -> None:
 def check_output(path: Path, *, force: bool, inputs: Inputs = (), folder: bool = True) -> None:
     """Refuses an output that exists, unless `force` says to replace it, and it may be replaced.
 
-    Args:
-        path: the output.
-        force: whether it is to be replaced.
-        inputs: what it is made from; None and what does not exist are passed over.
-        folder: whether the output is a folder; else it is a file.
+    `folder` says whether it is to be a folder; inputs that do not exist are passed over.
     """
     path = Path(path)
     place = real(path)

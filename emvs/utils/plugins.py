@@ -20,15 +20,11 @@ FUNCTION = "MODULE:FUNCTION or FILE.py:FUNCTION"
 
 
 def run_point(point: EntryPoint, what: str, run: Callable[[Any], Value]) -> Value:
-    """Loads an entry point and makes something of it.
-
-    Args:
-        point: of an installed package.
-        what: what fails then, with a place for the entry point: `its scene {} cannot be loaded`.
-        run: takes what was loaded.
+    """Loads an entry point of an installed package, and makes something of it by `run`.
 
     Raises:
-        InputError: it cannot be imported, or fails; names the package.
+        InputError: it cannot be imported, or fails; `what` names what does, with a place for it, as
+            in `its scene {} cannot be loaded`.
     """
     try:
         return run(point.load())
@@ -64,14 +60,14 @@ def files_of(points: Iterable[EntryPoint]) -> list[Path]:
 
     None of them is imported; a package that is not there has none.
     """
-    found: set[Path] = set()
+    files: set[Path] = set()
     for name in {point.module.partition(".")[0] for point in points}:
         spec = find_spec(name)
         folders = [] if spec is None else spec.submodule_search_locations or []
         if spec is not None and spec.origin and not folders:
-            found.add(Path(spec.origin))
-        found |= {path for folder in folders for path in Path(folder).rglob("*") if path.is_file()}
-    return sorted(path for path in found if path.suffix != ".pyc")
+            files.add(Path(spec.origin))
+        files |= {path for folder in folders for path in Path(folder).rglob("*") if path.is_file()}
+    return sorted(path for path in files if path.suffix != ".pyc")
 
 
 def named(name: str) -> Any:

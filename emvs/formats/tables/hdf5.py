@@ -96,8 +96,8 @@ class Hdf5Reader(BlockReader):
             where = self._where(stream, start, stop)
             events = self._layout.events(file, where, stream, start, stop)
         slice_us, offset_us = (t0_us, t1_us), self._offset_us
-        found = indexed_slice(str(self.path), events.t_us, rows, count, slice_us, offset_us)
-        return events.slice(*found)
+        part = indexed_slice(str(self.path), events.t_us, rows, count, slice_us, offset_us)
+        return events.slice(*part)
 
     def _index(self, stream: str) -> list[IndexedBlock]:
         """Reads the times alone."""

@@ -145,11 +145,11 @@ class NpzReader(BlockReader):
             return columns.addresses, columns.unit_s
         (array, *others) = arrays.values() if arrays else (None,)
         if array is None or others:
-            found, unit_s = by_names(str(self.path), arrays)
-            return found.addresses, unit_s
+            named, unit_s = by_names(str(self.path), arrays)
+            return named.addresses, unit_s
         if array.kind.names:
-            found, unit_s = by_names(str(self.path), array.kind.names)
-            return {name: f"{array.name}[{key}]" for name, key in found.addresses.items()}, unit_s
+            named, unit_s = by_names(str(self.path), array.kind.names)
+            return {name: f"{array.name}[{key}]" for name, key in named.addresses.items()}, unit_s
         if len(array.shape) != 2 or array.shape[1] != 4:
             raise InputError(
                 f"{self.path}: one array of shape {array.shape}; needs (N, 4), or {CURE}"
