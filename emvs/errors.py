@@ -35,11 +35,7 @@ class InputError(ValueError):
 
 
 class ByName(dict[str, Value]):
-    """A table whose keys are names; asking for one that is not there is the user's mistake.
-
-    Attributes:
-        what: what the names are of, in one word.
-    """
+    """A table of things, `what`, by name; to ask for a name not in it is the user's mistake."""
 
     def __init__(self, what: str, values: Mapping[str, Value]) -> None:
         super().__init__(values)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.poses import write_tum
 from eventsweep.emvs.datasets.export import RecordingExport, kinds, write_recording
 from eventsweep.emvs.datasets.posed import EventSource
@@ -212,10 +211,6 @@ def _event_file(
             "holds one: choose with --stream"
         )
 
-    def packets(source: EventSource) -> Iterator[Events]:
-        for e in source.chunks():
-            yield Events(e.x, e.y, e.t_us + shift_us, e.p) if shift_us else e
-
     sizes = zip(readable.streams, readable.sizes_px, strict=True)
     own = [size for (name, _), size in sizes if name == options.stream]
     known = next((size for size in (*own, *readable.sizes_px) if size), (None, None))
@@ -224,7 +219,9 @@ def _event_file(
         raise InputError(
             f"{readable.path}: does not say the sensor's size; add --width-px and --height-px"
         )
-    streams = {name: packets(source) for name, source in chosen}
+    streams = {
+        name: (events.shifted(shift_us) for events in source.chunks()) for name, source in chosen
+    }
     return write_events(out, options.to, width, height, streams, report_progress)
 
 

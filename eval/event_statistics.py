@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -150,17 +149,3 @@ class StreamCount:
         self._bins = np.concatenate([free, half] if down else [half, free], axis=1)
         self._origin_us -= _BINS * self.bin_us if down else 0
         self.bin_us *= 2
-
-
-def count_stream(
-    packets: Iterable[Events],
-    size_px: tuple[int, int] | None,
-    progress: Callable[[StreamCount], None] | None = None,
-) -> StreamCount:
-    """Counts all packets of a stream, in file order; `progress` gets the count after each."""
-    count = StreamCount(size_px)
-    for events in packets:
-        count.add(events)
-        if progress is not None:
-            progress(count)
-    return count

@@ -15,7 +15,7 @@ from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.datasets.raw_streams import Readable, open_readable
 from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.utils.files import atomic_path
-from eventsweep.eval.event_statistics import StreamCount, count_stream
+from eventsweep.eval.event_statistics import StreamCount
 from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, TRUTH_COLOUR
 from eventsweep.eval.progress import Progress
 
@@ -45,16 +45,12 @@ def inspect(
     readable = open_readable(path, columns)
     counts = []
     for (name, source), size_px in zip(readable.streams, readable.sizes_px, strict=True):
+        count = StreamCount(size_px)
         with progress.stage(f"read {name.strip('/')}", 1.0) as update:
-            counts.append(
-                count_stream(
-                    source.chunks(),
-                    size_px,
-                    lambda c, source=source, update=update: update(  # type: ignore[misc]
-                        source.share, f"{c.events:,} events"
-                    ),
-                )
-            )
+            for events in source.chunks():
+                count.add(events)
+                update(source.share, f"{count.events:,} events")
+        counts.append(count)
     return readable, counts
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +51,7 @@ class AlteredRecording(DerivedRecording):
         """Events of a camera with `t0_us <= t < t1_us` on its altered clock."""
         late_us = self._clock_us[camera] if self._clock_us else 0
         events = self.recording.events(self._stream(camera), t0_us - late_us, t1_us - late_us)
-        return replace(events, t_us=events.t_us + late_us)
+        return events.shifted(late_us)
 
     def frame(self, camera: int, t_us: int) -> NDArray[np.uint8] | None:
         """(H, W) intensity image of what the camera shows nearest to a time, if any."""

@@ -72,6 +72,10 @@ class Events:
         start, stop = np.searchsorted(self.t_us, [t0_us, t1_us], side="left")
         return self.slice(int(start), int(stop))
 
+    def shifted(self, by_us: int) -> Events:
+        """The events at other times; itself where `by_us` is 0."""
+        return Events(self.x, self.y, self.t_us + by_us, self.p) if by_us else self
+
     def thinned(self, most: int) -> Events:
         """At most so many events, evenly through the stream; itself where there are no more."""
         if len(self) <= most:

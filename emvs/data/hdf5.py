@@ -141,11 +141,13 @@ class Sink(io.FileIO):
 
 
 class ClosingWriter:
-    """A writer to be used as a context, which closes it."""
+    """A writer of an HDF5 file, to be used as a context, which closes it."""
+
+    _hdf5: Hdf5Writer
 
     def close(self) -> None:
-        """Ends the file."""
-        raise NotImplementedError
+        """Closes the file."""
+        self._hdf5.close()
 
     def __enter__(self) -> Self:
         return self
@@ -155,11 +157,7 @@ class ClosingWriter:
 
 
 class Hdf5Writer(ClosingWriter):
-    """A new HDF5 file: use it as a context or close it, and call `check` after each write.
-
-    Attributes:
-        file: the open file.
-    """
+    """A new HDF5 file, open as `file`; use it as a context, or close it, and `check` it."""
 
     def __init__(self, path: Path) -> None:
         self._sink = Sink(path)

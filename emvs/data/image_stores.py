@@ -71,10 +71,6 @@ class TruthWriter(ClosingWriter):
         for name, value in values.items():
             self._hdf5.extend(name, [value])
 
-    def close(self) -> None:
-        """Closes the file."""
-        self._hdf5.close()
-
     def _create(self, name: str, shape: tuple[int, ...]) -> None:
         kind = {**_ALWAYS, **OPTIONAL}[name]
         self._hdf5.grow(name, kind, 1, shape, **COMPRESSION.get(kind, _SHUFFLED))
@@ -184,10 +180,6 @@ class FrameWriter(ClosingWriter):
         self._last_us = photo.end_us
         for name, value in photo._asdict().items():
             self._hdf5.extend(name, [value])
-
-    def close(self) -> None:
-        """Closes the file."""
-        self._hdf5.close()
 
 
 class FrameReader:

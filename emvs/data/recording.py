@@ -51,11 +51,7 @@ def summary(recording: Recording) -> str:
 
 
 class DerivedRecording:
-    """A recording made from another: all is as it is there, but for what a subclass changes.
-
-    Attributes:
-        recording: the other one.
-    """
+    """A recording made from another: all is as it is there, but for what a subclass changes."""
 
     def __init__(self, recording: Recording) -> None:
         self.recording = recording

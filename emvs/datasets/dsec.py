@@ -77,8 +77,8 @@ def open_dsec(folder: Path) -> PosedRecording:
 def check_rectify_map(path: Path, calibration: Path, camera: Camera) -> None:
     """Compares `rectify_map` with what the calibration makes of every 16th row and column.
 
-    The mapper rectifies by the calibration, ray by ray; the map says the same per pixel, so a
-    difference means that the two files belong to different cameras.
+    The mapper rectifies ray by ray, by the calibration; a difference of more than a pixel means
+    that the two files belong to different cameras.
     """
     with opened_hdf5(path) as file:
         data = file.get("rectify_map")

@@ -59,8 +59,7 @@ class RecordingExport:
 
     def packets(self, camera: int) -> Iterator[Events]:
         """A camera's events on the shifted clock."""
-        for e in self.sources[camera].chunks():
-            yield Events(e.x, e.y, e.t_us + self.shift_us, e.p) if self.shift_us else e
+        return (events.shifted(self.shift_us) for events in self.sources[camera].chunks())
 
     def write_camera(self, path: Path, kind: str, camera: int) -> None:
         """Writes one camera's events into a file."""

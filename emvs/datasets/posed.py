@@ -54,7 +54,12 @@ class EventSource:
     def reader(self) -> BlockReader:
         """The open file."""
         reader = open_events(self.path, self.columns)
-        self.stream = self.stream or _only(self.path, reader.streams)
+        if not self.stream and len(reader.streams) != 1:
+            raise InputError(
+                f"{self.path}: streams {', '.join(reader.streams)}; say which one is meant (key "
+                "`stream`)"
+            )
+        self.stream = self.stream or reader.streams[0]
         if self.stream not in reader.streams:
             raise InputError(
                 f"{self.path}: no stream {self.stream!r}; there are {', '.join(reader.streams)}"
@@ -71,7 +76,7 @@ class EventSource:
     def between(self, t0_us: int, t1_us: int) -> Events:
         """Events with `t0_us <= t < t1_us`, as the file holds them."""
         events = self.reader.between(self._name, t0_us - self.shift_us, t1_us - self.shift_us)
-        return self._shifted(events)
+        return events.shifted(self.shift_us)
 
     def chunks(self, max_events: int = 1 << 20) -> Iterator[Events]:
         """All events in file order, in packets."""
@@ -79,7 +84,7 @@ class EventSource:
         for events in self.reader.chunks(self._name, max_events):
             self.late += count_late(events.t_us, latest_us)
             latest_us = max(latest_us, int(events.t_us.max()))
-            yield self._shifted(events)
+            yield events.shifted(self.shift_us)
 
     @property
     def share(self) -> float:
@@ -90,11 +95,6 @@ class EventSource:
     def _name(self) -> str:
         """The stream's name, which an unopened file may not have given yet."""
         return self.reader.streams[0] if not self.stream else self.stream
-
-    def _shifted(self, events: Events) -> Events:
-        if not self.shift_us or not len(events):
-            return events
-        return Events(events.x, events.y, events.t_us + self.shift_us, events.p)
 
 
 @dataclass(frozen=True)
@@ -172,11 +172,3 @@ class PosedRecording:
         if not 0 <= camera < len(self.sources):
             raise InputError(f"{self.path}: no camera {camera}, there are {len(self.sources)}")
         return self.sources[camera]
-
-
-def _only(path: Path, streams: tuple[str, ...]) -> str:
-    if len(streams) != 1:
-        raise InputError(
-            f"{path}: streams {', '.join(streams)}; say which one is meant (key `stream`)"
-        )
-    return streams[0]

@@ -135,9 +135,6 @@ def files_together(folder: Path, names: Iterable[str], *, index: str = "") -> It
 
     A kill may come between two of them: they are listed before, and the next call of the same names
     goes on from there. While they are exchanged `index`, by which others are read, is not there.
-
-    Raises:
-        InputError: a name is taken by what is not ours, or the folder cannot be written to.
     """
     names, place = list(names), real(folder)
     hidden = place / output_manifest.NAME
@@ -235,10 +232,7 @@ def claimed(path: Path, *, wait: bool = False) -> Iterator[None]:
     """Keeps other processes from the same output; folders above it are made, and go on an error.
 
     The claim is a lock on a hidden file beside the output, which the system lets go of when the
-    process ends, however it ends.
-
-    Raises:
-        InputError: another process holds it, unless to `wait`; the folder cannot be made.
+    process ends, however it ends. Another process's is an error, unless to `wait` for it.
     """
     place = real(path)
     if place.is_dir() and not os.access(place.parent, os.W_OK):

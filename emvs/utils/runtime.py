@@ -28,11 +28,7 @@ def silent(_stage: str, _done: int, _total: int) -> None:
 
 
 class Stopwatch:
-    """Wall time per stage.
-
-    Attributes:
-        seconds: stage -> s.
-    """
+    """Wall time per stage, in `seconds`."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}

@@ -124,8 +124,7 @@ def _from_offset() -> Hdf5Layout:
         return plain.times(file, *rows) + offset_us(file)
 
     def events(file: h5py.File, where: str, *rows: Any) -> Events:
-        e = plain.events(file, where, *rows)
-        return checked_times(Events(e.x, e.y, e.t_us + offset_us(file), e.p), where)
+        return checked_times(plain.events(file, where, *rows).shifted(offset_us(file)), where)
 
     return replace(plain, events=events, times=times)
 
