@@ -206,8 +206,8 @@ def write_calibration(folder: Path, rig: Rig) -> None:
     common, R_left, R_right, baseline_m = rectification(rig)
     T_right_left = se3.inverse(rig.T_body_cam[1]) @ rig.T_body_cam[0]
     intrinsics: dict[str, Any] = {}
-    for k, (side, kind) in enumerate(((0, "event"), (0, "frame"), (1, "frame"), (1, "event"))):
-        entry = kalibr_camera(rig.cameras[side], f"cam{k}")
+    for k, (eye, kind) in enumerate(((0, "event"), (0, "frame"), (1, "frame"), (1, "event"))):
+        entry = kalibr_camera(rig.cameras[eye], f"cam{k}")
         intrinsics[f"cam{k}"] = {"camera_type": kind, **entry}
         intrinsics[f"cam{k}"]["camera_matrix"] = intrinsics[f"cam{k}"].pop("intrinsics")
         rectified = kalibr_camera(common, f"camRect{k}")

@@ -176,7 +176,7 @@ class ArrayHead(NamedTuple):
 
     width_px: int
     height_px: int
-    count: int
+    events: int
     start: int
 
 
@@ -197,7 +197,7 @@ def array_head(data: bytes | memoryview, ros2: bool, where: str) -> ArrayHead:
 def array_events(data: bytes | memoryview, ros2: bool, where: str) -> Events:
     """The events of a message; nanoseconds are rounded to µs."""
     head = array_head(data, ros2, where)
-    n = head.count
+    n = head.events
     x, y = np.empty(n, np.uint16), np.empty(n, np.uint16)
     t_us, p = np.empty(n, np.int64), np.empty(n, np.uint8)
     raw = np.frombuffer(data, np.uint8)[head.start :]
