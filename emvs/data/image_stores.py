@@ -58,7 +58,7 @@ class TruthWriter(ClosingWriter):
         intensity: NDArray[np.uint8],
         optional: Mapping[str, Image] | None = None,
     ) -> None:
-        """Adds a time, µs, behind the one before.
+        """Adds one time.
 
         Args:
             t_us: after the time before, µs.

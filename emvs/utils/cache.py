@@ -183,7 +183,7 @@ def _clear(path: Path) -> None:
 def _remove(path: Path) -> None:
     """Removes an entry's files, its index last, and no other."""
     names = json.loads((path / _ENTRY).read_text(encoding="utf-8"))["files"]
-    for file in (path / _DATA).rglob("*"):
+    for file in list((path / _DATA).rglob("*")):
         if file.is_file() and file.relative_to(path / _DATA).as_posix() in names:
             file.unlink()
     (path / _ENTRY).unlink()

@@ -201,7 +201,7 @@ def _settled_facts(path: Path, _stamp: tuple[int, ...]) -> FileFacts:
 
 
 def hashed(path: Path) -> FileFacts:
-    """The same, read anew."""
+    """Size and hash of a file, read anew."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
         return FileFacts(file.tell(), digest)
