@@ -284,11 +284,17 @@ def _depth(source: Path, out: Path, options: Options) -> str:
 
 
 def _focal_px(source: Path) -> float:
-    from eventsweep.emvs.maps.folder import read_depth
+    import json
+
+    import numpy as np
 
     if source.suffix != ".npz":
         raise InputError(f"{source}: holds no focal length; needs a map's depth.npz")
-    return read_depth(source, "").camera.fx_px
+    try:
+        with np.load(source, allow_pickle=False) as stored:
+            return float(json.loads(str(stored["camera"]))["fx_px"])
+    except (KeyError, ValueError, OSError, TypeError) as error:
+        raise InputError(f"{source}: holds no camera; needs a map's depth.npz") from error
 
 
 def _cloud(source: Path, out: Path, to: str) -> str:

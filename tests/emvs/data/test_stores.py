@@ -95,7 +95,7 @@ def test_columns_must_be_known_the_same_and_of_one_length(tmp_path):
         with pytest.raises(InputError, match="there are flow_px"):
             writer.append(0, image, image.astype(np.uint8), {"colour": image})
         writer.append(0, image, image.astype(np.uint8), {"boundary": image.astype(np.uint8)})
-        with pytest.raises(InputError, match="same data sets"):
+        with pytest.raises(InputError, match="same ones"):
             writer.append(1, image, image.astype(np.uint8))
     assert [t_us for t_us, _ in TruthReader(tmp_path / "t").times()] == [0]
 
