@@ -41,24 +41,17 @@ class HotPixels:
 
     @property
     def pixels(self) -> int:
-        """How many there are."""
+        """How many are hot."""
         return int(self.mask.sum())
 
 
 def find_hot_pixels(
     recording: Recording, t0_us: int, t1_us: int, ratio: float, progress: Progress = silent
 ) -> tuple[HotPixels, ...]:
-    """Looks for hot pixels in `t0_us <= t < t1_us`; reads the events once, a second at a time.
+    """Looks for each camera's hot pixels in `t0_us <= t < t1_us`, a second of events at a time.
 
-    Args:
-        recording: the events.
-        t0_us: begin, included.
-        t1_us: end, excluded.
-        ratio: how many times its surroundings' activity makes a pixel hot.
-        progress: called with the stage `hot pixels`, cameras done and all.
-
-    Returns:
-        One per camera.
+    A pixel is hot from `ratio` times its surroundings' activity on. `progress` is called with the
+    stage `hot pixels`, how many cameras are done and how many there are.
     """
     found = []
     for camera in range(len(recording.rig)):
@@ -70,12 +63,7 @@ def find_hot_pixels(
 
 
 def hot_mask(counts: Counts, ratio: float) -> Mask:
-    """(H, W) bool: where a count stands out of its surroundings by more than `ratio`.
-
-    Args:
-        counts: (H, W) int64 events per pixel.
-        ratio: above 0.
-    """
+    """Where (H, W) int64 events per pixel exceed their surroundings by more than `ratio`."""
     from scipy.ndimage import rank_filter  # needed by those who ask for it only
 
     fired = counts[counts > 0]
@@ -90,11 +78,7 @@ def hot_mask(counts: Counts, ratio: float) -> Mask:
 
 
 class WithoutPixels(DerivedRecording):
-    """A recording without the events of some pixels.
-
-    Attributes:
-        masks: per camera, (H, W) bool, set at pixels whose events are left out.
-    """
+    """A recording without the events of the pixels that `masks` sets, (H, W) bool per camera."""
 
     def __init__(self, recording: Recording, masks: Sequence[Mask]) -> None:
         super().__init__(recording)

@@ -50,10 +50,9 @@ def map_window(
         config: window, planes, methods, thresholds.
         progress: called with the stage (`rays`, then `sweep`, then each method without a volume by
             its name), what is done and how much there is.
-        window: one window of a plan (`emvs.windows`); by default what the configuration says.
+        window: one of a plan (`emvs.windows`); by default what the configuration says.
         dsi_dir: where `save_dsi` writes the fused volumes.
-        device: what computes (`emvs.methods.device_for_methods`); by default what the configuration
-            says.
+        device: what computes (`emvs.methods.device_for_methods`); by default the configuration's.
 
     Raises:
         InputError: a window that events or poses do not cover, no events in it, an impossible depth

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,12 +32,7 @@ _MARGIN = 0.2
 
 @dataclass(frozen=True)
 class Level:
-    """How finely the DSI is cut.
-
-    Attributes:
-        scale: pixels of the sensor per pixel of the view, along each axis.
-        planes: of the DSI.
-    """
+    """How finely the DSI is cut: sensor's pixels per pixel of the view and axis, and planes."""
 
     scale: int
     planes: int
@@ -46,13 +40,7 @@ class Level:
 
 @dataclass(frozen=True)
 class WindowEvents:
-    """A window, and the events of it that vote.
-
-    Attributes:
-        t0_us: begin, included.
-        t1_us: end, excluded.
-        events: per camera, as stamped, thinned evenly.
-    """
+    """A window `t0_us <= t < t1_us`, and each camera's events that vote, thinned evenly."""
 
     t0_us: int
     t1_us: int
@@ -87,11 +75,7 @@ class Hypothesis:
 class Sharpness:
     """Sharpness of the fused DSIs of several windows at once; the windows share the threads.
 
-    Its planes reach beyond the depth range: `docs/calibrate.md` says why.
-
-    Args:
-        depth_range_m: nearest and farthest depth.
-        level: how finely the DSI is cut.
+    Its planes reach beyond the depth range, nearest to farthest: `docs/calibrate.md` says why.
     """
 
     def __init__(self, depth_range_m: tuple[float, float], level: Level) -> None:
@@ -101,11 +85,9 @@ class Sharpness:
         self._best = np.empty((0, 0), np.float32)
 
     def __call__(self, windows: Sequence[WindowEvents], hypotheses: Sequence[Hypothesis]) -> Floats:
-        """(W,) mean of the largest ray maxima of each window, in votes.
+        """(W,) mean of the largest ray maxima of each window under its hypothesis, in votes.
 
-        Args:
-            windows: their events.
-            hypotheses: one for each; all with as many cameras, and first cameras of one size.
+        All hypotheses have as many cameras, and first cameras of one size.
 
         Raises:
             InputError: poses that do not cover the middle of a window, events off their sensor.
@@ -137,7 +119,6 @@ class Sharpness:
         return self._best
 
     def _reserve(self, windows: int, cameras: int, pixels: int) -> None:
-        """Memory for votes, kept from call to call."""
         if self._grids.shape != (windows, cameras, pixels):
             self._grids = np.empty((windows, cameras, pixels), np.float32)
             self._best = np.empty((windows, pixels), np.float32)
@@ -149,7 +130,7 @@ class Sharpness:
         view = _view(rig.cameras[0], self.level.scale)
         each = zip(window.events, clock_us, rig.cameras, rig.T_body_cam, strict=True)
         return [
-            event_rays(_on_clock(events, late_us), _tabulated(camera), T, near, T_world_rv, view)
+            event_rays(_on_clock(events, late_us), camera, T, near, T_world_rv, view)
             for events, late_us, camera, T in each
         ]
 
@@ -187,21 +168,3 @@ def _view(camera: Camera, scale: int) -> Camera:
         (camera.cx_px + 0.5) / scale - 0.5,
         (camera.cy_px + 0.5) / scale - 0.5,
     )
-
-
-class _Tabulated(Camera):
-    """A camera with the table of its pixels' bearings."""
-
-    def bearing_table(self) -> Floats:
-        """(H, W, 2) the table."""
-        return _table(self)
-
-
-@lru_cache(maxsize=16)
-def _table(camera: Camera) -> Floats:
-    return Camera(**vars(camera)).bearing_table()
-
-
-@lru_cache(maxsize=16)
-def _tabulated(camera: Camera) -> Camera:
-    return _Tabulated(**vars(camera))

@@ -58,8 +58,7 @@ class WindowResult:
         event_image: (2, H, W) uint32 events of camera 0 per pixel: darker, brighter.
         seconds: wall time per stage.
         config: what was asked for.
-        device: what computed the sweep: `cpu`, or the name of a GPU; `cpu` where only baselines
-            ran.
+        device: what computed the sweep: `cpu`, or a GPU's name; `cpu` where only baselines ran.
     """
 
     window: Window

@@ -31,13 +31,9 @@ def geom_table(model: Any) -> dict[int, Geom]:
 def enclosing_geom(
     model: Any, data: Any, point_m: NDArray[np.float64], except_body: str
 ) -> str | None:
-    """The name of a drawn geom with a point inside; None without one.
+    """The name of a drawn geom of another body with a point (3,) inside, m; None without one.
 
-    Args:
-        model: compiled.
-        data: the model's state, kinematics up to date.
-        point_m: (3,) in the world, m.
-        except_body: whose geoms do not count; empty for none.
+    The state's kinematics must be up to date.
     """
     for k in range(model.ngeom):
         own = bool(except_body) and model.body(int(model.geom_bodyid[k])).name == except_body
@@ -98,12 +94,7 @@ def _is_inside_mesh(model: Any, mesh_id: int, local: NDArray[np.float64]) -> boo
 
 
 class DrawOrder:
-    """The order in which the geoms of a MuJoCo scene are drawn.
-
-    Args:
-        model: compiled.
-        scene: its `MjvScene`.
-    """
+    """The order in which the geoms of a compiled model's `MjvScene` are drawn."""
 
     def __init__(self, model: Any, scene: Any) -> None:
         self._model, self._scene = model, scene

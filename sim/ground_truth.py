@@ -36,17 +36,13 @@ def flow_px(
 ) -> NDArray[np.float32]:
     """Moves the surface point at each pixel's centre along with a rigid motion of the camera.
 
-    Args:
-        camera: any model.
-        bearing: (H, W, 2) its `bearing_table()`.
-        depth_m: (H, W) z-depth now, m; inf where nothing is seen: infinitely far, so that only
-            rotation moves it.
-        T_later_now: (4, 4) from the camera frame now to the camera frame later.
+    `bearing` is the camera's `bearing_table()`. Where (H, W) `depth_m` is inf, things are
+    infinitely far, so that only rotation moves them.
 
     Returns:
         (H, W, 2) float32: column and row there minus column and row here, px; NaN where the point
-        is not in front of the camera any more, or the lens gives the pixel no ray. Points that
-        leave the sensor have a flow as well.
+            is not in front of the camera any more, or the lens gives the pixel no ray. Points that
+            leave the sensor have a flow as well.
     """
     flow = np.empty((*depth_m.shape, 2), np.float32)
     for first in range(0, camera.height_px, _BAND_ROWS):
@@ -64,18 +60,10 @@ def body_flow_px(
     shown: NDArray[np.bool_],
     T_later_now: NDArray[np.float64],
 ) -> NDArray[np.float32]:
-    """The same for the pixels of one moving body, with the body's motion in `T_later_now`.
+    """The same for the N pixels that show one moving body: (N, 2) in row-major order.
 
-    Args:
-        camera: any model.
-        bearing: (H, W, 2) its `bearing_table()`.
-        depth_m: (H, W) z-depth now, m.
-        shown: (H, W) bool, which N pixels show the body.
-        T_later_now: (4, 4) takes a point of the body in the camera frame now to the same point of
-            the body in the camera frame later.
-
-    Returns:
-        (N, 2) float32 in row-major order of the pixels, as `flow_px`.
+    `T_later_now` (4, 4) takes a point of the body in the camera frame now to the same point of the
+    body in the camera frame later.
     """
     rows, columns = np.nonzero(shown)
     pixels = np.stack([columns, rows], axis=-1)
@@ -98,20 +86,13 @@ def _moved_px(
 
 
 def boundary(depth_m: NDArray[np.float32], jump: float = BOUNDARY_JUMP) -> NDArray[np.bool_]:
-    """Finds the pixels whose centre lies within 1 px of a depth discontinuity.
+    """Finds the pixels of (H, W) z-depth whose centre lies within 1 px of a depth discontinuity.
 
-    On a plane, inverse depth is affine in the pixel. Between two neighbours of a row, a column or
-    a diagonal lies a discontinuity where the step of inverse depth differs from the step before,
-    from the step behind, and from zero, each by more than `jump` times the larger of the two
-    inverse depths. So a slanted floor, and the fold where it meets a wall, is none. Both neighbours
-    are marked. Only a diagonal finds the pixel in which two wires cross.
-
-    Args:
-        depth_m: (H, W) z-depth, m; inf where nothing is seen.
-        jump: relative size of a discontinuity.
-
-    Returns:
-        (H, W) bool.
+    On a plane, inverse depth is affine in the pixel. Between two neighbours of a row, a column or a
+    diagonal lies a discontinuity where the step of inverse depth differs from the step before, from
+    the step behind, and from zero, each by more than `jump` times the larger of the two inverse
+    depths. So a slanted floor, and the fold where it meets a wall, is none. Both neighbours are
+    marked. Only a diagonal finds the pixel in which two wires cross.
     """
     rho = 1 / depth_m.astype(np.float64)
     marked = np.zeros(depth_m.shape, bool)
@@ -152,16 +133,12 @@ def twist(
 ) -> NDArray[np.float64]:
     """Velocity of a camera in its own frame, from differences of its motion 0.1 ms apart.
 
-    Args:
-        motion: the body's curve over [0, `duration_s`].
-        T_body_cam: (4, 4) where the camera sits.
-        t_s: when, s.
-        duration_s: where the curve ends, s.
+    `motion` is the body's curve over [0, `duration_s`].
 
     Returns:
         (6,) linear velocity in m/s, then angular velocity in rad/s, of the camera relative to the
-        world, in camera axes; the error is of second order in the step (below 1e-6 of the speed at
-        head motion's frequencies).
+            world, in camera axes; the error is of second order in the step (below 1e-6 of the speed
+            at head motion's frequencies).
     """
     T_cam_world = se3.inverse(motion.T_world_body(t_s) @ T_body_cam)
 

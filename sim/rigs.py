@@ -133,11 +133,7 @@ RIGS = {
 
 
 def rig(name_or_path: str) -> Rig:
-    """Returns the rig called so, or the rig of a calibration file.
-
-    Args:
-        name_or_path: one of `RIGS`, or the path of a file that `emvs.formats.calibration.read_rig`
-            reads: one that ends in .json, .yaml or .yml.
+    """The rig called so, or that of a calibration file (.json, .yaml, .yml).
 
     Raises:
         InputError: there is none; says which there are. Or a file that is no calibration.

@@ -26,11 +26,8 @@ def border_px(config: SimConfig) -> int | None:
 def with_sampling(config: SimConfig, rig: Rig, why_plain: str = "") -> SimConfig:
     """The parameters with `supersample`, `max_displacement_px` and the longest interval filled in.
 
-    Args:
-        config: where `supersample` is None, it becomes what `sampling` asks for.
-        rig: the smallest focal length decides; a lens that no picture of so many samples can hold
-            gets fewer.
-        why_plain: of `Drawing.why_plain`: with a reason frames are plain and close together.
+    The rig's smallest focal length decides; a lens that no picture of so many samples can hold gets
+    fewer. With a reason of `Drawing.why_plain` frames are plain and close together.
     """
     if why_plain:
         plain = config.model_copy(update={"sampling": "linear"})

@@ -124,13 +124,7 @@ class SensorParameters:
 
 @dataclass(frozen=True, slots=True)
 class Preset:
-    """A named sensor.
-
-    Attributes:
-        summary: what it is, in a few words.
-        parameters: of its pixels and read-out.
-        thresholds: values for fields of `SimConfig` of the same names.
-    """
+    """A named sensor; `thresholds` are values for fields of `SimConfig` of the same names."""
 
     summary: str
     parameters: SensorParameters

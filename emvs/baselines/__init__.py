@@ -69,12 +69,7 @@ class BaselineEstimator(NamedMethod):
 
 
 def imported_when_called(module: str, function: str) -> Estimate:
-    """A function that is imported only when it is called: listing methods stays cheap.
-
-    Args:
-        module: such as `emvs.baselines.sgm`.
-        function: its name there.
-    """
+    """A module's function, imported only when it is called: listing methods stays cheap."""
 
     def estimate(
         recording: Recording, window: Window, view: ReferenceView, config: MapperConfig
@@ -132,15 +127,5 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "everything": ("all", "Late/union", *(each.name for each in BASELINES if not each.needs)),
 }
 
-_BY_NAME = {each.name: each for each in BASELINES}
+BY_NAME = {each.name: each for each in BASELINES}
 FAMILIES = tuple(dict.fromkeys(each.family for each in BASELINES))
-
-
-def baseline(name: str) -> BaselineEstimator | None:
-    """The baseline of this name, if there is one."""
-    return _BY_NAME.get(name)
-
-
-def names() -> tuple[str, ...]:
-    """What `baselines` stands for: every baseline that needs only the events of two cameras."""
-    return GROUPS["baselines"]

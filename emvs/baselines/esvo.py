@@ -20,7 +20,7 @@ from eventsweep.emvs.baselines.esvo_kernels import deviation_of, search
 from eventsweep.emvs.baselines.esvo_refinement import Lines, Refined, refine
 from eventsweep.emvs.baselines.rectification import Rectified, depth_map
 from eventsweep.emvs.baselines.sgm import disparity_range_px, instants_us
-from eventsweep.emvs.baselines.time_surface import TimeSurface
+from eventsweep.emvs.baselines.time_surface import SurfacePair
 from eventsweep.emvs.config import EsvoParameters, MapperConfig, Matching
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import Recording
@@ -35,25 +35,17 @@ Image = NDArray[np.float32]
 
 
 def estimate(
-    recording: Recording, window: Window, view: ReferenceView, config: MapperConfig,
-    parameters: EsvoParameters | None = None,
-) -> DepthMap:  # fmt: skip
+    recording: Recording, window: Window, view: ReferenceView, config: MapperConfig
+) -> DepthMap:
     """Fuses the newest maps up to the reference time (`ESVO/own-rate`).
 
     Confidence is the inverse of the standard deviation of inverse depth, m.
-
-    Args:
-        recording: two cameras or more, of which 0 and 1 are used.
-        window: of which the part before the reference time counts.
-        view: where depth is wanted.
-        config: the border that reports no depth.
-        parameters: of the mapping; by default those of `config`.
 
     Raises:
         InputError: a rig or depth range that cannot be matched, too short a window, or one in which
             no two estimates agree.
     """
-    parameters = parameters or config.esvo
+    parameters = config.esvo
     times_us = instants_us(window, parameters.rate_hz)
     before = [t_us for t_us in times_us if t_us <= window.t_ref_us]
     if not before:
@@ -63,18 +55,16 @@ def estimate(
         )
     mapper = EsvoMapper(recording, window.t0_us, view, parameters)
     newest = _newest([mapper.at(t_us) for t_us in before], parameters.most_points)
-    return _fused("ESVO/own-rate", newest, mapper, view, config, parameters)
+    return _fused("ESVO/own-rate", newest, mapper, view, config)
 
 
 def estimate_window(
-    recording: Recording, window: Window, view: ReferenceView, config: MapperConfig,
-    parameters: EsvoParameters | None = None,
-) -> DepthMap:  # fmt: skip
+    recording: Recording, window: Window, view: ReferenceView, config: MapperConfig
+) -> DepthMap:
     """Fuses every map of the window (`ESVO/window`); otherwise as `estimate`."""
-    parameters = parameters or config.esvo
-    mapper = EsvoMapper(recording, window.t0_us, view, parameters)
-    maps = [mapper.at(t_us) for t_us in instants_us(window, parameters.rate_hz)]
-    return _fused("ESVO/window", maps, mapper, view, config, parameters)
+    mapper = EsvoMapper(recording, window.t0_us, view, config.esvo)
+    maps = [mapper.at(t_us) for t_us in instants_us(window, config.esvo.rate_hz)]
+    return _fused("ESVO/window", maps, mapper, view, config)
 
 
 def _newest(maps: Sequence[EsvoMap], most_points: int) -> Sequence[EsvoMap]:
@@ -85,14 +75,14 @@ def _newest(maps: Sequence[EsvoMap], most_points: int) -> Sequence[EsvoMap]:
 
 def _fused(
     method: str, maps: Sequence[EsvoMap], mapper: EsvoMapper, view: ReferenceView,
-    config: MapperConfig, parameters: EsvoParameters,
+    config: MapperConfig,
 ) -> DepthMap:  # fmt: skip
     known = Estimates.empty(view.camera.height_px, view.camera.width_px)
     for added in reversed(maps):
-        known = _with(known, added, mapper, view, parameters)
-    clean_up = parameters.clean_up
+        known = _with(known, added, mapper, view, config.esvo)
+    clean_up = config.esvo.clean_up
     most = clean_up.most_deviation_px / mapper.px_per_rho
-    rho = regularised(known, clean_up, parameters.regularisation, most)
+    rho = regularised(known, clean_up, config.esvo.regularisation, most)
     inside = rho > 0
     if not inside.any():
         estimates = sum(m.estimates for m in maps)
@@ -147,29 +137,17 @@ class EsvoMap:
 
 
 class EsvoMapper:
-    """Keeps both time surfaces, and maps the newest events at growing times.
-
-    Args:
-        recording: two cameras or more, of which 0 and 1 are used.
-        start_us: from when on events count, µs.
-        view: whose planes limit depth.
-        parameters: of the mapping.
-    """
+    """Keeps both time surfaces, and maps the newest events since `start_us` at growing times."""
 
     def __init__(
         self, recording: Recording, start_us: int, view: ReferenceView, parameters: EsvoParameters
     ) -> None:
         self.stereo = Rectified.of(recording.rig)
-        self._recording, self._parameters, self._fed_us = recording, parameters, start_us
+        self._recording, self._parameters = recording, parameters
         self._range_px = disparity_range_px(self.stereo, view)
-        self._surfaces = [
-            TimeSurface(
-                recording.rig.cameras[k].width_px, recording.rig.cameras[k].height_px,
-                parameters.decay_s, median_px=parameters.median_px,
-                blur_sigma_px=parameters.blur_sigma_px,
-            )
-            for k in self.stereo.cameras
-        ]  # fmt: skip
+        self._surfaces = SurfacePair(
+            recording, self.stereo, start_us, parameters, parameters.blur_sigma_px
+        )
 
     @property
     def px_per_rho(self) -> float:
@@ -178,20 +156,15 @@ class EsvoMapper:
 
     def at(self, t_us: int) -> EsvoMap:
         """Estimates the newest events before `t_us`, µs."""
-        for camera, surface in zip(self.stereo.cameras, self._surfaces, strict=True):
-            surface.update(self._recording.events(camera, self._fed_us, t_us))
-        self._fed_us = t_us
-        left, right = (
-            self.stereo.image(side, surface.at(t_us)) * np.float32(255)
-            for side, surface in enumerate(self._surfaces)
-        )
+        self._surfaces.feed(t_us)
+        left, right = (image * np.float32(255) for image in self._surfaces.images(t_us))
         events, uv_px = self._newest(t_us)
         pixels = np.rint(uv_px).astype(np.int64)
         matching = self._parameters.matching
         disparity_px, _ = match_blocks(left, right, pixels, self._range_px, matching)
-        found = np.isfinite(disparity_px)
-        times_us, uv_px = events.t_us[found], uv_px[found]
-        start = disparity_px[found].astype(np.float64) / self.px_per_rho
+        matched = np.isfinite(disparity_px)
+        times_us, uv_px = events.t_us[matched], uv_px[matched]
+        start = disparity_px[matched].astype(np.float64) / self.px_per_rho
         bearing = np.column_stack([self.stereo.camera.unproject(uv_px), np.ones(len(uv_px))])
         lines = self._lines(t_us, times_us, bearing)
         refined = refine(left, right, lines, start, self._parameters.refinement)
@@ -241,19 +214,12 @@ def match_blocks(
     left: Image, right: Image, pixels: NDArray[np.int64], range_px: tuple[int, int],
     settings: Matching,
 ) -> tuple[Image, Image]:  # fmt: skip
-    """Matches a block around each pixel.
-
-    Args:
-        left: (H, W) float32 time surface, 0..255.
-        right: (H, W) float32, rows aligned with it.
-        pixels: (N, 2) int64 columns and rows in the left one.
-        range_px: smallest and largest disparity.
-        settings: of the matching.
+    """Matches a block around each of (N, 2) pixels (column, row) of row-aligned surfaces, 0..255.
 
     Returns:
         (N,) float32 whole disparities, px, NaN where no block of the right surface reaches
-        `least_zncc`, the best lies at either end of the range, or the block leaves the picture;
-        and (N,) float32 their ZNCC.
+            `least_zncc`, the best lies at either end of the range, or the block leaves the picture;
+            and (N,) float32 their ZNCC.
     """
     disparity_px = np.empty(len(pixels), np.float32)
     score = np.empty(len(pixels), np.float32)

@@ -63,8 +63,7 @@ def propagate(
         scale: (N,) their scales, 1/m.
 
     Returns:
-        (N, 2) bearings in the new view, (N,) inverse depths there and (N,) their scales; inverse
-        depths are NaN behind it.
+        (N, 2) bearings, (N,) inverse depths, NaN behind the view, and (N,) their scales.
     """
     points = rays + rho[:, None] * origins_m
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -77,21 +76,10 @@ def propagate(
 def fuse_into(
     known: Estimates, uv_px: Float64s, rho: Float64s, scale: Float64s, spread: Float64s, dof: float
 ) -> Estimates:
-    """Fuses points into the four pixels around each; `known` stays as it is.
+    """Fuses (N,) points into the four pixels around each; `known` stays as it is.
 
     Where a point is not compatible with what is there, it is left out if it lies behind by more
     than two standard deviations; else it takes the place of what is less sure and fits worse.
-
-    Args:
-        known: (H, W) map.
-        uv_px: (N, 2) columns and rows.
-        rho: (N,) inverse depths, 1/m; NaN for none.
-        scale: (N,) their scales, 1/m.
-        spread: (N,) scales of their residuals.
-        dof: their degrees of freedom, above 2.
-
-    Returns:
-        The map with the points.
     """
     fused = Estimates(*(getattr(known, name).copy() for name in Estimates.__dataclass_fields__))
     fuse(
@@ -103,16 +91,9 @@ def fuse_into(
 def regularised(
     known: Estimates, clean_up: CleanUp, settings: Regularisation, most_deviation: float
 ) -> Float64s:
-    """Cleans a fused map.
+    """Cleans a fused map: (H, W) float64 inverse depths, 1/m; NaN for none.
 
-    Args:
-        known: (H, W) map.
-        clean_up: which estimates stay.
-        settings: of the mean over neighbours.
-        most_deviation: standard deviation beyond which an estimate is left out, 1/m.
-
-    Returns:
-        (H, W) float64 inverse depths, 1/m; NaN for none.
+    Estimates of more than `most_deviation`, 1/m, are left out.
     """
     deviation = known.deviation
     with np.errstate(invalid="ignore"):

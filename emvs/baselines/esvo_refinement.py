@@ -58,15 +58,7 @@ class Refined:
 
 
 def refine(left: Image, right: Image, lines: Lines, rho: Float64s, settings: Refinement) -> Refined:
-    """Refines inverse depths.
-
-    Args:
-        left: (H, W) float32 time surface, 0..255.
-        right: (H, W) float32, rows aligned with it.
-        lines: (N,) events.
-        rho: (N,) where to start, 1/m.
-        settings: of the refinement.
-    """
+    """Refines the inverse depths `rho` of (N,) events, on row-aligned time surfaces of 0..255."""
     out = np.full((len(rho), 3), np.nan)
     camera = (lines.focal_px, lines.centre_px[0], lines.centre_px[1], lines.baseline_m)
     half = settings.width_px // 2, settings.height_px // 2

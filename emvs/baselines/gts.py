@@ -32,9 +32,8 @@ Indices = NDArray[np.int64]
 
 
 def estimate(
-    recording: Recording, window: Window, view: ReferenceView, config: MapperConfig,
-    parameters: GtsParameters | None = None,
-) -> DepthMap:  # fmt: skip
+    recording: Recording, window: Window, view: ReferenceView, config: MapperConfig
+) -> DepthMap:
     """Depth from pairs of events of the whole window (`GTS/events`).
 
     Each pixel of the view takes its nearest point. Confidence is `1 / (1 + energy)`, 0..1.
@@ -42,11 +41,10 @@ def estimate(
     Raises:
         InputError: a rig or depth range that cannot be matched, or no pair in the window.
     """
-    parameters = parameters or config.gts
     stereo = Rectified.of(recording.rig)
     range_px = disparity_range_px(stereo, view)
-    left, right = (_stream(side, stereo, recording, window, parameters) for side in (0, 1))
-    i, j, energy = pairs(left, right, range_px, parameters.coincidence)
+    left, right = (_stream(side, stereo, recording, window, config.gts) for side in (0, 1))
+    i, j, energy = pairs(left, right, range_px, config.gts.coincidence)
     disparity_px = left.uv_px[i, 0] - right.uv_px[j, 0]
     good = disparity_px > 0
     if not good.any():
@@ -130,17 +128,7 @@ def time_slopes(
 def pairs(
     left: Stream, right: Stream, range_px: tuple[float, float], settings: Coincidence
 ) -> tuple[Indices, Indices, Float64s]:
-    """Events that choose each other.
-
-    Args:
-        left: of camera i.
-        right: of camera j.
-        range_px: smallest and largest disparity.
-        settings: of the energy.
-
-    Returns:
-        (K,) indices in `left`, (K,) in `right`, and (K,) energies, in the order of `left`.
-    """
+    """Events that choose each other: (K,) indices in `left` and `right`, and (K,) energies."""
     low, high = range_px
     to_right, energy = _best(left, right, low, high, settings)
     to_left, _ = _best(right, left, -high, -low, settings)

@@ -60,12 +60,7 @@ class Rectified:
 
     @classmethod
     def of(cls, rig: Rig, i: int = 0, j: int = 1) -> Rectified:
-        """Rectifies cameras i and j of a rig.
-
-        Args:
-            rig: at least two cameras.
-            i: the camera whose depth is asked for.
-            j: another one.
+        """Rectifies cameras i, whose depth is asked for, and j of a rig.
 
         Raises:
             InputError: a camera that the rig does not have, no baseline, or axes too steep.
@@ -101,14 +96,9 @@ class Rectified:
         return self.camera.fx_px * self.baseline_m / np.asarray(depth_m, np.float64)
 
     def points_body(self, uv_px: ArrayLike, disparity_px: ArrayLike) -> Matrix:
-        """Triangulates.
+        """Triangulates (N, 2) places in the view of camera i: (N, 3) points in the body frame, m.
 
-        Args:
-            uv_px: (N, 2) positions in the view of camera i, px.
-            disparity_px: (N,) column there minus column in the view of camera j, above 0, px.
-
-        Returns:
-            (N, 3) points in the body frame, m.
+        The disparity, above 0, is the column there minus that in the view of camera j.
         """
         bearing = self.camera.unproject(uv_px)
         depth_m = self.camera.fx_px * self.baseline_m / np.asarray(disparity_px, np.float64)
@@ -236,12 +226,9 @@ class Seen:
 def see(
     points_world: NDArray[np.float64], values: NDArray[np.floating], view: ReferenceView
 ) -> Seen:
-    """Projects points into the reference view, each into the pixel whose square it hits.
+    """Projects points, m, into the reference view, each into the pixel whose square it hits.
 
-    Args:
-        points_world: (N, 3) points, m; points that are not finite are left out.
-        values: (N,) what each is worth, such as its confidence.
-        view: the reference view.
+    Points that are not finite are left out; (N,) `values` say what each is worth.
     """
     points_rv = se3.transform(se3.inverse(view.T_world_rv), points_world)
     shape = view.camera.height_px, view.camera.width_px
@@ -254,15 +241,9 @@ def see_disparities(
     disparity_px: Image, value: Image, stereo: Rectified, t_us: int, recording: Recording,
     view: ReferenceView,
 ) -> Seen:  # fmt: skip
-    """Carries a disparity image of camera i's rectified view into the reference view.
+    """Carries a disparity image of camera i's rectified view at `t_us` into the reference view.
 
-    Args:
-        disparity_px: (H', W') float32; NaN or 0 and less for none.
-        value: (H', W') float32, what each is worth.
-        stereo: the rectified pair.
-        t_us: when it was seen, µs.
-        recording: its poses.
-        view: the reference view.
+    Pixels with NaN or 0 and less have none; `value` says what each is worth.
     """
     with np.errstate(invalid="ignore"):
         rows, columns = np.nonzero(disparity_px > 0)
@@ -277,12 +258,7 @@ def depth_map(
 ) -> DepthMap:
     """Makes a depth map of what a view sees; depths beyond the view's planes are left out.
 
-    Args:
-        method: its name.
-        depth_m: (H, W) float32 z-depth; 0 or NaN for none.
-        confidence: (H, W) float32, 0 or more.
-        view: the reference view.
-        config: the border that reports no depth.
+    `depth_m` is 0 or NaN for none, `confidence` 0 or more.
     """
     # Volumes know the range too; half a plane of tolerance, as their parabolas have it.
     rho = view.rho.astype(np.float64)

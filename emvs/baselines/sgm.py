@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.baselines.rectification import Rectified, Seen, depth_map, see_disparities
-from eventsweep.emvs.baselines.time_surface import TimeSurface
+from eventsweep.emvs.baselines.time_surface import SurfacePair
 from eventsweep.emvs.baselines.time_surface_kernels import NEVER_US
-from eventsweep.emvs.config import FrameParameters, MapperConfig, SemiGlobal, SgmParameters
+from eventsweep.emvs.config import MapperConfig, SemiGlobal, SgmParameters
 from eventsweep.emvs.data.image_stores import Photo
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.depth.depth_map import DepthMap
@@ -41,9 +41,8 @@ _WORTH_MATCHING_PX = 1.0
 
 
 def estimate_time_surfaces(
-    recording: Recording, window: Window, view: ReferenceView, config: MapperConfig,
-    parameters: SgmParameters | None = None,
-) -> DepthMap:  # fmt: skip
+    recording: Recording, window: Window, view: ReferenceView, config: MapperConfig
+) -> DepthMap:
     """Depth from the time surfaces at the reference time (`SGM/ts`).
 
     Confidence is the time surface's value, 0..1.
@@ -52,16 +51,13 @@ def estimate_time_surfaces(
         InputError: a rig or depth range that cannot be matched, or a camera without events before
             the reference time.
     """
-    parameters = parameters or config.sgm
-    matched = _Matcher(recording, window, view, parameters)
-    seen = next(matched.at([window.t_ref_us]))
+    seen = next(_Matcher(recording, window, view, config.sgm).at([window.t_ref_us]))
     return depth_map("SGM/ts", seen.depth_m, seen.value, view, config)
 
 
 def estimate_window(
-    recording: Recording, window: Window, view: ReferenceView, config: MapperConfig,
-    parameters: SgmParameters | None = None,
-) -> DepthMap:  # fmt: skip
+    recording: Recording, window: Window, view: ReferenceView, config: MapperConfig
+) -> DepthMap:
     """Inverse depth averaged over the window at a fixed rate (`SGM/window`).
 
     Every estimate is carried into the reference view by the poses; a pixel takes the mean of the
@@ -71,11 +67,10 @@ def estimate_window(
         InputError: as `estimate_time_surfaces`, or a window shorter than the interval between
             estimates.
     """
-    parameters = parameters or config.sgm
-    matched = _Matcher(recording, window, view, parameters)
+    matched = _Matcher(recording, window, view, config.sgm)
     shape = view.camera.height_px, view.camera.width_px
     inverse, count, value = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    for seen in matched.at(instants_us(window, parameters.rate_hz)):
+    for seen in matched.at(instants_us(window, config.sgm.rate_hz)):
         inverse[seen.mask] += 1 / seen.depth_m[seen.mask].astype(np.float64)
         count += seen.mask
         value += seen.value
@@ -93,14 +88,7 @@ class _Matcher:
         self._recording, self._view, self._parameters = recording, view, parameters
         self._stereo = Rectified.of(recording.rig)
         self._range_px = disparity_range_px(self._stereo, view)
-        self._fed_us = window.t0_us
-        self._surfaces = [
-            TimeSurface(
-                recording.rig.cameras[k].width_px, recording.rig.cameras[k].height_px,
-                parameters.decay_s, median_px=parameters.median_px,
-            )
-            for k in self._stereo.cameras
-        ]  # fmt: skip
+        self._surfaces = SurfacePair(recording, self._stereo, window.t0_us, parameters)
 
     def at(self, times_us: Sequence[int]) -> Iterator[Seen]:
         """What the reference view sees of each time's estimate."""
@@ -112,31 +100,26 @@ class _Matcher:
             )
 
     def _feed(self, t_us: int) -> None:
-        for camera, surface in zip(self._stereo.cameras, self._surfaces, strict=True):
-            surface.update(self._recording.events(camera, self._fed_us, t_us))
+        since_us = self._surfaces.fed_us
+        self._surfaces.feed(t_us)
+        for camera, surface in zip(self._stereo.cameras, self._surfaces.both, strict=True):
             if surface.newest_us == NEVER_US:
                 raise InputError(
                     f"camera {self._recording.rig.camera_names[camera]} has no events from "
-                    f"{self._fed_us} to {t_us} µs: a time surface needs at least 1 before the "
+                    f"{since_us} to {t_us} µs: a time surface needs at least 1 before the "
                     "reference time; choose another window"
                 )
-        self._fed_us = t_us
 
     def _matched(self, t_us: int) -> tuple[Image, Image]:
         """Disparities at pixels that fired lately, and how lately: the time surface's value."""
         left, right = (
-            self._stereo.image(side, surface.at(t_us))
-            for side, surface in enumerate(self._surfaces)
+            np.rint(image * 255).astype(np.uint8) for image in self._surfaces.images(t_us)
         )
-        disparity_px = match(_bytes(left), _bytes(right), self._range_px, self._parameters.matcher)
-        active = self._surfaces[0].active(t_us, self._parameters.active_s)
-        fired = self._stereo.image(0, active) >= 0.5
-        recent = self._stereo.image(0, self._surfaces[0].at(t_us, smooth=False))
+        disparity_px = match(left, right, self._range_px, self._parameters.matcher)
+        surface = self._surfaces.both[0]
+        fired = self._stereo.image(0, surface.active(t_us, self._parameters.active_s)) >= 0.5
+        recent = self._stereo.image(0, surface.at(t_us, smooth=False))
         return np.where(fired, disparity_px, np.float32(np.nan)), recent
-
-
-def _bytes(surface: Image) -> NDArray[np.uint8]:
-    return np.rint(surface * 255).astype(np.uint8)
 
 
 def instants_us(window: Window, rate_hz: float) -> list[int]:
@@ -158,9 +141,8 @@ def instants_us(window: Window, rate_hz: float) -> list[int]:
 
 
 def estimate_frames(
-    recording: Recording, window: Window, view: ReferenceView, config: MapperConfig,
-    parameters: FrameParameters | None = None,
-) -> DepthMap:  # fmt: skip
+    recording: Recording, window: Window, view: ReferenceView, config: MapperConfig
+) -> DepthMap:
     """Depth from the two pictures nearest to the reference time (`Frames/sgm`).
 
     The pictures are brought to one gain and encoded by a gamma of 2.2. Confidence is the contrast
@@ -170,18 +152,17 @@ def estimate_frames(
         InputError: no pictures in the window, cameras that take them at different times, or a rig
             or depth range that cannot be matched.
     """
-    parameters = parameters or config.frames
-    stereo = Rectified.of(recording.rig)
+    stereo, matcher = Rectified.of(recording.rig), config.frames.matcher
     range_px = disparity_range_px(stereo, view)
     photos = photos_at(recording, window, stereo.cameras)
     gain = min(photo.gain for photo in photos)
     left, right = (_encoded(stereo.image(k, photo.image), photo.gain, gain)
                    for k, photo in enumerate(photos))  # fmt: skip
-    seen = see_disparities(
-        match(left, right, range_px, parameters.matcher),
-        _contrast(left, parameters.matcher.block_px),
-        stereo, photos[0].t_us, recording, view,
-    )  # fmt: skip
+    disparity_px, contrast = (
+        match(left, right, range_px, matcher),
+        _contrast(left, matcher.block_px),
+    )
+    seen = see_disparities(disparity_px, contrast, stereo, photos[0].t_us, recording, view)
     return depth_map("Frames/sgm", seen.depth_m, seen.value, view, config)
 
 
@@ -243,17 +224,7 @@ def match(
     left: NDArray[np.uint8], right: NDArray[np.uint8], range_px: tuple[int, int],
     settings: SemiGlobal,
 ) -> Image:  # fmt: skip
-    """Matches row-aligned images.
-
-    Args:
-        left: (H, W) uint8.
-        right: (H, W) uint8.
-        range_px: smallest and largest disparity, px.
-        settings: of the matcher.
-
-    Returns:
-        (H, W) float32 disparities of the left image, px; NaN for none.
-    """
+    """Matches row-aligned (H, W) images: float32 disparities of the left one, px; NaN for none."""
     low, high = range_px
     count = -(-(high - low + 1) // _MULTIPLE) * _MULTIPLE
     area = settings.block_px**2
@@ -271,11 +242,11 @@ def match(
     wide = (cv2.copyMakeBorder(i, 0, 0, rim, 0, cv2.BORDER_REPLICATE) for i in (left, right))
     sixteenths = np.asarray(matcher.compute(*wide))[:, rim:]
     disparity_px = sixteenths.astype(np.float32) / _SUBPIXELS
-    found = (sixteenths >= low * _SUBPIXELS) & (disparity_px <= high) & (disparity_px > 0)
+    matched = (sixteenths >= low * _SUBPIXELS) & (disparity_px <= high) & (disparity_px > 0)
     # The rim holds no light: what has its partner there has none.
     partner_px = np.arange(left.shape[1]) - disparity_px
-    found &= partner_px >= settings.block_px // 2
-    return np.where(found, disparity_px, np.float32(np.nan))
+    matched &= partner_px >= settings.block_px // 2
+    return np.where(matched, disparity_px, np.float32(np.nan))
 
 
 def disparity_range_px(stereo: Rectified, view: ReferenceView) -> tuple[int, int]:

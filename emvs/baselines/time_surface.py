@@ -6,21 +6,19 @@ median that the published ESVO (Zhou, Gallego, Shen, TRO 2021) uses, polarity ig
 
 from __future__ import annotations
 
-from typing import Literal, get_args
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from eventsweep.emvs.baselines.rectification import Rectified
 from eventsweep.emvs.baselines.time_surface_kernels import NEVER_US, decay, stamp
+from eventsweep.emvs.config import EsvoParameters, SgmParameters
 from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.errors import InputError
 
-Polarity = Literal["both", "brighter", "darker"]
 Image = NDArray[np.float32]
-DECAY_S = 0.03
-MEDIAN_PX = 3
-_WANTED = {"both": -1, "darker": 0, "brighter": 1}
+_BOTH = -1  # polarities
 
 
 class TimeSurface:
@@ -30,31 +28,19 @@ class TimeSurface:
         width_px: columns.
         height_px: rows.
         decay_s: time constant, s.
-        polarity: which events count.
         median_px: window of the median over the surface: 1 (none), 3 or 5 px.
         blur_sigma_px: standard deviation of a Gaussian after it, px; 0 for none.
 
     Attributes:
         last_us: (H, W) int64 time of each pixel's last event, µs; `NEVER_US` where there was none.
         newest_us: time of the last event that was taken, µs, `NEVER_US` before any.
-
-    Raises:
-        InputError: a parameter that makes no surface.
     """
 
     def __init__(
-        self,
-        width_px: int,
-        height_px: int,
-        decay_s: float = DECAY_S,
-        *,
-        polarity: Polarity = "both",
-        median_px: int = MEDIAN_PX,
+        self, width_px: int, height_px: int, decay_s: float = 0.03, *, median_px: int = 3,
         blur_sigma_px: float = 0.0,
-    ) -> None:
-        _check(decay_s, polarity, median_px, blur_sigma_px)
+    ) -> None:  # fmt: skip
         self.decay_s, self.median_px, self.blur_sigma_px = decay_s, median_px, blur_sigma_px
-        self._wanted = _WANTED[polarity]
         self.last_us = np.full((height_px, width_px), NEVER_US, np.int64)
         self.newest_us = int(NEVER_US)
 
@@ -74,18 +60,14 @@ class TimeSurface:
             )
         height_px, width_px = self.last_us.shape
         events.checked(width_px, height_px)
-        stamp(events.x, events.y, events.t_us, events.p, self._wanted, self.last_us)
+        stamp(events.x, events.y, events.t_us, events.p, _BOTH, self.last_us)
         self.newest_us = int(events.t_us[-1])
 
     def at(self, t_us: int, *, smooth: bool = True) -> Image:
-        """The surface at a time that is not before the newest event.
+        """The surface, float32 in 0..1, at a time, µs, that is not before the newest event.
 
-        Args:
-            t_us: time, µs.
-            smooth: whether to apply the median and the Gaussian.
-
-        Returns:
-            (H, W) float32 in 0..1: 1 for an event right now, 0 for none yet.
+        1 stands for an event right now, 0 for none yet; `smooth` applies the median and the
+        Gaussian.
 
         Raises:
             InputError: a time before the newest event, whose pixel no longer knows its past.
@@ -114,14 +96,29 @@ class TimeSurface:
         return surface
 
 
-def _check(decay_s: float, polarity: str, median_px: int, blur_sigma_px: float) -> None:
-    if not (np.isfinite(decay_s) and decay_s > 0):
-        raise InputError(f"time surface with decay_s {decay_s:g}: must be above 0")
-    if polarity not in get_args(Polarity):
-        raise InputError(
-            f"time surface of polarity {polarity!r}: needs one of {', '.join(get_args(Polarity))}"
-        )
-    if median_px not in (1, 3, 5):
-        raise InputError(f"time surface with median_px {median_px}: needs 1, 3 or 5")
-    if not (np.isfinite(blur_sigma_px) and blur_sigma_px >= 0):
-        raise InputError(f"time surface with blur_sigma_px {blur_sigma_px:g}: must be 0 or more")
+class SurfacePair:
+    """The time surfaces of `both` cameras of a stereo pair, fed up to growing times `fed_us`."""
+
+    def __init__(
+        self, recording: Recording, stereo: Rectified, start_us: int,
+        parameters: EsvoParameters | SgmParameters, blur_sigma_px: float = 0.0,
+    ) -> None:  # fmt: skip
+        self._recording, self._stereo, self.fed_us = recording, stereo, start_us
+        sensors = (recording.rig.cameras[k] for k in stereo.cameras)
+        self.both = tuple(
+            TimeSurface(
+                sensor.width_px, sensor.height_px, parameters.decay_s,
+                median_px=parameters.median_px, blur_sigma_px=blur_sigma_px,
+            )
+            for sensor in sensors
+        )  # fmt: skip
+
+    def feed(self, t_us: int) -> None:
+        """Takes the events of both cameras before `t_us`, µs."""
+        for camera, surface in zip(self._stereo.cameras, self.both, strict=True):
+            surface.update(self._recording.events(camera, self.fed_us, t_us))
+        self.fed_us = t_us
+
+    def images(self, t_us: int) -> list[Image]:
+        """Both surfaces at `t_us`, rectified."""
+        return [self._stereo.image(k, surface.at(t_us)) for k, surface in enumerate(self.both)]

@@ -50,14 +50,7 @@ class TurnRates:
 def turn_rates(
     objective: Objective, correction: Correction, step_rad_s: float, rounds: int = 2
 ) -> TurnRates:
-    """Estimates how fast the camera turned in every window.
-
-    Args:
-        objective: sharpness of the windows.
-        correction: the calibration so far.
-        step_rad_s: step of angular velocity for differences of the sharpness.
-        rounds: of fitting a paraboloid per window.
-    """
+    """Estimates how fast the camera turned in every window, by differences of `step_rad_s`."""
     hypothesis = objective.hypothesis(correction)
     extra = np.zeros((len(objective.windows), 3))
     for _ in range(rounds):
@@ -127,12 +120,7 @@ def _turning(hypothesis: Hypothesis, window: WindowEvents, rate_rad_s: Floats) -
 class PoseTurns:
     """Turn rates of the first camera in windows, from its poses after a lag and a rotation.
 
-    Args:
-        windows: their times.
-        hypothesis: rig and poses before lag and rotation.
-
-    Attributes:
-        lowest_s, highest_s: lags with which poses still cover all windows.
+    Poses cover all windows with lags from `lowest_s` to `highest_s`.
     """
 
     def __init__(self, windows: Sequence[WindowEvents], hypothesis: Hypothesis) -> None:
@@ -170,8 +158,7 @@ def align(rates: TurnRates, turns: PoseTurns, so_far: Floats, spread: Floats) ->
         spread: (4,) prior of their sums, 1 sigma; 0 keeps a value fixed.
 
     Returns:
-        (4,) what to add: to the times of the poses, ms; the first camera's rotation in its frame as
-        given, rad.
+        (4,) what to add to `so_far`; the rotation is in the first camera's frame as given.
     """
     free = spread > 0
     whiten = np.array([_root(weight) for weight in rates.weight])

@@ -21,12 +21,9 @@ from eventsweep.emvs.windows import Window
 
 @dataclass(frozen=True, eq=False)
 class MappedWith:
-    """A window under one calibration.
+    """A window mapped under one calibration, `as given` or `refined`.
 
-    Attributes:
-        name: `as given` or `refined`.
-        mapped: its depth map, and one row of its DSI.
-        residuals_px: (N,) rows between matched patches of both cameras; none for one camera.
+    `residuals_px` are (N,) rows between matched patches of both cameras; none for one camera.
     """
 
     name: str
@@ -44,10 +41,7 @@ def before_and_after(
 ) -> list[MappedWith]:
     """Maps the window with the largest gain with both calibrations.
 
-    Args:
-        recording: as given.
-        refinement: of it.
-        update: called with how many are mapped, and the name of the next.
+    `update` is called with how many are mapped, and the name of the next.
     """
     gain = refinement.sharpness[:, 1] / refinement.sharpness[:, 0]
     t0_us, t1_us = refinement.windows[int(gain.argmax())]

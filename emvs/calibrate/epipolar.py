@@ -27,10 +27,7 @@ _SURE = 0.6  # correlation
 def epipolar_residuals_px(recording: Recording, t_us: int, nearest_m: float) -> Floats:
     """(N,) rows between a patch of camera 0 and its match in camera 1, rectified px.
 
-    Args:
-        recording: a rig of at least two cameras.
-        t_us: around which time.
-        nearest_m: nearest depth, which bounds disparity.
+    The nearest depth bounds disparity.
 
     Raises:
         InputError: a pair that cannot be rectified.

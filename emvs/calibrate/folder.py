@@ -46,17 +46,10 @@ _HASHED_BYTES = 1 << 20
 def write_refined(
     folder: Path, out: Path, recording: Recording, refinement: Refinement, command: str = ""
 ) -> tuple[str, ...]:
-    """Writes everything but the page into a folder that exists.
+    """Writes everything but the page into a folder that exists, and returns notes, one line each.
 
-    Args:
-        folder: where to write.
-        out: where the folder will be; paths to the recording's files are relative to it.
-        recording: the one that was refined, as given.
-        refinement: the result.
-        command: for the provenance.
-
-    Returns:
-        Notes on the files, one line each.
+    Paths to the recording's files are relative to `out`, where the folder will be; `command` is for
+    the provenance.
     """
     refined = refinement.applied(recording)
     write_rig_json(folder / RIG_FILE, refined.rig)

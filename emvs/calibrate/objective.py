@@ -18,11 +18,7 @@ FINE, MIDDLE, COARSE = Level(1, 64), Level(2, 40), Level(4, 24)
 class Objective:
     """Sharpness of several windows under a correction of the calibration.
 
-    Args:
-        recording: calibration and poses as given.
-        windows: events.
-        depth_range_m: nearest and farthest depth.
-        level: how finely the DSI is cut: a coarse one also sees large errors.
+    A coarse `level` also sees large errors.
     """
 
     def __init__(

@@ -119,11 +119,7 @@ _ORDER = [row.kind for row in _REFINABLE.values()]
 
 
 def parameters_of(names: Sequence[str], cameras: int) -> tuple[Parameter, ...]:
-    """The parameters that names such as `stereo` or `delay` stand for.
-
-    Args:
-        names: keys of `NAMES`.
-        cameras: of the rig.
+    """The parameters that names such as `stereo` or `delay`, keys of `NAMES`, stand for.
 
     Raises:
         InputError: no name, an unknown one, or one that needs a second camera where there is none.
@@ -147,11 +143,7 @@ def _named(name: str, cameras: int) -> list[Parameter]:
 
 @dataclass(frozen=True)
 class Correction:
-    """What to add to a calibration; by default nothing.
-
-    Attributes:
-        values: parameter -> value in its unit; a parameter that is not there is 0.
-    """
+    """What to add to a calibration: parameter -> value in its unit, 0 where it is not there."""
 
     values: Mapping[Parameter, float] = field(default_factory=dict)
 
@@ -169,10 +161,6 @@ class Correction:
 
         A sensor's lag is common to all cameras, and each camera alone is sharper with its clock set
         back by it. If one clock moved alone, the lag would look like one between cameras.
-
-        Args:
-            values: in place of those before.
-            cameras: of the rig.
         """
         other = self.with_values(values)
         later_us = np.subtract(other.clock_us(cameras), self.clock_us(cameras)).mean()

@@ -46,9 +46,7 @@ class Paraboloid:
     def estimate(self, spread: Floats, independent: float) -> Summit:
         """The summit, with the prior that (P,) 0 is right to within `spread` (1 sigma).
 
-        Args:
-            spread: (P,) of the prior.
-            independent: how many windows do not overlap.
+        So many of the windows are `independent`: they do not overlap.
         """
         # In units of the spreads: degrees and milliseconds do not compare
         values, vectors = np.linalg.eigh(-self.curvature * spread[:, None] * spread)
@@ -66,12 +64,7 @@ class Paraboloid:
 
 @dataclass(frozen=True, eq=False)
 class Summit:
-    """A summit and its covariance.
-
-    Attributes:
-        point: (P,) where it is.
-        covariance: (P, P).
-    """
+    """Where a summit is, (P,), and its (P, P) covariance."""
 
     point: Floats
     covariance: Floats
@@ -81,11 +74,6 @@ def fit(function: Function, point: Floats, steps: Floats) -> Paraboloid:
     """Fits by differences: two evaluations per parameter and two per pair of them.
 
     Differences are symmetric, so that an uneven top does not look like a trade-off.
-
-    Args:
-        function: to be modelled.
-        point: (P,) centre.
-        steps: (P,) of the differences.
     """
     count = len(point)
     value = function(point)
@@ -112,17 +100,10 @@ def climb(
     function: Function, point: Floats, steps: Floats, spread: Floats, independent: float,
     rounds: int = 6,
 ) -> Summit:  # fmt: skip
-    """Goes from summit to summit until the step is small.
+    """Goes from summit to summit until the step is small; one round goes no farther than `steps`.
 
-    If it does not converge, the last step counts as uncertainty as well.
-
-    Args:
-        function: to be maximised.
-        point: (P,) where to begin.
-        steps: (P,) for the differences; one round goes no farther.
-        spread: (P,) of the prior that 0 is right.
-        independent: how many windows do not overlap.
-        rounds: of fitting, at most.
+    If it does not converge, the last step counts as uncertainty as well. `spread` and `independent`
+    are those of `Paraboloid.estimate`.
     """
     for _ in range(rounds):
         top = fit(function, point, steps).estimate(spread, independent)

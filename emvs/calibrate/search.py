@@ -31,11 +31,7 @@ def approach(
 ) -> Correction:  # fmt: skip
     """Scans one parameter after the other, each around the best of those before, ever finer.
 
-    Args:
-        objective: evaluated at coarser levels than its own.
-        parameters: the best determined first.
-        start: where to begin.
-        on_scan: called after each scan.
+    The best determined parameters come first; `on_scan` is called after each scan.
     """
     best, cameras = start, len(objective.recording.rig)
     for level, share, points in _PASSES:

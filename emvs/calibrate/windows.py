@@ -44,10 +44,7 @@ def read_windows(
 ) -> tuple[WindowEvents, ...]:
     """Reads the windows with most parallax, spread over the recording, and thins their events.
 
-    Args:
-        recording: events and poses.
-        plan: how many, how long.
-        progress: called with the stage `windows`, how many are read, and their number.
+    `progress` is called with the stage `windows`, how many are read, and their number.
 
     Raises:
         InputError: poses and events that share less than a window, or windows without events.

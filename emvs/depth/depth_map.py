@@ -32,9 +32,7 @@ class DepthMap:
         mask: (H, W) bool, where there is depth.
         argmax: (H, W) int16 plane of the maximum, before interpolation and median.
         rho: (N,) float32 planes, 1/m.
-        t_us: time of the reference view, µs.
-        T_world_rv: (4, 4) float64 its pose.
-        camera: its pinhole camera.
+        t_us, T_world_rv, camera: of the reference view: time, (4, 4) pose, pinhole camera.
         reliability: (H, W) float32, the method's own score: the larger, the better, and 0 or less
             where there is no candidate; None where it has none.
         error_m: (H, W) float32 half-width of the band that holds 68 % of the errors, m, where
@@ -76,13 +74,8 @@ def extract(
 ) -> DepthMap:
     """Turns one method's maximum into its depth map.
 
-    Args:
-        method: name for the result.
-        maximum: first maximum of the fused volume.
-        view: the reference view.
-        config: thresholds, median, border, interpolation.
-        sharpest: maximum of a focus measure, which then says where the depth is; votes still say
-            how confident it is.
+    Where there is a `sharpest`, the maximum of a focus measure, it says where the depth is; votes
+    still say how confident it is.
     """
     mask = confidence_mask(maximum.value, config)
     where = maximum if sharpest is None else sharpest
@@ -103,39 +96,24 @@ def extract(
 
 
 def confidence_mask(confidence: Float32s, config: MapperConfig) -> Mask:
-    """Keeps pixels that stand out: confidence above its Gaussian-weighted surroundings by C.
-
-    Args:
-        confidence: (H, W) float32.
-        config: `threshold_kernel_px`, `threshold_c`, `max_confidence`.
-
-    Returns:
-        (H, W) bool, the border included.
-    """
+    """Keeps pixels that stand out: confidence above its Gaussian-weighted surroundings by C."""
     grey = eight_bits(confidence, config.max_confidence)
     if config.is_mcemvs:
         grey[0, 0] = 0  # where the authors' program writes its maximum
-    kept = cv2.adaptiveThreshold(
-        grey,
-        1,
-        cv2.ADAPTIVE_THRESH_GAUSSIAN_C,
-        cv2.THRESH_BINARY,
-        config.threshold_kernel_px,
-        -config.threshold_c,
-    )
     # An empty neighbourhood exceeds its mean by a negative C, but no ray passes there.
-    return (kept > 0) & (confidence > 0)
+    return (confidence > 0) & above_mean(grey, config.threshold_kernel_px, config.threshold_c)
+
+
+def above_mean(grey: NDArray[np.uint8], kernel_px: int, c: float) -> Mask:
+    """(H, W) bool, where a pixel exceeds the Gaussian-weighted mean around it by `c` of 255."""
+    method, kind = cv2.ADAPTIVE_THRESH_GAUSSIAN_C, cv2.THRESH_BINARY
+    return cv2.adaptiveThreshold(grey, 1, method, kind, kernel_px, -c) > 0
 
 
 def prominence(confidence: Float32s, config: MapperConfig) -> Float32s:
     """By how much of 255 a confidence exceeds its surroundings: what `confidence_mask` asks for.
 
-    Args:
-        confidence: (H, W) float32.
-        config: `threshold_kernel_px`, `max_confidence`.
-
-    Returns:
-        (H, W) float32, not rounded; 0 where no ray passes.
+    (H, W) float32, not rounded; 0 where no ray passes.
     """
     grey = eight_bits(confidence, config.max_confidence).astype(np.float32)
     size = (config.threshold_kernel_px, config.threshold_kernel_px)
@@ -159,13 +137,7 @@ def eight_bits(confidence: Float32s, max_confidence: float) -> NDArray[np.uint8]
 def masked_median(values: Float32s, mask: Mask, kernel_px: int) -> Float32s:
     """Replaces masked pixels by the lower median of the masked pixels around them.
 
-    Args:
-        values: (H, W) float32.
-        mask: (H, W) bool.
-        kernel_px: width of the square window, odd; it is cut off at the image's edge.
-
-    Returns:
-        (H, W) float32; pixels outside the mask keep their values.
+    The window of `kernel_px` squared, odd, is cut off at the image's edge.
     """
     out = values.copy()
     patch = np.empty((len(values), kernel_px * kernel_px + 1), np.float32)
@@ -185,12 +157,8 @@ def without_border(mask: Mask, border_px: int) -> Mask:
 def union(method: str, maps: Sequence[DepthMap]) -> DepthMap:
     """Takes each pixel from the most confident camera among those that report it.
 
-    Where none reports it, the mask stays empty, and the values are the most confident camera's.
-    Of equally confident cameras the first is taken.
-
-    Args:
-        method: name for the result.
-        maps: one per camera, in the same reference view.
+    Where none reports it, the mask stays empty, and the values are the most confident camera's. Of
+    equally confident cameras the first is taken.
     """
     masks = np.stack([m.mask for m in maps])
     confidence = np.stack([m.confidence for m in maps])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.depth import surface_kernels
-from eventsweep.emvs.depth.depth_map import eight_bits, without_border
+from eventsweep.emvs.depth.depth_map import above_mean, eight_bits, without_border
 from eventsweep.emvs.dsi import focus_measures
 from eventsweep.emvs.dsi.maxima import InFocus, Maximum
 from eventsweep.emvs.errors import InputError
@@ -126,29 +126,19 @@ def estimate_in_focus(
 ) -> FocusEstimate:
     """Depth and reliability; between planes only where the configuration refines at all.
 
-    Args:
-        votes: first maximum of the fused volume.
-        focus: where the fused rays and each camera's are most in focus.
-        disparity_px: (N,) disparity of each plane, px, above 0.
-        config: interpolation, focus measure, threshold of candidates.
+    `disparity_px` is (N,), that of each plane, above 0.
     """
-    scales, refines = _scales(config), config.refines
-    candidate = _candidates(votes.value, scales)
+    scales, refines, own = _scales(config), config.refines, focus.maximum
+    disparity_px = disparity_px.astype(np.float64)
+    candidate = candidate_mask(votes.value, scales)
     at = np.nonzero(candidate)
-    judged = _judge_at(
-        at,
-        candidate,
-        votes.value,
-        votes.position_at(*at, refined=refines),
-        focus.maximum.position_at(*at, refined=refines, gaussian=True),
-        [m.position_at(*at, refined=refines, gaussian=True) for m in focus.camera_maxima],
-        disparity_px.astype(np.float64),
-        scales,
-    )
-    own = focus.maximum
     position = own.position(gaussian=True) if refines else own.plane.astype(np.float32)
-    estimate = judged.estimate(position, votes.value)
-    return on_surface(estimate, disparity_px.astype(np.float64), scales) if refines else estimate
+    cameras = [m.position_at(*at, refined=refines, gaussian=True) for m in focus.camera_maxima]
+    vote_peak = votes.position_at(*at, refined=refines)
+    estimate = judge_at(
+        at, candidate, votes.value, vote_peak, position, cameras, disparity_px, scales
+    )
+    return on_surface(estimate, disparity_px, scales) if refines else estimate
 
 
 def _scales(config: MapperConfig) -> FocusConfig:
@@ -157,71 +147,15 @@ def _scales(config: MapperConfig) -> FocusConfig:
     return FocusConfig(**{name: getattr(config.focus, name) for name in names})
 
 
-def judge(
-    confidence: Float32s,
-    vote_peak: Float32s,
-    position: Float32s,
-    camera_positions: Sequence[Float32s],
-    disparity_px: NDArray[np.floating],
-    config: FocusConfig,
-) -> FocusEstimate:
-    """Says how reliable each pixel's depth is.
+def judge_at(
+    at: Pixels, candidate: Mask, confidence: Float32s, vote_peak: Float32s, position: Float32s,
+    camera_positions: Sequence[Float32s], disparity_px: NDArray[np.floating], config: FocusConfig,
+) -> FocusEstimate:  # fmt: skip
+    """Says how reliable the depth is at (M,) pixels, all candidates among them.
 
-    Args:
-        confidence: (H, W) float32 maximum of the fused volume, votes.
-        vote_peak: (H, W) float32 plane index of that maximum.
-        position: (H, W) float32 plane index where the fused volume is most in focus.
-        camera_positions: the same of each camera's own volume, whose agreement counts.
-        disparity_px: (N,) disparity of each plane, px, above 0.
-        config: scales.
+    `vote_peak` and each camera's positions are (M,) plane indices, everything else is an image.
     """
-    candidate = _candidates(confidence, config)
-    everywhere = tuple(np.indices(confidence.shape).reshape(2, -1))
-    flat = [image.ravel() for image in (vote_peak, position, *camera_positions)]
-    judged = _judge_at(
-        everywhere, candidate, confidence, flat[0], flat[1], flat[2:], disparity_px, config
-    )
-    return judged.estimate(position, confidence)
-
-
-@dataclass(frozen=True, eq=False)
-class _Judged:
-    """What speaks for the depth of some pixels; names as in `FocusEstimate`.
-
-    Attributes:
-        at: rows and columns, (M,) each; everything else is (M,) float32.
-    """
-
-    at: Pixels
-    candidate: Mask
-    agreement: Float32s
-    support: Float32s
-    inside: Float32s
-    ray: Float32s
-    strength: Float32s
-
-    def estimate(self, position: Float32s, confidence: Float32s) -> FocusEstimate:
-        """The same as images, 0 at all other pixels."""
-        images = []
-        for name in ("agreement", "support", "inside", "ray", "strength"):
-            image = np.zeros(confidence.shape, np.float32)
-            image[self.at] = getattr(self, name)
-            images.append(image)
-        return FocusEstimate(position, confidence, self.candidate, *images)
-
-
-def _judge_at(
-    at: Pixels,
-    candidate: Mask,
-    confidence: Float32s,
-    vote_peak: Float32s,
-    position: Float32s,
-    camera_positions: Sequence[Float32s],
-    disparity_px: NDArray[np.floating],
-    config: FocusConfig,
-) -> _Judged:
-    """Judges some pixels, all candidates among them; positions are (M,), the rest are images."""
-    own_px = disparity_at(position, disparity_px)
+    own_px = disparity_at(position[at], disparity_px)
     disagreement_px = np.zeros_like(own_px)
     for other in camera_positions:
         difference_px = abs(disparity_at(other, disparity_px) - own_px)
@@ -234,24 +168,19 @@ def _judge_at(
     surface_kernels.support(
         surroundings_px, candidate, config.support_radius_px, np.float32(config.support_px), support
     )
-    return _Judged(
-        at,
-        candidate,
-        agreement=np.exp(-disagreement_px / allowed_px),
-        support=support[at],
-        inside=_inside(at, confidence, surroundings_px, candidate, config),
-        ray=np.exp(-ray_px / np.float32(config.ray_px)),
-        strength=_strength(at, confidence, candidate),
+    images = np.zeros((5, *confidence.shape), np.float32)
+    images[:, *at] = (
+        np.exp(-disagreement_px / allowed_px),
+        support[at],
+        _inside(at, confidence, surroundings_px, candidate, config),
+        np.exp(-ray_px / np.float32(config.ray_px)),
+        _strength(at, confidence, candidate),
     )
+    return FocusEstimate(position, confidence, candidate, *images)
 
 
 def disparity_at(position: Float32s, disparity_px: NDArray[np.floating]) -> Float32s:
-    """Disparity between planes, float32 px: linear, and that of the first or last one beyond them.
-
-    Args:
-        position: (...) plane index, fractional.
-        disparity_px: (N,) disparity of each plane, px.
-    """
+    """Disparity at fractional planes, float32 px: linear, and beyond the ends that of the end."""
     last = len(disparity_px) - 1
     place = np.clip(position, 0, last)
     before = np.minimum(place.astype(np.int32), max(last - 1, 0))
@@ -260,16 +189,10 @@ def disparity_at(position: Float32s, disparity_px: NDArray[np.floating]) -> Floa
     return np.asarray(table[before] + (place - before) * step[before], np.float32)
 
 
-def _candidates(confidence: Float32s, config: FocusConfig) -> Mask:
-    kept = cv2.adaptiveThreshold(
-        eight_bits(confidence, 0.0),
-        1,
-        cv2.ADAPTIVE_THRESH_GAUSSIAN_C,
-        cv2.THRESH_BINARY,
-        config.threshold_kernel_px,
-        -config.threshold_c,
-    )
-    return (kept > 0) & (confidence > 0)
+def candidate_mask(confidence: Float32s, config: FocusConfig) -> Mask:
+    """Where (H, W) votes stand out from their surroundings."""
+    grey = eight_bits(confidence, 0.0)
+    return (confidence > 0) & above_mean(grey, config.threshold_kernel_px, config.threshold_c)
 
 
 def _inside(
@@ -306,11 +229,7 @@ def on_surface(
     """Moves each candidate to the plane that fits the disparities of its own surface around it.
 
     A plane in space is linear in disparity over the image, so a slanted surface stays what it is.
-
-    Args:
-        estimate: depth and reliability of every pixel.
-        disparity_px: (N,) disparity of each plane, px, rising or falling.
-        config: scale of the fit, and who takes part.
+    `disparity_px` is (N,), rising or falling with the planes.
     """
     at = np.nonzero(estimate.candidate)
     own_px = np.zeros_like(estimate.position)
@@ -326,27 +245,6 @@ def on_surface(
     position = estimate.position.copy()
     position[at] = np.interp(fitted_px[at], disparity_px[rising], planes[rising])
     return replace(estimate, position=position)
-
-
-def most_reliable(estimate: FocusEstimate, points: int, border_px: int) -> Mask:
-    """The (H, W) mask of the `points` most reliable candidates, or of all if there are fewer.
-
-    Equal reliability is decided by confidence, then by the order of pixels.
-
-    Args:
-        estimate: depth and reliability of every pixel.
-        points: number of pixels to keep.
-        border_px: rim of the image that reports no depth, px.
-    """
-    allowed = np.flatnonzero(without_border(estimate.candidate, border_px))
-    reliability, confidence = (
-        estimate.reliability.ravel()[allowed],
-        estimate.confidence.ravel()[allowed],
-    )
-    kept = allowed[np.lexsort((allowed, -confidence, -reliability))[: max(points, 0)]]
-    mask = np.zeros(estimate.candidate.shape, np.bool_)
-    mask.flat[kept] = True
-    return mask
 
 
 def at_least(estimate: FocusEstimate, reliability: float, border_px: int) -> Mask:

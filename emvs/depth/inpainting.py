@@ -48,15 +48,9 @@ def inpaint(depth_map: DepthMap) -> Dense:
 
 
 def fill(depth_m: Float32s, mask: Mask, max_ratio: float = MAX_RATIO) -> tuple[Float32s, Mask]:
-    """Fills a depth image between its points.
+    """Fills a depth image between its points, where `mask` is set; says where it was filled in.
 
-    Args:
-        depth_m: (H, W) float32, positive where `mask` is set.
-        mask: (H, W) bool, the points.
-        max_ratio: of the depths of a triangle's corners, above which it keeps a step.
-
-    Returns:
-        (H, W) float32 depth, unchanged at the points, and (H, W) bool, where it was filled in.
+    Triangles whose corners' depths differ by more than `max_ratio` keep a step.
     """
     from scipy.spatial import Delaunay, QhullError  # takes long to import
 

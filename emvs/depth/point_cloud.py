@@ -134,11 +134,7 @@ class VoxelCloud:
     """
 
     def __init__(self, voxel_m: float) -> None:
-        """Starts empty.
-
-        Args:
-            voxel_m: edge of a voxel, m.
-        """
+        """Starts empty."""
         self._voxel_m = voxel_m
         empty = np.empty
         self._merged = _Sums(
@@ -171,13 +167,9 @@ class VoxelCloud:
         return len(self._merged.keys)
 
     def cloud(self, min_windows: int = 1) -> tuple[PointCloud, NDArray[np.int32]]:
-        """The mean point and colour of every voxel that enough windows have a point in.
+        """The mean point and colour of every voxel that at least so many windows have a point in.
 
-        Args:
-            min_windows: how many.
-
-        Returns:
-            The cloud, and for each point how many windows saw it.
+        Beside the cloud, (N,) how many windows saw each point.
         """
         self._merge()
         chosen = self._merged.windows >= min_windows

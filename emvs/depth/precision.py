@@ -107,10 +107,7 @@ def table_name(method: str) -> str:
 def check_precision(wanted: float | None, methods: Sequence[str], more: Iterable[str]) -> None:
     """Refuses a wanted precision before any work where a method's reliability is not calibrated.
 
-    Args:
-        wanted: the share of good points; None for none wanted.
-        methods: by name.
-        more: names of tables that do not ship in `precision.json`, such as those of weights.
+    `more` names tables that do not ship in `precision.json`, such as those of weights.
 
     Raises:
         InputError: names the method and those that have it.

@@ -28,19 +28,16 @@ _CHANNELS = (("tsdf", (1,)), ("weight", (1,)), ("color", (3,)))
 
 
 class SurfaceFusion:
-    """Averages the signed distances of any number of dense depth maps."""
+    """Averages the signed distances of any number of dense depth maps.
+
+    Distances count up to `truncation_voxels` from a surface: more than the noise of the depth, less
+    than the thinnest object.
+
+    Raises:
+        InputError: open3d cannot be loaded.
+    """
 
     def __init__(self, voxel_m: float, truncation_voxels: float = 4.0) -> None:
-        """Starts empty.
-
-        Args:
-            voxel_m: edge of a voxel, m.
-            truncation_voxels: how far from a surface distances count, voxels: more than the noise
-                of the depth, less than the thinnest object.
-
-        Raises:
-            InputError: open3d cannot be loaded.
-        """
         self._o3d = load_open3d()
         self._truncation_voxels = truncation_voxels
         core = self._o3d.core
@@ -58,14 +55,9 @@ class SurfaceFusion:
         camera: Camera,
         T_world_rv: NDArray[np.float64],
     ) -> None:
-        """Adds one depth map; a surface comes only of neighbouring pixels, so fill its gaps first.
+        """Adds one depth map, where (H, W) `mask` is set, with (H, W, 3) red, green, blue.
 
-        Args:
-            depth_m: (H, W) z-depth, m.
-            mask: (H, W) where it counts.
-            colours: (H, W, 3) uint8 red, green, blue.
-            camera: the pinhole camera of the view.
-            T_world_rv: (4, 4) its pose.
+        A surface comes only of neighbouring pixels, so fill its gaps first.
         """
         if not mask.any():
             return
@@ -79,11 +71,7 @@ class SurfaceFusion:
         self._grid.integrate(blocks, depth, self._image(colours / 255), K, K, T_rv_world, *scale)
 
     def mesh(self, smallest_part: int = 1) -> Any:
-        """The surface, as an open3d triangle mesh with normals.
-
-        Args:
-            smallest_part: triangles that a connected part needs to be kept.
-        """
+        """The surface as an open3d triangle mesh with normals, less its smaller connected parts."""
         if self._grid.hashmap().size() == 0:
             return self._o3d.geometry.TriangleMesh()
         mesh = self._grid.extract_triangle_mesh(weight_threshold=1.0).to_legacy()
@@ -116,10 +104,6 @@ def write_mesh(path: Path, mesh: Any) -> None:
 
 
 def load_open3d() -> Any:
-    """The library.
-
-    Raises:
-        InputError: it cannot be loaded.
-    """
+    """The library, or an `InputError` that says why it cannot be loaded."""
     needed = "meshes and conversions of point clouds need"
     return extra_module("open3d", needed, "mesh", f"; {_LIBRARIES}")

@@ -14,7 +14,7 @@ from eventsweep.emvs.dsi.fusion import Target
 from eventsweep.emvs.dsi.maxima import FocusMaxima, InFocus, Maximum, RunningMaxima
 from eventsweep.emvs.dsi.rays import Rays
 from eventsweep.emvs.dsi.slices import SliceRecorder
-from eventsweep.emvs.dsi.voting import Scratch, VoteCounts, batch_planes, cast_all
+from eventsweep.emvs.dsi.voting import Scratch, VoteCounts, batch_planes
 from eventsweep.emvs.utils.runtime import use_threads
 
 Float32s = NDArray[np.float32]
@@ -26,9 +26,8 @@ class Task:
 
     Attributes:
         targets: the volumes, and what is kept of each.
-        cameras: number of cameras.
-        width_px: columns of the reference view.
-        height_px: rows.
+        cameras: their number.
+        width_px, height_px: of the reference view.
         rho: (N,) float32 planes, 1/m, near to far.
         row_px: the image row whose values are kept.
         config: how votes are cast and summed, scale of the focus measures.
@@ -88,11 +87,7 @@ class SweepResult:
 
 
 class Backend(Protocol):
-    """Holds the planes of one batch, and what a sweep remembers of those before.
-
-    Attributes:
-        planes_in_flight: planes of one batch.
-    """
+    """Holds the planes of one batch, and what a sweep remembers of those before."""
 
     planes_in_flight: int
 
@@ -110,10 +105,7 @@ class Backend(Protocol):
 
 
 class CpuBackend:
-    """The compiled loops on all cores.
-
-    Memory holds the scratch planes of one batch: two per thread and volume, at the least.
-    """
+    """The compiled loops on all cores; memory holds the scratch planes of one batch."""
 
     def __init__(self, task: Task, rays: Sequence[Rays]) -> None:
         size, config = (task.width_px, task.height_px), task.config
@@ -139,8 +131,8 @@ class CpuBackend:
     def cast(self, first: int, last: int) -> None:
         """Casts the votes of every volume in planes `first` to `last`, exclusive."""
         self._first, self._last = first, last
-        votes = cast_all(self._scratch, self._rays, self._task.rho[first:last])
-        self._votes = [a + b for a, b in zip(self._votes, votes, strict=True)]
+        for k, rays in enumerate(self._rays):
+            self._votes[k] += self._scratch.cast(k, rays, self._task.rho[first:last])
 
     def fuse(self) -> None:
         """Fuses these planes for every target, and takes them into the running maxima."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
-from functools import cached_property
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Protocol
 
@@ -16,7 +15,6 @@ from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.dsi.fusion import Split
 from eventsweep.emvs.dsi.rays import RayCounts, Rays, event_rays, grouped_by_rows
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.reference_view import ReferenceView
 from eventsweep.emvs.utils.runtime import Progress, silent
 from eventsweep.emvs.windows import Window
@@ -127,11 +125,11 @@ def _cut_shared(
     """Casts every event once; the sub-intervals of all splits share the same rays."""
     every = np.unique(np.concatenate([*edges.values(), [0, len(events)]]))
     pieces = [caster(events.slice(int(i), int(j))) for i, j in pairwise(every)] or [caster(events)]
-    joined = caster.joined(pieces)
+    between = caster.joined(pieces)
     cut: dict[Split, list[AnyRays]] = {}
     for split, edge in edges.items():
         at = np.searchsorted(every, edge) if split.intervals > 1 else (0, len(pieces))
-        cut[split] = [joined.between(int(i), int(j)) for i, j in pairwise(at)]
+        cut[split] = [between(int(i), int(j)) for i, j in pairwise(at)]
     return cut
 
 
@@ -147,11 +145,7 @@ def _check_any(name: str, counts: RayCounts, window: Window, min_events: int) ->
 
 
 class AnyRays(Protocol):
-    """Rays of one camera on some device; `len` is the number of those that vote.
-
-    Attributes:
-        counts: what became of the events.
-    """
+    """Rays of one camera on some device; `len` is the number of those that vote."""
 
     @property
     def counts(self) -> RayCounts:
@@ -160,26 +154,19 @@ class AnyRays(Protocol):
     def __len__(self) -> int: ...
 
 
-class Joined(Protocol):
-    """Pieces of one camera's rays that follow each other."""
-
-    def between(self, first: int, last: int) -> AnyRays:
-        """The rays of pieces `first` to `last`, exclusive."""
+# Of pieces of one camera's rays that follow each other: those of pieces i to j, exclusive
+Between = Callable[[int, int], AnyRays]
 
 
 class Caster(Protocol):
-    """Casts rays of one camera.
-
-    Attributes:
-        packets: the compatibility setting, see `emvs.dsi.rays.event_rays`.
-    """
+    """Casts rays of one camera; `packets` is the setting of `emvs.dsi.rays.event_rays`."""
 
     packets: bool
 
     def __call__(self, events: Events) -> AnyRays:
         """Casts every event's ray into the reference view."""
 
-    def joined(self, pieces: Sequence[Any]) -> Joined:
+    def joined(self, pieces: Sequence[Any]) -> Between:
         """Rays that this caster cast, to be cut between them."""
 
 
@@ -198,40 +185,13 @@ class Projector(Protocol):
         """Events per pixel, (2, H, W): polarity 0, polarity 1."""
 
 
-class CpuProjector:
-    """The compiled loops on all cores."""
-
-    def received(self, events: Events) -> Events:
-        """The events as they are."""
-        return events
-
-    def caster(
-        self, recording: Recording, view: ReferenceView, camera: int, *, packets: bool
-    ) -> CpuCaster:
-        """What casts rays of one camera."""
-        return CpuCaster(recording, view, camera, packets=packets)
-
-    def event_image(self, events: Events, width_px: int, height_px: int) -> NDArray[np.uint32]:
-        """Events per pixel, (2, H, W): polarity 0, polarity 1."""
-        cell = (events.p != 0).astype(np.intp)
-        for size_px, place in ((height_px, events.y), (width_px, events.x)):
-            cell *= size_px
-            cell += place
-        counts = np.bincount(cell, minlength=2 * height_px * width_px)
-        return counts.astype(np.uint32).reshape(2, height_px, width_px)
-
-
 class CpuCaster:
-    """Casts rays of one camera, and groups them by rows of the reference view.
-
-    Attributes:
-        packets: the compatibility setting, see `emvs.dsi.rays.event_rays`.
-    """
+    """Casts rays of one camera, and groups them by rows of the reference view."""
 
     def __init__(
         self, recording: Recording, view: ReferenceView, camera: int, *, packets: bool
     ) -> None:
-        self._camera = _tabulated(recording.rig.cameras[camera])
+        self._camera = recording.rig.cameras[camera]
         self._T_body_cam = recording.rig.T_body_cam[camera]
         self._trajectory, self._view, self.packets = recording.trajectory, view, packets
 
@@ -244,36 +204,34 @@ class CpuCaster:
         middle = float(self._view.rho[len(self._view.rho) // 2])
         return grouped_by_rows(rays, middle, self._view.camera.height_px)
 
-    def joined(self, pieces: Sequence[Rays]) -> CpuJoined:
-        """Rays that this caster cast, to be cut between them."""
-        return CpuJoined(pieces)
+    def joined(self, pieces: Sequence[Rays]) -> Between:
+        """Pieces copied into one, of which every stretch is a view."""
+        whole, counts = Rays.joined(pieces), [piece.counts for piece in pieces]
+        starts = np.r_[0, np.cumsum([count.rays for count in counts])]
+
+        def between(first: int, last: int) -> Rays:
+            if (first, last) == (0, len(counts)):
+                return whole
+            start, stop = int(starts[first]), int(starts[last])
+            return whole.part(start, stop, RayCounts.total(counts[first:last]))
+
+        return between
 
 
-class CpuJoined:
-    """Pieces of one camera's rays, copied into one; every stretch of pieces is a view."""
+class CpuProjector:
+    """The compiled loops on all cores."""
 
-    def __init__(self, pieces: Sequence[Rays]) -> None:
-        self._whole, self._counts = Rays.joined(pieces), [piece.counts for piece in pieces]
-        self._starts = np.r_[0, np.cumsum([count.rays for count in self._counts])]
+    caster = CpuCaster
 
-    def between(self, first: int, last: int) -> Rays:
-        """The rays of pieces `first` to `last`, exclusive."""
-        if (first, last) == (0, len(self._counts)):
-            return self._whole
-        start, stop = int(self._starts[first]), int(self._starts[last])
-        return self._whole.part(start, stop, RayCounts.total(self._counts[first:last]))
+    def received(self, events: Events) -> Events:
+        """The events as they are."""
+        return events
 
-
-class _Tabulated(Camera):
-    """A camera that works out its table of bearings once, for all its sub-intervals."""
-
-    @cached_property
-    def _table(self) -> NDArray[np.float64]:
-        return super().bearing_table()
-
-    def bearing_table(self) -> NDArray[np.float64]:
-        return self._table
-
-
-def _tabulated(camera: Camera) -> Camera:
-    return _Tabulated(**{field.name: getattr(camera, field.name) for field in fields(camera)})
+    def event_image(self, events: Events, width_px: int, height_px: int) -> NDArray[np.uint32]:
+        """Events per pixel, (2, H, W): polarity 0, polarity 1."""
+        cell = (events.p != 0).astype(np.intp)
+        for size_px, place in ((height_px, events.y), (width_px, events.x)):
+            cell *= size_px
+            cell += place
+        counts = np.bincount(cell, minlength=2 * height_px * width_px)
+        return counts.astype(np.uint32).reshape(2, height_px, width_px)

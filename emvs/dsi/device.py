@@ -16,12 +16,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Device:
-    """What computes.
-
-    Attributes:
-        kind: `cpu` or `cuda`.
-        name: of the GPU; `cpu` for the CPU.
-    """
+    """What computes: its kind, and the GPU's name, which is `cpu` for the CPU."""
 
     kind: Literal["cpu", "cuda"]
     name: str
@@ -71,12 +66,7 @@ def projector_on(device: Device) -> Projector:
 
 
 def backend_on(device: Device, task: Task, rays: Sequence[AnyRays]) -> Backend:
-    """What computes the sweep of one split on a device.
-
-    Args:
-        device: the device.
-        task: what to sweep.
-        rays: of every volume, on that device.
+    """What computes the sweep of one split on a device, where the rays of every volume lie.
 
     Raises:
         InputError: a GPU with too little memory for a single plane.

@@ -29,12 +29,7 @@ def half_window(sigma_px: float) -> Float32s:
 
 
 def blurred(plane: Float32s, sigma_px: float) -> Float32s:
-    """The Gaussian-weighted mean around each pixel; the image is mirrored at its rim.
-
-    Args:
-        plane: (H, W) float32.
-        sigma_px: standard deviation, px; weights reach to four of it.
-    """
+    """The Gaussian-weighted mean around each pixel; the image is mirrored at its rim."""
     width = 2 * round(4 * sigma_px) + 1
     return np.asarray(cv2.GaussianBlur(plane, (width, width), sigma_px), np.float32)
 
@@ -69,12 +64,7 @@ def laplacian(plane: Float32s, sigma_px: float) -> Float32s:
 
 
 def difference_of_gaussians(plane: Float32s, sigma_px: float) -> Float32s:
-    """The mean around each pixel less the mean of the wider surroundings; negative in the valleys.
-
-    Args:
-        plane: (H, W) float32.
-        sigma_px: the narrower scale, px; the wider is 1.6 times that.
-    """
+    """The mean around each pixel less that of 1.6 times the scale; negative in the valleys."""
     return blurred(plane, sigma_px) - blurred(plane, DOG_RATIO * sigma_px)
 
 

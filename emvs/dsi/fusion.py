@@ -19,12 +19,7 @@ _STRIPS = 64  # enough for any number of threads to share them evenly
 
 
 class Mean(NamedTuple):
-    """A compiled fusion.
-
-    Attributes:
-        code: its place in the tables of both back ends (`fusion_kernels.ROWS`, `cuda...MEANS`).
-        words: what it is called.
-    """
+    """A compiled fusion: its code in the tables of both back ends, and what it is called."""
 
     code: int
     words: str
@@ -54,12 +49,9 @@ class Split:
     by: Literal["count", "time"] = "count"
 
     def edges(self, t_us: NDArray[np.int64], t0_us: int, t1_us: int) -> NDArray[np.int64]:
-        """Returns the (intervals + 1,) events where a camera's sub-intervals begin and end.
+        """The (intervals + 1,) events where a camera's sub-intervals begin and end.
 
-        Args:
-            t_us: (N,) int64, the camera's events in the window, sorted.
-            t0_us: begin of the window, included.
-            t1_us: end of the window, excluded.
+        `t_us` are the (N,) int64 sorted times of its events in the window `t0_us <= t < t1_us`.
         """
         edge = np.arange(self.intervals + 1, dtype=np.int64)
         if self.by == "count":
@@ -160,12 +152,10 @@ class FusionTables:
 
     @classmethod
     def of(cls, fusions: Sequence[Fusion], volumes: int, polarities: int = 1) -> FusionTables:
-        """Lists the groups of fusions, whose split must be the same.
+        """Lists the groups of fusions that share a split and have no functions of their own.
 
-        Args:
-            fusions: the fusions, without functions of their own.
-            volumes: how many there are: polarities x cameras x intervals.
-            polarities: 2 where each polarity has volumes of its own.
+        There are polarities x cameras x intervals `volumes`; `polarities` is 2 where each has its
+        own.
         """
         per_part = volumes // polarities
         groups = [fusion.groups(per_part // fusion.split.intervals) for fusion in fusions]
@@ -191,17 +181,11 @@ class FusionTables:
 
 
 def fuse(fusion: Fusion, volumes: Volume, polarities: int = 1, out: Volume | None = None) -> Volume:
-    """Fuses planes, level by level.
+    """Fuses (V, N, H, W) votes into (N, H, W) float32, level by level.
 
-    Args:
-        fusion: what to do.
-        volumes: (V, N, H, W) votes; V is polarities x cameras x intervals, the last runs fastest.
-        polarities: 2 where each polarity has volumes of its own; their fusions are summed.
-        out: (N, H, W) float32 that compiled fusions may fill: memory that is new for every batch
-            costs as much as what is written into it.
-
-    Returns:
-        (N, H, W) float32.
+    V is polarities x cameras x intervals, the last runs fastest; the fusions of both polarities are
+    summed. Compiled fusions may fill `out`: memory that is new for every batch costs as much as
+    what is written into it.
 
     Raises:
         InputError: a user's function that gives another shape, or a value below 0 or NaN.

@@ -46,14 +46,11 @@ class Maximum:
     planes: int
 
     def position(self, *, gaussian: bool = False) -> Float32s:
-        """The maximum's place between planes: vertex of the parabola through three values.
+        """(H, W) float32 plane index of the maximum: vertex of the parabola through three values.
 
-        Args:
-            gaussian: of the Gaussian through them instead, where all three are positive.
-
-        Returns:
-            (H, W) float32 plane index, within half a plane of `plane`; whole at the first and the
-            last plane, which have one neighbour only.
+        With `gaussian`, that of the Gaussian through them, where all three are positive. It lies
+        within half a plane of `plane`, and is whole at the first and last plane, which have one
+        neighbour only.
         """
         inner = (self.plane > 0) & (self.plane < self.planes - 1)
         left, value, right = self._logarithms() if gaussian else (self.left, self.value, self.right)
@@ -79,17 +76,7 @@ class Maximum:
         refined: bool = True,
         gaussian: bool = False,
     ) -> Float32s:
-        """The same at some pixels only.
-
-        Args:
-            rows: (M,) of the pixels.
-            columns: (M,) likewise.
-            refined: whether between planes, or the plane itself.
-            gaussian: as in `position`.
-
-        Returns:
-            (M,) float32 plane index.
-        """
+        """(M,) the same at (M,) pixels only; with `refined` off, the plane itself."""
         at = rows, columns
         if not refined:
             return np.asarray(self.plane[at], np.float32)
@@ -194,15 +181,7 @@ class RunningMaxima:
 
 
 def beginnings(planes: int, lowest: float = -1) -> tuple[tuple[type[np.generic], float], ...]:
-    """Types and first values of what running maxima remember per pixel, on any device.
-
-    Args:
-        planes: how many will pass; needed only where there are more than 32767.
-        lowest: what every value exceeds.
-
-    Returns:
-        Of best, index, left, right, previous, as `emvs.dsi.fusion_kernels.fold` updates them.
-    """
+    """Types and first values of best, index, left, right, previous of `fusion_kernels.fold`."""
     index = np.int16 if planes <= _INT16 else np.int32
     return (np.float32, lowest), (index, -2), (np.float32, 0), (np.float32, 0), (np.float32, 0)
 
@@ -218,14 +197,8 @@ def _in_long_rows(images: NDArray[Any]) -> NDArray[Any]:
 class FocusMaxima:
     """Maxima of the focus measure of every target that asks for one, and of each camera's votes.
 
-    Args:
-        targets: of one sweep; those without a focus measure are left alone.
-        cameras: number of cameras.
-        width_px: columns.
-        height_px: rows.
-        sigma_px: scale of the focus measures, px.
-        planes: how many will pass; needed only where there are more than 32767.
-        polarities: 2 where each polarity has volumes of its own.
+    `targets` are those of one sweep, with or without a focus measure; `planes` says how many will
+    pass, where they are more than 32767.
     """
 
     def __init__(
@@ -297,12 +270,7 @@ def per_camera_measures(targets: Sequence[Target]) -> list[str]:
 class FocusPeak:
     """First maximum over planes of a focus measure of one volume; 18 bytes remain per pixel.
 
-    Args:
-        width_px: columns.
-        height_px: rows.
-        measure: focus measure, by its name in `emvs.dsi.focus_measures.MEASURES`.
-        sigma_px: its scale, px.
-        planes: how many will pass; needed only where there are more than 32767.
+    `measure` is a name of `emvs.dsi.focus_measures.MEASURES`, `sigma_px` its scale.
     """
 
     def __init__(

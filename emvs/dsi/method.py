@@ -9,12 +9,7 @@ VOTES, OWN_UNIT = "votes", "own unit"  # what the values of a confidence are
 
 
 class MethodName(NamedTuple):
-    """The two parts of a method's name.
-
-    Attributes:
-        family: what comes before the first slash, such as `Alg1`.
-        variant: what comes after it, such as `H` or `cam0`; empty where there is no slash.
-    """
+    """The two parts of a method's name, such as `Alg1` and `H` or `cam0`; no slash, no variant."""
 
     family: str
     variant: str
@@ -33,11 +28,7 @@ class MethodName(NamedTuple):
 
 
 class NamedMethod:
-    """What follows from the name of any method.
-
-    Attributes:
-        name: of the form Family/variant.
-    """
+    """What follows from the name of any method, of the form Family/variant."""
 
     name: str
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,22 +130,19 @@ def event_rays(
     *,
     packets: bool = False,
 ) -> Rays:
-    """Casts every event's ray into the reference view (paper, Alg. 1, line 3).
+    """Casts every event's ray into the reference view (paper, Alg. 1, line 3), in their order.
 
     Every event has its own pose: rotation along the great arc, position along the line. With
     `packets`, 1024 events share one pose and the tail is dropped, as the authors' program does.
 
     Args:
-        events: one camera's events, sorted.
+        events: one camera's, sorted.
         camera: that camera.
         T_body_cam: (4, 4), where it sits on the body.
         trajectory: `T_world_body`.
         T_world_rv: (4, 4) pose of the reference view.
         rv_camera: pinhole camera of the reference view.
         packets: the compatibility setting.
-
-    Returns:
-        The rays in the order of their events.
 
     Raises:
         InputError: an event outside the sensor, events not sorted, or a trajectory of one pose.
@@ -154,10 +152,16 @@ def event_rays(
     columns = tuple(np.empty(len(chosen), np.float32) for _ in range(5))
     outcome = np.empty(len(chosen), np.uint8)
     rays_kernels.rays(  # type: ignore[call-arg]
-        chosen.x, chosen.y, pose_us, camera.bearing_table(), *knots(trajectory, T_world_rv),
+        chosen.x, chosen.y, pose_us, _bearings(camera), *knots(trajectory, T_world_rv),
         T_body_cam, rv_camera.K, *columns, outcome,
     )  # fmt: skip
     return _voting(columns, outcome, len(events))
+
+
+@lru_cache(maxsize=16)
+def _bearings(camera: Camera) -> NDArray[np.float64]:
+    """A camera's table of bearings, kept for its further sub-intervals and windows."""
+    return camera.bearing_table()
 
 
 def _voting(columns: tuple[Float32s, ...], outcome: NDArray[np.uint8], events: int) -> Rays:
@@ -177,12 +181,7 @@ def _voting(columns: tuple[Float32s, ...], outcome: NDArray[np.uint8], events: i
 
 
 def voters(events: Events, *, packets: bool) -> tuple[Events, NDArray[np.int64]]:
-    """The events that are cast, and the (N,) int64 times of their poses, µs.
-
-    Args:
-        events: one camera's events, sorted.
-        packets: the compatibility setting.
-    """
+    """The events that are cast, and the (N,) int64 times of their poses, µs."""
     if not packets:
         return events, events.t_us
     kept = events.slice(0, max(len(events) - 1, 0) // PACKET * PACKET)
@@ -194,8 +193,7 @@ def knots(
 ) -> tuple[NDArray[np.generic], ...]:
     """The body's poses in the reference view, as `emvs.dsi.rays_kernels.rays` takes them.
 
-    Returns:
-        Times, positions and rotations, and from each to the next the turn's axis and angle.
+    Times, positions and rotations, and from each to the next the turn's axis and angle.
 
     Raises:
         InputError: a trajectory of one pose.
@@ -213,16 +211,10 @@ def knots(
 
 
 def grouped_by_rows(rays: Rays, rho: float, height_px: int, band_rows: int = BAND_ROWS) -> Rays:
-    """Groups rays by bands of the image rows where they meet one plane, stably.
+    """Groups rays by bands of the image rows where they meet the plane `rho` (1/m), stably.
 
-    Args:
-        rays: one camera's rays.
-        rho: the plane's inverse depth, 1/m; a middle one keeps all planes' votes near together.
-        height_px: rows of the reference view.
-        band_rows: rows of a band.
-
-    Returns:
-        The same rays in another order; those above, below or nowhere come first or last.
+    A middle plane keeps all planes' votes near together. Rays above, below or nowhere come first or
+    last.
     """
     bands = -(-height_px // band_rows)
     blocks = -(-len(rays) // RAY_BLOCK)

@@ -34,12 +34,7 @@ class Slices:
 
 
 class SliceRecorder:
-    """Keeps one image row of every fused volume.
-
-    Attributes:
-        row_px: the row.
-        values: method name -> (N, W) float32.
-    """
+    """Keeps image row `row_px` of every fused volume: method name -> (N, W) float32 `values`."""
 
     def __init__(
         self,
@@ -89,11 +84,7 @@ def volume_writer(
 ) -> Iterator[VolumeWriter]:
     """Opens one file per target in `directory`, whole or not at all; with None it writes nothing.
 
-    Args:
-        directory: where `Alg1-H.npy` and the others go.
-        targets: the volumes.
-        shape: (N, H, W) of the volumes.
-        polarities: 2 where each polarity has votes of its own.
+    `shape` is (N, H, W) of the volumes; the files are called `Alg1-H.npy` and so on.
     """
     with ExitStack() as stack:
         if directory is None:

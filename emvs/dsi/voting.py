@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numba
@@ -93,49 +92,11 @@ class Scratch:
 
 
 def batch_planes(planes: int, threads: int, plane_px: int = 1, volumes: int = 1) -> int:
-    """Returns how many planes make one batch: whole passes of every thread, enough for the fold.
+    """How many planes make one batch: whole passes of every thread, enough for the fold.
 
-    Args:
-        planes: planes of the sweep.
-        threads: threads of the kernels.
-        plane_px: pixels of a plane.
-        volumes: volumes of the sweep; where one batch of all would be too large, it shrinks.
+    Where one batch of all `volumes` of `plane_px` pixels would be too large, it shrinks.
     """
     one_pass = threads * PASS_PLANES
     wanted = max(1, _FOLD_PLANES // one_pass) * one_pass
     fit = max(1, _SCRATCH_PX // max(1, volumes * plane_px))
     return min(planes, wanted, fit)
-
-
-def batches(
-    planes: int, threads: int, plane_px: int = 1, volumes: int = 1
-) -> Iterator[tuple[int, int]]:
-    """Yields (first, last) planes of each batch, as large as `batch_planes` says."""
-    step = batch_planes(planes, threads, plane_px, volumes)
-    for first in range(0, planes, step):
-        yield first, min(first + step, planes)
-
-
-def dsi(
-    rays: Rays, rho: NDArray[np.float32], width_px: int, height_px: int, *, nearest: bool = False
-) -> tuple[NDArray[np.float32], VoteCounts]:
-    """Builds one camera's whole ray-density volume; `map_window` never needs it.
-
-    Args:
-        rays: the camera's rays.
-        rho: (N,) float32 planes, 1/m.
-        width_px: columns of the reference view.
-        height_px: rows of the reference view.
-        nearest: whether a ray votes for the nearest pixel, and not bilinearly for four.
-
-    Returns:
-        (N, H, W) float32 votes, and what was counted.
-    """
-    scratch = Scratch(1, len(rho), width_px, height_px, nearest=nearest)
-    counts = scratch.cast(0, rays, rho)
-    return scratch.images(len(rho))[0].copy(), counts
-
-
-def cast_all(scratch: Scratch, rays: Sequence[Rays], rho: NDArray[np.float32]) -> list[VoteCounts]:
-    """Casts the votes of every camera in planes `rho`; one count per camera."""
-    return [scratch.cast(camera, camera_rays, rho) for camera, camera_rays in enumerate(rays)]

@@ -54,12 +54,7 @@ Indices = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class DepthRange:
-    """The depth range of the planes.
-
-    Attributes:
-        near_m: nearest depth, m.
-        far_m: farthest depth, m.
-    """
+    """Nearest and farthest depth of the planes, m."""
 
     near_m: float
     far_m: float
@@ -111,14 +106,9 @@ class DerdNet:
     uniform_in: UniformIn
 
     def places(self, columns: Float32s, count: int) -> Float32s:
-        """Where in the depth range some pixels lie.
+        """(M,) float32 where pixels lie in the depth range: 0 near, 1 far; not clipped.
 
-        Args:
-            columns: (B, PLANES, SIDE_PX, SIDE_PX, L) as `columns_of` makes them.
-            count: M, how many of the lanes are pixels.
-
-        Returns:
-            (M,) float32, 0 at the near end and 1 at the far end; not clipped.
+        `columns` are (B, PLANES, SIDE_PX, SIDE_PX, L) of `columns_of`, of which M lanes are pixels.
         """
         rows = columns.reshape(*columns.shape[:3], -1)
         out = np.empty((self.models, count), np.float32)

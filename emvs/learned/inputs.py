@@ -71,12 +71,7 @@ def candidates(
 ) -> Candidates:
     """Lists the pixels to judge, in the order of rows, and what is known of each.
 
-    Args:
-        votes: first maximum of the fused volume.
-        focus: where the fused rays and each camera's are most in focus.
-        estimate: what the extraction by focus makes of them.
-        disparity_px: (N,) disparity of each plane, px, falling.
-        border_px: rim of the image that reports no depth, px.
+    `disparity_px` is (N,), of each plane, falling; `border_px` a rim that reports no depth.
     """
     rim = max(border_px, SIDE_PX // 2)
     rows, columns = np.nonzero(without_border(estimate.candidate, rim))
@@ -116,18 +111,13 @@ def _of_cameras(cameras: Sequence[Float32s], pixels: int) -> tuple[Float32s, Flo
 
 
 def channels(kept: KeptVotes, fusion: Fusion, chosen: Candidates) -> Float32s:
-    """The votes around some candidates, as the network reads them.
-
-    Args:
-        kept: votes of every camera.
-        fusion: how they are fused.
-        chosen: at most a few thousand of them: 10 kB each.
+    """The votes around some candidates, a few thousand at most, as the network reads them.
 
     Returns:
         (B, 3, SIDE_PX, SIDE_PX, DEPTH + 2, LANES) float32, as shares of the fused volume's largest
-        value in the patch, and nothing at both ends of each ray; candidate m is lane m % LANES of
-        block m // LANES. The channels are `emvs.learned.network.CHANNELS`; a single camera is all
-        three.
+            value in the patch, and nothing at both ends of each ray; candidate m is lane m % LANES
+            of block m // LANES. The channels are `emvs.learned.network.CHANNELS`; a single camera
+            is all three.
     """
     where = chosen.rows, chosen.columns, chosen.centres, chosen.strides
     fused, cameras = fused_patches(kept, fusion, where, DEPTH, SIDE_PX)
@@ -142,13 +132,6 @@ def fused_patches(
 ) -> tuple[Float32s, Float32s]:
     """The fused votes around some pixels, and those of each camera that takes part.
 
-    Args:
-        kept: votes of every camera.
-        fusion: how they are fused.
-        where: the pixels, as `KeptVotes.patches` takes them.
-        depth: samples along the ray.
-        side_px: rows and columns of a patch.
-
     Returns:
         (B, depth, side, side, LANES) and (C, B, depth, side, side, LANES) float32.
     """
@@ -160,20 +143,6 @@ def fused_patches(
     count, blocks, *cells = cameras.shape
     rows = cameras.reshape(count, 1, blocks, math.prod(cells))
     return fuse(fusion, rows).reshape(blocks, *cells), cameras
-
-
-def in_blocks(pixels: Float32s) -> Float32s:
-    """(M, ...) arrays of candidates as (B, ..., LANES), as `channels` orders them."""
-    blocks = -(-len(pixels) // LANES)
-    out = np.zeros((blocks * LANES, *pixels.shape[1:]), np.float32)
-    out[: len(pixels)] = pixels
-    return np.ascontiguousarray(np.moveaxis(out.reshape(blocks, LANES, *out.shape[1:]), 1, -1))
-
-
-def as_rays(patches: Float32s) -> Float32s:
-    """(M, 3, DEPTH, SIDE_PX, SIDE_PX) patches as the loops read them, see `channels`."""
-    ends = ((0, 0), (0, 0), (0, 0), (0, 0), (1, 1))
-    return in_blocks(np.pad(np.moveaxis(patches, 2, -1), ends))
 
 
 def as_patches(rays: Float32s, count: int) -> Float32s:

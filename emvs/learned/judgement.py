@@ -57,10 +57,6 @@ def at_reference_px(reliability: Float32s, disparity_px: Float32s) -> Float32s:
     With the same error in pixels near points are exact to millimetres and far ones to metres;
     ranked by the error in depth, far ones would never be reported. The square root of disparity
     stands between the two, as in the extraction by focus.
-
-    Args:
-        reliability: (...) 1/px.
-        disparity_px: (...) of the same pixels, px.
     """
     scale = np.sqrt(np.maximum(disparity_px, np.float32(1e-3)) / np.float32(AT_PX))
     return np.asarray(reliability * scale, np.float32)
@@ -73,15 +69,7 @@ def judge(
     chosen: Candidates,
     disparity_px: NDArray[np.float64],
 ) -> Judgement:
-    """Depth and expected errors of every candidate.
-
-    Args:
-        net: the network.
-        fusion: how votes are fused.
-        kept: every camera's votes in all planes.
-        chosen: the candidates.
-        disparity_px: (N,) disparity of each plane, px.
-    """
+    """Depth and expected errors of every candidate; `disparity_px` is (N,), of each plane."""
     offset = np.empty(len(chosen), np.float32)
     log_error = np.empty((len(chosen), 2), np.float32)
     for first in range(0, len(chosen), BATCH):

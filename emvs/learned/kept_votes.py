@@ -29,15 +29,8 @@ def votes_of_codes() -> Float32s:
 class KeptVotes:
     """The votes of every camera in all planes: a quarter of the memory that volumes would take.
 
-    Args:
-        cameras: number of cameras.
-        planes: number of planes.
-        height_px: rows.
-        width_px: columns.
-        polarities: 2 where each polarity has volumes of its own; they are kept together.
-
-    Attributes:
-        codes: (C, N, H, W) uint8, see `votes_of_codes`.
+    Where each polarity has volumes of its own, they are kept together. `codes` are (C, N, H, W)
+    uint8, see `votes_of_codes`.
     """
 
     def __init__(
@@ -61,19 +54,19 @@ class KeptVotes:
         self, rows: Indices, columns: Indices, centres: Indices, strides: Indices,
         depth: int, side_px: int,
     ) -> Float32s:  # fmt: skip
-        """The votes around some pixels.
+        """The votes around (M,) pixels, at least half a side from the image's rim.
 
         Args:
-            rows: (M,) of the pixels, at least half a side from the image's rim.
-            columns: (M,) likewise.
-            centres: (M,) the plane in the middle of each patch.
-            strides: (M,) planes from one sample to the next.
+            rows: of the pixels.
+            columns: likewise.
+            centres: the plane in the middle of each patch.
+            strides: planes from one sample to the next.
             depth: samples along the ray, depth // 2 of them before the centre.
             side_px: rows and columns of a patch, odd.
 
         Returns:
             (C, B, depth, side, side, L) float32: pixel m is lane m % L of block m // L. 0 on planes
-            that there are not, and in lanes that are left over.
+                that there are not, and in lanes that are left over.
         """
         blocks = -(-len(rows) // LANES)
         shape = (len(self.codes), blocks, depth, side_px, side_px, LANES)

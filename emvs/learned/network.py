@@ -81,12 +81,7 @@ class Architecture:
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """A trained network.
-
-    Attributes:
-        weights: its arrays and their manifest.
-        shape: its sizes.
-    """
+    """A trained network: its arrays with their manifest, and its sizes."""
 
     weights: Weights
     shape: Architecture = Architecture()
@@ -127,12 +122,9 @@ class Network:
 def _convolution(
     steps: Sequence[int], weight: Float32s, bias: Float32s
 ) -> tuple[NDArray[np.int64], Float32s, Float32s]:
-    """A convolution as `emvs.learned.network_kernels.judge` takes it.
+    """A convolution with (O, C, ...) weights as `emvs.learned.network_kernels.judge` takes it.
 
-    Args:
-        steps: from one input to the next along each axis of the weights but the first.
-        weight: (O, C, ...).
-        bias: (O,).
+    `steps` lead from one input to the next along each axis of the weights but the first.
     """
     if weight.ndim > 3:  # what is farther in memory is summed last
         weight, steps = weight.swapaxes(2, 3), (steps[0], steps[2], steps[1], steps[3])

@@ -133,14 +133,7 @@ def _arrays(path: Path, known: Sequence[Mapping[str, tuple[int, ...]]]) -> dict[
 def write_weights(
     path: Path, network: str, arrays: Mapping[str, Float32s], learnt: Mapping[str, Any]
 ) -> None:
-    """Writes `NAME.npz` and `NAME.json`, each whole or not at all.
-
-    Args:
-        path: `NAME.npz`.
-        network: name of the network.
-        arrays: by name.
-        learnt: what the manifest says beside.
-    """
+    """Writes `NAME.npz` and `NAME.json`, each whole or not at all; the latter holds `learnt`."""
     with atomic_path(path) as part, part.open("wb") as file:
         plain: dict[str, Any] = {
             name: np.asarray(array, np.float32) for name, array in arrays.items()

@@ -46,11 +46,7 @@ _ALGORITHM_1 = ("Alg1", "EMVS")
 class Family:
     """Methods whose names follow a grammar, made on request; an `Extraction` says the same.
 
-    Attributes:
-        grammar: how the names are built.
-        summary: what they do, in a few words.
-        examples: some names.
-        build: name and whether the compatibility setting is on, to the method.
+    `build` takes a name, and whether the compatibility setting is on.
     """
 
     grammar: str
@@ -76,13 +72,12 @@ ALG2 = Family(
 
 
 def _baseline(name: str, mcemvs: bool) -> BaselineEstimator:
-    baseline = baselines.baseline(name)
-    if baseline is None:
-        known = ", ".join(baseline.name for baseline in baselines.BASELINES)
+    if name not in baselines.BY_NAME:
+        known = ", ".join(baselines.BY_NAME)
         raise InputError(f"unknown method {name!r}: the baselines are {known}")
     if mcemvs:
         raise InputError(f"{name} does not support the mcemvs setting: choose compatibility none")
-    return baseline
+    return baselines.BY_NAME[name]
 
 
 def _baseline_family(family: str) -> Family:
@@ -118,7 +113,7 @@ def methods_by_name(
 
     Returns:
         The methods, each once: first those of `known_methods`, in its order; then the others, in
-        the order of their names here.
+            the order of their names here.
 
     Raises:
         InputError: a name that is not known for this number of cameras, or H in the compatibility
@@ -180,10 +175,6 @@ def known_methods(n_cameras: int, *, mcemvs: bool = False) -> tuple[Method, ...]
     """Lists what `all` stands for: Algorithm 1, the single cameras and our own `Focus/H`.
 
     With one camera there is nothing to fuse. The compatibility setting has no method of ours.
-
-    Args:
-        n_cameras: cameras of the rig.
-        mcemvs: the compatibility setting, whose H is 2ab / (a + b + 0.1).
     """
     fused = tuple(
         Method(

@@ -21,15 +21,9 @@ _AXIS = {"c": "across cameras", "t": "over time"}
 
 
 def named_fusion(name: str, *, mcemvs: bool = False) -> tuple[Fusion | None, str]:
-    """The fusion of a name, and what it does, in a few words.
+    """The fusion that a method's variant names, and what it does; None where none has the name.
 
-    Args:
-        name: of a method, Family/variant; the variant is a mean such as `H`, `camK`, or an
-            Algorithm 2 such as `AtHc@4`.
-        mcemvs: the compatibility setting, whose H across cameras is 2ab / (a + b + 0.1).
-
-    Returns:
-        None for a name that no fusion has.
+    The variant is a mean such as `H`, `camK`, or an Algorithm 2 such as `AtHc@4`.
 
     Raises:
         InputError: an Algorithm 2 that asks for what makes no difference.

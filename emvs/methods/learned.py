@@ -81,11 +81,7 @@ class Learned(Focus):
 
 
 def precision_of(net: Network, method: str) -> Precision | None:
-    """What the expected error of a method is worth, where the network's manifest says so.
-
-    Raises:
-        InputError: a manifest whose table is none.
-    """
+    """What the expected error of a method is worth, where the network's manifest says so."""
     table = net.weights.manifest.get("precision", {}).get(table_name(method))
     return None if table is None else Precision.from_json(table)
 

@@ -73,11 +73,7 @@ class Extraction(ABC):
         return ()
 
     def build(self, name: str, mcemvs: bool = False) -> Method:
-        """The method of a name of its family.
-
-        Args:
-            name: of the form Family/variant; the variant names a fusion.
-            mcemvs: the compatibility setting, whose H across cameras is 2ab / (a + b + 0.1).
+        """The method of a name of its family; with `mcemvs` the mean H is 2ab / (a + b + 0.1).
 
         Raises:
             InputError: a name that does not follow the grammar.

@@ -31,7 +31,7 @@ class FineFrame:
     """What one camera sees at one time, between its pixels as well.
 
     Args:
-        light: on a grid of `grid` nodes per pixel, see `sim.rendering.renderer.Frame`.
+        light: on a grid of `grid` nodes per pixel and axis, see `sim.rendering.renderer.Frame`.
         nearest_depth_m: (H, W) least z-depth in each pixel; inf where there is no surface.
         grid: nodes per pixel and axis.
         reach_px: how far a pixel moves until the next frame, at most.

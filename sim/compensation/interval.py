@@ -37,12 +37,11 @@ class Interval:
     """How the view of one camera changes between two frames.
 
     Attributes:
-        before_us: time of the first frame, µs.
-        after_us: time of the second, µs.
+        before_us, after_us: times of the two frames, µs.
         ways: (K, 4, 4, 4) transforms of camera coordinates, of what stands still first, then of
             bodies that move by themselves; see `sim.compensation.path_kernels.TO_FIRST_MIDDLE`.
-        body_before: (H, W) whose surface each pixel of the first frame shows, index of `ways`.
-        body_after: (H, W) the same of the second.
+        body_before, body_after: (H, W) whose surface each pixel of each frame shows, index of
+            `ways`.
     """
 
     before_us: int
@@ -143,11 +142,7 @@ class Passage:
         return bearing, self.before.rho, self.after.rho, *bodies, self.interval.ways, terms
 
     def times_us(self, most_px: float) -> list[int]:
-        """Times so close that no pixel moves further than `most_px` in between, µs.
-
-        Returns:
-            Rising, all after the first frame, the second frame's the last.
-        """
+        """Rising times, µs, up to the second frame's, with no pixel moving further in between."""
         way_px, _ = self._paths
         start_us, end_us = self.interval.before_us, self.interval.after_us
         number = min(max(int(np.ceil(way_px / most_px)), 1), end_us - start_us)
@@ -162,11 +157,7 @@ class Passage:
     def places(
         self, x: NDArray[np.uint16], y: NDArray[np.uint16], t_us: NDArray[np.int64]
     ) -> NDArray[np.int32]:
-        """Where what was seen at some pixels and times lies in both frames.
-
-        Returns:
-            (N, 4) column and row of the nearest pixel in the first frame, and in the second.
-        """
+        """(N, 4) column and row, in both frames, of what was seen at some pixels and times."""
         found = np.empty((len(x), 4), np.int32)
         _fill_places(x, y, self.interval.share(t_us), *self.geometry, found)
         return found

@@ -41,14 +41,7 @@ _SOFTWARE = re.compile(r"llvmpipe|softpipe|swrast|swr\b|software|swiftshader|bas
 
 @dataclass(frozen=True)
 class Driver:
-    """What draws, as OpenGL names it.
-
-    Attributes:
-        vendor: who made it.
-        renderer: the device, or the software that stands in for one.
-        version: of OpenGL and of the driver.
-        devices: how many devices EGL lists; 1 where it was not asked.
-    """
+    """What draws, as OpenGL names it, and how many devices EGL lists: 1 if it was not asked."""
 
     vendor: str
     renderer: str
@@ -94,11 +87,7 @@ def has_gpu(root: Path = Path("/")) -> bool:
 
 @cache
 def choose(installed: tuple[str, ...], root: Path = Path("/")) -> Choice:
-    """Chooses among the installed libraries, the preferred one first; asked for none by name.
-
-    Args:
-        installed: egl, osmesa or both.
-        root: where the system's files lie.
+    """Chooses among the installed libraries, egl, osmesa or both, the preferred one first.
 
     Raises:
         InputError: EGL is installed and does not start, and OSMesa is not.
@@ -124,12 +113,8 @@ def choose(installed: tuple[str, ...], root: Path = Path("/")) -> Choice:
 def probe(backend: str, environment: Mapping[str, str] | None = None) -> Driver | str:
     """Starts a graphics library in a process of its own, once for each environment.
 
-    Args:
-        backend: egl or osmesa.
-        environment: variables beside those of this process.
-
-    Returns:
-        What draws, or why nothing does, in a few words.
+    Returns what draws, or why nothing does, in a few words. The environment is added to this
+    process's.
     """
     steering = {name: os.environ[name] for name in _STEERING if name in os.environ}
     return _probed(backend, tuple(sorted((steering | dict(environment or {})).items())))

@@ -41,12 +41,9 @@ class ManyPoses(Protocol):
 def look_at(
     eye_m: ArrayLike, target_m: ArrayLike, up: ArrayLike = (0, 0, 1)
 ) -> NDArray[np.float64]:
-    """Returns the pose `T_world_body` (4, 4) at `eye_m` whose z axis points at `target_m`.
+    """The pose `T_world_body` (4, 4) at `eye_m` whose z axis points at `target_m`, m in the world.
 
-    Args:
-        eye_m: (3,) position in the world, m.
-        target_m: (3,) point in the middle of the view, m.
-        up: (3,) world direction that appears upright in the picture.
+    `up` is the (3,) direction that appears upright in the picture.
 
     Raises:
         InputError: the target lies at the eye, or straight along `up`.
@@ -196,14 +193,7 @@ def spline(times_s: ArrayLike, T_world_body: ArrayLike) -> SplineMotion:
 
 @dataclass(frozen=True, eq=False)
 class Kinematics:
-    """Velocities and accelerations of the body, (N, 3) each.
-
-    Attributes:
-        velocity_m_s: of the body's origin, in world axes.
-        acceleration_m_s2: of the body's origin, in world axes.
-        angular_velocity_rad_s: in body axes.
-        angular_acceleration_rad_s2: in body axes.
-    """
+    """(N, 3) each: of the body's origin in world axes, of its turns in body axes."""
 
     velocity_m_s: Array
     acceleration_m_s2: Array
@@ -217,10 +207,7 @@ class CurveMotion:
 
     The spline's seven channels are the position in m and a quaternion (x, y, z, w) of any length
     near 1, which is normalised where the curve is asked: a smooth curve on SO(3), without poles.
-
-    Attributes:
-        spline: quintic, value, first and second derivative.
-        duration_s: end of the curve, s.
+    `spline` holds value, first and second derivative.
     """
 
     spline: tuple[BSpline, BSpline, BSpline]
@@ -276,12 +263,9 @@ class CurveMotion:
 
 
 def curve(times_s: ArrayLike, positions_m: ArrayLike, quats_xyzw: ArrayLike) -> CurveMotion:
-    """Interpolates poses by quintic splines.
+    """Interpolates poses at (N,) times, rising from 0, by quintic splines.
 
-    Args:
-        times_s: (N,) strictly rising from 0, N >= 6.
-        positions_m: (N, 3).
-        quats_xyzw: (N, 4) unit quaternions; neighbours less than 90 degrees apart.
+    Neighbours of the (N, 4) unit quaternions are less than 90 degrees apart.
 
     Raises:
         InputError: fewer than six poses, or not finite.

@@ -143,16 +143,12 @@ class Replay:
 
 
 def smoothed(values: Array, rate_hz: float, cutoff_hz: float) -> Array:
-    """Low-passes even samples by the smoothing spline of order 3, -3 dB at `cutoff_hz`.
+    """Low-passes (N, C) even samples by the smoothing spline of order 3, -3 dB at `cutoff_hz`.
 
-    Args:
-        values: (N, C), N >= 6.
-        rate_hz: samples per second.
-        cutoff_hz: between `rate_hz` / 250 (beyond, the system is ill-conditioned) and
-            `rate_hz` / 2.
+    N is 6 or more; beyond `rate_hz` / 250 the system is ill-conditioned.
 
     Raises:
-        InputError: the cut-off lies outside that range.
+        InputError: a cut-off below that, or not below `rate_hz` / 2.
     """
     from scipy.linalg import solveh_banded
 

@@ -71,8 +71,8 @@ class CheckpointFolder:
         notice: called when work is taken up or found damaged.
 
     Raises:
-        InputError: another process works on the target, the folder cannot be made, or what is
-            there was made with other parameters.
+        InputError: another process works on the target, the folder cannot be made, or what is there
+            was made with other parameters.
     """
 
     def __init__(self, out: Path, key: str, rig: Rig, *, resume: bool, notice: Notice) -> None:
@@ -191,11 +191,7 @@ def checkpoint_path(out: Path) -> Path:
 
 
 def _refuse_foreign(path: Path) -> None:
-    """Refuses a link in the place of the work folder, and a folder with anything else in it.
-
-    Raises:
-        InputError: says what is there.
-    """
+    """Refuses a link in the place of the work folder, and a folder with anything else in it."""
     if path.is_symlink() or (path.exists() and not path.is_dir()):
         raise InputError(f"{path}: unfinished work is kept there, but it is no folder: remove it")
     names = (file.relative_to(path).as_posix() for file in path.rglob("*"))
@@ -215,14 +211,9 @@ def _opened(path: Path) -> IO[str]:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Chunks `first_chunk` up to and without `end_chunk`.
+    """Chunks `first_chunk` up to and without `end_chunk`, in a folder.
 
-    Attributes:
-        path: its folder.
-        first_chunk: the first chunk in it.
-        end_chunk: the first chunk behind it.
-        events: of all cameras.
-        counts: in the last checkpoint, what became of all events, per camera.
+    The last checkpoint also counts what became of all events, per camera.
     """
 
     path: Path

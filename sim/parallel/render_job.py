@@ -153,12 +153,7 @@ class RenderJob:
 
 
 class ChunkRenderer:
-    """Renders the chunks of a job, in any order.
-
-    Args:
-        job: what to render.
-        renderer: opened in this thread.
-    """
+    """Renders the chunks of a job, in any order, by a renderer that was opened in this thread."""
 
     def __init__(self, job: RenderJob, renderer: Renderer) -> None:
         self.job = job
@@ -171,9 +166,7 @@ class ChunkRenderer:
     def frames(self, chunk: int, *, begins: bool) -> Iterator[RenderedFrame]:
         """What the cameras see after the chunk's beginning up to its end.
 
-        Args:
-            chunk: its index.
-            begins: the frame at the beginning as well: nobody has taken it.
+        With `begins`, the frame at the beginning as well: nobody has taken it.
         """
         bounds_us = self.job.bounds_us
         self.order(chunk, bounds_us[chunk - chunk % _ORDERED_ALIKE])
@@ -192,14 +185,11 @@ class ChunkRenderer:
             del rig_frame  # or its light would stay while the next is drawn
 
     def order(self, chunk: int, start_us: int) -> None:
-        """Draws near surfaces first, in an order that depends on the chunk alone.
+        """Draws near surfaces first, in an order that depends on the next chunk alone.
 
         Where the order changes, the frame at the meeting of two chunks is drawn anew, so that it
-        does not matter who drew the chunk before.
-
-        Args:
-            chunk: that comes next.
-            start_us: where the first of those drawn alike begins, µs.
+        does not matter who drew the chunk before. `start_us` is where the first of those drawn
+        alike begins.
         """
         first = chunk - chunk % _ORDERED_ALIKE
         if self.job.fine and first != self._ordered_for:

@@ -18,25 +18,14 @@ from eventsweep.sim.sensor.sensor import Sensor, part_of
 
 
 class Packet(NamedTuple):
-    """One camera's events between two frames.
-
-    Attributes:
-        events: the events.
-        extra: optional columns of the event file, (N,) each.
-    """
+    """One camera's events between two frames, and optional columns of the event file, (N,) each."""
 
     events: Events
     extra: dict[str, NDArray[np.generic]]
 
 
 class Cameras:
-    """One sensor per camera, each in a thread of the pool.
-
-    Args:
-        job: rig and parameters.
-        pool: threads.
-        state: where to go on; None starts with the first frame.
-    """
+    """One sensor per camera, each in a thread of the pool; a state says where to go on."""
 
     def __init__(self, job: RenderJob, pool: Executor, state: State | None) -> None:
         self._job, self._pool = job, pool

@@ -76,8 +76,8 @@ def adaptive_frames(
 ) -> Iterator[RigFrame]:
     """Yields frames from the first of `stops_us` to the last, as rarely as the motion allows.
 
-    Between two frames no pixel of any camera moves further than
-    `config.spacing_px`, measured forwards and backwards.
+    Between two frames no pixel of any camera moves further than `config.spacing_px`, measured
+    forwards and backwards.
 
     Args:
         source: a renderer.
@@ -169,15 +169,8 @@ def longest_step(
 ) -> tuple[int, float]:
     """Finds nearly the longest step whose displacement stays within `limit_px`, by the secant rule.
 
-    Args:
-        moved_px: displacement after a step of so many µs; 0 at 0.
-        limit_px: the bound.
-        guess_us: where to begin.
-        shortest_us: least step; returned with its displacement even where that exceeds the limit.
-        longest_us: greatest step.
-
-    Returns:
-        The step, µs, and its displacement, px.
+    `moved_px` gives the displacement after a step of so many µs. The least step is returned, with
+    its displacement, even where that exceeds the limit.
     """
     step_us = min(max(guess_us, shortest_us), longest_us)
     good: tuple[int, float] | None = None
@@ -231,16 +224,10 @@ def largest_displacement_px(
     T_world_body_a: NDArray[np.float64],
     T_world_body_b: NDArray[np.float64],
 ) -> float:
-    """Returns the furthest that any pixel of any camera moves from pose a to pose b, px.
+    """The furthest that any pixel of any camera moves from pose a to pose b, px.
 
-    Args:
-        rig: cameras of any model.
-        depths_m: per camera, (H, W) z-depth seen from pose a, m; inf where there is no surface.
-        T_world_body_a: (4, 4) pose of the body that the depths belong to.
-        T_world_body_b: (4, 4) the other pose.
-
-    Returns:
-        px; inf if a visible point is not in front of its camera any more.
+    `depths_m` are (H, W) z-depth per camera, seen from pose a; inf where there is no surface. The
+    result is inf if a visible point is not in front of its camera any more.
 
     Raises:
         InputError: depth of another size than its camera's.

@@ -22,16 +22,11 @@ _LOD_BIAS = -1.0
 
 
 class DrawTarget:
-    """Stands in for the off-screen buffer of a MuJoCo context, which must be current.
+    """Stands in for the off-screen buffer of a `mujoco.MjrContext`, which must be current.
 
-    Args:
-        context: a `mujoco.MjrContext`; draws into this target from here on.
-        width_px: greatest width.
-        height_px: greatest height.
-        floats: light in floating point; else 8 bits per channel.
+    With `floats`, light is in floating point; else 8 bits per channel.
 
     Attributes:
-        floats: the same.
         full_scale: the number that means 1 in the colours that `read` gives.
         colour: the texture of RGBA, bottom row first.
         depth: the texture of window depth, 1 near and 0 far.

@@ -14,11 +14,7 @@ MIRRORS = "a surface mirrors"
 
 @dataclass(frozen=True, eq=False)
 class MujocoDrawing:
-    """Draws with MuJoCo.
-
-    Attributes:
-        model: a compiled model in place of the scene's file.
-    """
+    """Draws with MuJoCo; a compiled model may take the place of the scene's file."""
 
     model: Any = None
 

@@ -85,11 +85,7 @@ class FineLight(Protocol):
         """How, for a sequence's manifest; empty where that is as ever."""
 
     def light(self, view: FineView) -> tuple[Image, Image]:
-        """The light on the grid, and the nearest window depth (H, W) in the sensor's pixels.
-
-        Args:
-            view: whose source was drawn.
-        """
+        """The light on the grid, and the nearest window depth (H, W) in the sensor's pixels."""
 
     def free(self) -> None:
         """Frees its part of the graphics context, which must be current."""
@@ -98,9 +94,7 @@ class FineLight(Protocol):
 class KernelLight:
     """Reads colours and depth back, and works the light out on the CPU.
 
-    Args:
-        target: what is drawn into.
-        by: why not otherwise; empty where there is nothing to tell.
+    `by` says why not otherwise; it is empty where there is nothing to tell.
     """
 
     def __init__(self, target: DrawTarget, by: str = "") -> None:

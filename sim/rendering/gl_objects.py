@@ -35,13 +35,9 @@ class GLObjects:
         return self._gl.error.Error, AttributeError, RuntimeError
 
     def texture(self, texels: str, width_px: int, height_px: int, data: Any = None) -> int:
-        """Makes a texture that is read texel by texel.
+        """Makes a texture that is read texel by texel; their format is one of `_INCOMING`.
 
-        Args:
-            texels: OpenGL's name of their format, one of `_INCOMING`.
-            width_px: columns.
-            height_px: rows.
-            data: (H, W, channels), row 0 first; without it, whatever lies there.
+        `data` is (H, W, channels), row 0 first; without it, the texture holds whatever lies there.
 
         Raises:
             InputError: larger than the graphics library can.

@@ -44,10 +44,7 @@ class LensMap:
 
 @lru_cache(maxsize=16)
 def bearing_steps(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Bearings of all pixels and their change from pixel to pixel.
-
-    Returns:
-        (H, W, 2) bearing, and (H, W, 2, 2) its derivative by column [..., 0] and row [..., 1].
+    """(H, W, 2) bearings of all pixels, and (H, W, 2, 2) their change by column and by row.
 
     Raises:
         InputError: the lens gives a pixel no ray.
@@ -68,9 +65,7 @@ def bearing_steps(camera: Camera) -> tuple[NDArray[np.float64], NDArray[np.float
 def lens_map(camera: Camera, supersample: int) -> LensMap:
     """Chooses the source picture for a distorting camera and finds every pixel in it.
 
-    Args:
-        camera: at least 3x3 px.
-        supersample: least number of samples per sensor pixel and axis, anywhere on the sensor.
+    It has at least `supersample` samples per sensor pixel and axis, anywhere on the sensor.
 
     Raises:
         InputError: a pixel without a ray, or a lens so wide that no pinhole picture can hold it.

@@ -157,10 +157,6 @@ class _Passes(NamedTuple):
 class ShaderLight:
     """Works the light out in the graphics context that is current; see `fine_light.FineLight`.
 
-    Args:
-        target: what is drawn into.
-        views: all cameras that will be drawn.
-
     Raises:
         NoShader: the graphics library lacks something, or memory.
     """

@@ -31,14 +31,7 @@ class BodyPixels(NamedTuple):
 
 
 class MovingBodies:
-    """The geoms that a renderer moves; exact, because their poses are a function of time.
-
-    Args:
-        renderer: of the scene; the calling thread's.
-
-    Attributes:
-        moves: (G + 1,) of `moving_ids`.
-    """
+    """The geoms that a renderer moves; exact, because their poses are a function of time."""
 
     def __init__(self, renderer: Renderer) -> None:
         self._renderer, self.moves = renderer, moving_ids(renderer)
@@ -87,14 +80,9 @@ class MovingBodies:
     ) -> float:
         """The furthest that a moving body's pixel goes, px, by its own motion and the head's.
 
-        Args:
-            seen: per camera, the pixels at `span_us[0]`.
-            span_us: when they were seen, and the other time, before or behind, µs.
-            T_world_body: (4, 4) pose of the rig when they were seen.
-            T_world_body_then: (4, 4) its pose at the other time.
-
-        Returns:
-            px; inf if a point is not in front of its camera then.
+        The pixels were seen, per camera, at `span_us[0]` from the first pose, and are looked for at
+        `span_us[1]` from the second. The result is inf if a point is not in front of its camera
+        then.
         """
         rig, moved, largest = self._renderer.rig, self.moved(*span_us), 0.0
         for camera, T_body_cam, found in zip(rig.cameras, rig.T_body_cam, seen, strict=True):

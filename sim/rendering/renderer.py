@@ -67,14 +67,13 @@ class StereoRenderer:
             spec: the scene, to be compiled or compiled; a copy of it is used.
             rig: cameras and their places on the body.
             supersample: samples per pixel and axis.
-            depth_range_m: what the clipping planes must enclose; they lie at half the near and
-                four times the far end.
+            depth_range_m: the clipping planes lie at half its near and four times its far end.
             floats: draw light in floating point, without steps and without end.
             animate: moves the bodies that move by themselves; see `at`.
             border_px: makes fine frames: with the light between the pixels, textures sharp, and so
                 many pixels beyond the sensor's edge, as far as its lens has rays there.
             shader: work the light of fine frames out in a shader; None for where a GPU draws and
-                can. `description` says what became of it.
+                can.
             clip_m: where the clipping planes lie instead.
             lamp_at: (4, 4) where the headlight stays; by default it goes with the body.
             carrier: the body that carries the rig: cameras may lie inside its geoms.
@@ -229,12 +228,10 @@ class StereoRenderer:
     def depth(
         self, camera: int, T_world_body: Pose, view: Camera | None = None
     ) -> NDArray[np.float32]:
-        """Returns the z-depth (H, W) at every pixel's centre, m; inf where there is no surface.
+        """Z-depth (H, W) at every pixel's centre, m; inf where there is no surface.
 
-        Args:
-            camera: whose sensor, or whose place.
-            T_world_body: (4, 4) pose of the body.
-            view: a pinhole camera to see through from the camera's place instead of its own lens.
+        With a pinhole `view`, that through it from the camera's place instead of through its own
+        lens.
 
         Raises:
             InputError: a view with distortion.

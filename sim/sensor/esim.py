@@ -90,13 +90,7 @@ class EventSimulator:
         return events
 
     def between(self, passage: Passage) -> Events:
-        """Returns the events between the frame before and a fine one, light carried along.
-
-        Args:
-            passage: from the frame that `start` or this took last to the next one.
-
-        Returns:
-            As of `step`.
+        """The events between the frame taken last and the next fine one, light carried along.
 
         Raises:
             InputError: no first frame, or a passage that begins at another time.

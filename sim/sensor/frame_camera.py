@@ -102,10 +102,7 @@ def exposure_spans_us(frames: FramesConfig, duration_us: int) -> list[tuple[int,
 class FrameCamera:
     """One ordinary camera in the place of each event camera.
 
-    Args:
-        frames: rate, exposure, gain and bits.
-        duration_us: length of the sequence, µs.
-        state: where another camera of the same arguments stopped.
+    `state` says where another camera of the same arguments stopped.
     """
 
     def __init__(

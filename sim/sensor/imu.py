@@ -31,7 +31,7 @@ def imu_samples(
     T_body_imu: Array | None = None,
     gravity_m_s2: tuple[float, float, float] = GRAVITY_M_S2,
 ) -> ImuSamples:
-    """Samples an IMU that rides on `motion` over [0, `duration_s`].
+    """Samples an IMU that rides on a body's motion over [0, `duration_s`].
 
     Args:
         motion: of the body.

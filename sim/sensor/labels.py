@@ -44,12 +44,7 @@ def count_names() -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class LabelledEvents:
-    """Events and their causes.
-
-    Attributes:
-        events: sorted by time.
-        label: (N,) uint8, values of `Label`.
-    """
+    """Events, sorted by time, and their causes, (N,) uint8 values of `Label`."""
 
     events: Events
     label: NDArray[np.uint8]

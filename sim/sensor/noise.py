@@ -16,13 +16,7 @@ from eventsweep.sim.sensor_presets import SensorParameters
 
 
 class Noise:
-    """Shot noise and hot pixels of one camera.
-
-    Args:
-        number: pixels.
-        parameters: rates.
-        randomness: this camera's.
-    """
+    """Shot noise and hot pixels of one camera."""
 
     def __init__(self, number: int, parameters: SensorParameters, randomness: Randomness) -> None:
         self._number, self._parameters, self._randomness = number, parameters, randomness

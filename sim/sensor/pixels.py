@@ -66,15 +66,7 @@ class Batch:
 
 
 class Pixels:
-    """Photoreceptor, leak and comparator of every pixel of one camera.
-
-    Args:
-        shape: (H, W).
-        thresholds: nominal C+ and C-.
-        log_eps: added to intensity.
-        parameters: imperfections.
-        randomness: this camera's.
-    """
+    """Photoreceptor, leak and comparator of every pixel (H, W) of one camera."""
 
     _KEPT = ("log", "frame", "inner", "light", "leaked", "speed", "leaked_last", "reference")
 

@@ -20,11 +20,6 @@ class Latency:
     """Delays events by a gamma-distributed time whose mean falls with intensity.
 
     Events that come out after the last frame are kept for the steps to come.
-
-    Args:
-        number: pixels.
-        parameters: mean and jitter.
-        randomness: this camera's.
     """
 
     def __init__(self, number: int, parameters: SensorParameters, randomness: Randomness) -> None:
@@ -67,12 +62,7 @@ class Latency:
 
 
 class Arbiter:
-    """Passes requests on row by row, no faster than the read-out can.
-
-    Args:
-        shape: (H, W).
-        parameters: throughput and queue.
-    """
+    """Passes requests on row by row, no faster than the read-out can."""
 
     def __init__(self, shape: tuple[int, int], parameters: SensorParameters) -> None:
         self._shape = shape

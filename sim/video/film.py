@@ -30,17 +30,13 @@ class Film:
 
     The first frame is read at once: it says how large the sensor is.
 
-    Args:
+    Attributes:
         frames: where they come from.
         pixels: how light becomes events.
         video: what light the frames stand for, and what puts more of them in between.
         seed: of all that the sensor draws.
-
-    Attributes:
-        frames, pixels, video, seed: what it was made of.
         light: what turns frames into light.
-        width_px: columns.
-        height_px: rows.
+        width_px, height_px: of the frames.
         count: frames so far, those in between included.
         events: events so far.
         span_us: times of the first frame and of the latest.

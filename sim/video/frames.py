@@ -33,13 +33,7 @@ _BARE = re.compile(rb"\xff\xd8\xff|\0{2,3}\x01(?!\xba|ftyp)")
 
 
 class Frame(NamedTuple):
-    """One frame.
-
-    Attributes:
-        t_us: when it was taken, µs.
-        image: its values, not yet light.
-        name: what errors call it.
-    """
+    """One frame: when it was taken, its values, not yet light, and what errors call it."""
 
     t_us: int
     image: Image
@@ -125,14 +119,7 @@ def _kind(image: Image) -> str:
 
 @dataclass
 class ImageFolder:
-    """Images and their times.
-
-    Attributes:
-        path: the folder.
-        files: the images, in order of time.
-        t_us: their times, µs.
-        time_base: what the times are taken from.
-    """
+    """Images in order of time, their times, µs, and what these are taken from."""
 
     path: Path
     files: tuple[Path, ...]
@@ -259,10 +246,6 @@ def _check_several(path: Path, images: Iterable[Path]) -> None:
 
 class VideoFile:
     """What OpenCV's FFmpeg decodes of a video file: 8 bits per channel, one frame at a time.
-
-    Args:
-        path: the file.
-        video: its rate, where it is not the container's, and how much slower than life it plays.
 
     Raises:
         InputError: no video, or a codec that is not there.

@@ -26,13 +26,7 @@ _OPAQUE = {np.dtype(np.uint8): 255, np.dtype(np.uint16): 65535, np.dtype(np.floa
 
 
 def read_image(path: Path) -> Image:
-    """Reads an image file as it is; nothing is scaled.
-
-    Args:
-        path: named .png, .jpg, .jpeg, .tif, .tiff, .exr or .npy.
-
-    Returns:
-        (H, W) or (H, W, 3), of uint8, uint16 or float32.
+    """Reads an image file as it is: (H, W) or (H, W, 3), of uint8, uint16 or float32.
 
     Raises:
         InputError: unreadable, truncated, damaged, empty, larger than 2^26 pixels, transparent, or

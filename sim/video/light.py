@@ -25,11 +25,7 @@ def _srgb(value: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 class Light:
-    """Turns images of one kind into light.
-
-    Args:
-        kind: type of their values: uint8, uint16 or float32.
-        video: says the encoding and full scale.
+    """Turns images of one kind, uint8, uint16 or float32, into light.
 
     Raises:
         InputError: logarithms in whole numbers.

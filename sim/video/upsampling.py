@@ -49,12 +49,7 @@ def _found(name: str) -> Any:
 
 
 def upsampled(frames: Iterable[Frame], upsample: Upsampler, name: str) -> Iterator[Frame]:
-    """The frames, and between each two what the function makes of them.
-
-    Args:
-        frames: in order of time.
-        upsample: makes frames between two.
-        name: what errors call it.
+    """The frames in order of time, and between each two what the function makes of them.
 
     Raises:
         InputError: the function fails, or gives times or frames that do not belong between the two.

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from eventsweep.emvs.config import FocusParameters, MapperConfig
-from eventsweep.emvs.depth.focus import FocusConfig, at_least, judge
+from eventsweep.emvs.depth.focus import FocusConfig, at_least
 from eventsweep.emvs.dsi import focus_measures
 from eventsweep.emvs.dsi.maxima import RunningMaxima
 from eventsweep.emvs.errors import InputError
@@ -19,7 +19,7 @@ from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.methods import methods_by_name, overview
 from eventsweep.emvs.reference_view import inverse_depth_at
 from point_world import Recorded, fronto_parallel, pinhole, stereo_rig
-from study_variants import found_in_volumes
+from study_variants import found_in_volumes, judge
 
 CONFIG = MapperConfig(min_depth_m=0.5, max_depth_m=4.0, planes=25)
 FIELDS = ("depth_m", "confidence", "mask", "argmax")

@@ -7,7 +7,6 @@ import pytest
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.dsi.rays import event_rays
-from eventsweep.emvs.dsi.voting import dsi
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
@@ -16,6 +15,7 @@ from eventsweep.emvs.reference_view import inverse_depth_planes
 from eventsweep.emvs.utils import runtime
 from fusions import FUSIONS
 from point_world import fronto_parallel
+from whole_volume import dsi
 
 RANGE = {"min_depth_m": 0.5, "max_depth_m": 4.0}
 CONFIG = MapperConfig(**RANGE, planes=25, threshold_c=20)

@@ -12,7 +12,7 @@ from eventsweep.emvs.depth.depth_map import union
 from eventsweep.emvs.dsi import voting
 from eventsweep.emvs.dsi.fusion import Split, fuse
 from eventsweep.emvs.dsi.maxima import RunningMaxima
-from eventsweep.emvs.dsi.voting import batch_planes, batches
+from eventsweep.emvs.dsi.voting import batch_planes
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.methods import methods_by_name, overview, register, unregister
@@ -545,7 +545,6 @@ def test_scratch_planes_have_a_limit():
     assert batch_planes(100, 2, one_mpx, 8) == 8
     assert batch_planes(100, 16, one_mpx, 2) == 64
     assert batch_planes(100, 2, one_mpx, 128) == 1
-    assert list(batches(3, 2, one_mpx, 128)) == [(0, 1), (1, 2), (2, 3)]
 
 
 def test_batches_do_not_change_a_bit(monkeypatch):

@@ -3,13 +3,11 @@
 import math
 
 
-def time_surface(width, height, events, t_us, decay_s, wanted=None):
+def time_surface(width, height, events, t_us, decay_s):
     """Rows of exp(-(t - t_last) / decay), 0 where nothing fired yet."""
     last = [[None] * width for _ in range(height)]
-    columns = (events.x, events.y, events.t_us, events.p)
-    for x, y, when, p in zip(*(column.tolist() for column in columns), strict=True):
-        if wanted is None or p == wanted:
-            last[y][x] = when
+    for x, y, when in zip(*(c.tolist() for c in (events.x, events.y, events.t_us)), strict=True):
+        last[y][x] = when
     return [
         [0.0 if when is None else math.exp((when - t_us) * 1e-6 / decay_s) for when in row]
         for row in last

@@ -131,11 +131,7 @@ def _copy(source: NDArray[Any], target: NDArray[Any]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class DeviceEvents(Events):
-    """Events of one camera, here and on the GPU.
-
-    Attributes:
-        there: columns x, y, t_us on the GPU.
-    """
+    """Events of one camera, here and on the GPU, where columns x, y and t_us are `there`."""
 
     there: tuple[Any, Any, Any] = (None, None, None)
 

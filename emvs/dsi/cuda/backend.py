@@ -34,14 +34,10 @@ _SUM_BYTES = {"fixed": 8, "float": 4, "nearest": 4}
 
 
 class CudaBackend:
-    """The twin of `emvs.dsi.backend.CpuBackend` on a GPU.
+    """The twin of `emvs.dsi.backend.CpuBackend` on a GPU; rays that are not there are uploaded.
 
-    Functions of a user's own are Python: their planes come down, batch by batch, and
-    are fused and folded by the CPU.
-
-    Args:
-        task: what to sweep.
-        rays: of every volume; those that are not on the GPU are uploaded.
+    Functions of a user's own are Python: their planes come down, batch by batch, and are fused and
+    folded by the CPU.
 
     Raises:
         InputError: too little memory on the GPU for a single plane.
@@ -121,16 +117,10 @@ class _HostMaxima:
 
 
 def planes_in_flight(task: Task, volumes: int, focused: int, gpu: Gpu) -> int:
-    """Returns how many planes make one batch.
+    """How many planes make one batch, with `focused` targets that need a focus measure.
 
     Votes are added at random places of one volume's planes of a batch. Where these fit into the
     cache, an addition never waits for memory.
-
-    Args:
-        task: what to sweep.
-        volumes: how many volumes.
-        focused: targets that need a focus measure.
-        gpu: its cache and its free memory, where the rays are already.
 
     Raises:
         InputError: too little memory for a single plane.

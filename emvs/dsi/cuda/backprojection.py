@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.dsi.backprojection import Between
 from eventsweep.emvs.dsi.cuda import arrays, device, rays_kernels
 from eventsweep.emvs.dsi.cuda.arrays import DeviceEvents, DeviceRays
 from eventsweep.emvs.dsi.rays import RayCounts, knots, voters
@@ -19,48 +20,17 @@ from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.reference_view import ReferenceView
 
 
-class CudaProjector:
-    """The twin of `emvs.dsi.backprojection.CpuProjector` on a GPU."""
-
-    def received(self, events: Events) -> Events:
-        """The events, on the GPU."""
-        return DeviceEvents.of(events)
-
-    def caster(
-        self, recording: Recording, view: ReferenceView, camera: int, *, packets: bool
-    ) -> CudaCaster:
-        """What casts rays of one camera."""
-        return CudaCaster(recording, view, camera, packets=packets)
-
-    def event_image(self, events: Events, width_px: int, height_px: int) -> NDArray[np.uint32]:
-        """Events per pixel, (2, H, W): polarity 0, polarity 1."""
-        image = arrays.up(np.zeros((2, height_px, width_px), np.int32))
-        if len(events):
-            x, y, _ = DeviceEvents.of(events).there
-            p = arrays.up(events.p)
-            rays_kernels.count_events[device.each(len(events))](x, y, p, image)
-        return arrays.down(image).astype(np.uint32)
-
-
 class CudaCaster:
-    """Casts rays of one camera.
-
-    Attributes:
-        packets: the compatibility setting, see `emvs.dsi.rays.event_rays`.
-    """
+    """Casts rays of one camera on the GPU; the twin of `emvs.dsi.backprojection.CpuCaster`."""
 
     def __init__(
         self, recording: Recording, view: ReferenceView, camera: int, *, packets: bool
     ) -> None:
         self.packets = packets
         self._camera = recording.rig.cameras[camera]
-        self._poses: tuple[Any, ...] = tuple(
-            arrays.up(one)
-            for one in (
-                *knots(recording.trajectory, view.T_world_rv), recording.rig.T_body_cam[camera],
-                view.camera.K,
-            )
-        )  # fmt: skip
+        poses = knots(recording.trajectory, view.T_world_rv)
+        T_body_cam = recording.rig.T_body_cam[camera]
+        self._poses: tuple[Any, ...] = tuple(map(arrays.up, (*poses, T_body_cam, view.camera.K)))
 
     def __call__(self, events: Events) -> DeviceRays:
         """Casts every event's ray into the reference view (paper, Alg. 1, line 3).
@@ -92,20 +62,28 @@ class CudaCaster:
         )
         return DeviceRays((out,), counts)
 
-    def joined(self, pieces: Sequence[DeviceRays]) -> CudaJoined:
-        """The rays of pieces that follow each other, to be cut between them."""
-        return CudaJoined(pieces)
+    def joined(self, pieces: Sequence[DeviceRays]) -> Between:
+        """Rays that this caster cast, to be cut between them; nothing is copied."""
+        return lambda first, last: DeviceRays.joined(pieces[first:last])
 
 
-class CudaJoined:
-    """Pieces of one camera's rays; nothing is copied."""
+class CudaProjector:
+    """The twin of `emvs.dsi.backprojection.CpuProjector` on a GPU."""
 
-    def __init__(self, pieces: Sequence[DeviceRays]) -> None:
-        self._pieces = pieces
+    caster = CudaCaster
 
-    def between(self, first: int, last: int) -> DeviceRays:
-        """The rays of pieces `first` to `last`, exclusive."""
-        return DeviceRays.joined(self._pieces[first:last])
+    def received(self, events: Events) -> Events:
+        """The events, on the GPU."""
+        return DeviceEvents.of(events)
+
+    def event_image(self, events: Events, width_px: int, height_px: int) -> NDArray[np.uint32]:
+        """Events per pixel, (2, H, W): polarity 0, polarity 1."""
+        image = arrays.up(np.zeros((2, height_px, width_px), np.int32))
+        if len(events):
+            x, y, _ = DeviceEvents.of(events).there
+            p = arrays.up(events.p)
+            rays_kernels.count_events[device.each(len(events))](x, y, p, image)
+        return arrays.down(image).astype(np.uint32)
 
 
 @lru_cache(maxsize=8)

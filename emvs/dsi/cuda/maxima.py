@@ -25,15 +25,9 @@ STATE_BYTES = 4 * 4 + 4  # per pixel and method, at most
 
 
 class DeviceMaxima:
-    """First maximum over planes of every target, on the GPU; none has a function of its own.
+    """First maximum over planes of every target, on the GPU; the twin of `RunningMaxima`.
 
-    Args:
-        targets: the volumes; they share one split.
-        volumes: how many volumes there are.
-        width_px: columns.
-        height_px: rows.
-        planes: how many planes will pass.
-        polarities: 2 where each polarity has volumes of its own.
+    The targets share one split, and none has a function of its own.
     """
 
     def __init__(
@@ -88,16 +82,7 @@ class DeviceState:
 class DeviceFocusMaxima:
     """Maxima of the focus measure on the GPU; the twin of `emvs.dsi.maxima.FocusMaxima`.
 
-    Args:
-        targets: of one sweep; those without a focus measure are left alone.
-        cameras: number of cameras.
-        volumes: number of volumes.
-        batch: most planes at a time.
-        width_px: columns.
-        height_px: rows.
-        sigma_px: scale of the focus measures, px.
-        planes: how many planes will pass.
-        polarities: 2 where each polarity has volumes of its own.
+    At most `batch` planes come at a time.
     """
 
     def __init__(
@@ -175,11 +160,7 @@ def _on_device(tables: FusionTables) -> tuple[Any, ...]:
 
 
 class _Measure:
-    """Focus measures of several planes, and the scratch images that they need.
-
-    Attributes:
-        image: (P, cells) float32 on the GPU: the planes to measure.
-    """
+    """Focus measures of the planes in `image`, (P, cells) float32 on the GPU, and their scratch."""
 
     def __init__(self, planes: int, width_px: int, cells: int, sigma_px: float) -> None:
         self._width_px = width_px

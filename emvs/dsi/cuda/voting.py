@@ -29,15 +29,7 @@ _KERNELS = {
 class VoteVolume:
     """Planes of every volume on the GPU that votes are cast into, allocated once for all batches.
 
-    Args:
-        volumes: how many volumes.
-        planes: most planes of one batch.
-        width_px: columns.
-        height_px: rows.
-        sums: how votes are summed: `fixed`, `float` or `nearest`.
-
-    Attributes:
-        votes: (V, P, H * W) float32 on the GPU.
+    `sums` says how: `fixed`, `float` or `nearest`; `votes` are (V, planes, H * W) float32 there.
     """
 
     def __init__(
@@ -53,12 +45,7 @@ class VoteVolume:
         self._counts = arrays.empty((volumes, 3 * planes, device.SLOTS), np.int64)
 
     def cast(self, rays: Sequence[DeviceRays], rho: Any, planes: int) -> list[VoteCounts]:
-        """Fills `votes[:, :planes]` with the votes of every volume's rays.
-
-        Args:
-            rays: of every volume.
-            rho: (planes,) float32 on the GPU.
-            planes: how many.
+        """Fills `votes[:, :planes]` with the votes of every volume's rays in planes `rho`.
 
         Raises:
             InputError: more votes in one voxel than any scale can hold.

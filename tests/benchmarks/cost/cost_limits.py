@@ -20,7 +20,7 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.dsi.fusion import MEANS
 from eventsweep.emvs.dsi.maxima import RunningMaxima
 from eventsweep.emvs.dsi.rays import Rays, event_rays, grouped_by_rows
-from eventsweep.emvs.dsi.voting import Scratch, batches
+from eventsweep.emvs.dsi.voting import Scratch, batch_planes
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.methods import methods_by_name, with_volume
 from eventsweep.emvs.reference_view import inverse_depth_planes
@@ -136,10 +136,16 @@ def _threads(effort: LimitsEffort) -> list[Figure]:
     ]  # fmt: skip
 
 
+def batches(planes: int, threads: int, plane_px: int, volumes: int = 1) -> list[tuple[int, int]]:
+    """First and last planes of each batch, as large as `batch_planes` says."""
+    step = batch_planes(planes, threads, plane_px, volumes)
+    return [(first, min(first + step, planes)) for first in range(0, planes, step)]
+
+
 def _cast(rays: Rays, size: tuple[int, int], threads: int, *, nearest: bool = False) -> None:
     use_threads(threads)
     load = (_PLANES_TIMED, threads, size[0] * size[1])
-    scratch = Scratch(1, next(batches(*load))[1], *size, nearest=nearest)
+    scratch = Scratch(1, batch_planes(*load), *size, nearest=nearest)
     rho = inverse_depth_planes(*DEPTH_RANGE_M, _PLANES_TIMED)
     for first, last in batches(*load):
         scratch.cast(0, rays, rho[first:last])
@@ -153,7 +159,7 @@ def _fusion(effort: LimitsEffort) -> Figure:
     rays = [sideways_rays(recording, k) for k in (0, 1)]
     rho = inverse_depth_planes(*DEPTH_RANGE_M, effort.planes)
     load = (effort.planes, 1, width * height, 2)
-    scratch = Scratch(2, next(batches(*load))[1], width, height)
+    scratch = Scratch(2, batch_planes(*load), width, height)
     best_s, fusion = np.inf, with_volume(methods_by_name(("Alg1/H",), 2))[0].fusion
     for _ in range(effort.touchy_rounds):
         maxima, spent_s = RunningMaxima((fusion,), width, height), 0.0

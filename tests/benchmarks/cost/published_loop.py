@@ -24,11 +24,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cost_limits import SENSORS
+from cost_limits import SENSORS, batches
 from cost_stream import DEPTH_RANGE_M, WINDOW_US, MovingEdges
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.dsi.rays import PACKET, Rays, event_rays, grouped_by_rows, voters
-from eventsweep.emvs.dsi.voting import Scratch, batches
+from eventsweep.emvs.dsi.voting import Scratch, batch_planes
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
@@ -238,7 +238,7 @@ def _ours(recording: MovingEdges, rho: Floats) -> Callable[[], float]:
 
 def _sweep(rays: Sequence[Rays], rho: Floats, view: Camera) -> None:
     load = (len(rho), 1, view.width_px * view.height_px, len(rays))
-    scratch = Scratch(len(rays), next(batches(*load))[1], view.width_px, view.height_px)
+    scratch = Scratch(len(rays), batch_planes(*load), view.width_px, view.height_px)
     for first, last in batches(*load):
         for camera, its_rays in enumerate(rays):
             scratch.cast(camera, its_rays, rho[first:last])

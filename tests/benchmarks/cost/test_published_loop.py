@@ -10,12 +10,12 @@ import published_loop
 from cost_limits import SENSORS
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.dsi.rays import PACKET, event_rays
-from eventsweep.emvs.dsi.voting import dsi
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.reference_view import mcemvs_planes
 from published_loop import Contest, PublishedLoop, contest, has_compiler, table
+from whole_volume import dsi
 
 needs_compiler = pytest.mark.skipif(not has_compiler(), reason="g++ is not installed")
 SIZE = 64, 48

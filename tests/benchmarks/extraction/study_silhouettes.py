@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.depth.depth_map import confidence_mask, masked_median, without_border
-from eventsweep.emvs.depth.focus import FocusConfig, most_reliable
+from eventsweep.emvs.depth.focus import FocusConfig
 from eventsweep.emvs.reference_view import inverse_depth_at
 from eventsweep.eval.scoring.method_scores import ALL_METRICS
 from eventsweep.eval.scoring.pairing import pair
 from study_cache import StudySample, load_sample
-from study_variants import VariantEstimate, Volumes, maximum_of
+from study_variants import VariantEstimate, Volumes, maximum_of, most_reliable
 
 SILHOUETTE_PX = 2.0  # of disparity, within a square of 5 px
 _C = np.arange(5, 13, 0.5)  # thresholds tried until Alg1/H has no more points than camera 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,8 +16,8 @@ from eventsweep.emvs.depth.focus import (
     FocusConfig,
     FocusEstimate,
     at_least,
-    judge,
-    most_reliable,
+    candidate_mask,
+    judge_at,
     on_surface,
 )
 from eventsweep.emvs.dsi import focus_measures
@@ -103,6 +104,38 @@ class Volumes:
             )
         points = int(np.count_nonzero(self.base.mask))
         return VariantEstimate(found.position, most_reliable(found, points, self.config.border_px))
+
+
+def most_reliable(estimate: FocusEstimate, points: int, border_px: int) -> Mask:
+    """The (H, W) mask of the `points` most reliable candidates, or of all if there are fewer.
+
+    Equal reliability is decided by confidence, then by the order of pixels.
+    """
+    allowed = np.flatnonzero(without_border(estimate.candidate, border_px))
+    reliability, confidence = (
+        image.ravel()[allowed] for image in (estimate.reliability, estimate.confidence)
+    )
+    kept = allowed[np.lexsort((allowed, -confidence, -reliability))[: max(points, 0)]]
+    mask = np.zeros(estimate.candidate.shape, np.bool_)
+    mask.flat[kept] = True
+    return mask
+
+
+def judge(
+    confidence: Floats,
+    vote_peak: Floats,
+    position: Floats,
+    camera_positions: Sequence[Floats],
+    disparity_px: NDArray[np.floating],
+    config: FocusConfig,
+) -> FocusEstimate:
+    """`emvs.depth.focus.judge_at` at every pixel; everything is an image."""
+    everywhere = tuple(np.indices(confidence.shape).reshape(2, -1))
+    candidate, cameras = candidate_mask(confidence, config), [c.ravel() for c in camera_positions]
+    return judge_at(
+        everywhere, candidate, confidence, vote_peak.ravel(), position, cameras, disparity_px,
+        config,
+    )  # fmt: skip
 
 
 def maximum_of(volume: Floats) -> Maximum:

@@ -14,7 +14,6 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.depth.depth_map import without_border
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.learned.inputs import as_rays
 from eventsweep.emvs.learned.network import (
     CHANNELS,
     CUES,
@@ -34,6 +33,7 @@ from eventsweep.eval.learning.config import TrainingConfig
 from eventsweep.eval.learning.samples import Samples, show
 from eventsweep.eval.learning.sequences import FIRST_SEED, TrainingSequence, sequences
 from eventsweep.eval.scoring.run_folder import truth_of
+from lanes import as_rays
 from naive_network import judged
 from study_learned import METHODS, _most_reliable, numbers
 from study_samples import SampleSpec

@@ -47,8 +47,8 @@ FAULTS = (
     Fault(
         "off by half a pixel",
         "emvs/dsi/rays.py",
-        "pose_us, camera.bearing_table(),",
-        "pose_us, camera.bearing_table() + 0.5 / camera.fx_px,",
+        "pose_us, _bearings(camera),",
+        "pose_us, _bearings(camera) + 0.5 / camera.fx_px,",
     ),
     Fault(
         "swapped cameras",

@@ -64,9 +64,9 @@ def test_time_surface(benchmark, sensor, capsys):
 
 # SGM only, whose cost does not depend on what matches. The two cameras' edges are drawn apart, so
 # ESVO rightly says that no two estimates agree; bench_rivals_esvo.py has a plane that both see.
-@pytest.mark.parametrize("name", [n for n in baselines.names() if n.startswith("SGM")])
+@pytest.mark.parametrize("name", [n for n in baselines.GROUPS["baselines"] if n.startswith("SGM")])
 def test_rivals(benchmark, name, capsys):
-    rival, config = baselines.baseline(name), MapperConfig(threads=1)
+    rival, config = baselines.BY_NAME[name], MapperConfig(threads=1)
     cv2.setNumThreads(1)
     rows = []
     for sensor in SENSORS:

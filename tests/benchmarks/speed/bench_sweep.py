@@ -15,7 +15,7 @@ from cost_limits import PAPER
 from eventsweep.emvs.dsi import voting as sweep_module
 from eventsweep.emvs.dsi.maxima import RunningMaxima
 from eventsweep.emvs.dsi.rays import BAND_ROWS, event_rays, grouped_by_rows
-from eventsweep.emvs.dsi.voting import Scratch, batches
+from eventsweep.emvs.dsi.voting import Scratch, batch_planes
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.methods import methods_by_name
 from eventsweep.emvs.reference_view import inverse_depth_planes
@@ -64,12 +64,12 @@ def report(capsys, benchmark, what, units):
 @pytest.mark.parametrize("events", [1_000_000, 4_000_000], ids=["1M", "4M"])
 def test_sweep(benchmark, camera, events, capsys):
     rays = cast_rays(camera, events)
-    load = (PLANES, 1, camera.width_px * camera.height_px)
-    scratch = Scratch(1, next(batches(*load))[1], camera.width_px, camera.height_px)
+    step = batch_planes(PLANES, 1, camera.width_px * camera.height_px)
+    scratch = Scratch(1, step, camera.width_px, camera.height_px)
 
     def sweep():
-        for first, last in batches(*load):
-            scratch.cast(0, rays, RHO[first:last])
+        for first in range(0, PLANES, step):
+            scratch.cast(0, rays, RHO[first : first + step])
 
     benchmark.pedantic(sweep, rounds=9, warmup_rounds=1)
     size = f"{camera.width_px}x{camera.height_px}, {events // 1_000_000} M events"

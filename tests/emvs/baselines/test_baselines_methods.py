@@ -51,9 +51,9 @@ def lines(error):
 def test_all_stays_the_fusion_methods_and_baselines_are_the_others():
     everything = [method.name for method in methods_by_name(("all", "baselines"), 2)]
     assert not {name.split("/")[0] for name in everything[:9]} & set(baselines.FAMILIES)
-    assert tuple(everything[9:]) == baselines.names()
-    assert set(ALWAYS) <= set(baselines.names())
-    assert "Frames/sgm" not in baselines.names()
+    assert tuple(everything[9:]) == baselines.GROUPS["baselines"]
+    assert set(ALWAYS) <= set(baselines.GROUPS["baselines"])
+    assert "Frames/sgm" not in baselines.GROUPS["baselines"]
     assert methods_by_name(("baselines", "SGM/ts"), 2) == methods_by_name(("baselines",), 2)
     shown = " ".join(overview())
     assert all(baseline.name in shown for baseline in baselines.BASELINES)

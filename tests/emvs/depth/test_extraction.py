@@ -19,15 +19,13 @@ from eventsweep.emvs.depth.focus import (
     at_least,
     disparity_at,
     estimate_in_focus,
-    judge,
-    most_reliable,
     on_surface,
 )
 from eventsweep.emvs.dsi import focus_measures
 from eventsweep.emvs.dsi.focus_kernels import BLOCK, PAIR
 from eventsweep.emvs.dsi.maxima import FocusPeak, InFocus, Maximum
 from eventsweep.emvs.errors import InputError
-from study_variants import found_in_volumes, maximum_of
+from study_variants import found_in_volumes, judge, maximum_of, most_reliable
 
 F = np.float32
 TWINS = {

@@ -20,13 +20,13 @@ from eventsweep.emvs.learned.derd import (
     selecting,
     shapes,
 )
-from eventsweep.emvs.learned.inputs import in_blocks
 from eventsweep.emvs.learned.kept_votes import LANES, KeptVotes
 from eventsweep.emvs.learned.weights import Weights, packaged, write_weights
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.methods import methods_by_name, named, overview
 from eventsweep.emvs.methods.derd import DERD
 from eventsweep.emvs.reference_view import inverse_depth_planes, linear_planes, mcemvs_planes
+from lanes import in_blocks
 from naive_derd import place
 from point_world import fronto_parallel
 

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from eventsweep.emvs.learned.inputs import Candidates, as_patches, as_rays, channels
+from eventsweep.emvs.learned.inputs import Candidates, as_patches, channels
 from eventsweep.emvs.learned.kept_votes import LANES, KeptVotes, votes_of_codes
 from eventsweep.emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX
 from eventsweep.emvs.methods import methods_by_name
 from fusions import FUSIONS
+from lanes import as_rays
 
 
 def some_candidates(count, planes, height, width, seed=3):

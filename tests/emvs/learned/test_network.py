@@ -4,7 +4,6 @@ import numba
 import numpy as np
 import pytest
 
-from eventsweep.emvs.learned.inputs import as_rays
 from eventsweep.emvs.learned.kept_votes import LANES
 from eventsweep.emvs.learned.network import (
     CHANNELS,
@@ -16,6 +15,7 @@ from eventsweep.emvs.learned.network import (
     network,
 )
 from eventsweep.emvs.learned.weights import Weights
+from lanes import as_rays
 from naive_network import judged
 
 

@@ -20,7 +20,7 @@ NARROW = {
 SAME = """
 import numpy as np
 from eventsweep.emvs.dsi.maxima import FocusPeak
-from eventsweep.emvs.learned.inputs import as_rays
+from lanes import as_rays
 from eventsweep.emvs.learned.network import CHANNELS, CUES, DEPTH, SIDE_PX, network
 from eventsweep.emvs.utils.vectors_kernels import WIDTH
 rng = np.random.default_rng(0)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from eventsweep.emvs.learned.derd import LAYERS, derd_net
-from eventsweep.emvs.learned.inputs import in_blocks
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.learning import published
+from lanes import in_blocks
 
 torch = pytest.importorskip("torch", reason="torch is an extra, [train]")
 
