@@ -345,11 +345,9 @@ class _Recorder:
         return self
 
     def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
+        self, kind: type[BaseException] | None, error: BaseException | None,
         trace: TracebackType | None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         if kind is None and len(self._t_us) < 2:
             kind, error = InputError, InputError("nothing was recorded: call step at least twice")
         elif kind is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -129,10 +130,5 @@ class DrawOrder:
 
 def _fields(geom: Any) -> dict[str, Any]:
     """All that makes a geom of a MuJoCo scene, copied."""
-    names = [name for name in dir(geom) if not name.startswith("_")]
-    values = {name: getattr(geom, name) for name in names}
-    return {
-        name: value.copy() if isinstance(value, np.ndarray) else value
-        for name, value in values.items()
-        if not callable(value)
-    }
+    values = {name: getattr(geom, name) for name in dir(geom) if not name.startswith("_")}
+    return {name: copy(value) for name, value in values.items() if not callable(value)}

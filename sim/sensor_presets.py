@@ -131,54 +131,41 @@ class Preset:
     thresholds: dict[str, float | int]
 
 
+def _thresholds(pos: float, neg: float, refractory_us: int) -> dict[str, float | int]:
+    return {
+        "contrast_threshold_pos": pos,
+        "contrast_threshold_neg": neg,
+        "refractory_period_us": refractory_us,
+    }
+
+
 _DAVIS240 = SensorParameters(
-    threshold_sigma=0.03,
-    bandwidth_hz=300.0,
-    leak_rate_hz=0.1,
-    shot_rate_dark_hz=0.4,
-    shot_rate_bright_hz=0.1,
-    hot_pixel_fraction=1e-4,
-    hot_pixel_rate_hz=50.0,
-    latency_us=12.0,
-    latency_jitter=0.3,
-    readout_events_per_s=12e6,
-)
+    threshold_sigma=0.03, bandwidth_hz=300.0, leak_rate_hz=0.1,
+    shot_rate_dark_hz=0.4, shot_rate_bright_hz=0.1, hot_pixel_fraction=1e-4, hot_pixel_rate_hz=50.0,
+    latency_us=12.0, latency_jitter=0.3, readout_events_per_s=12e6,
+)  # fmt: skip
+_GEN4 = SensorParameters(
+    threshold_sigma=0.02, bandwidth_hz=1000.0, leak_rate_hz=0.02,
+    shot_rate_dark_hz=0.2, shot_rate_bright_hz=0.05, hot_pixel_fraction=2e-5,
+    hot_pixel_rate_hz=50.0, latency_us=20.0, latency_jitter=0.3,
+    readout_events_per_s=1.066e9, readout_queue_events=65536,
+)  # fmt: skip
 
 PRESETS: dict[PresetName, Preset] = {
     "ideal": Preset("ESIM's pixels: no noise, no mismatch, no latency", SensorParameters(), {}),
     "davis240": Preset(
         "DAVIS240C: thresholds of 0.18, noise, mismatch and a latency of 12 µs",
         _DAVIS240,
-        {
-            "contrast_threshold_pos": 0.18,
-            "contrast_threshold_neg": 0.18,
-            "refractory_period_us": 500,
-        },
+        _thresholds(0.18, 0.18, 500),
     ),
     "davis346": Preset(
         "DAVIS346: unequal thresholds of 0.143 and 0.225, a latency of 20 µs",
         replace(_DAVIS240, latency_us=20.0),
-        {
-            "contrast_threshold_pos": 0.143,
-            "contrast_threshold_neg": 0.225,
-            "refractory_period_us": 500,
-        },
+        _thresholds(0.143, 0.225, 500),
     ),
     "gen4": Preset(
         "Prophesee Gen 4: less noise, more bandwidth, 1.066e9 events/s",
-        SensorParameters(
-            threshold_sigma=0.02,
-            bandwidth_hz=1000.0,
-            leak_rate_hz=0.02,
-            shot_rate_dark_hz=0.2,
-            shot_rate_bright_hz=0.05,
-            hot_pixel_fraction=2e-5,
-            hot_pixel_rate_hz=50.0,
-            latency_us=20.0,
-            latency_jitter=0.3,
-            readout_events_per_s=1.066e9,
-            readout_queue_events=65536,
-        ),
-        {"contrast_threshold_pos": 0.2, "contrast_threshold_neg": 0.2, "refractory_period_us": 100},
+        _GEN4,
+        _thresholds(0.2, 0.2, 100),
     ),
 }

@@ -62,12 +62,8 @@ _IMAGE_BYTES = {"depth_m": 4, "intensity": 1, "flow": 8, "segmentation": 4, "bou
 _PIXEL_BYTES, _SAMPLE_BYTES, _PROCESS_BYTES = 120, 24, 300e6
 
 
-def _silent(_done_us: int, _total_us: int, _events: int) -> None:
-    pass
-
-
-def _no_notice(_line: str) -> None:
-    pass
+def _nothing(*_: object) -> None:
+    """Shows neither progress nor notices."""
 
 
 def simulate(
@@ -81,8 +77,8 @@ def simulate(
     workers: int = 1,
     resume: bool = True,
     commit_s: float = _COMMIT_S,
-    progress: Progress = _silent,
-    notice: Notice = _no_notice,
+    progress: Progress = _nothing,
+    notice: Notice = _nothing,
     drawing: Drawing = MUJOCO,
 ) -> Path:
     """Simulates what the rig's event cameras see and writes the sequence to `out`.

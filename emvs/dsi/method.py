@@ -37,11 +37,6 @@ class NamedMethod:
         """The first part of its name."""
         return MethodName.of(self.name).family
 
-    @property
-    def file_name(self) -> str:
-        """The name as files carry it."""
-        return file_name(self.name)
-
 
 def file_name(method: str) -> str:
     """Returns a method's name as files carry it."""

@@ -93,14 +93,9 @@ def interval_between(
     shown = np.zeros((2, *shape), np.uint16)
     if bodies is not None and moved is not None:
         geoms = np.unique(np.concatenate([seen.geoms for seen in bodies]))
-        start_us, end_us = span_us
-        middle_us = (start_us + end_us) // 2
-        spans_us = (
-            (middle_us, start_us),
-            (end_us, start_us),
-            (middle_us, end_us),
-            (start_us, end_us),
-        )
+        start, end = span_us
+        middle = (start + end) // 2
+        spans_us = (middle, start), (end, start), (middle, end), (start, end)
         own = [moved(*span) for span in spans_us] if len(geoms) else []
         ways += [_ways(*T_world_cam, *(of_all[geom] for of_all in own)) for geom in geoms]
         for image, seen in zip(shown, bodies, strict=True):
@@ -158,9 +153,9 @@ class Passage:
         self, x: NDArray[np.uint16], y: NDArray[np.uint16], t_us: NDArray[np.int64]
     ) -> NDArray[np.int32]:
         """(N, 4) column and row, in both frames, of what was seen at some pixels and times."""
-        found = np.empty((len(x), 4), np.int32)
-        _fill_places(x, y, self.interval.share(t_us), *self.geometry, found)
-        return found
+        places = np.empty((len(x), 4), np.int32)
+        _fill_places(x, y, self.interval.share(t_us), *self.geometry, places)
+        return places
 
     @cached_property
     def _paths(self) -> tuple[float, NDArray[np.float32]]:

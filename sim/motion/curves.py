@@ -1,15 +1,14 @@
 """Motions: the rig's pose as a smooth function of time.
 
-Heads that sway (`HeadSway`); cubic splines through key poses
-(`spline`); and quintic splines with exact derivatives (`CurveMotion`), which generated and recorded
-motions are.
+Heads that sway (`HeadSway`), and quintic splines with exact derivatives (`CurveMotion`), which
+generated and recorded motions are.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol, runtime_checkable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,8 +17,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.sim.motion import Motion
 
 if TYPE_CHECKING:
-    from scipy.interpolate import BSpline, CubicSpline
-    from scipy.spatial.transform import RotationSpline
+    from scipy.interpolate import BSpline
 
     from eventsweep.emvs.geometry.trajectory import Trajectory
 
@@ -27,15 +25,6 @@ Vector3 = tuple[float, float, float]
 Array = NDArray[np.float64]
 # Of the splines of `CurveMotion`: four continuous derivatives.
 _DEGREE = 5
-
-
-@runtime_checkable
-class ManyPoses(Protocol):
-    """A motion that knows many poses at once, which saves most of the time where they are many."""
-
-    def poses(self, times_s: ArrayLike) -> NDArray[np.float64]:
-        """Poses (N, 4, 4) at (N,) times."""
-        ...
 
 
 def look_at(
@@ -72,7 +61,7 @@ def sampled(motion: Motion, duration_s: float, rate_hz: float) -> Trajectory:
     duration_us = round(duration_s * 1e6)
     count = max(2, int(np.ceil(duration_us * 1e-6 * rate_hz - 1e-9)) + 1)
     t_us = np.unique(np.rint(np.linspace(0, duration_us, count)).astype(np.int64))
-    if isinstance(motion, ManyPoses):
+    if isinstance(motion, CurveMotion):
         return Trajectory.from_matrices(t_us, motion.poses(t_us * 1e-6))
     poses = np.stack([motion.T_world_body(t * 1e-6) for t in t_us.tolist()])
     return Trajectory.from_matrices(t_us, poses)
@@ -119,26 +108,17 @@ class HeadSway:
 
     @classmethod
     def seeded(
-        cls,
-        T_world_rest: NDArray[np.float64],
-        amplitude_m: Vector3,
-        amplitude_deg: Vector3,
-        periods_s: Sequence[float],
-        seed: int,
-        drift_m_s: Vector3 = (0.0, 0.0, 0.0),
-    ) -> HeadSway:
+        cls, T_world_rest: NDArray[np.float64], amplitude_m: Vector3, amplitude_deg: Vector3,
+        periods_s: Sequence[float], seed: int, drift_m_s: Vector3 = (0.0, 0.0, 0.0),
+    ) -> HeadSway:  # fmt: skip
         """Draws the phases from `seed`; each further period gets half the amplitude before it."""
         rng = np.random.default_rng(seed)
-        waves = tuple(
-            Wave(
-                period_s,
-                _scaled(amplitude_m, 0.5**k),
-                _scaled(amplitude_deg, 0.5**k),
-                tuple(rng.uniform(0, 2 * np.pi, 6).tolist()),
-            )
-            for k, period_s in enumerate(periods_s)
-        )
-        return cls(T_world_rest, waves, drift_m_s)
+        waves = []
+        for k, period_s in enumerate(periods_s):
+            amplitudes = _scaled(amplitude_m, 0.5**k), _scaled(amplitude_deg, 0.5**k)
+            phases = tuple(rng.uniform(0, 2 * np.pi, 6).tolist())
+            waves.append(Wave(period_s, *amplitudes, phases))
+        return cls(T_world_rest, tuple(waves), drift_m_s)
 
     def T_world_body(self, t_s: float) -> NDArray[np.float64]:
         """Pose (4, 4) at `t_s`."""
@@ -151,44 +131,6 @@ class HeadSway:
         T_rest_body[:3, :3] = Rotation.from_rotvec(offset[3:]).as_matrix()
         T_rest_body[:3, 3] = offset[:3]
         return np.asarray(self.T_world_rest @ T_rest_body, np.float64)
-
-
-@dataclass(frozen=True)
-class SplineMotion:
-    """Cubic splines through key poses: position C2, rotation with continuous acceleration."""
-
-    position: CubicSpline
-    rotation: RotationSpline
-
-    def T_world_body(self, t_s: float) -> NDArray[np.float64]:
-        """Pose (4, 4) at `t_s`, which must lie between the first and the last key pose."""
-        first_s, last_s = self.position.x[0], self.position.x[-1]
-        if not first_s <= t_s <= last_s:
-            raise InputError(
-                f"asked for the pose at {t_s} s, but the key poses span {first_s} to {last_s} s: "
-                "add key poses or shorten the sequence"
-            )
-        pose = np.eye(4)
-        pose[:3, :3] = self.rotation(t_s).as_matrix()
-        pose[:3, 3] = self.position(t_s)
-        return pose
-
-
-def spline(times_s: ArrayLike, T_world_body: ArrayLike) -> SplineMotion:
-    """Returns the smooth curve through key poses (N, 4, 4) at rising `times_s` (N,), N >= 2."""
-    from scipy.interpolate import CubicSpline
-    from scipy.spatial.transform import Rotation, RotationSpline
-
-    times, poses = np.asarray(times_s, float), np.asarray(T_world_body, float)
-    if times.ndim != 1 or len(times) < 2 or poses.shape != (len(times), 4, 4):
-        raise InputError(
-            f"key poses of shape {poses.shape} at times of shape {times.shape}: "
-            "need (N, 4, 4) poses at (N,) times with N >= 2"
-        )
-    if not (np.diff(times) > 0).all():
-        raise InputError(f"key times {times.tolist()} s must rise strictly: sort them")
-    rotations = Rotation.from_matrix(poses[:, :3, :3])
-    return SplineMotion(CubicSpline(times, poses[:, :3, 3]), RotationSpline(times, rotations))
 
 
 @dataclass(frozen=True, eq=False)

@@ -166,13 +166,6 @@ def smoothed(values: Array, rate_hz: float, cutoff_hz: float) -> Array:
     return smooth
 
 
-def gain(frequency_hz: Array, rate_hz: float, cutoff_hz: float) -> Array:
-    """Amplitude gain of `smoothed` at (N,) frequencies, away from the ends."""
-    ratio = np.sin(np.pi * frequency_hz / rate_hz) / np.sin(np.pi * cutoff_hz / rate_hz)
-    passed: Array = 1 / (1 + (np.sqrt(2) - 1) * ratio ** (2 * _ORDER))
-    return passed
-
-
 def hand_eye(T_imu_marker: Array, T_imu_cam: Array) -> Array:
     """Returns `T_marker_cam` (4, 4), which turns poses of a mocap marker into the camera's.
 

@@ -167,21 +167,17 @@ class CheckpointFolder:
 
     def _find_checkpoints(self) -> None:
         """The longest run of whole checkpoints from the start that ends with a state."""
-        found: list[Checkpoint] = []
         paths = sorted(path for path in self.path.iterdir() if path.is_dir())
         for path in paths:
             checkpoint = read_checkpoint(path)
-            if checkpoint is None or checkpoint.first_chunk != (
-                found[-1].end_chunk if found else 0
-            ):
+            if checkpoint is None or checkpoint.first_chunk != self.next_chunk:
                 self._notice(f"{path} is damaged: what follows from it is made again")
                 break
-            found.append(checkpoint)
-        while found and not found[-1].has_state:
-            found.pop()
-        for path in paths[len(found) :]:
+            self.finished.append(checkpoint)
+        while self.finished and not self.finished[-1].has_state:
+            self.finished.pop()
+        for path in paths[len(self.finished) :]:
             shutil.rmtree(path)
-        self.finished = found
 
 
 def checkpoint_path(out: Path) -> Path:
@@ -224,13 +220,13 @@ class Checkpoint:
 
     def readers(self, camera: int, rig: Rig) -> tuple[EventStoreReader, TruthReader]:
         """Opens one camera's events and ground truth."""
-        seen = rig.cameras[camera]
-        events = EventStoreReader(self.path / _events_file(camera), seen.width_px, seen.height_px)
-        return events, TruthReader(self.path / _truth_file(camera))
+        seen, path = rig.cameras[camera], self.path / _file(camera, "events")
+        events = EventStoreReader(path, seen.width_px, seen.height_px)
+        return events, TruthReader(self.path / _file(camera, "truth"))
 
     def photos(self, camera: int) -> Iterator[Photo]:
         """One camera's pictures that were completed in this checkpoint."""
-        path = self.path / _frames_file(camera)
+        path = self.path / _file(camera, "frames")
         return FrameReader(path).photos() if path.exists() else iter(())
 
     @property
@@ -261,16 +257,17 @@ class CheckpointWriter:
         self.truth_writers: list[TruthWriter] = []
         for k, camera in enumerate(rig.cameras):
             size_px = camera.width_px, camera.height_px
-            events = EventStoreWriter(path / _events_file(k), *size_px)
+            events = EventStoreWriter(path / _file(k, "events"), *size_px)
             self.event_writers.append(self._files.enter_context(events))
-            truth = TruthWriter(path / _truth_file(k), *size_px)
+            truth = TruthWriter(path / _file(k, "truth"), *size_px)
             self.truth_writers.append(self._files.enter_context(truth))
 
     def append_photo(self, camera: int, photo: Photo) -> None:
         """Adds a picture; the first one of a camera makes its file."""
         if camera not in self._frame_writers:
             seen = self._rig.cameras[camera]
-            file = FrameWriter(self.path / _frames_file(camera), seen.width_px, seen.height_px)
+            path = self.path / _file(camera, "frames")
+            file = FrameWriter(path, seen.width_px, seen.height_px)
             self._frame_writers[camera] = self._files.enter_context(file)
         self._frame_writers[camera].append(photo)
 
@@ -327,13 +324,5 @@ def _sync(path: Path) -> None:
         os.close(descriptor)
 
 
-def _events_file(camera: int) -> str:
-    return f"cam{camera}.events.h5"
-
-
-def _truth_file(camera: int) -> str:
-    return f"cam{camera}.truth.h5"
-
-
-def _frames_file(camera: int) -> str:
-    return f"cam{camera}.frames.h5"
+def _file(camera: int, kind: str) -> str:
+    return f"cam{camera}.{kind}.h5"

@@ -211,22 +211,15 @@ class ChunkRenderer:
 
     def _intervals(self, before: RigFrame, after: RigFrame) -> tuple[Interval, ...]:
         middle = self._motion.T_world_body(0.5e-6 * (before.t_us + after.t_us))
-        poses, span_us = (
-            (before.T_world_body, middle, after.T_world_body),
-            (before.t_us, after.t_us),
-        )
-        return tuple(
-            interval_between(
-                span_us,
-                (poses[0] @ T_body_cam, poses[1] @ T_body_cam, poses[2] @ T_body_cam),
-                (camera.height_px, camera.width_px),
-                (before.bodies[k], after.bodies[k]) if self._bodies else None,
-                self._bodies.moved if self._bodies else None,
-            )
-            for k, (camera, T_body_cam) in enumerate(
-                zip(self.job.rig.cameras, self.job.rig.T_body_cam, strict=True)
-            )
-        )
+        rig, intervals = self.job.rig, []
+        for k, (camera, T) in enumerate(zip(rig.cameras, rig.T_body_cam, strict=True)):
+            poses = before.T_world_body @ T, middle @ T, after.T_world_body @ T
+            shape = camera.height_px, camera.width_px
+            bodies = (before.bodies[k], after.bodies[k]) if self._bodies else None
+            moved = self._bodies.moved if self._bodies else None
+            span_us = before.t_us, after.t_us
+            intervals.append(interval_between(span_us, poses, shape, bodies, moved))
+        return tuple(intervals)
 
     def _truth(self, rig_frame: RigFrame) -> tuple[TruthImages, ...]:
         self._renderer.at(rig_frame.t_us * 1e-6)
@@ -258,22 +251,16 @@ class ChunkRenderer:
         later_us = next((t for t in self.job.truth_us if t > rig_frame.t_us), None)
         if later_us is None:
             return np.full((*depth_m.shape, 2), np.nan, np.float32)
-        T_world_cam, T_world_later = (
-            pose @ self.job.rig.T_body_cam[k]
-            for pose in (rig_frame.T_world_body, self._motion.T_world_body(later_us * 1e-6))
-        )
-        camera, bearing = self.job.rig.cameras[k], self._bearings[k]
-        T_later_world = se3.inverse(T_world_later)
+        camera, T_body_cam = self.job.rig.cameras[k], self.job.rig.T_body_cam[k]
+        bearing, T_world_cam = self._bearings[k], rig_frame.T_world_body @ T_body_cam
+        T_later_world = se3.inverse(self._motion.T_world_body(later_us * 1e-6) @ T_body_cam)
         flow_px = ground_truth.flow_px(camera, bearing, depth_m, T_later_world @ T_world_cam)
         if self._bodies is not None:
             geoms = self._renderer.segmentation(k, rig_frame.T_world_body)
             moved = self._bodies.moved(rig_frame.t_us, later_us)
             for geom in np.unique(geoms[self._bodies.moves[geoms]]):
-                shown = geoms == geom
-                T_later_now = T_later_world @ moved[geom] @ T_world_cam
-                flow_px[shown] = ground_truth.body_flow_px(
-                    camera, bearing, depth_m, shown, T_later_now
-                )
+                shown, T = geoms == geom, T_later_world @ moved[geom] @ T_world_cam
+                flow_px[shown] = ground_truth.body_flow_px(camera, bearing, depth_m, shown, T)
         return flow_px
 
     @cached_property

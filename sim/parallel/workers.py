@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from multiprocessing import reduction
 from multiprocessing.connection import Connection
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +25,10 @@ from numpy.typing import NDArray
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.processes import end_with_parent
 from eventsweep.sim.compensation.fine_frame import FineFrame
-from eventsweep.sim.compensation.interval import Interval
 from eventsweep.sim.graphics import worker_devices
 from eventsweep.sim.graphics.choice import DEVICE
 from eventsweep.sim.parallel.checkpoint import Stopped
-from eventsweep.sim.parallel.render_job import ChunkRenderer, RenderedFrame, RenderJob, TruthImages
+from eventsweep.sim.parallel.render_job import ChunkRenderer, RenderedFrame, RenderJob
 from eventsweep.sim.rendering import lens
 from eventsweep.sim.rendering.base import Renderer
 from eventsweep.sim.rendering.fine_light import light_shape
@@ -40,14 +39,8 @@ _MIN_SLOTS, _MAX_SLOTS = 3, 512
 Images = tuple[NDArray[np.float32], ...]
 
 
-class _Sent(NamedTuple):
-    """A frame on its way: its pictures lie in a slot."""
-
-    chunk: int
-    t_us: int
-    slot: int
-    truth: tuple[TruthImages, ...]
-    intervals: tuple[Interval, ...]
+# A frame on its way: its pictures lie in a slot.
+_Sent = tuple[int, RenderedFrame]
 
 
 class _Slots:
@@ -126,14 +119,11 @@ def frames_from_workers(job: RenderJob, first_chunk: int, workers: int) -> Itera
     context = multiprocessing.get_context("spawn")
     gpus = worker_devices()
     with ExitStack() as stack:
-        team = [
-            stack.enter_context(
-                _RenderWorker(
-                    context, job, first_chunk, k, workers, gpus[k % len(gpus)] if gpus else None
-                )
-            )
-            for k in range(workers)
-        ]
+        team = []
+        for k in range(workers):
+            gpu = gpus[k % len(gpus)] if gpus else None
+            worker = _RenderWorker(context, job, first_chunk, k, workers, gpu)
+            team.append(stack.enter_context(worker))
         for chunk in range(first_chunk, job.chunks):
             yield from team[(chunk - first_chunk) % workers].frames(chunk)
 
@@ -142,14 +132,9 @@ class _RenderWorker:
     """The parent's side of one worker process."""
 
     def __init__(
-        self,
-        context: Any,
-        job: RenderJob,
-        first_chunk: int,
-        index: int,
-        workers: int,
+        self, context: Any, job: RenderJob, first_chunk: int, index: int, workers: int,
         gpu: int | None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._job, self._end_us = job, job.bounds_us
         count = slot_count(job)
         descriptor = os.memfd_create("eventsweep")
@@ -177,27 +162,24 @@ class _RenderWorker:
     def frames(self, chunk: int) -> Iterator[RenderedFrame]:
         """The frames of the worker's next chunk."""
         while True:
-            sent = self._receive()
-            views = self._slots.images(sent.slot)
-            images = tuple(view.copy() for view in views)
+            slot, sent = self._receive()
+            images = tuple(view.copy() for view in self._slots.images(slot))
             with suppress(BrokenPipeError):
-                self._pipe.send(sent.slot)
-            yield self._frame(chunk, sent, images)
+                self._pipe.send(slot)
+            yield self._frame(sent, images)
             if sent.t_us == self._end_us[chunk + 1]:
                 return
             del sent, images  # or they would stay while the next ones come
 
-    def _frame(self, chunk: int, sent: _Sent, images: Images) -> RenderedFrame:
+    def _frame(self, sent: RenderedFrame, images: Images) -> RenderedFrame:
         cameras = len(self._job.rig)
         first, depth_m = images[:cameras], images[cameras:]
         if not self._job.fine:
-            return RenderedFrame(chunk, sent.t_us, first, depth_m, sent.truth)
+            return sent._replace(intensity=first, depth_m=depth_m)
         n = self._job.supersample
         fine = [FineFrame(*pair, n, 0) for pair in zip(first, depth_m, strict=True)]
         intensity = tuple(frame.pixels for frame in fine)
-        return RenderedFrame(
-            chunk, sent.t_us, intensity, depth_m, sent.truth, first, sent.intervals
-        )
+        return sent._replace(intensity=intensity, depth_m=depth_m, light=first)
 
     def _receive(self) -> _Sent:
         try:
@@ -248,7 +230,7 @@ def _send(frame: RenderedFrame, pipe: Connection, slots: _Slots, free: list[int]
     images = (frame.light or frame.intensity) + frame.depth_m
     for view, image in zip(slots.images(slot), images, strict=True):
         view[:] = image
-    pipe.send(_Sent(frame.chunk, frame.t_us, slot, frame.truth, frame.intervals))
+    pipe.send((slot, frame._replace(intensity=(), depth_m=(), light=())))
 
 
 def _check_sendable(job: RenderJob) -> None:

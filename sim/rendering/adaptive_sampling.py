@@ -123,15 +123,12 @@ class _View(NamedTuple):
     def moved_px(self, seen: RigFrame, then_us: int) -> float:
         """The furthest that a pixel of `seen` goes until `then_us`, or came since then, px."""
         T_world_then = self.motion.T_world_body(then_us * 1e-6)
+        poses = seen.T_world_body, T_world_then
         depths_m = [frame.nearest_depth_m for frame in seen.frames]
-        moved_px = largest_displacement_px(
-            self.source.rig, depths_m, seen.T_world_body, T_world_then
-        )
+        moved_px = largest_displacement_px(self.source.rig, depths_m, *poses)
         if self.bodies is None:
             return moved_px
-        span_us = seen.t_us, then_us
-        own_px = self.bodies.moved_px(seen.bodies, span_us, seen.T_world_body, T_world_then)
-        return max(moved_px, own_px)
+        return max(moved_px, self.bodies.moved_px(seen.bodies, (seen.t_us, then_us), *poses))
 
 
 def _advance(
@@ -161,12 +158,9 @@ def _advance(
 
 
 def longest_step(
-    moved_px: Callable[[int], float],
-    limit_px: float,
-    guess_us: int,
-    shortest_us: int,
+    moved_px: Callable[[int], float], limit_px: float, guess_us: int, shortest_us: int,
     longest_us: int,
-) -> tuple[int, float]:
+) -> tuple[int, float]:  # fmt: skip
     """Finds nearly the longest step whose displacement stays within `limit_px`, by the secant rule.
 
     `moved_px` gives the displacement after a step of so many µs. The least step is returned, with
@@ -189,33 +183,15 @@ def longest_step(
         if lower_us >= bad_us:
             assert good is not None
             return good
-        step_us = min(max(_rescaled(step_us, now_px, limit_px), lower_us), bad_us - 1)
-
-
-def _rescaled(step_us: int, moved_px: float, limit_px: float) -> int:
-    """The step that would move a little less than the limit, if displacement grew linearly."""
-    share = _AIM * limit_px / max(moved_px, 1e-3 * limit_px)
-    return max(1, int(step_us * share))
+        # What would move a little less than the limit, if displacement grew linearly
+        share = _AIM * limit_px / max(now_px, 1e-3 * limit_px)
+        step_us = min(max(int(step_us * share), 1, lower_us), bad_us - 1)
 
 
 @lru_cache(maxsize=16)
 def _lens_tables(camera: Camera) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     bearing, slope = bearing_steps(camera)
     return bearing.astype(np.float32), np.linalg.inv(slope).astype(np.float32)
-
-
-def _fill_rows(
-    camera: Camera,
-    depth_m: NDArray[np.float32],
-    T_b_a: NDArray[np.float64],
-    rows: NDArray[np.float64],
-) -> None:
-    if camera.model == "pinhole":
-        focal_px = np.array([camera.fx_px, camera.fy_px])
-        centre_px = np.array([camera.cx_px, camera.cy_px])
-        squared_displacement(depth_m, focal_px, centre_px, T_b_a, rows)
-    else:
-        squared_displacement_lens(depth_m, *_lens_tables(camera), T_b_a, rows)
 
 
 def largest_displacement_px(
@@ -240,7 +216,12 @@ def largest_displacement_px(
                 f"depth of shape {depth_m.shape} for a camera of {camera.width_px} x "
                 f"{camera.height_px} px: give (H, W) of the same camera"
             )
-        rows = np.empty(camera.height_px)
-        _fill_rows(camera, depth_m, se3.inverse(T_body_cam) @ T_b_a @ T_body_cam, rows)
+        rows, T = np.empty(camera.height_px), se3.inverse(T_body_cam) @ T_b_a @ T_body_cam
+        if camera.model == "pinhole":
+            focal_px = np.array([camera.fx_px, camera.fy_px])
+            centre_px = np.array([camera.cx_px, camera.cy_px])
+            squared_displacement(depth_m, focal_px, centre_px, T, rows)
+        else:
+            squared_displacement_lens(depth_m, *_lens_tables(camera), T, rows)
         largest = max(largest, float(rows.max()))
     return float(np.sqrt(largest))

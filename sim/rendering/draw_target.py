@@ -91,9 +91,8 @@ def sharpen_textures(context: Any) -> None:
     """
     gl = opengl()
     targets = gl.GL_TEXTURE_2D, gl.GL_TEXTURE_CUBE_MAP
-    for kind, texture in zip(
-        context.textureType, context.texture[: context.ntexture], strict=False
-    ):
+    textures = context.texture[: context.ntexture]
+    for kind, texture in zip(context.textureType, textures, strict=False):
         target = targets[int(bool(kind))]
         gl.glBindTexture(target, int(texture))
         gl.glTexParameterf(target, gl.GL_TEXTURE_LOD_BIAS, _LOD_BIAS)

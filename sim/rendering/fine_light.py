@@ -70,11 +70,8 @@ class FineView:
     @property
     def inner(self) -> tuple[slice, slice]:
         """The sensor's rows and columns in `drawn`."""
-        border = self.border_px
-        return (
-            slice(border, border + self.sensor.height_px),
-            slice(border, border + self.sensor.width_px),
-        )
+        first, sensor = self.border_px, self.sensor
+        return slice(first, first + sensor.height_px), slice(first, first + sensor.width_px)
 
 
 class FineLight(Protocol):

@@ -159,13 +159,9 @@ def _widened(camera: Camera, border_px: int) -> Camera:
 
 def buffer_size(rig: Rig, lenses: tuple[LensMap | None, ...], supersample: int) -> tuple[int, int]:
     """Width and height of the largest picture that is drawn at once, samples."""
-    sizes = [
-        (m.source.width_px, m.source.height_px)
-        if m
-        else (supersample * camera.width_px, supersample * camera.height_px)
-        for camera, m in zip(rig.cameras * (len(lenses) // len(rig)), lenses, strict=True)
-    ]
-    return max(width for width, _ in sizes), max(height for _, height in sizes)
+    cameras = rig.cameras * (len(lenses) // len(rig))
+    drawn = [(m.source, 1) if m else (c, supersample) for c, m in zip(cameras, lenses, strict=True)]
+    return max(n * c.width_px for c, n in drawn), max(n * c.height_px for c, n in drawn)
 
 
 def tiles(view: Camera, width_px: int, height_px: int) -> Iterator[tuple[Camera, slice, slice]]:

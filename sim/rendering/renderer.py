@@ -6,7 +6,6 @@ import copy
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cached_property
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -112,12 +111,7 @@ class StereoRenderer:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -204,9 +198,8 @@ class StereoRenderer:
         full_scale = self._target.full_scale
         if mapped is None:
             rgb, window_depth = self._draw(seen, camera, T_world_body, self.supersample)
-            pixel_kernels.average(
-                rgb, window_depth, self.supersample, intensity, nearest, full_scale
-            )
+            samples = self.supersample
+            pixel_kernels.average(rgb, window_depth, samples, intensity, nearest, full_scale)
         else:
             rgb, window_depth = self._draw(mapped.source, camera, T_world_body)
             luma = np.empty_like(window_depth)
@@ -357,11 +350,8 @@ class StereoRenderer:
         """Sets pose and frustum of both eyes; the one place where z forward becomes -z."""
         left, right, top, bottom = self._near_m * lens.edges(camera)
         for eye in self._scene.camera:
-            eye.pos, eye.forward, eye.up = (
-                T_world_cam[:3, 3],
-                T_world_cam[:3, 2],
-                -T_world_cam[:3, 1],
-            )
+            eye.pos, eye.forward = T_world_cam[:3, 3], T_world_cam[:3, 2]
+            eye.up = -T_world_cam[:3, 1]
             eye.frustum_center, eye.frustum_width = (left + right) / 2, (right - left) / 2
             eye.frustum_top, eye.frustum_bottom = -top, -bottom
             eye.frustum_near, eye.frustum_far = self._near_m, self._far_m
@@ -369,16 +359,13 @@ class StereoRenderer:
 
 def _compiled(spec: Any) -> Any:
     """A model for a renderer alone, compiled from a copy of a spec, or a copy of a model."""
-    if hasattr(spec, "compile"):
-        own = spec.copy()
-        # MuJoCo's own buffer, which is not drawn into.
-        own.visual.global_.offwidth = own.visual.global_.offheight = 1
-        own.visual.quality.offsamples = 0
-        return compiled(own)
-    model = copy.deepcopy(spec)
-    model.vis.global_.offwidth = model.vis.global_.offheight = 1
-    model.vis.quality.offsamples = 0
-    return model
+    parsed = hasattr(spec, "compile")
+    own = spec.copy() if parsed else copy.deepcopy(spec)
+    visual = own.visual if parsed else own.vis
+    # MuJoCo's own buffer, which is not drawn into.
+    visual.global_.offwidth = visual.global_.offheight = 1
+    visual.quality.offsamples = 0
+    return compiled(own) if parsed else own
 
 
 def metric_depth(

@@ -73,13 +73,9 @@ def imu_samples(
 
 
 def _noise(
-    rng: np.random.Generator,
-    count: int,
-    rate_hz: float,
-    density: float,
-    walk: float,
+    rng: np.random.Generator, count: int, rate_hz: float, density: float, walk: float,
     bias: tuple[float, float, float],
-) -> Array:
+) -> Array:  # fmt: skip
     """White noise (N, 3) of std density sqrt(rate), on a bias of steps walk / sqrt(rate)."""
     white = rng.standard_normal((count, 3)) * density * np.sqrt(rate_hz)
     steps = rng.standard_normal((count, 3)) * walk / np.sqrt(rate_hz)

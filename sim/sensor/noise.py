@@ -14,6 +14,8 @@ from eventsweep.sim.sensor.pixels import Batch
 from eventsweep.sim.sensor.random_streams import Randomness, Use
 from eventsweep.sim.sensor_presets import SensorParameters
 
+Light = NDArray[np.float32]
+
 
 class Noise:
     """Shot noise and hot pixels of one camera."""
@@ -21,32 +23,20 @@ class Noise:
     def __init__(self, number: int, parameters: SensorParameters, randomness: Randomness) -> None:
         self._number, self._parameters, self._randomness = number, parameters, randomness
         count = round(parameters.hot_pixel_fraction * number)
-        generator = randomness.once(Use.HOT_PIXELS)
+        generator = randomness.at(Use.HOT_PIXELS)
         chosen = generator.choice(number, count, replace=False)
         self.hot_pixels: NDArray[np.int32] = np.sort(chosen).astype(np.int32)
         """Raster indices."""
 
-    def step(
-        self,
-        light_before: NDArray[np.float32],
-        light_now: NDArray[np.float32],
-        before_us: int,
-        t_us: int,
-    ) -> Batch:
+    def step(self, light_before: Light, light_now: Light, before_us: int, t_us: int) -> Batch:
         """Noise events in (before, now], in no order, for intensity (P,) linear in between."""
-        shot = self._shot(light_before, light_now, before_us, t_us)
-        return shot.joined(self._hot(before_us, t_us))
+        shot = self._shot(light_before, light_now, before_us, t_us - before_us)
+        return shot.joined(self._hot(before_us, t_us - before_us))
 
-    def _shot(
-        self,
-        light_before: NDArray[np.float32],
-        light_now: NDArray[np.float32],
-        before_us: int,
-        t_us: int,
-    ) -> Batch:
+    def _shot(self, light_before: Light, light_now: Light, before_us: int, step_us: int) -> Batch:
         dark_hz = self._parameters.shot_rate_dark_hz
         bright_hz = self._parameters.shot_rate_bright_hz
-        most_hz, step_us = max(dark_hz, bright_hz), t_us - before_us
+        most_hz = max(dark_hz, bright_hz)
         if most_hz == 0:
             return Batch.empty()
         rng = self._randomness.at(Use.SHOT_EVENTS, before_us)
@@ -59,8 +49,8 @@ class Noise:
         kept = level * most_hz < rate_hz
         return _batch(pixel[kept], share[kept], p[kept], Label.SHOT, before_us, step_us)
 
-    def _hot(self, before_us: int, t_us: int) -> Batch:
-        rate_hz, step_us = self._parameters.hot_pixel_rate_hz, t_us - before_us
+    def _hot(self, before_us: int, step_us: int) -> Batch:
+        rate_hz = self._parameters.hot_pixel_rate_hz
         if not (rate_hz and len(self.hot_pixels)):
             return Batch.empty()
         rng = self._randomness.at(Use.HOT_EVENTS, before_us)
@@ -72,13 +62,9 @@ class Noise:
 
 
 def _batch(
-    pixel: NDArray[np.int32],
-    share: NDArray[np.float64],
-    p: NDArray[np.uint8],
-    label: Label,
-    before_us: int,
-    step_us: int,
-) -> Batch:
+    pixel: NDArray[np.int32], share: NDArray[np.float64], p: NDArray[np.uint8], label: Label,
+    before_us: int, step_us: int,
+) -> Batch:  # fmt: skip
     offset_us = 1 + np.floor(share * step_us).astype(np.int64)
     labels = np.full(len(pixel), label, np.uint8)
     return Batch(pixel, before_us + np.minimum(offset_us, step_us), p, labels)

@@ -84,7 +84,7 @@ class Pixels:
         self._shape, self._log_eps, self._parameters = shape, log_eps, parameters
         self._randomness, number = randomness, shape[0] * shape[1]
         self.c_pos, self.c_neg = self._drawn_thresholds(thresholds, number)
-        key = randomness.once(Use.LEAK).integers(2**64, dtype=np.uint64)
+        key = randomness.at(Use.LEAK).integers(2**64, dtype=np.uint64)
         self._leak_key = np.uint64(key)
         self._allocate(number)
 
@@ -140,7 +140,7 @@ class Pixels:
     def _drawn_thresholds(
         self, nominal: tuple[float, float], number: int
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        normal = self._randomness.once(Use.THRESHOLDS).standard_normal((2, number))
+        normal = self._randomness.at(Use.THRESHOLDS).standard_normal((2, number))
         drawn = np.asarray(nominal)[:, None] + self._parameters.threshold_sigma * normal
         c_pos, c_neg = np.maximum(drawn, _LEAST_THRESHOLD * np.asarray(nominal)[:, None])
         return c_pos, c_neg
@@ -148,7 +148,7 @@ class Pixels:
     def _start_leak(self) -> None:
         """Pixels have been on for long: they are anywhere on their way to the next leak event."""
         number = self._log.size
-        self._leaked = self._randomness.once(Use.LEAK).random((2, number))[1]
+        self._leaked = self._randomness.at(Use.LEAK).random((2, number))[1]
         rate_hz, jitter = self._parameters.leak_rate_hz, self._parameters.leak_jitter
         self._leaked_last = self._leaked.copy()
         kernels.leak_speeds(self._leak_key, rate_hz, jitter, self._speed)

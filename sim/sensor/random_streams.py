@@ -31,14 +31,7 @@ class Randomness:
             raise InputError(f"seed {seed}, camera {camera}: both must be 0 or greater")
         self._key = np.random.SeedSequence([seed, camera]).generate_state(2, np.uint64)
 
-    def once(self, use: Use) -> np.random.Generator:
-        """Numbers that are drawn once per camera."""
-        return self._generator(use, 0)
-
-    def at(self, use: Use, t_us: int) -> np.random.Generator:
-        """Numbers for the step that starts at `t_us`."""
-        return self._generator(use, t_us)
-
-    def _generator(self, use: Use, t_us: int) -> np.random.Generator:
+    def at(self, use: Use, t_us: int = 0) -> np.random.Generator:
+        """Numbers for the step that starts at `t_us`, or those that are drawn once per camera."""
         counter = np.array([0, 0, int(use), t_us % 2**64], np.uint64)
         return np.random.Generator(np.random.Philox(key=self._key, counter=counter))

@@ -46,25 +46,15 @@ class Sensor:
     """
 
     def __init__(
-        self,
-        camera_index: int,
-        width_px: int,
-        height_px: int,
-        config: PixelConfig,
-        seed: int,
-        *,
-        always_full: bool = False,
-    ) -> None:
-        parameters = config.sensor.resolved()
-        self._shape, self._config, self._parameters = (height_px, width_px), config, parameters
-        randomness = Randomness(seed, camera_index)
-        number = width_px * height_px
-        ideal = parameters.ideal_pixels and parameters.ideal_readout and not always_full
+        self, camera_index: int, width_px: int, height_px: int, config: PixelConfig, seed: int,
+        *, always_full: bool = False,
+    ) -> None:  # fmt: skip
+        parameters, randomness = config.sensor.resolved(), Randomness(seed, camera_index)
         self._chain: _FullChain | EventSimulator
-        if ideal:
+        if parameters.ideal_pixels and parameters.ideal_readout and not always_full:
             self._chain = EventSimulator(width_px, height_px, config)
         else:
-            self._chain = _FullChain(self._shape, config, randomness, number)
+            self._chain = _FullChain((height_px, width_px), config, randomness)
         self._t_us: int | None = None
         self._counts = np.zeros(len(count_names()), np.int64)
 
@@ -95,7 +85,10 @@ class Sensor:
                 negative, not finite or of another size.
         """
         time_before(self._t_us, t_us)
-        return self._counted(*self._advance(intensity, t_us), t_us)
+        if isinstance(self._chain, _FullChain):
+            return self._counted(*self._chain.step(intensity, t_us), t_us)
+        before = self._chain.suppressed
+        return self._ideal(self._chain.step(intensity, t_us), before, t_us)
 
     def between(self, passage: Passage) -> LabelledEvents:
         """Returns the events that come out on the way to the next fine frame, and have not yet.
@@ -110,8 +103,7 @@ class Sensor:
             pictures = zip(passage.pictures(times_us), times_us, strict=True)
             return LabelledEvents.joined([self.step(*picture) for picture in pictures])
         before = self._chain.suppressed
-        events = self._chain.between(passage)
-        return self._counted(*self._ideal(events, before), t_us)
+        return self._ideal(self._chain.between(passage), before, t_us)
 
     def finish(self) -> int:
         """Ends the recording at the last frame: drops and counts what has not come out yet."""
@@ -130,18 +122,10 @@ class Sensor:
         self._counts = np.array(state["sensor/counts"], np.int64)
         self._chain.restore(part_of(state, "chain"))
 
-    def _advance(
-        self, intensity: NDArray[np.float32], t_us: int
-    ) -> tuple[LabelledEvents, NDArray[np.int64]]:
-        if isinstance(self._chain, _FullChain):
-            return self._chain.step(intensity, t_us)
-        before = self._chain.suppressed
-        return self._ideal(self._chain.step(intensity, t_us), before)
-
-    def _ideal(self, events: Events, before: int) -> tuple[LabelledEvents, NDArray[np.int64]]:
+    def _ideal(self, events: Events, suppressed_before: int, t_us: int) -> LabelledEvents:
         assert isinstance(self._chain, EventSimulator)
-        dropped = np.array([self._chain.suppressed - before, 0, 0])
-        return LabelledEvents(events, np.zeros(len(events), np.uint8)), dropped
+        dropped = np.array([self._chain.suppressed - suppressed_before, 0, 0])
+        return self._counted(LabelledEvents(events, np.zeros(len(events), np.uint8)), dropped, t_us)
 
     def _counted(
         self, labelled: LabelledEvents, dropped: NDArray[np.int64], t_us: int
@@ -155,10 +139,8 @@ class Sensor:
 class _FullChain:
     """The whole chain; parts that are ideal are passed by."""
 
-    def __init__(
-        self, shape: tuple[int, int], config: PixelConfig, randomness: Randomness, number: int
-    ) -> None:
-        p = config.sensor.resolved()
+    def __init__(self, shape: tuple[int, int], config: PixelConfig, randomness: Randomness) -> None:
+        p, number = config.sensor.resolved(), shape[0] * shape[1]
         thresholds = config.contrast_threshold_pos, config.contrast_threshold_neg
         self._parameters, self._width_px = p, shape[1]
         self._refractory_us = config.refractory_period_us

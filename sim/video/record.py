@@ -87,10 +87,6 @@ class RecordedVideo:
         return asdict(self) | {"path": str(self.path)}
 
 
-def _unseen(_share: float, _events: int) -> None:
-    """Shows no progress."""
-
-
 def format_of(out: Path, to: str | None = None) -> str:
     """What to write: as asked, or as the name's end says, or a sequence.
 
@@ -117,7 +113,7 @@ def record(
     view: View | None = None,
     to: str | None = None,
     force: bool = False,
-    progress: Progress = _unseen,
+    progress: Progress = lambda _share, _events: None,
 ) -> RecordedVideo:
     """Turns a folder of images or a video file into events.
 

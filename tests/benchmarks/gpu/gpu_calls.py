@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
+from eventsweep.emvs.dsi.method import file_name
 from eventsweep.emvs.mapper import map_window
 from eventsweep.emvs.methods import methods_by_name, with_volume
 from eventsweep.emvs.window_result import WindowResult
@@ -108,7 +109,7 @@ def agreement(
     gpu: WindowResult, cpu: WindowResult, gpu_volumes: Path, cpu_volumes: Path
 ) -> Agreement:
     """Compares maxima in memory and the volumes that `save_volumes` wrote."""
-    files = [method.file_name for method in with_volume(methods_by_name(VOLUMES, 2))]
+    files = [file_name(method.name) for method in with_volume(methods_by_name(VOLUMES, 2))]
     apart = [_apart(gpu_volumes / f"{name}.npy", cpu_volumes / f"{name}.npy") for name in files]
     volume, relative = np.max(apart, axis=0)  # NaN where one is
     shares = [

@@ -9,6 +9,7 @@ import naive_sweep
 from eventsweep.emvs.dsi import fusion_kernels
 from eventsweep.emvs.dsi.fusion import Fusion, fuse
 from eventsweep.emvs.dsi.maxima import RunningMaxima
+from eventsweep.emvs.dsi.method import file_name
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.methods import known_methods, methods_by_name
 from fusions import FUSIONS
@@ -139,7 +140,7 @@ def test_method_names():
         "Alg1/H", "EMVS/cam1",
     ]  # fmt: skip
     assert [method.name for method in methods_by_name(("all",), 1)] == ["EMVS/cam0"]
-    assert methods_by_name(("Alg1/H",), 2)[0].file_name == "Alg1-H"
+    assert file_name("Alg1/H") == "Alg1-H"
     assert "harmonic" in methods_by_name(("Alg1/H",), 2)[0].summary
 
 

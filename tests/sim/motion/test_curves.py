@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
-from eventsweep.sim.motion.curves import HeadSway, Wave, look_at, sampled, spline
+from eventsweep.sim.motion.curves import HeadSway, Wave, look_at, sampled
 
 COORDINATE = st.floats(-5, 5)
 POINT = st.tuples(COORDINATE, COORDINATE, COORDINATE)
@@ -71,25 +71,6 @@ def test_wave_follows_its_formula():
     wave = Wave(2.0, (1, 0, 0), (0, 90, 0), (0, 0, 0, 0, np.pi / 2, 0))
     np.testing.assert_allclose(wave.at(0.5), [1, 0, 0, 0, 0, 0], atol=1e-12)
     np.testing.assert_allclose(wave.at(0.0), [0, 0, 0, 0, np.pi / 2, 0], atol=1e-12)
-
-
-def test_spline_passes_through_its_keys_and_refuses_beyond():
-    times_s = [0.0, 0.3, 0.5, 1.0]
-    keys = np.stack([sway().T_world_body(t) for t in times_s])
-    motion = spline(times_s, keys)
-    for t_s, key in zip(times_s, keys, strict=True):
-        np.testing.assert_allclose(motion.T_world_body(t_s), key, atol=1e-12)
-    assert se3.is_rigid(motion.T_world_body(0.42), 1e-9)
-    with pytest.raises(InputError, match=r"span 0\.0 to 1\.0"):
-        motion.T_world_body(1.01)
-
-
-@pytest.mark.parametrize(
-    ("times_s", "shape"), [([0.0, 1.0], (3, 4, 4)), ([0.0], (1, 4, 4)), ([0.0, 0.0], (2, 4, 4))]
-)
-def test_spline_refuses_bad_keys(times_s, shape):
-    with pytest.raises(InputError):
-        spline(times_s, np.broadcast_to(np.eye(4), shape))
 
 
 @given(st.floats(0.001, 0.4), st.floats(10, 2000))

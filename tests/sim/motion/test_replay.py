@@ -10,7 +10,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.sim.motion.curves import look_at
-from eventsweep.sim.motion.replay import Replay, gain, hand_eye, smoothed
+from eventsweep.sim.motion.replay import Replay, hand_eye, smoothed
 from places import SHARED
 
 RATE_HZ = 120.0
@@ -38,6 +38,12 @@ def middle_rms(motion, channel):
     return float(
         np.sqrt(np.mean({"position": poses[:, 1, 3], "rotation": angles[:, 1]}[channel] ** 2))
     )
+
+
+def gain(frequency_hz, rate_hz, cutoff_hz):
+    """Amplitude gain of `smoothed` at (N,) frequencies, away from the ends."""
+    ratio = np.sin(np.pi * frequency_hz / rate_hz) / np.sin(np.pi * cutoff_hz / rate_hz)
+    return 1 / (1 + (np.sqrt(2) - 1) * ratio**6)
 
 
 @pytest.mark.parametrize("channel", ["position", "rotation"])
