@@ -53,13 +53,13 @@ def find_hot_pixels(
     A pixel is hot from `ratio` times its surroundings' activity on. `progress` is called with the
     stage `hot pixels`, how many cameras are done and how many there are.
     """
-    found = []
+    hot = []
     for camera in range(len(recording.rig)):
         progress("hot pixels", camera, len(recording.rig))
         counts = _counts(recording, camera, t0_us, t1_us)
         mask = hot_mask(counts, ratio)
-        found.append(HotPixels(mask, int(counts[mask].sum())))
-    return tuple(found)
+        hot.append(HotPixels(mask, int(counts[mask].sum())))
+    return tuple(hot)
 
 
 def hot_mask(counts: Counts, ratio: float) -> Mask:

@@ -43,8 +43,8 @@ def calibrate(
     if out is not None:
         check_path("out", out)
         check_output(Path(out), force=force, inputs=inputs)
-    found = refine(given, config, progress)
+    refinement = refine(given, config, progress)
     if out is not None:
         with atomic_dir(Path(out), force=force, inputs=inputs) as folder:
-            write_refined(folder, Path(out), given, found)
-    return found
+            write_refined(folder, Path(out), given, refinement)
+    return refinement

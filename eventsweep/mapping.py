@@ -138,10 +138,7 @@ def map_windows(
 
 
 def read_map(folder: str | Path) -> StoredMap:
-    """Opens a map's folder; arrays are read when they are asked for.
-
-    Args:
-        folder: what `map_windows`, `eventsweep map` or `eventsweep run` wrote: holds `map.json`.
+    """Opens the folder of a map (`map.json`); arrays are read when they are asked for.
 
     Returns:
         The map: `windows`, each with its reference time `t_ref_us` and `depth_map(method)`.

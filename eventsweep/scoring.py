@@ -63,10 +63,7 @@ def score(
 
 
 def read_results(path: str | Path) -> Results:
-    """Reads the numbers of a run.
-
-    Args:
-        path: `results.json`, or the folder that holds it.
+    """Reads the numbers of a run: `results.json`, or the folder that holds it.
 
     Raises:
         InputError: no such file, or one that is damaged or of another version.
@@ -76,12 +73,7 @@ def read_results(path: str | Path) -> Results:
 
 
 def write_results(folder: str | Path, numbers: Results) -> None:
-    """Writes `results.json` and `results.csv` into a folder that exists.
-
-    Args:
-        folder: gets both files; older ones are replaced.
-        numbers: what is written.
-    """
+    """Writes `results.json` and `results.csv` into a folder; older ones are replaced."""
     check_path("folder", folder)
     results.write_results(Path(folder), numbers)
 

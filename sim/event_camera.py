@@ -307,13 +307,13 @@ def rig_of(model: Any, rig: Rig | str | tuple[str, ...]) -> Rig:
 
 
 def _camera_name(model: Any, mount: str) -> str:
-    found = find_mount(model, mount)
-    if found.kind != "camera":
+    place = find_mount(model, mount)
+    if place.kind != "camera":
         raise InputError(
-            f"{found.kind} {found.name!r} says nothing of a lens: give a Camera, or mount on a "
+            f"{place.kind} {place.name!r} says nothing of a lens: give a Camera, or mount on a "
             "camera of the model"
         )
-    return found.name
+    return place.name
 
 
 def _pose(T: Pose | None) -> Pose:

@@ -117,9 +117,9 @@ def _mark(
     large = jump * np.maximum(here, there)
     # At the picture's edge there is one neighbouring step only, and it may be the odd one; in
     # its corners the diagonal has none.
-    found = (least > large) & np.isfinite(least) & (np.abs(step) > large)
+    jumps = (least > large) & np.isfinite(least) & (np.abs(step) > large)
     for ends in _ends(marked, down, right):
-        ends |= found
+        ends |= jumps
 
 
 def _ends(values: NDArray[Any], down: int, right: int) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -162,7 +162,7 @@ def event_depth_m(
     events: Events,
     places: NDArray[np.int32] | None = None,
 ) -> NDArray[np.float32]:
-    """Z-depth at the pixel and time of each event between two frames.
+    """(N,) z-depth at the pixel and time of each event between two frames, m; inf for none.
 
     Where a surface stays, its inverse depth is interpolated linearly; where an edge passed, the
     nearer of the two depths is taken.
@@ -175,9 +175,6 @@ def event_depth_m(
             puts before the frame before counts as at that frame.
         places: (N, 4) column and row where each event's surface lies in the frame before, and in
             the frame behind; None where frames are so close that it is the event's own pixel.
-
-    Returns:
-        (N,) float32, m; inf where nothing is seen.
 
     Raises:
         InputError: depths of two sizes, times that do not rise, or an event off the sensor.

@@ -59,12 +59,12 @@ def _robot(mj: Any, path: Path) -> mujoco.MjSpec:
     spec = mj.MjSpec.from_string(_ROBOT.sub(rf"\g<0>{_VISIBLE}", text, count=1))
     spec.modelfiledir = str(path.resolve().parent)
     for asset in (*spec.meshes, *spec.textures):
-        asset.file = _found(asset.file, path.resolve().parent)
+        asset.file = _resolved(asset.file, path.resolve().parent)
     _hide_hulls(spec)
     return spec
 
 
-def _found(file: str, folder: Path) -> str:
+def _resolved(file: str, folder: Path) -> str:
     """Where `package://NAME/REST` lies: in a folder around the robot's, with or without NAME."""
     if not file.startswith(_PACKAGE):
         return file
@@ -131,10 +131,10 @@ def files_of(path: Path) -> list[Path]:
     """
     folder = path.resolve().parent
     texts: dict[Path, str] = {}
-    found, seen = {path.resolve()}, 0
-    while seen < len(found):  # a folder may be said in one file, and a name in another
-        seen = len(found)
-        models = {file for file in found if file.suffix.lower() in SUFFIXES and file.is_file()}
+    files, seen = {path.resolve()}, 0
+    while seen < len(files):  # a folder may be said in one file, and a name in another
+        seen = len(files)
+        models = {file for file in files if file.suffix.lower() in SUFFIXES and file.is_file()}
         for file in models - texts.keys():
             texts[file] = file.read_text(encoding="utf-8", errors="replace")
         said = {"", *(unescape(name) for text in texts.values() for name in _FOLDER.findall(text))}
@@ -142,13 +142,13 @@ def files_of(path: Path) -> list[Path]:
             root / name for root in (folder, *(file.parent for file in texts)) for name in said
         }
         names = {unescape(name) for text in texts.values() for name in _FILE.findall(text)}
-        found |= {file.resolve() for file in _places(names, roots, folder) if file.is_file()}
-    return sorted(file for file in found if file.is_file())
+        files |= {file.resolve() for file in _places(names, roots, folder) if file.is_file()}
+    return sorted(file for file in files if file.is_file())
 
 
 def _places(names: set[str], roots: set[Path], folder: Path) -> Iterator[Path]:
     for name in names:
-        known = _found(name, folder)
+        known = _resolved(name, folder)
         yield from (root / place for root in roots for place in {known, Path(known).name})
 
 

@@ -132,14 +132,7 @@ def put_texture(spec: mujoco.MjSpec, name: str, pixels: NDArray[np.uint8]) -> No
 
 @dataclass(frozen=True, eq=False)
 class ReplayedMotion:
-    """Stands in a scene for its own motion.
-
-    Attributes:
-        recorded: the trajectory.
-        config: how it is smoothed and placed.
-        T_body_cam: (4, 4) camera 0 in the recorded body.
-        own: the scene's own motion, at whose start the recorded one is placed.
-    """
+    """Stands in a scene for its own motion, at whose start the recorded one is placed."""
 
     recorded: Trajectory
     config: ReplayConfig

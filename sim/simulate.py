@@ -84,27 +84,15 @@ def simulate(
     """Simulates what the rig's event cameras see and writes the sequence to `out`.
 
     The same arguments give identical bytes on the same machine and graphics library, however many
-    workers there are and however often the run was stopped and resumed.
+    workers there are and however often the run was stopped and resumed. Unfinished work is kept
+    beside `out`, in `.NAME.work`, and taken up by the next run with the same arguments, unless
+    `resume` is off: then it is discarded. With several workers, the scene's functions must be
+    importable, `drawing`, which opens the renderer, is sent to other processes, and a script that
+    calls this needs the usual `__main__` guard.
 
-    Args:
-        scene: geometry, textures and motion.
-        rig: the cameras; the scene's motion moves its body.
-        config: every parameter.
-        seed: non-negative; the scene's motion draws its phases from it.
-        out: folder to write; appears only when complete. Unfinished work is kept beside it, in
-            `.NAME.work`, and taken up by the next run with the same arguments.
-        force: replace a sequence that is in the place of `out`.
-        workers: rendering processes; 1 renders in this one. With more, the scene's functions must
-            be importable, and a script that calls this needs the usual `__main__` guard.
-        resume: whether unfinished work is taken up; otherwise it is discarded.
-        commit_s: least time between two checkpoints, s: what a kill may cost.
-        progress: called after every frame.
-        notice: called with one line when unfinished work is taken up or found damaged, and when
-            there is a GPU that does not draw.
-        drawing: opens the renderer; with several workers it is sent to other processes.
-
-    Returns:
-        `out`.
+    A kill costs `commit_s` at the most, the least time between two checkpoints. `notice` is called
+    with one line when unfinished work is taken up or found damaged, and when there is a GPU that
+    does not draw.
 
     Raises:
         InputError: no graphics library, an existing `out` without `force`, a negative seed, motion

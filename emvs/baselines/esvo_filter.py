@@ -54,13 +54,9 @@ class Estimates:
 def propagate(
     rays: Float64s, origins_m: Float64s, rho: Float64s, scale: Float64s
 ) -> tuple[Float64s, Float64s, Float64s]:
-    """Carries inverse depths into another view, and their scales by the derivative.
+    """Carries (N,) inverse depths into another view, and their scales by the derivative.
 
-    Args:
-        rays: (N, 3) `R @ (bearing, 1)` in the new view.
-        origins_m: (N, 3) where those rays begin in the new view, m.
-        rho: (N,) inverse depths in the old one, 1/m.
-        scale: (N,) their scales, 1/m.
+    There the (N, 3) rays `R @ (bearing, 1)` begin at (N, 3) `origins_m`.
 
     Returns:
         (N, 2) bearings, (N,) inverse depths, NaN behind the view, and (N,) their scales.

@@ -106,18 +106,11 @@ def time_slopes(
     pixels: NDArray[np.int64], t_us: NDArray[np.int64], p: NDArray[np.uint8],
     size_px: tuple[int, int], radius_px: int, memory_us: int,
 ) -> Float64s:  # fmt: skip
-    """Slope of the last event times around each event, of its own polarity.
+    """(N, 2) slopes, µs/px, of the last event times around each event, of its own polarity.
 
-    Args:
-        pixels: (N, 2) int64 columns and rows; negative columns for events that are left out.
-        t_us: (N,) sorted times, 0 or more, µs.
-        p: (N,) polarities, 0 or 1.
-        size_px: (width, height) that holds all pixels.
-        radius_px: half a side of the neighbourhood.
-        memory_us: how old a neighbour may be, µs.
-
-    Returns:
-        (N, 2) slopes by column and by row, µs/px; NaN where too few neighbours fired.
+    `pixels` are (N, 2) columns and rows, columns negative for events that are left out; `t_us` are
+    sorted and 0 or more. Neighbours lie within `radius_px` and are no older than `memory_us`; where
+    too few of them fired, the slope is NaN.
     """
     last = np.full((2, size_px[1], size_px[0]), NEVER, np.int64)
     out = np.empty((len(t_us), 2))

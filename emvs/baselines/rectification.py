@@ -207,12 +207,7 @@ def _pose(R_body_rect: Matrix, T_body_cam: Matrix) -> Matrix:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What the reference view sees of some points.
-
-    Attributes:
-        depth_m: (H, W) float32 z-depth of the nearest point of each pixel; 0 for none.
-        value: (H, W) float32 that point's value; 0 for none.
-    """
+    """(H, W) z-depth of the nearest point that the view sees, and its value; 0 for none."""
 
     depth_m: Image
     value: Image

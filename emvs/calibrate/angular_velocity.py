@@ -34,12 +34,10 @@ _SPREAD_STEPS = 4  # prior on how far a window's turn differs from its poses', 1
 
 @dataclass(frozen=True, eq=False)
 class TurnRates:
-    """How fast the first camera turned in each window, in its own frame.
+    """How fast the first camera turned in each window, (W, 3) rad/s in its own frame.
 
-    Attributes:
-        events: (W, 3) rad/s, estimated from the events.
-        poses: (W, 3) rad/s, those of the poses under the correction at hand.
-        weight: (W, 3, 3) of the events' estimates: minus the curvature of sharpness.
+    `events` is estimated from the events, `poses` is that of the poses under the correction at
+    hand; the (W, 3, 3) weight of the events' estimates is minus the curvature of sharpness.
     """
 
     events: Floats

@@ -134,10 +134,7 @@ def refine(
 ) -> Refinement:
     """Refines the calibration of a recording from its events and poses; writes nothing.
 
-    Args:
-        recording: events, poses and the calibration as given.
-        config: what to refine; by default stereo rotation and camera clock.
-        progress: called with the stage, the steps done and their number.
+    `progress` is called with the stage, the steps done and their number.
 
     Raises:
         InputError: no poses, an unknown name, a rig of one camera where two are needed, or events

@@ -24,10 +24,6 @@ Pixels = tuple[NDArray[np.int64], ...]  # rows and columns
 _SLOPE_SIGMA_PX = 0.8  # scale of the votes' slope: that of a ridge of votes, not of its noise
 _SURFACE_REACH = 1.5  # half the fitted window, in its scale: what is farther hardly counts
 _RIDGE_PX2 = 0.5  # keeps slopes that nothing determines at 0
-_POSITIVE = (
-    "sigma_px", "agreement_px", "agreement_at_px", "ray_px", "support_px", "inside_rise",
-    "surface_sigma_px", "surface_px",
-)  # fmt: skip
 _PATH_SAMPLES = 65
 
 
@@ -71,20 +67,6 @@ class FocusConfig:
     surface_px: float = 0.5
     threshold_kernel_px: int = 5
     threshold_c: float = 2.0
-
-    def __post_init__(self) -> None:
-        """Refuses what cannot work."""
-        focus_measures.measure(self.measure)
-        for name in _POSITIVE:
-            if not getattr(self, name) > 0:
-                raise InputError(f"{name} is {getattr(self, name)}: must be above 0")
-        for name in ("support_radius_px", "inside_radius_px"):
-            if getattr(self, name) < 1:
-                raise InputError(f"{name} is {getattr(self, name)}: must be at least 1")
-        if self.threshold_kernel_px < 3 or self.threshold_kernel_px % 2 == 0:
-            raise InputError(
-                f"threshold_kernel_px is {self.threshold_kernel_px}: must be odd and at least 3"
-            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,14 +150,16 @@ def judge_at(
     surface_kernels.support(
         surroundings_px, candidate, config.support_radius_px, np.float32(config.support_px), support
     )
-    images = np.zeros((5, *confidence.shape), np.float32)
-    images[:, *at] = (
+    factors = (
         np.exp(-disagreement_px / allowed_px),
         support[at],
         _inside(at, confidence, surroundings_px, candidate, config),
         np.exp(-ray_px / np.float32(config.ray_px)),
         _strength(at, confidence, candidate),
     )
+    images = np.zeros((len(factors), *confidence.shape), np.float32)
+    for image, factor in zip(images, factors, strict=True):
+        image[at] = factor
     return FocusEstimate(position, confidence, candidate, *images)
 
 

@@ -30,10 +30,8 @@ MAX_RATIO = 1.5  # of the corners' depths, far over near: above it a triangle sp
 class Dense:
     """A depth map with its gaps filled; what is filled in is a guess and never scored as points.
 
-    Attributes:
-        depth_m: (H, W) float32; finite everywhere, meaningful where `measured` or `filled` is set.
-        measured: (H, W) bool, the method's own points.
-        filled: (H, W) bool, pixels between them.
+    `depth_m` is finite everywhere, and meaningful where (H, W) `measured`, the method's own points,
+    or `filled`, the pixels between them, is set.
     """
 
     depth_m: Float32s

@@ -49,19 +49,11 @@ def back_project(
 ) -> Projected:
     """Casts the rays of every camera in the window into the reference view (paper, Alg. 1, line 3).
 
-    Args:
-        recording: events, poses and calibration.
-        window: which events.
-        view: the reference view.
-        splits: into which sub-intervals the rays are cut.
-        projector: what casts rays, on the CPU or a GPU.
-        progress: called with the stage `rays`, cameras done and all.
-        polarities: 2 where each polarity gets rays of its own.
-        packets: the compatibility setting, see `emvs.dsi.rays.event_rays`.
-        min_events: events that can vote which every camera needs.
+    `progress` is called with the stage `rays`, cameras done and all. Where `polarities` is 2, each
+    gets rays of its own; `packets` is the setting of `emvs.dsi.rays.event_rays`.
 
     Raises:
-        InputError: a camera without an event that can vote.
+        InputError: a camera with fewer than `min_events` events that can vote.
     """
     cast, counts = [], []
     for k, camera in enumerate(recording.rig.cameras):

@@ -14,8 +14,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.errors import InputError
-
 Float32s = NDArray[np.float32]
 
 DOG_RATIO = 1.6  # of the two scales: closest to the Laplacian of a Gaussian (Marr, Hildreth 1980)
@@ -78,14 +76,3 @@ MEASURES: dict[str, FocusMeasure] = {
     "laplacian": laplacian,
     "dog": difference_of_gaussians,
 }
-
-
-def measure(name: str) -> FocusMeasure:
-    """Returns the focus measure called `name`.
-
-    Raises:
-        InputError: there is none; says which there are.
-    """
-    if name not in MEASURES:
-        raise InputError(f"unknown focus measure {name!r}: choose one of {', '.join(MEASURES)}")
-    return MEASURES[name]

@@ -276,7 +276,7 @@ class FocusPeak:
     def __init__(
         self, width_px: int, height_px: int, measure: str, sigma_px: float, planes: int = 0
     ) -> None:
-        self._measure, self._sigma_px = focus_measures.measure(measure), sigma_px
+        self._measure, self._sigma_px = focus_measures.MEASURES[measure], sigma_px
         self._window = _Window(height_px, width_px, sigma_px) if measure == "variance" else None
         self._maxima = RunningMaxima(
             (AS_IT_IS,), width_px, height_px, planes=planes, lowest=-np.inf

@@ -44,19 +44,11 @@ def sweep(
 ) -> SweepResult:
     """Sweeps the planes once per split: casts votes in a few planes, fuses them, keeps the maxima.
 
-    Memory, of the device, holds the planes of one batch of every volume: camera, sub-interval and
-    polarity.
-
-    Args:
-        projected: every camera's rays.
-        view: the reference view.
-        targets: the volumes, and what is kept of each.
-        config: how votes are cast and summed, scale of the focus measures, slice row.
-        progress: called with the stage `sweep`, planes done and all.
-        device: what computes; the rays must lie there.
-        dsi_dir: where to write every fused volume; None for nowhere.
-        keep: takes in the votes of the whole window, where they are needed afterwards: the first
-            plane's number, and (V, P, H, W) votes that are valid during the call.
+    Memory, of the device where the rays lie, holds the planes of one batch of every volume: camera,
+    sub-interval and polarity. Every fused volume is written to `dsi_dir`, if there is one. `keep`
+    takes in the votes of the whole window, where they are needed afterwards: the first plane's
+    number, and (V, P, H, W) votes that are valid during the call. `progress` is called with the
+    stage `sweep`, planes done and all.
 
     Raises:
         InputError: a GPU with too little memory for one plane.

@@ -36,8 +36,8 @@ class Focus(Extraction):
         estimate = estimate_in_focus(votes, focus, per_rho_px * view.rho, config)
         depth_m = np.reciprocal(inverse_depth_at(view.rho, estimate.position))
         mask = at_least(estimate, config.focus.reliability, config.border_px)
-        found = swept.new_map(method, focus.maximum, depth_m, mask, estimate.reliability)
-        return stated(found, per_rho_px, config)
+        extracted = swept.new_map(method, focus.maximum, depth_m, mask, estimate.reliability)
+        return stated(extracted, per_rho_px, config)
 
 
 FOCUS = Focus()

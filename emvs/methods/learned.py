@@ -76,8 +76,8 @@ class Learned(Focus):
         mask[at] = ranked >= 1 / config.learned.error_px
         reliability = np.zeros(depth_m.shape, np.float32)
         reliability[at] = judged.reliability
-        found = swept.new_map(method, focus.maximum, depth_m, mask, reliability)
-        return stated(found, per_rho_px, config, precision_of(net, method.name))
+        extracted = swept.new_map(method, focus.maximum, depth_m, mask, reliability)
+        return stated(extracted, per_rho_px, config, precision_of(net, method.name))
 
 
 def precision_of(net: Network, method: str) -> Precision | None:

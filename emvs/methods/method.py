@@ -95,8 +95,8 @@ class Votes(Extraction):
         """The maximum, where it stands out from its surroundings; smoothed by a median."""
         votes, focus = swept.result.maxima[method.name], swept.result.focus.get(method.name)
         sharpest = None if focus is None else focus.maximum
-        found = extract(method.name, votes, swept.view, swept.config, sharpest)
-        return stated(found, swept.per_rho_px, swept.config)
+        extracted = extract(method.name, votes, swept.view, swept.config, sharpest)
+        return stated(extracted, swept.per_rho_px, swept.config)
 
 
 BY_VOTES = Votes()
@@ -198,10 +198,10 @@ class Swept:
     def new_map(
         self, method: Method, where: Maximum, depth_m: Float32s, mask: Mask, reliability: Float32s
     ) -> DepthMap:
-        """A depth map of this window.
+        """A depth map of this window; its confidence is the maximum of the votes.
 
         Args:
-            method: whose it is; its confidence is the maximum of the votes.
+            method: whose it is.
             where: the maximum whose plane the map states.
             depth_m: (H, W) float32 z-depth, finite everywhere.
             mask: (H, W) bool, where there is depth.

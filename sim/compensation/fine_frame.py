@@ -30,11 +30,9 @@ class Reach(NamedTuple):
 class FineFrame:
     """What one camera sees at one time, between its pixels as well.
 
-    Args:
-        light: on a grid of `grid` nodes per pixel and axis, see `sim.rendering.renderer.Frame`.
-        nearest_depth_m: (H, W) least z-depth in each pixel; inf where there is no surface.
-        grid: nodes per pixel and axis.
-        reach_px: how far a pixel moves until the next frame, at most.
+    The light has `grid` nodes per pixel and axis (`sim.rendering.base.Frame`), the least z-depth of
+    each pixel is inf where there is no surface, and until the next frame no pixel moves further
+    than `reach_px`.
     """
 
     def __init__(self, light: Image, nearest_depth_m: Image, grid: int, reach_px: float) -> None:

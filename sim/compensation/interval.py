@@ -80,14 +80,10 @@ def interval_between(
     bodies: tuple[BodyPixels, BodyPixels] | None = None,
     moved: Moved | None = None,
 ) -> Interval:
-    """Describes how one camera's view changes.
+    """Describes how one camera's view (H, W) changes between two times, µs.
 
-    Args:
-        span_us: times of the two frames, µs.
-        T_world_cam: (4, 4) camera poses at the first frame, half-way in time and at the second.
-        shape: (H, W) of the sensor.
-        bodies: pixels of bodies that move by themselves, in both frames.
-        moved: how their geoms move.
+    The (4, 4) camera poses are those at the first frame, half-way in time and at the second. Where
+    bodies move by themselves, `bodies` are their pixels in both frames, `moved` how their geoms go.
     """
     ways = [_ways(*T_world_cam, *(np.eye(4),) * 4)]
     shown = np.zeros((2, *shape), np.uint16)

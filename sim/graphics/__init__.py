@@ -115,10 +115,10 @@ def _choice() -> Choice:
 def _probed_driver() -> Driver:
     chosen = _choice()
     chosen.adopt()
-    found = probe(chosen.backend)
-    if isinstance(found, str):
-        raise _broken(RuntimeError(found))
-    return found
+    driver = probe(chosen.backend)
+    if isinstance(driver, str):
+        raise _broken(RuntimeError(driver))
+    return driver
 
 
 def _broken(error: Exception) -> InputError:

@@ -94,12 +94,12 @@ def choose(installed: tuple[str, ...], root: Path = Path("/")) -> Choice:
     """
     if installed[0] != "egl" or not has_gpu(root):
         return Choice(installed[0])
-    found: list[Driver | str] = []
+    tried: list[Driver | str] = []
     for environment in _environments(root):
-        found.append(probe("egl", environment))
-        if isinstance(found[-1], Driver) and found[-1].hardware:
+        tried.append(probe("egl", environment))
+        if isinstance(tried[-1], Driver) and tried[-1].hardware:
             return Choice("egl", environment)
-    first = found[0]
+    first = tried[0]
     if isinstance(first, Driver):
         return Choice("egl", note=f"the GPU offers no EGL here, so {first.renderer} draws")
     if "osmesa" in installed:

@@ -24,13 +24,13 @@ def main(backend: str) -> None:
     context.make_current()
     gl: Any = importlib.import_module("OpenGL.GL")
     _draw(gl)
-    found: dict[str, Any] = {
+    driver: dict[str, Any] = {
         key: gl.glGetString(getattr(gl, f"GL_{key.upper()}")).decode(errors="replace")
         for key in ("vendor", "renderer", "version")
     }
     if backend == "egl":
-        found["devices"] = len(importlib.import_module("mujoco.egl").EGL.eglQueryDevicesEXT())
-    sys.stdout.write(json.dumps(found) + "\n")
+        driver["devices"] = len(importlib.import_module("mujoco.egl").EGL.eglQueryDevicesEXT())
+    sys.stdout.write(json.dumps(driver) + "\n")
     sys.stdout.flush()
     os._exit(0)  # tearing a driver down can crash
 

@@ -71,11 +71,8 @@ def sampled(motion: Motion, duration_s: float, rate_hz: float) -> Trajectory:
 class Wave:
     """One sinusoid of a head's sway, of the same period in all six directions.
 
-    Attributes:
-        period_s: period, s.
-        amplitude_m: right, down, forward, m.
-        amplitude_deg: pitch (about right), yaw (about down), roll (about forward), degrees.
-        phase_rad: six phases in the same order, rad.
+    Amplitudes are right, down, forward in m; pitch (about right), yaw (about down), roll (about
+    forward) in degrees; phases have the same order.
     """
 
     period_s: float
@@ -94,12 +91,8 @@ class HeadSway:
     """A head that looks around: sinusoids about a pose at rest, and a steady drift.
 
     The curve is analytic, so every derivative is smooth, and it stays within the sum of the
-    amplitudes of the (drifting) rest pose whatever the phases are.
-
-    Attributes:
-        T_world_rest: (4, 4) the pose in the middle of the sway, see `look_at`.
-        waves: sinusoids, summed.
-        drift_m_s: velocity along the rest pose's right, down and forward, m/s.
+    amplitudes of the rest pose, which drifts along its right, down and forward, whatever the phases
+    are.
     """
 
     T_world_rest: NDArray[np.float64]

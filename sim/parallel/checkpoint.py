@@ -58,17 +58,11 @@ class Stopped(InputError):
 
 
 class CheckpointFolder:
-    """A context that holds the checkpoints of one target, for one process at a time.
+    """A context that holds the checkpoints of the target `out`, for one process at a time.
 
     Left with an error, they stay for the next run if one is finished; they go if none is, or if the
-    input was wrong, because then what is done is of no use. The target is never touched.
-
-    Args:
-        out: the target.
-        key: says what is being made; work under another key is refused.
-        rig: its cameras.
-        resume: go on from what is there; otherwise it is discarded.
-        notice: called when work is taken up or found damaged.
+    input was wrong, because then what is done is of no use. The target is never touched. The key
+    says what is being made. Without `resume`, what is there is discarded.
 
     Raises:
         InputError: another process works on the target, the folder cannot be made, or what is there

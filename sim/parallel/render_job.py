@@ -90,14 +90,8 @@ def chunk_bounds_us(
 class RenderJob:
     """Everything that decides what is rendered; goes to worker processes as it is.
 
-    Attributes:
-        scene: geometry, textures and motion.
-        rig: cameras.
-        config: every parameter.
-        seed: of the scene's motion.
-        truth_us: times of ground truth, µs.
-        bounds_us: where chunks meet, µs; all of `truth_us` among them.
-        drawing: opens the renderer.
+    The times of ground truth, `truth_us`, are among those where chunks meet, `bounds_us`; all in
+    µs.
     """
 
     scene: Scene

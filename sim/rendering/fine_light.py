@@ -29,11 +29,8 @@ def light_shape(drawn: Camera, supersample: int) -> tuple[int, int]:
 class FineView:
     """One camera's share in fine frames: what is drawn for it and what becomes of that.
 
-    Attributes:
-        sensor: the camera.
-        drawn: the same with a border of equal width on all sides.
-        lens: where the pixels of `drawn` lie in what is drawn; None for a pinhole.
-        supersample: S, samples per pixel and axis.
+    What is drawn is the sensor with a border of equal width on all sides; its lens, None for a
+    pinhole, says where its pixels lie in the picture.
     """
 
     sensor: Camera

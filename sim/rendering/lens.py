@@ -106,8 +106,8 @@ def _finest(slope: NDArray[np.float64]) -> float:
 def nearest_samples(lens: LensMap, samples: NDArray[np.int32]) -> NDArray[np.int32]:
     """Returns the sample nearest to each pixel's centre, (H, W), from (Hs, Ws)."""
     columns, rows = np.rint(lens.position).astype(np.int32).transpose(2, 0, 1)
-    found: NDArray[np.int32] = samples[rows, columns]
-    return found
+    nearest: NDArray[np.int32] = samples[rows, columns]
+    return nearest
 
 
 def edges(camera: Camera) -> NDArray[np.float64]:

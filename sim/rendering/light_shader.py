@@ -225,16 +225,16 @@ class ShaderLight:
 
     def light(self, view: FineView) -> tuple[Image, Image]:
         """See `fine_light.FineLight`."""
-        passes, (one, other) = self._passes[view], self._pictures
+        passes, (first, second) = self._passes[view], self._pictures
         rows, columns = view.samples_shape
         light_rows, light_columns = view.light_shape
         seen = view.sensor.height_px, view.sensor.width_px
         with self._flat():
-            self._draw(passes.samples, one, (rows, columns), self._target.colour, *passes.lens)
-            self._draw(passes.down, other, (light_rows, columns), one.texture)
-            self._draw(passes.right, one, (light_rows, light_columns), other.texture)
-            self._draw(passes.nearest, other, seen, self._target.depth, *passes.lens)
-            return self._read(one, view.light_shape), self._read(other, seen)
+            self._draw(passes.samples, first, (rows, columns), self._target.colour, *passes.lens)
+            self._draw(passes.down, second, (light_rows, columns), first.texture)
+            self._draw(passes.right, first, (light_rows, light_columns), second.texture)
+            self._draw(passes.nearest, second, seen, self._target.depth, *passes.lens)
+            return self._read(first, view.light_shape), self._read(second, seen)
 
     @contextmanager
     def _flat(self) -> Iterator[None]:

@@ -85,14 +85,14 @@ class MovingBodies:
         then.
         """
         rig, moved, largest = self._renderer.rig, self.moved(*span_us), 0.0
-        for camera, T_body_cam, found in zip(rig.cameras, rig.T_body_cam, seen, strict=True):
-            if len(found.geoms) == 0:
+        for camera, T_body_cam, pixels in zip(rig.cameras, rig.T_body_cam, seen, strict=True):
+            if len(pixels.geoms) == 0:
                 continue
             T_then_now = (
                 se3.inverse(T_world_body_then @ T_body_cam) @ moved @ T_world_body @ T_body_cam
-            )[found.geoms]
-            points = np.einsum("nij,nj->ni", T_then_now[:, :3, :3], found.points_m)
+            )[pixels.geoms]
+            points = np.einsum("nij,nj->ni", T_then_now[:, :3, :3], pixels.points_m)
             there = camera.project(points + T_then_now[:, :3, 3])
-            way_px = np.linalg.norm(there - found.pixels_px, axis=1)
+            way_px = np.linalg.norm(there - pixels.pixels_px, axis=1)
             largest = max(largest, float(np.nan_to_num(way_px, nan=np.inf).max()))
         return largest

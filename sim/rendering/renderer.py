@@ -257,8 +257,8 @@ class StereoRenderer:
         segment = rgb.astype(np.int32) @ np.array([1, 1 << 8, 1 << 16], np.int32)
         geom_id = np.full(self._scene.ngeom + 1, -1, np.int32)
         geom_id[1:] = [geom.objid for geom in self._scene.geoms[: self._scene.ngeom]]
-        found: NDArray[np.int32] = geom_id[segment]
-        return lens.nearest_samples(mapped, found) if mapped else found[::-1]
+        ids: NDArray[np.int32] = geom_id[segment]
+        return lens.nearest_samples(mapped, ids) if mapped else ids[::-1]
 
     def _open(self, width_px: int, height_px: int, floats: bool, shader: bool | None) -> None:
         mj = self._mj

@@ -67,14 +67,9 @@ class EventSimulator:
         self._t_us = t_us
 
     def step(self, intensity: NDArray[np.float32], t_us: int) -> Events:
-        """Returns the events between the frame before and this one.
+        """The events between the frame before and this one (H, W), linear, full scale 1, at `t_us`.
 
-        Args:
-            intensity: (H, W) linear intensity, full scale 1.
-            t_us: time of this frame, after the frame before, µs.
-
-        Returns:
-            Events with times in (previous, `t_us`], sorted by time, then row, then column.
+        Their times lie in (previous, `t_us`]; they are sorted by time, then row, then column.
 
         Raises:
             InputError: no first frame, time not after the frame before, or an intensity that is

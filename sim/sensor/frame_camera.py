@@ -73,8 +73,8 @@ def auto_shutter(light: Light, frames: FramesConfig) -> ShutterConfig:
     gain = frames.gain
     if gain is None:
         least = frames.auto_level / frames.auto_max_gain
-        found = max(float(np.percentile(light, frames.auto_percentile)), least)
-        gain = frames.auto_level / found
+        level = max(float(np.percentile(light, frames.auto_percentile)), least)
+        gain = frames.auto_level / level
     return ShutterConfig(exposure_us=frames.exposure_us, gain=gain, bits=frames.bits)
 
 

@@ -70,19 +70,13 @@ class Sensor:
         self._t_us = t_us
 
     def step(self, intensity: NDArray[np.float32], t_us: int) -> LabelledEvents:
-        """Returns the events that come out until this frame, and have not yet.
+        """The events that come out until this frame (H, W), linear, full scale 1, and have not yet.
 
-        Args:
-            intensity: (H, W) linear intensity, full scale 1.
-            t_us: time of this frame, after the frame before, µs.
-
-        Returns:
-            Events sorted by time, none before those of earlier steps and none after `t_us`. With a
-            clock coarser than 1 µs, time stamps may lie before the frame before.
+        They are sorted by time, none before those of earlier steps and none after `t_us`. With a
+        clock coarser than 1 µs, time stamps may lie before the frame before.
 
         Raises:
-            InputError: no first frame, time not after the frame before, or an intensity that is
-                negative, not finite or of another size.
+            InputError: what `EventSimulator.step` refuses.
         """
         time_before(self._t_us, t_us)
         if isinstance(self._chain, _FullChain):

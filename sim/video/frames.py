@@ -154,17 +154,17 @@ def _folder(path: Path, video: VideoConfig) -> ImageFolder:
     )
     images, others = _listing(path)
     if video.rate_hz is not None:
-        found = _by_rate(path, images, video.rate_hz)
+        folder = _by_rate(path, images, video.rate_hz)
     elif listed is None:
         raise InputError(
             f"{path}: no times; add timestamps.txt with a line `t` or `t name` for each image "
             f"(or {', '.join(STAMP_FILES[1:])}), or set rate_hz"
         )
     else:
-        found = _by_stamps(path, images, listed, read_stamps(listed, video.unit))
+        folder = _by_stamps(path, images, listed, read_stamps(listed, video.unit))
     if others:
-        found._notes.append(f"{path}: no images, left out: {quoted(*others)}")
-    return found
+        folder._notes.append(f"{path}: no images, left out: {quoted(*others)}")
+    return folder
 
 
 def _listing(path: Path) -> tuple[list[Path], list[str]]:

@@ -93,13 +93,14 @@ def format_of(out: Path, to: str | None = None) -> str:
     Raises:
         InputError: a format that is not known, or cannot be written.
     """
+    writable = {name: known for name, known in FORMATS.items() if known.writes}
     if to is None:
         suffix = out.suffix.lower()
-        named = (name for name, one in FORMATS.items() if one.writes and one.suffix == suffix)
+        named = (name for name, known in writable.items() if known.suffix == suffix)
         return next(named, SEQUENCE) if suffix else SEQUENCE
-    if to != SEQUENCE and (to not in FORMATS or not FORMATS[to].writes):
-        known = [SEQUENCE, *(name for name, one in FORMATS.items() if one.writes)]
-        raise InputError(f"format {to!r} cannot be written: choose one of {', '.join(known)}")
+    if to != SEQUENCE and to not in writable:
+        names = ", ".join((SEQUENCE, *writable))
+        raise InputError(f"format {to!r} cannot be written: choose one of {names}")
     return to
 
 
@@ -115,18 +116,10 @@ def record(
     force: bool = False,
     progress: Progress = lambda _share, _events: None,
 ) -> RecordedVideo:
-    """Turns a folder of images or a video file into events.
+    """Turns a folder of images or a video file into events; see `eventsweep.video_to_events`.
 
-    Args:
-        source: what `sim.video.frames.open_frames` opens.
-        out: folder of a sequence, or file of events: whole or not at all.
-        pixels: how light becomes events.
-        video: when frames were taken, and what light they stand for.
-        seed: of all that the sensor draws.
-        view: calibration and poses, for a sequence that can be mapped.
-        to: `sequence` or an event format; by default as `out` is named.
-        force: whether to replace an output of ours.
-        progress: called with the share done and the number of events.
+    With `view`, calibration and poses, a sequence can be mapped. `progress` is called with the
+    share done and the number of events.
 
     Raises:
         InputError: what cannot be read, does not fit together, or may not be written.

@@ -27,18 +27,18 @@ def find_upsampler(name: str) -> Upsampler:
         InputError: there is none, or what defines it cannot be imported.
     """
     try:
-        found = _found(name)
+        function = _named(name)
     except InputError as error:
         raise InputError(f"upsample {name}: {error}") from error
     except Exception as error:  # whatever a stranger's code raises
         heed_interrupt(error)
         raise InputError(f"upsample {name}: cannot be imported ({said(error)}); mend it") from error
-    if not callable(found):
-        raise InputError(f"upsample {name} is {shown(found)}: needs a function of two frames")
-    return cast(Upsampler, found)
+    if not callable(function):
+        raise InputError(f"upsample {name} is {shown(function)}: needs a function of two frames")
+    return cast(Upsampler, function)
 
 
-def _found(name: str) -> Any:
+def _named(name: str) -> Any:
     if ":" in name:
         return named(name)
     points = {point.name: point for point in entry_points(group=GROUP)}

@@ -241,7 +241,7 @@ def _same_pixels(volumes: Volumes) -> dict[str, VariantEstimate]:
     """Each focus measure at the pixels of Alg1/H: what the depth alone gains."""
     out = {}
     for name, sigma_px in _SCALES_PX.items():
-        measure = focus_measures.measure(name)
+        measure = focus_measures.MEASURES[name]
         planes = np.stack([measure(plane, sigma_px) for plane in volumes.fused])
         position = maximum_of(planes).position()
         out[f"{name} {sigma_px:g} px at Alg1/H's pixels"] = VariantEstimate(
