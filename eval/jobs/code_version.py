@@ -127,8 +127,8 @@ def _add_words(node: object, words: list[str]) -> None:
     """
     if isinstance(node, ast.AST):
         words.append(f"({type(node).__name__}")
-        for field in _meaning(type(node)):
-            value = getattr(node, field, None)
+        for field in node._fields:
+            value = None if field in _NOT_MEANING else getattr(node, field, None)
             if value is not None and value != []:
                 words.append(field)
                 is_module = field == "module" and isinstance(value, str)
@@ -140,11 +140,6 @@ def _add_words(node: object, words: list[str]) -> None:
                 _add_words(item, words)
     else:
         words.append(repr(node))
-
-
-@cache
-def _meaning(kind: type[ast.AST]) -> tuple[str, ...]:
-    return tuple(field for field in kind._fields if field not in _NOT_MEANING)
 
 
 def _is_text(node: object) -> bool:
