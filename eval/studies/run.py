@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.errors import InputError
@@ -22,12 +18,10 @@ from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.jobs.job import Done, Failed, Job, Outcome
 from eventsweep.eval.jobs.scheduler import Open, run_jobs
-from eventsweep.eval.numbers import display_unit, displayed
 from eventsweep.eval.pipeline import check_case
 from eventsweep.eval.progress import Progress
 from eventsweep.eval.scoring.results import POOLED, each
 from eventsweep.eval.studies.curves import (
-    BREAKS_AT,
     METRICS,
     RobustnessCurve,
     StudyValue,
@@ -176,29 +170,6 @@ def _facts(result: StudyResult) -> dict[str, Any]:
 
 def _numbers(values: Any) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in values]
-
-
-def show_study(result: StudyResult, *, as_json: bool, quiet: bool) -> None:
-    """Prints each method's mean error over the amounts, and where it breaks."""
-    if as_json:
-        sys.stdout.write(json.dumps({result.study.name: result.breaking()}) + "\n")
-        return
-    if quiet:
-        return
-    study, breaking = result.study, result.breaking()
-    mean_errors = [curve for curve in result.curves if curve.metric == METRICS[0]]
-    unit = display_unit(mean_errors[0].unit)
-    title = f"{study.name}: mean error [{unit}] against {study.axis} [{study.unit}]"
-    table = Table(title=Text(title), title_justify="left", box=None)
-    table.add_column("method")
-    for amount in study.amounts:
-        table.add_column(f"{amount:g}", justify="right")
-    table.add_column(f"x{BREAKS_AT:g} at", justify="right")
-    for curve in mean_errors:
-        at = breaking[curve.method]
-        cells = [displayed(value, curve.unit) for value in curve.mean]
-        table.add_row(curve.method, *cells, "never" if at is None else f"{at:.3g}")
-    Console().print(table)
 
 
 def study_jobs(

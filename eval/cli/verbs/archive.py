@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, QUIET, Common, Force, Quiet, SuiteName, app
 from eventsweep.eval.cli.help import HELP_FLAGS, Program
 from eventsweep.eval.cli.job_flags import JOB_FLAGS, JobFlags, seed_numbers
+
+if TYPE_CHECKING:
+    from eventsweep.eval.archives.manifest import ArchiveManifest, PackedSequence
+    from eventsweep.eval.cli.console import Console
 
 Cases = Annotated[tuple[str, ...], NO_NEGATIVE]
 
@@ -48,7 +53,6 @@ def make(
         licence: Of the data, as SPDX names it.
     """
     from eventsweep.emvs.utils.cache import Cache
-    from eventsweep.eval.suite import output
     from eventsweep.eval.suite.archive import ArchivePlan, make_archive, read_secret
     from eventsweep.eval.suite.definition import load
     from eventsweep.eval.suite.run import extent
@@ -63,7 +67,7 @@ def make(
         first = failed[0]
         console.warn(f"{len(failed)} jobs failed, the first: {first.name}: {first.reason}")
         return 1
-    output.show_archive(manifest, manifest.sequences, as_json=common.json, quiet=common.quiet)
+    _show(console, manifest, manifest.sequences)
     console.wrote(out / "archive.json")
     return 0
 
@@ -91,7 +95,6 @@ def fetch(
         version: Refuse any archive but this one, such as 0123456789abcdef.
     """
     from eventsweep.eval.archives.fetch import fetch as fetched
-    from eventsweep.eval.suite import output
 
     console = common.console()
     manifest, wanted = fetched(
@@ -103,7 +106,7 @@ def fetch(
         seeds=seed_numbers(seeds, "--seeds"),
         version=version,
     )
-    output.show_archive(manifest, wanted, as_json=common.json, quiet=common.quiet)
+    _show(console, manifest, wanted)
     console.wrote(out)
 
 
@@ -115,9 +118,8 @@ def verify(folder: Path, /, *, common: Common = COMMON) -> None:
         folder: Folder of `archive make` or `fetch`.
     """
     from eventsweep.eval.archives.fetch import verify as verified
-    from eventsweep.eval.suite import output
 
-    output.show_archive(*verified(folder), as_json=common.json, quiet=common.quiet)
+    _show(common.console(), *verified(folder))
 
 
 @archive.command
@@ -148,3 +150,24 @@ def unpack(
     wanted = read(folder).chosen(part, case, seed_numbers(seeds, "--seeds"))
     unpack_recordings(folder, wanted, out, console.progress, force=force)
     console.wrote(out)
+
+
+def _show(console: Console, manifest: ArchiveManifest, chosen: Sequence[PackedSequence]) -> None:
+    """Prints what an archive is, and how large the chosen part of it."""
+    from eventsweep.emvs.utils.files import bytes_text
+
+    packed = sum(sequence.bytes for sequence in chosen)
+    unpacked = sum(sequence.unpacked_bytes for sequence in chosen)
+    facts = {
+        **manifest.model_dump(include={"suite", "digest", "part", "truth", "licence"}),
+        "version": manifest.version,
+        "sequences": [sequence.place for sequence in chosen],
+        "bytes": packed,
+        "unpacked_bytes": unpacked,
+    }
+    line = (
+        f"{manifest.suite}, {manifest.part}, version {manifest.version}: {len(chosen)} of "
+        f"{len(manifest.sequences)} sequences, {bytes_text(packed)}, {bytes_text(unpacked)} "
+        f"unpacked; {manifest.licence}; {'with' if manifest.truth else 'without'} ground truth"
+    )
+    console.result(facts, [line])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -12,6 +13,11 @@ from eventsweep.eval.cli import names
 from eventsweep.eval.cli.app import COMMON, Common, Methods, Scenes, app
 from eventsweep.eval.cli.job_flags import JOB_FLAGS, JobFlags, seed_numbers
 from eventsweep.eval.studies.definitions import CASES, METHODS, SECONDS, SEEDS
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from eventsweep.eval.studies.run import StudyResult
 
 _FAILED = 1
 
@@ -40,7 +46,7 @@ def study(
         method: Method to compare, repeatable, instead of a choice of five.
     """
     from eventsweep.eval.studies.definitions import STUDIES, study_named
-    from eventsweep.eval.studies.run import file_names, run_study, show_study, write_study
+    from eventsweep.eval.studies.run import file_names, run_study, write_study
 
     chosen = tuple(STUDIES) if name == ("all",) else name
     studies = [study_named(study) for study in chosen]
@@ -52,6 +58,27 @@ def study(
             result = run_study(one, *samples, job_flags.open, console.progress, seconds)
             written = write_study(out, result)
             failed += len(result.failures)
-            show_study(result, as_json=common.json, quiet=common.quiet)
+            console.result(json.dumps({result.study.name: result.breaking()}), [_table(result)])
             console.wrote(written[0])
     return _FAILED if failed else 0
+
+
+def _table(result: StudyResult) -> Table:
+    """Each method's mean error over the amounts, and where it breaks."""
+    from eventsweep.eval.cli.console import table
+    from eventsweep.eval.numbers import display_unit, displayed
+    from eventsweep.eval.studies.curves import BREAKS_AT, METRICS
+
+    perturbed, breaking = result.study, result.breaking()
+    mean_errors = [curve for curve in result.curves if curve.metric == METRICS[0]]
+    unit = display_unit(mean_errors[0].unit)
+    title = f"{perturbed.name}: mean error [{unit}] against {perturbed.axis} [{perturbed.unit}]"
+    amounts = (f">{amount:g}" for amount in perturbed.amounts)
+    rows = []
+    for curve in mean_errors:
+        at = breaking[curve.method]
+        cells = (displayed(value, curve.unit) for value in curve.mean)
+        rows.append((curve.method, *cells, "never" if at is None else f"{at:.3g}"))
+    made = table(title, ("method", *amounts, f">x{BREAKS_AT:g} at"), rows)
+    made.box = None
+    return made

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from eventsweep.eval.cli.app import COMMON, Common, Force, SuiteName, app
 from eventsweep.eval.cli.help import HELP_FLAGS, Program
+
+if TYPE_CHECKING:
+    from eventsweep.eval.suite.submission import Asked, SubmissionFacts
 
 submission = Program(
     name="submission",
@@ -36,12 +40,11 @@ def make(
     """
     from eventsweep.eval.archives.manifest import read
     from eventsweep.eval.suite.definition import load
-    from eventsweep.eval.suite.output import show_submission
     from eventsweep.eval.suite.submission import Asked, make_submission
 
     asked = Asked.of(*load(suite), read(archive) if archive else None)
     manifest = make_submission(folder, asked, out, force=force)
-    show_submission(manifest.facts, asked, as_json=common.json, quiet=common.quiet)
+    _show(common, manifest.facts, asked)
     common.console().wrote(out)
 
 
@@ -63,9 +66,20 @@ def check(
     """
     from eventsweep.eval.archives.manifest import read
     from eventsweep.eval.suite.definition import load
-    from eventsweep.eval.suite.output import show_submission
     from eventsweep.eval.suite.submission import Asked, check_submission
 
     asked = Asked.of(*load(suite), read(archive) if archive else None)
     facts = check_submission(path, asked)
-    show_submission(facts, asked, as_json=common.json, quiet=common.quiet)
+    _show(common, facts, asked)
+
+
+def _show(common: Common, facts: SubmissionFacts, asked: Asked) -> None:
+    """Prints what a submission is, once all of it was found to be right."""
+    maps, cost = len(asked.views()), facts.cost
+    line = (
+        f"{facts.method} by {', '.join(facts.authors)}, {facts.licence}: {maps} depth maps for "
+        f"{asked.suite.name} are complete; stated: {cost.seconds_per_window:g} s a window, "
+        f"{cost.peak_memory_mb:g} MB, {cost.hardware}"
+    )
+    content = {**facts.model_dump(mode="json"), "suite": asked.suite.name, "depth_maps": maps}
+    common.console().result(content, [line])

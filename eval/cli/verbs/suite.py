@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -12,11 +13,17 @@ from eventsweep.eval.cli.app import COMMON, NO_NEGATIVE, Common, Force, Predicti
 from eventsweep.eval.cli.job_flags import JOB_FLAGS, JobFlags, run_with_flags, seed_numbers
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
+    from eventsweep.eval.cli.console import Part
     from eventsweep.eval.scoring.predictions import NamedFolder
     from eventsweep.eval.suite.archive import SequenceArchive
     from eventsweep.eval.suite.definition import Suite
+    from eventsweep.eval.suite.results import SuiteResult
+    from eventsweep.eval.suite.series import Series
 
 _FAILED = 1
+_SHOWN = ("points", "median_error", "mean_error", "abs_rel", "bad_published", "completeness")
 
 
 @app.command
@@ -87,7 +94,7 @@ def _listed(parts: Parts, job_flags: JobFlags, common: Common) -> int:
 
     asked = (parts.suite, parts.subset, parts.seeds, parts.cases)
     listed = output.assignments(*asked, job_flags.cache_folder(), parts.archive)
-    output.show_assignments(listed, as_json=common.json, quiet=common.quiet)
+    common.console().result(listed, _assignments(listed))
     return 0
 
 
@@ -127,7 +134,7 @@ def _run(
             write_pictures(folder, suite, result, given, cache, parts.archive)
     for method, places in perfect_scores(result.rows).items():
         console.warn(f"{method}: a perfect score, as of copied truth, in {', '.join(places)}")
-    output.show(result, cache, as_json=common.json, quiet=common.quiet)
+    console.result(_facts(result), _summary(result, cache))
     console.wrote(folder / "suite.json")
     return _FAILED if result.failures else 0
 
@@ -146,6 +153,86 @@ def _opened(
     return opened(entered, asked, Cache(cache)) if entered else ([], {})
 
 
+def _facts(result: SuiteResult) -> dict[str, Any]:
+    return {
+        **{name: getattr(result, name) for name in ("suite", "subset", "digest", "seeds")},
+        "jobs": len(result.jobs),
+        "found": sum(job.found for job in result.jobs),
+        "failed": {job.name: job.failure for job in result.failures},
+    }
+
+
+def _summary(result: SuiteResult, cache: Path) -> Iterator[Part]:
+    """Means and spreads over seeds, what failed, and how much the cache holds."""
+    from rich.text import Text
+
+    from eventsweep.emvs.utils.cache import Cache
+    from eventsweep.emvs.utils.files import bytes_text
+    from eventsweep.eval.suite.series import of_suite
+
+    series = of_suite(result).series.values()
+    for case in result.cases:
+        yield _table(case, [one for one in series if one.case == case], len(result.seeds))
+    for job in result.failures:
+        yield Text(f"failed: {job.name}: {job.failure}", style="bold")
+    made = sum(not job.found for job in result.jobs if not job.failure)
+    yield (
+        f"{result.suite} {result.subset}: {len(result.jobs)} jobs, {made} done now, "
+        f"{len(result.failures)} failed; the cache {cache} holds "
+        f"{bytes_text(Cache(cache).size_bytes())}"
+    )
+
+
+def _table(case: str, series: Iterable[Series], seeds: int) -> Table:
+    from eventsweep.eval.cli.console import table
+    from eventsweep.eval.numbers import display_unit
+
+    cells: dict[str, dict[str, str]] = {}
+    units: dict[str, str] = {}
+    for numbers in series:
+        if numbers.metric in _SHOWN:
+            cells.setdefault(numbers.method, {})[numbers.metric] = _mean_and_spread(numbers)
+            units[numbers.metric] = display_unit(numbers.unit)
+    many = f"mean over {seeds} seeds ± standard deviation"
+    metrics = [metric for metric in _SHOWN if metric in units]
+    headings = (f">{metric.replace('_', ' ')}\n{units[metric]}" for metric in metrics)
+    rows = ((name, *(of.get(metric, "") for metric in metrics)) for name, of in cells.items())
+    return table(f"{case}: {many if seeds > 1 else 'one seed'}", ("method", *headings), rows)
+
+
+def _mean_and_spread(numbers: Series) -> str:
+    from eventsweep.eval.numbers import displayed
+
+    mean, spread = (displayed(value, numbers.unit) for value in (numbers.mean, numbers.spread))
+    return mean if math.isnan(numbers.spread) else f"{mean} ± {spread}"
+
+
+def _assignments(listed: Mapping[str, Any]) -> Iterator[Part]:
+    """What a prediction must hold: a line for each case and window."""
+    from eventsweep.eval.cli.console import table
+
+    of_cases: dict[str, list[Any]] = {}
+    for sequence in listed["sequences"]:
+        of_cases.setdefault(sequence["case"], []).append(sequence)
+    rows = [row for of_case in of_cases.values() for row in _windows(of_case)]
+    columns = ("case", "seeds N", "size [px]", "file")
+    yield table(f"{listed['suite']} {listed['subset']}", columns, rows)
+    files = sum(len(sequence["windows"]) for sequence in listed["sequences"])
+    there = sum(sequence["sequence"] is not None for sequence in listed["sequences"])
+    yield (
+        f"{files} depth maps; {there} of {len(listed['sequences'])} sequences are simulated. "
+        "--json says where they are, with cameras, and times of windows."
+    )
+
+
+def _windows(seeds: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
+    first, numbers = seeds[0], " ".join(str(sequence["seed"]) for sequence in seeds)
+    size = f"{first['camera']['width_px']}×{first['camera']['height_px']}"
+    for number, window in enumerate(first["windows"]):
+        file = window["file"].replace(f"/seed{first['seed']}/", "/seedN/")
+        yield (*((first["case"], numbers, size) if number == 0 else ("", "", "")), file)
+
+
 @app.command
 def cache(
     *, cache: Path | None = None, prune: float | None = None, common: Common = COMMON
@@ -157,10 +244,13 @@ def cache(
         prune: Gigabytes to keep; the least recently used entries are removed; 0: all.
     """
     from eventsweep.emvs.utils.cache import Cache, default_cache
-    from eventsweep.eval.suite.output import show_cache
+    from eventsweep.emvs.utils.files import bytes_text
 
     store = Cache(cache or default_cache())
     if prune is not None and prune < 0:
         raise InputError(f"--prune {prune:g}: gigabytes to keep, 0 or more")
     freed = 0 if prune is None else store.prune(round(prune * 1e9))
-    show_cache(store.folder, store.size_bytes(), freed, as_json=common.json, quiet=common.quiet)
+    size = store.size_bytes()
+    words = f"; freed {bytes_text(freed)}" if freed else ""
+    facts = {"cache": str(store.folder), "bytes": size, "freed_bytes": freed}
+    common.console().result(facts, [f"{store.folder}: {bytes_text(size)}{words}"])
