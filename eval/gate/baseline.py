@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.files import atomic_path
-from eventsweep.eval.scoring.results import read_json
+from eventsweep.eval.scoring.results import json_text, read_json
 from eventsweep.eval.suite.series import SPEED_METRIC, Key, Measured, Series
 
 SCHEMA_VERSION = 2
@@ -98,16 +97,11 @@ def write_baseline(path: Path, baseline: Baseline) -> None:
     Values keep seven digits, far more than any tolerance.
     """
     content = baseline.model_dump(mode="json")
-    lines = ",\n  ".join(_lines(content.pop("series")))
-    head = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False).removesuffix("\n}")
+    for series in content["series"]:
+        values = series["values"].items()
+        series["values"] = {seed: float(f"{value:.7g}") for seed, value in values}
     with atomic_path(path) as partial:
-        partial.write_text(f'{head},\n "series": [\n  {lines}\n ]\n}}\n', encoding="utf-8")
-
-
-def _lines(series: Iterable[dict[str, Any]]) -> Iterable[str]:
-    for one in series:
-        values = {seed: float(f"{value:.7g}") for seed, value in one["values"].items()}
-        yield json.dumps({**one, "values": values}, ensure_ascii=False, allow_nan=False)
+        partial.write_text(json_text(content, "series", indent=1), encoding="utf-8")
 
 
 def read_baseline(path: Path) -> Baseline:

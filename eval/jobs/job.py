@@ -12,7 +12,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache as once
 from pathlib import Path
-from typing import Any, Protocol, cast
+from types import ModuleType
+from typing import Any
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.cache import Cache, CacheEntry, key_of
@@ -30,7 +31,10 @@ class Job:
 
     Attributes:
         name: unique in its graph, such as `map/desk/seed0/w000`.
-        stage: module of the stage, see `Stage`.
+        stage: module of the stage. Its `run(parameters, inputs, out)` writes the job's files into
+            `out`, an empty folder; inputs are the folders of `needs`, then `sources`. Its
+            `code(parameters)`, where it has one, names the modules and files that it reaches by
+            computed names.
         parameters: plain JSON values; with the code and the inputs, all that decides the outcome.
         needs: jobs whose files this one reads.
         sources: paths outside the cache that the stage reads as well. Where they lie decides
@@ -42,19 +46,6 @@ class Job:
     parameters: Mapping[str, Any]
     needs: tuple[Job, ...] = ()
     sources: tuple[str, ...] = ()
-
-
-class Stage(Protocol):
-    """What a stage's module offers."""
-
-    def code(self, parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
-        """Modules and files that the stage reaches by computed names; itself is implied."""
-
-    def run(self, parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
-        """Writes the job's files into `out`, an empty folder.
-
-        `inputs` are the folders of `needs`, then `sources`.
-        """
 
 
 @dataclass(frozen=True)
@@ -165,7 +156,8 @@ def _text(made: CacheEntry) -> str | None:
 
 def code_of(job: Job) -> str:
     """Version of the code that a job runs."""
-    modules, files = _stage(job).code(job.parameters)
+    code = getattr(_stage(job), "code", None)
+    modules, files = code(job.parameters) if code else ((), ())
     return _version((job.stage, *modules), tuple((path, path.stat().st_mtime_ns) for path in files))
 
 
@@ -178,8 +170,8 @@ def order(jobs: Iterable[Job]) -> list[Job]:
     return list(found.values())
 
 
-def _stage(job: Job) -> Stage:
-    return cast(Stage, importlib.import_module(job.stage))
+def _stage(job: Job) -> ModuleType:
+    return importlib.import_module(job.stage)
 
 
 @once

@@ -6,7 +6,7 @@ import multiprocessing
 import os
 from collections import deque
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
@@ -36,11 +36,8 @@ def default_workers() -> int:
 @contextmanager
 def local_workers(count: int, cache: Path) -> Iterator[LocalWorkers]:
     """Opens `count` worker processes, and ends them."""
-    workers = LocalWorkers(count, cache)
-    try:
+    with closing(LocalWorkers(count, cache)) as workers:
         yield workers
-    finally:
-        workers.close()
 
 
 class LocalWorkers:
@@ -52,17 +49,12 @@ class LocalWorkers:
     """
 
     def __init__(self, count: int, cache: Path) -> None:
-        self._most, self._cache = count, Cache(cache)
+        self.count, self._cache = count, Cache(cache)
         self._over: list[Outcome] = []
         self._digests: dict[str, str] = {}
         self._waiting: deque[Job] = deque()
         self._deaths: dict[str, int] = {}
         self._workers: list[_Worker] = []
-
-    @property
-    def count(self) -> int:
-        """How many there may be."""
-        return self._most
 
     def submit(self, job: Job) -> None:
         """Queues a job, unless the cache has it: that needs no worker, nor time to start one."""
@@ -115,7 +107,7 @@ class LocalWorkers:
         while self._waiting:
             idle = next((worker for worker in self._workers if worker.job is None), None)
             if idle is None:
-                if len(self._workers) >= self._most:
+                if len(self._workers) >= self.count:
                     return
                 idle = _Worker(self._cache.folder)
                 self._workers.append(idle)

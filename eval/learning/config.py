@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -12,7 +12,6 @@ Positive = Annotated[float, Field(gt=0)]
 History = list[dict[str, float]]
 """Numbers of every epoch, by name."""
 NetworkName = Literal["learned", "derd"]
-NETWORKS: tuple[NetworkName, ...] = get_args(NetworkName)
 DEFAULTS: dict[NetworkName, dict[str, Any]] = {
     "learned": {"epochs": 8, "batch": 256, "learning_rate": 3e-3},
     "derd": {"epochs": 3, "batch": 64, "learning_rate": 1e-3},

@@ -18,15 +18,7 @@ from eventsweep.eval.figures.colormaps import INK, line_style
 from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, STYLE, svg_of
 from eventsweep.eval.learning.config import History
 from eventsweep.eval.learning.train import Trained
-from eventsweep.eval.report.html import (
-    REPORT_NAME,
-    Grid,
-    GridCell,
-    Head,
-    environment,
-    files_in,
-    inline,
-)
+from eventsweep.eval.report.html import REPORT_NAME, Grid, GridCell, Head, files_in, render
 
 _SIZE_INCHES = (5.2, 2.8)
 
@@ -40,16 +32,16 @@ def write_training_page(folder: Path, trained: Trained) -> Path:
 
 
 def page_text(folder: Path, trained: Trained) -> str:
-    """The page as HTML; nothing is loaded from elsewhere."""
+    """The page as HTML."""
     libraries = versions()
-    return environment().get_template("training.html.j2").render(
+    return render(
+        "training.html.j2", "tables",
         sentences=_sentences(trained), loss=_loss(trained.history), errors=_errors(trained),
         worth=_worth(trained.manifest["precision"]) if trained.task.methods else "",
         expects=bool(trained.task.methods), sequences=_sequences(trained.manifest),
         provenance=_facts(trained.manifest), version=libraries["eventsweep"],
         files=files_in(folder, (trained.weights.name, trained.weights.with_suffix(".json").name)),
-        title=trained.task.title, css=inline("report.css"), tables_css=inline("tables.css"),
-        js=inline("report.js"),
+        title=trained.task.title,
     )  # fmt: skip
 
 

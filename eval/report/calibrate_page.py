@@ -30,10 +30,9 @@ from eventsweep.eval.report.html import (
     Grid,
     GridCell,
     Head,
-    environment,
     files_in,
-    inline,
     plural,
+    render,
     versions_grid,
 )
 
@@ -50,11 +49,12 @@ def page_text(
     recording: Recording, refinement: Refinement, sides: Sequence[MappedWith], notes: Sequence[str],
     command: str, folder: Path,
 ) -> str:  # fmt: skip
-    """The page as HTML; nothing is loaded from elsewhere."""
+    """The page as HTML."""
     scale = depth_scale(_depth_range_m(sides[0]))
     libraries = versions()
     files = [file.name for file in sorted(folder.iterdir()) if file.suffix != ".html"]
-    return environment().get_template("calibrate.html.j2").render(
+    return render(
+        "calibrate.html.j2", "tables", "calibrate",
         title=f"calibration of {recording.name}", sentences=sentences(refinement, sides),
         estimates=estimates_grid(refinement.estimates), notes=notes, scale=scale,
         sides=[_shown(side, scale) for side in sides],
@@ -64,8 +64,6 @@ def page_text(
         provenance=Grid((Head("command", text=True),), ((GridCell(command or "Python"),),)),
         versions=versions_grid(["this page"], [libraries]), version=libraries["eventsweep"],
         files=files_in(folder, files),
-        css=inline("report.css"), tables_css=inline("tables.css"),
-        calibrate_css=inline("calibrate.css"), js=inline("report.js"),
     )  # fmt: skip
 
 

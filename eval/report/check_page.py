@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import io
 import json
-from dataclasses import dataclass
 from pathlib import Path
 
 import matplotlib as mpl
@@ -17,32 +16,12 @@ from PIL import Image
 from eventsweep.emvs.check.findings import VERDICTS, Finding, Report, Series
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, STYLE, svg_of
-from eventsweep.eval.report.html import (
-    REPORT_NAME,
-    environment,
-    files_in,
-    inline,
-    plural,
-    versions_grid,
-)
+from eventsweep.eval.report.html import REPORT_NAME, files_in, plural, render, versions_grid
 
 JSON_NAME = "check.json"
 FILES = (REPORT_NAME, JSON_NAME)
 _SIZE_INCHES = (5.2, 2.3)
 _LARGEST_PX = 640
-
-
-@dataclass(frozen=True, slots=True)
-class Shown:
-    """A finding and its picture.
-
-    Attributes:
-        finding: of the check.
-        figure: a plot as SVG, or an image; empty where there is none.
-    """
-
-    finding: Finding
-    figure: Markup
 
 
 def write_check_page(folder: Path, report: Report) -> Path:
@@ -62,14 +41,13 @@ def check_page_text(report: Report, folder: Path | None = None) -> str:
     """
     ordered = sorted(report.findings, key=lambda f: -VERDICTS.index(f.verdict))
     libraries = versions()
-    return environment().get_template("check.html.j2").render(
+    return render(
+        "check.html.j2", "tables", "check",
         title=report.name, summary=summary(report), verdict=report.verdict,
-        shown=[Shown(finding, _figure(finding, k)) for k, finding in enumerate(ordered)],
+        shown=[(finding, _figure(finding, k)) for k, finding in enumerate(ordered)],
         unchecked=report.unchecked, provenance=versions_grid([report.name], [libraries]),
         version=libraries.get("eventsweep", ""),
         files=files_in(folder, (JSON_NAME,)) if folder else (),
-        css=inline("report.css"), tables_css=inline("tables.css"), check_css=inline("check.css"),
-        js=inline("report.js"),
     )  # fmt: skip
 
 

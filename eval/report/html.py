@@ -9,10 +9,12 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import jinja2
 from markupsafe import Markup
+
+from eventsweep.emvs.utils.outputs import files_together
 
 Kind = Literal["", "better", "worse", "other", "best"]
 REPORT_NAME = "report.html"
@@ -112,14 +114,30 @@ class Page:
 
 
 def page_text(page: Page) -> str:
-    """The page as HTML; names from files are escaped, and nothing is loaded from elsewhere."""
-    return environment().get_template("tables.html.j2").render(
-        title=page.title, subtitle=page.subtitle, sections=page.sections, note=page.note,
-        provenance=page.provenance, overview=page.overview, findings=page.findings,
-        most=max((len(s.names) for s in page.sections), default=0),
-        version=page.version, files=page.files,
-        css=inline("report.css"), tables_css=inline("tables.css"), js=inline("report.js"),
-    )  # fmt: skip
+    """The page as HTML."""
+    content = {name: getattr(page, name) for name in Page.__slots__}
+    most = max((len(section.names) for section in page.sections), default=0)
+    return render("tables.html.j2", "tables", most=most, **content)
+
+
+def render(template: str, *styles: str, **content: Any) -> str:
+    """A page as HTML; names from files are escaped, and nothing is loaded from elsewhere.
+
+    Args:
+        template: file in the folder of templates.
+        styles: names of style sheets there, beside that of all pages.
+        content: what the template shows.
+    """
+    css = Markup("").join(inline(f"{name}.css") for name in ("report", *styles))
+    page = environment().get_template(template)
+    return page.render(content, css=css, js=inline("report.js"))
+
+
+def write_page(folder: Path, text: str) -> Path:
+    """Writes `report.html` into the folder of an output, and returns its path."""
+    with files_together(folder, (REPORT_NAME,)) as staged:
+        (staged / REPORT_NAME).write_text(text, encoding="utf-8")
+    return folder / REPORT_NAME
 
 
 def versions_grid(names: Sequence[str], versions: Sequence[Mapping[str, str]]) -> Grid:

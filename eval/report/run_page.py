@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +40,7 @@ from eventsweep.eval.figures.images import (
 )
 from eventsweep.eval.figures.plots import causes_svg, curves_svg, outlier_causes, slice_svg
 from eventsweep.eval.numbers import displayed, thousands
-from eventsweep.eval.report.html import REPORT_NAME, environment, files_in, inline, plural
+from eventsweep.eval.report.html import REPORT_NAME, files_in, inline, plural, render
 from eventsweep.eval.report.overview import overview_png
 from eventsweep.eval.report.ranking import (
     column,
@@ -53,7 +53,7 @@ from eventsweep.eval.report.ranking import (
 from eventsweep.eval.report.run_data import CaseData, MethodData, RunData, WindowData, load_run
 from eventsweep.eval.report.viewer import window_json
 from eventsweep.eval.scoring.curves import THRESHOLDS_CM, ThresholdCurve
-from eventsweep.eval.scoring.pairing import REFERENCE
+from eventsweep.eval.scoring.pairing import REFERENCE, Truth
 from eventsweep.eval.scoring.results import POOLED, RIG, each
 
 _CAPTION = ("points", "completeness", "mean_error", "median_error", "bad_published")
@@ -81,7 +81,7 @@ def case_context(
         "table": table(rows, metric) if len(rows) and with_table else None,
         "findings": findings(rows, metric),
         "methods": methods,
-        "chosen": _chosen(rows, metric, methods),
+        "chosen": chosen_method(rows, metric, methods),
         "windows": [
             window_context(w, methods, data.rows_of(case.name, w.name)) for w in case.windows
         ],
@@ -101,12 +101,12 @@ def window_context(
     return {
         "name": window.name,
         "t_s": f"{window.t_us / 1e6:.3f}",
-        "frame": None if window.frame is None else _uri(frame_image(window.frame)),
-        "behind": None if window.frame is None else _uri(behind_image(window.frame)),
+        "frame": frame_uri(window),
+        "behind": behind_uri(window),
         **_photo_context(window),
-        "events": _events_uri(window, scales["events_scale"]),
+        "events": events_uri(window, scales["events_scale"]),
         "events_caption": window.events_caption,
-        "truth": _truth_uri(window, scales["depth_scale"]),
+        "truth": truth_uri(window, scales["depth_scale"]),
         "methods": [
             _method_context(m, methods.index(m.name), window, scales, sure[m.name], rows)
             for m in window.methods
@@ -138,11 +138,13 @@ def _method_context(
         "name": method.name,
         "position": position,
         "caption": " · ".join(numbers) or f"points {displayed(float(method.mask.sum()), 'px')} px",
-        "depth": _uri(depth),
-        "confidence": _uri(confidence_image(method.confidence, sure)) if method.is_sure else None,
+        "depth": image_uri(depth),
+        "confidence": image_uri(confidence_image(method.confidence, sure))
+        if method.is_sure
+        else None,
         "confidence_scale": sure,
         "confidence_unit": confidence_unit(method.name),
-        "error": _error_uri(method, window, scales["error_scale"], point_px),
+        "error": error_uri(method, window.truth, scales["error_scale"]),
         "expected": _expected_uri(method, scales["error_scale"], point_px),
         "within": _within_band(method, window),
         "slice_svg": Markup(slice_svg(method.dsi_slice)) if method.dsi_slice else "",
@@ -190,15 +192,22 @@ def _scales(window: WindowData) -> dict[str, Scale]:
 
 
 def _error_cap(window: WindowData) -> float:
-    truth, errors = window.truth, []
-    for method in window.methods:
-        if truth is not None:
-            error_cm, both = error_of(method.depth_m, method.mask, truth.depth_m, truth.scored)
-            errors.append(error_cm[both])
-        elif method.error_m is not None:
-            errors.append(100 * method.error_m[method.mask])
-    # Half of the methods must fit: one bad method must not flatten the colours of all others.
-    return float(np.median([error_cap_cm(found) for found in errors])) if errors else 1.0
+    if window.truth is not None:
+        return middle_cap_cm(errors_cm(method, window.truth) for method in window.methods)
+    expected = ((method.error_m, method.mask) for method in window.methods)
+    return middle_cap_cm(100 * error_m[mask] for error_m, mask in expected if error_m is not None)
+
+
+def errors_cm(method: MethodData, truth: Truth) -> NDArray[np.floating]:
+    """(N,) |e - g| where both are valid, cm."""
+    error_cm, both = error_of(method.depth_m, method.mask, truth.depth_m, truth.scored)
+    return error_cm[both]
+
+
+def middle_cap_cm(errors: Iterable[NDArray[np.floating]]) -> float:
+    """Where colours of errors end: one bad map must not flatten the colours of all others."""
+    caps = [error_cap_cm(of_map) for of_map in errors]
+    return float(np.median(caps)) if caps else 1.0
 
 
 def _events_cap(window: WindowData) -> int:
@@ -216,7 +225,7 @@ def _photo_context(window: WindowData) -> dict[str, Any]:
     exposure = f"{(photo.end_us - photo.start_us) / 1000:g} ms exposure"
     off_us = photo.t_us - window.t_us
     return {
-        "photo": _uri(photo_image(photo.image)),
+        "photo": image_uri(photo_image(photo.image)),
         "photo_unit": exposure + (f", {off_us / 1000:+.0f} ms" if off_us else ""),
         "photo_note": f"{_share(photo.white)} of the pixels white, {_share(photo.black)} black",
     }
@@ -226,30 +235,43 @@ def _share(value: float) -> str:
     return "none" if value == 0 else f"{100 * value:.1f} %" if value >= 5e-4 else "< 0.1 %"
 
 
-def _events_uri(window: WindowData, scale: Scale) -> str | None:
+def frame_uri(window: WindowData) -> str | None:
+    """The frame as an address that holds it, as all `_uri` here; None where there is none."""
+    return None if window.frame is None else image_uri(frame_image(window.frame))
+
+
+def behind_uri(window: WindowData) -> str | None:
+    """The frame to look at faintly through errors."""
+    return None if window.frame is None else image_uri(behind_image(window.frame))
+
+
+def events_uri(window: WindowData, scale: Scale) -> str | None:
+    """Events of both polarities."""
     if window.brighter is None or window.darker is None:
         return None
-    return _uri(events_image(window.brighter, window.darker, scale))
+    return image_uri(events_image(window.brighter, window.darker, scale))
 
 
-def _truth_uri(window: WindowData, scale: Scale) -> str | None:
+def truth_uri(window: WindowData, scale: Scale) -> str | None:
+    """True depth."""
     if window.truth is None:
         return None
-    return _uri(depth_image(window.truth.depth_m, window.truth.scored, scale))
+    return image_uri(depth_image(window.truth.depth_m, window.truth.scored, scale))
 
 
-def _error_uri(method: MethodData, window: WindowData, scale: Scale, point_px: int) -> str | None:
-    if window.truth is None:
+def error_uri(method: MethodData, truth: Truth | None, scale: Scale) -> str | None:
+    """Errors of a depth map."""
+    if truth is None:
         return None
-    truth = window.truth
+    point_px = point_size_px(method.depth_m.shape[1])
     image = error_image(method.depth_m, method.mask, truth.depth_m, truth.scored, scale, point_px)
-    return _uri(image)
+    return image_uri(image)
 
 
 def _expected_uri(method: MethodData, scale: Scale, point_px: int) -> str | None:
     if method.error_m is None:
         return None
-    return _uri(expected_error_image(method.error_m, method.mask, scale, point_px))
+    return image_uri(expected_error_image(method.error_m, method.mask, scale, point_px))
 
 
 def _within_band(method: MethodData, window: WindowData) -> str:
@@ -264,12 +286,13 @@ def _within_band(method: MethodData, window: WindowData) -> str:
     return f"{100 * inside:.0f} % of the errors lie within."
 
 
-def _uri(image: IndexedImage) -> str:
+def image_uri(image: IndexedImage) -> str:
+    """A picture, so large that a browser shows pixels as even squares."""
     return image.enlarged(enlargement(image.index.shape[1])).data_uri()
 
 
-def _chosen(rows: pd.DataFrame, metric: str, methods: Sequence[str]) -> int:
-    """The method of rank 1; without scores the harmonic mean, as in Algorithm 1."""
+def chosen_method(rows: pd.DataFrame, metric: str, methods: Sequence[str]) -> int:
+    """Place of the method of rank 1; without scores of the harmonic mean, as in Algorithm 1."""
     wished = [*ranked_methods(rows, metric), REFERENCE]
     return next((methods.index(name) for name in wished if name in methods), 0)
 
@@ -317,7 +340,7 @@ def write_report(run_dir: Path) -> Path:
     run_dir = Path(run_dir)
     check_files(run_dir, (REPORT_NAME, OVERVIEW_NAME), force=True)
     data = load_run(run_dir)
-    page = render(data, _files(run_dir, data))
+    page = page_text(data, _files(run_dir, data))
     first = data.cases[0]
     rows = data.rows_of(first.name, POOLED)
     title = first.name if len(data.cases) > 1 else ""
@@ -335,18 +358,13 @@ def _files(run_dir: Path, data: RunData) -> tuple[str, ...]:
     return (*found, OVERVIEW_NAME)
 
 
-def render(data: RunData, files: Sequence[str] = ()) -> str:
+def page_text(data: RunData, files: Sequence[str] = ()) -> str:
     """The page as text; the same data give the same bytes."""
-    template = environment().get_template("report.html.j2")
-    return template.render(_page_context(data), files=files)
-
-
-def _page_context(data: RunData) -> dict[str, Any]:
     pooled = data.results.rows[data.results.rows["window"] == POOLED]
     several = len(data.cases) > 1
     overall = mean_over_cases(pooled, "mean") if several else pooled
     cases = [case_context(data, case, k, with_table=several) for k, case in enumerate(data.cases)]
-    return {
+    content = {
         "title": ", ".join(case.name for case in data.cases),
         "subtitle": _subtitle(data),
         "metric": data.ranking_metric,
@@ -360,11 +378,10 @@ def _page_context(data: RunData) -> dict[str, Any]:
         "version": data.results.versions.get("eventsweep", ""),
         "colour_of": lambda method: line_style(method).css,
         "count": lambda value: "–" if value is None else thousands(value),
-        "css": inline("report.css"),
-        "js": inline("report.js"),
-        "viewer_css": inline("viewer.css"),
         "viewer_js": inline("viewer.js"),
+        "files": files,
     }
+    return render("report.html.j2", "viewer", **content)
 
 
 def _subtitle(data: RunData) -> str:

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
-from eventsweep.emvs.utils.outputs import check_files, files_together
+from eventsweep.emvs.utils.outputs import check_files
 from eventsweep.eval.figures.colormaps import INK, line_style
 from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.html import (
@@ -24,6 +24,7 @@ from eventsweep.eval.report.html import (
     page_text,
     plural,
     versions_grid,
+    write_page,
 )
 from eventsweep.eval.report.ranking import column, definition
 from eventsweep.eval.scoring.results import Value, read_json
@@ -110,9 +111,7 @@ def write_study_report(folder: Path) -> Path:
     names = [f"{path.stem}{end}" for path in paths for end in (".json", ".csv", ".svg")]
     files = files_in(folder, names)
     page = page_text(study_page(studies, figures, files))
-    with files_together(folder, (REPORT_NAME,)) as staged:
-        (staged / REPORT_NAME).write_text(page, encoding="utf-8")
-    return folder / REPORT_NAME
+    return write_page(folder, page)
 
 
 def study_page(studies: list[StoredStudy], figures: list[str], files: tuple[str, ...] = ()) -> Page:

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import get_args
 
-from eventsweep.emvs.utils.outputs import check_files, files_together
+from eventsweep.emvs.utils.outputs import check_files
 from eventsweep.eval.config import EvalConfig, RankingMetric
 from eventsweep.eval.figures.colormaps import line_style
 from eventsweep.eval.numbers import displayed
@@ -25,6 +25,7 @@ from eventsweep.eval.report.html import (
     plural,
     png_uri,
     versions_grid,
+    write_page,
 )
 from eventsweep.eval.report.ranking import (
     RANKING_COLUMNS,
@@ -67,9 +68,7 @@ def write_suite_report(folder: Path) -> Path:
     pictures = {case: folder / PICTURES_FOLDER / f"{case}.png" for case in result.cases}
     shown = {case: png_uri(path) for case, path in pictures.items() if path.is_file()}
     page = page_text(suite_page(result, files_in(folder, (FILE_NAME, CSV_NAME)), shown))
-    with files_together(folder, (REPORT_NAME,)) as staged:
-        (staged / REPORT_NAME).write_text(page, encoding="utf-8")
-    return folder / REPORT_NAME
+    return write_page(folder, page)
 
 
 def suite_page(

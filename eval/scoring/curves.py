@@ -42,17 +42,6 @@ class ThresholdCurve:
     f1: FloatArray
 
 
-def curve(pairs: Pairs) -> ThresholdCurve:
-    """Precision, recall and F1 at every whole centimetre from 1 to 15."""
-    within = [pairs.error_m < cm / 100 for cm in THRESHOLDS_CM]
-    return ThresholdCurve(
-        np.array(THRESHOLDS_CM),
-        np.array([_precision(pairs, hits) if pairs.count else np.nan for hits in within]),
-        np.array([_recall(pairs, hits) for hits in within]),
-        np.array([_f1(pairs, hits) for hits in within]),
-    )
-
-
 def _precision(pairs: Pairs, hits: Hits) -> float:
     return 100 * float(np.sum(hits)) / pairs.count
 
@@ -209,31 +198,19 @@ def _top(percent: int) -> str:
     return f"mean_error_top_{percent}pct"
 
 
-def _at_metric(percent: int) -> Metric:
-    name, title = _top(percent), f"mean error of surest {percent} %"
-    formula = f"mean |e - g| of the surest pixels that cover {percent} % of g"
+def _coverage_metric(name: str, title: str, formula: str) -> Metric:
     compute = partial(_coverage_score, name=name)
     return Metric(name, title, "m", "lower", formula, compute, pooling="order")
 
 
+def _at_metric(percent: int) -> Metric:
+    title = f"mean error of surest {percent} %"
+    formula = f"mean |e - g| of the surest pixels that cover {percent} % of g"
+    return _coverage_metric(_top(percent), title, formula)
+
+
 COVERAGE_METRICS: tuple[Metric, ...] = (
-    Metric(
-        "aurc",
-        "AURC",
-        "m",
-        "lower",
-        "area under mean |e - g| against share of #e admitted",
-        partial(_coverage_score, name="aurc"),
-        pooling="order",
-    ),
-    Metric(
-        "ause",
-        "AUSE",
-        "m",
-        "lower",
-        "aurc less that of the pixels in order of error",
-        partial(_coverage_score, name="ause"),
-        pooling="order",
-    ),
+    _coverage_metric("aurc", "AURC", "area under mean |e - g| against share of #e admitted"),
+    _coverage_metric("ause", "AUSE", "aurc less that of the pixels in order of error"),
     *(_at_metric(percent) for percent in COVERAGES_PERCENT),
 )

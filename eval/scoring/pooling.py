@@ -12,8 +12,7 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
-from types import TracebackType
-from typing import IO
+from tempfile import SpooledTemporaryFile
 
 import numpy as np
 
@@ -36,23 +35,11 @@ MOST_BYTES = 1 << 30
 _NAN = float("nan")
 
 
-class NumberStore:
-    """Keeps arrays in memory, and those beyond a size in a temporary file; a context."""
+class NumberStore(SpooledTemporaryFile[bytes]):
+    """Keeps arrays in memory, and in a temporary file once they exceed a size; a context."""
 
     def __init__(self, most_bytes: int = MOST_BYTES) -> None:
-        """Prepares to keep `most_bytes` in memory."""
-        self._left_bytes = most_bytes
-        self._file: IO[bytes] | None = None
-
-    def __enter__(self) -> NumberStore:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:  # fmt: skip
-        if self._file is not None:
-            self._file.close()
+        super().__init__(max(most_bytes, 1), prefix="eventsweep-scores-")  # 0 would be no limit
 
     def keep(self, numbers: FloatArray) -> Callable[[], FloatArray]:
         """Keeps an array, which the returned function gives back.
@@ -60,26 +47,20 @@ class NumberStore:
         Raises:
             InputError: no room on the disk.
         """
-        if numbers.nbytes <= self._left_bytes:
-            self._left_bytes -= numbers.nbytes
-            return lambda: numbers
         try:
-            if self._file is None:
-                self._file = tempfile.TemporaryFile(prefix="eventsweep-scores-")  # noqa: SIM115
-            start = self._file.seek(0, os.SEEK_END)
-            self._file.write(numbers.tobytes())
-            self._file.flush()
+            start = self.seek(0, os.SEEK_END)
+            self.write(numbers.tobytes())
+            self.flush()
         except OSError as error:
             raise InputError(
                 f"{tempfile.gettempdir()}: cannot keep the scores of a window there "
                 f"({error.strerror}): free some room, or set TMPDIR to another folder"
             ) from error
-        return partial(_read, self._file, start, numbers.nbytes, numbers.dtype)
+        return partial(self._kept, start, numbers.nbytes, numbers.dtype)
 
-
-def _read(file: IO[bytes], start: int, size: int, dtype: np.dtype[np.float64]) -> FloatArray:
-    file.seek(start)
-    return np.frombuffer(file.read(size), dtype)
+    def _kept(self, start: int, size: int, dtype: np.dtype[np.float64]) -> FloatArray:
+        self.seek(start)
+        return np.frombuffer(self.read(size), dtype)
 
 
 class _Column:

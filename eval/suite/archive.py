@@ -39,8 +39,8 @@ from eventsweep.eval.progress import Progress
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.eval.suite.results import ArchiveFacts
 from eventsweep.eval.suite.stages.map import as_perturbed
+from eventsweep.eval.suite.stages.perturb import write_perturbed
 from eventsweep.eval.suite.stages.simulate import scene_digest, sequence_parameters
-from eventsweep.eval.suite.stages.tell import write_perturbed
 
 SECRET_BYTES = 16
 _MOST_SECRET_BYTES = 1 << 16
@@ -153,9 +153,8 @@ class ArchivePlan:
         if self.truth:
             return sequence
         parameters = {"perturb": spec.imperfection, "seed": seed}
-        return Job(
-            f"tell/{case}/seed{seed}", "eventsweep.eval.suite.stages.tell", parameters, (sequence,)
-        )
+        stage = "eventsweep.eval.suite.stages.perturb"
+        return Job(f"perturb/{case}/seed{seed}", stage, parameters, (sequence,))
 
 
 def hidden_seed(secret: bytes, suite: str, case: str, number: int) -> int:
@@ -288,11 +287,11 @@ def unpack_recordings(
                 place.mkdir(parents=True)
                 unpack(folder / one.file, place, one.files)
             else:
-                _unpack_told(folder / one.file, one, place)
+                _unpack_perturbed(folder / one.file, one, place)
             update(number + 1, one.place)
 
 
-def _unpack_told(path: Path, packed: PackedSequence, place: Path) -> None:
+def _unpack_perturbed(path: Path, packed: PackedSequence, place: Path) -> None:
     with tempfile.TemporaryDirectory(dir=place.parents[1]) as exact:
         unpack(path, Path(exact), packed.files)
         perturbation = {"perturb": packed.imperfection, "seed": packed.seed}

@@ -12,14 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from eventsweep.emvs.config import MapperConfig
-from eventsweep.emvs.utils.cache import Cache
-from eventsweep.eval.jobs.job import SEQUENCE, entry
 from eventsweep.eval.jobs.local import ONE_THREAD, environment
 from eventsweep.eval.progress import Progress
 from eventsweep.eval.suite.archive import SequenceArchive
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.eval.suite.results import MeasuredCost, SuiteResult, mapper_method
-from eventsweep.eval.suite.run import suite_jobs
+from eventsweep.eval.suite.run import speed_job
 
 REPEATS = 3
 
@@ -43,12 +41,10 @@ def measured_costs(
     Returns:
         By the method's name in the rows; nothing where the speed case was not run.
     """
-    case = suite.speed_case
-    seeds = [sample.seed for sample in result.samples if sample.case == case]
-    if case is None or not seeds:
+    timed = speed_job(result, suite, cache, archive)
+    if timed is None:
         return {}
-    (score,) = suite_jobs(suite, [case], seeds[:1], archive)
-    sequence = entry(score.needs[0], Cache(cache)).path / SEQUENCE
+    score, sequence = timed
     wanted: dict[str, dict[str, Any]] = {}
     for mapper, job in zip(score.parameters["mappers"], score.needs[1:], strict=True):
         settings = job.parameters["map"]
@@ -60,6 +56,7 @@ def measured_costs(
         for name, settings in wanted.items():
             with multiprocessing.get_context("spawn").Pool(1) as pool:
                 seconds, memory_mb = pool.apply(_mapped, (str(sequence), settings))
+            case = score.parameters["case"]
             found[name] = MeasuredCost(case, round(seconds, 4), round(memory_mb, 1))
             update(len(found), name)
     return found

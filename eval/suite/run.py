@@ -207,14 +207,24 @@ def with_speed(
     result: SuiteResult, suite: Suite, cache: Path, archive: SequenceArchive | None = None
 ) -> SuiteResult:
     """The result, with the ratio of the suite's speed case; unchanged if that was not run."""
-    seeds = [sample.seed for sample in result.samples if sample.case == suite.speed_case]
-    if suite.speed_case is None or not seeds:
+    timed = speed_job(result, suite, cache, archive)
+    if timed is None:
         return result
-    (score,) = suite_jobs(suite, [suite.speed_case], seeds[:1], archive)
-    sequence, mapping = score.needs[:2]
-    path = entry(sequence, Cache(cache)).path / SEQUENCE
-    config = MapperConfig.model_validate(mapping.parameters["map"])
-    return replace(result, speed={suite.speed_case: map_ratios(path, config)})
+    score, path = timed
+    config = MapperConfig.model_validate(score.needs[1].parameters["map"])
+    return replace(result, speed={score.parameters["case"]: map_ratios(path, config)})
+
+
+def speed_job(
+    result: SuiteResult, suite: Suite, cache: Path, archive: SequenceArchive | None = None
+) -> tuple[Job, Path] | None:
+    """The first scoring job of the suite's speed case, and its sequence; None if it was not run."""
+    case = suite.speed_case
+    seeds = [sample.seed for sample in result.samples if sample.case == case]
+    if case is None or not seeds:
+        return None
+    (score,) = suite_jobs(suite, [case], seeds[:1], archive)
+    return score, entry(score.needs[0], Cache(cache)).path / SEQUENCE
 
 
 def map_ratios(sequence: Path, config: MapperConfig, repeats: int = REPEATS) -> tuple[float, ...]:

@@ -10,10 +10,6 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.eval.jobs.job import RESULT
 
 
-def code(parameters):
-    return (), ()
-
-
 def run(parameters, inputs, out: Path) -> None:
     """Counts that it ran, misbehaves as asked, then joins what its inputs said."""
     log = Path(parameters["log"])

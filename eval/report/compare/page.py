@@ -22,16 +22,7 @@ from eventsweep.eval.report.compare.differences import (
 from eventsweep.eval.report.compare.pictures import pictures_of
 from eventsweep.eval.report.compare.results import ComparedResult, read_compared
 from eventsweep.eval.report.compare.settings import Setting, settings_of
-from eventsweep.eval.report.html import (
-    Grid,
-    GridCell,
-    Head,
-    Kind,
-    Section,
-    environment,
-    inline,
-    plural,
-)
+from eventsweep.eval.report.html import Grid, GridCell, Head, Kind, Section, plural, render
 from eventsweep.eval.report.ranking import RANKING_COLUMNS, column, definition
 from eventsweep.eval.report.tables import TABLES_FOLDER, TextCell, TextTable, in_unit, write_tables
 from eventsweep.eval.scoring.metrics import PRIMARY
@@ -116,35 +107,28 @@ def _result_files(comparison: Comparison, out: Path) -> list[str]:
 
 
 def page_text(comparison: Comparison, files: Sequence[str] = ()) -> str:
-    """The page as HTML; names from files are escaped, and nothing is loaded from elsewhere."""
-    return (
-        environment().get_template("compare.html.j2").render(page_context(comparison), files=files)
-    )
-
-
-def page_context(comparison: Comparison) -> dict[str, Any]:
-    """What the template shows."""
+    """The page as HTML."""
     sections = sections_of(comparison)
     pictures, missing = pictures_of(comparison.results, _cases(comparison))
     first, *others = comparison.names
     counts = [len(section.names) for section in sections] + [len(one.methods) for one in pictures]
-    return {
-        "title": f"{', '.join(others)} against {first}",
-        "subtitle": f"{len(comparison.names)} results, compared with {first}.",
-        "findings": tuple(findings(comparison)),
-        "settings": _settings_grid(comparison, comparison.differing),
-        "equal": _settings_grid(comparison, [s for s in comparison.settings if not s.differs]),
-        "sections": sections,
-        "pictures": pictures,
-        "only_in_one": (*(t for pair in comparison.pairs for t in pair.only_in_one), *missing),
-        "note": _NOTE,
-        "most": max(counts),
-        "version": comparison.results[0].versions.get("eventsweep", ""),
-        "css": inline("report.css"),
-        "tables_css": inline("tables.css"),
-        "compare_css": inline("compare.css"),
-        "js": inline("report.js"),
-    }
+    return render(
+        "compare.html.j2",
+        "tables",
+        "compare",
+        title=f"{', '.join(others)} against {first}",
+        subtitle=f"{len(comparison.names)} results, compared with {first}.",
+        findings=tuple(findings(comparison)),
+        settings=_settings_grid(comparison, comparison.differing),
+        equal=_settings_grid(comparison, [s for s in comparison.settings if not s.differs]),
+        sections=sections,
+        pictures=pictures,
+        only_in_one=(*(t for pair in comparison.pairs for t in pair.only_in_one), *missing),
+        note=_NOTE,
+        most=max(counts),
+        version=comparison.results[0].versions.get("eventsweep", ""),
+        files=files,
+    )
 
 
 def findings(comparison: Comparison) -> Iterator[str]:

@@ -4,28 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-
-import numpy as np
+from functools import partial
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.figures.colormaps import Scale, depth_scale, error_scale, events_scale
-from eventsweep.eval.figures.images import (
-    IndexedImage,
-    behind_image,
-    depth_image,
-    enlargement,
-    error_cap_cm,
-    error_image,
-    error_of,
-    events_image,
-    frame_image,
-    point_size_px,
-)
+from eventsweep.eval.figures.images import depth_image, point_size_px
 from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.compare.results import ComparedResult, Number
-from eventsweep.eval.report.ranking import column, ranked_methods
+from eventsweep.eval.report.ranking import column
 from eventsweep.eval.report.run_data import MethodData, RunData, WindowData, load_run
-from eventsweep.eval.scoring.pairing import REFERENCE
+from eventsweep.eval.report.run_page import (
+    behind_uri,
+    chosen_method,
+    error_uri,
+    errors_cm,
+    events_uri,
+    frame_uri,
+    image_uri,
+    middle_cap_cm,
+    truth_uri,
+)
 from eventsweep.eval.scoring.results import POOLED
 
 ALL = "all results"
@@ -132,8 +130,7 @@ def _case(
     if not methods:
         return None
     first = runs[results[0].name]
-    wished = [*ranked_methods(first.rows_of(case, POOLED), first.ranking_metric), REFERENCE]
-    chosen = next((methods.index(name) for name in wished if name in methods), 0)
+    chosen = chosen_method(first.rows_of(case, POOLED), first.ranking_metric, methods)
     drawn = tuple(_window(group, methods) for group in groups)
     return ComparedPictures(case, methods, chosen, drawn)
 
@@ -175,46 +172,29 @@ def _window(views: Sequence[_View], methods: Sequence[str]) -> ComparedWindow:
 
 
 def _error_cap(views: Sequence[_View], methods: Sequence[str]) -> float:
-    """Half of the maps must fit: a bad one must not flatten the colours of all others."""
-    caps = []
-    for view in views:
-        if (truth := view.window.truth) is None:
-            continue
-        for one in map(view.method, methods):
-            error_cm, both = error_of(one.depth_m, one.mask, truth.depth_m, truth.scored)
-            caps.append(error_cap_cm(error_cm[both]))
-    return float(np.median(caps)) if caps else 1.0
+    return middle_cap_cm(
+        errors_cm(view.method(name), view.window.truth)
+        for view in views
+        if view.window.truth is not None
+        for name in methods
+    )
 
 
 def _seen(views: Sequence[_View], depth: Scale) -> Iterable[PictureRow]:
     """Frame, events and truth, each once where all results have the same."""
     scale = events_scale(1)
-    draw: dict[str, tuple[Callable[[WindowData], IndexedImage | None], Scale | None]] = {
-        "Frame": (lambda w: None if w.frame is None else frame_image(w.frame), None),
-        "Events": (lambda w: _events(w, scale), scale),
-        "True depth [m]": (lambda w: _truth(w, depth), depth),
+    draw: dict[str, tuple[Callable[[WindowData], str | None], Scale | None]] = {
+        "Frame": (frame_uri, None),
+        "Events": (partial(events_uri, scale=scale), scale),
+        "True depth [m]": (partial(truth_uri, scale=depth), depth),
     }
-    for title, (image, of_scale) in draw.items():
-        pictures = [
-            Picture(view.result.name, "", _uri(found))
-            for view in views
-            if (found := image(view.window)) is not None
-        ]
-        if len(pictures) == len(views) and len({one.uri for one in pictures}) == 1:
+    for title, (uri_of, of_scale) in draw.items():
+        uris = ((view.result.name, uri_of(view.window)) for view in views)
+        pictures = [Picture(name, "", uri) for name, uri in uris if uri is not None]
+        if len(pictures) == len(views) and len({picture.uri for picture in pictures}) == 1:
             pictures = [Picture(ALL, "", pictures[0].uri)]
         if pictures:
             yield PictureRow(title, tuple(pictures), of_scale)
-
-
-def _events(window: WindowData, scale: Scale) -> IndexedImage | None:
-    if window.brighter is None or window.darker is None:
-        return None
-    return events_image(window.brighter, window.darker, scale)
-
-
-def _truth(window: WindowData, scale: Scale) -> IndexedImage | None:
-    truth = window.truth
-    return None if truth is None else depth_image(truth.depth_m, truth.scored, scale)
 
 
 def _of_method(
@@ -222,16 +202,14 @@ def _of_method(
 ) -> Iterable[PictureRow]:
     depths, errors = [], []
     for view in views:
-        one, truth = view.method(name), view.window.truth
-        point_px = point_size_px(one.depth_m.shape[1])
-        points = f"{displayed(float(one.mask.sum()), 'px')} px"
-        image = depth_image(one.depth_m, one.mask, depth, point_px)
-        depths.append(Picture(view.result.name, points, _uri(image)))
-        if truth is None:
-            continue
-        image = error_image(one.depth_m, one.mask, truth.depth_m, truth.scored, error, point_px)
-        note = _number(view, name)
-        errors.append(Picture(view.result.name, note, _uri(image), _behind(view.window)))
+        method, of = view.method(name), view.result.name
+        points = f"{displayed(float(method.mask.sum()), 'px')} px"
+        point_px = point_size_px(method.depth_m.shape[1])
+        image = depth_image(method.depth_m, method.mask, depth, point_px)
+        depths.append(Picture(of, points, image_uri(image)))
+        if (uri := error_uri(method, view.window.truth, error)) is not None:
+            behind = behind_uri(view.window) or ""
+            errors.append(Picture(of, _number(view, name), uri, behind))
     yield PictureRow(f"Depth [m] of {name}", tuple(depths), depth)
     if errors:
         yield PictureRow(f"Error |e − g| [cm] of {name}", tuple(errors), error)
@@ -245,11 +223,3 @@ def _number(view: _View, method: str) -> str:
         return ""
     head = column(_CAPTION)
     return f"{head.title} {displayed(value, 'm')} {head.unit}"
-
-
-def _behind(window: WindowData) -> str:
-    return "" if window.frame is None else _uri(behind_image(window.frame))
-
-
-def _uri(image: IndexedImage) -> str:
-    return image.enlarged(enlargement(image.index.shape[1])).data_uri()

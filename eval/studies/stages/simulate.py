@@ -46,9 +46,7 @@ class Straight:
         return pose
 
 
-def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
-    """The scene's own module and files."""
-    return simulate.code(parameters)
+code = simulate.code
 
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:

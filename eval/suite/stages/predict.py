@@ -20,12 +20,6 @@ from eventsweep.eval.suite.results import Sample, sample_text
 from eventsweep.eval.suite.stages.score import mapped_window, sample_facts
 
 
-def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
-    """Nothing beside what this module imports."""
-    del parameters
-    return (), ()
-
-
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
     """Scores the depth map of every window and all of them pooled, beside the reference method.
 

@@ -23,12 +23,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
-    """Nothing beside what this module imports."""
-    del parameters
-    return (), ()
-
-
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
     """Scores every window and all of them pooled, for each of the case's mappers."""
     case, config = str(parameters["case"]), EvalConfig.model_validate(parameters["score"])

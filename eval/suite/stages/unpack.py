@@ -11,12 +11,6 @@ from eventsweep.eval.archives.tarball import unpack
 from eventsweep.eval.jobs.job import SEQUENCE
 
 
-def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
-    """Nothing beside what this module imports."""
-    del parameters
-    return (), ()
-
-
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
     """Unpacks the files that `files` lists, each of the size and hash that it says.
 

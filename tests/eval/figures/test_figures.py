@@ -34,7 +34,8 @@ from eventsweep.eval.figures.images import (
     frame_image,
 )
 from eventsweep.eval.figures.plots import DsiSlice, _surfaces, curves_svg, slice_svg
-from eventsweep.eval.scoring.curves import curve
+from eventsweep.eval.scoring.curves import THRESHOLDS_CM, ThresholdCurve
+from eventsweep.eval.scoring.method_scores import ALL_METRICS
 from eventsweep.eval.scoring.metrics import Pairs
 
 WHITE = [255, 255, 255]
@@ -186,10 +187,18 @@ def test_every_depth_bar_is_labelled_at_both_ends():
         assert ticks[-1] == (1.0, f"{near_m:g}")
 
 
+def _curve(pairs):
+    shares = (
+        np.array([ALL_METRICS[f"{name}_{cm}cm"](pairs) for cm in THRESHOLDS_CM])
+        for name in ("precision", "recall", "f1")
+    )
+    return ThresholdCurve(np.array(THRESHOLDS_CM), *shares)
+
+
 def _curves():
     truth_m = np.linspace(1, 2, 50)
     return [
-        (name, curve(Pairs(truth_m + error_m, truth_m, 80, 22.6)))
+        (name, _curve(Pairs(truth_m + error_m, truth_m, 80, 22.6)))
         for name, error_m in (("Alg1/H", 0.02), ("Alg1/A", 0.07), ("mine", 0.1))
     ]
 

@@ -15,7 +15,7 @@ from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.overview import overview_png
 from eventsweep.eval.report.ranking import findings, fusion_order, mean_over_cases, order, table
 from eventsweep.eval.report.run_data import _range_s
-from eventsweep.eval.report.run_page import render, write_report
+from eventsweep.eval.report.run_page import page_text, write_report
 from eventsweep.eval.scoring.results import tidy, together
 from report_data import METHODS, SHAPE, WellFormed, report_data
 from score_rows import score_row
@@ -23,7 +23,7 @@ from score_rows import score_row
 
 @pytest.fixture(scope="module")
 def one_case():
-    return render(report_data("desk"))
+    return page_text(report_data("desk"))
 
 
 def test_the_page_is_well_formed_and_loads_nothing(one_case):
@@ -34,7 +34,7 @@ def test_the_page_is_well_formed_and_loads_nothing(one_case):
 
 
 def test_same_data_same_page(one_case):
-    assert render(report_data("desk")) == one_case
+    assert page_text(report_data("desk")) == one_case
 
 
 def test_the_method_of_rank_1_is_shown_first(one_case):
@@ -71,7 +71,7 @@ def test_the_page_opens_on_whoever_has_rank_1_and_never_on_a_single_camera(name)
     best = fused.assign(method=name, value=0.5 * fused["value"])
     rows = together([rows[rows["method"] != name], best])
     case = replace(data.cases[0], windows=windows)
-    page = render(replace(data, cases=(case,), results=replace(data.results, rows=rows)))
+    page = page_text(replace(data, cases=(case,), results=replace(data.results, rows=rows)))
     shown = "Alg1/H" if name.startswith("EMVS") else name
     assert WellFormed(page).checked == ["case0-m0"]
     assert f'for="case0-m0">{shown}</label>' in page
@@ -84,7 +84,7 @@ def test_a_method_that_does_not_say_how_sure_it_is_has_all_pictures_but_that():
         replace(w, methods=(*w.methods, replace(w.methods[0], name="Given/x", confidence=silent)))
         for w in data.cases[0].windows
     )
-    page = render(replace(data, cases=(replace(data.cases[0], windows=windows),)))
+    page = page_text(replace(data, cases=(replace(data.cases[0], windows=windows),)))
     WellFormed(page)
     assert 'alt="Depth [m] of Given/x' in page
     assert 'alt="Error |e − g| [cm] of Given/x' in page
@@ -102,13 +102,13 @@ def test_expected_errors_are_drawn_where_a_method_states_them_with_how_many_held
     error_m.flat[scored[: len(scored) // 4]] *= 0.5
     methods = (replace(known, error_m=error_m), *window.methods[1:])
     case = replace(data.cases[0], windows=(replace(window, methods=methods),), window_count=1)
-    page = render(replace(data, cases=(case,)))
+    page = page_text(replace(data, cases=(case,)))
     WellFormed(page)
     share = 100 * (1 - len(scored) // 4 / len(scored))
     assert f'alt="Expected error of {known.name}, cm"' in page
     assert f"68 % of the errors. {share:.0f} % of the errors lie within." in page
     assert f"{methods[1].name} is not calibrated." in page
-    assert "Expected error" not in render(data)
+    assert "Expected error" not in page_text(data)
 
 
 def test_the_configuration_is_folded_up(one_case):
@@ -120,7 +120,7 @@ def test_a_method_scored_of_whom_no_map_is_left_has_curves_but_no_pictures():
     rows = data.results.rows
     given = rows[rows["method"] == "Alg1/H"].assign(method="Given/x")
     results = replace(data.results, rows=together([rows, given]))
-    page = render(replace(data, results=results))
+    page = page_text(replace(data, results=results))
     assert 'alt="Depth [m] of Given/x' not in page
     svg = page[page.index("tolerated error [cm]") - 40_000 :]
     assert re.search(r"<text[^>]*>Given/x</text>", svg)
@@ -141,7 +141,7 @@ def test_text_from_outside_is_escaped(one_case):
 
 
 def test_several_cases_and_windows_have_ids_of_their_own():
-    page = WellFormed(text := render(report_data("desk", "boxes", windows=2)))
+    page = WellFormed(text := page_text(report_data("desk", "boxes", windows=2)))
     own = [name for name in page.ids if name.startswith("case")]
     assert len(own) == len(set(own))
     assert "mean of 2 cases" in text
@@ -149,7 +149,7 @@ def test_several_cases_and_windows_have_ids_of_their_own():
 
 
 def test_a_recording_without_truth_has_maps_but_no_scores():
-    text = render(report_data("slider", truth=False))
+    text = page_text(report_data("slider", truth=False))
     WellFormed(text)
     assert "Ranking" not in text
     assert "Ground truth" not in text
@@ -163,12 +163,12 @@ def test_an_ordinary_cameras_picture_says_what_it_lost():
     data = report_data("desk")
     window = replace(data.cases[0].windows[0], photo=Photo(240_000, 250_000, 1.5, image))
     case = replace(data.cases[0], windows=(window,))
-    text = render(replace(data, cases=(case,)))
+    text = page_text(replace(data, cases=(case,)))
     WellFormed(text)
     assert "Ordinary camera" in text
     assert "10 ms exposure, -5 ms" in text
     assert "25.0 % of the pixels white, 0.1 % black" in text
-    assert "Ordinary camera" not in render(data)
+    assert "Ordinary camera" not in page_text(data)
 
 
 def test_windows_of_several_lengths_are_all_meant():
@@ -331,7 +331,7 @@ def test_counts_of_a_mean_are_of_all_its_cases():
 
 
 def test_pixels_of_a_mean_are_said_to_be_a_cases():
-    text = render(report_data("desk", "boxes"))
+    text = page_text(report_data("desk", "boxes"))
     ranking = text[text.index('id="ranking"') : text.index('id="case0"')]
     assert re.search(r"On the [\d,]+ px a case that all methods of the map report", ranking)
     assert " px a case" not in text[text.index('id="case0"') :]

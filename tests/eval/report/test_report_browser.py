@@ -16,7 +16,7 @@ from PIL import Image
 from eventsweep.eval.report.compare import pictures as side_by_side
 from eventsweep.eval.report.compare.page import compare, page_text
 from eventsweep.eval.report.compare.results import read_compared
-from eventsweep.eval.report.run_page import render
+from eventsweep.eval.report.run_page import page_text as run_page
 from eventsweep.eval.report.study_page import _figure
 from eventsweep.eval.scoring.results import write_results
 from eventsweep.eval.studies.curves import METRICS, RobustnessCurve, draw
@@ -67,7 +67,7 @@ def data():
 
 @pytest.fixture(scope="module")
 def page(data):
-    return render(data)
+    return run_page(data)
 
 
 MOVE = """
@@ -157,7 +157,7 @@ def test_the_cursor_reads_a_prediction_that_says_no_confidence(tmp_path, data):
       linked.cloud.box.querySelector("[name=truth]").click();
       return [linked.querySelector(".readout").textContent,
         +linked.querySelector("canvas").dataset.drawn];"""
-    text, drawn = _ask(tmp_path, render(replace(data, cases=(case,))), question)
+    text, drawn = _ask(tmp_path, run_page(replace(data, cases=(case,))), question)
     assert f"depth {silent.depth_m[y, x]:.2f}"[:-1] in text
     assert text.endswith("says no confidence")
     assert drawn == silent.mask.sum()
@@ -186,7 +186,7 @@ def test_print_holds_no_configuration(tmp_path, data):
     """A folded part takes no room on paper: as many lines of settings change nothing."""
     sizes = []
     for lines in (1, 400):
-        page = render(replace(data, configuration="planes = 12\n" * lines))
+        page = run_page(replace(data, configuration="planes = 12\n" * lines))
         _browse(tmp_path, page, f"--print-to-pdf={tmp_path / 'page.pdf'}")
         sizes.append(len(re.findall(rb"/Type /Page\b", (tmp_path / "page.pdf").read_bytes())))
     assert sizes[0] == sizes[1] > 0
@@ -243,7 +243,7 @@ def test_hostile_names_run_nothing(tmp_path, data):
     )
     rows = data.results.rows
     rows = rows.assign(case=hostile, method=rows["method"] + hostile)
-    page = render(replace(data, cases=(case,), results=replace(data.results, rows=rows)))
+    page = run_page(replace(data, cases=(case,), results=replace(data.results, rows=rows)))
     assert _ask(tmp_path, page, "return window.hit ?? 0;") == 0
 
 

@@ -18,12 +18,6 @@ from eventsweep.eval.suite.stages.map import as_perturbed
 _STEP_US = 50_000
 
 
-def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
-    """Nothing beside what this module imports."""
-    del parameters
-    return (), ()
-
-
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
     """Writes what `perturb` makes of a sequence, under the number that stands for its seed."""
     recording = as_perturbed(open_recording(inputs[0] / SEQUENCE), parameters)
