@@ -34,20 +34,7 @@ def calibrate_recording(
     recording: Recording, path: Path, out: Path, config: RefineConfig, progress: Progress, *,
     force: bool = False, command: str = "",
 ) -> Calibrated:  # fmt: skip
-    """Refines a recording and writes the folder: calibration, `recording.toml` and page.
-
-    Args:
-        recording: to refine.
-        path: of the recording; never replaced.
-        out: folder that appears whole or not at all.
-        config: what to refine.
-        progress: shows the stages.
-        force: whether to replace an output of ours.
-        command: for the provenance.
-
-    Raises:
-        InputError: what `emvs.calibrate.refine.refine` refuses, or an output that exists.
-    """
+    """Refines a recording and writes the folder: calibration, `recording.toml` and page."""
     with progress.stage("calibrate", 1.0) as update:
         refinement = refine(recording, config, _moving(update))
         update(1.0, summary(refinement))

@@ -88,14 +88,9 @@ class Settings(BaseModel):
 
 
 def load(file: Path | None, **flags: BaseModel) -> Settings:
-    """Joins a configuration file and the groups given by flags.
+    """Joins a configuration file, with tables named as the fields of `Settings`, and flags.
 
-    Args:
-        file: TOML with tables named as the fields of `Settings`; None for none.
-        flags: per group, a model in which exactly the values given as flags are set.
-
-    Raises:
-        InputError: an unreadable file, an unknown key or an impossible value.
+    In a group of flags exactly the values that were given are set.
     """
     values = _read(file)
     for name, group in flags.items():
@@ -107,12 +102,7 @@ def load(file: Path | None, **flags: BaseModel) -> Settings:
 
 
 def unread(file: Path | None, groups: Sequence[str]) -> list[str]:
-    """What a file sets that a command does not read, a line for each table.
-
-    Args:
-        file: that `load` read.
-        groups: the tables that the command reads.
-    """
+    """What a file sets outside the tables `groups`, which a command reads; a line each."""
     reads = ", ".join(f"[{name}]" for name in groups)
     return [
         f"{file}: [{name}] ({_names(table)}) has no effect here: this command reads {reads}"

@@ -63,11 +63,7 @@ PRESETS = {
 
 
 def amounts(given: Any) -> Any:
-    """The amounts that a preset's name stands for, or what is given as amounts, checked.
-
-    Raises:
-        ValueError: no such preset, or an amount that cannot be.
-    """
+    """The amounts that a preset's name stands for, or what is given as amounts, checked."""
     if isinstance(given, str):
         if given not in PRESETS:
             raise ValueError(f"no imperfection {given!r}: choose one of {', '.join(PRESETS)}")
@@ -78,12 +74,7 @@ def amounts(given: Any) -> Any:
 
 
 class ThinnedRecording(DerivedRecording):
-    """A recording that has lost events at random.
-
-    Attributes:
-        share: of the events that is kept, 0 to 1.
-        seed: which ones.
-    """
+    """A recording that has kept a share of its events, 0 to 1, at random."""
 
     def __init__(self, recording: Recording, share: float, seed: int) -> None:
         super().__init__(recording)

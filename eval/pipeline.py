@@ -72,9 +72,6 @@ def run_cases(
         finish: adds to the folder that holds all results, before it takes its place, such as a
             report.
         progress: shows how far the run is.
-
-    Raises:
-        InputError: an unknown case, rig, method or impossible value, or an existing `out`.
     """
     from eventsweep.eval.scoring import run_folder
 
@@ -106,9 +103,6 @@ def simulate_scene(
     """Simulates one scene, with its own rig or another one, and writes the sequence.
 
     Unfinished work of the same arguments is taken up, unless `fresh` says to discard it.
-
-    Raises:
-        InputError: an unknown scene or rig, or what `sim.simulate.simulate` refuses.
     """
     with (
         progress.stage(f"simulate {case_name(scene)}", 1) as update,
@@ -154,14 +148,8 @@ def score_folder(
     """Scores every map of a run, or the one map that the folder is.
 
     Writes `results.json` and `results.csv` into the folder, and predictions beside them as they
-    were scored. Windows without ground truth at their
-    reference time are left out, and counted in the configuration of their case.
-
-    Args:
-        folder: what `run` or `map` wrote.
-        config: masks and limits.
-        predictions: folders with depth maps of others, scored and ranked beside ours: `DIR`, or
-            `NAME=DIR` to name the method.
+    were scored: folders with depth maps of others, `DIR` or `NAME=DIR`. Windows without ground
+    truth at their reference time are left out, and counted in the configuration of their case.
 
     Raises:
         InputError: no map there, a recording without ground truth, damaged files, or a prediction
@@ -271,12 +259,7 @@ def _inputs(cases: Sequence[str], settings: Settings) -> list[Path]:
 def check_case(
     scene: str, rig: str | None, config: MapperConfig, sim: SimConfig | None = None
 ) -> None:
-    """Refuses, before a scene is simulated, what could not be simulated or mapped.
-
-    Raises:
-        InputError: an unknown scene, rig or method, a setting of the simulator that has no effect,
-            a GPU that is not there, or no OpenMP.
-    """
+    """Refuses, before a scene is simulated, what could not be simulated or mapped."""
     from eventsweep import scenes
     from eventsweep.emvs import methods
     from eventsweep.emvs.dsi.device import check_device
@@ -309,9 +292,6 @@ def map_recording(
     `map_windows`, called when the bars of the mapping have ended, so that it may show its own.
     `warn` is called, when mapping begins, with each thing that looks doubtful or wrong before
     mapping (`emvs.check`); without it nothing is checked. What is refused is refused before that.
-
-    Raises:
-        InputError: what `open_recording` or `map_windows` refuses.
     """
     from eventsweep.emvs.datasets import open_recording
     from eventsweep.emvs.maps.folder import RecordingInfo, StoredMap

@@ -45,8 +45,7 @@ class Silent:
 class Bars:
     """A bar per stage while it runs, on a terminal, and one line when it is done.
 
-    Args:
-        wording: how lines of the libraries are said to people.
+    `wording` puts lines of the libraries into words for people.
     """
 
     def __init__(self, wording: Callable[[str], str] = str) -> None:

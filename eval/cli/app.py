@@ -97,11 +97,7 @@ class Configured(Common):
     "TOML file with the tables [sim], [map] and [score]; flags override it."
 
     def settings(self, **flags: BaseModel) -> Settings:
-        """The file joined with flags, by the tables' names; says what in the file is not read.
-
-        Raises:
-            InputError: what `eval.config.load` refuses.
-        """
+        """The file joined with flags, by the tables' names; says what in the file is not read."""
         wanted = load(self.config, **flags)
         for line in unread(self.config, tuple(flags)) if not self.quiet else ():
             sys.stderr.write(f"{line}\n")
@@ -125,11 +121,7 @@ def with_values(group: Any, **values: Any) -> Any:
 
 
 def check_skipping(config: MapperConfig, *, allowed: bool) -> None:
-    """Refuses --allow-skipped where there is one window, which cannot be skipped.
-
-    Raises:
-        InputError: nothing can be skipped.
-    """
+    """Refuses --allow-skipped where there is one window, which cannot be skipped."""
     if allowed and not config.slides:
         raise InputError(
             "--allow-skipped without sliding windows: add --map.window-s or --map.window-events, "

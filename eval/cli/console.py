@@ -22,10 +22,8 @@ Part = str | Text | Table
 class Console:
     """Summaries on standard output, progress on the error stream.
 
-    Args:
-        quiet: whether nothing is printed.
-        as_json: whether summaries are JSON, without progress.
-        piped_width: columns of tables that another program reads; by default 80.
+    With `as_json` summaries are JSON, without progress. `piped_width` is the columns of tables that
+    another program reads; by default 80.
     """
 
     def __init__(self, *, quiet: bool, as_json: bool, piped_width: int | None = None) -> None:
@@ -42,11 +40,9 @@ class Console:
         return self._out.is_terminal
 
     def result(self, facts: Any, parts: Iterable[Part]) -> None:
-        """Prints what came out.
+        """Prints facts as JSON where that is asked for, or else tables and lines for people.
 
-        Args:
-            facts: printed as JSON where that is asked for; a string is JSON already.
-            parts: tables and lines for people; taken only where they are shown.
+        Facts that are a string are JSON already.
         """
         if self._as_json:
             text = (
@@ -73,13 +69,7 @@ class Console:
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str | Text]]) -> Table:
-    """A table for the terminal.
-
-    Args:
-        title: stands above it.
-        columns: headings; `>` before one aligns its column to the right.
-        rows: cells, as they are printed.
-    """
+    """A table for the terminal; `>` before a heading aligns its column to the right."""
     made = Table(title=title, title_justify="left")
     for k, heading in enumerate(columns):
         made.add_column(

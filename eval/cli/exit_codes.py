@@ -107,12 +107,7 @@ def _ending(error: BaseException) -> int | None:
 
 
 def incomplete(maps: Iterable[MapInfo], *, allowed: bool) -> int:
-    """The exit code of sliding windows, some of which could not be mapped; says so in one line.
-
-    Args:
-        maps: what the maps say of themselves.
-        allowed: whether windows may be missing.
-    """
+    """The exit code of sliding windows, some of which could not be mapped; says so in one line."""
     maps = list(maps)
     skipped = [window for info in maps for window in info.skipped]
     if allowed or not skipped:

@@ -53,11 +53,7 @@ class JobFlags:
     "Key of that certificate."
 
     def check(self) -> None:
-        """Refuses flags of a cluster without one, and of this machine where there is one.
-
-        Raises:
-            InputError: says which.
-        """
+        """Refuses flags of a cluster without one, and of this machine where there is one."""
         if self.scheduler is not None and self.workers is not None:
             raise InputError("--workers with --scheduler: the cluster has its own; leave it out")
         if self.scheduler is None and (self.remote or self.tls_ca or self.tls_cert or self.tls_key):
@@ -74,12 +70,7 @@ class JobFlags:
         return (self.cache or default_cache()).absolute()
 
     def open(self) -> AbstractContextManager[Workers]:
-        """Starts workers, or connects to those of a cluster.
-
-        Raises:
-            InputError: no workers asked for, flags that say nothing together, or a scheduler that
-                is not there.
-        """
+        """Starts workers, or connects to those of a cluster."""
         from eventsweep.emvs.utils.cache import Cache
 
         self.check()
@@ -99,11 +90,7 @@ JOB_FLAGS = JobFlags()
 
 
 def seed_numbers(text: str | None, flag: str) -> tuple[int, ...] | None:
-    """Seeds from `0,1,5` or `100-109`; None where nothing was said.
-
-    Raises:
-        InputError: anything else.
-    """
+    """Seeds from `0,1,5` or `100-109`; None where nothing was said."""
     if text is None:
         return None
     seeds: list[int] = []
@@ -129,19 +116,7 @@ def run_with_flags(
     predictions: Sequence[NamedFolder] = (),
     archive: SequenceArchive | None = None,
 ) -> SuiteResult:
-    """Runs a suite's subset, and measures the mapper's speed on its first case.
-
-    Args:
-        suite: the definition.
-        subset: what of it.
-        flags: where its jobs run.
-        progress: shown how far it is.
-        seeds: instead of the subset's own.
-        cases: some of the subset's.
-        speed: whether to measure speed; on this machine, whoever did the jobs.
-        predictions: folders with depth maps of others.
-        archive: where the sequences are; by default they are simulated.
-    """
+    """Runs a suite's subset; `speed` times the mapper on its first case, always on this machine."""
     from eventsweep.eval.suite.run import run_suite, with_speed
 
     result = run_suite(

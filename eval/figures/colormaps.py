@@ -32,11 +32,8 @@ class Scale:
     """A palette of 255 colours between two values, and where to write numbers beside it.
 
     Attributes:
-        low: value of the first colour.
-        high: value of the last colour.
         palette: (256, 4) uint8 colours; the last row is the blank.
         ticks: (position in 0..1, label) along the bar.
-        label: quantity and unit.
     """
 
     low: float
@@ -139,13 +136,7 @@ def _sampled(colormap: mpl.colors.Colormap, low: float, high: float) -> NDArray[
 
 @dataclass(frozen=True, slots=True)
 class LineStyle:
-    """A line, as matplotlib takes it.
-
-    Attributes:
-        colour: of line and marker.
-        dash: of the line.
-        marker: on some of its points; empty for none.
-    """
+    """A line, as matplotlib takes it."""
 
     colour: str
     dash: Dash

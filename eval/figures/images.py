@@ -87,13 +87,9 @@ def events_image(
 def depth_image(
     depth_m: FloatImage, mask: MaskImage, scale: Scale, point_px: int = 1
 ) -> IndexedImage:
-    """Draws (H, W) depth, even in inverse depth, on white where the mask is off.
+    """Draws (H, W) z-depth in m, even in inverse depth, on white where the mask is off.
 
-    Args:
-        depth_m: (H, W) z-depth, m.
-        mask: (H, W) where there is one.
-        scale: from `depth_scale`.
-        point_px: how wide a single point is drawn; where points overlap the nearest wins.
+    Points are drawn `point_px` wide; where they overlap the nearest wins.
     """
     rho = np.divide(1.0, depth_m, out=np.zeros(depth_m.shape), where=mask)
     return IndexedImage(_dilated(scale.index(rho, mask), point_px), scale.palette)

@@ -52,9 +52,7 @@ _BAR_INCHES = 0.27
 def curves_svg(curves: Sequence[tuple[str, ThresholdCurve]], prefix: str) -> str:
     """Precision, recall and F1 of several methods against the tolerated error.
 
-    Args:
-        curves: method names and their curves.
-        prefix: begins the id of every line, `{prefix}-curve-{position}`, unique in a page.
+    Lines have the ids `{prefix}-{share}-curve-{position}`.
     """
     with mpl.rc_context(STYLE):
         return svg_of(curves_figure(curves, prefix))
@@ -208,9 +206,7 @@ def outlier_causes(
 ) -> dict[str, tuple[float, dict[str, float]]]:
     """Per method the share of outliers and the share of each cause among them, all in %.
 
-    Args:
-        rows: of one case and window.
-        methods: in the order wanted; those without causes are left out.
+    Of the rows of one case and window; methods without causes are left out.
     """
     values = {(row.method, row.metric): row.value for row in each(rows)}
     found = {}
@@ -223,11 +219,7 @@ def outlier_causes(
 
 
 def causes_figure(shares: Mapping[str, tuple[float, dict[str, float]]]) -> Figure:
-    """Draws stacked bars; made within a context of `STYLE`.
-
-    Args:
-        shares: from `outlier_causes`, not empty.
-    """
+    """Draws what `outlier_causes` found as stacked bars; made within a context of `STYLE`."""
     figure = Figure(figsize=(10.5, 1.1 + _BAR_INCHES * len(shares)), layout="constrained")
     axes = figure.subplots()
     for cause, colour in zip(CAUSES, _COLOURS, strict=True):

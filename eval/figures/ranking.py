@@ -17,11 +17,7 @@ _MARKER = 5.5
 
 
 def coverage_svg(curves: Mapping[str, Sequence[tuple[float, float]]]) -> str:
-    """Error over coverage, both logarithmic; a method's last point is that of all its pixels.
-
-    Args:
-        curves: per method, coverage in % and relative error.
-    """
+    """Relative error over coverage in %, both logarithmic; a method's last point has all pixels."""
     with mpl.rc_context(STYLE):
         figure, axes = _axes()
         for method, curve in curves.items():
@@ -33,10 +29,9 @@ def coverage_svg(curves: Mapping[str, Sequence[tuple[float, float]]]) -> str:
 
 
 def cost_svg(points: Mapping[str, tuple[float, float, bool]]) -> str:
-    """Error against time for a window, both logarithmic.
+    """Relative error in % against time for a window in s, both logarithmic.
 
-    Args:
-        points: per method, time in s, relative error in %, and whether the time is only stated.
+    A point says last whether its time is only stated.
     """
     with mpl.rc_context(STYLE):
         figure, axes = _axes()

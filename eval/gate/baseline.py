@@ -29,15 +29,7 @@ class BaselineChange(BaseModel):
 
 
 class Baseline(BaseModel):
-    """A baseline.
-
-    Attributes:
-        name: of the suite that was measured.
-        seeds: that it was measured with.
-        history: why it was written, the latest last.
-        versions: of everything that shapes the numbers.
-        series: the numbers.
-    """
+    """A baseline: series, the seeds they were measured with, and why it was written."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -54,12 +46,7 @@ class Baseline(BaseModel):
 
 
 def make_baseline(measured: Measured, reason: str, before: Baseline | None) -> Baseline:
-    """A result as a baseline.
-
-    Args:
-        measured: the result; everything in it was measured and is a number.
-        reason: why there is a new one.
-        before: the one that it replaces, whose history goes on.
+    """A result as a baseline; the history of the one that it replaces goes on.
 
     Raises:
         InputError: no reason, failed jobs, or undefined numbers.
@@ -105,9 +92,5 @@ def write_baseline(path: Path, baseline: Baseline) -> None:
 
 
 def read_baseline(path: Path) -> Baseline:
-    """Reads a baseline.
-
-    Raises:
-        InputError: no such file, one of another version, or a damaged one.
-    """
+    """Reads a baseline."""
     return read_json(path, Baseline.model_validate, (1, SCHEMA_VERSION), _CURE, f"baseline {path}")

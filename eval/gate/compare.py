@@ -43,7 +43,7 @@ class Choice:
     Attributes:
         metrics: that decide; all others are shown and decide nothing.
         cases: the only ones to look at; empty: all.
-        methods: the only ones to look at, beside the event statistics; empty: all.
+        methods: likewise, beside the event statistics.
         strict: let what does not decide be red as well where it is missing or not comparable.
     """
 
@@ -53,11 +53,7 @@ class Choice:
     strict: bool = False
 
     def check(self, baseline: Mapping[Key, Series]) -> None:
-        """Refuses a name that the baseline does not have: it would choose nothing, silently.
-
-        Raises:
-            InputError: says which name, and which there are.
-        """
+        """Refuses a name that the baseline does not have: it would choose nothing, silently."""
         own = () if self.metrics == DECIDING else self.metrics
         for what, chosen in (("case", self.cases), ("method", self.methods), ("metric", own)):
             known = {getattr(key, what): None for key in baseline}
@@ -107,9 +103,6 @@ class Judgement:
     """What the gate says of one number.
 
     Attributes:
-        key: case, method and metric.
-        status: the verdict.
-        unit: of the values.
         baseline: mean of the baseline, over the seeds that are compared.
         value: mean of the result.
         tolerance: what `value` may differ by, either way.
@@ -150,15 +143,9 @@ def compare(
     tolerances: Tolerances,
     choice: Choice = Choice(),
 ) -> list[Judgement]:
-    """Judges every number of both, the most telling first.
+    """Judges every number of both, the most telling first; without a baseline all is new.
 
     Where nothing that decides was compared, a verdict of its own says so, and is red.
-
-    Args:
-        baseline: the series to hold against; None where there is none yet: all is new.
-        measured: what was measured.
-        tolerances: how much is nothing.
-        choice: what is looked at, and what decides.
     """
     known = {key: one for key, one in (baseline or {}).items() if choice.has(key)}
     tests = sum(not _common(one, measured.series.get(key)) for key, one in known.items())

@@ -23,14 +23,8 @@ def code_version(roots: Iterable[str], files: Iterable[Path] = ()) -> str:
     """Hashes the source of modules, of every module of this project that they import, and files.
 
     Imports inside functions count like those at the top. What is loaded by a computed name does
-    not, so it must be among the roots.
-
-    Args:
-        roots: dotted names of modules, of this project or any other.
-        files: what the code reads beside itself, such as a scene's MJCF.
-
-    Returns:
-        16 hexadecimal digits, equal on every machine and for every Python.
+    not, so it must be among the roots. Returns 16 hexadecimal digits, the same on every machine and
+    for every Python.
     """
     return source_digest(closure(roots), files)
 

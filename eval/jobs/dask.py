@@ -26,10 +26,9 @@ _START = "start one with `dask scheduler --host 127.0.0.1`, or leave --scheduler
 
 @dataclass(frozen=True)
 class Cluster:
-    """Where a scheduler listens, and how to talk to it.
+    """Where a scheduler listens, such as `tls://head:8786`, and how to talk to it.
 
     Attributes:
-        address: such as `tcp://127.0.0.1:8786` or `tls://head:8786`.
         remote: whether an unencrypted address may be another machine's.
         tls_ca: certificate of the authority, for `tls://`.
         tls_cert: this side's certificate.
@@ -43,11 +42,7 @@ class Cluster:
     tls_key: Path | None = None
 
     def check(self) -> None:
-        """Refuses what is no address, and what would send work unprotected over a network.
-
-        Raises:
-            InputError: says which, and what to do.
-        """
+        """Refuses what is no address, and what would send work unprotected over a network."""
         place = urlsplit(self.address)
         if place.scheme not in ("tcp", "tls") or not place.hostname or ":" not in place.netloc:
             raise InputError(
@@ -69,11 +64,7 @@ class Cluster:
                 raise InputError(f"scheduler {self.address}: needs {flag} FILE, not {path}")
 
     def connect(self) -> Client:
-        """Opens a connection.
-
-        Raises:
-            InputError: no library, no scheduler, or one that refuses.
-        """
+        """Opens a connection."""
         self.check()
         try:
             from distributed import Client
@@ -115,12 +106,7 @@ class Cluster:
 def dask_workers(cluster: Cluster, cache: Path) -> Iterator[DaskWorkers]:
     """Connects to a cluster, and lets go of it without stopping it.
 
-    Args:
-        cluster: where it is.
-        cache: folder of the jobs' cache, as the workers see it; best one that they share.
-
-    Raises:
-        InputError: as `Cluster.connect`.
+    The jobs' cache is a folder as the workers see it; best one that they share.
     """
     client = cluster.connect()
     try:
@@ -131,12 +117,7 @@ def dask_workers(cluster: Cluster, cache: Path) -> Iterator[DaskWorkers]:
 
 
 class DaskWorkers:
-    """The workers of a cluster; they may come and go.
-
-    Args:
-        client: the connection.
-        cache: folder of the jobs' cache.
-    """
+    """The workers of a cluster; they may come and go."""
 
     def __init__(self, client: Client, cache: Path) -> None:
         self._client, self._cache = client, str(cache)
@@ -152,11 +133,7 @@ class DaskWorkers:
             return 0
 
     def submit(self, job: Job) -> None:
-        """Hands over a job; a worker that dies of it is replaced as the scheduler is told to.
-
-        Raises:
-            InputError: the scheduler is gone.
-        """
+        """Hands over a job; the scheduler replaces a worker that dies of it."""
         self._check_connected()
         future = self._client.submit(
             _do_same_code, job, self._cache, code_of(job), key=f"eventsweep-{job.name}", pure=False
@@ -165,11 +142,7 @@ class DaskWorkers:
         future.add_done_callback(lambda over, name=job.name: self._over.put((name, over)))
 
     def wait(self, timeout_s: float) -> list[Outcome]:
-        """The outcomes since the last call; waits for one, but no longer than that.
-
-        Raises:
-            InputError: the scheduler is gone.
-        """
+        """The outcomes since the last call; waits for one, but no longer than that."""
         try:
             over = [self._over.get(timeout=timeout_s)]
         except queue.Empty:

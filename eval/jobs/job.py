@@ -53,7 +53,6 @@ class Done:
     """A job that was done, or found done.
 
     Attributes:
-        name: the job's.
         key: its entry in the cache.
         digest: hash of what it made.
         seconds: what making it took, whenever that was, s.
@@ -107,10 +106,7 @@ def do(job: Job, cache_folder: str) -> Outcome:
 def find(job: Job, cache: Cache, digests: Mapping[str, str]) -> Done | None:
     """The outcome of a job that was done before, if the cache has it; does nothing otherwise.
 
-    Args:
-        job: the job.
-        cache: where to look.
-        digests: by name, what the jobs made that this one needs.
+    `digests` says by name what the jobs made that this one needs.
     """
     made = cache.find(key_of(_facts(job, [digests[need.name] for need in job.needs])))
     return None if made is None else _done(job, made, _text(made))

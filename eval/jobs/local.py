@@ -41,12 +41,7 @@ def local_workers(count: int, cache: Path) -> Iterator[LocalWorkers]:
 
 
 class LocalWorkers:
-    """Worker processes, started when there is work for them.
-
-    Args:
-        count: at most so many.
-        cache: folder of the jobs' cache.
-    """
+    """At most `count` worker processes, started when there is work for them."""
 
     def __init__(self, count: int, cache: Path) -> None:
         self.count, self._cache = count, Cache(cache)

@@ -34,10 +34,8 @@ _TICK_S = 0.5
 class JobBoard:
     """Who waits for what, and how far everything is.
 
-    Attributes:
-        jobs: all of them, what is needed before what needs it.
-        outcomes: by name, of those that are over.
-        running: names of those that were handed over.
+    Jobs are in an order in which what is needed comes first; outcomes are those that are over, by
+    name.
     """
 
     jobs: Sequence[Job]
@@ -78,13 +76,7 @@ class JobBoard:
 
 
 def run_jobs(jobs: Iterable[Job], workers: Open, progress: Progress) -> Mapping[str, Outcome]:
-    """Does all jobs and what they need; returns the outcome of each, by name.
-
-    Args:
-        jobs: the graph's last jobs.
-        workers: opens what does them.
-        progress: shown how many are done, running and failed, and the time left.
-    """
+    """Does jobs and all that they need; returns the outcome of each, by name."""
     board = JobBoard(order(jobs))
     with workers() as crew, progress.stage("jobs", max(len(board.jobs), 1)) as update:
         while len(board.outcomes) < len(board.jobs):

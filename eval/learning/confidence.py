@@ -47,16 +47,9 @@ def collect(
     folder: Path, wanted: Iterable[TrainingSequence], methods: Sequence[str],
     weights: Path | None = None,
 ) -> dict[str, Scored]:  # fmt: skip
-    """Maps the windows of some sequences without errors, and collects their points.
+    """Maps the windows of some sequences without errors, and collects their points by table.
 
-    Args:
-        folder: of the sequences.
-        wanted: which of them.
-        methods: methods by name.
-        weights: of the learned ones; by default those that ship.
-
-    Returns:
-        Name of a table -> points.
+    Learned methods use the weights that ship, unless others are given.
     """
     found: dict[str, list[Scored]] = defaultdict(list)
     for one in wanted:
@@ -92,17 +85,10 @@ def points_of(depth_map: DepthMap, truth: Truth) -> Scored:
 
 
 def fit(score: Floats, error_px: Floats) -> Precision:
-    """The table of a score whose points have known errors.
+    """The table of a score whose points have known errors, px of disparity; larger is better.
 
     Scores are cut into bins, the finer the higher they are. The errors' quantile falls from bin to
     bin, as isotonic regression has it, and the precision of what is above never falls.
-
-    Args:
-        score: (M,) the larger, the better.
-        error_px: (M,) error of each point, px of disparity.
-
-    Raises:
-        InputError: too few points.
     """
     if len(score) < 2 * _FEWEST:
         raise InputError(f"{len(score)} points: calibration needs {2 * _FEWEST} or more")

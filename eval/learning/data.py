@@ -28,11 +28,7 @@ PARTS: tuple[Part, ...] = ("training", "calibration")
 
 
 def chosen(part: Part, config: TrainingConfig) -> tuple[TrainingSequence, ...]:
-    """The sequences of a part, of the scenes that the configuration names.
-
-    Raises:
-        InputError: a scene that no sequence shows.
-    """
+    """The sequences of a part, of the scenes that the configuration names."""
     known = {one.scene for one in sequences("training")}
     if unknown := set(config.scenes) - known:
         raise InputError(
@@ -49,13 +45,7 @@ def code_digest(network: NetworkName) -> str:
 
 
 def make(folder: Path, config: TrainingConfig, progress: Progress) -> None:
-    """Simulates the sequences and draws samples of their windows, as far as they are not there.
-
-    Args:
-        folder: gets `sequences` and `samples`.
-        config: scenes, candidates.
-        progress: shows both.
-    """
+    """Simulates the sequences and draws samples of their windows, as far as they are not there."""
     wanted = [(part, one) for part in PARTS for one in chosen(part, config)]
     with progress.stage("sequences", len(wanted)) as update, _renderer() as renderer:
         for done, (_, one) in enumerate(wanted):
@@ -99,17 +89,7 @@ def load(
     config: TrainingConfig,
     among: Iterable[TrainingSequence] | None = None,
 ) -> SampleSet:
-    """All samples of a part, in one.
-
-    Args:
-        folder: what `make` filled.
-        part: training or calibration.
-        config: scenes, candidates.
-        among: only those of these sequences; by default of all that the configuration names.
-
-    Raises:
-        InputError: there are none.
-    """
+    """All samples of a part in one, or only those of the sequences `among`."""
     wanted = chosen(part, config) if among is None else among
     parts = list(_files(folder, part, config, wanted))
     if not sum(map(len, parts)):

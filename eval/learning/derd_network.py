@@ -15,11 +15,7 @@ from eventsweep.eval.learning.trainable import Inputs, Outcome, Trainable
 
 
 class DerdNetwork(Trainable):
-    """One model: a convolution, a recurrent unit along the depth, two dense layers.
-
-    Args:
-        uniform_in: what its output is in equal steps of.
-    """
+    """One model: a convolution, a recurrent unit along the depth, two dense layers."""
 
     def __init__(self, uniform_in: UniformIn = "linear") -> None:
         super().__init__()

@@ -61,13 +61,7 @@ def derd_windows(sequence: TrainingSequence) -> tuple[TrainingWindow, ...]:
 
 
 def derd_samples(sequence: EventSequence, window: TrainingWindow, most: int) -> DerdSamples:
-    """Draws pixels of one window at random.
-
-    Args:
-        sequence: with true depth at the window's reference time.
-        window: the stretch.
-        most: at most so many.
-    """
+    """Draws at most so many pixels at random of a window whose true depth is known."""
     method = DERD.build("DERD/H")
     least = DerdParameters(threshold_c=LEAST_C)
     config = window_config(window).model_copy(update={"derd": least})

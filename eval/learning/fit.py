@@ -26,18 +26,8 @@ _JUDGED_AT_ONCE = 2048
 class Fitting:
     """A network in training.
 
-    Args:
-        config: schedule, seed, device.
-        training: what it learns from.
-        calibration: what it is judged by after each epoch.
-        checkpoint: file that is written after each epoch, and read if it is there.
-
-    Attributes:
-        history: numbers of every epoch so far.
-        network: the network.
-
-    Raises:
-        InputError: a GPU that is not there, fewer samples than one batch, a damaged checkpoint.
+    It is judged by the calibration samples after each epoch, and its checkpoint is written then;
+    one that is there is taken up. `history` holds the numbers of every epoch so far.
     """
 
     def __init__(
@@ -71,11 +61,7 @@ class Fitting:
         )
 
     def run(self, update: Update) -> None:
-        """Trains the epochs that are left.
-
-        Args:
-            update: called with the epochs that are done, and a few words.
-        """
+        """Trains the epochs that are left."""
         for epoch in range(len(self.history), self._config.epochs):
             mean = self._epoch(epoch, update)
             self.history.append({"loss": mean, **self._judged()})

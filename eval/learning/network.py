@@ -48,12 +48,7 @@ class Network(Trainable):
         self.register_buffer("shares", torch.from_numpy(shares_of_codes()), persistent=False)
 
     def forward(self, shares: Tensor, cues: Tensor) -> Judged:
-        """Judges candidates.
-
-        Args:
-            shares: (M, 3, D, S, S) votes as shares of the largest fused value.
-            cues: (M, F).
-        """
+        """Judges candidates by their (M, 3, D, S, S) shares of the largest vote and (M, F) cues."""
         across = torch.relu(self.ray(torch.relu(self.patch(shares))))[..., 0, 0]
         along = across + torch.relu(self.near(across))
         along = along + torch.relu(self.far(along))

@@ -26,16 +26,7 @@ _MULTIPIXEL = (9, 100)
 
 
 def convert(paths: Sequence[Path], folder: Path) -> Path:
-    """Writes `derd.npz` and `derd.json` from one of the authors' files, or two: their mean counts.
-
-    Args:
-        paths: such as `indoor_flying1_stereo_even_model.pth` and the odd one.
-        folder: gets both files.
-
-    Raises:
-        InputError: torch is not installed, more files than two, one that holds another network, or
-            a folder that has weights already.
-    """
+    """Writes `derd.npz` and `derd.json` from one of the authors' files, or the mean of two."""
     if len(paths) > MOST_MODELS:
         raise InputError(f"{len(paths)} published files: at most {MOST_MODELS}, whose mean counts")
     weights = folder / "derd.npz"

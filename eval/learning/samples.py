@@ -39,10 +39,6 @@ class Shown:
     """One window as the network sees it: everything but the truth.
 
     Attributes:
-        method: how votes are fused.
-        view: the reference view.
-        kept: votes of every camera.
-        chosen: the candidates.
         disparity_px: (N,) disparity of each plane, px.
         reliability: (M,) float32, that of the extraction by focus.
     """
@@ -151,14 +147,7 @@ class Samples(SampleSet):
 
 @dataclass(frozen=True, eq=False)
 class Swept:
-    """A window after its sweep.
-
-    Attributes:
-        view: the reference view.
-        kept: votes of every camera.
-        disparity_px: (N,) disparity of each plane, px.
-        result: the maxima.
-    """
+    """A window after its sweep; `disparity_px` is (N,) that of each plane, px."""
 
     view: ReferenceView
     kept: KeptVotes
@@ -199,13 +188,7 @@ def window_config(window: TrainingWindow) -> MapperConfig:
 
 
 def samples(sequence: EventSequence, window: TrainingWindow, most: int) -> Samples:
-    """Draws candidates of one window at random.
-
-    Args:
-        sequence: with true depth at the window's reference time.
-        window: the stretch, and the errors of what the mapper reads.
-        most: at most so many.
-    """
+    """Draws at most so many candidates at random of a window whose true depth is known."""
     amount = Perturbation.model_validate(window.imperfection)
     recording = perturbed(sequence, amount, window.seed) if window.imperfection else sequence
     shown = show(recording, window_config(window), FOCUS.build(f"Focus/{window.fusion}"))

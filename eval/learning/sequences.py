@@ -22,15 +22,7 @@ _TRUTH_STEP_S = 0.05  # that of sequences: reference times lie on it
 
 @dataclass(frozen=True)
 class TrainingSequence:
-    """One sequence to simulate.
-
-    Attributes:
-        scene: scene.
-        rig: name of the rig.
-        seed: seed of its motion, `FIRST_SEED` or more.
-        sensor: preset of the simulated sensor.
-        seconds: length, s.
-    """
+    """One sequence to simulate; its seed is `FIRST_SEED` or more."""
 
     scene: str
     rig: str
@@ -49,9 +41,6 @@ class TrainingWindow:
     """One window of a sequence, and the errors of what the mapper reads.
 
     Attributes:
-        start_s: begin, s.
-        duration_s: length, s.
-        planes: depth planes.
         imperfection: amounts of `eval.perturbations.Perturbation`; empty: exact geometry.
         fusion: how votes are fused, or which camera is alone: what follows the slash of a method.
         seed: of what is drawn at random in it.
@@ -117,11 +106,7 @@ def _calibration() -> Iterator[TrainingSequence]:
 
 
 def windows(sequence: TrainingSequence) -> tuple[TrainingWindow, ...]:
-    """The windows of one sequence: all of it, a part, a part with errors, a part fused otherwise.
-
-    Args:
-        sequence: one of `sequences`.
-    """
+    """The windows of a sequence: all of it, a part, a part with errors, a part fused otherwise."""
     rng = np.random.default_rng([sequence.seed, 0x1EA4])
     whole = TrainingWindow(0.0, sequence.seconds, seed=sequence.seed)
     part = _part(rng, sequence, planes=int(rng.choice([60, 100, 160])))

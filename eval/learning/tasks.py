@@ -22,9 +22,7 @@ class Task:
     """One network to train.
 
     Attributes:
-        title: of its page, in a few words.
         name: of the network in manifests.
-        weights_name: of its file.
         compared: what its errors stand beside, in a word.
         methods: those whose expected error is calibrated; empty where it expects none.
         samples: what it learns from.
@@ -62,11 +60,7 @@ TASKS: dict[NetworkName, Task] = {
 
 
 def untrained(config: TrainingConfig) -> Trainable:
-    """The network to train, with weights drawn at random.
-
-    Raises:
-        ModuleNotFoundError: torch is not installed.
-    """
+    """The network to train, with weights drawn at random."""
     if config.network == "learned":
         from eventsweep.eval.learning.network import Network
 

@@ -30,14 +30,7 @@ LICENCE = "MIT"
 
 @dataclass(frozen=True)
 class Trained:
-    """What training leaves.
-
-    Attributes:
-        task: what was trained.
-        weights: the file of weights.
-        history: numbers of every epoch.
-        manifest: what is said of the weights.
-    """
+    """What training leaves: weights, numbers of every epoch, and what is said of the weights."""
 
     task: Task
     weights: Path
@@ -46,16 +39,7 @@ class Trained:
 
 
 def train(folder: Path, config: TrainingConfig, progress: Progress) -> Trained:
-    """Trains a network; what is there already from an earlier, stopped run is not done again.
-
-    Args:
-        folder: gets `sequences`, `samples`, a checkpoint, and the weights with their manifest.
-        config: what is trained on, and how.
-        progress: shows sequences, samples, epochs.
-
-    Raises:
-        InputError: torch is not installed; a folder where something else was trained.
-    """
+    """Trains a network; what is there already from an earlier, stopped run is not done again."""
     Fitted = _fitting()
     _same_training(folder, config)
     data.make(folder, config, progress)

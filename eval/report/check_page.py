@@ -33,12 +33,7 @@ def write_check_page(folder: Path, report: Report) -> Path:
 
 
 def check_page_text(report: Report, folder: Path | None = None) -> str:
-    """The page as HTML: what is wrong first; nothing is loaded from elsewhere.
-
-    Args:
-        report: all findings.
-        folder: whose files the page links to.
-    """
+    """The page as HTML: what is wrong first; it links to files of the folder."""
     ordered = sorted(report.findings, key=lambda f: -VERDICTS.index(f.verdict))
     libraries = versions()
     return render(

@@ -73,13 +73,8 @@ class Section:
 
     Attributes:
         id: unique in the page.
-        title: heading.
         names: of the tables, on the buttons.
-        tables: as many as names.
-        text: below the heading.
         figure: a picture, as an address that holds it.
-        figure_about: what it shows.
-        pictures: below the tables.
         failures: (what, why) pairs.
         choice: what the buttons choose.
         chosen: which table is shown first.
@@ -123,10 +118,7 @@ def page_text(page: Page) -> str:
 def render(template: str, *styles: str, **content: Any) -> str:
     """A page as HTML; names from files are escaped, and nothing is loaded from elsewhere.
 
-    Args:
-        template: file in the folder of templates.
-        styles: names of style sheets there, beside that of all pages.
-        content: what the template shows.
+    `styles` name style sheets beside that of all pages.
     """
     css = Markup("").join(inline(f"{name}.css") for name in ("report", *styles))
     page = environment().get_template(template)

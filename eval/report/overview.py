@@ -32,7 +32,7 @@ def overview_png(
     most_others: int = _MOST_OTHERS,
     columns: int = _COLUMNS,
 ) -> bytes:
-    """Draws the first window of a case with its best depth; what is not known is left out.
+    """Draws the first window of a case with its best depth as a PNG; what is not known is left out.
 
     Args:
         case: the case, with the depth maps of others that were scored beside it.
@@ -41,9 +41,6 @@ def overview_png(
             is ranked, the harmonic mean.
         most_others: how many depth maps of others are drawn.
         columns: how many pictures stand side by side.
-
-    Returns:
-        The picture, as a PNG file's bytes.
     """
     window = case.windows[0]
     by_name = {method.name: method for method in window.methods}

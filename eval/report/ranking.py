@@ -132,12 +132,9 @@ def definition(name: str) -> str:
 
 
 def order(rows: pd.DataFrame, metric: str, prefix: str = "") -> list[tuple[str, float]]:
-    """Methods with their value of a metric, the best first; those without a value last.
+    """Methods that begin with `prefix`, the best by a metric first; those without a value last.
 
-    Args:
-        rows: rows of one case and window.
-        metric: name of the metric.
-        prefix: only methods that begin so.
+    Rows are those of one case and window.
     """
     found = rows[(rows["metric"] == metric) & rows["method"].str.startswith(prefix)]
     ordered = sorted(each(found), key=lambda row: badness(row.value, row.direction))
@@ -200,12 +197,8 @@ def with_unit(row: Any) -> str:
 def findings(rows: pd.DataFrame, metric: str, cases: int = 1) -> list[str]:
     """Sentences about one case: the order, and what fusion gains over a single camera.
 
-    Two methods are compared on the pixels that both report, and how many those are is said.
-
-    Args:
-        rows: rows of one case and window, or from `mean_over_cases`.
-        metric: the ranking metric; lower is better.
-        cases: how many cases the rows are the mean of.
+    Two methods are compared on the pixels that both report, and how many those are is said. The
+    rows are of one case and window, or the mean of `cases`; of the metric lower is better.
     """
     said = _Findings({(row.method, row.metric): row for row in each(rows)}, cases)
     sentences = []
@@ -255,12 +248,7 @@ def fusion_order(rows: pd.DataFrame, metric: str) -> str:
 
 @dataclass(frozen=True)
 class _Findings:
-    """Sentences about the numbers of one case, or of the mean of several.
-
-    Attributes:
-        rows: by method and metric.
-        cases: how many they are the mean of.
-    """
+    """Sentences about the numbers of one case, or of the mean of several."""
 
     rows: dict[tuple[str, str], Any]
     cases: int

@@ -43,12 +43,6 @@ def write_rerun(folder: Path) -> Path:
     Entities: `CASE/camera` (pose and pinhole of the reference view), below it `frame`, `true_depth`
     and `depth/METHOD`, m, and `CASE/cloud/METHOD`, points in the world, m. Times are those of the
     reference views.
-
-    Args:
-        folder: what `run` or `map` wrote.
-
-    Raises:
-        InputError: no maps, damaged files, or no Rerun.
     """
     viewer, maps = _library(), find_maps(folder)
     with files_together(folder, (FILE_NAME,)) as staged:
@@ -74,13 +68,7 @@ def _library() -> Any:
 
 @dataclass(frozen=True)
 class _Log:
-    """Where entities of one case go.
-
-    Attributes:
-        viewer: the library.
-        stream: the recording that is written.
-        case: what entities begin with.
-    """
+    """Where entities of one case go."""
 
     viewer: Any
     stream: Any

@@ -42,14 +42,7 @@ CountImage = NDArray[np.integer]
 
 @dataclass(frozen=True, slots=True)
 class RunData:
-    """Everything in a report.
-
-    Attributes:
-        cases: the cases.
-        results: the scores and where they came from; without rows where nothing was scored.
-        ranking_metric: the metric that orders the methods.
-        configuration: the run's configuration, as text.
-    """
+    """Everything in a report; the results have no rows where nothing was scored."""
 
     cases: tuple[CaseData, ...]
     results: Results
@@ -67,7 +60,6 @@ class CaseData:
     """One case: a sequence or recording, mapped.
 
     Attributes:
-        name: as in the result rows.
         summary: what it shows, in a sentence.
         windows: those that the report shows.
         window_count: how many there are.
@@ -83,19 +75,17 @@ class CaseData:
 
 @dataclass(frozen=True, slots=True)
 class WindowData:
-    """One window: what the cameras saw, and every method's map.
+    """One window: what the cameras saw, and every method's map; None for what there is not.
 
     Attributes:
         name: as in the result rows, for example `w000`.
         t_us: time of the reference view, µs.
-        methods: the maps.
         depth_range_m: nearest and farthest plane, m.
-        frame: (H, W) linear intensity, 0..255; None where there is none.
-        photo: what an ordinary camera in the same place took; None where there is none.
-        camera: the reference view's; None where the page needs no point cloud.
-        brighter: (H, W) events of positive polarity per pixel; None where not counted.
-        darker: (H, W) events of negative polarity per pixel; None where not counted.
-        truth: ground truth; None for a recording without.
+        frame: (H, W) linear intensity, 0..255.
+        photo: what an ordinary camera in the same place took.
+        camera: the reference view's.
+        brighter: (H, W) events of positive polarity per pixel.
+        darker: (H, W) events of negative polarity per pixel.
         events_caption: which stretch of time the counts cover.
         counts: per stage or camera, event statistics: numbers of events by outcome.
     """
@@ -119,7 +109,6 @@ class MethodData:
     """One method's map of one window.
 
     Attributes:
-        name: as the paper names it, for example `Alg1/H`.
         depth_m: (H, W) z-depth, m.
         mask: (H, W) where there is one.
         confidence: (H, W) fused ray density at the maximum, or what the method says of itself; NaN
@@ -143,11 +132,7 @@ class MethodData:
 
 
 def load_run(run_dir: Path) -> RunData:
-    """Reads what a report shows of a run (`RUN/<case>/map`) or of a single map folder.
-
-    Raises:
-        InputError: neither, or a damaged file.
-    """
+    """Reads what a report shows of a run (`RUN/<case>/map`) or of a single map folder."""
     maps = find_maps(run_dir)
     results = _results(run_dir, maps)
     config = EvalConfig.model_validate(results.configuration.get("score", {}))
@@ -213,17 +198,9 @@ def window_data(
     *,
     scorable: bool,
 ) -> WindowData:
-    """Reads what pages and pictures show of a window.
+    """Reads what pages and pictures show of a window; only a view of camera 0's is `scorable`.
 
-    Args:
-        window: its map.
-        maps: depth maps of the same view.
-        recording: that was mapped; None where it is gone.
-        config: masks and limits.
-        scorable: whether the view is camera 0's.
-
-    Raises:
-        InputError: damaged files.
+    The maps are of the same view; the recording is None where it is gone.
     """
     t_us, truth = window.info.t_ref_us, None
     if scorable and isinstance(recording, Scored) and has_truth(recording, t_us, config):

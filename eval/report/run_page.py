@@ -329,14 +329,7 @@ def _curve_of(values: dict[tuple[str, str], float], method: str) -> ThresholdCur
 
 
 def write_report(run_dir: Path) -> Path:
-    """Writes `report.html` and `overview.png` into a folder and returns the page's path.
-
-    Args:
-        run_dir: a folder that `eventsweep run` or `eventsweep map` wrote.
-
-    Raises:
-        InputError: the folder holds neither, or a file of it is damaged.
-    """
+    """Writes `report.html` and `overview.png` for a run or map and returns the page's path."""
     run_dir = Path(run_dir)
     check_files(run_dir, (REPORT_NAME, OVERVIEW_NAME), force=True)
     data = load_run(run_dir)

@@ -81,11 +81,7 @@ def _is_study(path: Path) -> bool:
 
 
 def read_study(path: Path) -> StoredStudy:
-    """Reads a study's JSON file.
-
-    Raises:
-        InputError: it is missing or malformed.
-    """
+    """Reads a study's JSON file."""
     study = read_json(path, StoredStudy.model_validate, (), "run the study again")
     wrong = next((c for c in study.curves if len(c.mean) != len(study.amounts)), None)
     if wrong is not None:
@@ -97,11 +93,7 @@ def read_study(path: Path) -> StoredStudy:
 
 
 def write_study_report(folder: Path) -> Path:
-    """Writes `report.html` for all studies of a folder and returns its path.
-
-    Raises:
-        InputError: the folder holds no study, or a damaged one.
-    """
+    """Writes `report.html` for all studies of a folder and returns its path."""
     paths = find_studies(folder)
     if not paths:
         raise InputError(f"{folder}: no study; `eventsweep study NAME --out {folder}` writes one")

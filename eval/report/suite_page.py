@@ -58,11 +58,7 @@ def is_suite_folder(folder: Path) -> bool:
 
 
 def write_suite_report(folder: Path) -> Path:
-    """Writes `report.html` for the suite's run in a folder and returns its path.
-
-    Raises:
-        InputError: the folder holds none, or a damaged one.
-    """
+    """Writes `report.html` for the suite's run in a folder and returns its path."""
     result = read_suite(folder)
     check_files(folder, (REPORT_NAME,), force=True)
     pictures = {case: folder / PICTURES_FOLDER / f"{case}.png" for case in result.cases}

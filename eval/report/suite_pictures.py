@@ -59,20 +59,8 @@ def write_pictures(
 ) -> None:
     """Writes `pictures/CASE.png`, and of each method its best and worst case for a ranking.
 
-    All are of the first window of each case's first seed.
-
-    Cases that failed, and those that the cache here does not hold, have none.
-
-    Args:
-        folder: that holds the result.
-        suite: the definition.
-        result: what was scored.
-        predictions: the folders that were scored beside the suite's methods.
-        cache: folder of the jobs' cache.
-        archive: where the sequences were.
-
-    Raises:
-        InputError: a prediction that was changed since, or no room on the disk.
+    All are of the first window of each case's first seed. Cases that failed, and those that the
+    cache here does not hold, have none.
     """
     place = folder / PICTURES_FOLDER
     check_files(folder, (PICTURES_FOLDER,), force=True)
@@ -91,14 +79,7 @@ def write_pictures(
 
 @dataclass(frozen=True)
 class CaseViews:
-    """Where depth maps of a suite's cases are found.
-
-    Attributes:
-        suite: the definition.
-        predictions: the folders that were scored beside the suite's methods.
-        cache: of the jobs.
-        archive: where the sequences were.
-    """
+    """Where depth maps of a suite's cases are found: those of its own jobs, and predictions."""
 
     suite: Suite
     predictions: Sequence[NamedFolder]

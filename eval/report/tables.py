@@ -53,13 +53,7 @@ class TextCell:
 
 @dataclass(frozen=True, slots=True)
 class TextTable:
-    """A table that is only text: its first column names, the others are numbers.
-
-    Attributes:
-        caption: what it shows, in a sentence.
-        columns: headings, with units.
-        lines: as many cells as headings each.
-    """
+    """A table that is only text: its first column names, the others are numbers."""
 
     caption: str
     columns: tuple[str, ...]
@@ -160,11 +154,7 @@ def _tex(text: str) -> str:
 
 
 def write_report_tables(run_dir: Path) -> list[Path]:
-    """Writes the ranking of all cases, and of each, as CSV, LaTeX and Markdown.
-
-    Raises:
-        InputError: no maps, or a damaged file.
-    """
+    """Writes the ranking of all cases, and of each, as CSV, LaTeX and Markdown."""
     return write_tables(run_dir / TABLES_FOLDER, report_tables(load_run(run_dir)))
 
 
@@ -186,11 +176,7 @@ def report_tables(data: RunData) -> dict[str, TextTable]:
 
 
 def write_report_figures(run_dir: Path, suffix: FigureFormat) -> list[Path]:
-    """Writes every case's curves, causes and slices as files.
-
-    Raises:
-        InputError: no maps, or a damaged file.
-    """
+    """Writes every case's curves, causes and slices as files."""
     data = load_run(run_dir)
     with mpl.rc_context(_FILE_STYLE):
         figures = {

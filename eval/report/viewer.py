@@ -24,13 +24,8 @@ def window_json(window: WindowData, methods: Sequence[str], error: Scale, depth:
     """A window as JSON for the page's script; numbers and base64 only, so nothing to escape.
 
     Depth in m, confidence in the method's own unit (left out where it has none), each at the pixels
-    of the method's mask in reading order; true depth in m, 0 where it is unknown; intrinsics in px.
-
-    Args:
-        window: the window.
-        methods: of the case, in the order of its buttons.
-        error: colours of an error, cm.
-        depth: colours of a depth.
+    of the method's mask in reading order; true depth in m, 0 where it is unknown; intrinsics in px;
+    colours of errors in cm. Methods stand in the order of the case's buttons.
     """
     height_px, width_px = window.methods[0].depth_m.shape
     camera = window.camera

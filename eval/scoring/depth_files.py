@@ -16,15 +16,9 @@ Image = NDArray[np.float64]
 
 
 def read_stored(path: Path, height_px: int, width_px: int) -> Image:
-    """Reads what a file stores per pixel, whatever it means; NaN where it stores nothing.
+    """Reads what a file stores per pixel, whatever it means: (H, W), NaN where it stores nothing.
 
-    Args:
-        path: the file; its suffix says the format, one of `SUFFIXES`.
-        height_px: rows that it must have.
-        width_px: columns that it must have.
-
-    Returns:
-        (H, W) float64.
+    The suffix says the format, one of `SUFFIXES`.
 
     Raises:
         InputError: an unknown suffix, a damaged file, another size, or no plain numbers.
@@ -48,11 +42,7 @@ def depths_in(stored: Image) -> Image:
 
 
 def read_confidence(path: Path, height_px: int, width_px: int) -> Image | None:
-    """Reads the array `confidence` of an npz; None where there is none, and of other formats.
-
-    Raises:
-        InputError: a damaged file, or a confidence of another size or that is not all finite.
-    """
+    """Reads the array `confidence` of an npz; None where there is none, and of other formats."""
     if path.suffix.lower() != ".npz":
         return None
     try:

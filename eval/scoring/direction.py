@@ -12,12 +12,9 @@ Change = Literal["better", "worse", "equal", "changed"]
 
 
 def change_of(difference: float, direction: Direction, tolerance: float = 0.0) -> Change:
-    """What a new value is that differs by so much from the one before.
+    """What a new value is that differs by so much from the one before, up to `tolerance` `equal`.
 
-    Args:
-        difference: the new value less the one before; NaN is `changed`.
-        direction: the better end; without one, every difference is `changed`.
-        tolerance: what a difference may reach and still be `equal`.
+    NaN is `changed`, and so is every other difference where there is no better end.
     """
     if abs(difference) <= tolerance:
         return "equal"

@@ -77,9 +77,6 @@ class Metric:
         name: key in result files.
         title: heading in tables.
         unit: unit of the value; empty for a plain ratio.
-        direction: which end is better.
-        formula: the definition in one line.
-        compute: the value of some pairs.
         needs_pairs: NaN, rather than computed, where the method reports no depth at all.
         pooling: what the value of several windows' pixels together is made of, see
             `eval.scoring.pooling`: the windows' values, added (`sum`) or averaged by their number
@@ -217,18 +214,10 @@ METRICS: tuple[Metric, ...] = (
 def cell_error(
     estimate_m: FloatArray, truth_m: FloatArray, rho: NDArray[np.floating]
 ) -> FloatArray:
-    """Counts the planes between estimate and truth, in whole and parts of a cell.
+    """Counts the planes between estimate and truth, in whole and parts of a cell: (N,) depth cells.
 
     Between two planes, position is linear in inverse depth; beyond the outermost ones it goes on
-    with the step of the outermost cell.
-
-    Args:
-        estimate_m: (N,) estimated depth, m.
-        truth_m: (N,) true depth, m.
-        rho: (P,) inverse depths of the planes in either order, 1/m; 2 or more.
-
-    Returns:
-        (N,) error, depth cells.
+    with the step of the outermost cell. `rho` holds 2 or more inverse depths in either order, 1/m.
     """
     planes = np.sort(rho.astype(np.float64))
     return np.abs(_position(1 / estimate_m, planes) - _position(1 / truth_m, planes))

@@ -117,13 +117,8 @@ def pair(
 ) -> Pairs:
     """Collects estimate and truth where both are valid, in float64.
 
-    Args:
-        depth_m: (H, W) estimated z-depth, m.
-        mask: (H, W) where the method reports a depth.
-        truth: ground truth of the same view.
-        region: (H, W) which part of the truth counts; None for all of it.
-        confidence: (H, W) of the estimate.
-        rho: (P,) planes that were swept, 1/m.
+    Images are (H, W) and of one view; `region` says which part of the truth counts, None for all of
+    it; `rho` holds the planes that were swept, 1/m.
 
     Raises:
         InputError: images of different shape, a reported depth that is not finite and positive,

@@ -42,11 +42,7 @@ class NumberStore(SpooledTemporaryFile[bytes]):
         super().__init__(max(most_bytes, 1), prefix="eventsweep-scores-")  # 0 would be no limit
 
     def keep(self, numbers: FloatArray) -> Callable[[], FloatArray]:
-        """Keeps an array, which the returned function gives back.
-
-        Raises:
-            InputError: no room on the disk.
-        """
+        """Keeps an array, which the returned function gives back."""
         try:
             start = self.seek(0, os.SEEK_END)
             self.write(numbers.tobytes())
@@ -109,15 +105,7 @@ class Pool:
         self._windows = 0
 
     def add(self, pairs: Pairs, values: Mapping[str, float]) -> None:
-        """Adds a window.
-
-        Args:
-            pairs: its pixels.
-            values: its value of each metric.
-
-        Raises:
-            InputError: a window of another rig, or no room on the disk.
-        """
+        """Adds a window: its pixels, and its value of each metric."""
         self._check_rig(pairs)
         self.points += pairs.count
         self.truth_points += pairs.truth_count
@@ -199,11 +187,7 @@ class CasePool:
         self._windows = 0
 
     def add(self, pairs: Mapping[str, MethodPairs], scores: Mapping[str, list[Score]]) -> None:
-        """Adds a window: its pixels by method, and what `score_method` says of them.
-
-        Raises:
-            InputError: a window of another rig, or no room on the disk.
-        """
+        """Adds a window: its pixels by method, and what `score_method` says of them."""
         if not self._windows:
             self._methods = {method: _MethodPool(self._store) for method in pairs}
         self._windows += 1

@@ -48,11 +48,7 @@ class NamedFolder(NamedTuple):
 
     @classmethod
     def of(cls, asked: str | Path) -> NamedFolder:
-        """Reads `NAME=DIR` or `DIR`; what is a folder as it stands has no name before it.
-
-        Raises:
-            InputError: nothing before or after the equals sign.
-        """
+        """Reads `NAME=DIR` or `DIR`; what is a folder as it stands has no name before it."""
         name, equals, place = str(asked).partition("=")
         if isinstance(asked, Path) or not equals or "/" in name or Path(asked).is_dir():
             return cls(Path(asked))
@@ -84,11 +80,7 @@ class PredictionFacts(BaseModel):
 
 
 def read_description(path: Path) -> PredictionFacts:
-    """Reads `prediction.toml`; all defaults where there is none.
-
-    Raises:
-        InputError: no TOML, an unknown key, or an impossible value.
-    """
+    """Reads `prediction.toml`; all defaults where there is none."""
     if not path.exists():
         return PredictionFacts()
     try:
@@ -101,11 +93,7 @@ def read_description(path: Path) -> PredictionFacts:
 
 
 def timed_files(folder: Path, description: PredictionFacts) -> dict[int, Path]:
-    """Finds the depth maps of a folder by their times, µs.
-
-    Raises:
-        InputError: none there, files without a time, or two files for one time.
-    """
+    """Finds the depth maps of a folder by their times, µs."""
     paths = sorted(
         path
         for path in folder.iterdir()
@@ -263,11 +251,7 @@ class Prediction:
         return read_confidence(self.path_of(view), view.height_px, view.width_px)
 
     def check_signs(self, view: TargetView) -> None:
-        """Refuses negative numbers that no mask hides: `depth_m` takes them for no depth.
-
-        Raises:
-            InputError: says how many, or what `depth_m` refuses of a file.
-        """
+        """Refuses negative numbers that no mask hides: `depth_m` takes them for no depth."""
         path = self.path_of(view)
         stored = read_stored(path, view.height_px, view.width_px)
         count = int(np.count_nonzero(stored < 0))
@@ -278,11 +262,7 @@ class Prediction:
             )
 
     def path_of(self, view: TargetView) -> Path:
-        """The file of a view.
-
-        Raises:
-            InputError: there is none.
-        """
+        """The file of a view, which must have one."""
         self.check([view])
         return self.files[self._nearest_us(view.t_us)]
 
@@ -340,11 +320,7 @@ def _check_disparity(path: Path) -> None:
 
 
 def described(folder: Path) -> PredictionFacts:
-    """What a folder says of its numbers.
-
-    Raises:
-        InputError: no such folder, or a description that cannot be used.
-    """
+    """What a folder says of its numbers."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; needs one with depth maps")
     return read_description(folder / DESCRIPTION)
@@ -356,11 +332,7 @@ def method_name(folder: NamedFolder, description: PredictionFacts) -> str:
 
 
 def check_names(names: Sequence[str]) -> None:
-    """Refuses methods of one name.
-
-    Raises:
-        InputError: says which.
-    """
+    """Refuses methods of one name."""
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise InputError(
@@ -372,11 +344,7 @@ def check_names(names: Sequence[str]) -> None:
 def open_predictions(
     folders: Sequence[NamedFolder], case: str, views: Sequence[TargetView]
 ) -> list[Prediction]:
-    """Opens the predictions for a case; none may lack a view, and their names must differ.
-
-    Raises:
-        InputError: what `Prediction.open` and `Prediction.check` refuse, or two of one name.
-    """
+    """Opens the predictions for a case; none may lack a view, and their names must differ."""
     predictions = [Prediction.open(folder.path, case, folder.name) for folder in folders]
     for prediction in predictions:
         prediction.check(views)

@@ -77,12 +77,8 @@ Value = Annotated[
 def tidy(rows: pd.DataFrame | Iterable[Mapping[str, Any]], seed: int | None = None) -> pd.DataFrame:
     """A checked table with every column of `COLUMNS` in their order; its index counts.
 
-    Args:
-        rows: one number each. `seed`, `region`, `support`, `low` and `high` may be left out.
-        seed: of rows that lack one.
-
-    Raises:
-        InputError: a column that is missing, unknown or there twice, or a cell of another type.
+    `seed`, `region`, `support`, `low` and `high` may be left out; `seed` is that of rows that lack
+    one.
     """
     import pandas as pd  # 0.3 s, which help and mapping need not wait for
 
@@ -297,9 +293,6 @@ def read_json(
         versions: the values of `schema_version` that can be read; empty where it has none.
         cure: what to do where the file cannot be used, in words.
         name: how errors call the file, if not by its path.
-
-    Raises:
-        InputError: the file is missing, truncated, of another schema version or malformed.
     """
     name = name or str(file)
     try:

@@ -39,11 +39,7 @@ Scored = EventSequence | PosedRecording
 
 
 def find_maps(folder: Path) -> dict[str, StoredMap]:
-    """Opens the maps of a run, by case, or the one map that the folder is.
-
-    Raises:
-        InputError: neither is there.
-    """
+    """Opens the maps of a run, by case, or the one map that the folder is."""
     if (folder / _INDEX).exists():
         stored = _with_windows(read_map(folder))
         return {stored.info.recording.name: stored}
@@ -60,11 +56,7 @@ def _with_windows(stored: StoredMap) -> StoredMap:
 
 
 def recording_of(stored: StoredMap) -> Recording:
-    """Opens the recording that a map was made from.
-
-    Raises:
-        InputError: it is gone or damaged, or no longer the one that was mapped.
-    """
+    """Opens the recording that a map was made from; refuses one that is not the same any more."""
     info = stored.info.recording
     path = Path(info.path) if Path(info.path).is_absolute() else (stored.path / info.path).resolve()
     recording = open_recording(path)
@@ -83,11 +75,7 @@ def existing_recording(stored: StoredMap) -> Recording | None:
 
 
 def sequence_of(stored: StoredMap) -> Scored:
-    """Opens a map's recording, which must have ground truth, and checks its hashes.
-
-    Raises:
-        InputError: a recording without ground truth, gone, damaged or changed.
-    """
+    """Opens a map's recording, which must have ground truth, and checks its hashes."""
     check_view(stored.info.config, str(stored.path))
     recording = with_ground_truth(recording_of(stored))
     if isinstance(recording, EventSequence):
@@ -105,11 +93,7 @@ def check_view(config: MapperConfig, what: str) -> None:
 
 
 def with_ground_truth(recording: Recording) -> Scored:
-    """The recording itself, which must have ground truth.
-
-    Raises:
-        InputError: it has none.
-    """
+    """The recording itself, which must have ground truth."""
     if isinstance(recording, EventSequence):
         return recording
     if isinstance(recording, PosedRecording) and len(recording.truth_times_us(0)):
@@ -130,11 +114,7 @@ def provenance(recording: Scored) -> dict[str, Any]:
 def with_truth(
     stored: StoredMap, sequence: Scored, config: EvalConfig | None = None
 ) -> tuple[StoredWindow, ...]:
-    """The windows whose reference time has ground truth.
-
-    Raises:
-        InputError: none has; says which time is missing, and which there are.
-    """
+    """The windows whose reference time has ground truth; at least one must."""
     config = config or EvalConfig()
     found = tuple(w for w in stored.windows if has_truth(sequence, w.info.t_ref_us, config))
     if not found:
@@ -158,9 +138,6 @@ def truth_of(sequence: Scored, t_ref_us: int, config: EvalConfig) -> Truth:
 
     A sequence of ours has truth exactly then, or none; that of a data set may be carried over, see
     `emvs.datasets.ground_truth`.
-
-    Raises:
-        InputError: none is stored at that time.
     """
     camera = sequence.rig.cameras[0]
     if isinstance(sequence, EventSequence):
@@ -178,11 +155,7 @@ def truth_of(sequence: Scored, t_ref_us: int, config: EvalConfig) -> Truth:
 
 
 def target_view(sequence: Scored, window: StoredWindow, config: EvalConfig) -> TargetView:
-    """The reference view of a window: camera 0 without lens distortion.
-
-    Raises:
-        InputError: no ground truth is stored at its time.
-    """
+    """The reference view of a window: camera 0 without lens distortion."""
     camera, rig = sequence.rig.cameras[0], sequence.rig
     truth = truth_of(sequence, window.info.t_ref_us, config)
     known_m = truth.depth_m[truth.scored]
@@ -201,12 +174,7 @@ def target_view(sequence: Scored, window: StoredWindow, config: EvalConfig) -> T
 def kept_predictions(folder: Path, predictions: Sequence[Path]) -> Iterator[Path]:
     """Yields where `keep` puts what is scored; takes the place of what an earlier call kept.
 
-    Args:
-        folder: of the run or map.
-        predictions: folders that are scored; without any, what was kept goes.
-
-    Raises:
-        InputError: something else is in the place, or a prediction lies in it.
+    The predictions are folders, which may not lie there; without any, what was kept goes.
     """
     place = folder / KEPT_FOLDER
     if predictions:
@@ -238,19 +206,9 @@ def _case_folder(case: str) -> str:
 
 
 def predicted_maps(folder: Path, case: str, like: DepthMap) -> list[DepthMap]:
-    """The depth maps that were scored beside those of a map, in the form of its own.
+    """The depth maps that were scored beside those of a map, in the form of `like`, one of its own.
 
-    Args:
-        folder: of the run or map.
-        case: which of its cases.
-        like: a depth map of the same window.
-
-    Returns:
-        One for each prediction that was kept for the window; its confidence is NaN where the
-        method does not say how sure it is, and it knows no planes of its own.
-
-    Raises:
-        InputError: a damaged file.
+    Confidence is NaN where a method does not say how sure it is; it knows no planes of its own.
     """
     place, own = folder / KEPT_FOLDER, _case_folder(case)
     if output_manifest.read(place) is None:  # somebody's folder of that name

@@ -80,13 +80,8 @@ def score_depth(
 def case_rows(case: str, windows: Windows) -> pd.DataFrame:
     """The rows of one case: each window, then window `all`, then window `mean`.
 
-    Args:
-        case: name of the case.
-        windows: names of windows and each method's pairs there; one after another, if they come
-            from a generator, so that memory holds one window's pixels.
-
-    Raises:
-        InputError: windows of several rigs, or no room on the disk for what is pooled.
+    Windows are names and each method's pairs there; from a generator memory holds the pixels of
+    one.
     """
     rows: list[dict[str, Any]] = []
     with NumberStore() as store:
@@ -108,14 +103,11 @@ def _rows(
 
 
 def mean_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Averages windows of one case, every window weighing the same.
+    """Averages windows of one case, one after another, every window weighing the same.
 
     A number that a window lacks or leaves undefined is undefined here: an average over fewer
     windows would not be comparable between methods. The windows of a case are of one seed, which
     has no interval: how much they differ does not say how much another seed would.
-
-    Args:
-        rows: of each window, one window after another.
     """
     windows = len({row["window"] for row in rows})
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = defaultdict(list)
@@ -142,18 +134,8 @@ def score_windows(
 ) -> pd.DataFrame:
     """Scores windows of one case: each, all of them pooled, and their mean.
 
-    One window after another is read, so that memory holds the pixels of one.
-
-    Args:
-        case: name of the case.
-        sequence: the recording, with ground truth.
-        windows: its maps.
-        config: masks and limits.
-        predictions: for each window, by name, depth maps of other methods; None for none.
-        reference: the method that all others are compared with on the pixels that both report.
-
-    Raises:
-        InputError: what `window_pairs` and `case_rows` refuse.
+    One window after another is read, so that memory holds the pixels of one. `predictions` are for
+    each window, by name, depth maps of other methods; see `window_pairs`.
     """
     of_windows = repeat(NO_PREDICTIONS) if predictions is None else predictions
     pairs = (
@@ -173,16 +155,8 @@ def window_pairs(
     """Pairs all maps of a window with the truth, and says why bad pixels are bad.
 
     A data set's truth is sparse and comes without intensity: it has no regions and no causes.
-
-    Args:
-        sequence: the recording, with ground truth.
-        window: its maps.
-        config: masks and limits.
-        predictions: by name, depth maps of other methods for the same view.
-        reference: the method that all others are compared with on the pixels that both report.
-
-    Raises:
-        InputError: no ground truth at the window's reference time, or damaged files.
+    `predictions` are, by name, depth maps of other methods for the same view; all methods are
+    compared with `reference` on the pixels that both report.
     """
     info = window.info
     stretch = Window(info.t0_us, info.t1_us, info.t_ref_us, ())
@@ -259,13 +233,7 @@ def _outlier_classifier(
 def rig_rows(
     case: str, recording: Scored, windows: Sequence[Window] | Sequence[WindowInfo]
 ) -> pd.DataFrame:
-    """What parallax there is: the baseline between cameras, and camera 0's travel in a window.
-
-    Args:
-        case: name of the case.
-        recording: with its rig and poses.
-        windows: those scored; the travel is their mean.
-    """
+    """What parallax there is: the baseline, and camera 0's mean travel in a window."""
     rig = recording.rig
     travels = [_lateral_travel_m(recording, window) for window in windows]
     travel_m = sum(travels) / len(travels) if travels else math.nan

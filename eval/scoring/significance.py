@@ -38,7 +38,7 @@ def interval(
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> tuple[float, float]:
-    """Returns the interval of the mean, which holds the true one as often as `level` says.
+    """The interval of a mean, which holds the true one as often as `level` says.
 
     Args:
         groups: per seed, the values of its windows.
@@ -48,9 +48,6 @@ def interval(
 
     Returns:
         Lower and upper end; NaN where fewer than two seeds are given or a value is undefined.
-
-    Raises:
-        InputError: no values in a group, or a level or count that is none.
     """
     values = np.concatenate([np.asarray(group, np.float64) for group in groups] or [np.empty(0)])
     sizes = [len(group) for group in groups]
@@ -66,17 +63,10 @@ def intervals(
     resamples: int = RESAMPLES,
     seed: int = 0,
 ) -> tuple[Floats, Floats]:
-    """Returns the intervals of many means at once, all from the same draws.
+    """The intervals of M means at once, (M,) lower and (M,) upper ends, all from the same draws.
 
-    Args:
-        values: (N, M) values of N windows, seed by seed, for M numbers.
-        sizes: windows of each seed, adding up to N.
-        level: in how many of many such samples the true mean lies inside.
-        resamples: how many, 20 or more.
-        seed: of the drawing.
-
-    Returns:
-        (M,) lower and upper ends; NaN as `interval` has it.
+    The values are (N, M) of N windows, seed by seed, as many of each as `sizes` says; else see
+    `interval`.
 
     Raises:
         InputError: sizes that do not add up to N, an empty group, or an impossible level or count.
@@ -119,16 +109,11 @@ def _as_wide_as_seeds_differ(
 def stratified_interval(
     strata: Sequence[NDArray[np.floating]], *, level: float = LEVEL
 ) -> tuple[float, float]:
-    """Returns the interval of the mean over fixed strata of the mean over each one's seeds.
+    """The interval of the mean over fixed strata, such as cases, of the mean over each one's seeds.
 
     Student's t with Welch's and Satterthwaite's degrees of freedom (Biometrics Bulletin 2, 1946).
-
-    Args:
-        strata: per stratum, such as a case, one value per seed.
-        level: in how many of many such samples the true mean lies inside.
-
-    Returns:
-        Lower and upper end; NaN where a stratum has fewer than two seeds or an undefined value.
+    Each stratum has one value per seed; NaN where one has fewer than two seeds or an undefined
+    value.
     """
     mean, error, freedom = _stratified(strata)
     if not error > 0:  # NaN too: too few seeds, or seeds that do not differ
@@ -140,14 +125,8 @@ def stratified_interval(
 def stratified_p(strata: Sequence[NDArray[np.floating]]) -> float:
     """Two-sided p of a mean of zero over fixed strata: the test that `stratified_interval` inverts.
 
-    Given differences of pairs, one per seed, and one stratum, it is the paired t-test.
-
-    Args:
-        strata: per stratum, such as a case, one difference per seed.
-
-    Returns:
-        p; 1 where all differences are zero; NaN where a stratum has fewer than two seeds or an
-        undefined value.
+    Given differences of pairs, one per seed, and one stratum, it is the paired t-test. 1 where all
+    differences are zero; NaN where a stratum has fewer than two seeds or an undefined value.
     """
     mean, error, freedom = _stratified(strata)
     if np.isnan(error):

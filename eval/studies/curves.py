@@ -45,9 +45,6 @@ class RobustnessCurve:
     """One metric of one method over the amounts.
 
     Attributes:
-        method: its name.
-        metric: its name.
-        unit: of the values.
         amounts: (A,) in the study's order.
         mean: (A,) mean over cases of the mean over seeds; NaN where a sample has no value.
         low: (A,) lower end of the 95 % band over seeds, cases held fixed; NaN for one seed.
@@ -86,14 +83,7 @@ def curves(
     methods: Sequence[str],
     cases: Sequence[str],
 ) -> list[RobustnessCurve]:
-    """One curve per method and metric, in that order.
-
-    Args:
-        values: of all cases, seeds and amounts that could be scored.
-        amounts: in the study's order.
-        methods: in the order wanted.
-        cases: whose means are averaged.
-    """
+    """One curve per method and metric, in that order, of means over cases."""
     found: dict[tuple[str, str, float, str], list[float]] = {}
     units: dict[str, str] = {}
     for one in values:
@@ -130,13 +120,7 @@ def sample_words(cases: Sequence[str], seeds: Sequence[int]) -> str:
 def draw(study: Study, curves: Sequence[RobustnessCurve], path: Path, samples: str) -> None:
     """Draws three panels with 95 % bands, and a cross where a method breaks; writes PNG or SVG.
 
-    A band is left out where it is as wide as its panel.
-
-    Args:
-        study: what was perturbed.
-        curves: all methods and metrics.
-        path: of the picture.
-        samples: what was averaged, in words.
+    A band is left out where it is as wide as its panel. `samples` says what was averaged.
     """
     with mpl.rc_context(STYLE):
         figure = _figure(study, curves, samples)

@@ -38,9 +38,7 @@ class Study:
     """One thing that is perturbed by growing amounts.
 
     Attributes:
-        name: what the command line calls it.
         axis: what grows, for the figure.
-        unit: of the amounts.
         amounts: from the one that perturbs nothing onwards.
         change: what an amount changes.
         logarithmic: whether amounts are spaced by factors.
@@ -165,11 +163,7 @@ STUDIES: dict[str, Study] = {
 
 
 def study_named(name: str) -> Study:
-    """Finds a study.
-
-    Raises:
-        InputError: there is none of that name.
-    """
+    """Finds a study by its name."""
     if name not in STUDIES:
         raise InputError(f"no study {name!r}: choose from {', '.join(STUDIES)}")
     return STUDIES[name]

@@ -39,12 +39,8 @@ class StudyResult:
     """What a study found.
 
     Attributes:
-        study: what was perturbed.
-        curves: per method and metric.
-        values: every number behind them.
+        values: every number behind the curves.
         failures: per job that failed, why; its amount has no value.
-        cases: that were averaged.
-        seeds: of each case.
         seconds: length of every sequence, s.
         cpu_s: time of processors that all jobs took, whenever they were done, s.
     """
@@ -76,20 +72,7 @@ def run_study(
     progress: Progress,
     seconds: float = SECONDS,
 ) -> StudyResult:
-    """Maps and scores every case, seed and amount.
-
-    Args:
-        study: what to perturb.
-        methods: whose maps are compared.
-        cases: scenes.
-        seeds: of the head motion, the sensor's noise and the perturbation.
-        workers: opens what does the jobs.
-        progress: shown how far it is.
-        seconds: length of every sequence, s.
-
-    Raises:
-        InputError: an unknown case or method, or sequences too short for a window.
-    """
+    """Maps and scores every case, seed and amount, in sequences of so many seconds."""
     jobs = study_jobs(study, methods, cases, seeds, seconds)
     outcomes = run_jobs(jobs.values(), workers, progress)
     values = tuple(_values(jobs, outcomes))
@@ -181,15 +164,7 @@ def study_jobs(
 ) -> dict[tuple[str, int, float], Job]:
     """The scoring job of every case, seed and amount, with all that it needs.
 
-    Args:
-        study: what to perturb.
-        methods: whose maps are compared.
-        cases: scenes.
-        seeds: of the head motion, the sensor's noise and the perturbation.
-        seconds: length of every sequence, s.
-
-    Raises:
-        InputError: an unknown case or method, or sequences too short for a window.
+    Seeds are of the head motion, the sensor's noise and the perturbation.
     """
     if not seconds > 3 * MARGIN_S:
         raise InputError(f"sequences of {seconds:g} s: a study needs more than {3 * MARGIN_S:g} s")
@@ -238,11 +213,7 @@ def _score_job(
 
 
 def window_of(change: Change, seconds: float) -> dict[str, Any]:
-    """The mapper's settings at an amount: a window about the middle, where the truth is.
-
-    Raises:
-        InputError: it is longer than the sequence.
-    """
+    """The mapper's settings at an amount: a window about the middle, where the truth is."""
     settings = {"duration_s": seconds - 2 * MARGIN_S, **change.map}
     if settings["duration_s"] > seconds:
         raise InputError(

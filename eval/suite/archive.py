@@ -47,14 +47,7 @@ _MOST_SECRET_BYTES = 1 << 16
 
 
 class SequenceArchive:
-    """An archive in a folder, in which a suite finds its sequences.
-
-    Args:
-        folder: that was made or fetched.
-
-    Raises:
-        InputError: no archive, or one without ground truth.
-    """
+    """An archive in a folder, in which a suite finds its sequences; it must hold ground truth."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.absolute()
@@ -78,11 +71,7 @@ class SequenceArchive:
         return tuple(seed for seed in there if hidden or seed in asked) or tuple(asked)
 
     def sequence(self, suite: Suite, case: str, seed: int) -> tuple[Job, str]:
-        """The job that unpacks the sequence of a case, and the hash of its scene.
-
-        Raises:
-            InputError: it is not in the archive, was not fetched, or is of another definition.
-        """
+        """The job that unpacks the sequence of a case, and the hash of its scene."""
         packed = self.manifest.of(case, seed)
         if packed is None:
             raise InputError(f"{self.folder}: has no sequence of {case} with seed {seed}")
@@ -126,8 +115,6 @@ class ArchivePlan:
     """What is archived.
 
     Attributes:
-        suite: the definition.
-        cases: of it.
         seeds: of every case; with a secret, numbers from 0.
         licence: of the data.
         truth: whether ground truth is in it.
@@ -167,11 +154,7 @@ def hidden_seed(secret: bytes, suite: str, case: str, number: int) -> int:
 
 
 def read_secret(path: Path) -> bytes:
-    """Reads a secret, such as `head -c 32 /dev/urandom > FILE` makes.
-
-    Raises:
-        InputError: no file, or one too short to be a secret.
-    """
+    """Reads a secret, such as `head -c 32 /dev/urandom > FILE` makes."""
     try:
         check_file(path, _MOST_SECRET_BYTES)
         secret = path.read_bytes()
@@ -190,19 +173,7 @@ def make_archive(
 ) -> tuple[ArchiveManifest | None, tuple[Failed, ...]]:
     """Draws all sequences, or takes them from the cache, and packs them.
 
-    Args:
-        plan: what is archived.
-        out: folder to write; it appears when all is packed.
-        workers: opens what does the jobs.
-        store: the jobs' cache.
-        progress: shown how far it is.
-        force: whether an archive that is there is replaced.
-
-    Returns:
-        What was written; nothing and the jobs that failed where some did.
-
-    Raises:
-        InputError: an output that may not be replaced.
+    Returns what was written, or nothing and the jobs that failed.
     """
     check_output(out, force=force)
     jobs = {(case, seed): plan.job(case, seed) for case in plan.cases for seed in plan.seeds}
@@ -265,18 +236,7 @@ def _manifest(
 def unpack_recordings(
     folder: Path, wanted: Sequence[PackedSequence], out: Path, progress: Progress, *, force: bool
 ) -> None:
-    """Unpacks sequences as a method may read them: OUT/CASE/seedN, imperfect where a case is.
-
-    Args:
-        folder: of the archive.
-        wanted: sequences of it.
-        out: folder to write; it appears when all is there.
-        progress: shown how far it is.
-        force: whether what an earlier call wrote there is replaced.
-
-    Raises:
-        InputError: a file that is missing or damaged, or an output that may not be replaced.
-    """
+    """Unpacks sequences as a method may read them: OUT/CASE/seedN, imperfect where a case is."""
     with (
         atomic_dir(out, force=force, inputs=(folder,)) as made,
         progress.stage("unpack", len(wanted)) as update,

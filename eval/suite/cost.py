@@ -31,15 +31,7 @@ def measured_costs(
 ) -> dict[str, MeasuredCost]:
     """Maps the first window of the suite's speed case with each method alone.
 
-    Args:
-        result: which of the suite was run.
-        suite: the definition; without a speed case nothing is measured.
-        cache: folder of the jobs' cache.
-        progress: shown how far it is.
-        archive: where the sequences are.
-
-    Returns:
-        By the method's name in the rows; nothing where the speed case was not run.
+    By the method's name in the rows; nothing where there is no speed case or it was not run.
     """
     timed = speed_job(result, suite, cache, archive)
     if timed is None:

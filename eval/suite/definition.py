@@ -106,16 +106,12 @@ class Suite(_Definition):
 
     Attributes:
         name: with its version; a changed definition gets another one.
-        summary: one sentence.
         seeds: of every case.
         spread_seeds: seeds that a baseline measures the spread with; the first ones are `seeds`.
         metrics: what a gate compares.
         speed_case: case whose mapping is timed.
         sim: simulator settings of every case.
-        score: settings of the scores.
         mappers: mapper settings by name.
-        cases: by name.
-        subsets: by name.
     """
 
     name: _Name
@@ -155,11 +151,7 @@ class Suite(_Definition):
             yield {"sim": self.sim_of(case)}
 
     def subset(self, name: str) -> Subset:
-        """Cases and seeds of a subset, or of the whole suite, `all`.
-
-        Raises:
-            InputError: there is no such subset.
-        """
+        """Cases and seeds of a subset, or of the whole suite, `all`."""
         if name == ALL:
             return Subset(cases=tuple(self.cases), seeds=self.seeds)
         if name not in self.subsets:
@@ -195,12 +187,8 @@ class Suite(_Definition):
 def load(name: str) -> tuple[Suite, str]:
     """Finds a suite and one of its subsets.
 
-    Args:
-        name: `quick` for the gate's subset of that name, `suite-v2` for all of a suite,
-            `suite-v2:quick`, or a TOML file, `FILE.toml` or `FILE.toml:quick`.
-
-    Raises:
-        InputError: an unknown name, or a file that is no suite.
+    The name is `quick` for the gate's subset of that name, `suite-v2` for all of a suite,
+    `suite-v2:quick`, or a TOML file, `FILE.toml` or `FILE.toml:quick`.
     """
     place, _, subset = name.partition(":")
     path = Path(place) if place.endswith(".toml") else FOLDER / f"{place}.toml"
@@ -230,11 +218,7 @@ def _extent(subset: Subset) -> str:
 
 
 def read(path: Path) -> Suite:
-    """Reads a suite's definition.
-
-    Raises:
-        InputError: a file that cannot be read, or is no suite.
-    """
+    """Reads a suite's definition."""
     try:
         return Suite.model_validate(parse_toml(read_text(path, SETTINGS_BYTES)))
     except OSError as error:

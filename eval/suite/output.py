@@ -25,14 +25,7 @@ _CSV_COLUMNS = ("case", "seed", "window", "method", "metric", "value", "unit", "
 def prepare_folder(out: Path, *, force: bool, inputs: Iterable[Path] = ()) -> Iterator[Path]:
     """Claims a folder for results before the work begins; `write` makes it.
 
-    Args:
-        out: the folder.
-        force: whether the result of another run is replaced.
-        inputs: files that are read, which no result replaces.
-
-    Raises:
-        InputError: it holds a result already and `force` is not set, something else of that name,
-            or cannot be written to.
+    `force` replaces the result of another run; `inputs` are read, and no result replaces them.
     """
     names = (FILE_NAME, CSV_NAME, PICTURES_FOLDER)
     with output_folder(out, names, force=force, inputs=inputs) as folder:
@@ -55,11 +48,7 @@ def assignments(
     cache: Path,
     archive: SequenceArchive | None = None,
 ) -> dict[str, Any]:
-    """What a prediction must hold, and where the cache has the sequences, as plain JSON values.
-
-    Raises:
-        InputError: an unknown subset or case.
-    """
+    """What a prediction must hold, and where the cache has the sequences, as plain JSON values."""
     listed = []
     for job in suite_jobs(suite, *extent(suite, subset, seeds, cases, archive), archive):
         made = stored(job.needs[0], Cache(cache)) if cache.is_dir() else None

@@ -43,8 +43,6 @@ class Assignment:
     """What is to be predicted for one case and seed: a depth map for each window.
 
     Attributes:
-        case: name of the case.
-        seed: of its sequence.
         windows: their names, and times of begin (included), end (excluded) and reference view, µs.
         camera: the reference view: camera 0 without lens distortion, at the reference time.
         baseline_m: distance of the rig's first two cameras; None for a rig of one.
@@ -120,9 +118,7 @@ class SuitePrediction:
     """A method's depth maps for all that is asked for, checked as far as no truth is needed.
 
     Attributes:
-        name: of the method, as scores call it.
         folder: where its files lie, absolute.
-        description: what their numbers mean.
         files: per place of an assignment, by time in µs: name below `folder`, and sha256.
     """
 
@@ -163,10 +159,7 @@ def open_predictions(
 ) -> list[SuitePrediction]:
     """Opens depth maps of others and reads all of them, as a submission checker does.
 
-    Args:
-        folders: `DIR/CASE/seedN/TIME.npz`, as `Assignment.to_json` lists them.
-        suite: the definition, whose other cases may be there as well.
-        assignments: what is asked for.
+    Folders are `DIR/CASE/seedN/TIME.npz`, as `Assignment.to_json` lists them.
 
     Raises:
         InputError: in one line: no folder, a case that the suite does not have, one that is
@@ -231,11 +224,7 @@ class _Medians:
         view: TargetView,
         shown: ViewId,
     ) -> None:
-        """Looks at one map of what is shown: scene, seed and time.
-
-        Raises:
-            InputError: another view has the very same one.
-        """
+        """Looks at one map of a scene, seed and time; no other view may have the very same one."""
         if not mask.any():
             return
         digest = hashlib.sha256(depth_m.tobytes()).digest()
@@ -253,11 +242,7 @@ class _Medians:
         self.inverted += near_m <= 1 / median_m <= far_m
 
     def check(self, folder: Path) -> None:
-        """Refuses maps that are inverse depth, as far as the scenes' ranges tell.
-
-        Raises:
-            InputError: more maps fit inverted than as they stand.
-        """
+        """Refuses maps that are inverse depth, as far as the scenes' ranges tell."""
         if self.inverted > self.upright:
             raise InputError(
                 f"{folder}: {self.upright} of {self.total} depth maps have a median that the scene "

@@ -47,7 +47,6 @@ class SampleFacts:
         truth: hash of camera 0's ground truth.
         scene: hash over what defines the scene.
         renderer: the graphics library.
-        sim: the simulator's whole configuration.
         versions: of everything that made the sequence.
         metrics: per metric, the hash of what it makes of fixed maps.
     """
@@ -91,14 +90,7 @@ class JobNote:
 
 @dataclass(frozen=True, slots=True)
 class ArchiveFacts:
-    """The archive whose sequences were used.
-
-    Attributes:
-        version: hash over all its sequences.
-        suite: that they are of.
-        part: `public` or `hidden`.
-        secret_sha256: hash of the secret of a hidden part; empty of a public one.
-    """
+    """The archive whose sequences were used: its version is a hash over all of them."""
 
     version: str
     suite: str
@@ -110,12 +102,9 @@ class ArchiveFacts:
 
 @dataclass(frozen=True, slots=True)
 class MeasuredCost:
-    """What mapping one window costs with one method alone, in one thread.
+    """What mapping the first window of a case costs with one method alone, in one thread.
 
-    Attributes:
-        case: whose first window was mapped.
-        cpu_seconds: time of the processor, s.
-        peak_memory_mb: of the whole process, its libraries among it, MB.
+    CPU time in s, and peak memory of the whole process, its libraries among it, in MB.
     """
 
     case: str
@@ -130,23 +119,16 @@ class SuiteResult:
     """A whole run of a suite or a subset.
 
     Attributes:
-        suite: name of the definition, with its version.
-        subset: what of it was run.
         digest: hash over the definition.
-        definition: the definition, as plain JSON values.
         cases: per case that was asked for, the hash over its part of the definition.
         seeds: that were asked for.
         samples: one per case and seed that was scored.
-        rows: their numbers, as one table of scores.
-        jobs: the outcome of every job.
         predictions: per method of others, the hash over its files and what their numbers mean.
         stated: per method of others, what its submitter says of it.
         cost: per method, what mapping a window costs here, where that was measured.
         archive: whose sequences were used; None where they were simulated.
         speed: per case, CPU time of the mapper over that of the calibration loop, repeated.
         versions: of everything that shapes the numbers, on the machine that collected them.
-        platform: of that machine.
-        schema_version: of this layout.
     """
 
     suite: str
@@ -205,11 +187,7 @@ def write_suite(folder: Path, result: SuiteResult) -> Path:
 
 
 def read_suite(path: Path) -> SuiteResult:
-    """Reads `suite.json`, given the file or its folder.
-
-    Raises:
-        InputError: the file is missing, truncated, of another schema version or malformed.
-    """
+    """Reads `suite.json`, given the file or its folder."""
     file = path / FILE_NAME if path.is_dir() else path
     return read_json(file, _validated, (1, SCHEMA_VERSION), "run the suite again")
 

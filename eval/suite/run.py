@@ -53,21 +53,10 @@ def run_suite(
     predictions: Sequence[NamedFolder] = (),
     archive: SequenceArchive | None = None,
 ) -> SuiteResult:
-    """Does all jobs of a suite's subset; failed ones are in the result.
+    """Does all jobs of a suite's subset, or of some of its cases and other seeds.
 
-    Args:
-        suite: the definition.
-        subset: what of it.
-        workers: opens what does the jobs.
-        progress: shown how far it is.
-        seeds: seeds instead of the subset's own.
-        cases: some of the subset's cases.
-        predictions: folders with depth maps of others, scored beside the suite's methods.
-        archive: where the sequences are; by default they are simulated.
-
-    Raises:
-        InputError: an unknown case, scene, rig or method, a sequence that the archive lacks, or a
-            prediction that is not complete.
+    Failed jobs are in the result. Depth maps in the folders of predictions are scored beside the
+    suite's methods; sequences are those of the archive, or simulated.
     """
     its_cases, its_seeds = extent(suite, subset, seeds, cases, archive)
     jobs = suite_jobs(suite, its_cases, its_seeds, archive)
@@ -101,9 +90,6 @@ def extent(
     """The cases and seeds of a run: some of a subset's cases, its seeds or others.
 
     Of an archive by default those of its seeds that the subset has, of a hidden one all.
-
-    Raises:
-        InputError: an unknown subset or case.
     """
     chosen = suite.subset(subset)
     its_cases = _chosen(chosen.cases, cases)
@@ -150,12 +136,7 @@ def suite_jobs(
     seeds: Sequence[int],
     archive: SequenceArchive | None = None,
 ) -> list[Job]:
-    """One scoring job per case and seed, with all that it needs.
-
-    Raises:
-        InputError: an unknown scene, rig or method, a GPU that is not there, or a sequence that
-            the archive lacks.
-    """
+    """One scoring job per case and seed, with all that it needs."""
     for case in cases:
         _check(suite, case)
     source = archive.sequence if archive else simulated
@@ -230,13 +211,7 @@ def speed_job(
 def map_ratios(sequence: Path, config: MapperConfig, repeats: int = REPEATS) -> tuple[float, ...]:
     """Maps a window again and again; CPU time of each over that of the calibration loop.
 
-    Args:
-        sequence: a recording.
-        config: the window and how it is mapped; always with one thread.
-        repeats: measurements, after one that is not counted.
-
-    Returns:
-        (repeats,) ratios without unit; lower is faster.
+    Always with one thread, and once more than is counted. Lower is faster.
     """
     recording = open_recording(sequence)
     single = config.model_copy(update={"threads": 1})

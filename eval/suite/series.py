@@ -88,11 +88,9 @@ class Measured:
 
     Attributes:
         name: of the suite or file.
-        series: by what they are about.
         seeds: that were asked for.
         cases: that were asked for.
         failures: jobs that failed, with the reason.
-        versions: of everything that shapes the numbers.
     """
 
     name: str
@@ -104,11 +102,7 @@ class Measured:
 
 
 def read_measured(path: Path) -> Measured:
-    """Reads a result: `suite.json`, or a `results.json` of any run.
-
-    Raises:
-        InputError: neither, or a damaged file.
-    """
+    """Reads a result: `suite.json`, or a `results.json` of any run."""
     if path.name == FILE_NAME or (path / FILE_NAME).is_file():
         return of_suite(read_suite(path))
     return of_results(read_results(path))

@@ -46,10 +46,6 @@ class Difference:
 
     Attributes:
         case: its name, or `mean of N cases`.
-        method: as the paper names it.
-        metric: its name.
-        unit: of all values.
-        direction: which end is better.
         first: mean over the common seeds, and in each over the common windows, of the first result.
         other: the same of the other result.
         low: lower end of the 95 % interval of `change`; NaN where there is none.
@@ -57,7 +53,6 @@ class Difference:
         p: of no difference; NaN where that is not tested.
         p_holm: the same, corrected for all numbers that are tested beside it.
         seeds: how many there are in common.
-        verdict: in a word.
         why: for people, where the numbers do not say it.
         strata: per case, per seed, the mean difference.
     """
@@ -112,8 +107,6 @@ class Pair:
     """A result compared with the first.
 
     Attributes:
-        first: the reference.
-        other: the result compared with it.
         cases: per case, method and metric that both have.
         means: the same over all common cases; empty where there is only one.
         data: whether it is the same data, a sentence per case where it is not.
@@ -139,11 +132,7 @@ class Pair:
 
 
 def compare_results(results: Sequence[ComparedResult]) -> tuple[Pair, ...]:
-    """Holds each further result against the first.
-
-    Raises:
-        InputError: one of them has no number in common with the first.
-    """
+    """Compares each further result with the first, with which it must share a number."""
     first, *others = results
     return _judged([_pair(first, other) for other in others])
 

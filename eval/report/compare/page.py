@@ -49,13 +49,7 @@ _NOTE = (
 
 @dataclass(frozen=True)
 class Comparison:
-    """Everything that is said of several results.
-
-    Attributes:
-        results: the first one is the reference.
-        pairs: each further result compared with it.
-        settings: all of them, those that are equal too.
-    """
+    """Everything that is said of several results; the first one is the reference of all pairs."""
 
     results: tuple[ComparedResult, ...]
     pairs: tuple[Pair, ...]
@@ -73,12 +67,7 @@ class Comparison:
 
 
 def write_comparison(paths: Sequence[Path], out: Path) -> Comparison:
-    """Writes `compare.html` and `tables/` into a folder, and returns what they say.
-
-    Raises:
-        InputError: fewer than two results, one is missing or damaged, they have nothing in common,
-            or a file of another's is in the way.
-    """
+    """Writes `compare.html` and `tables/` into a folder, and returns what they say."""
     with output_folder(out, (HTML_NAME, TABLES_FOLDER), force=True):
         comparison = compare(read_compared(paths))
         text = page_text(comparison, _result_files(comparison, out))
@@ -89,11 +78,7 @@ def write_comparison(paths: Sequence[Path], out: Path) -> Comparison:
 
 
 def compare(results: Sequence[ComparedResult]) -> Comparison:
-    """Holds results against the first one, settings and numbers.
-
-    Raises:
-        InputError: one of them has nothing in common with the first.
-    """
+    """Compares results with the first one, settings and numbers."""
     return Comparison(tuple(results), compare_results(results), settings_of(results))
 
 

@@ -88,15 +88,7 @@ class _View:
 def pictures_of(
     results: Sequence[ComparedResult], names: Iterable[str]
 ) -> tuple[tuple[ComparedPictures, ...], tuple[str, ...]]:
-    """Draws all cases of which two results or more have maps.
-
-    Args:
-        results: what is compared.
-        names: of the common cases.
-
-    Returns:
-        The pictures, and why some are missing.
-    """
+    """Draws all cases of which two results or more have maps; returns also why some are missing."""
     runs, missing = {}, []
     for result in results:
         try:

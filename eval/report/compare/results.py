@@ -52,8 +52,8 @@ class CaseResult:
         values: per number and window, its value; NaN where it is undefined.
         units: per number, its unit and direction.
         sequence: hash of the sequence that the maps were made from; empty where none is known.
-        events: hash of camera 0's events; empty where none is known.
-        truth: hash of camera 0's ground truth; empty where none is known.
+        events: hash of camera 0's events, likewise.
+        truth: hash of camera 0's ground truth, likewise.
         metrics: per metric, the hash of what it makes of fixed maps.
         settings: groups of settings, as plain JSON values.
         times: per window, where it lies; empty where it is not known.
@@ -80,12 +80,8 @@ class ComparedResult:
     """A result, and what pages call it.
 
     Attributes:
-        name: of its folder.
-        folder: where it lies, with pictures or without.
         is_suite: whether it is that of a suite, of which no depth maps are kept.
         cases: per case and seed, what it says; the seed is None where nothing was simulated.
-        versions: of everything that shapes the numbers.
-        platform: of the machine that scored.
         failures: jobs that failed, with the reason.
         archive: version of the archive whose sequences were used; empty where they were simulated.
     """
@@ -114,11 +110,7 @@ class ComparedResult:
 
 
 def read_compared(paths: Sequence[Path]) -> tuple[ComparedResult, ...]:
-    """Reads results of runs or suites, given as files or folders, and names them after folders.
-
-    Raises:
-        InputError: fewer than two, or one is missing or damaged.
-    """
+    """Reads results of runs or suites, given as files or folders, and names them after folders."""
     if len(paths) < 2:
         raise InputError(f"{len(paths)} result given, needs two or more to compare")
     folders = [path.resolve() if path.is_dir() else path.resolve().parent for path in paths]
@@ -165,11 +157,7 @@ def of_run(results: Results, name: str, folder: Path) -> ComparedResult:
 
 
 def of_suite(result: SuiteResult, name: str, folder: Path) -> ComparedResult:
-    """The numbers of a suite's run, of all its seeds.
-
-    Raises:
-        InputError: a definition that lacks what its samples need.
-    """
+    """The numbers of a suite's run, of all its seeds."""
     cases: dict[tuple[str, int | None], CaseResult] = {}
     try:
         for sample in result.samples:

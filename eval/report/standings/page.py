@@ -48,12 +48,8 @@ _RELATIVE = "relative error is the geometric mean over cases of the mean error o
 def write_ranking(sources: Sequence[Source], out: Path) -> RankingPage:
     """Writes `index.html`, `ranking.json` with its data, and `pictures/`; returns what they say.
 
-    Args:
-        sources: results, oldest first; of two pictures of a method the later is shown.
-        out: folder to write, which may be one of them.
-
-    Raises:
-        InputError: no public entry, no case that all are ranked by, or another's file in the way.
+    Sources are oldest first, of two pictures of a method the later is shown; `out` may be one of
+    them.
     """
     entries = tuple(entry for source in sources for entry in source.entries)
     labels = [one.label for one in entries]

@@ -33,14 +33,7 @@ from eventsweep.eval.scoring.outlier_causes import CAUSES
 
 @dataclass(frozen=True)
 class RankingPage:
-    """What a page is made of.
-
-    Attributes:
-        entries: oldest first.
-        public: by the main metric.
-        hidden: likewise; None where there is no hidden part.
-        pictures: per method, best and worst case.
-    """
+    """What a page is made of; entries are oldest first, and ranks are by the main metric."""
 
     entries: tuple[RankingEntry, ...]
     public: Ranked

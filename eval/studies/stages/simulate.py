@@ -27,10 +27,7 @@ WAY_M = 0.25
 class Straight:
     """A straight way through the middle of another motion, in one direction, without turning.
 
-    Attributes:
-        T_world_middle: pose half way.
-        heading_deg: 0 along camera 0's x axis, 90 along its z axis.
-        duration_s: time for the way of `WAY_M`.
+    A heading of 0 is along camera 0's x axis, 90 along its z axis; the way is of `WAY_M`.
     """
 
     T_world_middle: NDArray[np.float64]

@@ -18,11 +18,7 @@ from eventsweep.eval.perturbations import Perturbation, perturbed
 
 
 def code(parameters: Mapping[str, Any]) -> tuple[Sequence[str], Sequence[Path]]:
-    """The packages of others that its methods come from, and the weights and tables that it reads.
-
-    Raises:
-        InputError: weights that are not there.
-    """
+    """The packages of others that its methods come from, and the weights and tables it reads."""
     config = MapperConfig.model_validate(parameters["map"])
     files = (*files_of_methods(config), PRECISION)
     return (), files

@@ -21,12 +21,7 @@ from eventsweep.eval.suite.stages.score import mapped_window, sample_facts
 
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
-    """Scores the depth map of every window and all of them pooled, beside the reference method.
-
-    Raises:
-        InputError: a file that is gone or was changed since the run was planned, or is of another
-            unit than the truth.
-    """
+    """Scores the depth map of every window and all of them pooled, beside the reference method."""
     case, config = str(parameters["case"]), EvalConfig.model_validate(parameters["score"])
     sequence = EventSequence.open(inputs[0] / SEQUENCE)
     windows = [_reference_only(mapped_window(path)) for path in inputs[1:-1]]
@@ -41,11 +36,7 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
 
 
 def opened(parameters: Mapping[str, Any], folder: Path) -> Prediction:
-    """The depth maps that a job was planned with.
-
-    Raises:
-        InputError: one of them is gone or another one.
-    """
+    """The depth maps that a job was planned with; none may be gone or another one."""
     files = {int(t_us): folder / name for t_us, (name, _) in parameters["files"].items()}
     for t_us, (_, sha256) in parameters["files"].items():
         _check_unchanged(files[int(t_us)], sha256)

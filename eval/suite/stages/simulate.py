@@ -54,11 +54,7 @@ def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> Non
 
 
 def simulate_scene(scene: Scene, rig: Rig, parameters: Mapping[str, Any], out: Path) -> None:
-    """Writes a sequence, in one process and one thread for the pictures.
-
-    Raises:
-        InputError: this machine draws with something else than the one that planned the job.
-    """
+    """Writes a sequence, in one process and one thread for the pictures."""
     if drawn_by() != parameters["graphics"]:
         raise InputError(
             f"the suite was planned for the renderer {parameters['graphics']}, this worker has "

@@ -12,11 +12,7 @@ from eventsweep.eval.jobs.job import SEQUENCE
 
 
 def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
-    """Unpacks the files that `files` lists, each of the size and hash that it says.
-
-    Raises:
-        InputError: an archive that is gone, damaged, or holds anything else.
-    """
+    """Unpacks the files that `files` lists, each of the size and hash that it says."""
     expected = {name: PackedFile(**entry) for name, entry in parameters["files"].items()}
     (out / SEQUENCE).mkdir()
     unpack(inputs[0], out / SEQUENCE, expected)
