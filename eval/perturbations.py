@@ -57,7 +57,7 @@ class Perturbation(BaseModel):
 PRESETS = {
     # Fitted by `python tests/benchmarks fit_imperfection`: with it, the ratios of the published
     # table of MVSEC's flights come out, see the page on studies.
-    "mvsec": Perturbation(focal_percent=1, pose_walk_mm=9, pose_walk_deg=0.94),
+    "mvsec": Perturbation(focal_percent=1, pose_walk_mm=9, pose_walk_deg=0.94)
 }
 """Errors of real recordings, by name."""
 

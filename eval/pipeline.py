@@ -15,12 +15,7 @@ from typing import TYPE_CHECKING
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.outputs import (
-    atomic_dir,
-    check_files,
-    files_together,
-    output_folder,
-)
+from eventsweep.emvs.utils.outputs import atomic_dir, check_files, files_together, output_folder
 from eventsweep.eval.config import EvalConfig, Settings
 from eventsweep.eval.progress import MapBars, Progress, Silent
 from eventsweep.scenes import case_name

@@ -268,10 +268,7 @@ class _Findings:
         return f"{names}, {on_both}each on its own pixels: {own}."
 
     def _against(
-        self,
-        mine: tuple[str, str],
-        theirs: tuple[str, str],
-        metrics: Sequence[str],
+        self, mine: tuple[str, str], theirs: tuple[str, str], metrics: Sequence[str]
     ) -> str:
         """Numbers of two (method, prefix of the metric's name), and by how much they differ."""
         parts = []

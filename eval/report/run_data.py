@@ -256,11 +256,7 @@ def _slice(depth_map: DepthMap, slices: Slices, truth: Truth | None) -> DsiSlice
     if votes is None or not len(votes):  # a method without a volume
         return None
     dsi_slice = DsiSlice(
-        row_px,
-        slices.rho,
-        votes,
-        depth_map.depth_m[row_px],
-        depth_map.mask[row_px],
+        row_px, slices.rho, votes, depth_map.depth_m[row_px], depth_map.mask[row_px]
     )
     if truth is not None:
         dsi_slice = replace(dsi_slice, truth_m=_truth_row(truth, row_px))

@@ -210,11 +210,7 @@ def _pooled(result: SuiteResult, sample: Sample) -> pd.DataFrame:
 
 
 def _drawn(
-    suite: Suite,
-    case: CaseData,
-    theirs: Sequence[MethodData],
-    sample: Sample,
-    rows: pd.DataFrame,
+    suite: Suite, case: CaseData, theirs: Sequence[MethodData], sample: Sample, rows: pd.DataFrame
 ) -> bytes:
     (window,) = case.windows
     everything = replace(case, windows=(replace(window, methods=(*window.methods, *theirs)),))

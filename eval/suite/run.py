@@ -131,10 +131,7 @@ def _note(outcome: Outcome) -> JobNote:
 
 
 def suite_jobs(
-    suite: Suite,
-    cases: Sequence[str],
-    seeds: Sequence[int],
-    archive: SequenceArchive | None = None,
+    suite: Suite, cases: Sequence[str], seeds: Sequence[int], archive: SequenceArchive | None = None
 ) -> list[Job]:
     """One scoring job per case and seed, with all that it needs."""
     for case in cases:

@@ -18,11 +18,7 @@ if TYPE_CHECKING:
 
 @app.command
 def compare(
-    results: Annotated[tuple[Path, ...], NO_NEGATIVE],
-    /,
-    *,
-    out: Path,
-    common: Common = COMMON,
+    results: Annotated[tuple[Path, ...], NO_NEGATIVE], /, *, out: Path, common: Common = COMMON
 ) -> None:
     """Compare two or more results: what differs, and how sure that is; writes compare.html.
 

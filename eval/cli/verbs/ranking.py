@@ -15,11 +15,7 @@ if TYPE_CHECKING:
 
 @app.command
 def ranking(
-    results: Annotated[tuple[str, ...], NO_NEGATIVE],
-    /,
-    *,
-    out: Path,
-    common: Common = COMMON,
+    results: Annotated[tuple[str, ...], NO_NEGATIVE], /, *, out: Path, common: Common = COMMON
 ) -> None:
     """Rank the methods of one or more results; writes index.html and ranking.json.
 

@@ -128,8 +128,7 @@ def _case(
 
 
 def _together(
-    case: str,
-    found: Sequence[tuple[ComparedResult, tuple[WindowData, ...]]],
+    case: str, found: Sequence[tuple[ComparedResult, tuple[WindowData, ...]]]
 ) -> list[list[_View]]:
     """Windows of one name and time; where there are none, the first ones."""
     first = found[0][1]

@@ -12,22 +12,11 @@ from typing import Any
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
-from eventsweep.emvs.utils.outputs import (
-    atomic_dir,
-    check_files,
-    files_together,
-    output_folder,
-)
+from eventsweep.emvs.utils.outputs import atomic_dir, check_files, files_together, output_folder
 from eventsweep.eval.ranking import summary
 from eventsweep.eval.ranking.entries import DATA_NAME, RankingData, RankingEntry, Source
 from eventsweep.eval.ranking.summary import MAIN
-from eventsweep.eval.report.html import (
-    Page,
-    Picture,
-    files_in,
-    page_text,
-    plural,
-)
+from eventsweep.eval.report.html import Page, Picture, files_in, page_text, plural
 from eventsweep.eval.report.ranking import column
 from eventsweep.eval.report.standings import sections
 from eventsweep.eval.report.standings.sections import RankingPage
