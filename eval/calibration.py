@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,24 +16,11 @@ from eventsweep.eval.report.calibrate_page import page_text, summary
 from eventsweep.eval.report.html import REPORT_NAME
 
 
-@dataclass(frozen=True, eq=False)
-class Calibrated:
-    """A finished refinement.
-
-    Attributes:
-        refinement: the result.
-        notes: on the files that were written.
-    """
-
-    refinement: Refinement
-    notes: tuple[str, ...]
-
-
 def calibrate_recording(
     recording: Recording, path: Path, out: Path, config: RefineConfig, progress: Progress, *,
     force: bool = False, command: str = "",
-) -> Calibrated:  # fmt: skip
-    """Refines a recording and writes the folder: calibration, `recording.toml` and page."""
+) -> tuple[Refinement, tuple[str, ...]]:  # fmt: skip
+    """Writes a folder with calibration, `recording.toml` and page; notes are on those files."""
     with progress.stage("calibrate", 1.0) as update:
         refinement = refine(recording, config, _moving(update))
         update(1.0, summary(refinement))
@@ -45,17 +31,16 @@ def calibrate_recording(
             text = page_text(recording, refinement, sides, notes, command, folder)
             (folder / REPORT_NAME).write_text(text, encoding="utf-8")
         update(3.0, "")
-    return Calibrated(refinement, notes)
+    return refinement, notes
 
 
-def facts_of(calibrated: Calibrated) -> dict[str, Any]:
+def facts_of(refinement: Refinement, notes: Sequence[str]) -> dict[str, Any]:
     """Plain values for `--json`."""
-    refinement = calibrated.refinement
     return {
         "estimates": [estimate_facts(estimate) for estimate in refinement.estimates],
         "sharpness": refinement.sharpness.mean(axis=0).tolist(),
         "windows": len(refinement.windows),
-        "notes": list(calibrated.notes),
+        "notes": list(notes),
     }
 
 

@@ -118,8 +118,11 @@ def _names(table: Mapping[str, Any]) -> str:
 
 
 def _read(file: Path | None) -> dict[str, Any]:
-    if file is None:
-        return {}
+    return {} if file is None else read_toml(file)
+
+
+def read_toml(file: Path) -> dict[str, Any]:
+    """Reads a TOML file of settings."""
     try:
         return parse_toml(read_text(file, SETTINGS_BYTES))
     except OSError as error:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from eventsweep.emvs.utils.runtime import Progress as StepProgress
     from eventsweep.eval.scoring import run_folder
     from eventsweep.eval.scoring.pairing import Estimate
-    from eventsweep.eval.scoring.predictions import NamedFolder, Prediction, TargetView
+    from eventsweep.eval.scoring.predictions import NamedFolder
     from eventsweep.eval.scoring.results import Results
 
 _SILENT = Silent()
@@ -160,45 +159,35 @@ def score_folder(
     check_files(folder, names, force=True)
     with output_folder(folder, names, force=True):
         with run_folder.kept_predictions(folder, [entry.path for entry in given]) as kept:
-            results = _scored(maps, config, _Predictions(given, kept))
+            results = _scored(maps, config, given, kept)
         with files_together(folder, _RESULTS) as staged:
             write_results(staged, results)
     return results
 
 
-@dataclass(frozen=True)
-class _Predictions:
-    """Folders with depth maps of others, and where those are kept that were scored."""
+def _estimates(
+    case: str, sequence: run_folder.Scored, windows: Sequence[StoredWindow], config: EvalConfig,
+    folders: Sequence[NamedFolder], kept: Path,
+) -> Iterator[Mapping[str, Estimate]]:  # fmt: skip
+    """The depth maps of others for each window, by name; all are checked first, and kept."""
+    from eventsweep.eval.scoring.predictions import estimates_of, open_predictions
+    from eventsweep.eval.scoring.run_folder import keep, target_view
 
-    folders: tuple[NamedFolder, ...]
-    kept: Path
+    views = [target_view(sequence, window, config) for window in windows]
+    opened = open_predictions(folders, case, views)
 
-    def estimates(
-        self, case: str, windows: Sequence[StoredWindow], sequence: run_folder.Scored,
-        config: EvalConfig,
-    ) -> Iterator[Mapping[str, Estimate]] | None:  # fmt: skip
-        """For each window, by name; None without any: nothing is read to check them against."""
-        from eventsweep.eval.scoring.predictions import open_predictions
-        from eventsweep.eval.scoring.run_folder import target_view
-
-        if not self.folders:
-            return None
-        views = [target_view(sequence, window, config) for window in windows]
-        return self._read(case, views, open_predictions(self.folders, case, views))
-
-    def _read(
-        self, case: str, views: Sequence[TargetView], opened: Sequence[Prediction]
-    ) -> Iterator[Mapping[str, Estimate]]:
-        from eventsweep.eval.scoring.predictions import estimates_of
-        from eventsweep.eval.scoring.run_folder import keep
-
+    def read() -> Iterator[Mapping[str, Estimate]]:
         for view in views:
             estimates = estimates_of(opened, view)
-            keep(self.kept, case, view.t_us, estimates)
+            keep(kept, case, view.t_us, estimates)
             yield estimates
 
+    return read()
 
-def _scored(maps: Mapping[str, StoredMap], config: EvalConfig, others: _Predictions) -> Results:
+
+def _scored(
+    maps: Mapping[str, StoredMap], config: EvalConfig, folders: Sequence[NamedFolder], kept: Path
+) -> Results:
     from eventsweep.emvs.data.sequence import Sequence as EventSequence
     from eventsweep.eval.scoring import run_folder
     from eventsweep.eval.scoring.metric_versions import metric_versions
@@ -212,7 +201,9 @@ def _scored(maps: Mapping[str, StoredMap], config: EvalConfig, others: _Predicti
     for case, stored in maps.items():
         sequence = run_folder.sequence_of(stored)
         windows = run_folder.with_truth(stored, sequence, config)
-        estimates = others.estimates(case, windows, sequence, config)
+        # Without predictions nothing is read to check them against.
+        others = (case, sequence, windows, config, folders, kept)
+        estimates = _estimates(*others) if folders else None
         tables += [
             score_windows(case, sequence, windows, config, estimates, REFERENCE),
             rig_rows(case, sequence, [window.info for window in windows]),

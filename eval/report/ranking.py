@@ -11,6 +11,7 @@ from typing import Any
 import pandas as pd
 
 from eventsweep.eval.numbers import display_unit, displayed
+from eventsweep.eval.report.html import GridCell, Head
 from eventsweep.eval.scoring.direction import Direction, badness, best
 from eventsweep.eval.scoring.method_scores import ALL_METRICS, BAD_POINTS, CAUSE_PREFIX
 from eventsweep.eval.scoring.outlier_causes import CAUSES
@@ -61,15 +62,6 @@ class Column:
 
 
 @dataclass(frozen=True, slots=True)
-class RankingCell:
-    """One value of a table: as read, as sorted, and whether no other is better."""
-
-    text: str
-    value: float
-    best: bool
-
-
-@dataclass(frozen=True, slots=True)
 class RankingLine:
     """One method of a table; `rank` counts the methods that use more than a single camera.
 
@@ -78,7 +70,7 @@ class RankingLine:
 
     method: str
     rank: int | None
-    cells: tuple[RankingCell, ...]
+    cells: tuple[GridCell, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +79,10 @@ class RankingTable:
 
     columns: tuple[Column, ...]
     lines: tuple[RankingLine, ...]
+
+    def heads(self) -> list[Head]:
+        """The columns' headings on a page."""
+        return [Head(one.title, one.unit, one.direction, arrow=True) for one in self.columns]
 
 
 def column(name: str) -> Column:
@@ -167,10 +163,11 @@ def table(rows: pd.DataFrame, metric: str, names: Sequence[str] = RANKING_COLUMN
     return RankingTable(tuple(column(name) for name in present), tuple(lines))
 
 
-def _cell(row: Any, best: float) -> RankingCell:
+def _cell(row: Any, top: float) -> GridCell:
     if row is None:
-        return RankingCell("–", math.nan, False)
-    return RankingCell(displayed(row.value, row.unit), row.value, row.value == best)
+        return GridCell("–")
+    text = displayed(row.value, row.unit)
+    return GridCell(text, row.value, "best" if row.value == top else "")
 
 
 def mean_over_cases(rows: pd.DataFrame, label: str) -> pd.DataFrame:

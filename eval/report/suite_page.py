@@ -136,12 +136,8 @@ def _section(position: int, case: str, found: Sequence[Series], metric: str) -> 
 
 
 def _grid(ranking: RankingTable, spreads: Mapping[tuple[str, str], str], about: str) -> Grid:
-    heads = (Head("method", text=True), Head("rank"), *_heads(ranking))
+    heads = (Head("method", text=True), Head("rank"), *ranking.heads())
     return Grid(heads, tuple(_line(line, ranking, spreads) for line in ranking.lines), about)
-
-
-def _heads(ranking: RankingTable) -> list[Head]:
-    return [Head(one.title, one.unit, one.direction, arrow=True) for one in ranking.columns]
 
 
 def _line(
@@ -152,5 +148,5 @@ def _line(
     for head, cell in zip(ranking.columns, line.cells, strict=True):
         spread = spreads.get((line.method, head.name), "–")
         text = cell.text if spread == "–" else f"{cell.text} ± {spread}"
-        cells.append(GridCell(text, cell.value, "best" if cell.best else ""))
+        cells.append(replace(cell, text=text))
     return tuple(cells)

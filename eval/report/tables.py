@@ -7,7 +7,6 @@ import io
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -22,6 +21,7 @@ from eventsweep.eval.figures.plots import (
     outlier_causes,
     slice_figure,
 )
+from eventsweep.eval.report.html import Grid, GridCell, Head
 from eventsweep.eval.report.ranking import RankingTable, column, mean_over_cases, table
 from eventsweep.eval.report.run_data import CaseData, RunData, load_run
 from eventsweep.eval.report.run_page import curves_of, with_predictions
@@ -42,35 +42,10 @@ TABLES_FOLDER, FIGURES_FOLDER = "tables", "figures"
 _FILE_STYLE = {**STYLE, "savefig.facecolor": "white", "pdf.fonttype": 42}
 
 
-@dataclass(frozen=True, slots=True)
-class TextCell:
-    """A cell: as read, as a program wants it, and whether it stands out."""
-
-    text: str
-    value: float | str
-    bold: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class TextTable:
-    """A table that is only text: its first column names, the others are numbers."""
-
-    caption: str
-    columns: tuple[str, ...]
-    lines: tuple[tuple[TextCell, ...], ...]
-
-
-def ranking_table(ranking: RankingTable, caption: str) -> TextTable:
-    """A ranking as text: units and directions in the headings, the best bold."""
-    heads = ("method", *(_heading(c.title, c.unit, c.direction) for c in ranking.columns))
-    lines = []
-    for line in ranking.lines:
-        cells = (
-            TextCell(cell.text, in_unit(cell.value, head.unit), cell.best)
-            for cell, head in zip(line.cells, ranking.columns, strict=True)
-        )
-        lines.append((TextCell(line.method, line.method), *cells))
-    return TextTable(caption, heads, tuple(lines))
+def ranking_table(ranking: RankingTable, caption: str) -> Grid:
+    """A ranking as a table of a file: units and directions in the headings, the best bold."""
+    lines = ((GridCell(line.method), *line.cells) for line in ranking.lines)
+    return Grid((Head("method", text=True), *ranking.heads()), tuple(lines), caption)
 
 
 def in_unit(value: float, unit: str) -> float:
@@ -78,11 +53,15 @@ def in_unit(value: float, unit: str) -> float:
     return float(f"{100 * value:.9g}") if unit == "cm" else value
 
 
-def _heading(title: str, unit: str, direction: str) -> str:
-    return " ".join(part for part in (title, f"[{unit}]", _ARROWS.get(direction, "")) if part)
+def _headings(table: Grid) -> list[str]:
+    parts = (
+        (head.title, head.unit and f"[{head.unit}]", head.arrow and _ARROWS.get(head.direction))
+        for head in table.heads
+    )
+    return [" ".join(part for part in head if part) for head in parts]
 
 
-def write_tables(folder: Path, tables: dict[str, TextTable]) -> list[Path]:
+def write_tables(folder: Path, tables: dict[str, Grid]) -> list[Path]:
     """Writes NAME.csv, NAME.tex and NAME.md of each table into a folder of an output."""
     writers = {"csv": as_csv, "tex": as_latex, "md": as_markdown}
     texts = {
@@ -101,42 +80,44 @@ def file_name(name: str) -> str:
     return re.sub(r"[^\w.-]+", "-", name).lstrip(".-") or "table"
 
 
-def as_csv(table: TextTable) -> str:
+def as_csv(table: Grid) -> str:
     """Nine digits or more, in the unit of the heading; undefined numbers are empty."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(table.columns)
+    writer.writerow(_headings(table))
     for line in table.lines:
-        writer.writerow("" if _is_undefined(cell.value) else cell.value for cell in line)
+        writer.writerow(map(_plain, line, table.heads))
     return stream.getvalue()
 
 
-def _is_undefined(cell: float | str) -> bool:
-    return isinstance(cell, float) and not math.isfinite(cell)
+def _plain(cell: GridCell, head: Head) -> float | str:
+    if head.text:
+        return cell.text
+    return in_unit(cell.value, head.unit) if math.isfinite(cell.value) else ""
 
 
-def as_markdown(table: TextTable) -> str:
+def as_markdown(table: Grid) -> str:
     """A table as GitHub and most other renderers read it."""
-    rule = ["---", *("--:" for _ in table.columns[1:])]
+    rule = ["---", *("--:" for _ in table.heads[1:])]
     lines = [[_md_cell(cell) for cell in line] for line in table.lines]
-    rows = [[_md(text) for text in table.columns], rule, *lines]
+    rows = [[_md(text) for text in _headings(table)], rule, *lines]
     return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
-def as_latex(table: TextTable) -> str:
+def as_latex(table: Grid) -> str:
     """A `table` environment that needs the package booktabs and nothing else."""
     body = [" & ".join(_tex_cell(cell) for cell in line) + r" \\" for line in table.lines]
     parts = [
-        r"\begin{table}", r"\centering", rf"\caption{{{_tex(table.caption)}}}",
-        rf"\begin{{tabular}}{{l{'r' * (len(table.columns) - 1)}}}", r"\toprule",
-        " & ".join(_tex(text) for text in table.columns) + r" \\", r"\midrule",
+        r"\begin{table}", r"\centering", rf"\caption{{{_tex(table.about)}}}",
+        rf"\begin{{tabular}}{{l{'r' * (len(table.heads) - 1)}}}", r"\toprule",
+        " & ".join(map(_tex, _headings(table))) + r" \\", r"\midrule",
         *body, r"\bottomrule", r"\end{tabular}", r"\end{table}",
     ]  # fmt: skip
     return "\n".join(parts) + "\n"
 
 
-def _md_cell(cell: TextCell) -> str:
-    return f"**{_md(cell.text)}**" if cell.bold else _md(cell.text)
+def _md_cell(cell: GridCell) -> str:
+    return f"**{_md(cell.text)}**" if cell.kind == "best" else _md(cell.text)
 
 
 def _md(text: str) -> str:
@@ -145,8 +126,8 @@ def _md(text: str) -> str:
     return escaped.replace("<", "&lt;")
 
 
-def _tex_cell(cell: TextCell) -> str:
-    return rf"\textbf{{{_tex(cell.text)}}}" if cell.bold else _tex(cell.text)
+def _tex_cell(cell: GridCell) -> str:
+    return rf"\textbf{{{_tex(cell.text)}}}" if cell.kind == "best" else _tex(cell.text)
 
 
 def _tex(text: str) -> str:
@@ -158,7 +139,7 @@ def write_report_tables(run_dir: Path) -> list[Path]:
     return write_tables(run_dir / TABLES_FOLDER, report_tables(load_run(run_dir)))
 
 
-def report_tables(data: RunData) -> dict[str, TextTable]:
+def report_tables(data: RunData) -> dict[str, Grid]:
     """The page's rankings, by name; none where nothing was scored."""
     metric = data.ranking_metric
     by = f"ordered by {column(metric).title}"

@@ -26,8 +26,7 @@ from pydantic import (
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.parameters import explain
-from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
-from eventsweep.eval.config import Settings
+from eventsweep.eval.config import Settings, read_toml
 from eventsweep.eval.perturbations import amounts
 
 FOLDER = Path(__file__).parent / "definitions"
@@ -220,13 +219,9 @@ def _extent(subset: Subset) -> str:
 def read(path: Path) -> Suite:
     """Reads a suite's definition."""
     try:
-        return Suite.model_validate(parse_toml(read_text(path, SETTINGS_BYTES)))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); needs a TOML file") from error
+        return Suite.model_validate(read_toml(path))
     except ValidationError as error:
         raise InputError(explain(error, Settings, f"{path}: ")) from error
-    except ValueError as error:
-        raise InputError(f"{path}: not TOML: {error}") from error
 
 
 def _refuse_unknown(where: str, names: tuple[str, ...], known: Mapping[str, Any]) -> None:

@@ -58,12 +58,12 @@ def calibrate(
     names = tuple(name.strip() for name in refine.split(",") if name.strip())
     config = RefineConfig(names, windows, window_s, events, min_depth_m, max_depth_m, threads)
     console = common.console()
-    calibrated = calibrate_recording(
+    refinement, notes = calibrate_recording(
         open_recording(recording), recording, out, config, console.progress, force=force,
         command=" ".join(["eventsweep", *sys.argv[1:]]),
     )  # fmt: skip
-    console.result(facts_of(calibrated), _estimates(calibrated.refinement))
-    for note in calibrated.notes:
+    console.result(facts_of(refinement, notes), _estimates(refinement))
+    for note in notes:
         console.warn(note)
     console.wrote(out / "report.html")
 

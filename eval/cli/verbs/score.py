@@ -81,7 +81,7 @@ def _ranking(case: str, rows: pd.DataFrame, metric: str) -> Table:
         f">{column.title} {_ARROWS[column.direction]}\n{column.unit}" for column in content.columns
     ]
     lines: list[list[str | Text]] = [
-        [line.method, *(Text(cell.text, "bold" if cell.best else "") for cell in line.cells)]
+        [line.method, *(Text(cell.text, "bold" if cell.kind else "") for cell in line.cells)]
         for line in content.lines
     ]
     title = f"{case}, by {ranking.column(metric).title}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from eventsweep.eval.report.compare.results import ComparedResult, read_compared
 from eventsweep.eval.report.compare.settings import Setting, settings_of
 from eventsweep.eval.report.html import Grid, GridCell, Head, Kind, Section, plural, render
 from eventsweep.eval.report.ranking import RANKING_COLUMNS, column, definition
-from eventsweep.eval.report.tables import TABLES_FOLDER, TextCell, TextTable, in_unit, write_tables
+from eventsweep.eval.report.tables import TABLES_FOLDER, write_tables
 from eventsweep.eval.scoring.metrics import PRIMARY
 from eventsweep.eval.scoring.results import JSON_NAME
 from eventsweep.eval.suite.results import FILE_NAME
@@ -282,27 +282,19 @@ def _line(one: Difference, name: str) -> tuple[GridCell, ...]:
     )
 
 
-def comparison_tables(comparison: Comparison) -> dict[str, TextTable]:
+def comparison_tables(comparison: Comparison) -> dict[str, Grid]:
     """The settings that differ, and one table per case and metric."""
     settings = _settings_grid(comparison, comparison.differing)
-    tables = {"settings": _text_table("Settings that differ", settings)}
+    tables = {"settings": _for_file(settings, "Settings that differ")}
     names, cases = {column(name).title: name for name in RANKING_COLUMNS}, _cases(comparison)
     for section in sections_of(comparison):
         stem = section.title if section.title in cases else "mean-of-cases"
         for title, grid in zip(section.names, section.tables, strict=True):
-            caption = f"{section.title}: {title}"
-            tables[f"{stem}-{names[title]}"] = _text_table(caption, grid)
+            tables[f"{stem}-{names[title]}"] = _for_file(grid, f"{section.title}: {title}")
     return tables
 
 
-def _text_table(caption: str, grid: Grid) -> TextTable:
-    heads = tuple(f"{h.title} [{h.unit}]" if h.unit else h.title for h in grid.heads)
-    lines = tuple(
-        (TextCell(line[0].text, line[0].text), *map(_text_cell, line[1:], grid.heads[1:]))
-        for line in grid.lines
-    )
-    return TextTable(caption, heads, lines)
-
-
-def _text_cell(cell: GridCell, head: Head) -> TextCell:
-    return TextCell(cell.text, cell.text if head.text else in_unit(cell.value, head.unit))
+def _for_file(grid: Grid, caption: str) -> Grid:
+    """A table as a file has it: without arrows, under a caption."""
+    heads = tuple(replace(head, arrow=False) for head in grid.heads)
+    return Grid((replace(heads[0], text=True), *heads[1:]), grid.lines, caption)

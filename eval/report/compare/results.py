@@ -143,14 +143,11 @@ def of_run(results: Results, name: str, folder: Path) -> ComparedResult:
         own = results.configuration.get(case)
         settings = {**shared, **(own if isinstance(own, dict) else {})}
         settings |= {"renderer": manifest.renderer} if manifest else {}
-        cases[case, results.seed] = _case(
-            rows,
-            sequence,
-            manifest.files[_TRUTH].sha256 if manifest and _TRUTH in manifest.files else "",
-            results.metrics,
-            settings,
-            _times(info) if info else {},
-            manifest.files[_EVENTS].sha256 if manifest and _EVENTS in manifest.files else "",
+        files = manifest.files if manifest else {}
+        events, truth = (files[name].sha256 if name in files else "" for name in (_EVENTS, _TRUTH))
+        times = _times(info) if info else {}
+        cases[case, results.seed] = CaseResult(
+            *_numbers(rows), sequence, events, truth, results.metrics, settings, times
         )
     versions = _with_stages(results.versions, made)
     return ComparedResult(name, folder, False, cases, versions, results.platform)
@@ -181,29 +178,22 @@ def of_suite(result: SuiteResult, name: str, folder: Path) -> ComparedResult:
 def _of_sample(result: SuiteResult, sample: Sample) -> CaseResult:
     facts, spec = sample.facts, result.definition["cases"][sample.case]
     rows = result.rows[result.rows["case"] == sample.case]
-    return _case(
-        rows[rows["seed"] == sample.seed], facts.sequence, facts.truth, facts.metrics,
-        _suite_settings(result.definition, spec, sample), _suite_times(spec),
-    )  # fmt: skip
+    settings, times = _suite_settings(result.definition, spec, sample), _suite_times(spec)
+    numbers = _numbers(rows[rows["seed"] == sample.seed])
+    return CaseResult(*numbers, facts.sequence, "", facts.truth, facts.metrics, settings, times)
 
 
-def _case(
+def _numbers(
     rows: pd.DataFrame,
-    sequence: str,
-    truth: str,
-    metrics: Mapping[str, str],
-    settings: Mapping[str, Any],
-    times: Mapping[str, WindowTime],
-    events: str = "",
-) -> CaseResult:
+) -> tuple[dict[Number, dict[str, float]], dict[Number, tuple[str, Direction]]]:
+    """Per number its values by window, and its unit and direction."""
     found: dict[Number, dict[str, float]] = {}
     units: dict[Number, tuple[str, Direction]] = {}
     for row in each(rows):
         number = Number(row.method, row.metric)
         found.setdefault(number, {})[row.window] = row.value
         units[number] = row.unit, row.direction
-    values = {number: _by_window(windows) for number, windows in found.items()}
-    return CaseResult(values, units, sequence, events, truth, metrics, settings, times)
+    return {number: _by_window(windows) for number, windows in found.items()}, units
 
 
 def _by_window(values: Mapping[str, float]) -> dict[str, float]:

@@ -208,7 +208,7 @@ def test_undefined_is_last_and_never_best():
     tabled = of_methods(values)
     got = table(tabled, "mean_error")
     assert [line.method for line in got.lines] == ["Alg1/A", "Alg1/H", "Alg1/min"]
-    assert [line.cells[0].best for line in got.lines] == [True, False, False]
+    assert [line.cells[0].kind for line in got.lines] == ["best", "", ""]
     assert got.lines[2].cells[0].text == "–"
 
 
@@ -217,7 +217,7 @@ def test_the_best_of_each_column_follows_its_direction(rows):
     for position, column in enumerate(got.columns):
         values = [line.cells[position].value for line in got.lines]
         best = max(values) if column.direction == "higher" else min(values)
-        marked = [line.cells[position].value for line in got.lines if line.cells[position].best]
+        marked = [line.cells[position].value for line in got.lines if line.cells[position].kind]
         assert set(marked) == {best}, column.name
 
 

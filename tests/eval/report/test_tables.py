@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 import re
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from eventsweep.eval.report.html import Grid, GridCell, Head
 from eventsweep.eval.report.tables import (
-    TextCell,
-    TextTable,
     as_csv,
     as_latex,
     as_markdown,
@@ -28,7 +26,8 @@ names = st.text(st.characters(exclude_categories=["Cs", "Cc", "Zl", "Zp"]), min_
 
 
 def _table(name):
-    return TextTable("c", ("method", name), ((TextCell(name, name), TextCell("1.0", 1.0, True)),))
+    cells = GridCell(name), GridCell("1.0", 1.0, "best")
+    return Grid((Head("method", text=True), Head(name)), (cells,), "c")
 
 
 @given(names)
@@ -55,7 +54,8 @@ def test_latex_has_as_many_cells_as_columns_and_no_open_command(name):
 
 
 def test_latex_by_hand():
-    table = TextTable("a & b", ("x_1", "e [%] ↓"), ((TextCell("H", "H"), TextCell("–", math.nan)),))
+    heads = Head("x_1", text=True), Head("e", "%", arrow=True)
+    table = Grid(heads, ((GridCell("H"), GridCell("–")),), "a & b")
     assert as_latex(table) == (
         "\\begin{table}\n\\centering\n\\caption{a \\& b}\n\\begin{tabular}{lr}\n\\toprule\n"
         "x\\_1 & e [\\%] $\\downarrow$ \\\\\n\\midrule\nH & -- \\\\\n\\bottomrule\n"
@@ -64,7 +64,7 @@ def test_latex_by_hand():
 
 
 def test_an_undefined_number_is_an_empty_cell():
-    table = TextTable("", ("m", "v"), ((TextCell("a", "a"), TextCell("–", math.nan)),))
+    table = Grid((Head("m", text=True), Head("v")), ((GridCell("a"), GridCell("–")),))
     assert as_csv(table) == "m,v\na,\n"
 
 
