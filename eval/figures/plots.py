@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,17 +49,17 @@ _COLOURS = (
 _BAR_INCHES = 0.27
 
 
-def curves_svg(curves: Sequence[tuple[str, ThresholdCurve]], prefix: str) -> str:
+def svg(draw: Callable[..., Figure], *content: Any) -> str:
+    """What `draw` makes of its content within `STYLE`, as SVG to put into a page."""
+    with mpl.rc_context(STYLE):
+        return svg_of(draw(*content))
+
+
+def curves_figure(curves: Sequence[tuple[str, ThresholdCurve]], prefix: str) -> Figure:
     """Precision, recall and F1 of several methods against the tolerated error.
 
     Lines have the ids `{prefix}-{share}-curve-{position}`.
     """
-    with mpl.rc_context(STYLE):
-        return svg_of(curves_figure(curves, prefix))
-
-
-def curves_figure(curves: Sequence[tuple[str, ThresholdCurve]], prefix: str) -> Figure:
-    """The same as a figure; made within a context of `STYLE`."""
     figure = Figure(figsize=(10.5, 3.3), layout="constrained")
     panels = figure.subplots(1, 3)
     for axes, name in zip(panels, ("precision", "recall", "f1"), strict=True):
@@ -116,14 +116,8 @@ class DsiSlice:
     truth_m: NDArray[np.floating] | None = None
 
 
-def slice_svg(dsi_slice: DsiSlice) -> str:
-    """Seen from above, the camera below: ray density, extracted depth and true depth of one row."""
-    with mpl.rc_context(STYLE):
-        return svg_of(slice_figure(dsi_slice))
-
-
 def slice_figure(dsi_slice: DsiSlice) -> Figure:
-    """The same as a figure; made within a context of `STYLE`."""
+    """Seen from above, the camera below: ray density, extracted depth and true depth of one row."""
     figure = Figure(figsize=(10.5, 3.6), layout="constrained")
     axes = figure.subplots()
     _draw_votes(axes, dsi_slice)
@@ -219,7 +213,7 @@ def outlier_causes(
 
 
 def causes_figure(shares: Mapping[str, tuple[float, dict[str, float]]]) -> Figure:
-    """Draws what `outlier_causes` found as stacked bars; made within a context of `STYLE`."""
+    """Draws what `outlier_causes` found as stacked bars."""
     figure = Figure(figsize=(10.5, 1.1 + _BAR_INCHES * len(shares)), layout="constrained")
     axes = figure.subplots()
     for cause, colour in zip(CAUSES, _COLOURS, strict=True):
@@ -239,12 +233,6 @@ def causes_figure(shares: Mapping[str, tuple[float, dict[str, float]]]) -> Figur
     axes.tick_params(axis="y", length=0)
     figure.legend(loc="outside right center", handlelength=1.2)
     return figure
-
-
-def causes_svg(shares: Mapping[str, tuple[float, dict[str, float]]]) -> str:
-    """The bars as SVG that takes the colour of the text around it."""
-    with mpl.rc_context(STYLE):
-        return svg_of(causes_figure(shares))
 
 
 def _comes_before(name: str, cause: str) -> bool:

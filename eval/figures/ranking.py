@@ -5,58 +5,53 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eventsweep.eval.figures.colormaps import line_style
-from eventsweep.eval.figures.plots import STYLE, svg_of
 
 _SIZE = (10.5, 4.6)
 _MARKER = 5.5
 
 
-def coverage_svg(curves: Mapping[str, Sequence[tuple[float, float]]]) -> str:
+def coverage_figure(curves: Mapping[str, Sequence[tuple[float, float]]]) -> Figure:
     """Relative error over coverage in %, both logarithmic; a method's last point has all pixels."""
-    with mpl.rc_context(STYLE):
-        figure, axes = _axes()
-        for method, curve in curves.items():
-            _line(axes, method, [x for x, _ in curve], [y for _, y in curve])
-        axes.set(xscale="log", yscale="log")
-        axes.set_xlabel("coverage: share of the true pixels, the surest first [%]")
-        axes.set_ylabel("error, of the middle method's")
-        return _finished(figure, axes)
+    figure, axes = _axes()
+    for method, curve in curves.items():
+        _line(axes, method, [x for x, _ in curve], [y for _, y in curve])
+    axes.set(xscale="log", yscale="log")
+    axes.set_xlabel("coverage: share of the true pixels, the surest first [%]")
+    axes.set_ylabel("error, of the middle method's")
+    return _finished(figure, axes)
 
 
-def cost_svg(points: Mapping[str, tuple[float, float, bool]]) -> str:
+def cost_figure(points: Mapping[str, tuple[float, float, bool]]) -> Figure:
     """Relative error in % against time for a window in s, both logarithmic.
 
     A point says last whether its time is only stated.
     """
-    with mpl.rc_context(STYLE):
-        figure, axes = _axes()
-        for method, (seconds, error, is_stated) in points.items():
-            style = line_style(method)
-            axes.plot(
-                [seconds], [error], style.marker or "o", color=style.colour, label=method,
-                ms=_MARKER + 2, mfc="none" if is_stated else style.colour, mew=1.4, linestyle="",
-            )  # fmt: skip
-        axes.set(xscale="log", yscale="log")
-        axes.set_xlabel("time for a window [s]; hollow: stated by its submitter, not measured here")
-        axes.set_ylabel("relative error [%]")
-        return _finished(figure, axes)
+    figure, axes = _axes()
+    for method, (seconds, error, is_stated) in points.items():
+        style = line_style(method)
+        axes.plot(
+            [seconds], [error], style.marker or "o", color=style.colour, label=method,
+            ms=_MARKER + 2, mfc="none" if is_stated else style.colour, mew=1.4, linestyle="",
+        )  # fmt: skip
+    axes.set(xscale="log", yscale="log")
+    axes.set_xlabel("time for a window [s]; hollow: stated by its submitter, not measured here")
+    axes.set_ylabel("relative error [%]")
+    return _finished(figure, axes)
 
 
-def history_svg(labels: Sequence[str], lines: Mapping[str, Sequence[float]]) -> str:
+def history_figure(labels: Sequence[str], lines: Mapping[str, Sequence[float]]) -> Figure:
     """Relative error of each method over versions, logarithmic."""
-    with mpl.rc_context(STYLE):
-        figure, axes = _axes()
-        for method, line in lines.items():
-            _line(axes, method, range(len(labels)), line)
-        axes.set_yscale("log")
-        axes.set_xticks(range(len(labels)), labels)
-        axes.set_ylabel("relative error [%]")
-        return _finished(figure, axes)
+    figure, axes = _axes()
+    for method, line in lines.items():
+        _line(axes, method, range(len(labels)), line)
+    axes.set_yscale("log")
+    axes.set_xticks(range(len(labels)), labels)
+    axes.set_ylabel("relative error [%]")
+    return _finished(figure, axes)
 
 
 def _axes() -> tuple[Figure, Axes]:
@@ -72,7 +67,7 @@ def _line(axes: Axes, method: str, x: Sequence[float], y: Sequence[float]) -> No
     )  # fmt: skip
 
 
-def _finished(figure: Figure, axes: Axes) -> str:
+def _finished(figure: Figure, axes: Axes) -> Figure:
     for axis in (axes.xaxis, axes.yaxis):
         if axis.get_scale() == "log":
             axis.set_major_formatter(lambda value, _: f"{value:g}")
@@ -80,7 +75,7 @@ def _finished(figure: Figure, axes: Axes) -> str:
     axes.grid(which="both", linewidth=0.4, alpha=0.35)
     axes.set_axisbelow(True)
     figure.legend(loc="outside right center", handlelength=3.2, fontsize=8)
-    return svg_of(figure)
+    return figure
 
 
 def _minor(value: float) -> str:

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 from markupsafe import Markup
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -15,7 +14,7 @@ from eventsweep.emvs.depth.precision import Precision
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.figures.colormaps import INK, line_style
-from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, STYLE, svg_of
+from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, svg
 from eventsweep.eval.learning.config import History
 from eventsweep.eval.learning.train import Trained
 from eventsweep.eval.report.html import REPORT_NAME, Grid, GridCell, Head, files_in, render
@@ -36,8 +35,9 @@ def page_text(folder: Path, trained: Trained) -> str:
     libraries = versions()
     return render(
         "training.html.j2", "tables",
-        sentences=_sentences(trained), loss=_loss(trained.history), errors=_errors(trained),
-        worth=_worth(trained.manifest["precision"]) if trained.task.methods else "",
+        sentences=_sentences(trained), loss=Markup(svg(_loss, trained.history)),
+        errors=Markup(svg(_errors, trained)),
+        worth=Markup(svg(_worth, trained.manifest["precision"])) if trained.task.methods else "",
         expects=bool(trained.task.methods), sequences=_sequences(trained.manifest),
         provenance=_facts(trained.manifest), version=libraries["eventsweep"],
         files=files_in(folder, (trained.weights.name, trained.weights.with_suffix(".json").name)),
@@ -67,57 +67,54 @@ def _shares(trained: Trained, of: str) -> str:
     return f"{100 * own:.1f} % (by {compared} {100 * other:.1f} %)"
 
 
-def _loss(history: History) -> Markup:
-    with mpl.rc_context(STYLE):
-        figure = Figure(_SIZE_INCHES, layout="constrained")
-        axes = figure.add_subplot()
-        epochs = range(1, len(history) + 1)
-        axes.plot(epochs, [one["loss"] for one in history], color=ESTIMATE_COLOUR, marker="o")
-        axes.set_xlabel("epoch")
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axes.set_ylabel("training loss")
-        return Markup(svg_of(figure))
+def _loss(history: History) -> Figure:
+    figure = Figure(_SIZE_INCHES, layout="constrained")
+    axes = figure.add_subplot()
+    epochs = range(1, len(history) + 1)
+    axes.plot(epochs, [one["loss"] for one in history], color=ESTIMATE_COLOUR, marker="o")
+    axes.set_xlabel("epoch")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_ylabel("training loss")
+    return figure
 
 
-def _errors(trained: Trained) -> Markup:
+def _errors(trained: Trained) -> Figure:
     """Shares of pixels that are more than a pixel off: all, and the most reliable third."""
     history, compared = trained.history, trained.task.compared
-    with mpl.rc_context(STYLE):
-        figure = Figure(_SIZE_INCHES, layout="constrained")
-        axes = figure.add_subplot()
-        epochs = range(1, len(history) + 1)
-        for of, dash in (("all", "solid"), ("reliable", (0, (3, 2)))):
-            for prefix, colour in (("", ESTIMATE_COLOUR), (f"{compared}_", INK)):
-                key = f"{prefix}{of}_beyond_1px"
-                if key not in history[0]:
-                    continue
-                share = [100 * one[key] for one in history]
-                label = f"{f'by {compared}' if prefix else 'network'}, {of}"
-                axes.plot(epochs, share, color=colour, linestyle=dash, label=label)
-        axes.set_xlabel("epoch")
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axes.set_ylabel("beyond 1 px of disparity [%]")
-        axes.set_ylim(0)
-        axes.legend()
-        return Markup(svg_of(figure))
+    figure = Figure(_SIZE_INCHES, layout="constrained")
+    axes = figure.add_subplot()
+    epochs = range(1, len(history) + 1)
+    for of, dash in (("all", "solid"), ("reliable", (0, (3, 2)))):
+        for prefix, colour in (("", ESTIMATE_COLOUR), (f"{compared}_", INK)):
+            key = f"{prefix}{of}_beyond_1px"
+            if key not in history[0]:
+                continue
+            share = [100 * one[key] for one in history]
+            label = f"{f'by {compared}' if prefix else 'network'}, {of}"
+            axes.plot(epochs, share, color=colour, linestyle=dash, label=label)
+    axes.set_xlabel("epoch")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_ylabel("beyond 1 px of disparity [%]")
+    axes.set_ylim(0)
+    axes.legend()
+    return figure
 
 
-def _worth(tables: Mapping[str, Any]) -> Markup:
+def _worth(tables: Mapping[str, Any]) -> Figure:
     """Precision over the stated error, of every method that is calibrated."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(_SIZE_INCHES, layout="constrained")
-        axes = figure.add_subplot()
-        for name, table in tables.items():
-            known, style = Precision.from_json(table), line_style(name)
-            axes.plot(
-                known.error_px, 100 * known.precision, color=style.colour, linestyle=style.dash,
-                label=name,
-            )  # fmt: skip
-        axes.set_xscale("log")
-        axes.set_xlabel("stated error of the least reliable point [px of disparity]")
-        axes.set_ylabel("points within 1 px [%]")
-        axes.legend()
-        return Markup(svg_of(figure))
+    figure = Figure(_SIZE_INCHES, layout="constrained")
+    axes = figure.add_subplot()
+    for name, table in tables.items():
+        known, style = Precision.from_json(table), line_style(name)
+        axes.plot(
+            known.error_px, 100 * known.precision, color=style.colour, linestyle=style.dash,
+            label=name,
+        )  # fmt: skip
+    axes.set_xscale("log")
+    axes.set_xlabel("stated error of the least reliable point [px of disparity]")
+    axes.set_ylabel("points within 1 px [%]")
+    axes.legend()
+    return figure
 
 
 def _sequences(manifest: Mapping[str, Any]) -> Grid:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
@@ -20,11 +19,10 @@ from eventsweep.eval.figures.colormaps import depth_scale
 from eventsweep.eval.figures.images import depth_image, point_size_px
 from eventsweep.eval.figures.plots import (
     ESTIMATE_COLOUR,
-    STYLE,
     TRUTH_COLOUR,
     DsiSlice,
-    slice_svg,
-    svg_of,
+    slice_figure,
+    svg,
 )
 from eventsweep.eval.report.html import (
     Grid,
@@ -58,8 +56,8 @@ def page_text(
         title=f"calibration of {recording.name}", sentences=sentences(refinement, sides),
         estimates=estimates_grid(refinement.estimates), notes=notes, scale=scale,
         sides=[_shown(side, scale) for side in sides],
-        curves=Markup(_curves_svg(refinement)) if refinement.curves else "",
-        residuals=Markup(_residuals_svg(sides)) if len(sides[0].residuals_px) else "",
+        curves=Markup(svg(_curves, refinement)) if refinement.curves else "",
+        residuals=Markup(svg(_residuals, sides)) if len(sides[0].residuals_px) else "",
         windows=windows_grid(refinement),
         provenance=Grid((Head("command", text=True),), ((GridCell(command or "Python"),),)),
         versions=versions_grid(["this page"], [libraries]), version=libraries["eventsweep"],
@@ -144,24 +142,23 @@ def _shown(side: MappedWith, scale: Any) -> dict[str, Any]:
         "name": side.name,
         "points": f"{int(depth.mask.sum()):,} points, {side.method}",
         "depth": depth_image(depth.depth_m, depth.mask, scale, point_px).data_uri(),
-        "slice": Markup(slice_svg(cut)),
+        "slice": Markup(svg(slice_figure, cut)),
     }
 
 
-def _curves_svg(refinement: Refinement) -> str:
+def _curves(refinement: Refinement) -> Figure:
     """Sharpness over each refined parameter: the top is the result, 0 the given value."""
-    with mpl.rc_context(STYLE):
-        names = list(refinement.curves)
-        columns = min(4, len(names))
-        rows = -(-len(names) // columns)
-        figure = Figure(figsize=(10.5, 0.4 + 2.1 * rows), layout="constrained")
-        panels = figure.subplots(rows, columns, squeeze=False).ravel()
-        by_name = {estimate.parameter.name: estimate for estimate in refinement.estimates}
-        for axes, name in zip(panels, names, strict=False):
-            _draw_curve(axes, by_name[name], *refinement.curves[name])
-        for axes in panels[len(names) :]:
-            axes.set_axis_off()
-        return svg_of(figure)
+    names = list(refinement.curves)
+    columns = min(4, len(names))
+    rows = -(-len(names) // columns)
+    figure = Figure(figsize=(10.5, 0.4 + 2.1 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    by_name = {estimate.parameter.name: estimate for estimate in refinement.estimates}
+    for axes, name in zip(panels, names, strict=False):
+        _draw_curve(axes, by_name[name], *refinement.curves[name])
+    for axes in panels[len(names) :]:
+        axes.set_axis_off()
+    return figure
 
 
 def _draw_curve(axes: Any, estimate: Estimate, at: Any, relative: Any) -> None:
@@ -176,17 +173,16 @@ def _draw_curve(axes: Any, estimate: Estimate, at: Any, relative: Any) -> None:
     axes.grid(linewidth=0.4, alpha=0.35)
 
 
-def _residuals_svg(sides: Sequence[MappedWith]) -> str:
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(10.5, 2.4), layout="constrained")
-        axes = figure.subplots()
-        bins = np.linspace(-_ROWS_PX, _ROWS_PX, 51).tolist()
-        for side, colour in zip(sides, ("#888888", ESTIMATE_COLOUR), strict=True):
-            share = 100 * np.ones(len(side.residuals_px)) / max(1, len(side.residuals_px))
-            axes.hist(side.residuals_px, bins, weights=share, histtype="stepfilled", alpha=0.55,
-                      color=colour, label=side.name)  # fmt: skip
-        axes.set_xlabel("rows between a patch of camera 0 and its match in camera 1 [px]")
-        axes.set_ylabel("share of patches [%]")
-        axes.grid(linewidth=0.4, alpha=0.35)
-        figure.legend(loc="outside upper right", ncols=2)
-        return svg_of(figure)
+def _residuals(sides: Sequence[MappedWith]) -> Figure:
+    figure = Figure(figsize=(10.5, 2.4), layout="constrained")
+    axes = figure.subplots()
+    bins = np.linspace(-_ROWS_PX, _ROWS_PX, 51).tolist()
+    for side, colour in zip(sides, ("#888888", ESTIMATE_COLOUR), strict=True):
+        share = 100 * np.ones(len(side.residuals_px)) / max(1, len(side.residuals_px))
+        axes.hist(side.residuals_px, bins, weights=share, histtype="stepfilled", alpha=0.55,
+                  color=colour, label=side.name)  # fmt: skip
+    axes.set_xlabel("rows between a patch of camera 0 and its match in camera 1 [px]")
+    axes.set_ylabel("share of patches [%]")
+    axes.grid(linewidth=0.4, alpha=0.35)
+    figure.legend(loc="outside upper right", ncols=2)
+    return figure

@@ -15,7 +15,7 @@ from PIL import Image
 
 from eventsweep.emvs.check.findings import VERDICTS, Finding, Report, Series
 from eventsweep.emvs.utils.runtime import versions
-from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, STYLE, svg_of
+from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, svg
 from eventsweep.eval.report.html import REPORT_NAME, files_in, plural, render, versions_grid
 
 JSON_NAME = "check.json"
@@ -62,25 +62,26 @@ def _figure(finding: Finding, position: int) -> Markup:
     series = finding.series
     if series is None or not series.y.size:
         return Markup("")
-    return _image(series, finding) if series.y.ndim == 2 else _curve(series, finding, position)
+    if series.y.ndim == 2:
+        return _image(series, finding)
+    return Markup(svg(_curve, series, finding, position))
 
 
-def _curve(series: Series, finding: Finding, position: int) -> Markup:
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=_SIZE_INCHES, layout="constrained")
-        axes = figure.subplots()
-        (line,) = axes.plot(series.x, series.y, color=ESTIMATE_COLOUR, linewidth=1.2, marker=".",
-                            markersize=3 if len(series.y) < 100 else 0)  # fmt: skip
-        line.set_gid(f"check-{position}-{finding.name}")
-        top = float(np.nanmax(np.abs(series.y), initial=0.0))
-        for limit in series.limits:
-            # A limit far beyond all values would press them into a line.
-            if abs(limit) <= 3 * top:
-                axes.axhline(limit, linewidth=0.8, linestyle=(0, (4, 2)), color="#777777")
-        axes.set_xlabel(series.x_label)
-        axes.set_ylabel(series.y_label)
-        axes.grid(linewidth=0.4, alpha=0.35)
-        return Markup(svg_of(figure))
+def _curve(series: Series, finding: Finding, position: int) -> Figure:
+    figure = Figure(figsize=_SIZE_INCHES, layout="constrained")
+    axes = figure.subplots()
+    (line,) = axes.plot(series.x, series.y, color=ESTIMATE_COLOUR, linewidth=1.2, marker=".",
+                        markersize=3 if len(series.y) < 100 else 0)  # fmt: skip
+    line.set_gid(f"check-{position}-{finding.name}")
+    top = float(np.nanmax(np.abs(series.y), initial=0.0))
+    for limit in series.limits:
+        # A limit far beyond all values would press them into a line.
+        if abs(limit) <= 3 * top:
+            axes.axhline(limit, linewidth=0.8, linestyle=(0, (4, 2)), color="#777777")
+    axes.set_xlabel(series.x_label)
+    axes.set_ylabel(series.y_label)
+    axes.grid(linewidth=0.4, alpha=0.35)
+    return figure
 
 
 def _image(series: Series, finding: Finding) -> Markup:

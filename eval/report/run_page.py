@@ -38,7 +38,13 @@ from eventsweep.eval.figures.images import (
     photo_image,
     point_size_px,
 )
-from eventsweep.eval.figures.plots import causes_svg, curves_svg, outlier_causes, slice_svg
+from eventsweep.eval.figures.plots import (
+    causes_figure,
+    curves_figure,
+    outlier_causes,
+    slice_figure,
+    svg,
+)
 from eventsweep.eval.numbers import displayed, thousands
 from eventsweep.eval.report.html import REPORT_NAME, files_in, inline, plural, render
 from eventsweep.eval.report.overview import overview_png
@@ -147,7 +153,7 @@ def _method_context(
         "error": error_uri(method, window.truth, scales["error_scale"]),
         "expected": _expected_uri(method, scales["error_scale"], point_px),
         "within": _within_band(method, window),
-        "slice_svg": Markup(slice_svg(method.dsi_slice)) if method.dsi_slice else "",
+        "slice_svg": Markup(svg(slice_figure, method.dsi_slice)) if method.dsi_slice else "",
     }
 
 
@@ -304,7 +310,7 @@ def with_predictions(mapped: Sequence[str], rows: pd.DataFrame) -> list[str]:
 
 def _curves(rows: pd.DataFrame, methods: Sequence[str], prefix: str) -> Markup | None:
     drawn = curves_of(rows, methods)
-    return Markup(curves_svg(drawn, prefix)) if drawn else None
+    return Markup(svg(curves_figure, drawn, prefix)) if drawn else None
 
 
 def curves_of(rows: pd.DataFrame, methods: Sequence[str]) -> list[tuple[str, ThresholdCurve]]:
@@ -317,7 +323,7 @@ def curves_of(rows: pd.DataFrame, methods: Sequence[str]) -> list[tuple[str, Thr
 
 def _causes(rows: pd.DataFrame, methods: Sequence[str]) -> Markup | None:
     shares = outlier_causes(rows, methods)
-    return Markup(causes_svg(shares)) if shares else None
+    return Markup(svg(causes_figure, shares)) if shares else None
 
 
 def _curve_of(values: dict[tuple[str, str], float], method: str) -> ThresholdCurve:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from eventsweep.emvs.methods import named
 from eventsweep.emvs.methods.method import Method
 from eventsweep.eval.figures.colormaps import line_style
-from eventsweep.eval.figures.plots import causes_svg
-from eventsweep.eval.figures.ranking import cost_svg, coverage_svg, history_svg
+from eventsweep.eval.figures.plots import causes_figure, svg
+from eventsweep.eval.figures.ranking import cost_figure, coverage_figure, history_figure
 from eventsweep.eval.numbers import displayed
 from eventsweep.eval.ranking import summary
 from eventsweep.eval.ranking.entries import COVERAGES, Merged, RankingEntry, finite_mean
@@ -220,7 +220,7 @@ def coverage(page: RankingPage) -> Section:
         "that it is surest of, as a share of all true pixels, in each case beside the middle "
         "method's on all its pixels; a point stands where half of the cases have so many. Methods "
         "that say nothing of how sure they are have one point.",
-        svg_uri(coverage_svg(curves)),
+        svg_uri(svg(coverage_figure, curves)),
         "error over coverage, a curve per method",
     )
 
@@ -345,7 +345,7 @@ def cost(page: RankingPage) -> Section:
         (Grid(heads, tuple(lines)),),
         f"Measured: the first window{where}, each method alone in one thread, the whole process's "
         "memory. Stated: what submitters say, which nobody here has checked.",
-        svg_uri(cost_svg(points)) if points else "",
+        svg_uri(svg(cost_figure, points)) if points else "",
         "relative error against time for a window",
     )
 
@@ -371,7 +371,7 @@ def causes(page: RankingPage) -> Iterator[Section]:
         (Grid(heads, lines),),
         "Points whose error is above a tenth of the true depth, by their most likely cause; all "
         "points of all cases together.",
-        svg_uri(causes_svg(shares)),
+        svg_uri(svg(causes_figure, shares)),
         "outliers by cause",
     )
 
@@ -408,7 +408,7 @@ def history(page: RankingPage) -> Iterator[Section]:
         ("relative error",),
         (Grid(heads, lines),),
         "Relative error with each version of the code, on the same sequences, oldest first.",
-        svg_uri(history_svg(found.labels, found.lines)),
+        svg_uri(svg(history_figure, found.labels, found.lines)),
         "relative error over versions",
     )
 

@@ -33,7 +33,7 @@ from eventsweep.eval.figures.images import (
     events_image,
     frame_image,
 )
-from eventsweep.eval.figures.plots import DsiSlice, _surfaces, curves_svg, slice_svg
+from eventsweep.eval.figures.plots import DsiSlice, _surfaces, curves_figure, slice_figure, svg
 from eventsweep.eval.scoring.curves import THRESHOLDS_CM, ThresholdCurve
 from eventsweep.eval.scoring.method_scores import ALL_METRICS
 from eventsweep.eval.scoring.metrics import Pairs
@@ -204,7 +204,7 @@ def _curves():
 
 
 def test_curves_name_every_method_and_follow_the_page_in_colour():
-    drawing = curves_svg(_curves(), "case0")
+    drawing = svg(curves_figure, _curves(), "case0")
     for name in ("Alg1/H", "Alg1/A", "mine"):
         assert name in drawing
     assert "tolerated error [cm]" in drawing
@@ -214,7 +214,7 @@ def test_curves_name_every_method_and_follow_the_page_in_colour():
 
 
 def test_same_curves_same_drawing():
-    assert curves_svg(_curves(), "a") == curves_svg(_curves(), "a")
+    assert svg(curves_figure, _curves(), "a") == svg(curves_figure, _curves(), "a")
 
 
 @pytest.mark.parametrize("order", [1, -1])
@@ -225,11 +225,11 @@ def test_a_slice_is_the_same_whichever_way_its_planes_run(order):
     truth_m = np.where(np.arange(30) < 5, np.nan, 1.1)
     piece = DsiSlice(12, rho[::order], votes[::order], depth_m, mask, truth_m)
     reference = DsiSlice(12, rho, votes, depth_m, mask, truth_m)
-    assert slice_svg(piece) == slice_svg(reference)
-    assert "image row 12" in slice_svg(piece)
-    assert "true depth" in slice_svg(piece)
+    assert svg(slice_figure, piece) == svg(slice_figure, reference)
+    assert "image row 12" in svg(slice_figure, piece)
+    assert "true depth" in svg(slice_figure, piece)
 
 
 def test_an_empty_slice_without_truth_can_be_drawn():
     piece = DsiSlice(0, np.array([1.0, 0.5]), np.zeros((2, 4)), np.zeros(4), np.zeros(4, bool))
-    assert "true depth" not in slice_svg(piece)
+    assert "true depth" not in svg(slice_figure, piece)
