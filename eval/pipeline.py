@@ -236,7 +236,6 @@ def _check_run(cases: Sequence[str], settings: Settings, rig: str | None) -> Non
 
 
 def _inputs(cases: Sequence[str], settings: Settings) -> list[Path]:
-    """Files that a run is made from."""
     models = [Path(case) for case in cases if Path(case).is_file()]
     recorded = settings.sim.replay.trajectory
     return models if recorded is None else [*models, recorded]

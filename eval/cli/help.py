@@ -130,7 +130,6 @@ def _texts_of(
 
 
 def _attribute_text(owner: type, name: str) -> str:
-    """The docstring of a class's attribute; empty where it has none."""
     own = (one for one in owner.__mro__ if one.__module__.startswith(_OURS))
     texts = (_attribute_texts(one.__module__).get((one.__name__, name), "") for one in own)
     return next(filter(None, texts), "")
@@ -153,7 +152,6 @@ def _attribute_texts(module: str) -> dict[tuple[str, str], str]:
 
 
 def _settle(argument: Argument, text_of: Callable[[Argument], str], *, shows_all: bool) -> None:
-    """Shows one flag or not, its text as a sentence."""
     wanted = argument.parameter.show
     if shows_all or argument.name in _COMMON_SETTINGS:
         wanted = True

@@ -150,7 +150,8 @@ def compare(
     known = {key: one for key, one in (baseline or {}).items() if choice.has(key)}
     tests = sum(not _common(one, measured.series.get(key)) for key, one in known.items())
     found = [_judge(one, measured, tolerances, max(tests, 1)) for one in known.values()]
-    found += [_new(one) for key, one in measured.series.items() if _is_new(key, known, choice)]
+    fresh = (key for key in measured.series if choice.has(key) and key not in known)
+    found += [_new(measured.series[key]) for key in fresh]
     verdicts = [replace(one, decides=choice.decides(one.key, one.status)) for one in found]
     verdicts += _failures(measured, choice)
     if baseline is not None and not measured.failures:
@@ -171,10 +172,6 @@ def compare(
 def is_red(verdicts: Iterable[Judgement]) -> bool:
     """Whether the gate fails."""
     return any(one.is_red for one in verdicts)
-
-
-def _is_new(key: Key, known: Mapping[Key, Series], choice: Choice) -> bool:
-    return choice.has(key) and key not in known
 
 
 def _failures(measured: Measured, choice: Choice) -> Iterator[Judgement]:
@@ -249,7 +246,6 @@ def _judge_speed(base: Series, current: Series, tolerances: Tolerances) -> Judge
 def _compared(
     base: Series, current: Series, tolerances: Tolerances, tests: int
 ) -> tuple[float, float, float]:
-    """Means of baseline and result, and by how much they may differ."""
     common = _common(base, current)
     spread = _spread(base)
     if common:

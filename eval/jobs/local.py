@@ -130,7 +130,6 @@ class _Worker:
             self.pipe.send(job)
 
     def end(self) -> str:
-        """Ends the process; says how it ended."""
         self.pipe.close()
         self.process.join(0.2)
         if self.process.is_alive():

@@ -79,7 +79,6 @@ def _loss(history: History) -> Figure:
 
 
 def _errors(trained: Trained) -> Figure:
-    """Shares of pixels that are more than a pixel off: all, and the most reliable third."""
     history, compared = trained.history, trained.task.compared
     figure = Figure(_SIZE_INCHES, layout="constrained")
     axes = figure.add_subplot()
@@ -101,7 +100,6 @@ def _errors(trained: Trained) -> Figure:
 
 
 def _worth(tables: Mapping[str, Any]) -> Figure:
-    """Precision over the stated error, of every method that is calibrated."""
     figure = Figure(_SIZE_INCHES, layout="constrained")
     axes = figure.add_subplot()
     for name, table in tables.items():

@@ -50,7 +50,6 @@ def _manifest(paths: Sequence[Path]) -> dict[str, Any]:
 
 
 def _model(path: Path) -> dict[str, NDArray[np.float32]]:
-    """The arrays of one file, in the order of the layers."""
     state = _state(path)
     found = {str(name): tuple(getattr(one, "shape", ())) for name, one in state.items()}
     if found.get("dense_output.3.weight") == _MULTIPIXEL:

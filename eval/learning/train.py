@@ -61,7 +61,6 @@ def train(folder: Path, config: TrainingConfig, progress: Progress) -> Trained:
 
 
 def _precision(folder: Path, config: TrainingConfig, weights: Path) -> dict[str, Any]:
-    """What the network's expected error was worth on the calibration sequences."""
     wanted, methods = data.chosen("calibration", config), TASKS[config.network].methods
     found = confidence.collect(folder / "sequences", wanted, methods, weights)
     return {name: confidence.fit(one.score, one.error_px).to_json() for name, one in found.items()}

@@ -147,7 +147,6 @@ def _shown(side: MappedWith, scale: Any) -> dict[str, Any]:
 
 
 def _curves(refinement: Refinement) -> Figure:
-    """Sharpness over each refined parameter: the top is the result, 0 the given value."""
     names = list(refinement.curves)
     columns = min(4, len(names))
     rows = -(-len(names) // columns)

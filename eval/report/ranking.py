@@ -251,7 +251,6 @@ class _Findings:
     cases: int
 
     def beside(self, method: str, other: str, role: str = "") -> str:
-        """Compares two methods, of which one is the reference."""
         partner = other if method == REFERENCE else method
         regions = (HARMONIC, SHARED) if method == REFERENCE else (SHARED, HARMONIC)
         mine, theirs = ((partner, f"{region}_") for region in regions)
@@ -336,7 +335,6 @@ class _Findings:
         return f"Why {bad} px of {method}{where} are off by more than a tenth{mean}: {names}."
 
     def count(self, method: str, metric: str) -> str:
-        """A number of pixels, of several cases that of each on average; empty where unknown."""
         row = self.rows.get((method, metric))
         if row is None or math.isnan(row.value):
             return ""

@@ -95,7 +95,6 @@ def _log_window(log: _Log, folder: Path, stored: StoredMap, window: StoredWindow
 
 
 def _log_view(log: _Log, stored: StoredMap, depth_map: DepthMap) -> None:
-    """The reference view, and what a camera would see and measure there."""
     camera, place = depth_map.camera, depth_map.T_world_rv
     log(
         "camera",

@@ -259,12 +259,9 @@ def _slice(depth_map: DepthMap, slices: Slices, truth: Truth | None) -> DsiSlice
         row_px, slices.rho, votes, depth_map.depth_m[row_px], depth_map.mask[row_px]
     )
     if truth is not None:
-        dsi_slice = replace(dsi_slice, truth_m=_truth_row(truth, row_px))
+        truth_m = np.where(truth.scored[row_px], truth.depth_m[row_px], np.nan)
+        dsi_slice = replace(dsi_slice, truth_m=truth_m)
     return dsi_slice
-
-
-def _truth_row(truth: Truth, row_px: int) -> NDArray[np.floating]:
-    return np.where(truth.scored[row_px], truth.depth_m[row_px], np.nan)
 
 
 def _readable(counts: dict[str, dict[str, int]]) -> dict[str, dict[str, int]]:
@@ -298,6 +295,5 @@ def _facts(stored: StoredMap, recording: Recording | None) -> list[tuple[str, st
 
 
 def _range_s(times_us: list[int]) -> str:
-    """Of all windows, as they may differ."""
     least, most = (f"{time / 1e6:.3f}" for time in (min(times_us), max(times_us)))
     return f"{least} s" if least == most else f"{least} to {most} s"

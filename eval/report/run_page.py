@@ -351,7 +351,6 @@ def write_report(run_dir: Path) -> Path:
 
 
 def _files(run_dir: Path, data: RunData) -> tuple[str, ...]:
-    """What lies beside the page: numbers, the configuration, and what each map says of itself."""
     maps = ["map.json", *(f"{case.name}/map/map.json" for case in data.cases)]
     found = files_in(run_dir, ("results.json", "results.csv", "config.toml", *maps))
     return (*found, OVERVIEW_NAME)

@@ -73,9 +73,9 @@ def suite_page(
     """What the page shows; `pictures` are addresses that hold one, by case."""
     series = of_suite(result).series
     metric = _ordering_metric(result, {one.metric for one in series.values()})
+    shown = [numbers for numbers in series.values() if numbers.metric in RANKING_COLUMNS]
     by_case = {
-        case: [one for one in series.values() if one.case == case and _is_shown(one)]
-        for case in result.cases
+        case: [numbers for numbers in shown if numbers.case == case] for case in result.cases
     }
     measured = {case: found for case, found in by_case.items() if found}
     return Page(
@@ -106,10 +106,6 @@ def _ordering_metric(result: SuiteResult, measured: Set[str]) -> str:
     chosen = EvalConfig.model_validate(result.definition.get("score", {})).ranking_metric
     others = (*get_args(RankingMetric), *RANKING_COLUMNS)
     return next((name for name in (chosen, *others) if name in measured), chosen)
-
-
-def _is_shown(one: Series) -> bool:
-    return one.metric in RANKING_COLUMNS
 
 
 def _overview(by_case: Mapping[str, Sequence[Series]], metric: str) -> Grid | None:

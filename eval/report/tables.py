@@ -134,11 +134,6 @@ def _tex(text: str) -> str:
     return "".join(_TEX.get(letter, letter) for letter in " ".join(text.split("\n")))
 
 
-def write_report_tables(run_dir: Path) -> list[Path]:
-    """Writes the ranking of all cases, and of each, as CSV, LaTeX and Markdown."""
-    return write_tables(run_dir / TABLES_FOLDER, report_tables(load_run(run_dir)))
-
-
 def report_tables(data: RunData) -> dict[str, Grid]:
     """The page's rankings, by name; none where nothing was scored."""
     metric = data.ranking_metric

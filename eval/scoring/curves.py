@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.eval.scoring.metrics import FloatArray, Metric, Pairs, Pooling
+from eventsweep.eval.scoring.metrics import NAN, FloatArray, Metric, Pairs, Pooling
 
 THRESHOLDS_CM: tuple[int, ...] = tuple(range(1, 16))
 THRESHOLDS_PERCENT: tuple[int, ...] = (1, 2, 5, 10, 20)
@@ -22,7 +22,6 @@ Errors = Callable[[Pairs], FloatArray]
 Hits = NDArray[Any]
 Share = Callable[[Pairs, Hits], float]
 COVERAGES_PERCENT: tuple[int, ...] = (1, 2, 5, 10, 20)
-NAN = float("nan")
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,9 +28,10 @@ def read_stored(path: Path, height_px: int, width_px: int) -> Image:
         raise InputError(f"{path}: unknown kind of file; needs one of {', '.join(SUFFIXES)}")
     image = reader(path, (height_px, width_px))
     if image.shape != (height_px, width_px):
+        rows, columns = image.shape
         raise InputError(
-            f"{path}: is {_size(image.shape)}, but the reference view has {height_px} rows and "
-            f"{width_px} columns: export it at the view's own size"
+            f"{path}: is {rows} rows and {columns} columns, but the reference view has {height_px} "
+            f"rows and {width_px} columns: export it at the view's own size"
         )
     numbers: Image = image.astype(np.float64)
     return numbers
@@ -178,10 +179,6 @@ def _plain(path: Path, array: NDArray[Any]) -> NDArray[Any]:
 def _damaged(path: Path, error: Exception) -> InputError:
     reason = " ".join(str(error).split()) or type(error).__name__
     return InputError(f"{path}: cannot be read ({reason}): export it again")
-
-
-def _size(shape: tuple[int, ...]) -> str:
-    return f"{shape[0]} rows and {shape[1]} columns"
 
 
 SUFFIXES: Mapping[str, Callable[[Path, tuple[int, int]], NDArray[Any]]] = {

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
+from typing import Literal, SupportsFloat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from eventsweep.eval.scoring.direction import Direction
 
 Pooling = Literal["sum", "pairs", "squares", "truth", "either", "variance", "order"]
 FloatArray = NDArray[np.float64]
+NAN = float("nan")
 OUTLIER_RELATIVE_ERROR = 0.10
 PUBLISHED_BAD_PX = 5.0
 PUBLISHED_BAD_RELATIVE = 0.05
@@ -90,7 +91,7 @@ class Metric:
     unit: str
     direction: Direction
     formula: str
-    compute: Callable[[Pairs], float]
+    compute: Callable[[Pairs], SupportsFloat]
     needs_pairs: bool = True
     pooling: Pooling = "pairs"
 
@@ -101,44 +102,7 @@ class Metric:
     def __call__(self, pairs: Pairs) -> float:
         """The metric's value; NaN where it is undefined."""
         undefined = self.needs_pairs and not pairs.count
-        return float("nan") if undefined else float(self.compute(pairs))
-
-
-def _points(pairs: Pairs) -> float:
-    return pairs.count
-
-
-def _completeness(pairs: Pairs) -> float:
-    return 100 * pairs.count / pairs.truth_count if pairs.truth_count else float("nan")
-
-
-def _mean_error(pairs: Pairs) -> float:
-    return float(np.mean(pairs.error_m))
-
-
-def _median_error(pairs: Pairs) -> float:
-    return float(np.median(pairs.error_m))
-
-
-def _rmse(pairs: Pairs) -> float:
-    return float(np.sqrt(np.mean(pairs.error_m**2)))
-
-
-def _abs_rel(pairs: Pairs) -> float:
-    return 100 * float(np.mean(pairs.error_m / pairs.truth_m))
-
-
-def _aerr_r(pairs: Pairs) -> float:
-    return 100 * float(np.mean(pairs.error_m / pairs.estimate_m))
-
-
-def _silog(pairs: Pairs) -> float:
-    # The variance is mean(d²) - mean(d)² without the cancellation.
-    return 100 * float(np.var(pairs.log_ratio))
-
-
-def _log_rmse(pairs: Pairs) -> float:
-    return 100 * float(np.sqrt(np.mean(pairs.log_ratio**2)))
+        return NAN if undefined else float(self.compute(pairs))
 
 
 def _delta(pairs: Pairs, power: int) -> float:
@@ -148,20 +112,16 @@ def _delta(pairs: Pairs, power: int) -> float:
 
 def _bad(pairs: Pairs, threshold_px: float) -> float:
     if np.isnan(pairs.baseline_focal_px_m):
-        return float("nan")
+        return NAN
     return 100 * float(np.mean(pairs.disparity_error_px > threshold_px))
 
 
 def _bad_published(pairs: Pairs) -> float:
     if np.isnan(pairs.baseline_focal_px_m):
-        return float("nan")
+        return NAN
     far_off = pairs.disparity_error_px > PUBLISHED_BAD_PX
     relative = pairs.error_m / pairs.estimate_m > PUBLISHED_BAD_RELATIVE
     return 100 * float(np.mean(far_off & relative))
-
-
-def _outlier_share(pairs: Pairs) -> float:
-    return 100 * float(np.mean(pairs.error_m / pairs.truth_m > OUTLIER_RELATIVE_ERROR))
 
 
 def _delta_metric(power: int) -> Metric:
@@ -178,34 +138,33 @@ def _bad_metric(threshold_px: int) -> Metric:
 
 # fmt: off
 METRICS: tuple[Metric, ...] = (
-    Metric("points", "points", "px", "higher", "number of pixels with e and g", _points,
-           needs_pairs=False, pooling="sum"),
+    Metric("points", "points", "px", "higher", "number of pixels with e and g",
+           lambda p: p.count, needs_pairs=False, pooling="sum"),
     Metric("completeness", "completeness, any error", "%", "higher",
-           "points / #g, whatever their error", _completeness,
+           "points / #g, whatever their error",
+           lambda p: 100 * p.count / p.truth_count if p.truth_count else NAN,
            needs_pairs=False, pooling="truth"),
-    Metric("mean_error", "mean error", "m", "lower", "mean |e - g|", _mean_error),
-    Metric("median_error", "median error", "m", "lower", "median |e - g|", _median_error,
-           pooling="order"),
-    Metric("rmse", "RMSE", "m", "lower", "sqrt(mean (e - g)²)", _rmse, pooling="squares"),
-    Metric("abs_rel", "AbsRel", "%", "lower", "mean |e - g| / g", _abs_rel),
-    Metric("aerr_r", "AErrR", "%", "lower", "mean |e - g| / e (as published)", _aerr_r),
-    Metric("silog", "SILog", "x100", "lower", "mean d² - (mean d)², d = ln g - ln e", _silog,
-           pooling="variance"),
-    Metric("log_rmse", "log RMSE", "x100", "lower", "sqrt(mean d²), d = ln g - ln e", _log_rmse,
-           pooling="squares"),
+    Metric("mean_error", "mean error", "m", "lower", "mean |e - g|", lambda p: np.mean(p.error_m)),
+    Metric("median_error", "median error", "m", "lower", "median |e - g|",
+           lambda p: np.median(p.error_m), pooling="order"),
+    Metric("rmse", "RMSE", "m", "lower", "sqrt(mean (e - g)²)",
+           lambda p: np.sqrt(np.mean(p.error_m**2)), pooling="squares"),
+    Metric("abs_rel", "AbsRel", "%", "lower", "mean |e - g| / g",
+           lambda p: 100 * np.mean(p.error_m / p.truth_m)),
+    Metric("aerr_r", "AErrR", "%", "lower", "mean |e - g| / e (as published)",
+           lambda p: 100 * np.mean(p.error_m / p.estimate_m)),
+    # The variance is mean(d²) - mean(d)² without the cancellation.
+    Metric("silog", "SILog", "x100", "lower", "mean d² - (mean d)², d = ln g - ln e",
+           lambda p: 100 * np.var(p.log_ratio), pooling="variance"),
+    Metric("log_rmse", "log RMSE", "x100", "lower", "sqrt(mean d²), d = ln g - ln e",
+           lambda p: 100 * np.sqrt(np.mean(p.log_ratio**2)), pooling="squares"),
     *(_delta_metric(power) for power in (1, 2, 3)),
     *(_bad_metric(threshold_px) for threshold_px in (1, 2, 3, 5)),
-    Metric(
-        "bad_published",
-        "bad pixels",
-        "%",
-        "lower",
-        "share with |1/e - 1/g| b f > 5 px and |e - g| / e > 0.05 (as published)",
-        _bad_published,
-    ),
-    Metric(
-        "outlier_share", "outliers", "%", "lower", "share with |e - g| / g > 0.10", _outlier_share
-    ),
+    Metric("bad_published", "bad pixels", "%", "lower",
+           "share with |1/e - 1/g| b f > 5 px and |e - g| / e > 0.05 (as published)",
+           _bad_published),
+    Metric("outlier_share", "outliers", "%", "lower", "share with |e - g| / g > 0.10",
+           lambda p: 100 * np.mean(p.error_m / p.truth_m > OUTLIER_RELATIVE_ERROR)),
 )
 
 # fmt: on
@@ -229,16 +188,8 @@ def _position(rho: FloatArray, planes: FloatArray) -> FloatArray:
     return position
 
 
-def _mean(pairs: Pairs) -> float:
-    return float("nan") if pairs.cells is None else float(np.mean(pairs.cells))
-
-
-def _median(pairs: Pairs) -> float:
-    return float("nan") if pairs.cells is None else float(np.median(pairs.cells))
-
-
 def _beyond(pairs: Pairs, cells: int) -> float:
-    return float("nan") if pairs.cells is None else 100 * float(np.mean(pairs.cells > cells))
+    return NAN if pairs.cells is None else 100 * float(np.mean(pairs.cells > cells))
 
 
 def _bad_cells_metric(cells: int) -> Metric:
@@ -248,15 +199,9 @@ def _bad_cells_metric(cells: int) -> Metric:
 
 
 CELL_METRICS: tuple[Metric, ...] = (
-    Metric("mean_cells", "mean cells", "cells", "lower", "mean depth cells between", _mean),
-    Metric(
-        "median_cells",
-        "median cells",
-        "cells",
-        "lower",
-        "median depth cells between",
-        _median,
-        pooling="order",
-    ),
+    Metric("mean_cells", "mean cells", "cells", "lower", "mean depth cells between",
+           lambda p: NAN if p.cells is None else np.mean(p.cells)),
+    Metric("median_cells", "median cells", "cells", "lower", "median depth cells between",
+           lambda p: NAN if p.cells is None else np.median(p.cells), pooling="order"),
     *(_bad_cells_metric(cells) for cells in CELL_THRESHOLDS),
-)
+)  # fmt: skip

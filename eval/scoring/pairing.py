@@ -181,7 +181,6 @@ def _pair(estimate: Estimate, truth: Truth, within: MaskImage | None = None) -> 
 
 
 def _beside(one: Estimate, other: Estimate, truth: Truth) -> dict[str, Pairs]:
-    """Both methods on the pixels that both report."""
     return {SHARED: _pair(one, truth, other.mask), HARMONIC: _pair(other, truth, one.mask)}
 
 

@@ -26,13 +26,12 @@ from eventsweep.eval.scoring.method_scores import (
     full_name,
     metrics_of,
 )
-from eventsweep.eval.scoring.metrics import FloatArray, Metric, Pairs
+from eventsweep.eval.scoring.metrics import NAN, FloatArray, Metric, Pairs
 from eventsweep.eval.scoring.outlier_causes import pooled_causes
 from eventsweep.eval.scoring.pairing import ALL, MethodPairs
 
 MOST_BYTES = 1 << 30
 """How much a case keeps in memory for medians and curves; 40 million pixels of a method."""
-_NAN = float("nan")
 
 
 class NumberStore(SpooledTemporaryFile[bytes]):
@@ -82,7 +81,7 @@ class _Column:
 
     def median(self) -> float:
         numbers = self.numbers()
-        return float(np.median(numbers)) if numbers.size else _NAN
+        return float(np.median(numbers)) if numbers.size else NAN
 
 
 class Pool:
@@ -95,10 +94,9 @@ class Pool:
     """
 
     def __init__(self, metrics: Mapping[str, Metric], store: NumberStore) -> None:
-        """Prepares to pool these metrics."""
         self._metrics = metrics
         self.points = self.truth_points = 0
-        self.baseline_focal_px_m = _NAN
+        self.baseline_focal_px_m = NAN
         self._sums = dict.fromkeys(metrics, 0.0)
         self._log_ratio: list[tuple[int, float]] = []
         self._errors, self._cells, self._confidence = (_Column(store) for _ in range(3))
@@ -146,16 +144,16 @@ class Pool:
         if metric.pooling == "sum":
             return total
         if metric.pooling == "order":
-            return _NAN  # `values` sets it
+            return NAN  # `values` sets it
         if metric.name.endswith(("cells", "cell")) and not self._cells.is_defined:
-            return _NAN
+            return NAN
         if metric.pooling == "truth":
-            return total / self.truth_points if self.truth_points else _NAN
+            return total / self.truth_points if self.truth_points else NAN
         if metric.pooling == "either":
             either = self.points + self.truth_points
-            return total / either if either else _NAN
+            return total / either if either else NAN
         if not self.points:
-            return _NAN
+            return NAN
         mean = self._sums[name] / self.points
         if metric.pooling == "squares":
             return math.sqrt(mean)
@@ -181,7 +179,6 @@ class CasePool:
     """Pools every method's windows."""
 
     def __init__(self, store: NumberStore) -> None:
-        """Prepares to pool windows; `store` keeps their pixels."""
         self._store = store
         self._methods: dict[str, _MethodPool] = {}
         self._windows = 0

@@ -238,7 +238,11 @@ class Prediction:
         depth_m = numbers.astype(np.float32)
         mask = np.isfinite(depth_m) & (depth_m > 0)
         if not mask.any() and not self.description.may_be_empty:
-            raise InputError(_empty(path, view, self.description.quantity))
+            raise InputError(
+                f"{path}: no {self.description.quantity} for the reference view at {view.t_us} µs: "
+                f"none of its {mask.size} pixels is finite and positive; export it again, or set "
+                f"may_be_empty = true in {DESCRIPTION} if the method found nothing there"
+            )
         self._check_unit(path, depth_m[mask], view)
         return np.where(mask, depth_m, np.float32(0)), mask
 
@@ -301,14 +305,6 @@ class Prediction:
                 f"{path}: disparity for a rig of one camera: set baseline_m in {DESCRIPTION}"
             )
         return baseline_m * (self.description.focal_px or view.focal_px)
-
-
-def _empty(path: Path, view: TargetView, quantity: str) -> str:
-    return (
-        f"{path}: no {quantity} for the reference view at {view.t_us} µs: none of its "
-        f"{view.width_px * view.height_px} pixels is finite and positive; export it again, or set "
-        f"may_be_empty = true in {DESCRIPTION} if the method found nothing there"
-    )
 
 
 def _check_disparity(path: Path) -> None:

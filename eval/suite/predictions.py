@@ -224,7 +224,6 @@ class _Medians:
         view: TargetView,
         shown: ViewId,
     ) -> None:
-        """Looks at one map of a scene, seed and time; no other view may have the very same one."""
         if not mask.any():
             return
         digest = hashlib.sha256(depth_m.tobytes()).digest()
@@ -242,7 +241,6 @@ class _Medians:
         self.inverted += near_m <= 1 / median_m <= far_m
 
     def check(self, folder: Path) -> None:
-        """Refuses maps that are inverse depth, as far as the scenes' ranges tell."""
         if self.inverted > self.upright:
             raise InputError(
                 f"{folder}: {self.upright} of {self.total} depth maps have a median that the scene "

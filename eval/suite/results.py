@@ -199,7 +199,6 @@ def _validated(content: dict[str, Any]) -> SuiteResult:
 
 
 def _with_one_table(content: dict[str, Any]) -> dict[str, Any]:
-    """What version 1 kept in each sample."""
     samples, rows = [], []
     for sample in content["samples"]:
         about = {name: value for name, value in sample.items() if name != "rows"}

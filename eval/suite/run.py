@@ -108,7 +108,6 @@ def _chosen(known: Sequence[str], wanted: Sequence[str] | None) -> tuple[str, ..
 def _scored(
     jobs: Sequence[Job], outcomes: Mapping[str, Outcome]
 ) -> tuple[tuple[Sample, ...], pd.DataFrame]:
-    """The samples that jobs scored, and their numbers, sample by sample."""
     texts = [done.text for job in jobs if isinstance(done := outcomes[job.name], Done)]
     scored = [sample_from(text) for text in texts if text]
     samples = {(sample.case, sample.seed): sample for sample, _ in reversed(scored)}

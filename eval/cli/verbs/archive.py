@@ -153,7 +153,6 @@ def unpack(
 
 
 def _show(console: Console, manifest: ArchiveManifest, chosen: Sequence[PackedSequence]) -> None:
-    """Prints what an archive is, and how large the chosen part of it."""
     from eventsweep.emvs.utils.files import bytes_text
 
     packed = sum(sequence.bytes for sequence in chosen)

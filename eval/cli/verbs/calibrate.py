@@ -69,7 +69,6 @@ def calibrate(
 
 
 def _estimates(refinement: Refinement) -> Iterator[Part]:
-    """Each parameter with its correction and uncertainty, or why it was refused."""
     from eventsweep.eval.cli.console import dim, table
 
     rows = (

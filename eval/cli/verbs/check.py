@@ -64,7 +64,6 @@ def check(
 
 
 def _summary(report: Report) -> Iterator[Part]:
-    """Every finding, what to do about those that are not good, and what was not checked."""
     from rich.text import Text
 
     from eventsweep.eval.cli.console import dim, table

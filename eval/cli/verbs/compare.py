@@ -35,7 +35,6 @@ def compare(
 
 
 def _summary(comparison: Comparison) -> Iterator[Part]:
-    """Which settings differ, and the verdict of each method's ranking number."""
     from eventsweep.eval.cli.console import dim
     from eventsweep.eval.report.compare import page
 

@@ -68,7 +68,6 @@ def events(
 
 
 def _show(console: Console, recorded: RecordedVideo) -> None:
-    """Prints what became of a video, and what to know of it."""
     from eventsweep.eval.cli.console import dim
     from eventsweep.eval.cli.exit_codes import with_flags
 

@@ -87,7 +87,6 @@ def _warn(finding: Finding) -> None:
 
 
 def _facts(stored: StoredMap) -> dict[str, Any]:
-    """Every window with its counts and points, and what was left out."""
     info = stored.info
     return {
         "windows": [

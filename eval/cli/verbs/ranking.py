@@ -43,7 +43,6 @@ def _facts(ranked: Ranked) -> dict[str, Any]:
 
 
 def _summary(ranked: Ranked) -> Iterator[Part]:
-    """Who is ahead, with ties, and which results were refused."""
     from eventsweep.eval.cli.console import table
 
     rows = ((row.method, str(row.rank), f"{row.place:.2f}") for row in ranked.standings)

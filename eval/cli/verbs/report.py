@@ -79,14 +79,16 @@ def _of_run(folder: Path, flags: ReportFlags) -> list[Path]:
     from eventsweep.emvs.utils.outputs import check_files
     from eventsweep.eval.report import tables
     from eventsweep.eval.report.rerun import write_rerun
+    from eventsweep.eval.report.run_data import load_run
     from eventsweep.eval.report.run_page import write_report
 
     asked = {"tables": flags.tables, "figures": flags.figures, "recording.rrd": flags.rrd}
     check_files(folder, [name for name, wanted in asked.items() if wanted], force=True)
     written = [write_report(folder)]
     if flags.tables:
-        tables.write_report_tables(folder)
-        written.append(folder / tables.TABLES_FOLDER)
+        place = folder / tables.TABLES_FOLDER
+        tables.write_tables(place, tables.report_tables(load_run(folder)))
+        written.append(place)
     if flags.figures:
         tables.write_report_figures(folder, flags.figures)
         written.append(folder / tables.FIGURES_FOLDER)

@@ -84,7 +84,6 @@ def simulate(
 
 
 def _show(console: Console, path: Path) -> None:
-    """Prints what a sequence holds."""
     from eventsweep.emvs.data.sequence import Sequence
     from eventsweep.eval.cli.console import dim
     from eventsweep.eval.numbers import thousands

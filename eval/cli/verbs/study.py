@@ -64,7 +64,6 @@ def study(
 
 
 def _table(result: StudyResult) -> Table:
-    """Each method's mean error over the amounts, and where it breaks."""
     from eventsweep.eval.cli.console import table
     from eventsweep.eval.numbers import display_unit, displayed
     from eventsweep.eval.studies.curves import BREAKS_AT, METRICS

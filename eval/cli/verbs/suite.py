@@ -163,7 +163,6 @@ def _facts(result: SuiteResult) -> dict[str, Any]:
 
 
 def _summary(result: SuiteResult, cache: Path) -> Iterator[Part]:
-    """Means and spreads over seeds, what failed, and how much the cache holds."""
     from rich.text import Text
 
     from eventsweep.emvs.utils.cache import Cache

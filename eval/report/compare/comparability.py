@@ -126,7 +126,6 @@ def only_in_one(first: ComparedResult, other: ComparedResult) -> Iterator[str]:
 def _grouped(
     one: ComparedResult, two: ComparedResult, noun: str, lacking: Lacking
 ) -> Iterator[str]:
-    """One sentence for all cases that lack the same."""
     groups: dict[tuple[str, ...], list[str]] = {}
     shared = [case for case in one.names if case in two.names]
     for case in shared:
@@ -160,18 +159,14 @@ def _at(case: CaseResult, window: str) -> str:
 
 def nothing_in_common(first: ComparedResult, other: ComparedResult, metric: str) -> str:
     """Why two results cannot be compared, and what could, such as `metric`."""
-    texts = (
-        f"{one.name} has {_few(one.names)} with {_few(_methods(one, one.names))}"
-        for one in (first, other)
-    )
+    texts = []
+    for result in (first, other):
+        methods = dict.fromkeys(m for case in result.names for m in result.first(case).methods)
+        texts.append(f"{result.name} has {_few(result.names)} with {_few(methods)}")
     return (
         f"nothing to compare: {'; '.join(texts)}; give results that share a case, a method and a "
         f"metric such as {metric}"
     )
-
-
-def _methods(result: ComparedResult, cases: Iterable[str]) -> list[str]:
-    return list(dict.fromkeys(m for case in cases for m in result.first(case).methods))
 
 
 def _few(names: Iterable[str]) -> str:

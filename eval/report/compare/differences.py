@@ -175,7 +175,6 @@ def _finished(
 
 
 def _alone(result: ComparedResult, case: str, number: Number) -> float:
-    """Mean over seeds of the mean over windows."""
     found = (result.cases[case, seed].values.get(number, {}) for seed in result.seeds(case))
     return _mean([_mean(list(values.values())) for values in found])
 
@@ -195,7 +194,6 @@ def _paired(
     other: ComparedResult,
     seeds: Sequence[int | None],
 ) -> Difference:
-    """Seed by seed, and in each seed window by window."""
     pairs = [
         pair_windows(first.cases[base.case, seed], other.cases[base.case, seed], number)
         for seed in seeds

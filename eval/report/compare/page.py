@@ -83,7 +83,6 @@ def compare(results: Sequence[ComparedResult]) -> Comparison:
 
 
 def _result_files(comparison: Comparison, out: Path) -> list[str]:
-    """What was compared, as seen from the page's folder."""
     names = (FILE_NAME, JSON_NAME)
     found = [result.folder / name for result in comparison.results for name in names]
     return [
@@ -183,7 +182,6 @@ def _facts(one: Difference) -> dict[str, Any]:
 
 
 def _here(found: Sequence[Difference]) -> str:
-    """What one seed shows, which decides nothing."""
     open_ones = [one for one in found if one.verdict == "undecided" and one.seeds == 1]
     if not open_ones:
         return ""
@@ -239,7 +237,6 @@ def _section(
 
 
 def _grid(comparison: Comparison, metric: str, found: Sequence[Sequence[Difference]]) -> Grid:
-    """One line per method, and of several results one for each."""
     head = column(metric)
     first, *others = comparison.names
     heads = [Head("method"), Head("result", text=True)] if len(others) > 1 else [Head("method")]

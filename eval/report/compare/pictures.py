@@ -207,7 +207,6 @@ def _of_method(
 
 
 def _number(view: _View, method: str) -> str:
-    """The mean error of a method in the window, as the results have it."""
     values = view.result.first(view.case).values.get(Number(method, _CAPTION), {})
     value = values.get(view.window.name)
     if value is None:

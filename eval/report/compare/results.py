@@ -186,7 +186,6 @@ def _of_sample(result: SuiteResult, sample: Sample) -> CaseResult:
 def _numbers(
     rows: pd.DataFrame,
 ) -> tuple[dict[Number, dict[str, float]], dict[Number, tuple[str, Direction]]]:
-    """Per number its values by window, and its unit and direction."""
     found: dict[Number, dict[str, float]] = {}
     units: dict[Number, tuple[str, Direction]] = {}
     for row in each(rows):

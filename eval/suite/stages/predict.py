@@ -58,7 +58,6 @@ def _check_unchanged(path: Path, sha256: str) -> None:
 
 
 def _reference_only(window: StoredWindow) -> StoredWindow:
-    """The window with one method: all that a prediction is compared with."""
     methods = window.info.methods
     kept = REFERENCE if REFERENCE in methods else methods[0]
     return StoredWindow(window.path, window.info.model_copy(update={"methods": (kept,)}))
