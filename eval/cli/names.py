@@ -96,16 +96,10 @@ def formats(_: Any = None) -> Mapping[str, str]:
 
 
 KINDS: dict[str, Callable[[], Mapping[str, str]]] = {
-    "scenes": scenes,
-    "rigs": rigs,
-    "sensors": sensors,
-    "head-styles": head_styles,
-    "methods": methods,
-    "metrics": metrics,
-    "studies": studies,
-    "suites": suites,
+    "scenes": scenes, "rigs": rigs, "sensors": sensors, "head-styles": head_styles,
+    "methods": methods, "metrics": metrics, "studies": studies, "suites": suites,
     "formats": formats,
-}
+}  # fmt: skip
 
 
 def _rig_line(rig: Rig) -> str:

@@ -55,13 +55,9 @@ class TrainingWindow:
 
 
 _OWN_RIGS = {
-    "rpg-boxes": "rpg",
-    "rpg-reader": "rpg",
-    "rpg-monitor": "rpg",
-    "rpg-bin": "rpg",
-    "mvsec-flying": "mvsec",
-    "trinocular-desk": "trinocular",
-}
+    "rpg-boxes": "rpg", "rpg-reader": "rpg", "rpg-monitor": "rpg", "rpg-bin": "rpg",
+    "mvsec-flying": "mvsec", "trinocular-desk": "trinocular",
+}  # fmt: skip
 _SCENES = (
     "planes", "desk", "boxes", "rpg-boxes", "rpg-reader", "rpg-monitor", "rpg-bin", "mvsec-flying",
     "tumvie-6dof", "tumvie-desk2", "tumvie-1d", "tumvie-3d", "hdr-window", "hdr-night",

@@ -24,20 +24,9 @@ from eventsweep.eval.scoring.score import BASELINE, TRAVEL
 FUSED_PREFIX = "Alg1/"
 SINGLE_PREFIX = "EMVS/"
 RANKING_COLUMNS = (
-    "points",
-    "completeness",
-    "recall_5cm",
-    "mean_error",
-    "common_mean_error",
-    "median_error",
-    "rmse",
-    "abs_rel",
-    "silog",
-    "bad_published",
-    "outlier_share",
-    "delta_1",
-    "f1_5cm",
-)
+    "points", "completeness", "recall_5cm", "mean_error", "common_mean_error", "median_error",
+    "rmse", "abs_rel", "silog", "bad_published", "outlier_share", "delta_1", "f1_5cm",
+)  # fmt: skip
 DIRECTIONS = {"lower": "lower is better", "higher": "higher is better", "none": "no better end"}
 _SINGLE = re.compile(r"/cam\d+\b")
 _CONTEXT = {

@@ -182,11 +182,6 @@ def _damaged(path: Path, error: Exception) -> InputError:
 
 
 SUFFIXES: Mapping[str, Callable[[Path, tuple[int, int]], NDArray[Any]]] = {
-    ".npz": _npz,
-    ".npy": _npy,
-    ".png": _png,
-    ".tif": _float_image,
-    ".tiff": _float_image,
-    ".exr": _exr,
-    ".txt": _points,
-}
+    ".npz": _npz, ".npy": _npy, ".png": _png, ".tif": _float_image, ".tiff": _float_image,
+    ".exr": _exr, ".txt": _points,
+}  # fmt: skip

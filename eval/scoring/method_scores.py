@@ -17,15 +17,9 @@ BAD_POINTS = "outlier_points"
 COMMON_NAMES = ("points", "mean_error", "median_error", "bad_published")
 SHARED_NAMES = ("points", "mean_error", "bad_published")
 REGION_NAMES = (
-    "points",
-    "completeness",
-    "mean_error",
-    "median_error",
-    "abs_rel",
-    "bad_published",
-    "outlier_share",
-    "f1_5cm",
-)
+    "points", "completeness", "mean_error", "median_error", "abs_rel", "bad_published",
+    "outlier_share", "f1_5cm",
+)  # fmt: skip
 # The pixels of both are the same ones: their number once is enough.
 _NAMES = {COMMON: COMMON_NAMES, SHARED: SHARED_NAMES, HARMONIC: SHARED_NAMES[1:]}
 ALL_METRICS: dict[str, Metric] = ByName(

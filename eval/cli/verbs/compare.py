@@ -58,13 +58,8 @@ def _differences(pair: Pair) -> Table:
         head = ranking.column(metric)
         title = f"{line.case}, {head.title} in {head.unit}, {line.direction} is better"
     columns = (
-        "method",
-        f">{pair.first.name}",
-        f">{pair.other.name}",
-        ">Δ",
-        ">95 % of Δ",
-        "verdict",
-    )
+        "method", f">{pair.first.name}", f">{pair.other.name}", ">Δ", ">95 % of Δ", "verdict",
+    )  # fmt: skip
     rows = (
         (
             line.method, displayed(line.first, line.unit), displayed(line.other, line.unit),
