@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from eventsweep.eval.figures.colormaps import INK, line_style, nice_between, spaced
-from eventsweep.eval.scoring.curves import ThresholdCurve
+from eventsweep.eval.scoring.curves import THRESHOLDS_CM
 from eventsweep.eval.scoring.method_scores import CAUSE_PREFIX
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 from eventsweep.eval.scoring.results import each
@@ -40,6 +40,7 @@ STYLE: Any = {
     "axes.spines.right": False,
     "legend.frameon": False,
 }
+SharesByName = Mapping[str, NDArray[np.float64]]
 TRUTH_COLOUR = "#0072b2"
 ESTIMATE_COLOUR = "#d55e00"
 # Okabe and Ito's colours in the order of the causes, black replaced: it has no place on dark.
@@ -55,10 +56,11 @@ def svg(draw: Callable[..., Figure], *content: Any) -> str:
         return svg_of(draw(*content))
 
 
-def curves_figure(curves: Sequence[tuple[str, ThresholdCurve]], prefix: str) -> Figure:
+def curves_figure(curves: Sequence[tuple[str, SharesByName]], prefix: str) -> Figure:
     """Precision, recall and F1 of several methods against the tolerated error.
 
-    Lines have the ids `{prefix}-{share}-curve-{position}`.
+    Each has (15,) shares in % by those names, at `THRESHOLDS_CM`. Lines have the ids
+    `{prefix}-{share}-curve-{position}`.
     """
     figure = Figure(figsize=(10.5, 3.3), layout="constrained")
     panels = figure.subplots(1, 3)
@@ -70,13 +72,13 @@ def curves_figure(curves: Sequence[tuple[str, ThresholdCurve]], prefix: str) -> 
 
 
 def _draw_curves(
-    axes: Axes, curves: Sequence[tuple[str, ThresholdCurve]], name: str, prefix: str
+    axes: Axes, curves: Sequence[tuple[str, SharesByName]], name: str, prefix: str
 ) -> None:
     for position, (method, curve) in enumerate(curves):
         style = line_style(method)
         (line,) = axes.plot(
-            curve.threshold_cm,
-            getattr(curve, name),
+            THRESHOLDS_CM,
+            curve[name],
             color=style.colour,
             linestyle=style.dash,
             linewidth=1.4,

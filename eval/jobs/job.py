@@ -7,9 +7,8 @@ under a key that says all that decides it, so nothing is made twice.
 from __future__ import annotations
 
 import importlib
-import traceback
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache as once
 from pathlib import Path
 from types import ModuleType
@@ -74,11 +73,10 @@ class Done:
 
 @dataclass(frozen=True)
 class Failed:
-    """A job that was not done: `reason` in one line, and the traceback where there is one."""
+    """A job that was not done: `reason` in one line."""
 
     name: str
     reason: str
-    details: str = field(default="", compare=False)
 
 
 Outcome = Done | Failed
@@ -95,11 +93,9 @@ def do(job: Job, cache_folder: str) -> Outcome:
     except InputError as error:
         return Failed(job.name, str(error))
     except (OSError, MemoryError) as error:
-        return Failed(job.name, _one_line(error), traceback.format_exc())
+        return Failed(job.name, _one_line(error))
     except Exception as error:  # a job that fails must not stop the others
-        return Failed(
-            job.name, f"{type(error).__name__}: {_one_line(error)}", traceback.format_exc()
-        )
+        return Failed(job.name, f"{type(error).__name__}: {_one_line(error)}")
     return _done(job, made, text)
 
 

@@ -45,7 +45,6 @@ class Fitting:
         self._config, self._training, self._calibration = config, training, calibration
         self._checkpoint = checkpoint
         self.network = untrained(config).to(config.device)
-        self._schooling = self.network.schooling
         self._steps = len(training) // config.batch
         self._optimiser = torch.optim.AdamW(self.network.parameters(), config.learning_rate)
         self._schedule = self._scheduled()
@@ -54,7 +53,7 @@ class Fitting:
             self._resume()
 
     def _scheduled(self) -> torch.optim.lr_scheduler.LRScheduler:
-        if not self._schooling.one_cycle:
+        if not self.network.one_cycle:
             return torch.optim.lr_scheduler.ConstantLR(self._optimiser, factor=1.0)
         return torch.optim.lr_scheduler.OneCycleLR(
             self._optimiser, self._config.learning_rate, self._config.epochs * self._steps
@@ -87,12 +86,12 @@ class Fitting:
         """One batch, mirrored as the two bits of `flips` say: left and right, top and bottom."""
         inputs = self._inputs(self._training[picked])
         axes = [axis for bit, axis in ((1, -1), (2, -2)) if flips & bit]
-        if mirrored := self._schooling.mirrored:
+        if mirrored := self.network.mirrored:
             inputs = {**inputs, mirrored: inputs[mirrored].flip(axes)}
         value = self.network.loss(inputs)
         self._optimiser.zero_grad()
         value.backward()
-        if most := self._schooling.most_gradient:
+        if most := self.network.most_gradient:
             torch.nn.utils.clip_grad_norm_(self.network.parameters(), most)
         self._optimiser.step()
         self._schedule.step()

@@ -11,7 +11,7 @@ from torch.nn import functional
 from eventsweep.emvs.learned.judgement import LOG_ERROR_RANGE
 from eventsweep.emvs.learned.network import CHANNELS, CUES, Architecture
 from eventsweep.eval.learning.samples import shares_of_codes
-from eventsweep.eval.learning.trainable import Inputs, Outcome, Schooling, Trainable
+from eventsweep.eval.learning.trainable import Inputs, Outcome, Trainable
 
 
 class Judged(NamedTuple):
@@ -32,7 +32,7 @@ class Judged(NamedTuple):
 class Network(Trainable):
     """From a patch to its ray, along the ray to logits, from the best sample to expected errors."""
 
-    schooling = Schooling(one_cycle=True, mirrored="codes", most_gradient=1.0)
+    one_cycle, mirrored, most_gradient = True, "codes", 1.0
 
     def __init__(self, shape: Architecture) -> None:
         super().__init__()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -12,21 +11,6 @@ from torch import Tensor, nn
 
 Inputs = Mapping[str, Tensor]
 """The arrays of `SampleSet.inputs`, as tensors of one batch."""
-
-
-@dataclass(frozen=True)
-class Schooling:
-    """How a network is trained, beside what the configuration says.
-
-    Attributes:
-        one_cycle: whether the rate rises and falls once; else it stays.
-        mirrored: the input that is mirrored at random, left and right, top and bottom; "": none.
-        most_gradient: norm to which gradients are cut; 0: they are not.
-    """
-
-    one_cycle: bool = False
-    mirrored: str = ""
-    most_gradient: float = 0.0
 
 
 class Outcome(NamedTuple):
@@ -45,10 +29,12 @@ class Trainable(nn.Module):
     """A network in torch; `state_dict` holds its weights and nothing else.
 
     Attributes:
-        schooling: how it is trained.
+        one_cycle: whether the rate rises and falls once; else it stays.
+        mirrored: the input that is mirrored at random, left and right, top and bottom; "": none.
+        most_gradient: norm to which gradients are cut; 0: they are not.
     """
 
-    schooling = Schooling()
+    one_cycle, mirrored, most_gradient = False, "", 0.0
 
     def loss(self, inputs: Inputs) -> Tensor:
         """What training makes small, of one batch."""

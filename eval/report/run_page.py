@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -39,6 +38,7 @@ from eventsweep.eval.figures.images import (
     point_size_px,
 )
 from eventsweep.eval.figures.plots import (
+    SharesByName,
     causes_figure,
     curves_figure,
     outlier_causes,
@@ -58,7 +58,8 @@ from eventsweep.eval.report.ranking import (
 )
 from eventsweep.eval.report.run_data import CaseData, MethodData, RunData, WindowData, load_run
 from eventsweep.eval.report.viewer import window_json
-from eventsweep.eval.scoring.curves import THRESHOLDS_CM, ThresholdCurve
+from eventsweep.eval.scoring.curves import THRESHOLDS_CM
+from eventsweep.eval.scoring.metrics import NAN
 from eventsweep.eval.scoring.pairing import REFERENCE, Truth
 from eventsweep.eval.scoring.results import POOLED, RIG, each
 
@@ -313,25 +314,23 @@ def _curves(rows: pd.DataFrame, methods: Sequence[str], prefix: str) -> Markup |
     return Markup(svg(curves_figure, drawn, prefix)) if drawn else None
 
 
-def curves_of(rows: pd.DataFrame, methods: Sequence[str]) -> list[tuple[str, ThresholdCurve]]:
+def curves_of(rows: pd.DataFrame, methods: Sequence[str]) -> list[tuple[str, SharesByName]]:
     """The curves of all methods, from the rows of one case; none where nothing was scored."""
     values = {(row.method, row.metric): row.value for row in each(rows)}
     if not any((method, "points") in values for method in methods):
         return []
-    return [(method, _curve_of(values, method)) for method in methods]
+    return [
+        (method, {
+            name: np.array([values.get((method, f"{name}_{cm}cm"), NAN) for cm in THRESHOLDS_CM])
+            for name in ("precision", "recall", "f1")
+        })
+        for method in methods
+    ]  # fmt: skip
 
 
 def _causes(rows: pd.DataFrame, methods: Sequence[str]) -> Markup | None:
     shares = outlier_causes(rows, methods)
     return Markup(svg(causes_figure, shares)) if shares else None
-
-
-def _curve_of(values: dict[tuple[str, str], float], method: str) -> ThresholdCurve:
-    shares = (
-        np.array([values.get((method, f"{name}_{cm}cm"), math.nan) for cm in THRESHOLDS_CM])
-        for name in ("precision", "recall", "f1")
-    )
-    return ThresholdCurve(np.array(THRESHOLDS_CM), *shares)
 
 
 def write_report(run_dir: Path) -> Path:

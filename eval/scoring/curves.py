@@ -24,23 +24,6 @@ Share = Callable[[Pairs, Hits], float]
 COVERAGES_PERCENT: tuple[int, ...] = (1, 2, 5, 10, 20)
 
 
-@dataclass(frozen=True, slots=True)
-class ThresholdCurve:
-    """What share is right, as the tolerated error grows.
-
-    Attributes:
-        threshold_cm: (15,) tolerated error |e - g|, cm.
-        precision: (15,) share of the estimates that are within it, %.
-        recall: (15,) share of the ground truth that has an estimate within it, %.
-        f1: (15,) harmonic mean of both, %.
-    """
-
-    threshold_cm: NDArray[np.int64]
-    precision: FloatArray
-    recall: FloatArray
-    f1: FloatArray
-
-
 def _precision(pairs: Pairs, hits: Hits) -> float:
     return 100 * float(np.sum(hits)) / pairs.count
 

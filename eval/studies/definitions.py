@@ -51,11 +51,6 @@ class Study:
     change: Callable[[float], Change]
     logarithmic: bool = False
 
-    @property
-    def unperturbed(self) -> float:
-        """The amount that perturbs nothing."""
-        return self.amounts[0]
-
 
 def _perturb(**per_unit: float) -> Callable[[float], Change]:
     return lambda amount: Change(perturb={key: v * amount for key, v in per_unit.items()})

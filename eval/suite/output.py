@@ -45,8 +45,8 @@ def assignments(
     subset: str,
     seeds: Sequence[int] | None,
     cases: Sequence[str] | None,
+    archive: SequenceArchive | None,
     cache: Path,
-    archive: SequenceArchive | None = None,
 ) -> dict[str, Any]:
     """What a prediction must hold, and where the cache has the sequences, as plain JSON values."""
     listed = []

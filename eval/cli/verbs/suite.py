@@ -58,19 +58,16 @@ def suite(
     """
     from eventsweep.eval.suite.archive import SequenceArchive
     from eventsweep.eval.suite.definition import load
+    from eventsweep.eval.suite.output import assignments
 
-    chosen, subset = load(name)
-    parts = Parts(
-        chosen,
-        subset,
-        seed_numbers(seeds, "--seeds"),
-        case,
-        SequenceArchive(archive) if archive else None,
-    )
+    source = SequenceArchive(archive) if archive else None
+    parts = Parts(*load(name), seed_numbers(seeds, "--seeds"), case, source)
     if list_cases and (out is not None or prediction):
         raise InputError("--list-cases with --out or --prediction: it only lists; leave one out")
     if list_cases:
-        return _listed(parts, job_flags, common)
+        listed = assignments(*parts, cache=job_flags.cache_folder())
+        common.console().result(listed, _assignments(listed))
+        return 0
     if out is None:
         raise InputError("suite without --out: name a folder to write, or add --list-cases")
     return _run(
@@ -87,15 +84,6 @@ class Parts(NamedTuple):
     seeds: tuple[int, ...] | None
     cases: tuple[str, ...]
     archive: SequenceArchive | None
-
-
-def _listed(parts: Parts, job_flags: JobFlags, common: Common) -> int:
-    from eventsweep.eval.suite import output
-
-    asked = (parts.suite, parts.subset, parts.seeds, parts.cases)
-    listed = output.assignments(*asked, job_flags.cache_folder(), parts.archive)
-    common.console().result(listed, _assignments(listed))
-    return 0
 
 
 def _run(

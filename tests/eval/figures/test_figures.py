@@ -34,7 +34,7 @@ from eventsweep.eval.figures.images import (
     frame_image,
 )
 from eventsweep.eval.figures.plots import DsiSlice, _surfaces, curves_figure, slice_figure, svg
-from eventsweep.eval.scoring.curves import THRESHOLDS_CM, ThresholdCurve
+from eventsweep.eval.scoring.curves import THRESHOLDS_CM
 from eventsweep.eval.scoring.method_scores import ALL_METRICS
 from eventsweep.eval.scoring.metrics import Pairs
 
@@ -188,11 +188,10 @@ def test_every_depth_bar_is_labelled_at_both_ends():
 
 
 def _curve(pairs):
-    shares = (
-        np.array([ALL_METRICS[f"{name}_{cm}cm"](pairs) for cm in THRESHOLDS_CM])
+    return {
+        name: np.array([ALL_METRICS[f"{name}_{cm}cm"](pairs) for cm in THRESHOLDS_CM])
         for name in ("precision", "recall", "f1")
-    )
-    return ThresholdCurve(np.array(THRESHOLDS_CM), *shares)
+    }
 
 
 def _curves():

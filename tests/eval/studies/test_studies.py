@@ -93,7 +93,7 @@ def test_every_study_perturbs_nothing_at_first_and_something_then(name):
     if first.perturb and name != "pose-rate":
         assert Perturbation(**first.perturb) == Perturbation()
     if first.perturb and name == "pose-rate":
-        assert study.unperturbed == SimConfig().pose_rate_hz
+        assert study.amounts[0] == SimConfig().pose_rate_hz
 
 
 @pytest.mark.parametrize(
