@@ -11,13 +11,13 @@ from eventsweep.emvs.calibrate.folder import estimate_facts, write_refined
 from eventsweep.emvs.calibrate.refine import RefineConfig, Refinement, refine
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.utils.outputs import atomic_dir
-from eventsweep.eval.progress import Progress
+from eventsweep.eval.progress import Display
 from eventsweep.eval.report.calibrate_page import page_text, summary
 from eventsweep.eval.report.html import REPORT_NAME
 
 
 def calibrate_recording(
-    recording: Recording, path: Path, out: Path, config: RefineConfig, progress: Progress, *,
+    recording: Recording, path: Path, out: Path, config: RefineConfig, progress: Display, *,
     force: bool = False, command: str = "",
 ) -> tuple[Refinement, tuple[str, ...]]:  # fmt: skip
     """Writes a folder with calibration, `recording.toml` and page; notes are on those files."""

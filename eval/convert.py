@@ -17,7 +17,7 @@ from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.outputs import check_output, inputs_of, output_file
-from eventsweep.eval.progress import Progress
+from eventsweep.eval.progress import Display
 
 POSES = ("tum", "kitti")
 CLOUDS = ("ply", "pcd")
@@ -69,7 +69,7 @@ class Written:
     notes: tuple[str, ...] = ()
 
 
-def convert_file(source: Path, out: Path, options: Options, progress: Progress) -> Written:
+def convert_file(source: Path, out: Path, options: Options, progress: Display) -> Written:
     """Converts one thing."""
     to = options.to
     if to not in targets():
@@ -119,7 +119,7 @@ def _file(source: Path, out: Path, options: Options) -> str:
 
 
 def _events(
-    source: Path, out: Path, options: Options, inputs: tuple[Path, ...], progress: Progress
+    source: Path, out: Path, options: Options, inputs: tuple[Path, ...], progress: Display
 ) -> Written:
     readable = open_readable(source, options.columns)
     whole = readable.recording is not None and not options.stream
@@ -147,7 +147,7 @@ def _events(
 
 
 def _windows(
-    source: Path, out: Path, options: Options, inputs: tuple[Path, ...], progress: Progress
+    source: Path, out: Path, options: Options, inputs: tuple[Path, ...], progress: Display
 ) -> Written:
     """Events and the depth at their end, a file per window."""
     from eventsweep.emvs.datasets import open_recording

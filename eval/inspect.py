@@ -17,7 +17,7 @@ from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.eval.event_statistics import StreamCount
 from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, TRUTH_COLOUR
-from eventsweep.eval.progress import Progress
+from eventsweep.eval.progress import Display
 
 _POSE_GAP_FACTOR = 5
 _MOST_STREAMS = 8
@@ -39,7 +39,7 @@ _ROWS = {
 
 
 def inspect(
-    path: Path, progress: Progress, columns: ColumnMap | None = None
+    path: Path, progress: Display, columns: ColumnMap | None = None
 ) -> tuple[Readable, list[StreamCount]]:
     """Opens anything readable and counts its events, one pass per stream."""
     readable = open_readable(path, columns)

@@ -16,7 +16,7 @@ from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.outputs import atomic_dir, check_files, files_together, output_folder
 from eventsweep.eval.config import EvalConfig, Settings
-from eventsweep.eval.progress import MapBars, Progress, Silent
+from eventsweep.eval.progress import Display, MapBars, Silent
 from eventsweep.scenes import case_name
 from eventsweep.sim.config import SimConfig
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from eventsweep.emvs.check.findings import Finding
     from eventsweep.emvs.data.recording import Recording
     from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
-    from eventsweep.emvs.utils.runtime import Progress as StepProgress
+    from eventsweep.emvs.utils.runtime import Progress
     from eventsweep.eval.scoring import run_folder
     from eventsweep.eval.scoring.pairing import Estimate
     from eventsweep.eval.scoring.predictions import NamedFolder
@@ -51,7 +51,7 @@ def run_cases(
     force: bool = False,
     workers: int = 1,
     finish: Callable[[Path], None] = _add_nothing,
-    progress: Progress = _SILENT,
+    progress: Display = _SILENT,
 ) -> Results:
     """Simulates, maps and scores every case; `out` appears when all is done.
 
@@ -92,7 +92,7 @@ def simulate_scene(
     force: bool = False,
     workers: int = 1,
     fresh: bool = False,
-    progress: Progress = _SILENT,
+    progress: Display = _SILENT,
 ) -> None:
     """Simulates one scene, with its own rig or another one, and writes the sequence.
 
@@ -268,7 +268,7 @@ def map_recording(
     force: bool = False,
     finish: Callable[[Path], None] = _add_nothing,
     warn: Callable[[Finding], None] | None = None,
-    progress: Progress = _SILENT,
+    progress: Display = _SILENT,
 ) -> StoredMap:
     """Maps one window of a recording and writes the map folder.
 
@@ -297,8 +297,8 @@ def map_recording(
 
 def _checking(
     recording: Recording, config: MapperConfig, warn: Callable[[Finding], None],
-    progress: StepProgress,
-) -> StepProgress:  # fmt: skip
+    progress: Progress,
+) -> Progress:  # fmt: skip
     """A progress that checks the recording once, at the first step of mapping."""
     from eventsweep.emvs.check.recording import quick_check
 

@@ -1,4 +1,4 @@
-"""Progress on the error stream: a bar per stage with rate and remaining time, or silence."""
+"""Display on the error stream: a bar per stage with rate and remaining time, or silence."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from eventsweep.emvs.utils.runtime import Progress as StepProgress
+    from eventsweep.emvs.utils.runtime import Progress
 
 Update = Callable[[float, str], None]
 """Takes how much of the stage's total is done, and a few words."""
 
 
-class Progress(Protocol):
+class Display(Protocol):
     """Shows how far a run has come."""
 
     def stage(self, title: str, total: float) -> AbstractContextManager[Update]:
@@ -87,12 +87,12 @@ _MAPPING_SHARES = {"rays": (0.0, 0.1), "sweep": (0.1, 0.9)}
 _CHECKING_SHARES = {"events": (0.0, 0.2), "alternatives": (0.2, 0.8)}
 
 
-def checking(update: Update) -> StepProgress:
+def checking(update: Update) -> Progress:
     """Turns a check's progress, stage by stage, into the movement of one bar."""
     return _in_one_bar(update, _CHECKING_SHARES)
 
 
-def _in_one_bar(update: Update, shares: Mapping[str, tuple[float, float]]) -> StepProgress:
+def _in_one_bar(update: Update, shares: Mapping[str, tuple[float, float]]) -> Progress:
     def show(stage: str, done: int, total: int) -> None:
         start, share = shares.get(stage, (1.0, 0.0))
         update(start + share * done / max(total, 1), f"{stage} {done}/{total}")
@@ -107,7 +107,7 @@ class MapBars:
     be used as a context.
     """
 
-    def __init__(self, progress: Progress, title: str) -> None:
+    def __init__(self, progress: Display, title: str) -> None:
         self._progress, self._stage = progress, ExitStack()
         self._next(title)
         self._windows: tuple[int, int] | None = None

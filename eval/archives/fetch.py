@@ -34,7 +34,7 @@ from eventsweep.emvs.utils.outputs import claimed
 from eventsweep.eval.archives import manifest as manifests
 from eventsweep.eval.archives.manifest import FILE_NAME, ArchiveManifest, PackedSequence
 from eventsweep.eval.archives.tarball import sha256_of
-from eventsweep.eval.progress import Progress
+from eventsweep.eval.progress import Display
 
 TIMEOUT_S = 30.0
 ATTEMPTS = 4
@@ -100,7 +100,7 @@ def source_of(place: str) -> Source:
 def fetch(
     place: str,
     out: Path,
-    progress: Progress,
+    progress: Display,
     *,
     subset: str = "",
     cases: Sequence[str] = (),

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from eventsweep.eval.cli.exit_codes import with_flags
-from eventsweep.eval.progress import Bars, Progress, Silent
+from eventsweep.eval.progress import Bars, Display, Silent
 
 Part = str | Text | Table
 """What a summary is made of; a string is a line of its own, printed as it is."""
@@ -32,7 +32,7 @@ class Console:
         self._out = RichConsole(markup=False, highlight=False)
         if piped_width is not None and not self.is_terminal:
             self._out.width = piped_width
-        self.progress: Progress = Bars(with_flags) if self._shows else Silent()
+        self.progress: Display = Bars(with_flags) if self._shows else Silent()
 
     @property
     def is_terminal(self) -> bool:

@@ -16,7 +16,7 @@ from eventsweep.eval.cli.help import RARE
 
 if TYPE_CHECKING:
     from eventsweep.eval.jobs.scheduler import Workers
-    from eventsweep.eval.progress import Progress
+    from eventsweep.eval.progress import Display
     from eventsweep.eval.scoring.predictions import NamedFolder
     from eventsweep.eval.suite.archive import SequenceArchive
     from eventsweep.eval.suite.definition import Suite
@@ -108,7 +108,7 @@ def run_with_flags(
     suite: Suite,
     subset: str,
     flags: JobFlags,
-    progress: Progress,
+    progress: Display,
     *,
     seeds: tuple[int, ...] | None = None,
     cases: tuple[str, ...] = (),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from eventsweep.eval.jobs.job import Failed, Job, Outcome, order
-from eventsweep.eval.progress import Progress
+from eventsweep.eval.progress import Display
 
 
 class Workers(Protocol):
@@ -75,7 +75,7 @@ class JobBoard:
         return f"{words}, {left_s:.0f} s left" if done < total and left_s is not None else words
 
 
-def run_jobs(jobs: Iterable[Job], workers: Open, progress: Progress) -> Mapping[str, Outcome]:
+def run_jobs(jobs: Iterable[Job], workers: Open, progress: Display) -> Mapping[str, Outcome]:
     """Does jobs and all that they need; returns the outcome of each, by name."""
     board = JobBoard(order(jobs))
     with workers() as crew, progress.stage("jobs", max(len(board.jobs), 1)) as update:
@@ -89,7 +89,7 @@ def run_jobs(jobs: Iterable[Job], workers: Open, progress: Progress) -> Mapping[
     return board.outcomes
 
 
-def _collect(board: JobBoard, crew: Workers, progress: Progress) -> None:
+def _collect(board: JobBoard, crew: Workers, progress: Display) -> None:
     for outcome in crew.wait(_TICK_S):
         board.take(outcome)
         if isinstance(outcome, Failed):

@@ -18,7 +18,7 @@ from eventsweep.eval.learning.config import NetworkName, TrainingConfig
 from eventsweep.eval.learning.samples import SampleSet
 from eventsweep.eval.learning.sequences import Part, TrainingSequence, sequences
 from eventsweep.eval.learning.tasks import TASKS
-from eventsweep.eval.progress import Progress
+from eventsweep.eval.progress import Display
 from eventsweep.sim.config import SimConfig
 from eventsweep.sim.rigs import rig
 from eventsweep.sim.sensor_presets import SensorConfig
@@ -44,7 +44,7 @@ def code_digest(network: NetworkName) -> str:
     return definition_digest(closure([TASKS[network].code]))
 
 
-def make(folder: Path, config: TrainingConfig, progress: Progress) -> None:
+def make(folder: Path, config: TrainingConfig, progress: Display) -> None:
     """Simulates the sequences and draws samples of their windows, as far as they are not there."""
     wanted = [(part, one) for part in PARTS for one in chosen(part, config)]
     with progress.stage("sequences", len(wanted)) as update, _renderer() as renderer:

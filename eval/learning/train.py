@@ -18,7 +18,7 @@ from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.learning import confidence, data
 from eventsweep.eval.learning.config import History, TrainingConfig
 from eventsweep.eval.learning.tasks import TASKS, Task
-from eventsweep.eval.progress import Progress
+from eventsweep.eval.progress import Display
 
 if TYPE_CHECKING:
     from eventsweep.eval.learning.fit import Fitting
@@ -38,7 +38,7 @@ class Trained:
     manifest: Mapping[str, Any]
 
 
-def train(folder: Path, config: TrainingConfig, progress: Progress) -> Trained:
+def train(folder: Path, config: TrainingConfig, progress: Display) -> Trained:
     """Trains a network; what is there already from an earlier, stopped run is not done again."""
     Fitted = _fitting()
     _same_training(folder, config)

@@ -19,7 +19,7 @@ from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.jobs.job import Done, Failed, Job, Outcome
 from eventsweep.eval.jobs.scheduler import Open, run_jobs
 from eventsweep.eval.pipeline import check_case
-from eventsweep.eval.progress import Progress
+from eventsweep.eval.progress import Display
 from eventsweep.eval.scoring.results import POOLED, each
 from eventsweep.eval.studies.curves import (
     METRICS,
@@ -69,7 +69,7 @@ def run_study(
     cases: Sequence[str],
     seeds: Sequence[int],
     workers: Open,
-    progress: Progress,
+    progress: Display,
     seconds: float = SECONDS,
 ) -> StudyResult:
     """Maps and scores every case, seed and amount, in sequences of so many seconds."""

@@ -35,7 +35,7 @@ from eventsweep.eval.archives.manifest import (
 from eventsweep.eval.archives.tarball import pack, sha256_of, unpack
 from eventsweep.eval.jobs.job import SEQUENCE, Failed, Job, entry
 from eventsweep.eval.jobs.scheduler import Open, run_jobs
-from eventsweep.eval.progress import Progress
+from eventsweep.eval.progress import Display
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.eval.suite.results import ArchiveFacts
 from eventsweep.eval.suite.stages.map import as_perturbed
@@ -169,7 +169,7 @@ def read_secret(path: Path) -> bytes:
 
 
 def make_archive(
-    plan: ArchivePlan, out: Path, workers: Open, store: Cache, progress: Progress, *, force: bool
+    plan: ArchivePlan, out: Path, workers: Open, store: Cache, progress: Display, *, force: bool
 ) -> tuple[ArchiveManifest | None, tuple[Failed, ...]]:
     """Draws all sequences, or takes them from the cache, and packs them.
 
@@ -234,7 +234,7 @@ def _manifest(
 
 
 def unpack_recordings(
-    folder: Path, wanted: Sequence[PackedSequence], out: Path, progress: Progress, *, force: bool
+    folder: Path, wanted: Sequence[PackedSequence], out: Path, progress: Display, *, force: bool
 ) -> None:
     """Unpacks sequences as a method may read them: OUT/CASE/seedN, imperfect where a case is."""
     with (

@@ -13,7 +13,7 @@ from typing import Any
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.eval.jobs.local import ONE_THREAD, environment
-from eventsweep.eval.progress import Progress
+from eventsweep.eval.progress import Display
 from eventsweep.eval.suite.archive import SequenceArchive
 from eventsweep.eval.suite.definition import Suite
 from eventsweep.eval.suite.results import MeasuredCost, SuiteResult, mapper_method
@@ -26,7 +26,7 @@ def measured_costs(
     result: SuiteResult,
     suite: Suite,
     cache: Path,
-    progress: Progress,
+    progress: Display,
     archive: SequenceArchive | None = None,
 ) -> dict[str, MeasuredCost]:
     """Maps the first window of the suite's speed case with each method alone.

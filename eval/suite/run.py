@@ -25,7 +25,7 @@ from eventsweep.emvs.utils.cache import Cache
 from eventsweep.eval.jobs.job import SEQUENCE, Done, Failed, Job, Outcome, entry
 from eventsweep.eval.jobs.scheduler import Open, run_jobs
 from eventsweep.eval.pipeline import check_case
-from eventsweep.eval.progress import Progress
+from eventsweep.eval.progress import Display
 from eventsweep.eval.scoring.predictions import NamedFolder
 from eventsweep.eval.scoring.results import together
 from eventsweep.eval.suite.archive import SequenceArchive, simulated
@@ -46,7 +46,7 @@ def run_suite(
     suite: Suite,
     subset: str,
     workers: Open,
-    progress: Progress,
+    progress: Display,
     *,
     seeds: Sequence[int] | None = None,
     cases: Sequence[str] | None = None,

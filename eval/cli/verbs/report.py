@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.cli.app import NO_NEGATIVE, QUIET, Quiet, app
-from eventsweep.eval.progress import Progress
+from eventsweep.eval.progress import Display
 
 
 @Parameter(name="*")
@@ -32,7 +32,7 @@ class ReportFlags:
 _PAGE_ONLY = ReportFlags()
 
 
-def report_stage(progress: Progress) -> Callable[[Path], None]:
+def report_stage(progress: Display) -> Callable[[Path], None]:
     """What writes the report of a folder, shown as a stage of its own."""
 
     def write(folder: Path) -> None:
