@@ -117,7 +117,7 @@ def _texts_of(
     import docstring_parser
 
     own = docstring_parser.parse((command and command.__doc__) or "").params
-    by_name = {one.arg_name: one.description or "" for one in own}
+    by_name = {param.arg_name: param.description or "" for param in own}
     owners = {id(child): parent.resolved_hint for parent in arguments for child in parent.children}
 
     def text(argument: Argument) -> str:
@@ -130,8 +130,8 @@ def _texts_of(
 
 
 def _attribute_text(owner: type, name: str) -> str:
-    own = (one for one in owner.__mro__ if one.__module__.startswith(_OURS))
-    texts = (_attribute_texts(one.__module__).get((one.__name__, name), "") for one in own)
+    own = (cls for cls in owner.__mro__ if cls.__module__.startswith(_OURS))
+    texts = (_attribute_texts(cls.__module__).get((cls.__name__, name), "") for cls in own)
     return next(filter(None, texts), "")
 
 

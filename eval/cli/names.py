@@ -90,8 +90,8 @@ def formats(_: Any = None) -> Mapping[str, str]:
     from eventsweep.emvs.formats import FORMATS
 
     return {
-        name: f"{one.what}, {'read and written' if one.writes else 'read only'}"
-        for name, one in FORMATS.items()
+        name: f"{event_format.what}, {'read and written' if event_format.writes else 'read only'}"
+        for name, event_format in FORMATS.items()
     }
 
 

@@ -42,7 +42,7 @@ class Baseline(BaseModel):
 
     def by_key(self) -> Mapping[Key, Series]:
         """The series, by what they are about."""
-        return {one.key: one for one in self.series}
+        return {numbers.key: numbers for numbers in self.series}
 
 
 def make_baseline(measured: Measured, reason: str, before: Baseline | None) -> Baseline:
@@ -56,7 +56,9 @@ def make_baseline(measured: Measured, reason: str, before: Baseline | None) -> B
     if measured.failures:
         name, why = next(iter(measured.failures.items()))
         raise InputError(f"no baseline of a run with failed jobs: {name}: {why}")
-    undefined = [one.key for one in measured.series.values() if not _whole(one, measured)]
+    undefined = [
+        numbers.key for numbers in measured.series.values() if not _whole(numbers, measured)
+    ]
     if undefined or not measured.series:
         what = f"{undefined[0]} is undefined or lacks seeds" if undefined else "there is no number"
         raise InputError(f"no baseline of an incomplete result: {what}")
@@ -67,14 +69,14 @@ def make_baseline(measured: Measured, reason: str, before: Baseline | None) -> B
         seeds=measured.seeds,
         history=(*history, now),
         versions=dict(measured.versions),
-        series=tuple(sorted(measured.series.values(), key=lambda one: one.key)),
+        series=tuple(sorted(measured.series.values(), key=lambda numbers: numbers.key)),
     )
 
 
-def _whole(one: Series, measured: Measured) -> bool:
-    seeds = set(one.values)
-    return all(map(math.isfinite, one.values.values())) and (
-        seeds >= set(measured.seeds) or one.metric == SPEED_METRIC
+def _whole(numbers: Series, measured: Measured) -> bool:
+    seeds = set(numbers.values)
+    return all(map(math.isfinite, numbers.values.values())) and (
+        seeds >= set(measured.seeds) or numbers.metric == SPEED_METRIC
     )
 
 

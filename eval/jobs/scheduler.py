@@ -63,8 +63,8 @@ class JobBoard:
     @property
     def failed(self) -> list[Failed]:
         """Every failure but those of jobs that could not start."""
-        failures = [one for one in self.outcomes.values() if isinstance(one, Failed)]
-        return [one for one in failures if not one.reason.startswith("not started: ")]
+        failures = [outcome for outcome in self.outcomes.values() if isinstance(outcome, Failed)]
+        return [outcome for outcome in failures if not outcome.reason.startswith("not started: ")]
 
     def words(self, workers: int) -> str:
         """How far it is, in a few words."""

@@ -29,14 +29,14 @@ PARTS: tuple[Part, ...] = ("training", "calibration")
 
 def chosen(part: Part, config: TrainingConfig) -> tuple[TrainingSequence, ...]:
     """The sequences of a part, of the scenes that the configuration names."""
-    known = {one.scene for one in sequences("training")}
+    known = {sequence.scene for sequence in sequences("training")}
     if unknown := set(config.scenes) - known:
         raise InputError(
             f"no training sequence of {', '.join(sorted(unknown))}: choose from "
             f"{', '.join(sorted(known))}"
         )
     wanted = config.scenes or known
-    return tuple(one for one in sequences(part) if one.scene in wanted)
+    return tuple(sequence for sequence in sequences(part) if sequence.scene in wanted)
 
 
 def code_digest(network: NetworkName) -> str:
@@ -46,18 +46,18 @@ def code_digest(network: NetworkName) -> str:
 
 def make(folder: Path, config: TrainingConfig, progress: Display) -> None:
     """Simulates the sequences and draws samples of their windows, as far as they are not there."""
-    wanted = [(part, one) for part in PARTS for one in chosen(part, config)]
+    wanted = [(part, sequence) for part in PARTS for sequence in chosen(part, config)]
     with progress.stage("sequences", len(wanted)) as update, _renderer() as renderer:
-        for done, (_, one) in enumerate(wanted):
-            update(done, one.name)
-            path = folder / "sequences" / one.name
+        for done, (_, sequence) in enumerate(wanted):
+            update(done, sequence.name)
+            path = folder / "sequences" / sequence.name
             if not path.exists():
-                renderer.submit(_simulate, one, path).result()
+                renderer.submit(_simulate, sequence, path).result()
         update(len(wanted), f"{len(wanted)} sequences")
     with progress.stage("samples", len(wanted)) as update:
-        for done, (part, one) in enumerate(wanted):
-            update(done, one.name)
-            _draw(folder, part, one, config)
+        for done, (part, sequence) in enumerate(wanted):
+            update(done, sequence.name)
+            _draw(folder, part, sequence, config)
         update(len(wanted), f"{len(wanted)} sequences")
 
 
@@ -67,10 +67,10 @@ def _renderer() -> ProcessPoolExecutor:
     return ProcessPoolExecutor(1, mp_context=start, initializer=end_with_parent)
 
 
-def _simulate(one: TrainingSequence, path: Path) -> None:
+def _simulate(spec: TrainingSequence, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    config = SimConfig(duration_s=one.seconds, sensor=SensorConfig(preset=one.sensor))
-    simulate(scenes.load(one.scene), rig(one.rig), config, one.seed, path)
+    config = SimConfig(duration_s=spec.seconds, sensor=SensorConfig(preset=spec.sensor))
+    simulate(scenes.load(spec.scene), rig(spec.rig), config, spec.seed, path)
 
 
 def _draw(folder: Path, part: Part, one: TrainingSequence, config: TrainingConfig) -> None:
@@ -103,8 +103,8 @@ def _files(
     folder: Path, part: Part, config: TrainingConfig, wanted: Iterable[TrainingSequence]
 ) -> Iterator[SampleSet]:
     task = TASKS[config.network]
-    for one in wanted:
-        for k, _ in enumerate(task.windows(one)):
-            found = task.samples.load(folder / "samples" / part / f"{one.name}-{k}.npz")
-            rng = np.random.default_rng([one.seed, k])
+    for sequence in wanted:
+        for k, _ in enumerate(task.windows(sequence)):
+            found = task.samples.load(folder / "samples" / part / f"{sequence.name}-{k}.npz")
+            rng = np.random.default_rng([sequence.seed, k])
             yield found[np.sort(rng.permutation(len(found))[: config.candidates])]

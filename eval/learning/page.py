@@ -71,7 +71,7 @@ def _loss(history: History) -> Figure:
     figure = Figure(_SIZE_INCHES, layout="constrained")
     axes = figure.add_subplot()
     epochs = range(1, len(history) + 1)
-    axes.plot(epochs, [one["loss"] for one in history], color=ESTIMATE_COLOUR, marker="o")
+    axes.plot(epochs, [epoch["loss"] for epoch in history], color=ESTIMATE_COLOUR, marker="o")
     axes.set_xlabel("epoch")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylabel("training loss")
@@ -88,7 +88,7 @@ def _errors(trained: Trained) -> Figure:
             key = f"{prefix}{of}_beyond_1px"
             if key not in history[0]:
                 continue
-            share = [100 * one[key] for one in history]
+            share = [100 * epoch[key] for epoch in history]
             label = f"{f'by {compared}' if prefix else 'network'}, {of}"
             axes.plot(epochs, share, color=colour, linestyle=dash, label=label)
     axes.set_xlabel("epoch")

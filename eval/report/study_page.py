@@ -108,15 +108,15 @@ def write_study_report(folder: Path) -> Path:
 
 def study_page(studies: list[StoredStudy], figures: list[str], files: tuple[str, ...] = ()) -> Page:
     """What the page shows."""
-    names = [one.study for one in studies]
+    names = [study.study for study in studies]
     return Page(
         title=names[0] if len(names) == 1 else f"{len(names)} studies",
         subtitle="One thing is perturbed by growing amounts: how every method's error grows.",
         sections=tuple(
-            _section(one, figure, k)
-            for k, (one, figure) in enumerate(zip(studies, figures, strict=True))
+            _section(study, figure, k)
+            for k, (study, figure) in enumerate(zip(studies, figures, strict=True))
         ),
-        provenance=versions_grid(names, [one.versions for one in studies]),
+        provenance=versions_grid(names, [study.versions for study in studies]),
         overview=_overview(studies),
         version=studies[0].versions.get("eventsweep", ""),
         files=files,
@@ -144,12 +144,12 @@ def as_page(drawing: str) -> str:
 
 
 def _overview(studies: list[StoredStudy]) -> Grid:
-    methods = list(dict.fromkeys(method for one in studies for method in one.breaks_at))
+    methods = list(dict.fromkeys(method for study in studies for method in study.breaks_at))
     heads = (Head("study"), Head("unit"), *(Head(method) for method in methods))
     lines = []
-    for one in studies:
-        cells = (_breaking(one, method) for method in methods)
-        lines.append((GridCell(one.study), GridCell(one.unit), *cells))
+    for study in studies:
+        cells = (_breaking(study, method) for method in methods)
+        lines.append((GridCell(study.study), GridCell(study.unit), *cells))
     about = (
         "Where each method breaks: the amount, in the unit of its line, at which its mean error "
         f"reaches {BREAKS_AT:g} times the unperturbed one. “never” means not within what was tried."

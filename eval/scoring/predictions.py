@@ -351,6 +351,6 @@ def open_predictions(
 def estimates_of(predictions: Sequence[Prediction], view: TargetView) -> dict[str, Estimate]:
     """Reads the depth map that each prediction has for a view, by name."""
     return {
-        one.name: Estimate(*one.depth_m(view), confidence=one.confidence(view))
-        for one in predictions
+        prediction.name: Estimate(*prediction.depth_m(view), confidence=prediction.confidence(view))
+        for prediction in predictions
     }

@@ -189,12 +189,14 @@ def kept_predictions(folder: Path, predictions: Sequence[Path]) -> Iterator[Path
 
 def keep(folder: Path, case: str, t_us: int, estimates: Mapping[str, Estimate]) -> None:
     """Writes the depth maps of a view as predictions that `Prediction.open` reads."""
-    for name, one in estimates.items():
+    for name, estimate in estimates.items():
         own = folder / file_name(name)
         place = own / _case_folder(case)
         place.mkdir(parents=True, exist_ok=True)
-        said = {} if one.confidence is None else {"confidence": np.float32(one.confidence)}
-        arrays: dict[str, Any] = {"depth_m": one.depth_m, "mask": one.mask, **said}
+        confidence = (
+            {} if estimate.confidence is None else {"confidence": np.float32(estimate.confidence)}
+        )
+        arrays: dict[str, Any] = {"depth_m": estimate.depth_m, "mask": estimate.mask, **confidence}
         np.savez_compressed(place / f"{t_us}.npz", **arrays)
         facts = f'name = "{name.removeprefix(FAMILY)}"\nscale = 1.0\nmay_be_empty = true\n'
         (own / DESCRIPTION).write_text(facts, encoding="utf-8")

@@ -178,7 +178,7 @@ def make_archive(
     check_output(out, force=force)
     jobs = {(case, seed): plan.job(case, seed) for case in plan.cases for seed in plan.seeds}
     outcomes = run_jobs(list(jobs.values()), workers, progress)
-    failed = tuple(one for one in outcomes.values() if isinstance(one, Failed))
+    failed = tuple(outcome for outcome in outcomes.values() if isinstance(outcome, Failed))
     if failed:
         return None, failed
     with atomic_dir(out, force=force) as folder, progress.stage("pack", len(jobs)) as update:
@@ -241,14 +241,14 @@ def unpack_recordings(
         atomic_dir(out, force=force, inputs=(folder,)) as made,
         progress.stage("unpack", len(wanted)) as update,
     ):
-        for number, one in enumerate(wanted):
-            place = made / one.place
-            if one.imperfection is None:
+        for number, packed in enumerate(wanted):
+            place = made / packed.place
+            if packed.imperfection is None:
                 place.mkdir(parents=True)
-                unpack(folder / one.file, place, one.files)
+                unpack(folder / packed.file, place, packed.files)
             else:
-                _unpack_perturbed(folder / one.file, one, place)
-            update(number + 1, one.place)
+                _unpack_perturbed(folder / packed.file, packed, place)
+            update(number + 1, packed.place)
 
 
 def _unpack_perturbed(path: Path, packed: PackedSequence, place: Path) -> None:

@@ -177,11 +177,11 @@ def _opened(given: NamedFolder, suite: Suite, assignments: Sequence[Assignment])
     _check_complete(given.path, assignments)
     name, folder = method_name(given, description), given.path.resolve()
     files, medians = {}, _Medians()
-    for one in assignments:
-        found = Prediction(name, timed_files(given.path / one.place, description), description)
-        files[one.place] = {
+    for asked in assignments:
+        found = Prediction(name, timed_files(given.path / asked.place, description), description)
+        files[asked.place] = {
             view.t_us: (path.relative_to(given.path).as_posix(), _sha256(path))
-            for view, path in _read(found, one, medians, suite.cases[one.case].scene)
+            for view, path in _read(found, asked, medians, suite.cases[asked.case].scene)
         }
     medians.check(given.path)
     return SuitePrediction(name, folder, description, files)
@@ -268,7 +268,7 @@ def _folders(folder: Path) -> list[Path]:
 
 
 def _check_complete(folder: Path, assignments: Sequence[Assignment]) -> None:
-    missing = [one for one in assignments if not (folder / one.place).is_dir()]
+    missing = [asked for asked in assignments if not (folder / asked.place).is_dir()]
     if missing:
         first = missing[0]
         raise InputError(

@@ -52,10 +52,10 @@ def study(
     studies = [study_named(study) for study in chosen]
     samples = (method or METHODS, case or CASES, seed_numbers(seeds, "--seeds") or SEEDS)
     console, failed = common.console(), 0
-    files = [name for one in studies for name in file_names(one)]
+    files = [name for chosen_study in studies for name in file_names(chosen_study)]
     with output_folder(out, files, force=True):
-        for one in studies:
-            result = run_study(one, *samples, job_flags.open, console.progress, seconds)
+        for chosen_study in studies:
+            result = run_study(chosen_study, *samples, job_flags.open, console.progress, seconds)
             written = write_study(out, result)
             failed += len(result.failures)
             console.result(json.dumps({result.study.name: result.breaking()}), [_table(result)])

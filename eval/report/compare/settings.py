@@ -74,11 +74,13 @@ def settings_of(results: Sequence[ComparedResult]) -> tuple[Setting, ...]:
 
 
 def _settings(per_case: Mapping[str, Sequence[Mapping[str, str]]], count: int) -> Iterator[Setting]:
-    keys = dict.fromkeys(key for found in per_case.values() for one in found for key in one)
+    keys = dict.fromkeys(
+        key for found in per_case.values() for settings in found for key in settings
+    )
     for name in sorted(keys, key=_group):
         values: dict[tuple[str, ...], list[str]] = {}
         for case, found in per_case.items():
-            texts = tuple(one.get(name, ABSENT) for one in found)
+            texts = tuple(settings.get(name, ABSENT) for settings in found)
             if texts != (ABSENT,) * count:
                 values.setdefault(texts, []).append(case)
         unit, default = _about(name)
@@ -148,7 +150,7 @@ def _text(value: Any) -> str:
         return value
     if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
         return str(int(value))
-    if isinstance(value, list) and not any(isinstance(one, list | dict) for one in value):
+    if isinstance(value, list) and not any(isinstance(item, list | dict) for item in value):
         return _list(map(_text, value)) or "none"
     return json.dumps(value, ensure_ascii=False)
 

@@ -228,7 +228,7 @@ def coverage(page: RankingPage) -> Section:
 def conditions(page: RankingPage) -> Section:
     """Places, error and coverage under each condition."""
     joined = page.joined
-    cases = {one: summary.cases_of(joined, one) for one in CONDITIONS}
+    cases = {condition: summary.cases_of(joined, condition) for condition in CONDITIONS}
     plain = tuple(c for c in joined.cases if not joined.base.cases[c].conditions)
     groups = {**{name: found for name, found in cases.items() if found}, "none of these": plain}
     groups = {name: found for name, found in groups.items() if found}
@@ -378,7 +378,7 @@ def causes(page: RankingPage) -> Iterator[Section]:
 
 def gallery(page: RankingPage) -> Iterator[Section]:
     """Best and worst case of each method; nothing where no picture is there."""
-    pictures = [one for method in page.methods for one in page.pictures.get(method, ())]
+    pictures = [picture for method in page.methods for picture in page.pictures.get(method, ())]
     if pictures:
         yield Section(
             "pictures",
