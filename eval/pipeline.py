@@ -63,8 +63,7 @@ def run_cases(
         seed: seed of the head motion.
         force: whether a run that is in the place of `out` is replaced.
         workers: rendering processes.
-        finish: adds to the folder that holds all results, before it takes its place, such as a
-            report.
+        finish: adds, such as a report, to the folder of results before it takes its place.
         progress: shows how far the run is.
     """
     from eventsweep.eval.scoring import run_folder

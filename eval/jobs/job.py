@@ -58,7 +58,6 @@ class Done:
         found: whether the cache had it.
         code: version of the code that made it.
         text: the content of `result.json`, where the job made one.
-        cpu_seconds: time of processors that making it took, s.
     """
 
     name: str

@@ -25,8 +25,6 @@ class Task:
         name: of the network in manifests.
         compared: what its errors stand beside, in a word.
         methods: those whose expected error is calibrated; empty where it expects none.
-        samples: what it learns from.
-        windows: the windows of a sequence that it learns from.
         draw: the samples of one window, at most so many.
         facts: what its manifest says beside.
     """

@@ -72,12 +72,10 @@ class Section:
     """A part of a page: one table per metric, of which one is shown at a time.
 
     Attributes:
-        id: unique in the page.
         names: of the tables, on the buttons.
         figure: a picture, as an address that holds it.
         failures: (what, why) pairs.
         choice: what the buttons choose.
-        chosen: which table is shown first.
     """
 
     id: str

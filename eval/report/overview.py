@@ -34,13 +34,8 @@ def overview_png(
 ) -> bytes:
     """Draws the first window of a case with its best depth as a PNG; what is not known is left out.
 
-    Args:
-        case: the case, with the depth maps of others that were scored beside it.
-        title: above the picture, where a page shows more cases than this one.
-        ranked: methods, the best first: of those that have a map the first is drawn; where none
-            is ranked, the harmonic mean.
-        most_others: how many depth maps of others are drawn.
-        columns: how many pictures stand side by side.
+    Of the methods in `ranked`, the best first, the first that has a map is drawn; where none is
+    ranked, the harmonic mean. Beside it stand up to `most_others` depth maps of others.
     """
     window = case.windows[0]
     by_name = {method.name: method for method in window.methods}

@@ -61,8 +61,7 @@ class CaseData:
 
     Attributes:
         summary: what it shows, in a sentence.
-        windows: those that the report shows.
-        window_count: how many there are.
+        windows: those that the report shows, of `window_count`.
         facts: (name, value) pairs: rig, duration, renderer, and the like.
     """
 

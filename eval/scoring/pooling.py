@@ -87,10 +87,7 @@ class _Column:
 class Pool:
     """The pixels of one method in one region, of any number of windows.
 
-    Attributes:
-        points: pixels with an estimate and a truth so far.
-        truth_points: pixels with a truth so far.
-        baseline_focal_px_m: of the rig, px·m; NaN for a rig of one camera, and before a window.
+    `baseline_focal_px_m` is NaN for a rig of one camera, and before a window.
     """
 
     def __init__(self, metrics: Mapping[str, Metric], store: NumberStore) -> None:

@@ -35,12 +35,10 @@ class Change:
 
 @dataclass(frozen=True)
 class Study:
-    """One thing that is perturbed by growing amounts.
+    """One thing that is perturbed by growing amounts, from the one that perturbs nothing onwards.
 
     Attributes:
         axis: what grows, for the figure.
-        amounts: from the one that perturbs nothing onwards.
-        change: what an amount changes.
         logarithmic: whether amounts are spaced by factors.
     """
 

@@ -36,11 +36,9 @@ from eventsweep.eval.suite.stages.simulate import scene_digest, sequence_paramet
 
 @dataclass(frozen=True)
 class StudyResult:
-    """What a study found.
+    """What a study found; an amount whose job failed has no value.
 
     Attributes:
-        values: every number behind the curves.
-        failures: per job that failed, why; its amount has no value.
         seconds: length of every sequence, s.
         cpu_s: time of processors that all jobs took, whenever they were done, s.
     """

@@ -116,7 +116,6 @@ class ArchivePlan:
 
     Attributes:
         seeds: of every case; with a secret, numbers from 0.
-        licence: of the data.
         truth: whether ground truth is in it.
         secret: what decides the seeds of a hidden part; None for a public one.
     """

@@ -109,8 +109,6 @@ class Suite(_Definition):
         spread_seeds: seeds that a baseline measures the spread with; the first ones are `seeds`.
         metrics: what a gate compares.
         speed_case: case whose mapping is timed.
-        sim: simulator settings of every case.
-        mappers: mapper settings by name.
     """
 
     name: _Name

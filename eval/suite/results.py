@@ -46,8 +46,6 @@ class SampleFacts:
         sequence: hash over the sequence's files.
         truth: hash of camera 0's ground truth.
         scene: hash over what defines the scene.
-        renderer: the graphics library.
-        versions: of everything that made the sequence.
         metrics: per metric, the hash of what it makes of fixed maps.
     """
 
@@ -119,10 +117,8 @@ class SuiteResult:
     """A whole run of a suite or a subset.
 
     Attributes:
-        digest: hash over the definition.
         cases: per case that was asked for, the hash over its part of the definition.
         seeds: that were asked for.
-        samples: one per case and seed that was scored.
         predictions: per method of others, the hash over its files and what their numbers mean.
         stated: per method of others, what its submitter says of it.
         cost: per method, what mapping a window costs here, where that was measured.

@@ -84,14 +84,7 @@ def means_over_seeds(series: Iterable[Series]) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class Measured:
-    """Everything of a result that can be compared.
-
-    Attributes:
-        name: of the suite or file.
-        seeds: that were asked for.
-        cases: that were asked for.
-        failures: jobs that failed, with the reason.
-    """
+    """Everything of a result that can be compared; its seeds and cases were asked for."""
 
     name: str
     series: Mapping[Key, Series]

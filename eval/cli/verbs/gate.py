@@ -19,7 +19,6 @@ from eventsweep.eval.cli.job_flags import JOB_FLAGS, JobFlags, run_with_flags, s
 
 if TYPE_CHECKING:
     from eventsweep.eval.cli.console import Part
-    from eventsweep.eval.gate.baseline import Baseline
     from eventsweep.eval.gate.compare import Choice, Judgement, Tolerances
     from eventsweep.eval.gate.report import VerdictLine
     from eventsweep.eval.suite.results import SuiteResult
@@ -144,12 +143,13 @@ class GateFlags:
 @app.command
 def gate(*, flags: GateFlags, job_flags: JobFlags = JOB_FLAGS, common: Common = COMMON) -> int:
     """Compare a result with a baseline, number by number; exit code 1 if anything is worse."""
-    from eventsweep.eval.gate.baseline import make_baseline, write_baseline
+    from eventsweep.eval.gate.baseline import make_baseline, read_baseline, write_baseline
     from eventsweep.eval.gate.compare import compare, is_red
 
     flags.check(job_flags)
     flags.check_files(force=flags.force)
-    before = _before(flags)
+    first = flags.update and not flags.baseline.exists()
+    before = None if first else read_baseline(flags.baseline)
     if before is not None:
         flags.choice().check(before.by_key())
     measured = _measured(flags, job_flags, common)
@@ -160,14 +160,6 @@ def gate(*, flags: GateFlags, job_flags: JobFlags = JOB_FLAGS, common: Common = 
     verdicts = compare(known, measured, flags.tolerances(), flags.choice())
     _report(verdicts, measured, flags, common)
     return RED if is_red(verdicts) and not flags.update else GREEN
-
-
-def _before(flags: GateFlags) -> Baseline | None:
-    from eventsweep.eval.gate.baseline import read_baseline
-
-    if flags.update and not flags.baseline.exists():
-        return None
-    return read_baseline(flags.baseline)
 
 
 def _measured(flags: GateFlags, job_flags: JobFlags, common: Common) -> Measured:
