@@ -42,17 +42,10 @@ def _add_nothing(folder: Path) -> None:
 
 
 def run_cases(
-    cases: Sequence[str],
-    out: Path,
-    settings: Settings,
-    rig: str | None,
-    seed: int,
-    *,
-    force: bool = False,
-    workers: int = 1,
-    finish: Callable[[Path], None] = _add_nothing,
+    cases: Sequence[str], out: Path, settings: Settings, rig: str | None, seed: int, *,
+    force: bool = False, workers: int = 1, finish: Callable[[Path], None] = _add_nothing,
     progress: Display = _SILENT,
-) -> Results:
+) -> Results:  # fmt: skip
     """Simulates, maps and scores every case; `out` appears when all is done.
 
     Args:
@@ -82,17 +75,9 @@ def run_cases(
 
 
 def simulate_scene(
-    scene: str,
-    out: Path,
-    settings: Settings,
-    rig: str | None,
-    seed: int,
-    *,
-    force: bool = False,
-    workers: int = 1,
-    fresh: bool = False,
-    progress: Display = _SILENT,
-) -> None:
+    scene: str, out: Path, settings: Settings, rig: str | None, seed: int, *, force: bool = False,
+    workers: int = 1, fresh: bool = False, progress: Display = _SILENT,
+) -> None:  # fmt: skip
     """Simulates one scene, with its own rig or another one, and writes the sequence.
 
     Unfinished work of the same arguments is taken up, unless `fresh` says to discard it.
@@ -260,15 +245,10 @@ def check_case(
 
 
 def map_recording(
-    path: Path,
-    out: Path,
-    settings: Settings,
-    *,
-    force: bool = False,
-    finish: Callable[[Path], None] = _add_nothing,
-    warn: Callable[[Finding], None] | None = None,
+    path: Path, out: Path, settings: Settings, *, force: bool = False,
+    finish: Callable[[Path], None] = _add_nothing, warn: Callable[[Finding], None] | None = None,
     progress: Display = _SILENT,
-) -> StoredMap:
+) -> StoredMap:  # fmt: skip
     """Maps one window of a recording and writes the map folder.
 
     With `window_s` or `window_events` it maps sliding windows: `out` grows window by window, and

@@ -105,17 +105,10 @@ def seed_numbers(text: str | None, flag: str) -> tuple[int, ...] | None:
 
 
 def run_with_flags(
-    suite: Suite,
-    subset: str,
-    flags: JobFlags,
-    progress: Display,
-    *,
-    seeds: tuple[int, ...] | None = None,
-    cases: tuple[str, ...] = (),
-    speed: bool = True,
-    predictions: Sequence[NamedFolder] = (),
-    archive: SequenceArchive | None = None,
-) -> SuiteResult:
+    suite: Suite, subset: str, flags: JobFlags, progress: Display, *,
+    seeds: tuple[int, ...] | None = None, cases: tuple[str, ...] = (), speed: bool = True,
+    predictions: Sequence[NamedFolder] = (), archive: SequenceArchive | None = None,
+) -> SuiteResult:  # fmt: skip
     """Runs a suite's subset; `speed` times the mapper on its first case, always on this machine."""
     from eventsweep.eval.suite.run import run_suite, with_speed
 

@@ -96,13 +96,9 @@ def depth_image(
 
 
 def error_image(
-    depth_m: FloatImage,
-    mask: MaskImage,
-    truth_m: FloatImage,
-    truth_scored: MaskImage,
-    scale: Scale,
-    point_px: int = 1,
-) -> IndexedImage:
+    depth_m: FloatImage, mask: MaskImage, truth_m: FloatImage, truth_scored: MaskImage,
+    scale: Scale, point_px: int = 1,
+) -> IndexedImage:  # fmt: skip
     """Draws |e - g| in cm where both are valid, transparent elsewhere; the largest error wins."""
     error_cm, both = error_of(depth_m, mask, truth_m, truth_scored)
     return IndexedImage(_dilated(scale.index(error_cm, both), point_px), scale.palette)

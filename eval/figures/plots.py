@@ -77,16 +77,9 @@ def _draw_curves(
     for position, (method, curve) in enumerate(curves):
         style = line_style(method)
         (line,) = axes.plot(
-            THRESHOLDS_CM,
-            curve[name],
-            color=style.colour,
-            linestyle=style.dash,
-            linewidth=1.4,
-            marker=style.marker,
-            markersize=4.5,
-            markevery=(position % 4, 4),
-            label=method,
-        )
+            THRESHOLDS_CM, curve[name], color=style.colour, linestyle=style.dash, linewidth=1.4,
+            marker=style.marker, markersize=4.5, markevery=(position % 4, 4), label=method,
+        )  # fmt: skip
         line.set_gid(f"{prefix}-{name}-curve-{position}")
     axes.set_title({"f1": "F1"}.get(name, name), fontsize=10, loc="left")
     axes.set_xlabel("tolerated error [cm]")
@@ -132,15 +125,9 @@ def slice_figure(dsi_slice: DsiSlice) -> Figure:
             label="true depth",
         )
     axes.plot(
-        columns,
-        1 / dsi_slice.depth_m[columns],
-        "o",
-        ms=3.6,
-        mfc="none",
-        mew=1.1,
-        color=ESTIMATE_COLOUR,
-        label="extracted depth",
-    )
+        columns, 1 / dsi_slice.depth_m[columns], "o", ms=3.6, mfc="none", mew=1.1,
+        color=ESTIMATE_COLOUR, label="extracted depth",
+    )  # fmt: skip
     axes.set_ylim(float(dsi_slice.rho.max()), float(dsi_slice.rho.min()))
     figure.legend(loc="outside upper right", ncols=2, markerscale=1.8)
     return figure

@@ -25,13 +25,9 @@ Drawing = Callable[[Axes], None]
 
 
 def overview_png(
-    case: CaseData,
-    title: str = "",
-    ranked: Sequence[str] = (),
-    *,
-    most_others: int = _MOST_OTHERS,
+    case: CaseData, title: str = "", ranked: Sequence[str] = (), *, most_others: int = _MOST_OTHERS,
     columns: int = _COLUMNS,
-) -> bytes:
+) -> bytes:  # fmt: skip
     """Draws the first window of a case with its best depth as a PNG; what is not known is left out.
 
     Of the methods in `ranked`, the best first, the first that has a map is drawn; where none is

@@ -190,13 +190,9 @@ def _shown(windows: tuple[StoredWindow, ...]) -> tuple[StoredWindow, ...]:
 
 
 def window_data(
-    window: StoredWindow,
-    maps: Sequence[DepthMap],
-    recording: Recording | None,
-    config: EvalConfig,
-    *,
-    scorable: bool,
-) -> WindowData:
+    window: StoredWindow, maps: Sequence[DepthMap], recording: Recording | None, config: EvalConfig,
+    *, scorable: bool,
+) -> WindowData:  # fmt: skip
     """Reads what pages and pictures show of a window; only a view of camera 0's is `scorable`.
 
     The maps are of the same view; the recording is None where it is gone.

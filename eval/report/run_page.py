@@ -130,13 +130,9 @@ def window_context(
 
 
 def _method_context(
-    method: MethodData,
-    position: int,
-    window: WindowData,
-    scales: dict[str, Scale],
-    sure: Scale,
+    method: MethodData, position: int, window: WindowData, scales: dict[str, Scale], sure: Scale,
     rows: pd.DataFrame,
-) -> dict[str, Any]:
+) -> dict[str, Any]:  # fmt: skip
     point_px = point_size_px(method.depth_m.shape[1])
     depth = depth_image(method.depth_m, method.mask, scales["depth_scale"], point_px)
     own = {row.metric: row for row in each(rows[rows["method"] == method.name])}

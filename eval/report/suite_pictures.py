@@ -50,13 +50,9 @@ _PANEL_PX, _GAP_PX, _QUALITY = 346, 4, 60
 
 
 def write_pictures(
-    folder: Path,
-    suite: Suite,
-    result: SuiteResult,
-    predictions: Sequence[NamedFolder],
-    cache: Path,
-    archive: SequenceArchive | None = None,
-) -> None:
+    folder: Path, suite: Suite, result: SuiteResult, predictions: Sequence[NamedFolder],
+    cache: Path, archive: SequenceArchive | None = None,
+) -> None:  # fmt: skip
     """Writes `pictures/CASE.png`, and of each method its best and worst case for a ranking.
 
     All are of the first window of each case's first seed. Cases that failed, and those that the

@@ -125,13 +125,9 @@ def _mean(rows: Sequence[Mapping[str, Any]], windows: int) -> dict[str, Any]:
 
 
 def score_windows(
-    case: str,
-    sequence: Scored,
-    windows: Iterable[StoredWindow],
-    config: EvalConfig,
-    predictions: Iterable[Mapping[str, Estimate]] | None = None,
-    reference: str | None = None,
-) -> pd.DataFrame:
+    case: str, sequence: Scored, windows: Iterable[StoredWindow], config: EvalConfig,
+    predictions: Iterable[Mapping[str, Estimate]] | None = None, reference: str | None = None,
+) -> pd.DataFrame:  # fmt: skip
     """Scores windows of one case: each, all of them pooled, and their mean.
 
     One window after another is read, so that memory holds the pixels of one. `predictions` are for
@@ -165,13 +161,9 @@ def window_pairs(
 
 
 def pairs_of_maps(
-    sequence: Scored,
-    window: Window,
-    maps: Mapping[str, DepthMap],
-    config: EvalConfig,
-    predictions: Mapping[str, Estimate] = NO_PREDICTIONS,
-    reference: str | None = None,
-) -> dict[str, MethodPairs]:
+    sequence: Scored, window: Window, maps: Mapping[str, DepthMap], config: EvalConfig,
+    predictions: Mapping[str, Estimate] = NO_PREDICTIONS, reference: str | None = None,
+) -> dict[str, MethodPairs]:  # fmt: skip
     """The same of depth maps in memory; `window` is the stretch of time that they were made of."""
     t_us = window.t_ref_us
     truth = truth_of(sequence, t_us, config)

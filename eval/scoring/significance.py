@@ -56,13 +56,9 @@ def interval(
 
 
 def intervals(
-    values: Floats,
-    sizes: Sequence[int],
-    *,
-    level: float = LEVEL,
-    resamples: int = RESAMPLES,
+    values: Floats, sizes: Sequence[int], *, level: float = LEVEL, resamples: int = RESAMPLES,
     seed: int = 0,
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats, Floats]:  # fmt: skip
     """The intervals of M means at once, (M,) lower and (M,) upper ends, all from the same draws.
 
     The values are (N, M) of N windows, seed by seed, as many of each as `sizes` says; else see

@@ -151,14 +151,9 @@ def _draw_panel(axes: Axes, study: Study, curves: Sequence[RobustnessCurve]) -> 
         # A band as wide as the panel, as few seeds have, would hide the curves and say nothing.
         known = curve.high - curve.low < highest
         axes.fill_between(
-            places,
-            curve.low,
-            curve.high,
-            where=known.tolist(),
-            color=style.colour,
-            alpha=0.13,
+            places, curve.low, curve.high, where=known.tolist(), color=style.colour, alpha=0.13,
             lw=0,
-        )
+        )  # fmt: skip
         axes.plot(
             places, curve.mean, color=style.colour, linestyle=style.dash, lw=1.5,
             marker=style.marker or ".", markersize=4.5, label=curve.method,

@@ -62,14 +62,9 @@ class StudyResult:
 
 
 def run_study(
-    study: Study,
-    methods: Sequence[str],
-    cases: Sequence[str],
-    seeds: Sequence[int],
-    workers: Open,
-    progress: Display,
-    seconds: float = SECONDS,
-) -> StudyResult:
+    study: Study, methods: Sequence[str], cases: Sequence[str], seeds: Sequence[int], workers: Open,
+    progress: Display, seconds: float = SECONDS,
+) -> StudyResult:  # fmt: skip
     """Maps and scores every case, seed and amount, in sequences of so many seconds."""
     jobs = study_jobs(study, methods, cases, seeds, seconds)
     outcomes = run_jobs(jobs.values(), workers, progress)

@@ -41,13 +41,9 @@ def write(folder: Path, result: SuiteResult, *, force: bool = False) -> None:
 
 
 def assignments(
-    suite: Suite,
-    subset: str,
-    seeds: Sequence[int] | None,
-    cases: Sequence[str] | None,
-    archive: SequenceArchive | None,
-    cache: Path,
-) -> dict[str, Any]:
+    suite: Suite, subset: str, seeds: Sequence[int] | None, cases: Sequence[str] | None,
+    archive: SequenceArchive | None, cache: Path,
+) -> dict[str, Any]:  # fmt: skip
     """What a prediction must hold, and where the cache has the sequences, as plain JSON values."""
     listed = []
     for job in suite_jobs(suite, *extent(suite, subset, seeds, cases, archive), archive):

@@ -217,13 +217,9 @@ class _Medians:
     total: int = 0
 
     def add(
-        self,
-        path: Path,
-        depth_m: NDArray[np.float32],
-        mask: NDArray[np.bool_],
-        view: TargetView,
+        self, path: Path, depth_m: NDArray[np.float32], mask: NDArray[np.bool_], view: TargetView,
         shown: ViewId,
-    ) -> None:
+    ) -> None:  # fmt: skip
         if not mask.any():
             return
         digest = hashlib.sha256(depth_m.tobytes()).digest()

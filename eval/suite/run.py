@@ -43,16 +43,10 @@ _VOTES, _CELLS = 60_000_000, 1 << 17
 
 
 def run_suite(
-    suite: Suite,
-    subset: str,
-    workers: Open,
-    progress: Display,
-    *,
-    seeds: Sequence[int] | None = None,
-    cases: Sequence[str] | None = None,
-    predictions: Sequence[NamedFolder] = (),
-    archive: SequenceArchive | None = None,
-) -> SuiteResult:
+    suite: Suite, subset: str, workers: Open, progress: Display, *,
+    seeds: Sequence[int] | None = None, cases: Sequence[str] | None = None,
+    predictions: Sequence[NamedFolder] = (), archive: SequenceArchive | None = None,
+) -> SuiteResult:  # fmt: skip
     """Does all jobs of a suite's subset, or of some of its cases and other seeds.
 
     Failed jobs are in the result. Depth maps in the folders of predictions are scored beside the
@@ -120,13 +114,9 @@ def _note(outcome: Outcome) -> JobNote:
     if isinstance(outcome, Failed):
         return JobNote(outcome.name, failure=outcome.reason)
     return JobNote(
-        outcome.name,
-        outcome.key,
-        outcome.code,
-        round(outcome.seconds, 3),
-        outcome.found,
+        outcome.name, outcome.key, outcome.code, round(outcome.seconds, 3), outcome.found,
         cpu_seconds=round(outcome.cpu_seconds, 3),
-    )
+    )  # fmt: skip
 
 
 def suite_jobs(

@@ -98,14 +98,9 @@ def fetch(
 
     console = common.console()
     manifest, wanted = fetched(
-        source,
-        out,
-        console.progress,
-        subset=part,
-        cases=case,
-        seeds=seed_numbers(seeds, "--seeds"),
-        version=version,
-    )
+        source, out, console.progress, subset=part, cases=case,
+        seeds=seed_numbers(seeds, "--seeds"), version=version,
+    )  # fmt: skip
     _show(console, manifest, wanted)
     console.wrote(out)
 
