@@ -25,21 +25,11 @@ RARE = Parameter(show=False)
 """Of a flag that most users never need: only `--help-all` shows it."""
 
 # Of several hundred settings, all of them rare, those that a first map is likely to need.
-_COMMON_SETTINGS = frozenset(
-    {
-        "--rate-hz",
-        "--slow-motion",
-        "--unit",
-        "--encoding",
-        "--upsample",
-        "--sim.sensor.preset",
-        "--map.min-depth-m",
-        "--map.max-depth-m",
-        "--map.planes",
-        "--map.window-s",
-        "--score.ranking-metric",
-    }
-)
+_COMMON_SETTINGS = frozenset({
+    "--rate-hz", "--slow-motion", "--unit", "--encoding", "--upsample", "--sim.sensor.preset",
+    "--map.min-depth-m", "--map.max-depth-m", "--map.planes", "--map.window-s",
+    "--score.ranking-metric",
+})  # fmt: skip
 _CLOSE = 0.7
 _OURS = "eventsweep."
 

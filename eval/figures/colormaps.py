@@ -149,13 +149,9 @@ class LineStyle:
 
 
 _DASHES: dict[str, Dash] = {
-    "min": (0, (4, 1, 1, 1)),
-    "H": "solid",
-    "G": (0, (6, 2)),
-    "A": (0, (3, 2)),
-    "RMS": (0, (6, 1, 1, 1, 1, 1)),
-    "max": (0, (1, 1)),
-}
+    "min": (0, (4, 1, 1, 1)), "H": "solid", "G": (0, (6, 2)), "A": (0, (3, 2)),
+    "RMS": (0, (6, 1, 1, 1, 1, 1)), "max": (0, (1, 1)),
+}  # fmt: skip
 _CAMERA_DASHES: tuple[Dash, ...] = ((0, (10, 2)), (0, (2, 2)), (0, (1, 2)))
 _LOOSE: tuple[Dash, ...] = (
     (0, (8, 2, 2, 2)), (0, (8, 2)), (0, (2, 1)), (0, (5, 1, 1, 1)), (0, (9, 1, 3, 1)),
@@ -185,14 +181,9 @@ _FAMILIES = {  # colour and marker
 _OTHERS = ("#c2185b", "#5c6bc0", "#6a994e", "#8d6e63", "#00838f")
 _OTHER_MARKERS = ("*", "p", "<", ">")
 _KNOWN: dict[str, Dash] = {
-    "Late/union": "solid",
-    "SGM/ts": "solid",
-    "SGM/window": (0, (4, 2)),
-    "ESVO/own-rate": "solid",
-    "ESVO/window": (0, (4, 2)),
-    "GTS/events": "solid",
-    "Frames/sgm": "solid",
-}
+    "Late/union": "solid", "SGM/ts": "solid", "SGM/window": (0, (4, 2)), "ESVO/own-rate": "solid",
+    "ESVO/window": (0, (4, 2)), "GTS/events": "solid", "Frames/sgm": "solid",
+}  # fmt: skip
 
 
 def line_style(method: str) -> LineStyle:

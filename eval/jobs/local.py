@@ -18,12 +18,9 @@ from eventsweep.eval.jobs.job import Done, Failed, Job, Outcome, do, find
 # One thread per worker: the jobs are the parallelism. Mesa's rasteriser counts helpers beside the
 # calling thread, the others count all threads.
 ONE_THREAD = {
-    "NUMBA_NUM_THREADS": "1",
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "LP_NUM_THREADS": "0",
-}
+    "NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1", "LP_NUM_THREADS": "0",
+}  # fmt: skip
 ATTEMPTS = 3
 """How often a job may take its worker down before it counts as failed."""
 

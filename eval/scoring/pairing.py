@@ -139,12 +139,9 @@ def pair(
 
 
 def pair_methods(
-    estimates: Mapping[str, AnyEstimate],
-    truth: Truth,
-    *,
-    mapped: Iterable[str] | None = None,
+    estimates: Mapping[str, AnyEstimate], truth: Truth, *, mapped: Iterable[str] | None = None,
     reference: str | None = None,
-) -> dict[str, MethodPairs]:
+) -> dict[str, MethodPairs]:  # fmt: skip
     """Pairs every method with the truth, and again by region and on the pixels others report.
 
     A method without a single point is left out of the common support, which it would empty.

@@ -278,12 +278,9 @@ def rows_of_version_1(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]
 
 
 def read_json(
-    file: Path,
-    validate: Callable[[Any], Read],
-    versions: tuple[int, ...],
-    cure: str,
+    file: Path, validate: Callable[[Any], Read], versions: tuple[int, ...], cure: str,
     name: str = "",
-) -> Read:
+) -> Read:  # fmt: skip
     """Reads a JSON file that this program wrote.
 
     Args:

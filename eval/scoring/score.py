@@ -142,12 +142,9 @@ def score_windows(
 
 
 def window_pairs(
-    sequence: Scored,
-    window: StoredWindow,
-    config: EvalConfig,
-    predictions: Mapping[str, Estimate] = NO_PREDICTIONS,
-    reference: str | None = None,
-) -> dict[str, MethodPairs]:
+    sequence: Scored, window: StoredWindow, config: EvalConfig,
+    predictions: Mapping[str, Estimate] = NO_PREDICTIONS, reference: str | None = None,
+) -> dict[str, MethodPairs]:  # fmt: skip
     """Pairs all maps of a window with the truth, and says why bad pixels are bad.
 
     A data set's truth is sparse and comes without intensity: it has no regions and no causes.

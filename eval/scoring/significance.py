@@ -32,12 +32,9 @@ Floats = NDArray[np.float64]
 
 
 def interval(
-    groups: Sequence[NDArray[np.floating]],
-    *,
-    level: float = LEVEL,
-    resamples: int = RESAMPLES,
+    groups: Sequence[NDArray[np.floating]], *, level: float = LEVEL, resamples: int = RESAMPLES,
     seed: int = 0,
-) -> tuple[float, float]:
+) -> tuple[float, float]:  # fmt: skip
     """The interval of a mean, which holds the true one as often as `level` says.
 
     Args:

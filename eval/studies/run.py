@@ -149,12 +149,9 @@ def _numbers(values: Any) -> list[float | None]:
 
 
 def study_jobs(
-    study: Study,
-    methods: Sequence[str],
-    cases: Sequence[str],
-    seeds: Sequence[int],
+    study: Study, methods: Sequence[str], cases: Sequence[str], seeds: Sequence[int],
     seconds: float = SECONDS,
-) -> dict[tuple[str, int, float], Job]:
+) -> dict[tuple[str, int, float], Job]:  # fmt: skip
     """The scoring job of every case, seed and amount, with all that it needs.
 
     Seeds are of the head motion, the sensor's noise and the perturbation.

@@ -23,12 +23,9 @@ REPEATS = 3
 
 
 def measured_costs(
-    result: SuiteResult,
-    suite: Suite,
-    cache: Path,
-    progress: Display,
+    result: SuiteResult, suite: Suite, cache: Path, progress: Display,
     archive: SequenceArchive | None = None,
-) -> dict[str, MeasuredCost]:
+) -> dict[str, MeasuredCost]:  # fmt: skip
     """Maps the first window of the suite's speed case with each method alone.
 
     By the method's name in the rows; nothing where there is no speed case or it was not run.

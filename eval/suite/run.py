@@ -75,12 +75,9 @@ def run_suite(
 
 
 def extent(
-    suite: Suite,
-    subset: str,
-    seeds: Sequence[int] | None,
-    cases: Sequence[str] | None,
+    suite: Suite, subset: str, seeds: Sequence[int] | None, cases: Sequence[str] | None,
     archive: SequenceArchive | None = None,
-) -> tuple[tuple[str, ...], tuple[int, ...]]:
+) -> tuple[tuple[str, ...], tuple[int, ...]]:  # fmt: skip
     """The cases and seeds of a run: some of a subset's cases, its seeds or others.
 
     Of an archive by default those of its seeds that the subset has, of a hidden one all.

@@ -188,12 +188,9 @@ def _joined(*parts: str) -> str:
 
 
 def _paired(
-    base: Difference,
-    number: Number,
-    first: ComparedResult,
-    other: ComparedResult,
+    base: Difference, number: Number, first: ComparedResult, other: ComparedResult,
     seeds: Sequence[int | None],
-) -> Difference:
+) -> Difference:  # fmt: skip
     pairs = [
         pair_windows(first.cases[base.case, seed], other.cases[base.case, seed], number)
         for seed in seeds
