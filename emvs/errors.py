@@ -8,7 +8,8 @@ import textwrap
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from numbers import Real
 from typing import TypeVar
@@ -101,6 +102,11 @@ def located(where: object) -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
+
+
+def repeated(names: Iterable[str]) -> str | None:
+    """The first name that is there twice; None where each is there once."""
+    return next((name for name, count in Counter(names).items() if count > 1), None)
 
 
 def heed_interrupt(error: BaseException) -> None:

@@ -7,12 +7,13 @@ Python's stack.
 from __future__ import annotations
 
 import json
+import os
 import stat
 import tomllib
 from pathlib import Path
 from typing import Any
 
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, quoted
 
 SETTINGS_BYTES = 1 << 18
 """More than any calibration, rig or table of settings."""
@@ -40,6 +41,33 @@ def check_file(path: Path, most_bytes: int | None = None) -> None:
         raise InputError(f"{path}: is {kind}; needs a regular file")
     if most_bytes is not None and seen.st_size > most_bytes:
         raise InputError(f"{path}: {seen.st_size} bytes, at most {most_bytes} are read")
+
+
+def inside(folder: Path, name: str) -> Path:
+    """The path of a file in a folder that others filled; for `check_file` or `read_text`.
+
+    Args:
+        folder: as its user names it: may itself be a link.
+        name: below the folder.
+
+    Raises:
+        InputError: a link, or a name that leads elsewhere: with these, whoever filled the folder
+            would choose which of the reader's files are read.
+    """
+    parts = Path(name).parts
+    if not parts or Path(name).is_absolute() or ".." in parts or "\0" in name:
+        raise InputError(f"{folder}: {quoted(name)} is not a file in this folder; correct it")
+    path = folder
+    for part in parts:
+        path /= part
+        if os.path.islink(path):  # noqa: PTH114 - `is_symlink` raises where a name is too long
+            raise InputError(f"{path}: is a link; put there what it leads to")
+    return path
+
+
+def file_in(path: Path, name: str) -> Path:
+    """The file that a user names, or the one of that name inside of the folder that is named."""
+    return inside(path, name) if Path(path).is_dir() else Path(path)
 
 
 def read_text(path: Path, most_bytes: int, encoding: str = "utf-8") -> str:

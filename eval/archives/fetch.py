@@ -28,7 +28,7 @@ from eventsweep.emvs.utils.files import (
     names_full_disk,
     work_folder,
 )
-from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, inside
 from eventsweep.emvs.utils.output_manifest import FileFacts, listing
 from eventsweep.emvs.utils.outputs import claimed
 from eventsweep.eval.archives import manifest as manifests
@@ -58,7 +58,7 @@ class FolderSource:
 
     def open(self, name: str, start: int = 0) -> tuple[IO[bytes], int]:
         """Opens a file there."""
-        path = self._folder / name
+        path = inside(self._folder, name)
         check_file(path)
         file = path.open("rb")
         file.seek(start)
@@ -173,7 +173,7 @@ def verify(folder: Path) -> tuple[ArchiveManifest, tuple[PackedSequence, ...]]:
     manifest = manifests.read(folder)
     there = tuple(one for one in manifest.sequences if (folder / one.file).exists())
     for one in there:
-        if not is_whole(folder / one.file, one):
+        if not is_whole(inside(folder, one.file), one):
             raise InputError(f"{folder / one.file}: was changed or is not whole: fetch it again")
     return manifest, there
 

@@ -15,9 +15,9 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from eventsweep.emvs.data.manifest import FileEntry
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, repeated
 from eventsweep.emvs.parameters import first_fault
-from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, inside
 from eventsweep.emvs.utils.outputs import files_together
 
 SCHEMA_VERSION = 1
@@ -114,7 +114,7 @@ class ArchiveManifest(_Model):
     @model_validator(mode="after")
     def _each_once(self) -> ArchiveManifest:
         for names in ([one.file for one in self.sequences], [one.place for one in self.sequences]):
-            twice = next((name for name in set(names) if names.count(name) > 1), None)
+            twice = repeated(names)
             if twice is not None:
                 raise ValueError(f"{twice} is listed twice")
         return self
@@ -185,7 +185,7 @@ def read(folder: Path) -> ArchiveManifest:
     Raises:
         InputError: there is none, or what `parse` refuses.
     """
-    path = folder / FILE_NAME
+    path = inside(folder, FILE_NAME)
     try:
         check_file(path, TABLE_BYTES)
         text = path.read_bytes()

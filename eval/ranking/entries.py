@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field
 
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.inputs import file_in
 from eventsweep.eval.scoring.direction import Direction
 from eventsweep.eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
 from eventsweep.eval.scoring.outlier_causes import CAUSES
@@ -253,7 +254,7 @@ def read_data(path: Path) -> RankingData:
     Raises:
         InputError: missing, damaged or of another layout.
     """
-    file = path / DATA_NAME if path.is_dir() else path
+    file = file_in(path, DATA_NAME)
     return read_json(file, RankingData.model_validate, (SCHEMA_VERSION,), "make the ranking again")
 
 

@@ -19,6 +19,7 @@ from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.dsi.slices import Slices
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.maps.folder import StoredMap, StoredWindow
+from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, inside, read_text
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.figures.plots import DsiSlice
 from eventsweep.eval.numbers import thousands
@@ -154,9 +155,9 @@ def _results(run_dir: Path, maps: dict[str, StoredMap]) -> Results:
 
 
 def _configuration_text(run_dir: Path, results: Results) -> str:
-    file = run_dir / CONFIG_FILE
+    file = inside(run_dir, CONFIG_FILE)
     if file.is_file():
-        return file.read_text(encoding="utf-8")
+        return read_text(file, SETTINGS_BYTES)
     return json.dumps(results.configuration, indent=2, ensure_ascii=False)
 
 

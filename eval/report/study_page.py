@@ -9,7 +9,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, inside, parse_json, read_text
 from eventsweep.emvs.utils.outputs import check_files
 from eventsweep.eval.figures.colormaps import INK, line_style
 from eventsweep.eval.numbers import displayed
@@ -127,7 +127,7 @@ def _figure(path: Path) -> str:
     """The figure as an image, in which no script can run; empty where there is none."""
     if not path.is_file():
         return ""
-    drawing = as_page(path.read_text(encoding="utf-8")).encode()
+    drawing = as_page(read_text(inside(path.parent, path.name), TABLE_BYTES)).encode()
     return "data:image/svg+xml;base64," + base64.b64encode(drawing).decode("ascii")
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import get_args
 
+from eventsweep.emvs.utils.inputs import inside
 from eventsweep.emvs.utils.outputs import check_files
 from eventsweep.eval.config import EvalConfig, RankingMetric
 from eventsweep.eval.figures.colormaps import line_style
@@ -61,7 +62,7 @@ def write_suite_report(folder: Path) -> Path:
     """Writes `report.html` for the suite's run in a folder and returns its path."""
     result = read_suite(folder)
     check_files(folder, (REPORT_NAME,), force=True)
-    pictures = {case: folder / PICTURES_FOLDER / f"{case}.png" for case in result.cases}
+    pictures = {case: inside(folder, f"{PICTURES_FOLDER}/{case}.png") for case in result.cases}
     shown = {case: png_uri(path) for case, path in pictures.items() if path.is_file()}
     page = page_text(suite_page(result, files_in(folder, (FILE_NAME, CSV_NAME)), shown))
     return write_page(folder, page)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, repeated
 from eventsweep.emvs.parameters import first_fault
 from eventsweep.emvs.utils.inputs import (
     SETTINGS_BYTES,
     TABLE_BYTES,
     check_file,
+    inside,
     parse_toml,
     read_text,
 )
@@ -37,7 +39,7 @@ TIMES = "timestamps.txt"
 FAMILY = "Given/"
 """What the names of predictions begin with, as scores call them."""
 _UNFIT = re.compile(r"[^\w.+@~-]")
-_STEM = re.compile(r"\d+(\.\d+)?")
+_STEM = re.compile(r"\d{1,18}(?!\d)(\.\d+)?")
 
 
 class NamedFolder(NamedTuple):
@@ -81,8 +83,9 @@ class PredictionFacts(BaseModel):
 
 def read_description(path: Path) -> PredictionFacts:
     """Reads `prediction.toml`; all defaults where there is none."""
-    if not path.exists():
+    if not os.path.lexists(path):
         return PredictionFacts()
+    inside(path.parent, path.name)
     try:
         return PredictionFacts.model_validate(parse_toml(read_text(path, SETTINGS_BYTES)))
     except ValidationError as error:
@@ -92,8 +95,9 @@ def read_description(path: Path) -> PredictionFacts:
         raise InputError(f"{path}: not TOML ({error}): correct it") from error
 
 
-def timed_files(folder: Path, description: PredictionFacts) -> dict[int, Path]:
-    """Finds the depth maps of a folder by their times, µs."""
+def timed_files(root: Path, description: PredictionFacts, place: str = "") -> dict[int, Path]:
+    """Finds the depth maps of a folder, or of one below it, by their times, µs."""
+    folder = inside(root, place) if place else root
     paths = sorted(
         path
         for path in folder.iterdir()
@@ -103,6 +107,8 @@ def timed_files(folder: Path, description: PredictionFacts) -> dict[int, Path]:
         raise InputError(f"{folder}: no depth maps; needs files of kind {', '.join(SUFFIXES)}")
     listed = folder / TIMES
     times = _listed(listed, paths) if listed.exists() else [_stamp(path) for path in paths]
+    for path in paths:
+        check_file(inside(folder, path.name))
     per_unit = 1_000_000 if description.time_unit == "s" else 1
     files: dict[int, Path] = {}
     for path, time in zip(paths, times, strict=True):
@@ -122,7 +128,7 @@ def plain(name: str) -> str:
 
 
 def _listed(path: Path, files: Sequence[Path]) -> list[str]:
-    check_file(path, TABLE_BYTES)
+    check_file(inside(path.parent, path.name), TABLE_BYTES)
     times = path.read_text(encoding="utf-8", errors="replace").split()
     bad = [time for time in times if not _STEM.fullmatch(time)]
     if bad or len(times) != len(files):
@@ -196,7 +202,7 @@ class Prediction:
         folder = Path(folder)
         description = described(folder)
         own = folder / case
-        files = timed_files(own if own.is_dir() else folder, description)
+        files = timed_files(folder, description, case if own.is_dir() else "")
         return cls(method_name(NamedFolder(folder, name), description), files, description)
 
     def check(self, views: Sequence[TargetView]) -> None:
@@ -329,7 +335,7 @@ def method_name(folder: NamedFolder, description: PredictionFacts) -> str:
 
 def check_names(names: Sequence[str]) -> None:
     """Refuses methods of one name."""
-    twice = next((name for name in names if names.count(name) > 1), None)
+    twice = repeated(names)
     if twice is not None:
         raise InputError(
             f"two predictions are called {twice}: give them names as in NAME=DIR, or set name in "

@@ -21,7 +21,7 @@ from pydantic import BeforeValidator, ConfigDict, PlainSerializer, TypeAdapter, 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.parameters import first_fault
 from eventsweep.emvs.utils.files import atomic_path
-from eventsweep.emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, file_in, parse_json, read_text
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.scoring.direction import Direction
 
@@ -260,7 +260,7 @@ def read_results(path: Path) -> Results:
     Raises:
         InputError: the file is missing, truncated, of another schema version or malformed.
     """
-    file = path / JSON_NAME if path.is_dir() else path
+    file = file_in(path, JSON_NAME)
     if not file.is_file():
         raise InputError(f"{file}: no such file; `eventsweep run` and `eventsweep score` write it")
     return read_json(file, _validated, (1, SCHEMA_VERSION), "score the run again")

@@ -22,7 +22,7 @@ from eventsweep.emvs.data.manifest import FileEntry
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.cache import Cache
-from eventsweep.emvs.utils.inputs import check_file
+from eventsweep.emvs.utils.inputs import check_file, inside
 from eventsweep.emvs.utils.outputs import atomic_dir, check_output
 from eventsweep.eval.archives import manifest as manifests
 from eventsweep.eval.archives.manifest import (
@@ -80,7 +80,7 @@ class SequenceArchive:
                 f"{self.folder}: {case} was drawn from another definition than that of "
                 f"{suite.name}: use the suite {self.manifest.suite}"
             )
-        path = self.folder / packed.file
+        path = inside(self.folder, packed.file)
         if not path.is_file():
             raise InputError(f"{path}: is not there: fetch {case} with seed {seed}")
         files = {name: entry.model_dump() for name, entry in packed.files.items()}

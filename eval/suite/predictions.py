@@ -178,7 +178,7 @@ def _opened(given: NamedFolder, suite: Suite, assignments: Sequence[Assignment])
     name, folder = method_name(given, description), given.path.resolve()
     files, medians = {}, _Medians()
     for asked in assignments:
-        found = Prediction(name, timed_files(given.path / asked.place, description), description)
+        found = Prediction(name, timed_files(given.path, description, asked.place), description)
         files[asked.place] = {
             view.t_us: (path.relative_to(given.path).as_posix(), _sha256(path))
             for view, path in _read(found, asked, medians, suite.cases[asked.case].scene)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from pydantic import ConfigDict, TypeAdapter
 
 from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.inputs import file_in
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.scoring.results import (
     Rows,
@@ -184,7 +185,7 @@ def write_suite(folder: Path, result: SuiteResult) -> Path:
 
 def read_suite(path: Path) -> SuiteResult:
     """Reads `suite.json`, given the file or its folder."""
-    file = path / FILE_NAME if path.is_dir() else path
+    file = file_in(path, FILE_NAME)
     return read_json(file, _validated, (1, SCHEMA_VERSION), "run the suite again")
 
 

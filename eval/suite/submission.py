@@ -11,6 +11,7 @@ import hashlib
 import zipfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,10 +20,10 @@ import numpy as np
 import tomli_w
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
-from eventsweep.emvs.errors import DAMAGED_NPY, InputError, quoted
+from eventsweep.emvs.errors import DAMAGED_NPY, InputError, quoted, repeated
 from eventsweep.emvs.parameters import first_fault
 from eventsweep.emvs.utils.cache import Cache, key_of
-from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
+from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, inside, parse_toml, read_text
 from eventsweep.emvs.utils.outputs import output_file
 from eventsweep.eval.archives.manifest import ArchiveManifest, PackedFile
 from eventsweep.eval.archives.tarball import first_member, pack, sha256_of, unpack
@@ -151,7 +152,7 @@ def read_facts(folder: Path) -> SubmissionFacts:
     Raises:
         InputError: in one line, what is missing or wrong.
     """
-    path = folder / FACTS
+    path = inside(folder, FACTS)
     try:
         return SubmissionFacts.model_validate(parse_toml(read_text(path, SETTINGS_BYTES)))
     except FileNotFoundError as error:
@@ -195,7 +196,7 @@ def make_submission(folder: Path, asked: Asked, out: Path, *, force: bool) -> Su
     with output_file(out, force=force, inputs=(folder,)) as path, TemporaryDirectory() as staging:
         stage = Path(staging)
         for one in asked.assignments():
-            files = timed_files(folder / one.place, found.description)
+            files = timed_files(folder, found.description, one.place)
             _export(Prediction(found.name, files, found.description), one, stage)
         manifest = SubmissionManifest(
             suite=asked.suite.name,
@@ -298,6 +299,13 @@ def unpack_submission(path: Path, asked: Asked, out: Path) -> SubmissionManifest
 
 def _claimed(path: Path, manifest: SubmissionManifest, asked: Asked) -> Asked:
     """What a submission says it holds: known cases, and all that is asked for."""
+    # Every pair of a case and a seed is looked up: none twice, no seed that no suite asks for.
+    twice = repeated(manifest.cases) or repeated(map(str, manifest.seeds))
+    if twice is not None:
+        raise InputError(f"{path}: {quoted(twice)} is listed twice: make it again")
+    parts = [subset.seeds for subset in asked.suite.subsets.values()]
+    known = {*asked.seeds, *asked.suite.seeds, *chain.from_iterable(parts)}
+    strange = next((seed for seed in manifest.seeds if seed not in known), None)
     for case in manifest.cases:
         if case not in asked.suite.cases:
             raise InputError(f"{path}: {asked.suite.name} has no case {case!r}: make it again")
@@ -308,6 +316,8 @@ def _claimed(path: Path, manifest: SubmissionManifest, asked: Asked) -> Asked:
         lacking = [str(one) for one in wanted if one not in there]
         if lacking:
             raise InputError(f"{path}: {what} {', '.join(lacking)} is missing: make it with all")
+    if strange is not None:
+        raise InputError(f"{path}: {asked.suite.name} has no seed {strange}: make it again")
     return Asked(asked.suite, manifest.cases, manifest.seeds)
 
 

@@ -10,9 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
-from eventsweep.emvs.utils.outputs import atomic_dir, check_files, files_together, output_folder
+from eventsweep.emvs.errors import InputError, repeated
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, inside, parse_json, read_text
+from eventsweep.emvs.utils.outputs import (
+    atomic_dir,
+    check_files,
+    files_together,
+    output_folder,
+)
 from eventsweep.eval.ranking import summary
 from eventsweep.eval.ranking.entries import DATA_NAME, RankingData, RankingEntry, Source
 from eventsweep.eval.ranking.summary import MAIN
@@ -41,8 +46,7 @@ def write_ranking(sources: Sequence[Source], out: Path) -> RankingPage:
     them.
     """
     entries = tuple(entry for source in sources for entry in source.entries)
-    labels = [one.label for one in entries]
-    twice = next((label for label in labels if labels.count(label) > 1), None)
+    twice = repeated(entry.label for entry in entries)
     if twice is not None:
         raise InputError(f"two results are called {twice}: name one as in LABEL=RESULT")
     if not any(one.part == "public" for one in entries):
@@ -98,11 +102,11 @@ def _pictures(sources: Sequence[Source]) -> dict[str, MethodPictures]:
     """The newest pictures of every method; of a hidden part none is shown."""
     found: dict[str, MethodPictures] = {}
     for source in sources:
-        place = source.folder / PICTURES_FOLDER
         if not any(one.part == "public" for one in source.entries):
             continue
         with suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
-            index = parse_json(read_text(place / METHODS_NAME, TABLE_BYTES))
+            place = inside(source.folder, PICTURES_FOLDER)
+            index = parse_json(read_text(inside(place, METHODS_NAME), TABLE_BYTES))
             for method, about in index.items():
                 content = {which: _content(place, one["file"]) for which, one in about.items()}
                 shown = MethodPictures(about, content)
@@ -112,9 +116,9 @@ def _pictures(sources: Sequence[Source]) -> dict[str, MethodPictures]:
 
 
 def _content(place: Path, name: str) -> bytes:
-    path = place / Path(name).name
-    with path.open("rb") as file:
-        return file.read(_PICTURE_BYTES)
+    path = inside(place, Path(name).name)
+    check_file(path, _PICTURE_BYTES)
+    return path.read_bytes()
 
 
 def _write_pictures(out: Path, found: Mapping[str, MethodPictures]) -> None:

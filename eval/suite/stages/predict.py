@@ -10,6 +10,7 @@ from typing import Any
 from eventsweep.emvs.data.sequence import Sequence as EventSequence
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.maps.folder import StoredWindow
+from eventsweep.emvs.utils.inputs import check_file
 from eventsweep.eval.config import EvalConfig
 from eventsweep.eval.jobs.job import RESULT, SEQUENCE
 from eventsweep.eval.scoring.pairing import REFERENCE
@@ -48,6 +49,7 @@ def opened(parameters: Mapping[str, Any], folder: Path) -> Prediction:
 
 def _check_unchanged(path: Path, sha256: str) -> None:
     try:
+        check_file(path)
         content = path.read_bytes()
     except OSError as error:
         raise InputError(

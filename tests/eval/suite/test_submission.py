@@ -129,6 +129,22 @@ def spotted(value):
     return depth_m
 
 
+def pipe(folder):
+    (folder / NAMES[0]).unlink()
+    os.mkfifo(folder / NAMES[0])
+
+
+def linked(name, content=None):
+    """What a stranger wants to be read, outside of the folder, linked to from inside."""
+
+    def spoil(folder):
+        kept = folder.parent / "kept"
+        (folder / (content or name)).rename(kept) if content is None else kept.write_text("mine")
+        (folder / name).symlink_to(kept)
+
+    return spoil
+
+
 WRONG = {
     "no facts": (lambda folder: (folder / "submission.toml").unlink(), "is missing; needs method"),
     "no method": (facts('method = "Guess"', ""), "method: is missing; it holds"),
@@ -161,6 +177,16 @@ WRONG = {
     "two files for a view": (
         lambda folder: np.save(folder / "wall/seed0/10000.npy", depth(0)),
         "are both for 10000 µs",
+    ),
+    "a pipe": (pipe, "10000.npz: is a pipe"),
+    "a link to a file": (linked(NAMES[0]), "10000.npz: is a link"),
+    "a link to a folder": (linked("wall/seed0"), "seed0: is a link"),
+    "a linked description": (linked("prediction.toml", "submission.toml"), ".toml: is a link"),
+    "linked facts": (linked("submission.toml"), "submission.toml: is a link"),
+    "linked times": (linked("wall/seed0/timestamps.txt", NAMES[0]), "timestamps.txt: is a link"),
+    "a time of many digits": (
+        lambda folder: (folder / "wall/seed0/timestamps.txt").write_text("9" * 5000),
+        "is no time",
     ),
     "confidence of NaN": (
         lambda folder: np.savez(folder / NAMES[0], depth_m=depth(0), confidence=spotted(np.nan)),
@@ -263,6 +289,12 @@ SPOILT = {
     "another suite": (stated(lambda c: c.update(suite="other")), "is for other, not for pair"),
     "a case too few": (stated(lambda c: c.update(cases=["wall"])), "the case late is missing"),
     "another seed": (stated(lambda c: c.update(seeds=[7])), "the seed 0 is missing"),
+    "a case many times": (
+        stated(lambda c: c.update(cases=["wall", "late"] * 400)),
+        "wall is liste",
+    ),
+    "a seed many times": (stated(lambda c: c.update(seeds=[0] * 1000)), "0 is listed twice"),
+    "many seeds": (stated(lambda c: c.update(seeds=[*range(1000)])), "pair has no seed 1"),
     "another layout": (stated(lambda c: c.update(schema_version=9)), "schema version 9"),
     "no facts": (stated(lambda c: c.pop("facts")), "its manifest: facts"),
     "no manifest": (lambda inside: (inside / MANIFEST).unlink(), "needs .manifest.json first"),
