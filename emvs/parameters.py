@@ -10,6 +10,9 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from eventsweep.emvs.errors import InputError, shown
 
+RUNS_CODE = "runs code"
+"""Marks, in `Annotated`, a field that names code to run: a flag or a call may set it, no file."""
+
 
 class FrozenModel(BaseModel):
     """Named values: nothing unknown is taken, and nothing changes afterwards."""
@@ -82,6 +85,31 @@ def explain(error: ValidationError, model: type[BaseModel], where: str = "") -> 
         return f"{where}{message}"
     more = f" ({error.error_count() - 1} more faults)" if error.error_count() > 1 else ""
     return f"{where}{key} is {value}: {message[0].lower()}{message[1:]}{more}"
+
+
+def refuse_code(model: type[BaseModel], values: Any, where: str = "", above: str = "") -> None:
+    """Refuses a file's values that name code to run: with them, a stranger's settings would run it.
+
+    Args:
+        model: what the values are of.
+        values: plain ones, as the file holds them.
+        where: what to begin with, such as a file's name and a colon.
+        above: the groups that the model lies in, each with a dot.
+
+    Raises:
+        InputError: names the first of them.
+    """
+    for name, value in values.items() if isinstance(values, dict) else ():
+        field, key = model.model_fields.get(name), f"{above}{name}"
+        if field is None:
+            continue
+        if RUNS_CODE in field.metadata and value:
+            raise InputError(
+                f"{where}{key} is {shown(value)}: no file may name code to run; leave it out, and "
+                f"give --{key} on the command line"
+            )
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            refuse_code(field.annotation, value, where, f"{key}.")
 
 
 def first_fault(error: ValidationError) -> str:

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.parameters import ParameterGroup, explain
+from eventsweep.emvs.parameters import ParameterGroup, explain, refuse_code
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
 from eventsweep.sim.config import SimConfig
 
@@ -90,9 +90,10 @@ class Settings(BaseModel):
 def load(file: Path | None, **flags: BaseModel) -> Settings:
     """Joins a configuration file, with tables named as the fields of `Settings`, and flags.
 
-    In a group of flags exactly the values that were given are set.
+    In a group of flags exactly the values that were given are set; a file names no code to run.
     """
     values = _read(file)
+    refuse_code(Settings, values, f"{file}: ")
     for name, group in flags.items():
         values[name] = _joined(_table(file, values, name), group.model_dump(exclude_unset=True))
     try:

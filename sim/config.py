@@ -8,7 +8,7 @@ from typing import Annotated, Literal, NamedTuple
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from eventsweep.emvs.errors import InputError, shown
-from eventsweep.emvs.parameters import ParameterGroup
+from eventsweep.emvs.parameters import RUNS_CODE, ParameterGroup
 from eventsweep.sim.sensor_presets import PRESETS, SensorConfig
 
 TruthName = Literal["flow", "segmentation", "boundary", "twist", "event_depth"]
@@ -207,7 +207,7 @@ class ModelConfig(ParameterGroup):
     """What moves: `dynamics` for the model's own, a table (.csv) with columns `t_s` and names of
     joints, or a head style such as `walk` from the mount on."""
 
-    controller: str = ""
+    controller: Annotated[str, RUNS_CODE] = ""
     """`MODULE:FUNCTION` called with model and data before each step of `dynamics`."""
 
     key: str = ""
@@ -378,7 +378,7 @@ class VideoConfig(ParameterGroup):
     full_scale: Positive | None = None
     """Value of intensity 1; by default 255, 65535, or 1 of floats. 12 bits in 16 need 4095."""
 
-    upsample: str | None = None
+    upsample: Annotated[str | None, RUNS_CODE] = None
     """What puts frames between frames: MODULE:FUNCTION, FILE.py:FUNCTION, or the name under which a
     package registered one."""
 

@@ -20,14 +20,16 @@ from pydantic import (
     Field,
     SerializerFunctionWrapHandler,
     ValidationError,
+    field_validator,
     model_serializer,
     model_validator,
 )
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.parameters import explain
+from eventsweep.emvs.parameters import explain, refuse_code
 from eventsweep.eval.config import Settings, read_toml
 from eventsweep.eval.perturbations import amounts
+from eventsweep.sim.mjcf import is_model_file
 
 FOLDER = Path(__file__).parent / "definitions"
 GATED = "suite-v2"
@@ -81,6 +83,13 @@ class CaseSpec(_Definition):
         """Leaves out what older suites do not say, so that their digests stay."""
         values: dict[str, Any] = given(self)
         return {k: v for k, v in values.items() if k not in _LATER or v}
+
+    @field_validator("scene")
+    @classmethod
+    def _by_name(cls, scene: str) -> str:
+        if is_model_file(scene):
+            raise ValueError("a suite's scenes have names, `eventsweep list scenes`: no files")
+        return scene
 
     @model_validator(mode="after")
     def _windows_inside(self) -> CaseSpec:
@@ -138,6 +147,7 @@ class Suite(_Definition):
                     "choose cpu or cuda"
                 )
         for settings in self._settings():
+            refuse_code(Settings, settings)
             Settings.model_validate(settings)
         return self
 

@@ -100,6 +100,10 @@ def test_a_run_without_its_gpu_is_refused_before_it_simulates(tmp_path, monkeypa
         ("map = 5\n", "must be a table"),
         ("[map]\nplanes = 'many'\n", "map.planes is 'many'"),
         ("[map\n", "not TOML"),
+        (
+            "[sim.model]\ncontroller = 'evil.py:go'\n",
+            "no file may name code to run; leave it out, and give --sim.model.controller",
+        ),
     ],
 )
 def test_bad_configuration_file_is_one_line_and_code_2(tmp_path, capsys, sequence, text, message):

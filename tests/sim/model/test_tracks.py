@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import rover
 from eventsweep.emvs.errors import InputError
+from eventsweep.eval.cli.main import main
 from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.model.drives import (
     at_rest,
@@ -152,3 +153,13 @@ def test_a_state_is_a_copy(model):
     data.qpos[0] = data.mocap_pos[0, 0] = 9
     assert qpos[0] != 9
     assert mocap[0, 0] != 9
+
+
+def test_a_settings_file_runs_no_code(tmp_path, capsys):
+    evil, settings = tmp_path / "evil.py", tmp_path / "s.toml"
+    evil.write_text(f"open({str(tmp_path / 'ran')!r}, 'w')\ndef go(model, data): pass\n")
+    settings.write_text(f"[sim.model]\nmotion = 'dynamics'\ncontroller = '{evil}:go'\n")
+    asked = ["simulate", str(rover.write(tmp_path)), "--out", str(tmp_path / "out")]
+    assert main([*asked, "--config", str(settings)]) == 2
+    assert "no file may name code to run" in capsys.readouterr().err
+    assert not (tmp_path / "ran").exists()
