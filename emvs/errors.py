@@ -120,7 +120,12 @@ def heed_interrupt(error: BaseException) -> None:
 
 def said(error: BaseException, most: int = 200) -> str:
     """What a library says of damage, in one line of bounded length; it may quote the file."""
-    line = (" ".join(str(error).split()) or type(error).__name__)[:most]
+    return printable(str(error), most) or type(error).__name__
+
+
+def printable(text: str, most: int = 200) -> str:
+    """A text of somebody's in one line of bounded length, without what a terminal would obey."""
+    line = " ".join(text.split())[:most]
     return line if line.isprintable() else ascii(line)
 
 

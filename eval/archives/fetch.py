@@ -8,17 +8,19 @@ cannot. Files of other origin in the output are never touched.
 from __future__ import annotations
 
 import http.client
+import io
 import os
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from email.message import Message
 from pathlib import Path
-from typing import IO, Protocol
+from typing import Any, Protocol
 from urllib.parse import quote, urlsplit
 
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, printable
 from eventsweep.emvs.utils.files import (
     bytes_text,
     flush,
@@ -40,14 +42,25 @@ TIMEOUT_S = 30.0
 ATTEMPTS = 4
 _WAIT_S = 0.5
 _STEP = 1 << 20
+SLOWEST_BYTES_S = 1000
+"""Of a server that sends less, on average over `TIMEOUT_S`, the connection is broken off."""
 _FAULTS = (urllib.error.URLError, http.client.HTTPException, OSError)
 
 
 class Source(Protocol):
     """Where files are read from."""
 
-    def open(self, name: str, start: int = 0) -> tuple[IO[bytes], int]:
-        """The content of a file from a byte on, and the byte that it does begin at."""
+    def open(self, name: str, start: int = 0, size: int = -1) -> tuple[io.BufferedIOBase, int]:
+        """The content of a file from a byte on, and the byte that it does begin at.
+
+        Args:
+            name: of the file.
+            start: the byte.
+            size: of the whole file, where that is known.
+
+        Raises:
+            InputError: what is there is no file, or a page that says why it cannot be had.
+        """
 
 
 class FolderSource:
@@ -56,8 +69,9 @@ class FolderSource:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
-    def open(self, name: str, start: int = 0) -> tuple[IO[bytes], int]:
+    def open(self, name: str, start: int = 0, size: int = -1) -> tuple[io.BufferedIOBase, int]:
         """Opens a file there."""
+        del size  # its hash will tell
         path = inside(self._folder, name)
         check_file(path)
         file = path.open("rb")
@@ -66,22 +80,105 @@ class FolderSource:
 
 
 class AddressSource:
-    """An address below which a server has the files; redirections elsewhere than to it, too."""
+    """An address below which a server has the files, or leads to them."""
 
     def __init__(self, address: str) -> None:
         self._address = address.rstrip("/")
 
-    def open(self, name: str, start: int = 0) -> tuple[IO[bytes], int]:
+    def open(self, name: str, start: int = 0, size: int = -1) -> tuple[io.BufferedIOBase, int]:
         """Asks for a file, from a byte on where that is not the first."""
         request = urllib.request.Request(f"{self._address}/{quote(name)}")
         if start:
             request.add_header("Range", f"bytes={start}-")
-        answer = urllib.request.urlopen(request, timeout=TIMEOUT_S)
-        if answer.status != http.HTTPStatus.PARTIAL_CONTENT:
-            return answer, 0
-        given = str(answer.headers.get("Content-Range", ""))
-        begins = given.removeprefix("bytes ").partition("-")[0]
-        return answer, int(begins) if begins.isdecimal() else 0
+        answer = _OPENER.open(request, timeout=TIMEOUT_S)
+        begins = 0
+        if answer.status == http.HTTPStatus.PARTIAL_CONTENT:
+            given = str(answer.headers.get("Content-Range", ""))
+            begins = _number(given.removeprefix("bytes ").partition("-")[0], 0)
+        if size >= 0:
+            self._check_file(name, answer.headers, size - begins)
+        return answer, begins
+
+    def _check_file(self, name: str, headers: Message, size: int) -> None:
+        """Refuses a page in the place of a file before anything of it is written."""
+        sent, kind = _number(str(headers.get("Content-Length")), size), headers.get_content_type()
+        if sent != size or kind == "text/html":
+            raise InputError(
+                f"{self._address}/{name}: the server sends {sent} bytes of {printable(kind)}, "
+                f"should be {size} bytes of the archive: try again later, or ask its publisher"
+            )
+
+
+def _number(text: str, otherwise: int) -> int:
+    return int(text) if text.isdecimal() and len(text) < 20 else otherwise
+
+
+class _Timed(io.RawIOBase):
+    """What a server sends, for as long as it comes fast enough: answers, headers and content."""
+
+    def __init__(self, sent: io.RawIOBase) -> None:
+        self._sent, self._waited_s, self._count = sent, 0.0, 0
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int | None:
+        began_s = time.monotonic()
+        count: int | None = self._sent.readinto(buffer)  # type: ignore[attr-defined]
+        self._waited_s += time.monotonic() - began_s
+        self._count += count or 0
+        if self._waited_s > TIMEOUT_S:
+            if self._count < SLOWEST_BYTES_S * self._waited_s:
+                rate = self._count / self._waited_s
+                raise TimeoutError(f"only {rate:.3g} bytes/s came for {self._waited_s:.0f} s")
+            self._waited_s, self._count = 0.0, 0
+        return count
+
+    def close(self) -> None:
+        self._sent.close()
+        super().close()
+
+
+class _Response(http.client.HTTPResponse):
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self.fp: Any = io.BufferedReader(_Timed(self.fp.detach()))
+
+
+class _TimedAnswers(urllib.request.AbstractHTTPHandler):
+    def do_open(self, http_class: Any, req: Any, **arguments: Any) -> Any:
+        def connection(*places: Any, **named: Any) -> Any:
+            made = http_class(*places, **named)
+            made.response_class = _Response
+            return made
+
+        return super().do_open(connection, req, **arguments)  # type: ignore[arg-type]
+
+
+class _Http(_TimedAnswers, urllib.request.HTTPHandler):
+    pass
+
+
+class _Https(_TimedAnswers, urllib.request.HTTPSHandler):
+    pass
+
+
+class _Redirects(urllib.request.HTTPRedirectHandler):
+    """Follows to other servers, but to no other protocol, and never out of encryption."""
+
+    def redirect_request(
+        self, req: Any, fp: Any, code: Any, msg: Any, headers: Any, newurl: Any
+    ) -> Any:
+        wanted = ("https",) if req.type == "https" else ("http", "https")
+        if urlsplit(newurl).scheme not in wanted:
+            raise InputError(
+                f"{req.full_url}: leads to {printable(newurl)}, only {' and '.join(wanted)} are "
+                "followed from there: give the address itself"
+            )
+        return super().redirect_request(req, fp, code, msg, headers, newurl)
+
+
+_OPENER = urllib.request.build_opener(_Http, _Https, _Redirects)
 
 
 def source_of(place: str) -> Source:
@@ -213,16 +310,11 @@ def _fetch_file(source: Source, place: str, out: Path, wanted: PackedSequence) -
     target = out / wanted.file
     with work_folder(target, resume=True) as work:
         partial = work / wanted.file
-        for attempt in range(ATTEMPTS):
-            try:
-                _append(source, partial, wanted)
-            except _FAULTS:
-                if attempt + 1 == ATTEMPTS or isinstance(source, FolderSource):
-                    with _as_input_error(f"{place}/{wanted.file}"):
-                        raise
-                time.sleep(_WAIT_S * 2**attempt)
-            else:
-                break
+        taken_up = partial.exists()
+        _fetch_rest(source, place, partial, wanted)
+        if taken_up and not is_whole(partial, wanted):  # what was left may have been of no use
+            partial.unlink()
+            _fetch_rest(source, place, partial, wanted)
         if not is_whole(partial, wanted):
             partial.unlink(missing_ok=True)
             raise InputError(
@@ -240,6 +332,19 @@ def _fetch_file(source: Source, place: str, out: Path, wanted: PackedSequence) -
             raise InputError(f"{target}: was changed while it was fetched: move it away")
 
 
+def _fetch_rest(source: Source, place: str, partial: Path, wanted: PackedSequence) -> None:
+    for attempt in range(ATTEMPTS):
+        try:
+            _append(source, partial, wanted)
+        except _FAULTS:
+            if attempt + 1 == ATTEMPTS or isinstance(source, FolderSource):
+                with _as_input_error(f"{place}/{wanted.file}"):
+                    raise
+            time.sleep(_WAIT_S * 2**attempt)
+        else:
+            return
+
+
 def _append(source: Source, partial: Path, wanted: PackedSequence) -> None:
     start = partial.stat().st_size if _is_only_ours(partial) else 0
     if start == 0 or start > wanted.bytes:
@@ -247,13 +352,13 @@ def _append(source: Source, partial: Path, wanted: PackedSequence) -> None:
         start = 0
     if start == wanted.bytes:
         return
-    content, begins = source.open(wanted.file, start)
+    content, begins = source.open(wanted.file, start, wanted.bytes)
     with content, partial.open("ab" if start else "xb") as file:
         if begins != start:  # a server that always sends all of it
             file.truncate(0)
         left = wanted.bytes - (start if begins == start else 0)
         # One byte more shows a file that is too long without reading all of it.
-        while left >= 0 and (block := content.read(min(_STEP, left + 1))):
+        while left >= 0 and (block := content.read1(min(_STEP, left + 1))):
             file.write(block)
             left -= len(block)
     if left > 0:
@@ -274,6 +379,6 @@ def _as_input_error(what: str) -> Iterator[None]:
         reason = getattr(error, "reason", None) or getattr(error, "strerror", None) or error
         code = f"HTTP {error.code}, " if isinstance(error, urllib.error.HTTPError) else ""
         raise InputError(
-            f"{what}: cannot be fetched ({code}{' '.join(str(reason).split())}): correct the "
+            f"{what}: cannot be fetched ({code}{printable(str(reason))}): correct the "
             "address, or try again: what is there is kept"
         ) from error

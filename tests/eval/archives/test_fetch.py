@@ -4,8 +4,11 @@ import hashlib
 import http.server
 import json
 import os
+import socket
 import threading
-from contextlib import contextmanager
+import time
+import urllib.request
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -230,8 +233,109 @@ def test_a_damaged_file_is_not_kept(published, tmp_path):
 
 def test_no_more_is_read_than_the_manifest_says(published, tmp_path):
     with server(published, lies=True) as (address, _):
-        assert "sha256" in one_line(address, tmp_path / "a")
+        assert "sends 405004 bytes of" in one_line(address, tmp_path / "a")
     assert not (tmp_path / "a").exists()
+
+
+@contextmanager
+def answering(*answers):
+    """A server that sends what it is given, an answer to each connection, the last to all others.
+
+    Args:
+        answers: bytes, or lists of bytes with pauses between them.
+    """
+    left = list(answers)
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+
+        def serve():
+            with suppress(OSError):
+                while True:
+                    connection, _ = listening.accept()
+                    answer = left.pop(0) if len(left) > 1 else left[0]
+                    threading.Thread(target=send, args=(connection, answer), daemon=True).start()
+
+        def send(connection, answer):
+            with connection, suppress(OSError):
+                connection.recv(65536)
+                for part in [answer] if isinstance(answer, bytes) else answer:
+                    connection.sendall(part)
+                    time.sleep(0 if part is answer else 0.02)
+
+        threading.Thread(target=serve, daemon=True).start()
+        yield f"http://127.0.0.1:{listening.getsockname()[1]}/data"
+
+
+def ok(content, *more):
+    return b"\r\n".join([b"HTTP/1.1 200 OK", *more, b"", content])
+
+
+def test_what_a_server_says_cannot_reach_the_terminal(tmp_path):
+    with answering(b"HTTP/1.1 404 \x1b]0;owned\x07\x9b2J gone\r\n\r\n") as address:
+        text = one_line(address, tmp_path / "a")
+    assert text.isprintable()
+    assert "HTTP 404" in text
+
+
+SLOW = {
+    "a status": [b"H", *[b"T"] * 1000],
+    "headers": [b"HTTP/1.1 200 OK\r\n", *[b"X: y\r\n"] * 1000],
+    "content": [ok(b"", b"Content-Length: 9000"), *[b"{"] * 1000],
+    "chunks": [ok(b"", b"Transfer-Encoding: chunked"), *[b"1\r\n{\r\n"] * 1000],
+}
+
+
+@pytest.mark.parametrize("kind", SLOW)
+def test_a_server_of_a_few_bytes_a_second_is_not_followed(tmp_path, monkeypatch, kind):
+    monkeypatch.setattr(fetching, "TIMEOUT_S", 0.2)
+    began_s = time.monotonic()
+    with answering(SLOW[kind]) as address:
+        text = one_line(address, tmp_path / "a")
+    assert "bytes/s came for" in text
+    assert time.monotonic() - began_s < 5
+
+
+PAGE = b"<html>come back later</html>"
+PAGES = {
+    "a page": ok(PAGE, b"Content-Type: text/html"),
+    "a page of some length": ok(PAGE, b"Content-Length: %d" % len(PAGE)),
+    "an error": b"HTTP/1.1 503 Busy\r\nContent-Length: 4\r\n\r\nbusy",
+    "nothing known": ok(PAGE),
+}
+
+
+@pytest.mark.parametrize("kind", PAGES)
+def test_a_page_in_the_place_of_a_file_leaves_the_next_fetch_whole(published, tmp_path, kind):
+    out, index = tmp_path / "a", (published / "archive.json").read_bytes()
+    out.mkdir()
+    left = partial_of(out, CONTENT["desk-seed0.tar.zst"][:3000])
+    with answering(ok(index), PAGES[kind]) as address:
+        one_line(address, out, cases=["desk"], seeds=[0])
+    if kind != "nothing known":
+        assert left.read_bytes() == CONTENT["desk-seed0.tar.zst"][:3000]
+    with server(published) as (address, asked):
+        fetch(address, out, Silent(), cases=["desk"], seeds=[0])
+    assert (("desk-seed0.tar.zst", "bytes=3000-") in asked) == (kind != "nothing known")
+    assert files(out)["desk-seed0.tar.zst"] == CONTENT["desk-seed0.tar.zst"]
+    assert not left.parent.exists()
+
+
+def moved(place):
+    return b"HTTP/1.1 302 Found\r\nLocation: " + place.encode() + b"\r\nContent-Length: 0\r\n\r\n"
+
+
+@pytest.mark.parametrize("place", ["ftp://127.0.0.1/x", "file:///etc/passwd", "data:,x"])
+def test_redirections_to_other_protocols_are_not_followed(tmp_path, place):
+    with answering(moved(place)) as address:
+        text = one_line(address, tmp_path / "a")
+    assert "only http and https" in text or "not allowed" in text
+
+
+def test_redirections_are_followed_but_never_out_of_encryption(published, tmp_path):
+    with server(published) as (there, _), answering(moved(f"{there}/archive.json")) as address:
+        assert "archive" in one_line(address, tmp_path / "a")  # all files lead to that one
+    request = urllib.request.Request("https://a.example/archive.json")
+    with pytest.raises(InputError, match="only https are followed"):
+        fetching._Redirects().redirect_request(request, None, 302, "", {}, "http://a.example/b")
 
 
 def test_a_changed_file_is_found_and_fetched_again(published, tmp_path):
