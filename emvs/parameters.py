@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from eventsweep.emvs.errors import InputError, shown
 
 RUNS_CODE = "runs code"
 """Marks, in `Annotated`, a field that names code to run: a flag or a call may set it, no file."""
+
+
+TimeUs = Annotated[int, Field(ge=-(1 << 61), le=1 << 61)]
+"""A time or a difference of two, µs: a file's whole numbers may have more than 64 bits."""
 
 
 class FrozenModel(BaseModel):

@@ -19,7 +19,7 @@ from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
-from eventsweep.emvs.parameters import FrozenModel, first_fault
+from eventsweep.emvs.parameters import FrozenModel, TimeUs, first_fault
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
 from eventsweep.emvs.utils.release import page
 
@@ -50,7 +50,7 @@ class EventsTable(FrozenModel):
 
     file: FileName
     stream: str = ""
-    time_offset_us: int = 0
+    time_offset_us: TimeUs = 0
     columns: ColumnsTable | None = None
     time_unit: Literal["", "s", "ms", "us", "ns"] = ""
 
@@ -91,7 +91,7 @@ class PosesTable(FrozenModel):
     file: FileName
     topic: str = ""
     unit: Literal["s", "ms", "us", "ns"] = "s"
-    time_offset_us: int = 0
+    time_offset_us: TimeUs = 0
     hand_eye: FileName | None = None
     imu_cam: FileName | None = None
 

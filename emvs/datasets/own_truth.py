@@ -18,7 +18,7 @@ from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.geometry.warp import nearest_depth, undistort_depth
-from eventsweep.emvs.parameters import FrozenModel
+from eventsweep.emvs.parameters import FrozenModel, TimeUs
 from eventsweep.emvs.utils.plugins import extra_module
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -43,7 +43,7 @@ class TruthTable(FrozenModel):
     depth: str = ""
     times: str = ""
     time_unit: Literal["s", "ms", "us", "ns"] = "s"
-    time_offset_us: int = 0
+    time_offset_us: TimeUs = 0
     unit_m: Positive | None = None
     kind: Literal["z", "distance"] = "z"
     lens: Literal["undistorted", "sensor"] = "undistorted"

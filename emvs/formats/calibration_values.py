@@ -144,6 +144,8 @@ def numbers_of(values: Any, count: int, key: str) -> list[float]:
     plain = isinstance(values, list) and all(
         isinstance(v, int | float) and not isinstance(v, bool) for v in values
     )
-    if not plain or len(values) != count or not np.all(np.isfinite(values)):
+    # As floats: numpy has no whole numbers beyond 64 bits.
+    numbers = [float(v) for v in values if abs(v) < _LARGEST] if plain else []
+    if not plain or len(values) != count or len(numbers) != count:
         raise InputError(f"{key} is {values!r:.60}: needs {count} finite numbers")
-    return [float(v) for v in values]
+    return numbers

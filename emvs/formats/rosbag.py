@@ -150,6 +150,8 @@ def opened_bag(path: Path) -> Iterator[Any]:
         with Reader2(own) if path.is_dir() else Reader1(own) as bag:
             if isinstance(bag, Reader1):
                 bag.chunks = {at: _bounded(path, at, chunk) for at, chunk in bag.chunks.items()}
+            if not all(isinstance(n, str) for c in bag.connections for n in (c.topic, c.msgtype)):
+                raise ValueError("topics and types without names")
             yield bag
     except InputError:
         raise

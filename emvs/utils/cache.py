@@ -18,6 +18,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, inside, parse_json, read_text
 from eventsweep.emvs.utils.output_manifest import facts_of
 from eventsweep.emvs.utils.outputs import atomic_dir, check_parent, claimed
 
@@ -143,11 +145,11 @@ class Cache:
         """The entry, if it is there and whole; a damaged one is as good as none."""
         path = self.path_of(key)
         try:
-            content = json.loads((path / _ENTRY).read_text(encoding="utf-8"))
+            content = _stored(path)
             files = content["files"]
             there = _files(path / _DATA)
             took = {name: float(content.get(name, 0.0)) for name in ("seconds", "cpu_seconds")}
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, OverflowError):
             return None
         if there != files:
             return None
@@ -161,10 +163,13 @@ class Cache:
 
     def _entries(self) -> Iterator[Path]:
         for index in self.folder.glob(f"??/*/{_ENTRY}"):
-            with suppress(OSError, ValueError, KeyError, TypeError):
-                facts = json.loads(index.read_text(encoding="utf-8"))["facts"]
-                if key_of(facts) == index.parent.name:
+            with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
+                if key_of(_stored(index.parent)["facts"]) == index.parent.name:
                     yield index.parent
+
+
+def _stored(entry: Path) -> Any:
+    return parse_json(read_text(inside(entry, _ENTRY), TABLE_BYTES))
 
 
 def _bytes(path: Path) -> int:
@@ -173,7 +178,7 @@ def _bytes(path: Path) -> int:
 
 def _clear(path: Path) -> None:
     """Makes room for a damaged entry: what in it is not ours, or not known, is moved aside."""
-    with suppress(OSError, ValueError, KeyError, TypeError):
+    with suppress(OSError, ValueError, AttributeError):
         _remove(path)
     with suppress(OSError):
         if os.path.lexists(path):
@@ -182,11 +187,11 @@ def _clear(path: Path) -> None:
 
 def _remove(path: Path) -> None:
     """Removes an entry's files, its index last, and no other."""
-    names = json.loads((path / _ENTRY).read_text(encoding="utf-8"))["files"]
-    for file in list((path / _DATA).rglob("*")):
-        if file.is_file() and file.relative_to(path / _DATA).as_posix() in names:
-            file.unlink()
-    (path / _ENTRY).unlink()
+    names = _stored(path).get("files")
+    for name in names if isinstance(names, dict) else ():
+        with suppress(OSError, InputError):  # not a file of the entry
+            inside(path / _DATA, name).unlink()
+    (path / _ENTRY).unlink(missing_ok=True)
     for parent, _, _ in os.walk(path, topdown=False):
         with suppress(OSError):  # somebody's file is in it
             Path(parent).rmdir()

@@ -77,9 +77,12 @@ def read_text(path: Path, most_bytes: int, encoding: str = "utf-8") -> str:
 
 
 def parse_json(text: str) -> Any:
-    """The content of a JSON text; ValueError where it is none, or nested too deeply."""
+    """The content of a JSON text; ValueError for none, deep nesting, half of a surrogate pair."""
     try:
-        return json.loads(text)
+        content = json.loads(text)
+        if "\\ud" in text.lower():  # such a half cannot be written anywhere
+            json.dumps(content, ensure_ascii=False).encode()
+        return content
     except RecursionError as error:
         raise ValueError("nested too deeply") from error
 

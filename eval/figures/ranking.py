@@ -19,7 +19,6 @@ def coverage_figure(curves: Mapping[str, Sequence[tuple[float, float]]]) -> Figu
     figure, axes = _axes()
     for method, curve in curves.items():
         _line(axes, method, [x for x, _ in curve], [y for _, y in curve])
-    axes.set(xscale="log", yscale="log")
     axes.set_xlabel("coverage: share of the true pixels, the surest first [%]")
     axes.set_ylabel("error, of the middle method's")
     return _finished(figure, axes)
@@ -37,7 +36,6 @@ def cost_figure(points: Mapping[str, tuple[float, float, bool]]) -> Figure:
             [seconds], [error], style.marker or "o", color=style.colour, label=method,
             ms=_MARKER + 2, mfc="none" if is_stated else style.colour, mew=1.4, linestyle="",
         )  # fmt: skip
-    axes.set(xscale="log", yscale="log")
     axes.set_xlabel("time for a window [s]; hollow: stated by its submitter, not measured here")
     axes.set_ylabel("relative error [%]")
     return _finished(figure, axes)
@@ -48,10 +46,9 @@ def history_figure(labels: Sequence[str], lines: Mapping[str, Sequence[float]]) 
     figure, axes = _axes()
     for method, line in lines.items():
         _line(axes, method, range(len(labels)), line)
-    axes.set_yscale("log")
     axes.set_xticks(range(len(labels)), labels)
     axes.set_ylabel("relative error [%]")
-    return _finished(figure, axes)
+    return _finished(figure, axes, "y")
 
 
 def _axes() -> tuple[Figure, Axes]:
@@ -67,7 +64,11 @@ def _line(axes: Axes, method: str, x: Sequence[float], y: Sequence[float]) -> No
     )  # fmt: skip
 
 
-def _finished(figure: Figure, axes: Axes) -> Figure:
+def _finished(figure: Figure, axes: Axes, logarithmic: str = "xy") -> Figure:
+    for name in logarithmic:
+        # Nothing positive to show has no such scale.
+        if math.isfinite(getattr(axes.dataLim, f"minpos{name}")):
+            axes.set(**{f"{name}scale": "log"})
     for axis in (axes.xaxis, axes.yaxis):
         if axis.get_scale() == "log":
             axis.set_major_formatter(lambda value, _: f"{value:g}")

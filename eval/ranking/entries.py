@@ -9,10 +9,11 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.inputs import file_in
@@ -29,7 +30,7 @@ from eventsweep.eval.suite.results import (
     SuiteResult,
     read_suite,
 )
-from eventsweep.eval.suite.submission import perfect_scores
+from eventsweep.eval.suite.submission import SubmissionFacts, perfect_scores
 
 DATA_NAME = "ranking.json"
 RANKED_BY = "mean_error"
@@ -103,13 +104,27 @@ class RankingEntry(BaseModel):
     units: dict[str, tuple[str, Direction]]
     versions_of_metrics: dict[str, str]
     values: dict[str, dict[str, dict[str, tuple[Value, ...]]]]
-    stated: dict[str, dict[str, Any]] = {}
+    stated: dict[str, SubmissionFacts] = {}
     cost: dict[str, MeasuredCost] = {}
     perfect: dict[str, list[str]] = {}
     code: dict[str, str] = {}
     versions: dict[str, str] = {}
     platform: str = ""
     failures: dict[str, str] = {}
+
+    @model_validator(mode="after")
+    def _of_every_seed(self) -> RankingEntry:
+        """One number and one sequence for each seed, numbers of known cases, no infinite ones."""
+        if self.values and RANKED_BY not in self.units:
+            raise ValueError(f"units: {RANKED_BY} is missing")
+        for case, ranked in self.cases.items():
+            if len(ranked.sequences) != len(self.seeds):
+                raise ValueError(f"cases.{case}: {len(ranked.sequences)} sequences")
+        for method, metrics in self.values.items():
+            for place, found in chain.from_iterable(cases.items() for cases in metrics.values()):
+                if len(found) != len(self.seeds) or any(map(math.isinf, found)):
+                    raise ValueError(f"values.{method}: {place} needs a number for each seed")
+        return self
 
     @property
     def part(self) -> str:
@@ -172,7 +187,7 @@ def of_suite(result: SuiteResult, label: str) -> RankingEntry:
         units=units,
         versions_of_metrics=_metric_versions(result),
         values=values,
-        stated=result.stated,
+        stated={n: SubmissionFacts.model_validate(one) for n, one in result.stated.items()},
         cost={shown_name(name, mappers): one for name, one in result.cost.items()},
         perfect={shown_name(name, mappers): where for name, where in perfect.items()},
         code=_code(result),
@@ -245,7 +260,8 @@ def read_source(asked: str) -> Source:
         return Source(folder, read_data(path).entries)
     if path.name != FILE_NAME and not (path / FILE_NAME).is_file():
         raise InputError(f"{path}: no result of a suite; needs {FILE_NAME} or {DATA_NAME} in it")
-    return Source(folder, (of_suite(read_suite(path), label or folder.resolve().name),))
+    label = label or folder.resolve().name
+    return Source(folder, (read_suite(path, lambda result: of_suite(result, label)),))
 
 
 def read_data(path: Path) -> RankingData:

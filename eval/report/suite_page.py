@@ -60,12 +60,14 @@ def is_suite_folder(folder: Path) -> bool:
 
 def write_suite_report(folder: Path) -> Path:
     """Writes `report.html` for the suite's run in a folder and returns its path."""
-    result = read_suite(folder)
     check_files(folder, (REPORT_NAME,), force=True)
+    return write_page(folder, read_suite(folder, lambda result: _page_text(folder, result)))
+
+
+def _page_text(folder: Path, result: SuiteResult) -> str:
     pictures = {case: inside(folder, f"{PICTURES_FOLDER}/{case}.png") for case in result.cases}
     shown = {case: png_uri(path) for case, path in pictures.items() if path.is_file()}
-    page = page_text(suite_page(result, files_in(folder, (FILE_NAME, CSV_NAME)), shown))
-    return write_page(folder, page)
+    return page_text(suite_page(result, files_in(folder, (FILE_NAME, CSV_NAME)), shown))
 
 
 def suite_page(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from eventsweep.emvs.errors import InputError, repeated
-from eventsweep.emvs.parameters import first_fault
+from eventsweep.emvs.parameters import TimeUs, first_fault
 from eventsweep.emvs.utils.inputs import (
     SETTINGS_BYTES,
     TABLE_BYTES,
@@ -70,8 +70,8 @@ class PredictionFacts(BaseModel):
         None, gt=0, description="m or px per stored unit; needed for PNG, otherwise 1"
     )
     time_unit: Literal["us", "s"] = Field("us", description="of the times in file names")
-    time_offset_us: int = Field(0, description="added to the times, µs")
-    tolerance_us: int = Field(0, ge=0, description="how far a time may be off, µs")
+    time_offset_us: TimeUs = Field(0, description="added to the times, µs")
+    tolerance_us: TimeUs = Field(0, ge=0, description="how far a time may be off, µs")
     may_be_empty: bool = Field(False, description="a depth map without any depth is meant so")
     baseline_m: FiniteFloat | None = Field(
         None, gt=0, description="that disparities refer to; by default the rig's"

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_args
 
 from pydantic import BeforeValidator, ConfigDict, PlainSerializer, TypeAdapter, ValidationError
 
-from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.errors import InputError, said
 from eventsweep.emvs.parameters import first_fault
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, file_in, parse_json, read_text
@@ -117,7 +117,7 @@ def _checked(column: pd.Series[Any], name: str) -> pd.Series[Any]:
 
 def _is_good(name: str) -> Callable[[Any], bool]:
     if name in ("seed", "support"):
-        return lambda cell: _is_number(cell) and cell >= 0 and cell % 1 == 0
+        return lambda cell: _is_number(cell) and 0 <= cell < 1 << 63 and cell % 1 == 0
     if name in _TYPES:
         return _is_number
     choices = get_args(Direction) if name == "direction" else None
@@ -309,8 +309,8 @@ def read_json(
         return validate(content)
     except ValidationError as error:
         raise InputError(f"{name}: {first_fault(error)}; {cure}") from error
-    except (InputError, AttributeError, KeyError, TypeError) as error:
-        raise InputError(f"{name}: {' '.join(str(error).split())}; {cure}") from error
+    except (AttributeError, LookupError, TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"{name}: {said(error, 400)}; {cure}") from error
 
 
 def to_json(results: Results) -> str:

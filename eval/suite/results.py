@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, overload
 
-from pydantic import ConfigDict, TypeAdapter
+from pydantic import ConfigDict, Field, TypeAdapter
 
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.inputs import file_in
@@ -99,6 +100,10 @@ class ArchiveFacts:
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
 
+Made = TypeVar("Made")
+Amount = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
 @dataclass(frozen=True, slots=True)
 class MeasuredCost:
     """What mapping the first window of a case costs with one method alone, in one thread.
@@ -107,8 +112,8 @@ class MeasuredCost:
     """
 
     case: str
-    cpu_seconds: float
-    peak_memory_mb: float
+    cpu_seconds: Amount
+    peak_memory_mb: Amount
 
     __pydantic_config__: ClassVar[ConfigDict] = _STRICT
 
@@ -183,10 +188,21 @@ def write_suite(folder: Path, result: SuiteResult) -> Path:
     return path
 
 
-def read_suite(path: Path) -> SuiteResult:
-    """Reads `suite.json`, given the file or its folder."""
-    file = file_in(path, FILE_NAME)
-    return read_json(file, _validated, (1, SCHEMA_VERSION), "run the suite again")
+@overload
+def read_suite(path: Path) -> SuiteResult: ...
+
+
+@overload
+def read_suite(path: Path, of: Callable[[SuiteResult], Made]) -> Made: ...
+
+
+def read_suite(path: Path, of: Callable[[SuiteResult], Any] = lambda result: result) -> Any:
+    """Reads `suite.json`, given the file or its folder.
+
+    `of` makes of it what is wanted: what that does not find is the file's fault.
+    """
+    made, schemas = lambda content: of(_validated(content)), (1, SCHEMA_VERSION)
+    return read_json(file_in(path, FILE_NAME), made, schemas, "run the suite again")
 
 
 def _validated(content: dict[str, Any]) -> SuiteResult:

@@ -97,7 +97,7 @@ class Measured:
 def read_measured(path: Path) -> Measured:
     """Reads a result: `suite.json`, or a `results.json` of any run."""
     if path.name == FILE_NAME or (path / FILE_NAME).is_file():
-        return of_suite(read_suite(path))
+        return read_suite(path, of_suite)
     return of_results(read_results(path))
 
 

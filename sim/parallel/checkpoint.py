@@ -34,6 +34,7 @@ from eventsweep.emvs.data.image_stores import (
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.utils.files import atomic_path, made_parent, remove_leftovers
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
 from eventsweep.emvs.utils.output_manifest import named
 from eventsweep.emvs.utils.outputs import real
 
@@ -140,7 +141,7 @@ class CheckpointFolder:
         job = self.path / _KEY
         wanted = {"format": _FORMAT, "key": self._key}
         if self._resume and job.exists():
-            if json.loads(job.read_text(encoding="utf-8")) != wanted:
+            if _json(job) != wanted:
                 raise InputError(
                     f"{self.path} holds unfinished work of other parameters, scene or versions: "
                     "finish it with those, or set resume=False to discard it"
@@ -294,7 +295,7 @@ class CheckpointWriter:
 def read_checkpoint(path: Path) -> Checkpoint | None:
     """The checkpoint in a folder, or None where anything is missing or changed."""
     try:
-        index = json.loads((path / _INDEX).read_text(encoding="utf-8"))
+        index = _json(path / _INDEX)
         for name, digest in index["files"].items():
             file = path / name
             if not (name == _STATE and not file.exists()) and _sha256(file) != digest:
@@ -302,6 +303,14 @@ def read_checkpoint(path: Path) -> Checkpoint | None:
         first, end, events = (int(index[name]) for name in ("first_chunk", "end_chunk", "events"))
         return Checkpoint(path, first, end, events, tuple(index["counts"]))
     except (OSError, KeyError, TypeError, ValueError, AttributeError):
+        return None
+
+
+def _json(path: Path) -> Any:
+    """A file's content; None where that is no JSON."""
+    try:
+        return parse_json(read_text(path, TABLE_BYTES))
+    except ValueError:
         return None
 
 

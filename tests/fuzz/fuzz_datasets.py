@@ -44,8 +44,8 @@ RIGS = ("kalibr", "basalt", "rig", "opencv", "cam_to_cam", "hand_eye", "marker")
 POSES = ("tum", "csv")
 KINDS = [*FOLDERS, *RIGS, *(f"{kind}+values" for kind in RIGS), *POSES]
 ODD = (
-    None, True, "", "x", [], {}, [[]], {"a": 1}, -1, 0, 1e-320, 1e308, 10**400, float("nan"),
-    float("inf"), [1, "2", None], [[1, 2], [3]], {1: 2}, "9" * 5000, list(range(5)),
+    None, True, "", "x", [], {}, [[]], {"a": 1}, -1, 0, 1e-320, 1e308, 10**30, 10**400,
+    float("nan"), float("inf"), [1, "2", None], [[1, 2], [3]], {1: 2}, "9" * 5000, list(range(5)),
 )  # fmt: skip
 
 

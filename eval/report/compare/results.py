@@ -123,7 +123,7 @@ def read_compared(paths: Sequence[Path]) -> tuple[ComparedResult, ...]:
 def _read(path: Path, name: str) -> ComparedResult:
     folder = path if path.is_dir() else path.parent
     if path.name == FILE_NAME or (path / FILE_NAME).is_file():
-        return of_suite(read_suite(path), name, folder)
+        return read_suite(path, lambda result: of_suite(result, name, folder))
     return of_run(read_results(path), name, folder)
 
 

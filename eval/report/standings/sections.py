@@ -116,13 +116,12 @@ def _cost_cells(joined: Merged, method: str) -> tuple[GridCell, GridCell]:
         return GridCell(f"{one.cpu_seconds:.3g}", one.cpu_seconds), GridCell(
             f"{one.peak_memory_mb:,.0f}", one.peak_memory_mb
         )
-    cost = entry.stated.get(method, {}).get("cost")
-    if cost is None:
+    if method not in entry.stated:
         return GridCell("–"), GridCell("–")
-    seconds, memory_mb = float(cost["seconds_per_window"]), float(cost["peak_memory_mb"])
+    cost = entry.stated[method].cost
     return (
-        GridCell(f"{seconds:.3g} stated", seconds, "other"),
-        GridCell(f"{memory_mb:,.0f} stated", memory_mb, "other"),
+        GridCell(f"{cost.seconds_per_window:.3g} stated", cost.seconds_per_window, "other"),
+        GridCell(f"{cost.peak_memory_mb:,.0f} stated", cost.peak_memory_mb, "other"),
     )
 
 
@@ -137,7 +136,7 @@ def _note(page: RankingPage, method: str) -> GridCell:
         return GridCell(f"perfect in {plural(len(where), 'sequence')}: copied truth?", kind="worse")
     stated = page.joined.owner[method].stated.get(method)
     if stated is not None:
-        return GridCell(f"by {', '.join(stated['authors'])}")
+        return GridCell(f"by {', '.join(stated.authors)}")
     known = named(method)
     trained = isinstance(known, Method) and known.extraction.trained
     return GridCell("trained on other motions of these scenes" if trained else "")
@@ -322,15 +321,15 @@ def cost(page: RankingPage) -> Section:
     lines, points = [], {}
     for method in page.methods:
         entry = joined.owner[method]
-        ours, stated = entry.cost.get(method), entry.stated.get(method, {}).get("cost", {})
+        ours, stated = entry.cost.get(method), entry.stated.get(method)
         error = summary.geometric(joined, method, "abs_rel", joined.cases)
-        theirs_s = float(stated.get("seconds_per_window", math.nan))
-        theirs_mb = float(stated.get("peak_memory_mb", math.nan))
+        theirs_s = stated.cost.seconds_per_window if stated else math.nan
+        theirs_mb = stated.cost.peak_memory_mb if stated else math.nan
         ours_s = ours.cpu_seconds if ours else math.nan
         lines.append((
             _name(method), _number(ours_s, 3),
             _number(ours.peak_memory_mb if ours else math.nan, 0), _number(theirs_s, 3),
-            _number(theirs_mb, 0), GridCell(stated.get("hardware", "")),
+            _number(theirs_mb, 0), GridCell(stated.cost.hardware if stated else ""),
             _number(error),
         ))  # fmt: skip
         seconds = theirs_s if math.isnan(ours_s) else ours_s

@@ -1,6 +1,7 @@
 """The page of a ranking: what stands in it, offline, and what `eventsweep ranking` refuses."""
 
 import json
+import os
 import re
 
 import pytest
@@ -11,6 +12,7 @@ from eventsweep.eval.cli.main import main
 from eventsweep.eval.ranking.entries import DATA_NAME, RankingData, Source, read_data
 from eventsweep.eval.report.standings.page import HTML_NAME, ranking_page, write_ranking
 from eventsweep.eval.report.suite_pictures import METHODS_NAME
+from eventsweep.eval.suite.submission import SubmissionFacts
 from ranking_entries import CASES, entry
 
 ERRORS = {"Alg1/H": 0.1, "EMVS/cam0": 0.2, "Focus/H": 0.05, "Given/Guess": 0.4}
@@ -40,7 +42,9 @@ def stored(folder, *entries, pictures=()):
 def with_guess(label, **changed):
     found = entry(label, ERRORS, **changed)
     cost = {m: one for m, one in found.cost.items() if m != "Given/Guess"}
-    return found.model_copy(update={"stated": {"Given/Guess": STATED}, "cost": cost})
+    return found.model_copy(
+        update={"stated": {"Given/Guess": SubmissionFacts(**STATED)}, "cost": cost}
+    )
 
 
 @pytest.fixture
@@ -150,6 +154,36 @@ def test_damaged_pictures_are_left_out(tmp_path):
     (folder / "pictures" / METHODS_NAME).write_text(json.dumps(index))
     assert main(["ranking", str(folder), "--out", str(tmp_path / "out"), "--quiet"]) == 0
     assert "data:image/webp" not in text_of(tmp_path / "out")
+
+
+@pytest.mark.parametrize("kind", ["pipe", "file", "folder", "name"])
+def test_no_file_outside_of_a_result_reaches_the_page(tmp_path, kind):
+    folder = stored(tmp_path / "in", entry("v1", ERRORS), pictures=["Alg1/H"])
+    (tmp_path / "secret").write_bytes(b"RIFF: of the reader")
+    picture = folder / "pictures" / "Alg1_H-best.webp"
+    if kind == "folder":
+        (folder / "pictures").rename(tmp_path / "elsewhere")
+        (folder / "pictures").symlink_to(tmp_path / "elsewhere")
+    else:
+        picture.unlink()
+        if kind == "pipe":
+            os.mkfifo(picture)
+        elif kind == "file":
+            picture.symlink_to(tmp_path / "secret")
+        else:
+            index = (folder / "pictures" / METHODS_NAME).read_text()
+            renamed = index.replace("Alg1_H-best.webp", "../../secret")
+            (folder / "pictures" / METHODS_NAME).write_text(renamed)
+    assert main(["ranking", str(folder), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    assert "data:image/webp" not in text_of(tmp_path / "out")
+
+
+def test_data_that_is_linked_from_outside_is_refused(tmp_path, capsys):
+    folder = stored(tmp_path / "in", entry("v1", ERRORS))
+    (folder / DATA_NAME).rename(tmp_path / "kept.json")
+    (folder / DATA_NAME).symlink_to(tmp_path / "kept.json")
+    assert main(["ranking", str(folder), "--out", str(tmp_path / "out")]) == 2
+    assert "ranking.json: is a link" in capsys.readouterr().err
 
 
 def test_a_perfect_score_and_other_sequences_are_said(tmp_path):
