@@ -55,6 +55,8 @@ Progress = Callable[[int, int, int], None]
 """Called after every frame with time done, time in total (µs) and events written so far."""
 # What a kill may cost; finishing a checkpoint at 1280x720 takes about 0.2 s.
 _COMMIT_S = 10.0
+# Events per pixel: a tenth of those of a picture that moves by one edge.
+_FEW_EVENTS = 0.002
 # Lossless compression of rendered images gains at least this.
 _COMPRESSED = 0.4
 _IMAGE_BYTES = {"depth_m": 4, "intensity": 1, "flow": 8, "segmentation": 4, "boundary": 1}
@@ -91,8 +93,8 @@ def simulate(
     calls this needs the usual `__main__` guard.
 
     A kill costs `commit_s` at the most, the least time between two checkpoints. `notice` is called
-    with one line when unfinished work is taken up or found damaged, and when there is a GPU that
-    does not draw.
+    with one line when unfinished work is taken up or found damaged, when there is a GPU that does
+    not draw, and where there are next to no events.
 
     Raises:
         InputError: no graphics library, an existing `out` without `force`, a negative seed, motion
@@ -131,7 +133,17 @@ def simulate(
         except InputError as error:
             # Somebody came in between: the work itself is good.
             raise Stopped(f"{error} (the simulation is kept in {folder.path})") from error
+        _say_if_empty(job, sum(checkpoint.events for checkpoint in folder.finished), notice)
     return out
+
+
+def _say_if_empty(job: RenderJob, events: int, notice: Notice) -> None:
+    pixels = sum(camera.width_px * camera.height_px for camera in job.rig.cameras)
+    if events < _FEW_EVENTS * pixels:
+        notice(
+            f"{job.scene.name}: {events} events of {pixels} pixels in {job.duration_us * 1e-6:g} s "
+            "are next to none: make it longer, move faster, or give surfaces textures"
+        )
 
 
 def make_job(

@@ -33,7 +33,7 @@ from eventsweep.sim.model.mounts import (
     has_resolution,
     rig_of_cameras,
 )
-from eventsweep.sim.model.survey import survey
+from eventsweep.sim.model.survey import not_drawn, survey
 from eventsweep.sim.model.tracks import CarriedMotion, StateTrack
 from eventsweep.sim.motion import Motion
 from eventsweep.sim.motion.curves import CurveMotion
@@ -101,6 +101,8 @@ def scene_of(
     config = _noted(path, config)
     drive = _Drive(path, model, config)
     clip_m = clip_of(model)
+    if left_out := not_drawn(model):
+        notice(f"{path}: {left_out}")
     motion = drive.motion()
     start = motion(drive.duration_s, seed).T_world_body(0.0)
     scene = Scene(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.sim.config import SimConfig
+from eventsweep.sim.graphics import import_mujoco
 from eventsweep.sim.rendering.base import Frame, moving_ids
 from eventsweep.sim.rendering.drawing import MIRRORS, MUJOCO
 from eventsweep.sim.scene import Scene, replayed
@@ -35,6 +36,18 @@ class _Seen(NamedTuple):
     depths_m: list[float]
     still_m: list[float]
     edges: list[float]
+
+
+def not_drawn(model: Any) -> str:
+    """What a compiled model has that is not drawn, in one line; empty where all is."""
+    counts = {"skins": model.nskin, "flexes": model.nflex, "tendons": _spatial_tendons(model)}
+    there = [f"{count} {what}" for what, count in counts.items() if count]
+    return f"not drawn are {', '.join(there)}: only geoms have exact depth" if there else ""
+
+
+def _spatial_tendons(model: Any) -> int:
+    first_wraps = model.wrap_type[model.tendon_adr]  # of joints, or of sites on the way
+    return int(np.count_nonzero(first_wraps != import_mujoco().mjtWrap.mjWRAP_JOINT))
 
 
 def survey(

@@ -256,7 +256,11 @@ class StereoRenderer:
             rgb = np.rint(255 * rgb)
         segment = rgb.astype(np.int32) @ np.array([1, 1 << 8, 1 << 16], np.int32)
         geom_id = np.full(self._scene.ngeom + 1, -1, np.int32)
-        geom_id[1:] = [geom.objid for geom in self._scene.geoms[: self._scene.ngeom]]
+        kind = self._mj.mjtObj.mjOBJ_GEOM
+        for geom in self._scene.geoms[: self._scene.ngeom]:
+            # Of what is drawn, only the model's geoms are geoms; their order may be another.
+            if geom.objtype == kind and 0 <= geom.segid < self._scene.ngeom:
+                geom_id[geom.segid + 1] = geom.objid
         ids: NDArray[np.int32] = geom_id[segment]
         return lens.nearest_samples(mapped, ids) if mapped else ids[::-1]
 
@@ -282,6 +286,11 @@ class StereoRenderer:
         self._order = DrawOrder(self.model, self._scene)
         self._option = mj.MjvOption()
         self._option.sitegroup[:] = 0
+        # Aids of a viewer are no surfaces: rays of range finders, tendons. What bends, skins and
+        # flexes, has no pose of which truth could be made; `sim.model.survey` says so.
+        self._option.flags[:] = 0
+        for flag in (mj.mjtVisFlag.mjVIS_TEXTURE, mj.mjtVisFlag.mjVIS_STATIC):
+            self._option.flags[int(flag)] = 1
         self._update_scene()
 
     def _fine_light(self, shader: bool | None) -> FineLight:
