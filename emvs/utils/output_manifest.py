@@ -162,7 +162,8 @@ def strangers(folder: Path, names: Iterable[str] | None = None) -> list[str]:
         every = (_look_below(folder, name, manifest or _NOTHING) for name in names)
         return sorted({name for entries in every for name, ours in entries if not ours})
     if manifest is None and os.access(folder, os.R_OK):  # all of it is somebody's: named briefly
-        return sorted(f"{path.name}{'/' * _is_folder(path)}" for path in folder.iterdir())
+        theirs = [path for path in folder.iterdir() if not _is_leftover(path)]
+        return sorted(f"{path.name}{'/' * _is_folder(path)}" for path in theirs)
     return sorted(name for name, ours in _survey(folder) if not ours)
 
 
@@ -258,6 +259,12 @@ def _files_below(folder: Path) -> list[str]:
 
 def _is_folder(path: Path) -> bool:
     return path.is_dir() and not path.is_symlink()
+
+
+def _is_leftover(path: Path) -> bool:
+    """Whether a killed process left this before it wrote a manifest."""
+    is_work = path.name.startswith(".") and path.name.endswith(".partial") and is_work_folder(path)
+    return is_work or _is_claim(path)
 
 
 def _is_claim(path: Path) -> bool:

@@ -3,16 +3,21 @@
 import json
 import os
 import re
+from unittest import mock
 
 import pytest
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.output_manifest import NAME
+from eventsweep.emvs.utils.output_manifest import NAME, strangers
+from eventsweep.emvs.utils.outputs import atomic_dir
 from eventsweep.eval.cli.main import main
 from eventsweep.eval.ranking.entries import DATA_NAME, RankingData, Source, read_data
+from eventsweep.eval.report import run_page
+from eventsweep.eval.report.standings import page as standings
 from eventsweep.eval.report.standings.page import HTML_NAME, ranking_page, write_ranking
 from eventsweep.eval.report.suite_pictures import METHODS_NAME
 from eventsweep.eval.suite.submission import SubmissionFacts
+from killed import killed_at_every_step
 from ranking_entries import CASES, entry
 
 ERRORS = {"Alg1/H": 0.1, "EMVS/cam0": 0.2, "Focus/H": 0.05, "Given/Guess": 0.4}
@@ -254,3 +259,40 @@ def test_methods_that_were_trained_on_our_scenes_say_so(tmp_path):
     for method, trained in (("Alg1/H", False), ("Learned/H", True), ("DERD/H", True)):
         note = cells(page, method, "<main>")[-1]
         assert (note == "trained on other motions of these scenes") == trained
+
+
+def test_a_ranking_killed_anywhere_is_taken_up_and_leaves_nothing(tmp_path, monkeypatch):
+    one, out = stored(tmp_path / "in", entry("v1", ERRORS), pictures=["Alg1/H"]), tmp_path / "out"
+    sources = [Source(one, read_data(one).entries)]
+    shown = standings._page_of(sources[0].entries, {})
+    monkeypatch.setattr(standings, "_page_of", lambda *_: shown)
+    monkeypatch.setattr(standings, "page_text", lambda _: "page")
+
+    def call():
+        write_ranking(sources, out)
+
+    killed_at_every_step(call, lambda _: out.exists() and nothing_of_others(out))
+    call()
+    assert {path.name for path in out.iterdir()} == {HTML_NAME, DATA_NAME, "pictures", NAME}
+    assert {path.name for path in tmp_path.iterdir()} == {"in", "out"}
+
+
+def test_a_maps_page_killed_anywhere_is_taken_up_and_leaves_nothing(tmp_path, monkeypatch):
+    out = tmp_path / "map"
+    with atomic_dir(out) as made:
+        (made / "map.json").write_text("{}")
+    data = mock.Mock(cases=[mock.Mock()])
+    for name, value in (
+        ("load_run", data), ("_files", ()), ("render", "page"), ("overview_png", b"png"),
+        ("ranked_methods", ()),
+    ):  # fmt: skip
+        monkeypatch.setattr(run_page, name, lambda *_, value=value: value)
+    killed_at_every_step(lambda: run_page.write_report(out), lambda _: nothing_of_others(out))
+    assert {path.name for path in out.iterdir()} == {
+        "map.json", "report.html", "overview.png", NAME,
+    }  # fmt: skip
+    assert [path.name for path in tmp_path.iterdir()] == ["map"]
+
+
+def nothing_of_others(folder):
+    assert strangers(folder) == []
