@@ -124,7 +124,7 @@ class _Timed(io.RawIOBase):
 
     def readinto(self, buffer: Any) -> int | None:
         began_s = time.monotonic()
-        count: int | None = self._sent.readinto(buffer)  # type: ignore[attr-defined]
+        count: int | None = self._sent.readinto(buffer)
         self._waited_s += time.monotonic() - began_s
         self._count += count or 0
         if self._waited_s > TIMEOUT_S:
@@ -152,7 +152,7 @@ class _TimedAnswers(urllib.request.AbstractHTTPHandler):
             made.response_class = _Response
             return made
 
-        return super().do_open(connection, req, **arguments)  # type: ignore[arg-type]
+        return super().do_open(connection, req, **arguments)
 
 
 class _Http(_TimedAnswers, urllib.request.HTTPHandler):
