@@ -123,7 +123,7 @@ class SurfaceTruth:
         return self._cast(self._rig.cameras[0].undistorted(), T_world_cam)
 
     def _opened(self) -> Callable[[Camera, NDArray[np.float64]], NDArray[np.float32]]:
-        o3d = extra_module("open3d", f"{self._path}: truth from a surface needs", "mesh")
+        o3d = extra_module("open3d", f"{self._path}: truth from a surface needs open3d", "mesh")
         mesh = o3d.io.read_triangle_mesh(str(self._path))
         if len(mesh.triangles):
             mesh.vertices = o3d.utility.Vector3dVector(np.asarray(mesh.vertices) * self._unit_m)

@@ -105,5 +105,5 @@ def write_mesh(path: Path, mesh: Any) -> None:
 
 def load_open3d() -> Any:
     """The library, or an `InputError` that says why it cannot be loaded."""
-    needed = "meshes and conversions of point clouds need"
+    needed = "meshes and conversions of point clouds need open3d"
     return extra_module("open3d", needed, "mesh", f"; {_LIBRARIES}")

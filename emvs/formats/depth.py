@@ -56,7 +56,7 @@ def read_depth(path: Path) -> NDArray[np.float32]:
 
 def read_exr(path: Path) -> dict[str, NDArray[np.float32]]:
     """Reads an EXR image: (H, W) of each channel, by name."""
-    OpenEXR = extra_module("OpenEXR", f"{path}: reading EXR needs", "exr")
+    OpenEXR = extra_module("OpenEXR", f"{path}: reading EXR needs OpenEXR", "exr")
     try:
         # It prints what it finds damaged, which would stand among the numbers of a summary.
         with (
@@ -94,7 +94,7 @@ def write_depth_npy(path: Path, depth_m: NDArray[np.float32]) -> None:
 
 def write_depth_exr(path: Path, depth_m: NDArray[np.float32]) -> None:
     """Writes channel Z, 32-bit floats, m, NaN where unknown."""
-    OpenEXR = extra_module("OpenEXR", f"{path}: writing EXR needs", "exr")
+    OpenEXR = extra_module("OpenEXR", f"{path}: writing EXR needs OpenEXR", "exr")
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with atomic_path(path) as partial:
         OpenEXR.File(header, {"Z": np.ascontiguousarray(depth_m, np.float32)}).write(str(partial))

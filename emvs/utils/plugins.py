@@ -42,17 +42,16 @@ def extra_module(name: str, purpose: str, extra: str, cure: str = "") -> Any:
     """Imports a library that comes with an extra.
 
     Raises:
-        InputError: it cannot be loaded; begins with a `purpose`, such as `Parquet needs`, and ends
-            with a `cure` where the library is there.
+        InputError: it cannot be loaded; begins with a `purpose`, as in `Parquet needs pyarrow`, and
+            ends with a `cure` where the library is there.
     """
     try:
         return import_module(name)
     except (ImportError, OSError) as error:  # libraries of the system may be missing
         heed_interrupt(error)
-        library = name.partition(".")[0]
-        missing = isinstance(error, ModuleNotFoundError) and error.name in (name, library)
+        missing = isinstance(error, ModuleNotFoundError) and name.startswith(error.name or name)
         why = f"is not installed: {install(extra)}" if missing else f"fails: {said(error)}{cure}"
-        raise InputError(f"{purpose} {library}, which {why}") from error
+        raise InputError(f"{purpose}, which {why}") from error
 
 
 def files_of(points: Iterable[EntryPoint]) -> list[Path]:

@@ -30,7 +30,7 @@ class ParquetReader(BlockReader):
 
     def __init__(self, path: Path, columns: ColumnMap | None = None) -> None:
         super().__init__(Path(path), (STREAM,))
-        purpose = f"{self.path}: Parquet needs"
+        purpose = f"{self.path}: Parquet needs pyarrow"
         self._parquet = extra_module("pyarrow.parquet", purpose, "parquet")
         with self._opened() as table:
             schema, self._rows = table.schema_arrow, table.metadata.num_rows

@@ -283,7 +283,7 @@ def test_a_maps_page_killed_anywhere_is_taken_up_and_leaves_nothing(tmp_path, mo
         (made / "map.json").write_text("{}")
     data = mock.Mock(cases=[mock.Mock()])
     for name, value in (
-        ("load_run", data), ("_files", ()), ("render", "page"), ("overview_png", b"png"),
+        ("load_run", data), ("_files", ()), ("page_text", "page"), ("overview_png", b"png"),
         ("ranked_methods", ()),
     ):  # fmt: skip
         monkeypatch.setattr(run_page, name, lambda *_, value=value: value)

@@ -206,7 +206,7 @@ def test_a_note_reaches_who_simulates(tmp_path, monkeypatch):
     heard = []
     config = SimConfig(duration_s=0.002, supersample=1)
     simulate(scenes.load("planes"), rig("davis346"), config, 0, tmp_path / "s", notice=heard.append)
-    assert heard == ["the GPU sleeps"]
+    assert heard[0] == "the GPU sleeps"
 
 
 @pytest.mark.parametrize("stage", [stage_simulate, study_stage_simulate])
