@@ -57,9 +57,6 @@ class Source(Protocol):
             name: of the file.
             start: the byte.
             size: of the whole file, where that is known.
-
-        Raises:
-            InputError: what is there is no file, or a page that says why it cannot be had.
         """
 
 
@@ -182,11 +179,7 @@ _OPENER = urllib.request.build_opener(_Http, _Https, _Redirects)
 
 
 def source_of(place: str) -> Source:
-    """What a user names: `http://...`, `https://...` or a folder.
-
-    Raises:
-        InputError: neither.
-    """
+    """What a user names: `http://...`, `https://...` or a folder."""
     if urlsplit(place).scheme in ("http", "https"):
         return AddressSource(place)
     if not Path(place).is_dir():
@@ -262,11 +255,7 @@ def is_whole(path: Path, sequence: PackedSequence) -> bool:
 
 
 def verify(folder: Path) -> tuple[ArchiveManifest, tuple[PackedSequence, ...]]:
-    """Reads all files of an archive, and returns its manifest and the sequences that are there.
-
-    Raises:
-        InputError: no manifest, or a file that is not what the manifest says.
-    """
+    """Reads all files of an archive, and returns its manifest and the sequences that are there."""
     manifest = manifests.read(folder)
     there = tuple(one for one in manifest.sequences if (folder / one.file).exists())
     for one in there:

@@ -137,11 +137,7 @@ class ArchiveManifest(_Model):
     def chosen(
         self, subset: str = "", cases: Iterable[str] = (), seeds: Iterable[int] | None = None
     ) -> tuple[PackedSequence, ...]:
-        """The sequences of a subset, of some cases, of some seeds; of all where nothing is said.
-
-        Raises:
-            InputError: no such subset, case or seed.
-        """
+        """The sequences of a subset, of some cases, of some seeds; of all where nothing is said."""
         if subset and subset not in self.subsets:
             known = ", ".join(self.subsets) or "none"
             raise InputError(f"the archive has no part {subset!r}: choose from {known}")
@@ -162,11 +158,7 @@ class ArchiveManifest(_Model):
 
 
 def parse(text: bytes | str, where: str) -> ArchiveManifest:
-    """Reads a manifest that somebody else wrote.
-
-    Raises:
-        InputError: no manifest, one of another version, or one with impossible names or sizes.
-    """
+    """Reads a manifest that somebody else wrote."""
     try:
         found = ArchiveManifest.model_validate_json(text)
     except ValidationError as error:
@@ -180,11 +172,7 @@ def parse(text: bytes | str, where: str) -> ArchiveManifest:
 
 
 def read(folder: Path) -> ArchiveManifest:
-    """Reads the manifest in a folder.
-
-    Raises:
-        InputError: there is none, or what `parse` refuses.
-    """
+    """Reads the manifest in a folder."""
     path = inside(folder, FILE_NAME)
     try:
         check_file(path, TABLE_BYTES)

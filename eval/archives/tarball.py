@@ -76,9 +76,6 @@ def unpack(path: Path, out: Path, expected: Mapping[str, Expected]) -> None:
         path: the archive.
         out: an empty folder.
         expected: size and hash by name.
-
-    Raises:
-        InputError: in one line, what is wrong; files written before that stay.
     """
     most = sum(entry.bytes + _PER_MEMBER for entry in expected.values()) + _END
     seen: set[str] = set()
@@ -95,11 +92,7 @@ def unpack(path: Path, out: Path, expected: Mapping[str, Expected]) -> None:
 
 
 def first_member(path: Path, name: str, most_bytes: int) -> bytes:
-    """The content of an archive's first file, which must have that name.
-
-    Raises:
-        InputError: another file comes first, it is too large, or the archive is damaged.
-    """
+    """The content of an archive's first file, which must have that name."""
     with _opened(path, most_bytes + _PER_MEMBER + _END) as tar:
         member = tar.next()
         if member is None or member.name != name or not member.isreg():

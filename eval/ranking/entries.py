@@ -242,11 +242,7 @@ class Source(NamedTuple):
 
 
 def read_source(asked: str) -> Source:
-    """Reads `LABEL=RESULT` or `RESULT`: a suite's result, or a `ranking.json` of several.
-
-    Raises:
-        InputError: neither, or a damaged file.
-    """
+    """Reads `LABEL=RESULT` or `RESULT`: a suite's result, or a `ranking.json` of several."""
     label, equals, place = asked.partition("=")
     path = Path(asked)
     if equals and label and place and "/" not in label and not path.exists():
@@ -265,11 +261,7 @@ def read_source(asked: str) -> Source:
 
 
 def read_data(path: Path) -> RankingData:
-    """Reads `ranking.json`, given the file or its folder.
-
-    Raises:
-        InputError: missing, damaged or of another layout.
-    """
+    """Reads `ranking.json`, given the file or its folder."""
     file = file_in(path, DATA_NAME)
     return read_json(file, RankingData.model_validate, (SCHEMA_VERSION,), "make the ranking again")
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eventsweep.emvs.errors import DAMAGED_NPY, InputError, heed_interrupt
-from eventsweep.emvs.utils.release import install
+from eventsweep.emvs.errors import DAMAGED_NPY, InputError
+from eventsweep.emvs.formats.depth import read_exr
 
 Image = NDArray[np.float64]
 
@@ -115,16 +115,7 @@ def _float_image(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
 
 
 def _exr(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
-    try:
-        import OpenEXR
-    except ImportError as error:
-        heed_interrupt(error)
-        raise InputError(f"{path}: reading EXR needs OpenEXR: {install('exr')}") from error
-    try:
-        with OpenEXR.File(str(path)) as file:
-            channels = {name: one.pixels for name, one in file.channels().items()}
-    except Exception as error:  # the library raises whatever its C++ throws
-        raise _damaged(path, error) from error
+    channels = read_exr(path)
     if len(channels) != 1:
         names = ", ".join(sorted(channels)) or "none"
         raise InputError(f"{path}: has the channels {names}; needs exactly one")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -221,11 +221,6 @@ class Prediction:
             f"{near_us - missing[0]:+d} µs away: add files, or set time_unit, time_offset_us "
             f"or tolerance_us in {DESCRIPTION}"
         )
-
-    def unused(self, views: Iterable[TargetView]) -> list[str]:
-        """Names of files that belong to no view."""
-        used = {self._file(view.t_us) for view in views}
-        return sorted(path.name for path in self.files.values() if path not in used)
 
     def depth_m(self, view: TargetView) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Reads the depth map of a view: (H, W) z-depth in metres, and where there is one.

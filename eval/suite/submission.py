@@ -147,11 +147,7 @@ class Asked:
 
 
 def read_facts(folder: Path) -> SubmissionFacts:
-    """Reads `submission.toml` in a folder.
-
-    Raises:
-        InputError: in one line, what is missing or wrong.
-    """
+    """Reads `submission.toml` in a folder."""
     path = inside(folder, FACTS)
     try:
         return SubmissionFacts.model_validate(parse_toml(read_text(path, SETTINGS_BYTES)))
@@ -185,9 +181,6 @@ def make_submission(folder: Path, asked: Asked, out: Path, *, force: bool) -> Su
         asked: what it must hold.
         out: the file to write.
         force: whether a file that is there is replaced.
-
-    Raises:
-        InputError: in one line, what is missing or wrong; nothing is written.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; needs one with depth maps and {FACTS}")
@@ -232,11 +225,7 @@ def _hashed(stage: Path, names: Mapping[str, TargetView]) -> Iterator[tuple[str,
 
 
 def read_manifest(path: Path) -> SubmissionManifest:
-    """Reads the first file of a submission, and nothing else of it.
-
-    Raises:
-        InputError: no submission, or facts that are missing or wrong.
-    """
+    """Reads the first file of a submission, and nothing else of it."""
     return _parsed(path, first_member(path, MANIFEST, _MANIFEST_BYTES))
 
 
@@ -255,11 +244,7 @@ def _parsed(path: Path, text: bytes) -> SubmissionManifest:
 
 
 def check_submission(path: Path, asked: Asked) -> SubmissionFacts:
-    """Reads all of a submission, or of a folder that one is to be made of; no truth is needed.
-
-    Raises:
-        InputError: in one line, what is missing or wrong.
-    """
+    """Reads all of a submission, or of a folder that one is to be made of; no truth is needed."""
     if path.is_dir():
         facts = read_facts(path)
         open_predictions([NamedFolder(path)], asked.suite, asked.assignments())
@@ -271,12 +256,7 @@ def check_submission(path: Path, asked: Asked) -> SubmissionFacts:
 
 
 def unpack_submission(path: Path, asked: Asked, out: Path) -> SubmissionManifest:
-    """Unpacks a submission into an empty folder, as `open_predictions` takes it.
-
-    Raises:
-        InputError: another suite or archive, files that are missing, do not belong there, are too
-            large or damaged.
-    """
+    """Unpacks a submission into an empty folder, as `open_predictions` takes it."""
     text = first_member(path, MANIFEST, _MANIFEST_BYTES)
     manifest = _parsed(path, text)
     if manifest.suite != asked.suite.name:
@@ -364,9 +344,6 @@ def opened(
 
     Returns:
         The folders; and by the method's name in scores, facts of those that state them.
-
-    Raises:
-        InputError: what `unpack_submission` and `read_facts` refuse.
     """
     folders, stated = [], {}
     for one in given:
