@@ -191,6 +191,7 @@ def test_an_edit_in_another_file_is_seen(copy, name, file):
     assert python(CALLERS[file], folder, folder / "cache") == told
 
 
+@pytest.mark.slow
 def test_no_job_is_kept_that_older_kernels_made(copy):
     folder, before = copy
     (folder / "fold_stage.py").write_text(STAGE, encoding="utf-8")
@@ -299,7 +300,9 @@ def test_old_versions_go_and_nothing_else(config, tmp_path, monkeypatch):
     assert not old.exists()
 
 
-@pytest.mark.parametrize("damage", ["cut", "flip", "empty"])
+@pytest.mark.parametrize(
+    "damage", ["flip", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("cut", "empty"))]
+)
 def test_a_damaged_kernel_is_compiled_anew(copy, tmp_path, damage):
     folder, before = copy
     expected = before("emvs/dsi/fusion_kernels.py")

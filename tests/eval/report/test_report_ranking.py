@@ -261,6 +261,7 @@ def test_methods_that_were_trained_on_our_scenes_say_so(tmp_path):
         assert (note == "trained on other motions of these scenes") == trained
 
 
+@pytest.mark.slow
 def test_a_ranking_killed_anywhere_is_taken_up_and_leaves_nothing(tmp_path, monkeypatch):
     one, out = stored(tmp_path / "in", entry("v1", ERRORS), pictures=["Alg1/H"]), tmp_path / "out"
     sources = [Source(one, read_data(one).entries)]

@@ -198,7 +198,8 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", [1, 2])
 def test_killed_at_random_moments_it_ends_with_the_same_bytes(tmp_path, whole, workers):
     script = tmp_path / "killed.py"
     script.write_text(KILLED.format(tests=str(HELPERS), patience=0.1 * workers**2))
