@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
-from itertools import permutations, product
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from eventsweep.emvs.check.orientations import rereadings, signed_axes
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import DerivedRecording, Recording
@@ -85,6 +85,7 @@ def of_poses(recording: Recording) -> list[Alternative]:
             "count rows from the top: y = height - 1 - y",
         ),
         *_axes(),
+        *(Alternative(name, _poses(reread), cure) for name, reread, cure in rereadings()),
     ]  # fmt: skip
     if not np.allclose(T_body_cam[:3, :3], np.eye(3), atol=0.02):
         alternatives += [
@@ -185,7 +186,7 @@ class Chosen(DerivedRecording):
 
 _UNITS = {"mm": 0.001, "cm": 0.01, "km": 1000.0}
 _FACTORS = (0.4, 0.55, 0.7, 0.85, 1.0, 1.18, 1.4, 1.8, 2.5)
-_FOCAL = (0.25, 0.35, 0.5, 0.7, 0.85, 1.0, 1.18, 1.4, 2.0, 2.8, 4.0)
+_FOCAL = (0.18, 0.25, 0.35, 0.5, 0.7, 0.85, 1.0, 1.18, 1.4, 2.0, 2.8, 4.0, 5.6)
 _CLOCK_MS = (320.0, 160.0, 80.0, 40.0, 20.0, 10.0)
 _HAND_EYE_DEG = (40.0, 20.0, 10.0, 5.0, 2.5)
 _ANGLES_DEG = (8.0, 5.0, 3.0, 2.0, 1.0, 0.4)
@@ -296,7 +297,8 @@ def _turn(axis: int, angle_deg: float) -> Matrix:
 
 
 def _poses(change: Callable[[Trajectory], Trajectory]) -> Alter:
-    return lambda r: AlteredRecording(r, trajectory=change(r.trajectory))
+    altered = lru_cache(maxsize=1)(change)  # all windows have the same poses
+    return lambda r: AlteredRecording(r, trajectory=altered(r.trajectory))
 
 
 def _inverted(poses: Trajectory) -> Trajectory:
@@ -341,14 +343,11 @@ CONVENTIONS: dict[str, tuple[tuple[int, int, int], ...]] = {
 def turns() -> dict[str, Matrix]:
     """The 23 other right-handed axes, by name: `R_cam_given` (3, 3)."""
     named = {name: np.array(columns, np.float64).T for name, columns in CONVENTIONS.items()}
-    known, every = [np.eye(3), *named.values()], dict(named)
-    for order in permutations(range(3)):
-        for signs in product((1.0, -1.0), repeat=3):
-            R = np.zeros((3, 3))
-            R[order, range(3)] = signs
-            if np.linalg.det(R) > 0 and not any(np.array_equal(R, other) for other in known):
-                every[f"axes {_words(R)}"] = R
-    return every
+    known = [np.eye(3), *named.values()]
+    others = (
+        R for R in signed_axes(right_handed=True) if not any(np.array_equal(R, k) for k in known)
+    )
+    return named | {f"axes {_words(R)}": R for R in others}
 
 
 def _words(R_cam_given: Matrix) -> str:

@@ -39,12 +39,14 @@ from eventsweep.emvs.utils.runtime import Progress, silent, use_threads
 
 Gains = NDArray[np.float64]
 WINDOWS, WINDOW_US, EVENTS, LEVEL = 3, 200_000, 25_000, Level(1, 80)
+_COARSE, _COARSE_SHARE = Level(2, 40), 0.4  # to see which alternatives are worth a finer look
 _CANDIDATES = 24
-_PROMISING = -0.15  # gain in the first window: below it the others are not tried
+_PROMISING = -0.05  # gain on coarse volumes: below it an alternative is not tried on fine ones
 _REFINEMENTS = 3
 _DOUBTFUL = 0.75  # of a margin
 _ONE_CAMERA = 1.5  # times the margins: one camera separates alternatives less well
 _LOSS = -0.02  # what camera 0 alone may lose under other poses
+_SHOWN = 12  # alternatives in the page, the best ones
 _NOTHING = 1e-3  # the sharpness, in votes, of an empty volume
 
 
@@ -69,11 +71,13 @@ class TrialWindows:
         windows: each with its events in memory.
         middles_us: the times of their reference views.
         sharpness: of windows under hypotheses.
+        coarse: the same on coarser volumes.
     """
 
     windows: tuple[Recording, ...]
     middles_us: tuple[int, ...]
     sharpness: Sharpness
+    coarse: Sharpness
 
     @classmethod
     def of(cls, recording: Recording, config: MapperConfig) -> TrialWindows:
@@ -86,20 +90,27 @@ class TrialWindows:
         begins = _begins(recording)
         windows = [WindowRecording(recording, t, t + WINDOW_US, EVENTS) for t in begins]
         middles_us = tuple(t + WINDOW_US // 2 for t in begins)
-        return cls(tuple(windows), middles_us, Sharpness(depth_range_m(recording, config), LEVEL))
+        range_m = depth_range_m(recording, config)
+        fine, coarse = (Sharpness(range_m, level) for level in (LEVEL, _COARSE))
+        return cls(tuple(windows), middles_us, fine, coarse)
 
-    def log_sharpness(self, change: Alter, cameras: tuple[int, ...], most: int = WINDOWS) -> Gains:
-        """Logarithm of the sharpness of the first `most` windows under an alternative.
+    def log_sharpness(
+        self, change: Alter, cameras: tuple[int, ...], *, coarse: bool = False
+    ) -> Gains:
+        """(W,) logarithm of the windows' sharpness under an alternative.
 
         Args:
             change: applies the alternative to a recording of the chosen cameras.
             cameras: one, or a pair that is fused.
-            most: how many windows.
+            coarse: whether on coarse volumes, with fewer events.
         """
-        recordings = [change(Chosen(window, cameras)) for window in self.windows[:most]]
+        recordings = [change(Chosen(window, cameras)) for window in self.windows]
         windows = list(map(_all_events, recordings, self.middles_us))
+        if coarse:
+            windows = [window.thinned(_COARSE_SHARE) for window in windows]
+        sharpness = self.coarse if coarse else self.sharpness
         try:
-            votes = self.sharpness(windows, [Hypothesis(r.rig, r.trajectory) for r in recordings])
+            votes = sharpness(windows, [Hypothesis(r.rig, r.trajectory) for r in recordings])
         except InputError:  # poses elsewhere, events off the sensor: nothing is sharp
             votes = np.zeros(len(windows))
         return np.log(np.maximum(votes, _NOTHING))
@@ -150,7 +161,6 @@ class Trial:
         change: applies the alternative, with the best amount, to a recording.
         margin: the gain that counts.
         amount: the best; None where the alternative has no amount.
-        spread: standard error of the amount over windows.
         curve: amounts and mean gains that were tried.
     """
 
@@ -159,7 +169,6 @@ class Trial:
     change: Alter
     margin: float
     amount: float | None = None
-    spread: float = 0.0
     curve: tuple[Gains, Gains] = (np.empty(0), np.empty(0))
 
     @property
@@ -173,6 +182,14 @@ class Trial:
         if self.gain <= _DOUBTFUL * self.margin or self.gains.min() <= 0:
             return "good"
         return "wrong" if self.gain > self.margin and self._hurts else "doubtful"
+
+    @property
+    def explains(self) -> bool:
+        """Whether it may be named: an amount at the end of its search is no optimum."""
+        if self.amount is None or isinstance(self.alternative, Alternative):
+            return True
+        grid = self.alternative.grid
+        return min(grid) < self.amount < max(grid)
 
     @property
     def _hurts(self) -> bool:
@@ -237,13 +254,15 @@ class CameraTrials:
     def __init__(self, windows: TrialWindows, cameras: tuple[int, ...]) -> None:
         self._windows, self._cameras = windows, cameras
         self._base = windows.log_sharpness(_as_given, cameras)
+        self._coarse_base = windows.log_sharpness(_as_given, cameras, coarse=True)
 
     def trial(self, alternative: Alternative | Amount) -> Trial:
         """The outcome of one alternative."""
         if isinstance(alternative, Amount):
             return self._amount(alternative)
-        first = self._gains(alternative.change, 1)
-        gains = first if first[0] < _PROMISING else self._gains(alternative.change)
+        gains = self._coarse_gains(alternative.change)
+        if gains.mean() >= _PROMISING:
+            gains = self._gains(alternative.change)
         return Trial(alternative, gains, alternative.change, self._margin(MARGIN))
 
     def best(self, trials: Sequence[Trial]) -> Trial:
@@ -262,27 +281,31 @@ class CameraTrials:
         return margin * (1.0 if len(self._cameras) > 1 else _ONE_CAMERA)
 
     def _amount(self, amount: Amount) -> Trial:
-        """The best amount: on the grid by the first window, then between its neighbours by all."""
+        """The best amount: on the grid by coarse volumes, then between its neighbours by fine."""
 
-        def gains_of(x: float, most: int = WINDOWS) -> Gains:
-            return self._gains(_with_amount(amount, x), most)
+        def gains_of(x: float) -> Gains:
+            return self._gains(_with_amount(amount, x))
 
-        coarse = [float(gains_of(x, 1)[0]) for x in amount.grid]
+        coarse = [self._coarse_gains(_with_amount(amount, x)).mean() for x in amount.grid]
         at = int(np.argmax(coarse))
         near = {amount.grid[k] for k in (at - 1, at, at + 1) if 0 <= k < len(amount.grid)}
         tried = {x: gains_of(x) for x in sorted(near | {amount.neutral})}
         # Only a peak away from the neutral amount is worth a finer look.
-        is_off = amount.distance(_peak(amount, tried)[0]) >= amount.hurts / 3
+        is_off = amount.distance(_peak(amount, tried)) >= amount.hurts / 3
         for _ in range(_REFINEMENTS if is_off else 0):
             tried |= {x: gains_of(x) for x in _between(amount, tried)}
         xs, gains = _sorted(tried)
         means = gains.mean(axis=1)
-        peak, spread = _peak(amount, tried)
+        peak = _peak(amount, tried)
         change, margin = _with_amount(amount, peak), self._margin(amount.margin)
-        return Trial(amount, gains[int(means.argmax())], change, margin, peak, spread, (xs, means))
+        return Trial(amount, gains[int(means.argmax())], change, margin, peak, (xs, means))
 
-    def _gains(self, change: Alter, most: int = WINDOWS) -> Gains:
-        return self._windows.log_sharpness(change, self._cameras, most) - self._base[:most]
+    def _gains(self, change: Alter) -> Gains:
+        return self._windows.log_sharpness(change, self._cameras) - self._base
+
+    def _coarse_gains(self, change: Alter) -> Gains:
+        coarse = self._windows.log_sharpness(change, self._cameras, coarse=True)
+        return coarse - self._coarse_base
 
 
 def _as_given(recording: Recording) -> Recording:
@@ -307,16 +330,16 @@ def _between(amount: Amount, tried: dict[float, Gains]) -> list[float]:
     return [float(np.sqrt(xs[best] * x)) if amount.is_factor else (xs[best] + x) / 2 for x in near]
 
 
-def _peak(amount: Amount, tried: dict[float, Gains]) -> tuple[float, float]:
-    """Where the mean gain peaks, and the standard error of the windows' own peaks."""
+def _peak(amount: Amount, tried: dict[float, Gains]) -> float:
+    """Where the mean gain peaks, between amounts that were tried."""
     xs, gains = _sorted(tried)
-    best = int(gains.mean(axis=1).argmax())
+    means = gains.mean(axis=1)
+    best = int(means.argmax())
     if not 0 < best < len(xs) - 1:
-        return float(xs[best]), 0.0
+        return float(xs[best])
     scale, near = np.log(xs) if amount.is_factor else xs, slice(best - 1, best + 2)
-    peaks = [_vertex(scale[near], g) for g in (gains[near].mean(axis=1), *gains[near].T)]
-    spread = float(np.std(peaks[1:], ddof=1) / np.sqrt(gains.shape[1])) if len(peaks) > 2 else 0.0
-    return float(np.exp(peaks[0])) if amount.is_factor else peaks[0], spread
+    peak = _vertex(scale[near], means[near])
+    return float(np.exp(peak)) if amount.is_factor else peak
 
 
 def _vertex(x: Gains, y: Gains) -> float:
@@ -332,20 +355,28 @@ def _finding(name: str, cameras: str, best: Trial, trials: Sequence[Trial]) -> F
     if best.verdict == "good":
         words = f"{cameras}: none of {len(trials)} alternatives makes the map sharper"
         return Finding(name, "good", gain, "", words, series=_series(trials))
+    windows = f"windows {', '.join(f'{np.expm1(g):+.1%}' for g in best.gains)}"
+    if not best.explains:
+        return Finding(
+            name, best.verdict, gain, "",
+            f"{cameras}: poses do not fit these events, and no single cause was found: {windows} "
+            f"sharper at the end of what was tried of the {alternative.name}",
+            "depth is where rays meet, and they meet less sharply than they could",
+            "check by hand how the poses are stored (handedness, degrees or radians, order of "
+            "Euler angles, direction) and that clocks and calibration belong to this recording",
+            "no single cause found", _series(trials),
+        )  # fmt: skip
     unit = alternative.unit if isinstance(alternative, Amount) else ""
-    how_much = (
-        ""
-        if best.amount is None
-        else (f" by {best.amount:.3g} ± {best.spread:.1g}{f' {unit}' if unit else ' times'}")
-    )
+    by = "" if best.amount is None else f" by {best.amount:.3g} {unit or 'times'}"
+    cure = alternative.cure
+    if best.amount is not None:
+        cure = f"{cure.format(amount=best.amount)}; `eventsweep calibrate` refines it"
     return Finding(
         name, best.verdict, gain, "",
-        f"{cameras}: correcting this makes the map {gain:.1%} sharper: {alternative.name}"
-        f"{how_much}; windows {', '.join(f'{np.expm1(g):+.1%}' for g in best.gains)}",
-        "depth is where rays meet, and they meet less sharply than they could",
-        alternative.cure if best.amount is None else alternative.cure.format(amount=best.amount),
-        alternative.name,
-        _series(trials) if best.amount is None else _curve(best, unit),
+        f"{cameras}: correcting this makes the map {gain:.1%} sharper: {alternative.name}{by}; "
+        f"{windows}",
+        "depth is where rays meet, and they meet less sharply than they could", cure,
+        alternative.name, _series(trials) if best.amount is None else _curve(best, unit),
     )  # fmt: skip
 
 
@@ -356,5 +387,8 @@ def _curve(best: Trial, unit: str) -> Series:
 
 
 def _series(trials: Sequence[Trial]) -> Series:
-    gains = np.array([100 * np.expm1(trial.gain) for trial in trials])
-    return Series(gains, np.arange(len(gains), dtype=float), "alternative", "sharper by, %", (0.0,))
+    """The best alternatives, by name."""
+    best = sorted(trials, key=lambda trial: trial.gain, reverse=True)[:_SHOWN]
+    gains = np.array([100 * np.expm1(trial.gain) for trial in best])
+    names = tuple(trial.alternative.name for trial in best)
+    return Series(gains, x_label="sharper by, %", limits=(0.0,), names=names)

@@ -15,14 +15,15 @@ VERDICTS: tuple[Verdict, ...] = ("good", "doubtful", "wrong")
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """A curve or an image that shows the evidence of a finding.
+    """A curve, bars or an image that shows the evidence of a finding.
 
     Attributes:
-        y: (N,) the curve, or (H, W) the image.
-        x: (N,) of the curve; empty for an image.
+        y: (N,) the curve or bars, or (H, W) the image.
+        x: (N,) of the curve; else empty.
         x_label: quantity and unit.
         y_label: quantity and unit.
         limits: levels of y between verdicts, drawn as lines.
+        names: of the bars, which lie; empty for a curve.
     """
 
     y: NDArray[np.float64]
@@ -30,12 +31,14 @@ class Series:
     x_label: str = ""
     y_label: str = ""
     limits: tuple[float, ...] = ()
+    names: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any] | None:
         """Plain numbers of a curve; None for an image, which only pages show."""
         if self.y.ndim != 1:
             return None
-        curve = {"x": _plain(self.x), "y": _plain(self.y)}
+        x = list(self.names) or _plain(self.x)
+        curve = {"x": x, "y": _plain(self.y)}
         return {**curve, "x_label": self.x_label, "y_label": self.y_label}
 
 

@@ -60,11 +60,26 @@ def summary(report: Report) -> str:
 
 def _figure(finding: Finding, position: int) -> Markup:
     series = finding.series
-    if series is None or not series.y.size:
+    if series is None or not np.isfinite(series.y).any():
         return Markup("")
     if series.y.ndim == 2:
         return _image(series, finding)
-    return Markup(svg(_curve, series, finding, position))
+    return Markup(svg(_bars if series.names else _curve, series, finding, position))
+
+
+def _bars(series: Series, finding: Finding, position: int) -> Figure:
+    width, height = _SIZE_INCHES
+    figure = Figure(figsize=(width, max(height, 0.24 * len(series.y) + 0.6)), layout="constrained")
+    axes = figure.subplots()
+    bars = axes.barh(series.names, series.y, color=ESTIMATE_COLOUR, height=0.6)
+    for k, bar in enumerate(bars):
+        bar.set_gid(f"check-{position}-{finding.name}-{k}")
+    axes.invert_yaxis()
+    axes.axvline(0, linewidth=0.8, color="#777777")
+    axes.set_xlabel(series.x_label)
+    axes.grid(axis="x", linewidth=0.4, alpha=0.35)
+    axes.set_axisbelow(True)
+    return figure
 
 
 def _curve(series: Series, finding: Finding, position: int) -> Figure:

@@ -1,0 +1,106 @@
+"""Ways in which orientations are misread: left-handed frames, orders of Euler angles, their units.
+
+Each function gives what the poses would be had they been read otherwise. A world's own axes are a
+convention without effect, so a left-handed world needs one mirror, and its body 24 axes.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from eventsweep.emvs.geometry.trajectory import Trajectory
+
+Matrix = NDArray[np.float64]
+Reread = Callable[[Trajectory], Trajectory]
+_MIRROR = np.diag([-1.0, 1.0, 1.0])
+_ORDERS = tuple("".join(order) for order in permutations("xyz"))
+
+
+def signed_axes(*, right_handed: bool) -> list[Matrix]:
+    """The 24 right-handed or left-handed choices of axes, as (3, 3) signed permutations."""
+    every = []
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            R = np.zeros((3, 3))
+            R[order, range(3)] = signs
+            every.append(R)
+    return [R for R in every if (np.linalg.det(R) > 0) == right_handed]
+
+
+def rereadings() -> Iterator[tuple[str, Reread, str]]:
+    """Names, what the poses would be, and cures."""
+    for R_given_body in signed_axes(right_handed=False):
+        axes = R_given_body.astype(int).tolist()
+        yield (
+            f"left-handed poses, body axes {axes}", partial(_right_handed, R_given_body),
+            "the poses are left-handed, as Unity and Unreal have: write R as M R B and t as M t, "
+            f"with M = diag(-1, 1, 1) and B = {axes}",
+        )  # fmt: skip
+    for k, axis in enumerate("xyz"):
+        yield (
+            f"{axis} of the positions negated", partial(_negated, k),
+            f"change the sign of {axis} in the positions: R and t are of different worlds",
+        )  # fmt: skip
+    for order, other in permutations(_ORDERS, 2):
+        yield (
+            f"Euler angles {order} read as {other}", partial(_reordered, order, other),
+            f"the angles turn about {', then '.join(order)} (fixed axes), and were made into "
+            f"rotations about {', then '.join(other)}: make them again in their own order",
+        )  # fmt: skip
+    for order in _ORDERS:
+        yield (
+            f"Euler angles {order} in radians read as degrees", partial(_magnified, order),
+            "the angles are in radians, and were made into rotations as degrees: make them again",
+        )  # fmt: skip
+        yield (
+            f"Euler angles {order} in degrees read as radians", partial(_reduced, order),
+            "the angles are in degrees, and were made into rotations as radians: make them again",
+        )  # fmt: skip
+
+
+def _right_handed(R_given_body: Matrix, poses: Trajectory) -> Trajectory:
+    R = _MIRROR @ Rotation.from_quat(poses.quats_xyzw).as_matrix() @ R_given_body
+    return _with(poses, Rotation.from_matrix(R), poses.positions_m @ _MIRROR)
+
+
+def _negated(axis: int, poses: Trajectory) -> Trajectory:
+    signs = np.where(np.arange(3) == axis, -1.0, 1.0)
+    return Trajectory(poses.t_us, poses.positions_m * signs, poses.quats_xyzw)
+
+
+def _reordered(order: str, other: str, poses: Trajectory) -> Trajectory:
+    angles = _angles(other, poses)[:, [other.index(axis) for axis in order]]
+    return _with(poses, Rotation.from_euler(order, angles))
+
+
+def _magnified(order: str, poses: Trajectory) -> Trajectory:
+    return _with(poses, Rotation.from_euler(order, np.degrees(_angles(order, poses))))
+
+
+def _reduced(order: str, poses: Trajectory) -> Trajectory:
+    """Angles are known up to full turns: followed from pose to pose, from the smallest on."""
+    angles = _angles(order, poses)
+    flipped = angles * (1, -1, 1) + np.pi  # the same rotations
+    for k in range(1, len(angles)):
+        choices = np.stack([angles[k], flipped[k]])
+        choices += 2 * np.pi * np.round((angles[k - 1] - choices) / (2 * np.pi))
+        angles[k] = choices[np.abs(choices - angles[k - 1]).sum(axis=1).argmin()]
+    return _with(poses, Rotation.from_euler(order, np.radians(angles)))
+
+
+def _angles(order: str, poses: Trajectory) -> Matrix:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # two axes in line: any of the equal angles will do
+        return np.asarray(Rotation.from_quat(poses.quats_xyzw).as_euler(order))
+
+
+def _with(poses: Trajectory, turns: Rotation, positions_m: Matrix | None = None) -> Trajectory:
+    where = poses.positions_m if positions_m is None else positions_m
+    return Trajectory(poses.t_us, where, turns.as_quat())
