@@ -226,11 +226,29 @@ def check_by_mapping(
             progress("alternatives", done, total)
             tried.append(trials.trial(alternative))
         best = trials.best(tried)
+        second = _second(windows, cameras, best, alternatives)
         names_text = " and ".join(names[k] for k in cameras)
-        findings.append(_finding(f"mapping-{cameras[-1]}", names_text, best, tried))
+        findings.append(_finding(f"mapping-{cameras[-1]}", names_text, best, second, tried))
         if best.verdict == "wrong" and not best.alternative.of_pair:
             break
     return findings
+
+
+def _second(
+    windows: TrialWindows, cameras: tuple[int, ...], best: Trial,
+    alternatives: Sequence[Alternative | Amount],
+) -> Trial | None:  # fmt: skip
+    """What is still wrong after the best cure; None where nothing is: then it explains all."""
+    if best.verdict != "wrong" or not best.explains:
+        return None
+    trials, kind = CameraTrials(windows, cameras, best.change), _kind(best.alternative)
+    second = trials.best([trials.trial(a) for a in alternatives if _kind(a) != kind])
+    return second if second.verdict == "wrong" else None
+
+
+def _kind(alternative: Alternative | Amount) -> str:
+    """What an alternative corrects; of a rotation whatever its axis."""
+    return alternative.name.partition(" about ")[0]
 
 
 def _alternatives(recording: Recording, *, first: bool, paired: bool) -> list[Alternative | Amount]:
@@ -249,12 +267,15 @@ class CameraTrials:
     Args:
         windows: where.
         cameras: which.
+        cure: what is corrected before.
     """
 
-    def __init__(self, windows: TrialWindows, cameras: tuple[int, ...]) -> None:
-        self._windows, self._cameras = windows, cameras
-        self._base = windows.log_sharpness(_as_given, cameras)
-        self._coarse_base = windows.log_sharpness(_as_given, cameras, coarse=True)
+    def __init__(
+        self, windows: TrialWindows, cameras: tuple[int, ...], cure: Alter | None = None
+    ) -> None:
+        self._windows, self._cameras, self._cure = windows, cameras, cure or _as_given
+        self._base = windows.log_sharpness(self._cure, cameras)
+        self._coarse_base = windows.log_sharpness(self._cure, cameras, coarse=True)
 
     def trial(self, alternative: Alternative | Amount) -> Trial:
         """The outcome of one alternative."""
@@ -274,8 +295,8 @@ class CameraTrials:
         """Whether camera 0 alone is no less sharp under other poses."""
         if trial.verdict == "good" or trial.alternative.of_pair or len(self._cameras) == 1:
             return True
-        alone = self._windows.log_sharpness(trial.change, (0,))
-        return bool((alone - self._windows.log_sharpness(_as_given, (0,))).mean() >= _LOSS)
+        alone = self._windows.log_sharpness(self._after_cure(trial.change), (0,))
+        return bool((alone - self._windows.log_sharpness(self._cure, (0,))).mean() >= _LOSS)
 
     def _margin(self, margin: float) -> float:
         return margin * (1.0 if len(self._cameras) > 1 else _ONE_CAMERA)
@@ -301,11 +322,15 @@ class CameraTrials:
         return Trial(amount, gains[int(means.argmax())], change, margin, peak, (xs, means))
 
     def _gains(self, change: Alter) -> Gains:
-        return self._windows.log_sharpness(change, self._cameras) - self._base
+        both = self._after_cure(change)
+        return self._windows.log_sharpness(both, self._cameras) - self._base
 
     def _coarse_gains(self, change: Alter) -> Gains:
-        coarse = self._windows.log_sharpness(change, self._cameras, coarse=True)
-        return coarse - self._coarse_base
+        both = self._after_cure(change)
+        return self._windows.log_sharpness(both, self._cameras, coarse=True) - self._coarse_base
+
+    def _after_cure(self, change: Alter) -> Alter:
+        return lambda recording: change(self._cure(recording))
 
 
 def _as_given(recording: Recording) -> Recording:
@@ -350,39 +375,54 @@ def _vertex(x: Gains, y: Gains) -> float:
     return float(np.clip(x[1] - b / (2 * a), x[0], x[2]))
 
 
-def _finding(name: str, cameras: str, best: Trial, trials: Sequence[Trial]) -> Finding:
-    gain, alternative = float(np.expm1(best.gain)), best.alternative
+def _finding(
+    name: str, cameras: str, best: Trial, second: Trial | None, trials: Sequence[Trial]
+) -> Finding:
+    gain = float(np.expm1(best.gain))
     if best.verdict == "good":
         words = f"{cameras}: none of {len(trials)} alternatives makes the map sharper"
         return Finding(name, "good", gain, "", words, series=_series(trials))
     windows = f"windows {', '.join(f'{np.expm1(g):+.1%}' for g in best.gains)}"
+    meaning = "depth is where rays meet, and they meet less sharply than they could"
     if not best.explains:
         return Finding(
             name, best.verdict, gain, "",
-            f"{cameras}: poses do not fit these events, and no single cause was found: {windows} "
-            f"sharper at the end of what was tried of the {alternative.name}",
-            "depth is where rays meet, and they meet less sharply than they could",
+            f"{cameras}: poses do not fit these events, and no single cause was found: sharper at "
+            f"the end of what was tried of the {best.alternative.name}; {windows}", meaning,
             "check by hand how the poses are stored (handedness, degrees or radians, order of "
             "Euler angles, direction) and that clocks and calibration belong to this recording",
             "no single cause found", _series(trials),
         )  # fmt: skip
-    unit = alternative.unit if isinstance(alternative, Amount) else ""
-    by = "" if best.amount is None else f" by {best.amount:.3g} {unit or 'times'}"
-    cure = alternative.cure
-    if best.amount is not None:
-        cure = f"{cure.format(amount=best.amount)}; `eventsweep calibrate` refines it"
+    cures = [best] if second is None else [best, second]
+    then = "" if second is None else f", and {np.expm1(second.gain):.1%} more with {_named(second)}"
     return Finding(
         name, best.verdict, gain, "",
-        f"{cameras}: correcting this makes the map {gain:.1%} sharper: {alternative.name}{by}; "
-        f"{windows}",
-        "depth is where rays meet, and they meet less sharply than they could", cure,
-        alternative.name, _series(trials) if best.amount is None else _curve(best, unit),
+        f"{cameras}: correcting this makes the map {gain:.1%} sharper: {_named(best)}{then}; "
+        f"{windows}", meaning,
+        "; and ".join(map(_cure, cures)) + ("" if second is None else "; then check again"),
+        " and ".join(trial.alternative.name for trial in cures),
+        _series(trials) if best.amount is None else _curve(best),
     )  # fmt: skip
 
 
-def _curve(best: Trial, unit: str) -> Series:
+def _unit(trial: Trial) -> str:
+    return (trial.alternative.unit if isinstance(trial.alternative, Amount) else "") or "times"
+
+
+def _named(trial: Trial) -> str:
+    by = "" if trial.amount is None else f" by {trial.amount:.3g} {_unit(trial)}"
+    return f"{trial.alternative.name}{by}"
+
+
+def _cure(trial: Trial) -> str:
+    if trial.amount is None:
+        return trial.alternative.cure
+    return f"{trial.alternative.cure.format(amount=trial.amount)}; `calibrate` refines it"
+
+
+def _curve(best: Trial) -> Series:
     x, y = best.curve
-    x_label = f"{best.alternative.name}, {unit or 'times'}"
+    x_label = f"{best.alternative.name}, {_unit(best)}"
     return Series(100 * np.expm1(y), x, x_label, "sharper by, %", (0.0,))
 
 

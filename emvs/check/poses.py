@@ -192,8 +192,10 @@ def _motion(poses: Trajectory) -> list[Finding]:
             f"cars stay below {limits[0]:g}",
             meaning="implausible motion: " + ("times or rotations are wrong" if turns
                                             else unit_words),
-            cure="check the order of the quaternion and the unit of the times" if turns
-            else "write positions in metres; check poses.unit", suspect=suspect,
+            cure="check the order of the quaternion, the unit of the times, and that no angles in "
+            "degrees were read as radians" if turns
+            else "write positions in metres; check poses.unit",
+            suspect=suspect,
             series=Series(values, t_s[1 : len(values) + 1], "time, s", f"{name[6:]}, {unit}",
                           limits),
         ))  # fmt: skip

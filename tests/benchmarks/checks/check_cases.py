@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
@@ -439,7 +440,82 @@ def _gaps(r: Recording, rng: Rng) -> Recording:
     return EditedRecording(r, edit)
 
 
+def _turned_by(r: Recording, turns: Rotation) -> Recording:
+    return _with_poses(r, quats_xyzw=turns.as_quat())
+
+
+def _left_handed(r: Recording, rng: Rng) -> Recording:
+    """The world and the body mirrored along y: z and x stay, as in Unity."""
+    del rng
+    mirror = np.diag([1.0, -1.0, 1.0])
+    R = mirror @ Rotation.from_quat(r.trajectory.quats_xyzw).as_matrix() @ mirror
+    positions_m = r.trajectory.positions_m @ mirror
+    return _with_poses(r, positions_m=positions_m, quats_xyzw=Rotation.from_matrix(R).as_quat())
+
+
+def _negated(r: Recording, rng: Rng) -> Recording:
+    signs = np.where(np.arange(3) == rng.integers(3), -1.0, 1.0)
+    return _with_poses(r, positions_m=r.trajectory.positions_m * signs)
+
+
+def _reread(order: str, as_order: str, *, degrees: bool = False, factor: float = 1.0) -> Planter:
+    """Euler angles that were made into rotations in another order, or in another unit."""
+
+    def plant(r: Recording, rng: Rng) -> Recording:
+        del rng
+        angles = Rotation.from_quat(r.trajectory.quats_xyzw).as_euler(order) * factor
+        return _turned_by(r, Rotation.from_euler(as_order, angles, degrees=degrees))
+
+    return plant
+
+
+def _both(first: Planter, second: Planter) -> Planter:
+    return lambda r, rng: second(first(r, rng), rng)
+
+
+def _two(first: str, second: str) -> tuple[str, ...]:
+    return (f"{first} and {second}", f"{second} and {first}")
+
+
+_EULER = tuple("".join(order) for order in permutations("xyz"))
 FAULTS = (
+    Fault(
+        "left-handed poses",
+        _left_handed,
+        ("left-handed poses, body axes [[1, 0, 0], [0, -1, 0], [0, 0, 1]]",),
+    ),
+    Fault(
+        "an axis of the positions negated",
+        _negated,
+        tuple(f"{axis} of the positions negated" for axis in "xyz"),
+    ),
+    Fault(
+        "Euler angles in another order", _reread("ZYX", "zyx"), ("Euler angles xyz read as zyx",)
+    ),
+    Fault(
+        "radians read as degrees",
+        _reread("ZYX", "ZYX", degrees=True),
+        tuple(f"Euler angles {order} in radians read as degrees" for order in _EULER),
+    ),
+    Fault(
+        "degrees read as radians",
+        _reread("ZYX", "ZYX", factor=180 / np.pi),
+        (
+            "poses torn",
+            "no single cause found",
+            *(f"Euler angles {order} in degrees read as radians" for order in _EULER),
+        ),
+    ),
+    Fault(
+        "poses late, camera rolled",
+        _both(_pose_clock, _stereo(2, 2.0, 6)),
+        _two("pose clock", "stereo roll"),
+    ),
+    Fault(
+        "poses inverted, cameras swapped",
+        _both(_inverted, _swapped),
+        _two("poses inverted", "cameras swapped"),
+    ),
     Fault("poses inverted", _inverted, ("poses inverted",)),
     Fault("rotations inverted", _rotations_inverted, ("rotations inverted",)),
     Fault("quaternions w first", _w_first, ("quaternions w first",)),

@@ -13,7 +13,7 @@ from head_world import head_recording
 ALWAYS = {
     "poses inverted", "quaternions w first", "OpenGL axes", "positions in mm", "poses late",
     "poses frozen", "camera at rest", "focal length off", "cameras swapped", "extrinsics inverted",
-    "stereo yaw", "camera late", "rows mirrored", "hot pixels",
+    "stereo yaw", "camera late", "rows mirrored", "hot pixels", "left-handed poses",
 }  # fmt: skip
 
 
