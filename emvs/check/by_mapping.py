@@ -241,7 +241,7 @@ def _second(
     """What is still wrong after the best cure; None where nothing is: then it explains all."""
     if best.verdict != "wrong" or not best.explains:
         return None
-    trials, kind = CameraTrials(windows, cameras, best.change), _kind(best.alternative)
+    trials, kind = CameraTrials(windows, cameras, best), _kind(best.alternative)
     second = trials.best([trials.trial(a) for a in alternatives if _kind(a) != kind])
     return second if second.verdict == "wrong" else None
 
@@ -267,13 +267,15 @@ class CameraTrials:
     Args:
         windows: where.
         cameras: which.
-        cure: what is corrected before.
+        cured: the trial whose cure is applied before.
     """
 
     def __init__(
-        self, windows: TrialWindows, cameras: tuple[int, ...], cure: Alter | None = None
+        self, windows: TrialWindows, cameras: tuple[int, ...], cured: Trial | None = None
     ) -> None:
-        self._windows, self._cameras, self._cure = windows, cameras, cure or _as_given
+        self._windows, self._cameras = windows, cameras
+        self._cure = cured.change if cured else _as_given
+        self._cure_alone = _as_given if cured and cured.alternative.of_pair else self._cure
         self._base = windows.log_sharpness(self._cure, cameras)
         self._coarse_base = windows.log_sharpness(self._cure, cameras, coarse=True)
 
@@ -295,8 +297,9 @@ class CameraTrials:
         """Whether camera 0 alone is no less sharp under other poses."""
         if trial.verdict == "good" or trial.alternative.of_pair or len(self._cameras) == 1:
             return True
-        alone = self._windows.log_sharpness(self._after_cure(trial.change), (0,))
-        return bool((alone - self._windows.log_sharpness(self._cure, (0,))).mean() >= _LOSS)
+        cure = self._cure_alone
+        alone = self._windows.log_sharpness(lambda r: trial.change(cure(r)), (0,))
+        return bool((alone - self._windows.log_sharpness(cure, (0,))).mean() >= _LOSS)
 
     def _margin(self, margin: float) -> float:
         return margin * (1.0 if len(self._cameras) > 1 else _ONE_CAMERA)
