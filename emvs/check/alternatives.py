@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from eventsweep.emvs.check.orientations import rereadings, signed_axes
+from eventsweep.emvs.check.orientations import axes_words, rereadings, signed_axes
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.data.events import Events
 from eventsweep.emvs.data.recording import DerivedRecording, Recording
@@ -347,14 +347,7 @@ def turns() -> dict[str, Matrix]:
     others = (
         R for R in signed_axes(right_handed=True) if not any(np.array_equal(R, k) for k in known)
     )
-    return named | {f"axes {_words(R)}": R for R in others}
-
-
-def _words(R_cam_given: Matrix) -> str:
-    """Where x, y and z of the poses point, seen from the camera."""
-    words = (("left", "right"), ("up", "down"), ("back", "ahead"))
-    at = np.abs(R_cam_given).argmax(axis=0)
-    return " ".join(words[k][int(R_cam_given[k, column] > 0)] for column, k in enumerate(at))
+    return named | {f"axes {axes_words(R)}": R for R in others}
 
 
 def _hand_eye_turned(axis: int) -> Callable[[Recording, float], Recording]:

@@ -117,11 +117,13 @@ class TrialWindows:
 
 
 def _all_events(window: Recording, t_ref_us: int) -> WindowEvents:
-    """All kept events, in a stretch around the reference view that is wide enough for any clock."""
-    far_us = 10 * WINDOW_US
-    t0_us, t1_us = t_ref_us - far_us, t_ref_us + far_us
-    events = tuple(window.events(k, t0_us, t1_us) for k in range(len(window.rig)))
-    return WindowEvents(t0_us, t1_us, events)
+    """All kept events, in a stretch around the reference view that just holds them."""
+    far_us = 10 * WINDOW_US  # beyond any clock
+    cameras = range(len(window.rig))
+    events = [window.events(k, t_ref_us - far_us, t_ref_us + far_us) for k in cameras]
+    ends_us = [int(e.t_us[k]) for e in events if len(e) for k in (0, -1)]
+    half_us = 1 + max((abs(t_us - t_ref_us) for t_us in ends_us), default=0)
+    return WindowEvents(t_ref_us - half_us, t_ref_us + half_us, tuple(events))
 
 
 def _begins(recording: Recording) -> list[int]:

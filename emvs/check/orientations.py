@@ -34,12 +34,20 @@ def signed_axes(*, right_handed: bool) -> list[Matrix]:
     return [R for R in every if (np.linalg.det(R) > 0) == right_handed]
 
 
+def axes_words(R_cam_given: Matrix) -> str:
+    """Where x, y and z of the poses point, seen from the camera."""
+    words = (("left", "right"), ("up", "down"), ("back", "ahead"))
+    at = np.abs(R_cam_given).argmax(axis=0)
+    return " ".join(words[k][int(R_cam_given[k, column] > 0)] for column, k in enumerate(at))
+
+
 def rereadings() -> Iterator[tuple[str, Reread, str]]:
     """Names, what the poses would be, and cures."""
     for R_given_body in signed_axes(right_handed=False):
         axes = R_given_body.astype(int).tolist()
         yield (
-            f"left-handed poses, body axes {axes}", partial(_right_handed, R_given_body),
+            f"left-handed poses, axes {axes_words(R_given_body.T)}",
+            partial(_right_handed, R_given_body),
             "the poses are left-handed, as Unity and Unreal have: write R as M R B and t as M t, "
             f"with M = diag(-1, 1, 1) and B = {axes}",
         )  # fmt: skip

@@ -482,7 +482,7 @@ FAULTS = (
     Fault(
         "left-handed poses",
         _left_handed,
-        ("left-handed poses, body axes [[1, 0, 0], [0, -1, 0], [0, 0, 1]]",),
+        ("left-handed poses, axes right up ahead",),
     ),
     Fault(
         "an axis of the positions negated",

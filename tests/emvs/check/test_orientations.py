@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from eventsweep.emvs.check.orientations import rereadings, signed_axes
+from eventsweep.emvs.check.orientations import axes_words, rereadings, signed_axes
 from eventsweep.emvs.geometry.trajectory import Trajectory
 
 T_S = np.linspace(0, 2, 400)
@@ -45,7 +45,7 @@ def test_axes_are_all_24(right_handed):
 @pytest.mark.parametrize("R_given_body", signed_axes(right_handed=False), ids=str)
 def test_left_handed_poses_of_any_body_axes(R_given_body):
     R = MIRROR @ Rotation.from_quat(TRUE.quats_xyzw).as_matrix() @ R_given_body.T
-    name = f"left-handed poses, body axes {R_given_body.astype(int).tolist()}"
+    name = f"left-handed poses, axes {axes_words(R_given_body.T)}"
     assert_same_motion(name, trajectory(Rotation.from_matrix(R), POSITIONS_M @ MIRROR))
 
 
