@@ -75,18 +75,18 @@ def check_type(
 
 
 def check_path(name: str, value: object) -> None:
-    """Refuses what is no path."""
+    """Raises unless it is a path."""
     check_type(name, value, (str, os.PathLike), "a path")
 
 
 def check_whole(name: str, value: object) -> None:
-    """Refuses what is no whole number."""
+    """Raises unless it is a whole number."""
     if not isinstance(value, Real) or value % 1 != 0:
         raise InputError(f"{name} is {shown(value)}: needs a whole number")
 
 
 def check_array(name: str, value: object, needs: str, kinds: str = "biuf") -> None:
-    """Refuses what is no array of numbers, without loading the library of arrays.
+    """Raises unless it is an array of numbers; does not load numpy.
 
     `kinds` are NumPy's `dtype.kind`; `needs` says in words what is needed.
     """

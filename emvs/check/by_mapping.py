@@ -11,7 +11,8 @@ its mean gain exceeds a margin and every window gains; the margins come from uns
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,7 +47,7 @@ _REFINEMENTS = 3
 _DOUBTFUL = 0.75  # of a margin
 _ONE_CAMERA = 1.5  # times the margins: one camera separates alternatives less well
 _LOSS = -0.02  # what camera 0 alone may lose under other poses
-_SHOWN = 12  # alternatives in the page, the best ones
+_BARS = 12  # alternatives in the page, the best ones
 _NOTHING = 1e-3  # the sharpness, in votes, of an empty volume
 
 
@@ -62,6 +63,12 @@ class WindowRecording(DerivedRecording):
         """The kept events of a camera with `t0_us <= t < t1_us`."""
         return self._streams[camera].between(t0_us, t1_us)
 
+    def thinned(self, share: float) -> WindowRecording:
+        """The same window with a share of its events, evenly through the streams."""
+        fewer = copy(self)
+        fewer._streams = [s.thinned(max(1, int(share * len(s)))) for s in self._streams]
+        return fewer
+
 
 @dataclass(frozen=True, eq=False)
 class TrialWindows:
@@ -71,46 +78,42 @@ class TrialWindows:
         windows: each with its events in memory.
         middles_us: the times of their reference views.
         sharpness: of windows under hypotheses.
-        coarse: the same on coarser volumes.
     """
 
-    windows: tuple[Recording, ...]
+    windows: tuple[WindowRecording, ...]
     middles_us: tuple[int, ...]
     sharpness: Sharpness
-    coarse: Sharpness
 
     @classmethod
-    def of(cls, recording: Recording, config: MapperConfig) -> TrialWindows:
+    def of(cls, recording: Recording, config: MapperConfig) -> tuple[TrialWindows, TrialWindows]:
         """The windows with the longest ways among those that poses and events cover.
+
+        Fine ones, and the same with fewer events in coarse volumes.
 
         Raises:
             InputError: poses and events cover no window together.
         """
         use_threads(config.threads)
-        begins = _begins(recording)
-        windows = [WindowRecording(recording, t, t + WINDOW_US, EVENTS) for t in begins]
+        begins, range_m = _begins(recording), depth_range_m(recording, config)
+        windows = tuple(WindowRecording(recording, t, t + WINDOW_US, EVENTS) for t in begins)
         middles_us = tuple(t + WINDOW_US // 2 for t in begins)
-        range_m = depth_range_m(recording, config)
-        fine, coarse = (Sharpness(range_m, level) for level in (LEVEL, _COARSE))
-        return cls(tuple(windows), middles_us, fine, coarse)
+        fewer = tuple(window.thinned(_COARSE_SHARE) for window in windows)
+        return (
+            cls(windows, middles_us, Sharpness(range_m, LEVEL)),
+            cls(fewer, middles_us, Sharpness(range_m, _COARSE)),
+        )
 
-    def log_sharpness(
-        self, change: Alter, cameras: tuple[int, ...], *, coarse: bool = False
-    ) -> Gains:
+    def log_sharpness(self, change: Alter, cameras: tuple[int, ...]) -> Gains:
         """(W,) logarithm of the windows' sharpness under an alternative.
 
         Args:
             change: applies the alternative to a recording of the chosen cameras.
             cameras: one, or a pair that is fused.
-            coarse: whether on coarse volumes, with fewer events.
         """
         recordings = [change(Chosen(window, cameras)) for window in self.windows]
         windows = list(map(_all_events, recordings, self.middles_us))
-        if coarse:
-            windows = [window.thinned(_COARSE_SHARE) for window in windows]
-        sharpness = self.coarse if coarse else self.sharpness
         try:
-            votes = sharpness(windows, [Hypothesis(r.rig, r.trajectory) for r in recordings])
+            votes = self.sharpness(windows, [Hypothesis(r.rig, r.trajectory) for r in recordings])
         except InputError:  # poses elsewhere, events off the sensor: nothing is sharp
             votes = np.zeros(len(windows))
         return np.log(np.maximum(votes, _NOTHING))
@@ -208,7 +211,8 @@ def check_by_mapping(
     Args:
         recording: with poses.
         config: depth range and threads.
-        progress: called with the stage `alternatives`, how many are tried, and their number.
+        progress: called with the stage, `alternatives` or `after the best cure`, how many are
+            tried, and their number.
 
     Returns:
         A finding per pair; only that of the first if poses or lens are wrong, since nothing else is
@@ -222,13 +226,12 @@ def check_by_mapping(
     findings: list[Finding] = []
     for at, cameras in enumerate(groups):
         alternatives = _alternatives(recording, first=at == 0, paired=len(cameras) > 1)
-        total = len(groups) * len(alternatives)
-        trials, tried = CameraTrials(windows, cameras), []
-        for done, alternative in enumerate(alternatives, at * len(alternatives)):
-            progress("alternatives", done, total)
-            tried.append(trials.trial(alternative))
-        best = trials.best(tried)
-        second = _second(windows, cameras, best, alternatives)
+        trials = CameraTrials(windows, cameras)
+        shown = _shown(alternatives, progress, "alternatives", at, len(groups))
+        tried = [trials.trial(alternative) for alternative in shown]
+        best, second = trials.best(tried), None
+        if best.verdict == "wrong" and best.explains:
+            second = _second(CameraTrials(windows, cameras, best), best, alternatives, progress)
         names_text = " and ".join(names[k] for k in cameras)
         findings.append(_finding(f"mapping-{cameras[-1]}", names_text, best, second, tried))
         if best.verdict == "wrong" and not best.alternative.of_pair:
@@ -237,15 +240,25 @@ def check_by_mapping(
 
 
 def _second(
-    windows: TrialWindows, cameras: tuple[int, ...], best: Trial,
-    alternatives: Sequence[Alternative | Amount],
+    cured: CameraTrials, best: Trial, alternatives: Sequence[Alternative | Amount],
+    progress: Progress,
 ) -> Trial | None:  # fmt: skip
     """What is still wrong after the best cure; None where nothing is: then it explains all."""
-    if best.verdict != "wrong" or not best.explains:
-        return None
-    trials, kind = CameraTrials(windows, cameras, best), _kind(best.alternative)
-    second = trials.best([trials.trial(a) for a in alternatives if _kind(a) != kind])
+    others = [other for other in alternatives if _kind(other) != _kind(best.alternative)]
+    shown = _shown(others, progress, "after the best cure")
+    second = cured.best([cured.trial(other) for other in shown])
     return second if second.verdict == "wrong" else None
+
+
+def _shown(
+    alternatives: Sequence[Alternative | Amount], progress: Progress, stage: str,
+    group: int = 0, groups: int = 1,
+) -> Iterator[Alternative | Amount]:  # fmt: skip
+    """Each alternative, and before it a step of the progress."""
+    count = len(alternatives)
+    for done, alternative in enumerate(alternatives, group * count):
+        progress(stage, done, groups * count)
+        yield alternative
 
 
 def _kind(alternative: Alternative | Amount) -> str:
@@ -267,19 +280,21 @@ class CameraTrials:
     """Tries alternatives with a pair of cameras, or with one camera.
 
     Args:
-        windows: where.
+        windows: where, fine and coarse.
         cameras: which.
         cured: the trial whose cure is applied before.
     """
 
     def __init__(
-        self, windows: TrialWindows, cameras: tuple[int, ...], cured: Trial | None = None
-    ) -> None:
-        self._windows, self._cameras = windows, cameras
+        self, windows: tuple[TrialWindows, TrialWindows], cameras: tuple[int, ...],
+        cured: Trial | None = None,
+    ) -> None:  # fmt: skip
+        self._fine, self._coarse = windows
+        self._cameras = cameras
         self._cure = cured.change if cured else _as_given
         self._cure_alone = _as_given if cured and cured.alternative.of_pair else self._cure
-        self._base = windows.log_sharpness(self._cure, cameras)
-        self._coarse_base = windows.log_sharpness(self._cure, cameras, coarse=True)
+        self._base = self._fine.log_sharpness(self._cure, cameras)
+        self._coarse_base = self._coarse.log_sharpness(self._cure, cameras)
 
     def trial(self, alternative: Alternative | Amount) -> Trial:
         """The outcome of one alternative."""
@@ -300,8 +315,8 @@ class CameraTrials:
         if trial.verdict == "good" or trial.alternative.of_pair or len(self._cameras) == 1:
             return True
         cure = self._cure_alone
-        alone = self._windows.log_sharpness(lambda r: trial.change(cure(r)), (0,))
-        return bool((alone - self._windows.log_sharpness(cure, (0,))).mean() >= _LOSS)
+        alone = self._fine.log_sharpness(lambda r: trial.change(cure(r)), (0,))
+        return bool((alone - self._fine.log_sharpness(cure, (0,))).mean() >= _LOSS)
 
     def _margin(self, margin: float) -> float:
         return margin * (1.0 if len(self._cameras) > 1 else _ONE_CAMERA)
@@ -328,11 +343,11 @@ class CameraTrials:
 
     def _gains(self, change: Alter) -> Gains:
         both = self._after_cure(change)
-        return self._windows.log_sharpness(both, self._cameras) - self._base
+        return self._fine.log_sharpness(both, self._cameras) - self._base
 
     def _coarse_gains(self, change: Alter) -> Gains:
         both = self._after_cure(change)
-        return self._windows.log_sharpness(both, self._cameras, coarse=True) - self._coarse_base
+        return self._coarse.log_sharpness(both, self._cameras) - self._coarse_base
 
     def _after_cure(self, change: Alter) -> Alter:
         return lambda recording: change(self._cure(recording))
@@ -390,9 +405,12 @@ def _finding(
     windows = f"windows {', '.join(f'{np.expm1(g):+.1%}' for g in best.gains)}"
     meaning = "depth is where rays meet, and they meet less sharply than they could"
     if not best.explains:
+        who = "the cameras do not fit each other" if best.alternative.of_pair else (
+            "poses do not fit these events"
+        )  # fmt: skip
         return Finding(
             name, best.verdict, gain, "",
-            f"{cameras}: poses do not fit these events, and no single cause was found: sharper at "
+            f"{cameras}: {who}, and no single cause was found: sharper at "
             f"the end of what was tried of the {best.alternative.name}; {windows}", meaning,
             "check by hand how the poses are stored (handedness, degrees or radians, order of "
             "Euler angles, direction) and that clocks and calibration belong to this recording",
@@ -433,7 +451,7 @@ def _curve(best: Trial) -> Series:
 
 def _series(trials: Sequence[Trial]) -> Series:
     """The best alternatives, by name."""
-    best = sorted(trials, key=lambda trial: trial.gain, reverse=True)[:_SHOWN]
+    best = sorted(trials, key=lambda trial: trial.gain, reverse=True)[:_BARS]
     gains = np.array([100 * np.expm1(trial.gain) for trial in best])
     names = tuple(trial.alternative.name for trial in best)
     return Series(gains, x_label="sharper by, %", limits=(0.0,), names=names)

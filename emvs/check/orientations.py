@@ -96,11 +96,15 @@ def _reduced(order: str, poses: Trajectory) -> Trajectory:
     """Angles are known up to full turns: followed from pose to pose, from the smallest on."""
     angles = _angles(order, poses)
     flipped = angles * (1, -1, 1) + np.pi  # the same rotations
-    for k in range(1, len(angles)):
-        choices = np.stack([angles[k], flipped[k]])
-        choices += 2 * np.pi * np.round((angles[k - 1] - choices) / (2 * np.pi))
-        angles[k] = choices[np.abs(choices - angles[k - 1]).sum(axis=1).argmin()]
-    return _with(poses, Rotation.from_euler(order, np.radians(angles)))
+    changes = _step(flipped[1:] - angles[:-1]) < _step(angles[1:] - angles[:-1])
+    is_flipped = np.r_[False, np.logical_xor.accumulate(changes)]
+    followed = np.unwrap(np.where(is_flipped[:, None], flipped, angles), axis=0)
+    return _with(poses, Rotation.from_euler(order, np.radians(followed)))
+
+
+def _step(difference: Matrix) -> Matrix:
+    """(N,) how far (N, 3) angles are apart, whole turns aside."""
+    return np.asarray(np.abs((difference + np.pi) % (2 * np.pi) - np.pi).sum(axis=1))
 
 
 def _angles(order: str, poses: Trajectory) -> Matrix:

@@ -14,7 +14,7 @@ from eventsweep.emvs.geometry.trajectory import PoseSource, Trajectory
 
 
 class AlteredRecording(DerivedRecording):
-    """The same events with what is said about them altered; what is None or empty stays.
+    """The same events with another calibration, poses or clocks; None or empty changes nothing.
 
     Args:
         recording: the one to alter.

@@ -65,7 +65,7 @@ def parsed(path: Path) -> dict[str, Any]:
 
 
 def _check_plain(values: Any) -> None:
-    """Refuses what no calibration holds, so that nothing behind this has to think of it.
+    """Raises for values that no calibration has, so that later code need not check.
 
     A few lines of YAML that name each other stand for more values than memory holds, so values are
     counted as often as they are meant.

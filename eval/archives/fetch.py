@@ -16,6 +16,7 @@ import urllib.request
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from email.message import Message
+from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import quote, urlsplit
@@ -87,7 +88,7 @@ class AddressSource:
         request = urllib.request.Request(f"{self._address}/{quote(name)}")
         if start:
             request.add_header("Range", f"bytes={start}-")
-        answer = _OPENER.open(request, timeout=TIMEOUT_S)
+        answer = _opener().open(request, timeout=TIMEOUT_S)
         begins = 0
         if answer.status == http.HTTPStatus.PARTIAL_CONTENT:
             given = str(answer.headers.get("Content-Range", ""))
@@ -175,7 +176,9 @@ class _Redirects(urllib.request.HTTPRedirectHandler):
         return super().redirect_request(req, fp, code, msg, headers, newurl)
 
 
-_OPENER = urllib.request.build_opener(_Http, _Https, _Redirects)
+@cache
+def _opener() -> urllib.request.OpenerDirector:
+    return urllib.request.build_opener(_Http, _Https, _Redirects)
 
 
 def source_of(place: str) -> Source:

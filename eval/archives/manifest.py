@@ -137,7 +137,7 @@ class ArchiveManifest(_Model):
     def chosen(
         self, subset: str = "", cases: Iterable[str] = (), seeds: Iterable[int] | None = None
     ) -> tuple[PackedSequence, ...]:
-        """The sequences of a subset, of some cases, of some seeds; of all where nothing is said."""
+        """The sequences of a subset, of cases or of seeds; by default all."""
         if subset and subset not in self.subsets:
             known = ", ".join(self.subsets) or "none"
             raise InputError(f"the archive has no part {subset!r}: choose from {known}")

@@ -42,7 +42,7 @@ class Cluster:
     tls_key: Path | None = None
 
     def check(self) -> None:
-        """Refuses what is no address, and what would send work unprotected over a network."""
+        """Raises unless it is an address that sends no work over a network unencrypted."""
         place = urlsplit(self.address)
         if place.scheme not in ("tcp", "tls") or not place.hostname or ":" not in place.netloc:
             raise InputError(

@@ -30,7 +30,7 @@ LICENCE = "MIT"
 
 @dataclass(frozen=True)
 class Trained:
-    """What training leaves: weights, numbers of every epoch, and what is said of the weights."""
+    """The result of training: weights, their manifest, and the numbers of every epoch."""
 
     task: Task
     weights: Path

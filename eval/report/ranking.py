@@ -183,8 +183,8 @@ def with_unit(row: Any) -> str:
 def findings(rows: pd.DataFrame, metric: str, cases: int = 1) -> list[str]:
     """Sentences about one case: the order, and what fusion gains over a single camera.
 
-    Two methods are compared on the pixels that both report, and how many those are is said. The
-    rows are of one case and window, or the mean of `cases`; of the metric lower is better.
+    Two methods are compared on the pixels that both report; the number of those pixels is given.
+    The rows are of one case and window, or the mean of `cases`; a lower value of the metric wins.
     """
     said = _Findings({(row.method, row.metric): row for row in each(rows)}, cases)
     sentences = []

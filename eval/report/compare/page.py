@@ -49,7 +49,7 @@ _NOTE = (
 
 @dataclass(frozen=True)
 class Comparison:
-    """Everything that is said of several results; the first one is the reference of all pairs."""
+    """A comparison of several results; the first is the reference of every pair."""
 
     results: tuple[ComparedResult, ...]
     pairs: tuple[Pair, ...]

@@ -63,7 +63,7 @@ class Setting:
 
 
 def settings_of(results: Sequence[ComparedResult]) -> tuple[Setting, ...]:
-    """Every setting of every case that all results have, then what is no setting but differs too.
+    """Every setting of every case that all results have, then other differences.
 
     Values are those in effect, so that it makes no difference whether a default was stated.
     """

@@ -92,10 +92,10 @@ def test_windows_keep_the_same_events_under_all_alternatives():
     assert len(events) == 1000
     assert events.t_us.min() >= 100_000
     assert events.t_us.max() < 300_000
-    windows = TrialWindows.of(head_recording(), MapperConfig())
+    windows, _ = TrialWindows.of(head_recording(), MapperConfig())
     assert len(windows.windows) == len(windows.middles_us) == 3
     late = UNSPOILT["one camera"](head_recording(), np.random.default_rng(0))
-    assert len(TrialWindows.of(late, MapperConfig()).windows) == 3
+    assert len(TrialWindows.of(late, MapperConfig())[0].windows) == 3
 
 
 def test_poses_that_cover_no_window_are_a_reason_not_to_map():
