@@ -5,11 +5,16 @@ import shlex
 import shutil
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from eventsweep.emvs import methods
+from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.eval.cli.main import main
+from eventsweep.sim.config import SimConfig
+from eventsweep.sim.scene import Scene
+from eventsweep.sim.simulate import simulate
 from places import ROOT
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -50,7 +55,7 @@ def code(page: Path) -> list[str]:
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if code(page)], ids=lambda page: page.name)
-def test_code_runs(page, tmp_path, tmp_path_factory, monkeypatch):
+def test_code_runs(page, sequences, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     # What a page registers must not be known to the tests after it.
     monkeypatch.setattr(methods, "_registered", dict(methods._registered))
@@ -61,24 +66,32 @@ def test_code_runs(page, tmp_path, tmp_path_factory, monkeypatch):
         for arguments in commands(text) if language == "sh" else ():
             if page.name == "README.md" and without_folder(arguments) in run_by_the_tutorial():
                 continue  # the whole main job once more
-            assert performed(arguments, tmp_path_factory) == 0, arguments
+            assert performed(arguments) == 0, arguments
 
 
-_SIMULATED: dict[tuple[str, ...], Path] = {}
-
-
-def performed(arguments: list[str], folders: pytest.TempPathFactory) -> int:
-    """Runs a command; a sequence that another page has simulated is copied, the long job is cut."""
+def performed(arguments: list[str]) -> int:
+    """Runs a command; the long job is cut."""
     if arguments[0] == "run" and "--seconds" not in arguments:
-        return main([*arguments, "--seconds", "0.2"])
-    if arguments[0] != "simulate" or "planes" not in arguments:
-        return main(arguments)
-    key, out = tuple(without_folder(arguments)), Path(arguments[arguments.index("--out") + 1])
-    if key not in _SIMULATED:
-        _SIMULATED[key] = folders.mktemp("simulated") / "sequence"
-        assert main([*key, "--out", str(_SIMULATED[key])]) == 0
-    shutil.copytree(_SIMULATED[key], out)
-    return 0
+        return main([*arguments, "--seconds", "0.1"])
+    return main(arguments)
+
+
+@pytest.fixture(scope="module")
+def sequences(tmp_path_factory):
+    """Simulates as asked, by command or from Python; what another page has simulated is copied."""
+    made: dict[tuple[str, ...], Path] = {}
+
+    def shared(scene: Scene, rig: Rig, config: SimConfig, seed: int, out: Path, **how: Any) -> None:
+        key = scene.name, str(rig.to_json()), config.model_dump_json(), str(seed)
+        if key not in made:
+            made[key] = tmp_path_factory.mktemp("simulated") / "sequence"
+            simulate(scene, rig, config, seed, made[key], **how)
+        shutil.copytree(made[key], out)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("eventsweep.sim.simulate.simulate", shared)
+        patch.setattr("eventsweep.simulation.simulate_to_disk", shared)
+        yield
 
 
 def test_links_lead_somewhere():

@@ -90,6 +90,7 @@ def anew(place):
     return folder
 
 
+@pytest.mark.slow
 def test_the_workflow_gates_a_mapper_of_ones_own(place):
     folder, _ = place
     (update,) = re.findall(r"# +(eventsweep gate .*--update.*)", FILE.read_text(encoding="utf-8"))

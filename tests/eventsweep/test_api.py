@@ -458,6 +458,7 @@ def test_a_strict_type_checker_passes_the_examples(installed, page, tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_a_type_checker_sees_wrong_names_and_types(installed, tmp_path):
     script = tmp_path / "script.py"
     lines = [

@@ -582,16 +582,24 @@ def one_file(out):
 KILLED = {"whole": replaced_whole, "exchanged": exchanged, "grown": taken_up, "file": one_file}
 
 
+@pytest.fixture
+def memory():
+    """A folder in memory, where there is one: a real disk takes most of the time of many kills."""
+    folder = Path(tempfile.mkdtemp(dir=MEMORY))
+    yield folder
+    shutil.rmtree(folder)
+
+
 @pytest.mark.parametrize("before", ["nothing", "ours", "beside somebody's"])
 @pytest.mark.parametrize("call", KILLED)
-def test_killed_at_any_step_it_ends_with_the_same_bytes(tmp_path, call, before):
+def test_killed_at_any_step_it_ends_with_the_same_bytes(memory, call, before):
     if before == "beside somebody's" and call in ("whole", "grown"):
         pytest.skip("they replace whole folders")
-    out, make = tmp_path / "out", KILLED[call]
+    out, make = memory / "out", KILLED[call]
 
     def start():
-        shutil.rmtree(tmp_path)
-        put(tmp_path, **{"_0out_0abcdefgh_0partial__thesis": "mine"})
+        shutil.rmtree(memory)
+        put(memory, **{"_0out_0abcdefgh_0partial__thesis": "mine"})
         if before != "nothing":
             put(out, b="old", index="old", a_0xml="old")
             complete(out)
@@ -603,15 +611,15 @@ def test_killed_at_any_step_it_ends_with_the_same_bytes(tmp_path, call, before):
     def check(step):
         assert strangers(out) in ([], ["mine.txt"]) if (out / NAME).exists() else True
         make(out)
-        assert contents(tmp_path) == expected, step
+        assert contents(memory) == expected, step
         start()
 
     start()
     make(out)
-    expected = contents(tmp_path)
+    expected = contents(memory)
     start()
     assert killed_at_every_step(lambda: make(out), check) > 5
-    assert contents(tmp_path) == expected
+    assert contents(memory) == expected
 
 
 def test_a_kill_between_old_and_new_gives_the_old_one_back(tmp_path):
