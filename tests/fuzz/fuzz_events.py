@@ -406,6 +406,9 @@ def main(examples="200", *words, kinds=KINDS, begin=None):
     first = int(words[-1]) if words and words[-1].isdigit() else 0
     chosen = [word for word in words if not word.isdigit()] or kinds
     tallies = []
+    if begin is None:
+        with tempfile.TemporaryDirectory() as folder:
+            begun(Path(folder), chosen[0])  # what it loads, each process has from the start
     for kind in chosen:
         tallies.append(fuzz(kind, int(examples), first, begin))
         sys.stdout.write(f"{tallies[-1]}\n")

@@ -3,10 +3,13 @@
 import os
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
 
+from eventsweep import scenes
+from eventsweep.eval.cli.main import main
 from places import ROOT
 
 MODULE = """
@@ -43,6 +46,15 @@ def package(tmp_path):
     return info
 
 
+@pytest.fixture
+def here(package, monkeypatch):
+    """The package, found by this process, too."""
+    monkeypatch.setattr(scenes, "_points", cache(scenes._points.__wrapped__))
+    monkeypatch.syspath_prepend(package.parent)
+    yield package
+    sys.modules.pop("theirs_scenes", None)
+
+
 def offers(package, *lines):
     (package / "entry_points.txt").write_text("\n".join(["[eventsweep.scenes]", *lines]) + "\n")
 
@@ -74,17 +86,16 @@ def test_a_scene_of_another_package_is_listed_and_simulated(package, tmp_path):
         ("green-house = theirs_scenes:WRONG", "theirs_scenes:WRONG is a int, no Scene"),
     ],
 )
-def test_one_that_fails_is_told_in_one_line(package, tmp_path, line, message):
-    offers(package, line)
-    done = eventsweep(package, tmp_path, "simulate", "green-house", "--out", "out")
-    assert done.returncode == 2
-    assert message in done.stderr
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert not (Path(tmp_path) / "out").exists()
+def test_one_that_fails_is_told_in_one_line(here, tmp_path, capsys, line, message):
+    offers(here, line)
+    assert main(["simulate", "green-house", "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert len(said.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
 
 
-def test_a_name_of_ours_stays_ours(package, tmp_path):
-    offers(package, "planes = nowhere:SCENE")
+def test_a_name_of_ours_stays_ours(here, tmp_path):
+    offers(here, "planes = nowhere:SCENE")
     words = ("--seconds", "0.005", "--sim.sampling", "fast", "--rig", "oblique", "--quiet")
-    done = eventsweep(package, tmp_path, "simulate", "planes", "--out", "out", *words)
-    assert done.returncode == 0, done.stderr
+    assert main(["simulate", "planes", "--out", str(tmp_path / "out"), *words]) == 0
