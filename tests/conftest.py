@@ -8,7 +8,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 # Two test processes share two cores: a thread that spins while it waits takes the other's time.
+# OpenBLAS's threads always do, and cost 30 times what a product of (N, 3) points by a matrix takes.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # The same examples in every run, so that nobody's change turns red by another's luck;
 # HYPOTHESIS_RANDOM=1 in the environment draws new ones.
