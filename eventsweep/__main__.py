@@ -30,6 +30,8 @@ if __name__ in ("__main__", "eventsweep.__main__") and not _is_worker():
 
 def main() -> None:
     """Runs one command and ends the process with its code."""
+    # Matrices here are small: BLAS threads would spin, take the others' time and gain nothing.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.disable()  # what imports make stays: looking through it again and again frees nothing
     from eventsweep.eval.cli.main import main as command
 
