@@ -102,14 +102,13 @@ def _diagnosis(
     explaining = [trial for trial in _likely(trials, tried, best) if _explains(trials, trial)]
     best = next(iter(explaining), best)
     rivals = tuple(t for t in explaining if _is_rival(t, best))
-    cured, second = trials.after(best), None
-    if best.is_inside and not rivals:
-        second = _second(cured, best, alternatives, progress)
-        cured = cured.after(second) if second else cured
+    cured = trials.after(best)
+    second = _second(cured, best, alternatives, progress) if best.is_inside else None
+    cured = cured.after(second) if second else cured
     left = cured.free_turn_gain()
-    return Diagnosis(
-        tried, best, best.is_inside and left <= trials.margin(_LEFT), left, rivals, second
-    )
+    # Which of several causes it is, and another one besides, is more than these windows tell.
+    explains = best.is_inside and left <= trials.margin(_LEFT) and not (rivals and second)
+    return Diagnosis(tried, best, explains, left, rivals, second)
 
 
 def _likely(trials: CameraTrials, tried: Sequence[Trial], best: Trial) -> list[Trial]:
