@@ -33,7 +33,8 @@ _BARS = 12  # alternatives in the page, the best ones
 # (half as much again for a single camera); more where nothing helps, and the poses do not fit.
 _LEFT, _UNFIT = 0.02, 0.05
 _LIKELY, _CANDIDATES = 0.5, 4  # what may be the cause: its share of the best gain, and how many
-_RIVAL = 0.9  # of the gain: another cause that explains as well
+_CLEAR = 2  # margins: what a first cure leaves over looks like a small second fault
+_RIVAL = 0.75  # of the gain: another cause that explains as well
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +137,7 @@ def _second(
     others = [other for other in alternatives if _may_be_second(other, best.alternative)]
     shown = _shown(others, progress, "after the best cure")
     second = cured.best(cured.trials(shown))
-    return second if second.verdict == "wrong" else None
+    return second if second.verdict == "wrong" and second.gain > _CLEAR * second.margin else None
 
 
 def _may_be_second(other: Alternative | Amount, first: Alternative | Amount) -> bool:
@@ -173,51 +174,57 @@ def _alternatives(recording: Recording, *, first: bool, paired: bool) -> list[Al
     return alternatives
 
 
+_MEANING = "depth is where rays meet, and they meet less sharply than they could"
+
+
 def _finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
-    best, free = diagnosis.best, f"{np.expm1(diagnosis.free_gain):.1%}"
-    series = _series(diagnosis.trials)
+    best, gain = diagnosis.best, float(np.expm1(diagnosis.best.gain))
     if best.verdict == "good" and diagnosis.explains:
-        words = (
-            f"{cameras}: none of {len(diagnosis.trials)} alternatives makes the map sharper; free "
-            f"turns, {free}"
-        )
-        return Finding(name, "good", float(np.expm1(best.gain)), "", words, series=series)
+        words = f"{cameras}: none of {len(diagnosis.trials)} alternatives makes the map sharper"
+        return Finding(name, "good", gain, "", words, series=_series(diagnosis.trials))
     if best.verdict == "doubtful" or diagnosis.explains:
         return _named_finding(name, cameras, diagnosis)
     who = "the cameras do not fit each other" if best.alternative.of_pair else (
         "poses do not fit these events"
     )  # fmt: skip
     return Finding(
-        name, "wrong", float(np.expm1(best.gain)), "",
-        f"{cameras}: {who}, and no single cause was found: sharper by {np.expm1(best.gain):.1%} "
-        f"with {_amount_words(best)}, and then by {free} where the camera may turn freely",
-        _MEANING,
+        name, "wrong", gain, "",
+        f"{cameras}: {who}, and no single cause was found: {_remainder(diagnosis)}", _MEANING,
         "check by hand how the poses are stored (handedness, degrees or radians, order of "
         "Euler angles, direction) and that clocks and calibration belong to this recording",
-        "no single cause found", series,
+        "no single cause found", _series(diagnosis.trials),
     )  # fmt: skip
 
 
-_MEANING = "depth is where rays meet, and they meet less sharply than they could"
+def _remainder(diagnosis: Diagnosis) -> str:
+    """What is left unexplained, in words."""
+    best, free = diagnosis.best, f"{np.expm1(diagnosis.free_gain):.1%}"
+    if best.verdict != "wrong":
+        return f"sharper by {free} where the camera may turn freely"
+    sharper = f"sharper by {np.expm1(best.gain):.1%} with {_amount_words(best)}"
+    if not best.is_inside:
+        return f"{sharper}, which is the end of what was tried"
+    if diagnosis.rivals and diagnosis.second:
+        return f"{sharper} or others, and then with {_amount_words(diagnosis.second)}"
+    return f"{sharper}, and then by {free} more where the camera may turn freely"
 
 
 def _named_finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
-    best, second = diagnosis.best, diagnosis.second
-    gain = float(np.expm1(best.gain))
-    windows = f"windows {', '.join(f'{np.expm1(g):+.1%}' for g in best.gains)}"
+    best, second, gain = diagnosis.best, diagnosis.second, float(np.expm1(diagnosis.best.gain))
     either = [best, *diagnosis.rivals]
     words = " or ".join(map(_amount_words, either))
-    cures, suspect = (
-        "; or ".join(map(_cure, either)),
-        " or ".join(t.alternative.name for t in either),
-    )
+    cure = "; or ".join(map(_cure, either))
+    suspect = " or ".join(trial.alternative.name for trial in either)
     if second is not None:
         words += f", and {np.expm1(second.gain):.1%} more with {_amount_words(second)}"
-        cures = f"{cures}; and {_cure(second)}; then check again"
+        cure = f"{cure}; and {_cure(second)}; then check again"
         suspect = f"{suspect} and {second.alternative.name}"
+    words = (
+        f"{cameras}: correcting this makes the map {gain:.1%} sharper: {words}; "
+        f"windows {', '.join(f'{np.expm1(g):+.1%}' for g in best.gains)}"
+    )
     series = _series(diagnosis.trials) if best.amount is None else _curve(best)
-    words = f"{cameras}: correcting this makes the map {gain:.1%} sharper: {words}; {windows}"
-    return Finding(name, best.verdict, gain, "", words, _MEANING, cures, suspect, series)
+    return Finding(name, best.verdict, gain, "", words, _MEANING, cure, suspect, series)
 
 
 def _unit(trial: Trial) -> str:

@@ -535,11 +535,13 @@ FAULTS = (
     Fault("poses jump", _jumping, ("poses jump",)),
     Fault("poses too rare", _rare, ("poses too rare",)),
     Fault("noisy poses", _noisy, ("noisy poses",)),
-    Fault("camera at rest", _at_rest, ("camera at rest",)),
+    # A camera that does not turn either repeats its poses.
+    Fault("camera at rest", _at_rest, ("camera at rest", "poses frozen")),
     Fault("fx in m beside fy in px", _fx_in_mm, ("focal lengths unequal",)),
     Fault("focal length in mm", _focal_in_mm, ("focal length unit",)),
     Fault("half the resolution", _half_resolution, ("principal point off", "focal length")),
-    Fault("focal length off", _focal, ("focal length",)),
+    # Coefficients that are of another focal length may fold.
+    Fault("focal length off", _focal, ("focal length", "distortion folds")),
     Fault("cx and cy exchanged", _centre_exchanged, ("principal point exchanged",)),
     Fault("distortion folds", _folding, ("distortion folds",)),
     Fault("another sensor's calibration", _another_sensor, ("calibration of another resolution",)),
