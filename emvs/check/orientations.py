@@ -23,6 +23,8 @@ _MIRROR = np.diag([-1.0, 1.0, 1.0])
 # Angles in radians are pi at most: taken for degrees, three of them turn by no more than this; and
 # half a degree that the body turned, taken for radians, by no less than that.
 _MOST_AS_DEGREES, _LEAST_AS_RADIANS = 3 * np.radians(np.pi), 0.5
+# Of a body that hardly turns, another order of angles is but another hand-eye rotation.
+_LEAST_OF_ORDERS = 0.05
 _ORDERS = tuple("".join(order) for order in permutations("xyz"))
 
 
@@ -59,13 +61,15 @@ def rereadings(poses: Trajectory) -> Iterator[tuple[str, Reread, str]]:
             f"{axis} of the positions negated", partial(_negated, k),
             f"change the sign of {axis} in the positions: R and t are of different worlds",
         )  # fmt: skip
-    for order, other in permutations(_ORDERS, 2):
-        yield (
-            f"Euler angles {order} read as {other}", partial(_reordered, order, other),
-            f"the angles turn about {', then '.join(order)} (fixed axes), and were made into "
-            f"rotations about {', then '.join(other)}: make them again in their own order",
-        )  # fmt: skip
     turns = Rotation.from_quat(poses.quats_xyzw)
+    turned_rad = (turns[0].inv() * turns).magnitude().max()
+    if turned_rad >= _LEAST_OF_ORDERS:
+        for order, other in permutations(_ORDERS, 2):
+            yield (
+                f"Euler angles {order} read as {other}", partial(_reordered, order, other),
+                f"the angles turn about {', then '.join(order)} (fixed axes), and were made into "
+                f"rotations about {', then '.join(other)}: make them again in their own order",
+            )  # fmt: skip
     if turns.magnitude().max() <= _MOST_AS_DEGREES:
         for order in _ORDERS:
             yield (
@@ -73,7 +77,7 @@ def rereadings(poses: Trajectory) -> Iterator[tuple[str, Reread, str]]:
                 "the angles are in radians, and were made into rotations as degrees: make them "
                 "again",
             )  # fmt: skip
-    if (turns[0].inv() * turns).magnitude().max() >= _LEAST_AS_RADIANS:
+    if turned_rad >= _LEAST_AS_RADIANS:
         for order in _ORDERS:
             yield (
                 f"Euler angles {order} in degrees read as radians", partial(_reduced, order),
