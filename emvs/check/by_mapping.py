@@ -101,8 +101,8 @@ def _diagnosis(
         free_gain = trials.free_turn_gain()
         return Diagnosis(tried, best, free_gain <= _UNFIT, free_gain)
     explaining = [trial for trial in _likely(trials, tried, best) if _explains(trials, trial)]
-    best = next(iter(explaining), best)
-    rivals = tuple(t for t in explaining if _is_rival(t, best))
+    best = next((trial for trial in explaining if trial.verdict == "wrong"), best)
+    rivals = tuple(trial for trial in explaining if _is_rival(trial, best))
     cured = trials.after(best)
     second = _second(cured, best, alternatives, progress) if best.is_inside else None
     cured = cured.after(second) if second else cured
@@ -115,7 +115,7 @@ def _diagnosis(
 def _likely(trials: CameraTrials, tried: Sequence[Trial], best: Trial) -> list[Trial]:
     """The sharpest alternatives, those that camera 0 alone contradicts left out."""
     in_order = sorted(tried, key=lambda trial: trial.gain, reverse=True)
-    sharp = [t for t in in_order if t.verdict == "wrong" and t.gain >= _LIKELY * best.gain]
+    sharp = [t for t in in_order if t.is_sharper and t.gain >= _LIKELY * best.gain]
     return [trial for trial in sharp[:_CANDIDATES] if trials.agrees(trial)]
 
 

@@ -59,6 +59,11 @@ class Trial:
         return "wrong" if self.gain > self.margin and self._hurts else "doubtful"
 
     @property
+    def is_sharper(self) -> bool:
+        """Whether every window gains on fine volumes, if not enough, by an amount that matters."""
+        return bool(np.isfinite(self.margin) and self.gains.min() > 0 and self._hurts)
+
+    @property
     def is_inside(self) -> bool:
         """Whether it may be named: an amount at the end of its search is no optimum."""
         if self.amount is None or isinstance(self.alternative, Alternative):
