@@ -85,7 +85,10 @@ def of_poses(recording: Recording) -> list[Alternative]:
             "count rows from the top: y = height - 1 - y",
         ),
         *_axes(),
-        *(Alternative(name, _poses(reread), cure) for name, reread, cure in rereadings()),
+        *(
+            Alternative(name, _poses(reread), cure)
+            for name, reread, cure in rereadings(recording.trajectory)
+        ),
     ]  # fmt: skip
     if not np.allclose(T_body_cam[:3, :3], np.eye(3), atol=0.02):
         alternatives += [

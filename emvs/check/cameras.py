@@ -115,7 +115,8 @@ def _folds(camera: Camera) -> Finding:
         f"{lost:.1%} of the pixels have no ray; the most distorted is moved by {bent:.0%} of half "
         "the diagonal",
         meaning="the distortion folds the image over itself: events there cannot vote",
-        cure="check the order and the number of the coefficients (k1 k2 p1 p2 k3) and the model",
+        cure="check that focal length and coefficients are of this lens and resolution, the order "
+        "and number of the coefficients (k1 k2 p1 p2 k3), and the model",
         suspect="distortion folds",
         series=None if (moved_px < _SEEN_PX).all() else Series(moved_px, y_label=_MOVED),
     )  # fmt: skip

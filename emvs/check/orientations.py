@@ -20,6 +20,11 @@ from eventsweep.emvs.geometry.trajectory import Trajectory
 Matrix = NDArray[np.float64]
 Reread = Callable[[Trajectory], Trajectory]
 _MIRROR = np.diag([-1.0, 1.0, 1.0])
+# Angles in radians are pi at most: taken for degrees, three of them turn by no more than this; and
+# half a degree that the body turned, taken for radians, by no less than that.
+_MOST_AS_DEGREES, _LEAST_AS_RADIANS = 3 * np.radians(np.pi), 0.5
+# Of a body that hardly turns, another order of angles is but another hand-eye rotation.
+_LEAST_OF_ORDERS = 0.05
 _ORDERS = tuple("".join(order) for order in permutations("xyz"))
 
 
@@ -41,8 +46,8 @@ def axes_words(R_cam_given: Matrix) -> str:
     return " ".join(words[k][int(R_cam_given[k, column] > 0)] for column, k in enumerate(at))
 
 
-def rereadings() -> Iterator[tuple[str, Reread, str]]:
-    """Names, what the poses would be, and cures."""
+def rereadings(poses: Trajectory) -> Iterator[tuple[str, Reread, str]]:
+    """Names, what the poses would be, and cures, of the misreadings that can give such poses."""
     for R_given_body in signed_axes(right_handed=False):
         axes = R_given_body.astype(int).tolist()
         yield (
@@ -56,21 +61,29 @@ def rereadings() -> Iterator[tuple[str, Reread, str]]:
             f"{axis} of the positions negated", partial(_negated, k),
             f"change the sign of {axis} in the positions: R and t are of different worlds",
         )  # fmt: skip
-    for order, other in permutations(_ORDERS, 2):
-        yield (
-            f"Euler angles {order} read as {other}", partial(_reordered, order, other),
-            f"the angles turn about {', then '.join(order)} (fixed axes), and were made into "
-            f"rotations about {', then '.join(other)}: make them again in their own order",
-        )  # fmt: skip
-    for order in _ORDERS:
-        yield (
-            f"Euler angles {order} in radians read as degrees", partial(_magnified, order),
-            "the angles are in radians, and were made into rotations as degrees: make them again",
-        )  # fmt: skip
-        yield (
-            f"Euler angles {order} in degrees read as radians", partial(_reduced, order),
-            "the angles are in degrees, and were made into rotations as radians: make them again",
-        )  # fmt: skip
+    turns = Rotation.from_quat(poses.quats_xyzw)
+    turned_rad = (turns[0].inv() * turns).magnitude().max()
+    if turned_rad >= _LEAST_OF_ORDERS:
+        for order, other in permutations(_ORDERS, 2):
+            yield (
+                f"Euler angles {order} read as {other}", partial(_reordered, order, other),
+                f"the angles turn about {', then '.join(order)} (fixed axes), and were made into "
+                f"rotations about {', then '.join(other)}: make them again in their own order",
+            )  # fmt: skip
+    if turns.magnitude().max() <= _MOST_AS_DEGREES:
+        for order in _ORDERS:
+            yield (
+                f"Euler angles {order} in radians read as degrees", partial(_magnified, order),
+                "the angles are in radians, and were made into rotations as degrees: make them "
+                "again",
+            )  # fmt: skip
+    if turned_rad >= _LEAST_AS_RADIANS:
+        for order in _ORDERS:
+            yield (
+                f"Euler angles {order} in degrees read as radians", partial(_reduced, order),
+                "the angles are in degrees, and were made into rotations as radians: make them "
+                "again",
+            )  # fmt: skip
 
 
 def _right_handed(R_given_body: Matrix, poses: Trajectory) -> Trajectory:

@@ -145,7 +145,7 @@ def _rectification(recording: Recording) -> Finding:
 _BEFORE_MAPPING = (
     "baseline", "distortion", "events-rate", "events-sensor", "field-of-view", "focal-ratio",
     "hot-pixels", "parallax", "poses-acceleration", "poses-coverage", "poses-frozen",
-    "poses-jumps", "poses-speed", "principal-point",
+    "poses-jumps", "poses-noise", "poses-rate", "poses-speed", "principal-point",
 )  # fmt: skip
 
 

@@ -40,6 +40,8 @@ class Stopwatch:
         self.seconds[stage], self._since = now - self._since, now
 
 
+# Threads that spin while they wait take the time of others that work: here, or in other processes.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 # OpenMP is safe when several Python threads call kernels; numba's own queue ends the process.
 if "NUMBA_THREADING_LAYER" not in os.environ:
     numba.config.THREADING_LAYER = "omp"  # type: ignore[attr-defined]

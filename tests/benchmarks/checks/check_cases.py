@@ -121,7 +121,7 @@ def _tracked(recording: Recording, rng: Rng) -> Recording:
 
 
 def _rarer(recording: Recording, rng: Rng) -> Recording:
-    return _with_poses(recording, every=int(rng.integers(5, 20)))
+    return with_poses(recording, every=int(rng.integers(5, 20)))
 
 
 def _exchanged_order(recording: Recording, rng: Rng) -> Recording:
@@ -177,7 +177,7 @@ class EditedRecording(DerivedRecording):
         return self._edit(camera, replace(events, t_us=events.t_us * s))
 
 
-def _with_poses(
+def with_poses(
     recording: Recording, *, t_us: NDArray[np.int64] | None = None,
     positions_m: Matrix | None = None, quats_xyzw: Matrix | None = None, every: int = 1,
 ) -> Recording:  # fmt: skip
@@ -200,12 +200,12 @@ def _inverted(r: Recording, rng: Rng) -> Recording:
 def _rotations_inverted(r: Recording, rng: Rng) -> Recording:
     del rng
     turned = Rotation.from_quat(r.trajectory.quats_xyzw).inv().as_quat()
-    return _with_poses(r, quats_xyzw=turned)
+    return with_poses(r, quats_xyzw=turned)
 
 
 def _w_first(r: Recording, rng: Rng) -> Recording:
     del rng
-    return _with_poses(r, quats_xyzw=np.roll(r.trajectory.quats_xyzw, 1, axis=1))
+    return with_poses(r, quats_xyzw=np.roll(r.trajectory.quats_xyzw, 1, axis=1))
 
 
 def _axes(name: str) -> Planter:
@@ -244,20 +244,20 @@ def _hand_eye_twice(r: Recording, rng: Rng) -> Recording:
 
 
 def _positions(factor: float) -> Planter:
-    return lambda r, rng: _with_poses(r, positions_m=r.trajectory.positions_m * factor)
+    return lambda r, rng: with_poses(r, positions_m=r.trajectory.positions_m * factor)
 
 
 def _pose_clock(r: Recording, rng: Rng) -> Recording:
     late_us = round(float(rng.uniform(40e3, 150e3)) * rng.choice([-1, 1]))
-    return _with_poses(r, t_us=r.trajectory.t_us + late_us)
+    return with_poses(r, t_us=r.trajectory.t_us + late_us)
 
 
 def _apart(r: Recording, rng: Rng) -> Recording:
-    return _with_poses(r, t_us=r.trajectory.t_us + round(float(rng.uniform(1e8, 1e10))))
+    return with_poses(r, t_us=r.trajectory.t_us + round(float(rng.uniform(1e8, 1e10))))
 
 
 def _pose_times(factor: int) -> Planter:
-    return lambda r, rng: _with_poses(r, t_us=r.trajectory.t_us * factor)
+    return lambda r, rng: with_poses(r, t_us=r.trajectory.t_us * factor)
 
 
 def _event_times(factor: int) -> Planter:
@@ -268,7 +268,7 @@ def _frozen(r: Recording, rng: Rng) -> Recording:
     p, n = r.trajectory, len(r.trajectory)
     first, last = round(n * rng.uniform(0.2, 0.3)), round(n * rng.uniform(0.7, 0.8))
     at = np.where((np.arange(n) > first) & (np.arange(n) < last), first, np.arange(n))
-    return _with_poses(r, positions_m=p.positions_m[at], quats_xyzw=p.quats_xyzw[at])
+    return with_poses(r, positions_m=p.positions_m[at], quats_xyzw=p.quats_xyzw[at])
 
 
 def _jumping(r: Recording, rng: Rng) -> Recording:
@@ -276,25 +276,25 @@ def _jumping(r: Recording, rng: Rng) -> Recording:
     after = np.arange(len(p)) > rng.integers(len(p) // 3, 2 * len(p) // 3)
     jump_m = rng.normal(size=3)
     jump_m *= rng.uniform(0.1, 0.5) / np.linalg.norm(jump_m)
-    return _with_poses(r, positions_m=p.positions_m + after[:, None] * jump_m)
+    return with_poses(r, positions_m=p.positions_m + after[:, None] * jump_m)
 
 
 def _rare(r: Recording, rng: Rng) -> Recording:
     step_us = int(np.median(np.diff(r.trajectory.t_us)))
-    return _with_poses(r, every=round(rng.uniform(150e3, 250e3) / step_us))
+    return with_poses(r, every=round(rng.uniform(150e3, 250e3) / step_us))
 
 
 def _noisy(r: Recording, rng: Rng) -> Recording:
     p = r.trajectory
     noise_m = rng.normal(0, rng.uniform(7e-3, 12e-3), p.positions_m.shape)
-    return _with_poses(r, positions_m=p.positions_m + noise_m)
+    return with_poses(r, positions_m=p.positions_m + noise_m)
 
 
 def _at_rest(r: Recording, rng: Rng) -> Recording:
     del rng
     p = r.trajectory
     still = np.broadcast_to(p.positions_m[:1], p.positions_m.shape)
-    return _with_poses(r, positions_m=still.copy())
+    return with_poses(r, positions_m=still.copy())
 
 
 def _lenses(r: Recording, change: Callable[[Camera], Camera]) -> Recording:
@@ -440,8 +440,8 @@ def _gaps(r: Recording, rng: Rng) -> Recording:
     return EditedRecording(r, edit)
 
 
-def _turned_by(r: Recording, turns: Rotation) -> Recording:
-    return _with_poses(r, quats_xyzw=turns.as_quat())
+def turned_by(r: Recording, turns: Rotation) -> Recording:
+    return with_poses(r, quats_xyzw=turns.as_quat())
 
 
 def _left_handed(r: Recording, rng: Rng) -> Recording:
@@ -450,34 +450,34 @@ def _left_handed(r: Recording, rng: Rng) -> Recording:
     mirror = np.diag([1.0, -1.0, 1.0])
     R = mirror @ Rotation.from_quat(r.trajectory.quats_xyzw).as_matrix() @ mirror
     positions_m = r.trajectory.positions_m @ mirror
-    return _with_poses(r, positions_m=positions_m, quats_xyzw=Rotation.from_matrix(R).as_quat())
+    return with_poses(r, positions_m=positions_m, quats_xyzw=Rotation.from_matrix(R).as_quat())
 
 
 def _negated(r: Recording, rng: Rng) -> Recording:
     signs = np.where(np.arange(3) == rng.integers(3), -1.0, 1.0)
-    return _with_poses(r, positions_m=r.trajectory.positions_m * signs)
+    return with_poses(r, positions_m=r.trajectory.positions_m * signs)
 
 
-def _reread(order: str, as_order: str, *, degrees: bool = False, factor: float = 1.0) -> Planter:
+def reread(order: str, as_order: str, *, degrees: bool = False, factor: float = 1.0) -> Planter:
     """Euler angles that were made into rotations in another order, or in another unit."""
 
     def plant(r: Recording, rng: Rng) -> Recording:
         del rng
         angles = Rotation.from_quat(r.trajectory.quats_xyzw).as_euler(order) * factor
-        return _turned_by(r, Rotation.from_euler(as_order, angles, degrees=degrees))
+        return turned_by(r, Rotation.from_euler(as_order, angles, degrees=degrees))
 
     return plant
 
 
-def _both(first: Planter, second: Planter) -> Planter:
+def both(first: Planter, second: Planter) -> Planter:
     return lambda r, rng: second(first(r, rng), rng)
 
 
-def _two(first: str, second: str) -> tuple[str, ...]:
+def two(first: str, second: str) -> tuple[str, ...]:
     return (f"{first} and {second}", f"{second} and {first}")
 
 
-_EULER = tuple("".join(order) for order in permutations("xyz"))
+EULER = tuple("".join(order) for order in permutations("xyz"))
 FAULTS = (
     Fault(
         "left-handed poses",
@@ -489,32 +489,30 @@ FAULTS = (
         _negated,
         tuple(f"{axis} of the positions negated" for axis in "xyz"),
     ),
-    Fault(
-        "Euler angles in another order", _reread("ZYX", "zyx"), ("Euler angles xyz read as zyx",)
-    ),
+    Fault("Euler angles in another order", reread("ZYX", "zyx"), ("Euler angles xyz read as zyx",)),
     Fault(
         "radians read as degrees",
-        _reread("ZYX", "ZYX", degrees=True),
-        tuple(f"Euler angles {order} in radians read as degrees" for order in _EULER),
+        reread("ZYX", "ZYX", degrees=True),
+        tuple(f"Euler angles {order} in radians read as degrees" for order in EULER),
     ),
     Fault(
         "degrees read as radians",
-        _reread("ZYX", "ZYX", factor=180 / np.pi),
+        reread("ZYX", "ZYX", factor=180 / np.pi),
         (
             "poses torn",
             "no single cause found",
-            *(f"Euler angles {order} in degrees read as radians" for order in _EULER),
+            *(f"Euler angles {order} in degrees read as radians" for order in EULER),
         ),
     ),
     Fault(
         "poses late, camera rolled",
-        _both(_pose_clock, _stereo(2, 2.0, 6)),
-        _two("pose clock", "stereo roll"),
+        both(_pose_clock, _stereo(2, 2.0, 6)),
+        two("pose clock", "stereo roll"),
     ),
     Fault(
         "poses inverted, cameras swapped",
-        _both(_inverted, _swapped),
-        _two("poses inverted", "cameras swapped"),
+        both(_inverted, _swapped),
+        two("poses inverted", "cameras swapped"),
     ),
     Fault("poses inverted", _inverted, ("poses inverted",)),
     Fault("rotations inverted", _rotations_inverted, ("rotations inverted",)),
@@ -537,11 +535,13 @@ FAULTS = (
     Fault("poses jump", _jumping, ("poses jump",)),
     Fault("poses too rare", _rare, ("poses too rare",)),
     Fault("noisy poses", _noisy, ("noisy poses",)),
-    Fault("camera at rest", _at_rest, ("camera at rest",)),
+    # A camera that does not turn either repeats its poses.
+    Fault("camera at rest", _at_rest, ("camera at rest", "poses frozen")),
     Fault("fx in m beside fy in px", _fx_in_mm, ("focal lengths unequal",)),
     Fault("focal length in mm", _focal_in_mm, ("focal length unit",)),
     Fault("half the resolution", _half_resolution, ("principal point off", "focal length")),
-    Fault("focal length off", _focal, ("focal length",)),
+    # Coefficients that are of another focal length may fold.
+    Fault("focal length off", _focal, ("focal length", "distortion folds")),
     Fault("cx and cy exchanged", _centre_exchanged, ("principal point exchanged",)),
     Fault("distortion folds", _folding, ("distortion folds",)),
     Fault("another sensor's calibration", _another_sensor, ("calibration of another resolution",)),

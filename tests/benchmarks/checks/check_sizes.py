@@ -20,7 +20,8 @@ import eventsweep as es
 from check_cases import DEVELOPMENT
 from check_faults import sequence
 from eventsweep.emvs.check.alternatives import Amount, Chosen, amounts_of_one, amounts_of_pair
-from eventsweep.emvs.check.by_mapping import CameraTrials, TrialWindows
+from eventsweep.emvs.check.trial_windows import TrialWindows
+from eventsweep.emvs.check.trials import CameraTrials
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from markdown_blocks import show

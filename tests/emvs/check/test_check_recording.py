@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from check_cases import UNSPOILT, Chosen
-from eventsweep.emvs.check.by_mapping import TrialWindows, WindowRecording
 from eventsweep.emvs.check.recording import check, check_path, quick_check
+from eventsweep.emvs.check.trial_windows import TrialWindows, WindowRecording
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.data.altered import AlteredRecording
 from eventsweep.emvs.datasets import NoRecordingError, open_recording

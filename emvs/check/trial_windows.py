@@ -1,0 +1,173 @@
+"""The windows on which a check compares alternatives, and how sharp they are under each.
+
+Under right poses no other turn of the camera makes rays meet much more sharply: what is gained
+where it may turn freely says how far poses and events are from each other, whatever the cause. Only
+turns: under free translations rays can collapse onto a few voxels, which is sharp and wrong (event
+collapse: Shiba et al., Sensors 2022).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from eventsweep.emvs.check.alternatives import Alter, Chosen
+from eventsweep.emvs.config import MapperConfig
+from eventsweep.emvs.data.altered import AlteredRecording
+from eventsweep.emvs.data.events import Events
+from eventsweep.emvs.data.recording import DerivedRecording, Recording
+from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
+from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.reference_view import depth_range_m
+from eventsweep.emvs.sharpness import Hypothesis, Level, Sharpness, WindowEvents
+from eventsweep.emvs.utils.runtime import use_threads
+
+Gains = NDArray[np.float64]
+WINDOWS, WINDOW_US, EVENTS, LEVEL = 3, 200_000, 25_000, Level(1, 80)
+_COARSE, _COARSE_SHARE = Level(2, 40), 0.4  # to see which alternatives are worth a finer look
+_CANDIDATES = 24
+_NOTHING = 1e-3  # the sharpness, in votes, of an empty volume
+_TURNS_RAD_S = (0.4, 0.2, 0.1, 0.05)
+
+
+class WindowRecording(DerivedRecording):
+    """A recording whose events are those of one window, thinned evenly and kept in memory."""
+
+    def __init__(self, recording: Recording, t0_us: int, t1_us: int, most: int) -> None:
+        super().__init__(recording)
+        cameras = range(len(recording.rig))
+        self._streams = [recording.events(k, t0_us, t1_us).thinned(most) for k in cameras]
+
+    def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
+        """The kept events of a camera with `t0_us <= t < t1_us`."""
+        return self._streams[camera].between(t0_us, t1_us)
+
+    def thinned(self, share: float) -> WindowRecording:
+        """The same window with a share of its events, evenly through the streams."""
+        fewer = copy(self)
+        fewer._streams = [s.thinned(max(1, int(share * len(s)))) for s in self._streams]
+        return fewer
+
+
+@dataclass(frozen=True, eq=False)
+class TrialWindows:
+    """The windows on which alternatives are compared.
+
+    Attributes:
+        windows: each with its events in memory.
+        middles_us: the times of their reference views.
+        sharpness: of windows under hypotheses.
+    """
+
+    windows: tuple[WindowRecording, ...]
+    middles_us: tuple[int, ...]
+    sharpness: Sharpness
+
+    @classmethod
+    def of(cls, recording: Recording, config: MapperConfig) -> tuple[TrialWindows, TrialWindows]:
+        """The windows with the longest ways among those that poses and events cover.
+
+        Fine ones, and the same with fewer events in coarse volumes.
+
+        Raises:
+            InputError: poses and events cover no window together.
+        """
+        use_threads(config.threads)
+        begins, range_m = _begins(recording), depth_range_m(recording, config)
+        windows = tuple(WindowRecording(recording, t, t + WINDOW_US, EVENTS) for t in begins)
+        middles_us = tuple(t + WINDOW_US // 2 for t in begins)
+        fewer = tuple(window.thinned(_COARSE_SHARE) for window in windows)
+        return (
+            cls(windows, middles_us, Sharpness(range_m, LEVEL)),
+            cls(fewer, middles_us, Sharpness(range_m, _COARSE)),
+        )
+
+    def log_sharpness(self, change: Alter, cameras: tuple[int, ...]) -> Gains:
+        """(W,) logarithm of the windows' sharpness under an alternative.
+
+        Args:
+            change: applies the alternative to a recording of the chosen cameras.
+            cameras: one, or a pair that is fused.
+        """
+        return self._of([change(Chosen(window, cameras)) for window in self.windows])
+
+    def free_turn_gains(self, change: Alter, cameras: tuple[int, ...]) -> Gains:
+        """(W,) how much log sharpness grows where the rig may turn at another, constant rate.
+
+        A search along the axes of the first camera, with steps that become smaller; each window
+        has a rate of its own.
+        """
+        recordings = [change(Chosen(window, cameras)) for window in self.windows]
+        rates = np.zeros((len(recordings), 3))
+        first = best = self._of(recordings)
+        for step, axis, sign in product(_TURNS_RAD_S, np.eye(3), (1, -1)):
+            other = rates + sign * step * axis
+            gains = self._of(list(map(_turning, recordings, self.middles_us, other)))
+            rates = np.where((gains > best)[:, None], other, rates)
+            best = np.maximum(gains, best)
+        return best - first
+
+    def _of(self, recordings: Sequence[Recording]) -> Gains:
+        windows = list(map(_all_events, recordings, self.middles_us))
+        try:
+            votes = self.sharpness(windows, [Hypothesis(r.rig, r.trajectory) for r in recordings])
+        except InputError:  # poses elsewhere, events off the sensor: nothing is sharp
+            votes = np.zeros(len(windows))
+        return np.log(np.maximum(votes, _NOTHING))
+
+
+def _all_events(window: Recording, t_ref_us: int) -> WindowEvents:
+    """All kept events, in a stretch around the reference view that just holds them."""
+    far_us = 10 * WINDOW_US  # beyond any clock
+    cameras = range(len(window.rig))
+    events = [window.events(k, t_ref_us - far_us, t_ref_us + far_us) for k in cameras]
+    ends_us = [int(e.t_us[k]) for e in events if len(e) for k in (0, -1)]
+    half_us = 1 + max((abs(t_us - t_ref_us) for t_us in ends_us), default=0)
+    return WindowEvents(t_ref_us - half_us, t_ref_us + half_us, tuple(events))
+
+
+def _turning(recording: Recording, t_us: int, rate_rad_s: Gains) -> Recording:
+    """The recording with poses that turn in addition, about the first camera's axes."""
+    poses, T_body_cam = recording.trajectory, recording.rig.T_body_cam[0]
+    first, last = np.searchsorted(poses.t_us, (t_us - 3 * WINDOW_US, t_us + 3 * WINDOW_US))
+    near = slice(max(0, int(first) - 1), int(last) + 1)
+    times_us = poses.t_us[near]
+    turns = Rotation.from_rotvec((times_us - t_us)[:, None] * (rate_rad_s / 1e6))
+    T_cam_turned = se3.from_rotation(turns, np.zeros((len(times_us), 3)))
+    T_body_turned = T_body_cam @ T_cam_turned @ se3.inverse(T_body_cam)
+    turned = Trajectory.from_matrices(times_us, poses.at(times_us) @ T_body_turned)
+    return AlteredRecording(recording, trajectory=turned)
+
+
+def _begins(recording: Recording) -> list[int]:
+    spans = [recording.event_span_us(camera) for camera in range(len(recording.rig))]
+    poses = recording.trajectory.span_us
+    first_us = max(poses[0], max(a for a, _ in spans))
+    last_us = min(poses[1], min(b for _, b in spans)) - WINDOW_US
+    if last_us < first_us:
+        raise InputError(
+            f"poses and all cameras' events cover {max(last_us + WINDOW_US - first_us, 0) / 1e6:g} "
+            f"s together: needs {WINDOW_US / 1e6:g} s"
+        )
+    candidates = np.unique(np.linspace(first_us, last_us, _CANDIDATES).astype(np.int64))
+    ways = [_way_m(recording, int(t_us)) for t_us in candidates]
+    chosen: list[int] = []
+    for at in np.argsort(ways, kind="stable")[::-1]:
+        gap_us = min((abs(int(candidates[at]) - other) for other in chosen), default=WINDOW_US)
+        # Windows may overlap by half where a recording is short: their edges differ nevertheless.
+        if gap_us >= WINDOW_US // 2 and len(chosen) < WINDOWS:
+            chosen.append(int(candidates[at]))
+    return sorted(chosen)
+
+
+def _way_m(recording: Recording, t_us: int) -> float:
+    t = np.linspace(t_us, t_us + WINDOW_US, 9).astype(np.int64)
+    positions_m = (recording.trajectory.at(t) @ recording.rig.T_body_cam[0])[:, :3, 3]
+    return float(np.linalg.norm(np.diff(positions_m, axis=0), axis=1).sum())
