@@ -16,6 +16,7 @@ from eventsweep.emvs.datasets.raw_streams import Readable, open_readable
 from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.eval.event_statistics import StreamCount
+from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, TRUTH_COLOUR
 from eventsweep.eval.progress import Display
 
@@ -159,7 +160,7 @@ def warnings(description: dict[str, Any]) -> list[str]:
 def draw(path: Path, title: str, names: list[str], counts: list[StreamCount]) -> None:
     """Writes a PNG with a row per stream (the first 8): brighter, darker, rate over time."""
     shown = list(zip(names, counts, strict=True))[:_MOST_STREAMS]
-    figure = Figure(figsize=(12, 0.5 + 2.7 * max(len(shown), 1)), layout="constrained")
+    figure = LaidOutFigure(figsize=(12, 0.5 + 2.7 * max(len(shown), 1)))
     figure.suptitle(title)
     axes = figure.subplots(len(shown), 3, squeeze=False, width_ratios=(1, 1, 1.3))
     for row, (name, count) in zip(axes, shown, strict=True):

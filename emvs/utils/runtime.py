@@ -77,6 +77,7 @@ def versions() -> dict[str, str]:
     }
 
 
+@cache  # what is installed stays so while a process runs
 def _version(name: str) -> str:
     try:
         return metadata.version(name)

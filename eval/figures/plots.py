@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from eventsweep.eval.figures.colormaps import INK, line_style, nice_between, spaced
+from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.scoring.curves import THRESHOLDS_CM
 from eventsweep.eval.scoring.method_scores import CAUSE_PREFIX
 from eventsweep.eval.scoring.outlier_causes import CAUSES
@@ -62,7 +63,7 @@ def curves_figure(curves: Sequence[tuple[str, SharesByName]], prefix: str) -> Fi
     Each has (15,) shares in % by those names, at `THRESHOLDS_CM`. Lines have the ids
     `{prefix}-{share}-curve-{position}`.
     """
-    figure = Figure(figsize=(10.5, 3.3), layout="constrained")
+    figure = LaidOutFigure(figsize=(10.5, 3.3))
     panels = figure.subplots(1, 3)
     for axes, name in zip(panels, ("precision", "recall", "f1"), strict=True):
         _draw_curves(axes, curves, name, prefix)
@@ -113,7 +114,7 @@ class DsiSlice:
 
 def slice_figure(dsi_slice: DsiSlice) -> Figure:
     """Seen from above, the camera below: ray density, extracted depth and true depth of one row."""
-    figure = Figure(figsize=(10.5, 3.6), layout="constrained")
+    figure = LaidOutFigure(figsize=(10.5, 3.6))
     axes = figure.subplots()
     _draw_votes(axes, dsi_slice)
     columns = np.flatnonzero(dsi_slice.mask)
@@ -203,7 +204,7 @@ def outlier_causes(
 
 def causes_figure(shares: Mapping[str, tuple[float, dict[str, float]]]) -> Figure:
     """Draws what `outlier_causes` found as stacked bars."""
-    figure = Figure(figsize=(10.5, 1.1 + _BAR_INCHES * len(shares)), layout="constrained")
+    figure = LaidOutFigure(figsize=(10.5, 1.1 + _BAR_INCHES * len(shares)))
     axes = figure.subplots()
     for cause, colour in zip(CAUSES, _COLOURS, strict=True):
         lengths = [share * causes[cause] / 100 for share, causes in shares.values()]

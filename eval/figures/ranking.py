@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eventsweep.eval.figures.colormaps import line_style
+from eventsweep.eval.figures.laid_out import LaidOutFigure
 
 _SIZE = (10.5, 4.6)
 _MARKER = 5.5
@@ -52,7 +53,7 @@ def history_figure(labels: Sequence[str], lines: Mapping[str, Sequence[float]]) 
 
 
 def _axes() -> tuple[Figure, Axes]:
-    figure = Figure(figsize=_SIZE, layout="constrained")
+    figure = LaidOutFigure(figsize=_SIZE)
     return figure, figure.subplots()
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -275,6 +276,7 @@ def _spread(base: Series) -> float:
     return float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
 
 
+@cache  # the same few for thousands of series
 def _between_means(n: int, k: int, tests: int, tolerances: Tolerances) -> float:
     """Standard deviations that two means of unchanged code lie apart at most.
 

@@ -14,6 +14,7 @@ from eventsweep.emvs.depth.precision import Precision
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.figures.colormaps import INK, line_style
+from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, svg
 from eventsweep.eval.learning.config import History
 from eventsweep.eval.learning.train import Trained
@@ -68,7 +69,7 @@ def _shares(trained: Trained, of: str) -> str:
 
 
 def _loss(history: History) -> Figure:
-    figure = Figure(_SIZE_INCHES, layout="constrained")
+    figure = LaidOutFigure(figsize=_SIZE_INCHES)
     axes = figure.add_subplot()
     epochs = range(1, len(history) + 1)
     axes.plot(epochs, [epoch["loss"] for epoch in history], color=ESTIMATE_COLOUR, marker="o")
@@ -80,7 +81,7 @@ def _loss(history: History) -> Figure:
 
 def _errors(trained: Trained) -> Figure:
     history, compared = trained.history, trained.task.compared
-    figure = Figure(_SIZE_INCHES, layout="constrained")
+    figure = LaidOutFigure(figsize=_SIZE_INCHES)
     axes = figure.add_subplot()
     epochs = range(1, len(history) + 1)
     for of, dash in (("all", "solid"), ("reliable", (0, (3, 2)))):
@@ -100,7 +101,7 @@ def _errors(trained: Trained) -> Figure:
 
 
 def _worth(tables: Mapping[str, Any]) -> Figure:
-    figure = Figure(_SIZE_INCHES, layout="constrained")
+    figure = LaidOutFigure(figsize=_SIZE_INCHES)
     axes = figure.add_subplot()
     for name, table in tables.items():
         known, style = Precision.from_json(table), line_style(name)

@@ -17,6 +17,7 @@ from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.figures.colormaps import depth_scale
 from eventsweep.eval.figures.images import depth_image, point_size_px
+from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import (
     ESTIMATE_COLOUR,
     TRUTH_COLOUR,
@@ -150,7 +151,7 @@ def _curves(refinement: Refinement) -> Figure:
     names = list(refinement.curves)
     columns = min(4, len(names))
     rows = -(-len(names) // columns)
-    figure = Figure(figsize=(10.5, 0.4 + 2.1 * rows), layout="constrained")
+    figure = LaidOutFigure(figsize=(10.5, 0.4 + 2.1 * rows))
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     by_name = {estimate.parameter.name: estimate for estimate in refinement.estimates}
     for axes, name in zip(panels, names, strict=False):
@@ -173,7 +174,7 @@ def _draw_curve(axes: Any, estimate: Estimate, at: Any, relative: Any) -> None:
 
 
 def _residuals(sides: Sequence[MappedWith]) -> Figure:
-    figure = Figure(figsize=(10.5, 2.4), layout="constrained")
+    figure = LaidOutFigure(figsize=(10.5, 2.4))
     axes = figure.subplots()
     bins = np.linspace(-_ROWS_PX, _ROWS_PX, 51).tolist()
     for side, colour in zip(sides, ("#888888", ESTIMATE_COLOUR), strict=True):

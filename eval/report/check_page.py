@@ -15,6 +15,7 @@ from PIL import Image
 
 from eventsweep.emvs.check.findings import VERDICTS, Finding, Report, Series
 from eventsweep.emvs.utils.runtime import versions
+from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, svg
 from eventsweep.eval.report.html import REPORT_NAME, files_in, plural, render, versions_grid
 
@@ -69,7 +70,7 @@ def _figure(finding: Finding, position: int) -> Markup:
 
 def _bars(series: Series, finding: Finding, position: int) -> Figure:
     width, height = _SIZE_INCHES
-    figure = Figure(figsize=(width, max(height, 0.24 * len(series.y) + 0.6)), layout="constrained")
+    figure = LaidOutFigure(figsize=(width, max(height, 0.24 * len(series.y) + 0.6)))
     axes = figure.subplots()
     bars = axes.barh(series.names, series.y, color=ESTIMATE_COLOUR, height=0.6)
     for k, bar in enumerate(bars):
@@ -83,7 +84,7 @@ def _bars(series: Series, finding: Finding, position: int) -> Figure:
 
 
 def _curve(series: Series, finding: Finding, position: int) -> Figure:
-    figure = Figure(figsize=_SIZE_INCHES, layout="constrained")
+    figure = LaidOutFigure(figsize=_SIZE_INCHES)
     axes = figure.subplots()
     (line,) = axes.plot(series.x, series.y, color=ESTIMATE_COLOUR, linewidth=1.2, marker=".",
                         markersize=3 if len(series.y) < 100 else 0)  # fmt: skip

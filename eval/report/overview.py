@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from eventsweep.eval.figures.colormaps import Scale, depth_scale, events_scale
 from eventsweep.eval.figures.images import depth_image, events_image, frame_image, point_size_px
+from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.report.run_data import CaseData, MethodData, WindowData
 from eventsweep.eval.scoring.pairing import REFERENCE
 from eventsweep.eval.scoring.predictions import FAMILY
@@ -45,7 +46,7 @@ def overview_png(
     height = rows * (0.84 * _PANEL_INCHES * height_px / width_px + 0.7) + (0.3 if title else 0.0)
     size = (_PANEL_INCHES * columns, height)
     with mpl.rc_context({"font.size": 9, "axes.titlesize": 10, "axes.titlelocation": "left"}):
-        figure = Figure(figsize=size, dpi=_DPI, layout="constrained")
+        figure = LaidOutFigure(figsize=size, dpi=_DPI)
         if title:
             figure.suptitle(title, x=0.01, ha="left")
         for k, (name, draw) in enumerate(drawings.items()):

@@ -11,8 +11,10 @@ import math
 import numbers
 import os
 import platform
+from collections import namedtuple
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, get_args
 
@@ -143,7 +145,14 @@ def together(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
 
 def each(rows: pd.DataFrame) -> Iterator[Any]:
     """The rows, with a column's cell as attribute of its name."""
-    return rows.itertuples(index=False)
+    # As `itertuples` does, which makes a type anew each time: for a few rows that is most of it.
+    cells = (column.tolist() for _, column in rows.items())
+    return map(_row_type(tuple(rows.columns))._make, zip(*cells, strict=True))
+
+
+@cache
+def _row_type(names: tuple[str, ...]) -> Any:
+    return namedtuple("Row", names, rename=True)
 
 
 def records(rows: pd.DataFrame) -> list[dict[str, Any]]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.utils.files import atomic_path
 from eventsweep.eval.figures.colormaps import INK, line_style
+from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import STYLE
 from eventsweep.eval.scoring.significance import stratified_interval
 from eventsweep.eval.studies.definitions import Study
@@ -130,7 +131,7 @@ def draw(study: Study, curves: Sequence[RobustnessCurve], path: Path, samples: s
 
 
 def _figure(study: Study, curves: Sequence[RobustnessCurve], samples: str) -> Figure:
-    figure = Figure(figsize=(11, 3.8), layout="constrained")
+    figure = LaidOutFigure(figsize=(11, 3.8))
     figure.suptitle(f"{study.name} ({samples})", x=0.01, ha="left", fontsize=10)
     panels = figure.subplots(1, len(METRICS))
     for axes, metric in zip(panels, METRICS, strict=True):

@@ -374,6 +374,7 @@ def _compiled(spec: Any) -> Any:
     # MuJoCo's own buffer, which is not drawn into.
     visual.global_.offwidth = visual.global_.offheight = 1
     visual.quality.offsamples = 0
+    visual.quality.shadowsize = 0  # none is drawn: no map for them, of 64 MB
     return compiled(own) if parsed else own
 
 

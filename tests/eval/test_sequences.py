@@ -20,8 +20,8 @@ SLIDING = ("--map.window-s", "0.04", "--map.stride-s", "0.02", "--map.planes", "
 @pytest.fixture(scope="module")
 def sequence(tmp_path_factory):
     path = tmp_path_factory.mktemp("sequence") / "planes"
-    arguments = ["simulate", "planes", "--out", str(path), "--seconds", "0.1", "--quiet"]
-    assert main([*arguments, "--sim.truth-interval-s", "0.04"]) == 0
+    arguments = ["simulate", "planes", "--out", str(path), "--seconds", "0.1", "--rig", "rpg"]
+    assert main([*arguments, "--quiet", "--sim.truth-interval-s", "0.04"]) == 0
     return path
 
 

@@ -8,6 +8,7 @@ rendered, and no formula is shared with the simulator.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,35 +39,47 @@ class Plane:
 
 
 def seen(
-    plane: Plane, camera: Camera, T_world_cam: NDArray[np.float64], t_s: float,
-    uv_px: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
-    """Light and z-depth at sensor positions (..., 2)."""
-    rays = np.concatenate([camera.unproject(uv_px), np.ones((*uv_px.shape[:-1], 1))], -1)
+    plane: Plane, T_world_cam: NDArray[np.float64], t_s: float, rays: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Light and z-depth along rays (..., 3), whose z is 1."""
     directions = rays @ T_world_cam[:3, :3].T
     depth_m = (plane.depth_m - T_world_cam[2, 3]) / directions[..., 2]
     points = T_world_cam[:3, 3] + depth_m[..., None] * directions
     return plane.light(points[..., 0], points[..., 1], t_s), depth_m
 
 
-def pixel_light(plane, camera, T_world_cam, t_s, border_px=0, grid=1):
-    """Mean light over a pixel's square around every place of a grid, by Gauss's rule, 3 x 3."""
+def rays_through(camera: Camera, columns, rows) -> NDArray[np.float64]:
+    """The rays (N, M, 3) through a grid of sensor positions."""
+    uv_px = np.stack(np.meshgrid(columns, rows), -1).astype(float)
+    return np.concatenate([camera.unproject(uv_px), np.ones((*uv_px.shape[:-1], 1))], -1)
+
+
+@lru_cache(maxsize=8)  # a lens is undone once, not at every time
+def _quadrature(camera: Camera, border_px: int, grid: int):
+    """Gauss's rule, 3 x 3, on a pixel's square: weights, and rays around all places of a grid."""
     nodes, weights = np.polynomial.legendre.leggauss(3)
     rows = np.arange(grid * (camera.height_px + 2 * border_px - 1) + 1) / grid - border_px
     columns = np.arange(grid * (camera.width_px + 2 * border_px - 1) + 1) / grid - border_px
+    return [
+        (wu * wv, rays_through(camera, columns + du, rows + dv))
+        for dv, wv in zip(nodes / 2, weights / 2, strict=True)
+        for du, wu in zip(nodes / 2, weights / 2, strict=True)
+    ]
+
+
+def pixel_light(plane, camera, T_world_cam, t_s, border_px=0, grid=1):
+    """Mean light over a pixel's square around every place of a grid."""
     total = 0.0
-    for dv, wv in zip(nodes / 2, weights / 2, strict=True):
-        for du, wu in zip(nodes / 2, weights / 2, strict=True):
-            uv = np.stack(np.meshgrid(columns + du, rows + dv), -1)
-            total = total + wu * wv * seen(plane, camera, T_world_cam, t_s, uv)[0]
+    for weight, rays in _quadrature(camera, border_px, grid):
+        total = total + weight * seen(plane, T_world_cam, t_s, rays)[0]
     return total.astype(np.float32)
 
 
 def fine_frame(plane, camera, T_world_cam, t_s, *, border_px, grid, reach_px):
     """The fine frame that a perfect renderer would draw."""
     light = pixel_light(plane, camera, T_world_cam, t_s, border_px, grid)
-    own = np.stack(np.meshgrid(np.arange(camera.width_px), np.arange(camera.height_px)), -1)
-    depth_m = seen(plane, camera, T_world_cam, t_s, own.astype(float))[1]
+    own = rays_through(camera, np.arange(camera.width_px), np.arange(camera.height_px))
+    depth_m = seen(plane, T_world_cam, t_s, own)[1]
     return FineFrame(light, depth_m.astype(np.float32), grid, reach_px)
 
 

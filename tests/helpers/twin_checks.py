@@ -50,18 +50,43 @@ def room(mjcf, edit, name):
     return scenes.load(name).spec()
 
 
+class OneSize:
+    """The cameras of one size of a renderer that has several."""
+
+    def __init__(self, renderer: StereoRenderer, first: int) -> None:
+        self.model, self._renderer, self._first = renderer.model, renderer, first
+
+    def depth(self, camera: int, T_world_body):
+        return self._renderer.depth(self._first + camera, T_world_body)
+
+    def frame(self, camera: int, T_world_body):
+        return self._renderer.frame(self._first + camera, T_world_body)
+
+
 @cache
 def opened(name: str, factor: float):
     """(scene, rig, renderer) of a case at a fraction of its resolution."""
     scene = scenes.load(name)
-    first = next(
-        other
-        for other in scenes.names()
-        if (scenes.load(other).mjcf, scenes.load(other).edit) == (scene.mjcf, scene.edit)
-    )
+    first = next(other for other in scenes.names() if _place(other) == _place(scene.name))
+    quick = SMALL[rig(scene.rig).cameras[0].width_px]
+    factors = (quick, quick / 2) if factor in (quick, quick / 2) else (factor,)
     seen = smaller(rig(scene.rig), factor)
-    spec = room(scene.mjcf, scene.edit, first)
-    return scene, seen, StereoRenderer(spec, seen, 1, scene.depth_range_m)
+    drawn = _drawn(first, scene.rig, scene.depth_range_m, factors)
+    return scene, seen, OneSize(drawn, len(seen) * factors.index(factor))
+
+
+def _place(name: str):
+    scene = scenes.load(name)
+    return scene.mjcf, scene.edit
+
+
+@cache
+def _drawn(name: str, rig_name: str, depth_range_m, factors) -> StereoRenderer:
+    """One renderer for all cases in a room and all sizes: its many textures are uploaded once."""
+    sizes = [smaller(rig(rig_name), factor) for factor in factors]
+    cameras = tuple(camera for size in sizes for camera in size.cameras)
+    seen = Rig("all sizes", cameras, sizes[0].T_body_cam * len(sizes))
+    return StereoRenderer(room(*_place(name), name), seen, 1, depth_range_m)
 
 
 def poses(name: str, seed: int, count: int):

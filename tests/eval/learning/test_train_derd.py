@@ -22,8 +22,8 @@ from eventsweep.eval.learning.sequences import (
 )
 from eventsweep.eval.scoring.run_folder import truth_of
 
-TINY = TrainingSequence("planes", "oblique", FIRST_SEED + 900, "ideal", 0.2)
-WINDOW = TrainingWindow(0.0, 0.2, seed=3)
+TINY = TrainingSequence("planes", "oblique", FIRST_SEED + 900, "ideal", 0.1)
+WINDOW = TrainingWindow(0.0, 0.1, seed=3)
 
 
 @pytest.fixture(scope="module")

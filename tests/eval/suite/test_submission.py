@@ -13,6 +13,7 @@ import tarfile
 import numpy as np
 import pytest
 
+from blank_pictures import blank_pictures
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.eval.archives.tarball import pack, sha256_of, unpack, zstd
 from eventsweep.eval.cli.main import main
@@ -435,7 +436,8 @@ def test_copied_truth_is_flagged(ran, tmp_path, capsys):
         truth_m = Sequence.open(recordings / case / seed).truth_view_depth_m(0, int(file[:-4]))
         (tmp_path / "theirs" / name).parent.mkdir(parents=True, exist_ok=True)
         np.savez(tmp_path / "theirs" / name, depth_m=np.round(truth_m, 3))
-    assert run(ran, tmp_path / "out", "--prediction", tmp_path / "theirs") == 0
+    with blank_pictures():
+        assert run(ran, tmp_path / "out", "--prediction", tmp_path / "theirs") == 0
     err = capsys.readouterr().err
     assert "Given/theirs: a perfect score, as of copied truth, in wall seed 0, late seed 0" in err
     assert "Alg1/H" not in err

@@ -258,7 +258,7 @@ def test_the_cache_is_where_the_user_says(monkeypatch, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
+def run(tmp_path_factory, jobs_in_this_process):
     """`eventsweep suite` on a cold cache: the definition, the cache and the result."""
     folder = tmp_path_factory.mktemp("suite")
     file, cache, out = toml(folder), folder / "cache", folder / "out"
@@ -296,6 +296,8 @@ def test_the_result_has_every_window_method_and_metric(run):
     lines = (run[2] / "suite.csv").read_text().splitlines()
     assert lines[0] == "case,seed,window,method,metric,value,unit,direction"
     assert len(lines) == len(rows) + 1
+    pictures = {path.name for path in (run[2] / "pictures").iterdir()}
+    assert pictures > {"wall.png", "methods.json", "Alg1_H-best.webp", "Alg1_H-worst.webp"}
 
 
 def test_running_again_does_nothing_again(run, tmp_path):

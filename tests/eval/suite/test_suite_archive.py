@@ -11,6 +11,7 @@ import sys
 import numpy as np
 import pytest
 
+from blank_pictures import blank_pictures
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.datasets import open_recording
 from eventsweep.emvs.errors import InputError
@@ -35,6 +36,12 @@ SUITE = suite_text(
     more='[subsets.quick]\ncases = ["wall"]\nseeds = [0]\n',
 )
 NUMBERS = ("--workers", "1", "--no-speed", "--quiet")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def blank():
+    with blank_pictures():
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -70,6 +77,7 @@ def test_mapping_an_archive_needs_no_graphics_and_gives_the_same_numbers(made, t
     """An empty cache, in a process in which nothing could be drawn."""
     file, _, frozen, drawn = made
     arguments = ["--archive", str(frozen), "--out", str(tmp_path / "out"), *NUMBERS]
+    arguments += ["--seeds", "0"]
     environment = {
         **os.environ,
         "MUJOCO_GL": "none at all",
@@ -78,13 +86,14 @@ def test_mapping_an_archive_needs_no_graphics_and_gives_the_same_numbers(made, t
     environment["PYTHONPATH"] = str(ROOT)
     program = [sys.executable, "-m", "eventsweep", "suite", str(file), *arguments]
     subprocess.run(program, env=environment, check=True)
-    same(values(tmp_path / "out"), values(drawn))
+    first = {key: value for key, value in values(drawn).items() if key[1] == 0}
+    same(values(tmp_path / "out"), first)
     result = read_suite(tmp_path / "out")
     assert {job.name.split("/")[0] for job in result.jobs} == {"unpack", "map", "score"}
     assert result.archive.version == read(frozen).version
     assert read_suite(drawn).archive is None
     assert [one.facts.scene for one in result.samples] == [
-        one.facts.scene for one in read_suite(drawn).samples
+        one.facts.scene for one in read_suite(drawn).samples if one.seed == 0
     ]
 
 

@@ -8,6 +8,7 @@ import shutil
 import numpy as np
 import pytest
 
+from blank_pictures import blank_pictures
 from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.emvs.errors import InputError
 from eventsweep.eval.cli.main import main
@@ -33,7 +34,8 @@ def suite(tmp_path_factory, jobs_in_this_process):
     folder = tmp_path_factory.mktemp("suite")
     (folder / "pair.toml").write_text(SUITE)
     cache = folder / "cache"
-    assert run(folder, cache, folder / "out") == 0
+    with blank_pictures():
+        assert run(folder, cache, folder / "out") == 0
     return folder / "pair.toml", cache, read_suite(folder / "out")
 
 
@@ -58,6 +60,12 @@ def predict(content, folder, spoil=lambda depth_m: depth_m):
             depth_m = sequence.truth_view_depth_m(0, window["t_ref_us"]) * 1.01
             np.savez(path, depth_m=spoil(np.where(np.isfinite(depth_m), depth_m, np.nan)))
     return folder
+
+
+@pytest.fixture
+def blank():
+    with blank_pictures():
+        yield
 
 
 @pytest.fixture
@@ -127,7 +135,7 @@ def test_a_prediction_is_scored_ranked_and_shown(suite, theirs, tmp_path):
 
 
 def test_several_predictions_resume_and_only_what_changed_is_scored_again(
-    suite, theirs, tmp_path, monkeypatch
+    suite, theirs, tmp_path, blank
 ):
     file, cache, _ = suite
     other = shutil.copytree(theirs, tmp_path / "other")

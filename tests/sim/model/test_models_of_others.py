@@ -1,5 +1,7 @@
 """Models as others make them: drawn are their geoms and nothing else, and all simulate."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,9 @@ from eventsweep.emvs.data.sequence import Sequence
 from eventsweep.scenes import prepared
 from eventsweep.sim.config import ModelConfig, SimConfig
 from eventsweep.sim.rendering.drawing import MUJOCO
+from eventsweep.sim.rigs import rig
 from eventsweep.sim.simulate import simulate
+from twin_checks import smaller
 
 EYE = '<camera name="eye" pos="0 0 1" xyaxes="0 -1 0 0 0 1"/>'
 ASSETS = """
@@ -42,6 +46,7 @@ def mjcf(body=BALL, more="", asset="", eye=EYE, light='<light pos="0 0 4"/>'):
 
 
 MODELS = {
+    "nothing more": mjcf(),
     "range finders": mjcf(BALL + RAYS, FINDERS),
     "tendons": mjcf(BALL + POST, TENDON),
     "muscles": mjcf(
@@ -83,10 +88,13 @@ CONFIG = SimConfig(
 )  # fmt: skip
 
 
+RIG = smaller(rig("oblique"), 2)
+
+
 def made(folder, text, said=None):
     path = folder / "theirs.xml"
     path.write_text(text)
-    return prepared(str(path), "oblique", CONFIG, 0, [].append if said is None else said.append)
+    return prepared(str(path), RIG, CONFIG, 0, [].append if said is None else said.append)
 
 
 def looked(one):
@@ -98,10 +106,21 @@ def looked(one):
         return light, depth_m, renderer.segmentation(0, place), renderer.geoms
 
 
+@pytest.fixture(scope="module")
+def look(tmp_path_factory):
+    """What is seen of a model of that kind, and what was said of it; each is looked at once."""
+
+    @cache
+    def seen(kind):
+        said = []
+        return looked(made(tmp_path_factory.mktemp("model"), MODELS[kind], said)), said
+
+    return seen
+
+
 @pytest.mark.parametrize("kind", MODELS)
-def test_only_geoms_are_seen(tmp_path, kind):
-    said = []
-    _, depth_m, geoms, known = looked(made(tmp_path, MODELS[kind], said))
+def test_only_geoms_are_seen(look, kind):
+    (_, depth_m, geoms, known), said = look(kind)
     assert set(np.unique(geoms)) <= {-1, *known}
     assert ((geoms >= 0) == np.isfinite(depth_m)).mean() > 0.99
     assert "wall" in {known[k].name for k in np.unique(geoms) if k >= 0}
@@ -110,10 +129,8 @@ def test_only_geoms_are_seen(tmp_path, kind):
 
 
 @pytest.mark.parametrize("kind", ["range finders", "tendons", "a skin", "sites of all groups"])
-def test_what_is_no_geom_changes_nothing(tmp_path, kind):
-    for with_it, without in zip(
-        looked(made(tmp_path, MODELS[kind]))[:3], looked(made(tmp_path, mjcf()))[:3], strict=True
-    ):
+def test_what_is_no_geom_changes_nothing(look, kind):
+    for with_it, without in zip(look(kind)[0][:3], look("nothing more")[0][:3], strict=True):
         assert np.array_equal(with_it, without)
 
 

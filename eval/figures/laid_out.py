@@ -1,0 +1,27 @@
+"""Figures that are drawn once: matplotlib draws one with a layout twice, at first to throw away."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+
+class LaidOutFigure(Figure):
+    """A figure with constrained layout, for `savefig` alone.
+
+    `savefig` draws such a figure with a layout engine and nothing visible, and then without an
+    engine. The first needs no more than the layout, which measures what it needs by itself.
+    """
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(layout="constrained", **settings)
+
+    def draw(self, renderer: Any) -> None:
+        """Draws all, or only finds the layout where there is an engine for it."""
+        engine = self.get_layout_engine()
+        if isinstance(engine, ConstrainedLayoutEngine):
+            engine.execute(self)
+        else:
+            super().draw(renderer)
