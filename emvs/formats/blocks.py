@@ -108,9 +108,8 @@ class BlockReader:
         """How much of the stream `chunks` has read, 0 to 1."""
         return self._share.get(stream, 0.0)
 
-    def share_before(self, stream: str, place: Any) -> float:
+    def share_before(self, _stream: str, place: Any) -> float:
         """Which share of a stream ends with a block; here its place is its first byte and size."""
-        del stream
         return float(min(1.0, (place[0] + place[1]) / max(1, self.path.stat().st_size)))
 
     def check_stream(self, stream: str) -> None:
