@@ -133,9 +133,7 @@ class BlockReader:
 def within(events: Events, t0_us: int, t1_us: int) -> Events:
     """Events with `t0_us <= t < t1_us`, whether or not they are sorted."""
     inside = (events.t_us >= t0_us) & (events.t_us < t1_us)
-    if inside.all():
-        return events
-    return Events(events.x[inside], events.y[inside], events.t_us[inside], events.p[inside])
+    return events if inside.all() else events.take(inside)
 
 
 def checked_times(events: Events, where: str) -> Events:

@@ -12,11 +12,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from eventsweep.emvs.data.manifest import FileEntry
 from eventsweep.emvs.errors import InputError, repeated
-from eventsweep.emvs.parameters import first_fault
+from eventsweep.emvs.parameters import FrozenModel, first_fault
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, inside
 from eventsweep.emvs.utils.outputs import files_together
 
@@ -33,18 +33,14 @@ _Path = Annotated[str, Field(pattern=rf"^{_Plain}(?:/{_Plain})*$", max_length=20
 _Bytes = Annotated[int, Field(ge=0, le=1 << 40)]
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class PackedFile(_Model):
+class PackedFile(FrozenModel):
     """One file of a sequence, as it is unpacked."""
 
     sha256: _Sha256
     bytes: _Bytes
 
 
-class PackedSequence(_Model):
+class PackedSequence(FrozenModel):
     """The sequence of one case and seed.
 
     Attributes:
@@ -82,7 +78,7 @@ class PackedSequence(_Model):
         return sum(entry.bytes for entry in self.files.values())
 
 
-class ArchiveManifest(_Model):
+class ArchiveManifest(FrozenModel):
     """A set of archived sequences; the same definition drawn anew is another one.
 
     Attributes:
@@ -107,8 +103,8 @@ class ArchiveManifest(_Model):
     licence: Annotated[str, Field(min_length=1, max_length=200)] = LICENCE
     secret_sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
     renderer: str = ""
-    versions: dict[str, str] = {}
-    subsets: dict[str, tuple[tuple[str, ...], tuple[int, ...]]] = {}
+    versions: dict[str, str] = Field(default_factory=dict)
+    subsets: dict[str, tuple[tuple[str, ...], tuple[int, ...]]] = Field(default_factory=dict)
     sequences: Annotated[tuple[PackedSequence, ...], Field(min_length=1, max_length=100_000)]
 
     @model_validator(mode="after")

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from eventsweep.emvs.depth.precision import Precision
-from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.files import write_text
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.figures.colormaps import INK, line_style
 from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, svg
@@ -25,8 +25,7 @@ _SIZE_INCHES = (5.2, 2.8)
 def write_training_page(folder: Path, trained: Trained) -> Path:
     """Writes `report.html` beside the weights, and returns its path."""
     path = folder / REPORT_NAME
-    with atomic_path(path) as part:
-        part.write_text(page_text(folder, trained), encoding="utf-8")
+    write_text(path, page_text(folder, trained))
     return path
 
 
