@@ -109,8 +109,8 @@ class ArchiveManifest(FrozenModel):
 
     @model_validator(mode="after")
     def _each_once(self) -> ArchiveManifest:
-        for names in ([one.file for one in self.sequences], [one.place for one in self.sequences]):
-            twice = repeated(names)
+        for name in ("file", "place"):
+            twice = repeated(getattr(entry, name) for entry in self.sequences)
             if twice is not None:
                 raise ValueError(f"{twice} is listed twice")
         return self
@@ -118,7 +118,7 @@ class ArchiveManifest(FrozenModel):
     @property
     def version(self) -> str:
         """What results call it: a hash over all sequences, equal where the data are equal."""
-        facts = sorted((one.case, one.seed, one.sequence) for one in self.sequences)
+        facts = sorted((entry.case, entry.seed, entry.sequence) for entry in self.sequences)
         text = json.dumps([self.suite, self.part, facts])
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -128,7 +128,7 @@ class ArchiveManifest(FrozenModel):
 
     def seeds(self, case: str) -> tuple[int, ...]:
         """The seeds of a case."""
-        return tuple(one.seed for one in self.sequences if one.case == case)
+        return tuple(entry.seed for entry in self.sequences if entry.case == case)
 
     def chosen(
         self, subset: str = "", cases: Iterable[str] = (), seeds: Iterable[int] | None = None
@@ -139,14 +139,14 @@ class ArchiveManifest(FrozenModel):
             raise InputError(f"the archive has no part {subset!r}: choose from {known}")
         its_cases, its_seeds = self.subsets.get(subset, ((), ()))
         wanted_cases, wanted_seeds = set(cases), None if seeds is None else set(seeds)
-        for case in wanted_cases - {one.case for one in self.sequences}:
+        for case in wanted_cases - {entry.case for entry in self.sequences}:
             raise InputError(f"the archive of {self.suite} has no case {case!r}")
         found = tuple(
-            one
-            for one in self.sequences
-            if (not wanted_cases or one.case in wanted_cases)
-            and (wanted_seeds is None or one.seed in wanted_seeds)
-            and (not subset or (one.case in its_cases and one.seed in its_seeds))
+            entry
+            for entry in self.sequences
+            if (not wanted_cases or entry.case in wanted_cases)
+            and (wanted_seeds is None or entry.seed in wanted_seeds)
+            and (not subset or (entry.case in its_cases and entry.seed in its_seeds))
         )
         if not found:
             raise InputError(f"the archive of {self.suite} has nothing of what is asked for")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -66,21 +67,24 @@ def _shares(trained: Trained, of: str) -> str:
     return f"{100 * own:.1f} % (by {compared} {100 * other:.1f} %)"
 
 
-def _loss(history: History) -> Figure:
+def _panel(x_label: str, y_label: str) -> tuple[Figure, Axes]:
     figure = Figure(_SIZE_INCHES, layout="constrained")
-    axes = figure.add_subplot()
+    axes = figure.add_subplot(xlabel=x_label, ylabel=y_label)
+    if x_label == "epoch":
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    return figure, axes
+
+
+def _loss(history: History) -> Figure:
+    figure, axes = _panel("epoch", "training loss")
     epochs = range(1, len(history) + 1)
     axes.plot(epochs, [epoch["loss"] for epoch in history], color=ESTIMATE_COLOUR, marker="o")
-    axes.set_xlabel("epoch")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_ylabel("training loss")
     return figure
 
 
 def _errors(trained: Trained) -> Figure:
     history, compared = trained.history, trained.task.compared
-    figure = Figure(_SIZE_INCHES, layout="constrained")
-    axes = figure.add_subplot()
+    figure, axes = _panel("epoch", "beyond 1 px of disparity [%]")
     epochs = range(1, len(history) + 1)
     for of, dash in (("all", "solid"), ("reliable", (0, (3, 2)))):
         for prefix, colour in (("", ESTIMATE_COLOUR), (f"{compared}_", INK)):
@@ -90,17 +94,15 @@ def _errors(trained: Trained) -> Figure:
             share = [100 * epoch[key] for epoch in history]
             label = f"{f'by {compared}' if prefix else 'network'}, {of}"
             axes.plot(epochs, share, color=colour, linestyle=dash, label=label)
-    axes.set_xlabel("epoch")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_ylabel("beyond 1 px of disparity [%]")
     axes.set_ylim(0)
     axes.legend()
     return figure
 
 
 def _worth(tables: Mapping[str, Any]) -> Figure:
-    figure = Figure(_SIZE_INCHES, layout="constrained")
-    axes = figure.add_subplot()
+    figure, axes = _panel(
+        "stated error of the least reliable point [px of disparity]", "points within 1 px [%]"
+    )
     for name, table in tables.items():
         known, style = Precision.from_json(table), line_style(name)
         axes.plot(
@@ -108,8 +110,6 @@ def _worth(tables: Mapping[str, Any]) -> Figure:
             label=name,
         )  # fmt: skip
     axes.set_xscale("log")
-    axes.set_xlabel("stated error of the least reliable point [px of disparity]")
-    axes.set_ylabel("points within 1 px [%]")
     axes.legend()
     return figure
 
