@@ -87,8 +87,7 @@ class WithoutPixels(DerivedRecording):
     def events(self, camera: int, t0_us: int, t1_us: int) -> Events:
         """Events of a camera with `t0_us <= t < t1_us` from the pixels that remain."""
         events = self.recording.events(camera, t0_us, t1_us)
-        kept = ~self.masks[camera][events.y, events.x]
-        return Events(events.x[kept], events.y[kept], events.t_us[kept], events.p[kept])
+        return events.take(~self.masks[camera][events.y, events.x])
 
 
 def _counts(recording: Recording, camera: int, t0_us: int, t1_us: int) -> Counts:

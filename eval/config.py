@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from eventsweep.emvs.config import MapperConfig
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.parameters import ParameterGroup, explain, refuse_code
+from eventsweep.emvs.parameters import FrozenModel, ParameterGroup, explain, refuse_code
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, parse_toml, read_text
 from eventsweep.sim.config import SimConfig
 
@@ -71,10 +71,8 @@ class EvalConfig(ParameterGroup):
         return near_m, far_m
 
 
-class Settings(BaseModel):
+class Settings(FrozenModel):
     """One group per stage; the tables of a configuration file have the same names."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     sim: SimConfig = SimConfig()
     map: MapperConfig = MapperConfig()

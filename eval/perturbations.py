@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import Field, FiniteFloat
 from scipy.spatial.transform import Rotation
 
 from eventsweep.emvs.data.altered import AlteredRecording
@@ -18,14 +18,13 @@ from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
+from eventsweep.emvs.parameters import FrozenModel
 
 NotNegative = Annotated[FiniteFloat, Field(ge=0)]
 
 
-class Perturbation(BaseModel):
+class Perturbation(FrozenModel):
     """What is perturbed and by how much; by default nothing. Amounts are standard deviations."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     pose_white_mm: NotNegative = Field(0, description="position noise of every pose, mm per axis")
     pose_white_deg: NotNegative = Field(0, description="rotation noise of every pose, deg per axis")
@@ -121,7 +120,7 @@ def thinned(events: Events, share: float, seed: int) -> Events:
     if share >= 1:
         return events
     kept = _uniform(events, seed) < share
-    return Events(events.x[kept], events.y[kept], events.t_us[kept], events.p[kept])
+    return events.take(kept)
 
 
 def _uniform(events: Events, seed: int) -> NDArray[np.float64]:

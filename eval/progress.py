@@ -33,9 +33,8 @@ class Silent:
     """Shows nothing."""
 
     @contextmanager
-    def stage(self, title: str, total: float) -> Iterator[Update]:
+    def stage(self, _title: str, _total: float) -> Iterator[Update]:
         """Ignores every update."""
-        del title, total
         yield _ignore
 
     def say(self, line: str) -> None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
-from pydantic import ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from eventsweep.emvs.errors import InputError, shown
 from eventsweep.emvs.parameters import RUNS_CODE, ParameterGroup
-from eventsweep.sim.sensor_presets import PRESETS, SensorConfig
+from eventsweep.sim.sensor_presets import PRESETS, FiniteGroup, SensorConfig
 
 TruthName = Literal["flow", "segmentation", "boundary", "twist", "event_depth"]
 """Ground truth on request, see the page `truth`."""
@@ -47,10 +47,8 @@ Positive = Annotated[float, Field(gt=0)]
 Threshold = Annotated[float, Field(ge=1e-6)]
 
 
-class ShutterConfig(ParameterGroup):
+class ShutterConfig(FiniteGroup):
     """How a frame camera turns light into a picture."""
-
-    model_config = ConfigDict(allow_inf_nan=False)
 
     exposure_us: Annotated[int, Field(ge=1)] = 10_000
     """How long the shutter is open, µs."""
@@ -62,10 +60,8 @@ class ShutterConfig(ParameterGroup):
     """Bits per pixel."""
 
 
-class FramesConfig(ParameterGroup):
+class FramesConfig(FiniteGroup):
     """The pictures that an ordinary camera takes in the place of each event camera."""
-
-    model_config = ConfigDict(allow_inf_nan=False)
 
     rate_hz: Annotated[float, Field(ge=0, le=10_000)] | None = None
     """Pictures per second, Hz; 0 for none; by default the scene's own, which is 0 for most."""
@@ -90,10 +86,8 @@ class FramesConfig(ParameterGroup):
     """... but never uses a larger gain than this: dark scenes stay dark."""
 
 
-class ImuConfig(ParameterGroup):
+class ImuConfig(FiniteGroup):
     """An IMU on the body, of the order of Bosch's BMI160; see the page `motion`."""
-
-    model_config = ConfigDict(allow_inf_nan=False)
 
     rate_hz: Annotated[float, Field(ge=0, le=1e5)] = 200.0
     """Samples per second, Hz; 0 for no IMU."""
@@ -131,10 +125,8 @@ class ImuConfig(ParameterGroup):
         return quat
 
 
-class LightConfig(ParameterGroup):
+class LightConfig(FiniteGroup):
     """How light is rendered."""
-
-    model_config = ConfigDict(allow_inf_nan=False)
 
     renderer: LightRenderer = "auto"
     """`classic` renders 8 bits per channel and sample, clipped at 1; `float` renders unbounded
@@ -145,10 +137,8 @@ class LightConfig(ParameterGroup):
         return self.renderer == "float" or (self.renderer == "auto" and hdr)
 
 
-class ReplayConfig(ParameterGroup):
+class ReplayConfig(FiniteGroup):
     """A recorded trajectory instead of the scene's own motion."""
-
-    model_config = ConfigDict(allow_inf_nan=False)
 
     trajectory: Path | None = None
     """Poses in TUM format, `t_s x y z qx qy qz qw`; by default the scene's own motion."""
@@ -223,10 +213,8 @@ class ModelConfig(ParameterGroup):
     """Hash over these: written by the simulation, and checked where it is given."""
 
 
-class PixelConfig(ParameterGroup):
+class PixelConfig(FiniteGroup):
     """How light becomes events, wherever the light comes from."""
-
-    model_config = ConfigDict(allow_inf_nan=False)
 
     contrast_threshold_pos: Threshold = 0.2
     """C+: rise of log intensity per positive event, natural logarithm."""
@@ -351,10 +339,8 @@ class SimConfig(PixelConfig):
                     )
 
 
-class VideoConfig(ParameterGroup):
+class VideoConfig(FiniteGroup):
     """When the frames of a video were taken, and what light their values stand for."""
-
-    model_config = ConfigDict(allow_inf_nan=False)
 
     rate_hz: Positive | None = None
     """Frames per second, Hz, instead of the times that the video or the folder states."""

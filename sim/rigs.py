@@ -19,14 +19,9 @@ from eventsweep.emvs.geometry.rig import Rig
 _SUFFIXES = (".json", ".yaml", ".yml")
 
 
-def _beside(baseline_m: float) -> NDArray[np.float64]:
-    T_body_cam = np.eye(4)
-    T_body_cam[0, 3] = baseline_m
-    return T_body_cam
-
-
 def _at(
-    position_m: tuple[float, float, float], quat_xyzw: tuple[float, float, float, float]
+    position_m: tuple[float, float, float],
+    quat_xyzw: tuple[float, float, float, float] = (0, 0, 0, 1),
 ) -> NDArray[np.float64]:
     quaternion = np.array(quat_xyzw)
     return se3.from_quat_xyzw(np.array(position_m), quaternion / np.linalg.norm(quaternion))
@@ -41,7 +36,7 @@ _DAVIS346 = _stereo(
     "davis346",
     Camera(346, 260, 226.4, 226.2, 173.6, 133.7),
     Camera(346, 260, 226.1, 226.3, 170.9, 128.4),
-    _beside(0.10),
+    _at((0.10, 0.0, 0.0)),
 )
 
 # The Prophesee Gen4 pair of TUM-VIE (IROS 2021): principal points far above the middle row.
@@ -49,7 +44,7 @@ _TUMVIE = _stereo(
     "tumvie",
     Camera(1280, 720, 1049.6, 1049.6, 634.7, 263.5),
     Camera(1280, 720, 1050.1, 1050.0, 652.9, 260.5),
-    _beside(0.1184),
+    _at((0.1184, 0.0, 0.0)),
 )
 
 # The same pair as TUM-VIE's calibration A has it: lenses, and a right camera turned by 1.4 degrees.
@@ -101,7 +96,7 @@ _RPG = _stereo(
     "rpg",
     Camera(240, 180, 199.6, 199.3, 121.4, 91.8),
     Camera(240, 180, 200.2, 199.9, 117.7, 88.3),
-    _beside(0.147),
+    _at((0.147, 0.0, 0.0)),
 )
 
 # Invented: the DAVIS346 pair with a third camera on the forehead between them, 6 cm higher and
@@ -111,7 +106,7 @@ _TRINOCULAR = Rig(
     (*_DAVIS346.cameras, Camera(346, 260, 225.8, 226.0, 172.2, 130.6)),
     (
         np.eye(4),
-        _beside(0.10),
+        _at((0.10, 0.0, 0.0)),
         _at((0.05, -0.06, 0.0), (-np.sin(np.radians(2.5)), 0.0, 0.0, np.cos(np.radians(2.5)))),
     ),
     ("left", "right", "forehead"),

@@ -15,10 +15,14 @@ _Level = Annotated[float, Field(ge=0)] | None
 _Share = Annotated[float, Field(ge=0, le=1)] | None
 
 
-class SensorConfig(ParameterGroup):
-    """Imperfections of the sensor; what is None is taken from the preset, 0 switches it off."""
+class FiniteGroup(ParameterGroup):
+    """A group of parameters in which no number is infinite, or none."""
 
     model_config = ConfigDict(allow_inf_nan=False)
+
+
+class SensorConfig(FiniteGroup):
+    """Imperfections of the sensor; what is None is taken from the preset, 0 switches it off."""
 
     preset: PresetName = "ideal"
     """Named sensor, whose values other settings override; it also sets thresholds not given."""

@@ -183,10 +183,7 @@ class EsvoMapper:
         events = events.slice(max(0, len(events) - self._parameters.most_events), len(events))
         uv_px = self.stereo.events_px(0, events).astype(np.float64)
         seen = np.isfinite(uv_px).all(axis=1)
-        return (
-            Events(events.x[seen], events.y[seen], events.t_us[seen], events.p[seen]),
-            uv_px[seen],
-        )
+        return events.take(seen), uv_px[seen]
 
     def _lines(self, t_us: int, times_us: NDArray[np.int64], bearing: Float64s) -> Lines:
         T_now_world = se3.inverse(self.pose(t_us))

@@ -24,6 +24,7 @@ from eventsweep.emvs.config import Coincidence, GtsParameters, MapperConfig
 from eventsweep.emvs.data.recording import Recording
 from eventsweep.emvs.depth.depth_map import DepthMap
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.reference_view import ReferenceView
 from eventsweep.emvs.windows import Window
 
@@ -56,16 +57,9 @@ def estimate(
     i, disparity_px, energy = i[good], disparity_px[good], energy[good]
     points_body = stereo.points_body(left.uv_px[i], disparity_px)
     T_world_body = recording.trajectory.at(left.t_us[i])
-    points_world = _each(T_world_body, points_body)
+    points_world = se3.transform_each(T_world_body, points_body)
     seen = see(points_world, 1 / (1 + energy), view)
     return depth_map("GTS/events", seen.depth_m, seen.value, view, config)
-
-
-def _each(T_a_b: NDArray[np.float64], points_b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Moves each point by its own motion."""
-    turned = np.einsum("nij,nj->ni", T_a_b[:, :3, :3], points_b)
-    moved: NDArray[np.float64] = turned + T_a_b[:, :3, 3]
-    return moved
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,8 +65,11 @@ class Events:
 
     def slice(self, start: int, stop: int) -> Events:
         """Events `start` to `stop` (exclusive), as views."""
-        part = slice(start, stop)
-        return Events(self.x[part], self.y[part], self.t_us[part], self.p[part])
+        return self.take(slice(start, stop))
+
+    def take(self, chosen: Any) -> Events:
+        """The events of an index, mask or slice."""
+        return Events(self.x[chosen], self.y[chosen], self.t_us[chosen], self.p[chosen])
 
     def between(self, t0_us: int, t1_us: int) -> Events:
         """Events with `t0_us <= t < t1_us`, as views."""
@@ -80,8 +84,7 @@ class Events:
         """At most so many events, evenly through the stream; itself where there are no more."""
         if len(self) <= most:
             return self
-        kept = np.arange(most, dtype=np.int64) * len(self) // most
-        return Events(self.x[kept], self.y[kept], self.t_us[kept], self.p[kept])
+        return self.take(np.arange(most, dtype=np.int64) * len(self) // most)
 
     def checked(self, width_px: int, height_px: int) -> Events:
         """Returns itself, or says which event is unsorted or outside the sensor.

@@ -17,6 +17,7 @@ from eventsweep.emvs.data.poses import POSES_FILE, read_poses
 from eventsweep.emvs.data.recording import summary
 from eventsweep.emvs.data.tables import IMU_FILE, Geom, ImuSamples, read_geoms, read_imu
 from eventsweep.emvs.errors import InputError, check_path, located
+from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, TABLE_BYTES, parse_json, read_text
@@ -220,9 +221,7 @@ class Sequence:
         bearing = self.rig.cameras[camera].unproject(pixels)
         points_cam = np.column_stack([bearing, np.ones(len(events))]) * depth_m[:, None]
         T_world_cam = self.trajectory.at(events.t_us) @ self.rig.T_body_cam[camera]
-        turned = np.einsum("nij,nj->ni", T_world_cam[:, :3, :3], points_cam)
-        points_world: NDArray[np.float64] = turned + T_world_cam[:, :3, 3]
-        return points_world
+        return se3.transform_each(T_world_cam, points_cam)
 
     def verify(self) -> None:
         """Compares every file with its hash.

@@ -68,9 +68,8 @@ class Aedat4Reader(BlockReader):
                     yield (at + 8, length), self._packet(file, at + 8, length)
                 at = file.seek(at + 8 + length)
 
-    def load(self, stream: str, place: Any) -> Events:
+    def load(self, _stream: str, place: Any) -> Events:
         """Reads one packet."""
-        del stream
         with opened(self.path) as file:
             file.seek(place[0])
             return self._packet(file, *place)

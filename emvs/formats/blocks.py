@@ -108,9 +108,8 @@ class BlockReader:
         """How much of the stream `chunks` has read, 0 to 1."""
         return self._share.get(stream, 0.0)
 
-    def share_before(self, stream: str, place: Any) -> float:
+    def share_before(self, _stream: str, place: Any) -> float:
         """Which share of a stream ends with a block; here its place is its first byte and size."""
-        del stream
         return float(min(1.0, (place[0] + place[1]) / max(1, self.path.stat().st_size)))
 
     def check_stream(self, stream: str) -> None:
@@ -134,9 +133,7 @@ class BlockReader:
 def within(events: Events, t0_us: int, t1_us: int) -> Events:
     """Events with `t0_us <= t < t1_us`, whether or not they are sorted."""
     inside = (events.t_us >= t0_us) & (events.t_us < t1_us)
-    if inside.all():
-        return events
-    return Events(events.x[inside], events.y[inside], events.t_us[inside], events.p[inside])
+    return events if inside.all() else events.take(inside)
 
 
 def checked_times(events: Events, where: str) -> Events:

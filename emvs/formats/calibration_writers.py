@@ -16,14 +16,14 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry import se3
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.geometry.rig import Rig
-from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.files import write_text
 
 _KALIBR = {"kb4": "equidistant", "radtan": "radtan", "pinhole": "none"}
 
 
 def write_rig_json(path: Path, rig: Rig) -> None:
     """Writes our own JSON; loses nothing."""
-    _write(path, json.dumps(rig.to_json(), indent=2) + "\n")
+    write_text(path, json.dumps(rig.to_json(), indent=2) + "\n")
 
 
 def write_kalibr(path: Path, rig: Rig) -> None:
@@ -32,7 +32,7 @@ def write_kalibr(path: Path, rig: Rig) -> None:
     Raises:
         InputError: a lens with a fifth term, which Kalibr does not have.
     """
-    _write(path, yaml.safe_dump(kalibr_chain(rig), sort_keys=False, default_flow_style=None))
+    write_text(path, yaml.safe_dump(kalibr_chain(rig), sort_keys=False, default_flow_style=None))
 
 
 def kalibr_chain(rig: Rig) -> dict[str, Any]:
@@ -67,7 +67,7 @@ def write_basalt(path: Path, rig: Rig) -> None:
     Raises:
         InputError: a radial-tangential lens, which Basalt's reader here does not have.
     """
-    _write(path, json.dumps(basalt(rig.cameras, rig.T_body_cam), indent=2) + "\n")
+    write_text(path, json.dumps(basalt(rig.cameras, rig.T_body_cam), indent=2) + "\n")
 
 
 def basalt(
@@ -111,12 +111,7 @@ def write_opencv(path: Path, rig: Rig) -> None:
         store.write(f"cam{k}_size", np.array([[camera.width_px, camera.height_px]], np.int32))
         store.write(f"cam{k}_model", "fisheye" if camera.model == "kb4" else "pinhole")
         store.write(f"cam{k}_T_body_cam", np.ascontiguousarray(T_body_cam))
-    _write(path, store.releaseAndGetString())
-
-
-def _write(path: Path, text: str) -> None:
-    with atomic_path(Path(path)) as partial:
-        partial.write_text(text, encoding="utf-8")
+    write_text(path, store.releaseAndGetString())
 
 
 WRITERS: dict[str, Callable[[Path, Rig], None]] = {

@@ -81,9 +81,8 @@ class RawReader(BlockReader):
                 f"an event word; fetch it again, or remove the last {excess} bytes"
             )
 
-    def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
+    def scan(self, _stream: str) -> Iterator[tuple[Any, Events]]:
         """Decodes the file from front to back."""
-        del stream
         state = initial_state()
         with opened(self.path) as file:
             offset = file.seek(self._start)
@@ -97,9 +96,8 @@ class RawReader(BlockReader):
                     words, offset = words[used:], offset + size
         self.untimed = int(state[UNTIMED])
 
-    def load(self, stream: str, place: Any) -> Events:
+    def load(self, _stream: str, place: Any) -> Events:
         """Decodes one block."""
-        del stream
         offset, size, state = place
         with opened(self.path) as file:
             file.seek(offset)
@@ -249,8 +247,7 @@ class RawWriter(FileWriter):
         ]
         self._file.write("".join(f"% {line}\n" for line in lines).encode("ascii"))
 
-    def _put(self, stream: str, events: Events) -> None:
-        del stream
+    def _put(self, _stream: str, events: Events) -> None:
         loops = (int(events.t_us[-1]) >> self._loop_bits) - int(self._state[LOOPS])
         words = np.empty(8 * len(events) + 3 * loops + 8, self._word)
         count = self._encode(events.x, events.y, events.t_us, events.p, self._state, words)

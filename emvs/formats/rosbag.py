@@ -81,9 +81,8 @@ class RosbagReader(BlockReader):
         """Reads one run of messages."""
         return Events.concat([events for _, _, events in self._messages(stream, *place)])
 
-    def share_before(self, stream: str, place: Any) -> float:
+    def share_before(self, _stream: str, place: Any) -> float:
         """Which share of the time of recording ends with a block."""
-        del stream
         first_ns, last_ns = self._span_ns
         return float(min(1.0, max(0.0, (place[1] - first_ns) / max(1, last_ns - first_ns))))
 

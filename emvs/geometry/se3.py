@@ -47,6 +47,12 @@ def transform(T_a_b: Matrix, points_b: ArrayLike) -> Matrix:
     return moved
 
 
+def transform_each(T_a_b: Matrix, points_b: Matrix) -> Matrix:
+    """Maps (N, 3) points of frame b into frame a, each with its own motion of (N, 4, 4)."""
+    turned = np.einsum("nij,nj->ni", T_a_b[:, :3, :3], points_b)
+    return np.asarray(turned + T_a_b[:, :3, 3], np.float64)
+
+
 def is_rigid(T_a_b: Matrix, tolerance: float = 1e-6) -> bool:
     """Whether a (4, 4) matrix is a rotation and a translation, to `tolerance`."""
     R = T_a_b[:3, :3]

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import DAMAGED_NPY, InputError
-from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.files import atomic_path, write_text
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, check_file, parse_json, read_text
 
 MOST_BYTES = 1 << 24
@@ -135,11 +135,8 @@ def write_weights(
 ) -> None:
     """Writes `NAME.npz` and `NAME.json`, each whole or not at all; the latter holds `learnt`."""
     with atomic_path(path) as part, part.open("wb") as file:
-        plain: dict[str, Any] = {
-            name: np.asarray(array, np.float32) for name, array in arrays.items()
-        }
+        plain: Any = {name: np.asarray(array, np.float32) for name, array in arrays.items()}
         np.savez(file, **plain)
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     manifest = {"network": network, "arrays_sha256": digest, **learnt}
-    with atomic_path(path.with_suffix(".json")) as part:
-        part.write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+    write_text(path.with_suffix(".json"), json.dumps(manifest, indent=1) + "\n")

@@ -85,6 +85,12 @@ def atomic_path(path: Path) -> Iterator[Path]:
         (work / path.name).replace(path)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Writes a text file as `atomic_path` does."""
+    with atomic_path(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
 @contextmanager
 def work_folder(place: Path, *, resume: bool = False) -> Iterator[Path]:
     """Makes a hidden folder beside a place, for this process alone; removes it at the end.

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.files import atomic_path, flush, is_work_folder, link_new
+from eventsweep.emvs.utils.files import flush, is_work_folder, link_new, write_text
 
 NAME = ".eventsweep.json"
 LOCK = b"eventsweep: a run is writing the output of this name\n"
@@ -299,8 +299,7 @@ def _write(folder: Path, manifest: OutputManifest) -> None:
         content["coming"] = {n: facts._asdict() for n, facts in sorted(manifest.coming.items())}
     if manifest.parts:
         content["parts"] = sorted(manifest.parts)
-    with atomic_path(folder / NAME) as path:
-        path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    write_text(folder / NAME, json.dumps(content, indent=1) + "\n")
 
 
 def _json(path: Path) -> dict[str, Any]:

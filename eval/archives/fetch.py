@@ -228,20 +228,20 @@ def fetch(
     wanted = manifest.chosen(subset, cases, seeds)
     with claimed(out), made_parent(out / FILE_NAME, make=False), names_full_disk(out):
         _check_same(out, manifest)
-        missing = [one for one in wanted if not is_whole(out / one.file, one)]
-        for one in missing:
-            if os.path.lexists(out / one.file):
+        missing = [packed for packed in wanted if not is_whole(out / packed.file, packed)]
+        for packed in missing:
+            if os.path.lexists(out / packed.file):
                 raise InputError(
-                    f"{out / one.file}: is not the archive's file, or was changed since it was "
+                    f"{out / packed.file}: is not the archive's file, or was changed since it was "
                     "fetched: move it away"
                 )
         _check_room(out, missing)
         out.mkdir(parents=True, exist_ok=True)
-        total, done = sum(one.bytes for one in missing), 0
+        total, done = sum(packed.bytes for packed in missing), 0
         with progress.stage("fetch", max(total, 1)) as update:
-            for one in missing:
-                _fetch_file(source, place, out, one)
-                done += one.bytes
+            for packed in missing:
+                _fetch_file(source, place, out, packed)
+                done += packed.bytes
                 update(done, f"{bytes_text(done)} of {bytes_text(total)}")
         if not (out / FILE_NAME).exists():
             manifests.write(out, manifest)
@@ -260,10 +260,11 @@ def is_whole(path: Path, sequence: PackedSequence) -> bool:
 def verify(folder: Path) -> tuple[ArchiveManifest, tuple[PackedSequence, ...]]:
     """Reads all files of an archive, and returns its manifest and the sequences that are there."""
     manifest = manifests.read(folder)
-    there = tuple(one for one in manifest.sequences if (folder / one.file).exists())
-    for one in there:
-        if not is_whole(inside(folder, one.file), one):
-            raise InputError(f"{folder / one.file}: was changed or is not whole: fetch it again")
+    there = tuple(packed for packed in manifest.sequences if (folder / packed.file).exists())
+    for packed in there:
+        if not is_whole(inside(folder, packed.file), packed):
+            path = folder / packed.file
+            raise InputError(f"{path}: was changed or is not whole: fetch it again")
     return manifest, there
 
 
@@ -289,7 +290,7 @@ def _check_same(out: Path, manifest: ArchiveManifest) -> None:
 
 
 def _check_room(out: Path, missing: Sequence[PackedSequence]) -> None:
-    needed, free = sum(one.bytes for one in missing), free_bytes(out)
+    needed, free = sum(packed.bytes for packed in missing), free_bytes(out)
     if needed > free:
         raise InputError(
             f"{out}: {bytes_text(needed)} are to be fetched, {bytes_text(free)} are free: free "

@@ -12,11 +12,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from eventsweep.emvs.data.manifest import FileEntry
 from eventsweep.emvs.errors import InputError, repeated
-from eventsweep.emvs.parameters import first_fault
+from eventsweep.emvs.parameters import FrozenModel, first_fault
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, inside
 from eventsweep.emvs.utils.outputs import files_together
 
@@ -33,18 +33,14 @@ _Path = Annotated[str, Field(pattern=rf"^{_Plain}(?:/{_Plain})*$", max_length=20
 _Bytes = Annotated[int, Field(ge=0, le=1 << 40)]
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class PackedFile(_Model):
+class PackedFile(FrozenModel):
     """One file of a sequence, as it is unpacked."""
 
     sha256: _Sha256
     bytes: _Bytes
 
 
-class PackedSequence(_Model):
+class PackedSequence(FrozenModel):
     """The sequence of one case and seed.
 
     Attributes:
@@ -82,7 +78,7 @@ class PackedSequence(_Model):
         return sum(entry.bytes for entry in self.files.values())
 
 
-class ArchiveManifest(_Model):
+class ArchiveManifest(FrozenModel):
     """A set of archived sequences; the same definition drawn anew is another one.
 
     Attributes:
@@ -107,14 +103,14 @@ class ArchiveManifest(_Model):
     licence: Annotated[str, Field(min_length=1, max_length=200)] = LICENCE
     secret_sha256: Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")] = ""
     renderer: str = ""
-    versions: dict[str, str] = {}
-    subsets: dict[str, tuple[tuple[str, ...], tuple[int, ...]]] = {}
+    versions: dict[str, str] = Field(default_factory=dict)
+    subsets: dict[str, tuple[tuple[str, ...], tuple[int, ...]]] = Field(default_factory=dict)
     sequences: Annotated[tuple[PackedSequence, ...], Field(min_length=1, max_length=100_000)]
 
     @model_validator(mode="after")
     def _each_once(self) -> ArchiveManifest:
-        for names in ([one.file for one in self.sequences], [one.place for one in self.sequences]):
-            twice = repeated(names)
+        for name in ("file", "place"):
+            twice = repeated(getattr(entry, name) for entry in self.sequences)
             if twice is not None:
                 raise ValueError(f"{twice} is listed twice")
         return self
@@ -122,7 +118,7 @@ class ArchiveManifest(_Model):
     @property
     def version(self) -> str:
         """What results call it: a hash over all sequences, equal where the data are equal."""
-        facts = sorted((one.case, one.seed, one.sequence) for one in self.sequences)
+        facts = sorted((entry.case, entry.seed, entry.sequence) for entry in self.sequences)
         text = json.dumps([self.suite, self.part, facts])
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -132,7 +128,7 @@ class ArchiveManifest(_Model):
 
     def seeds(self, case: str) -> tuple[int, ...]:
         """The seeds of a case."""
-        return tuple(one.seed for one in self.sequences if one.case == case)
+        return tuple(entry.seed for entry in self.sequences if entry.case == case)
 
     def chosen(
         self, subset: str = "", cases: Iterable[str] = (), seeds: Iterable[int] | None = None
@@ -143,14 +139,14 @@ class ArchiveManifest(_Model):
             raise InputError(f"the archive has no part {subset!r}: choose from {known}")
         its_cases, its_seeds = self.subsets.get(subset, ((), ()))
         wanted_cases, wanted_seeds = set(cases), None if seeds is None else set(seeds)
-        for case in wanted_cases - {one.case for one in self.sequences}:
+        for case in wanted_cases - {entry.case for entry in self.sequences}:
             raise InputError(f"the archive of {self.suite} has no case {case!r}")
         found = tuple(
-            one
-            for one in self.sequences
-            if (not wanted_cases or one.case in wanted_cases)
-            and (wanted_seeds is None or one.seed in wanted_seeds)
-            and (not subset or (one.case in its_cases and one.seed in its_seeds))
+            entry
+            for entry in self.sequences
+            if (not wanted_cases or entry.case in wanted_cases)
+            and (wanted_seeds is None or entry.seed in wanted_seeds)
+            and (not subset or (entry.case in its_cases and entry.seed in its_seeds))
         )
         if not found:
             raise InputError(f"the archive of {self.suite} has nothing of what is asked for")

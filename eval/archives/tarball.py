@@ -14,6 +14,7 @@ from typing import IO, Protocol, cast
 from eventsweep.emvs.errors import InputError, quoted
 from eventsweep.emvs.utils.files import names_full_disk
 from eventsweep.emvs.utils.inputs import check_file
+from eventsweep.emvs.utils.output_manifest import hashed
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -62,7 +63,8 @@ def pack(path: Path, folder: Path, names: Iterable[str]) -> tuple[str, int]:
             member.size = (folder / name).stat().st_size
             with (folder / name).open("rb") as file:
                 tar.addfile(member, file)
-    return sha256_of(path), path.stat().st_size
+    packed = hashed(path)
+    return packed.sha256, packed.bytes
 
 
 def unpack(path: Path, out: Path, expected: Mapping[str, Expected]) -> None:
@@ -105,8 +107,7 @@ def first_member(path: Path, name: str, most_bytes: int) -> bytes:
 
 def sha256_of(path: Path) -> str:
     """Of a file's content."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return hashed(path).sha256
 
 
 def _check_expected(path: Path, member: tarfile.TarInfo, expected: Mapping[str, Expected]) -> None:

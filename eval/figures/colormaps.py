@@ -13,7 +13,7 @@ from zlib import crc32
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.colors import Colormap, LinearSegmentedColormap
 from numpy.typing import NDArray
 
 from eventsweep.emvs.dsi.method import MethodName
@@ -50,9 +50,12 @@ class Scale:
 
     def css_gradient(self) -> str:
         """The scale's colours from low to high, as a CSS gradient."""
-        rows = np.linspace(0, _LEVELS - 1, 24).round().astype(int)
-        stops = ", ".join("#{:02x}{:02x}{:02x}".format(*self.palette[row, :3]) for row in rows)
-        return f"linear-gradient(to right, {stops})"
+        return f"linear-gradient(to right, {', '.join(self.css_colours(24))})"
+
+    def css_colours(self, count: int) -> list[str]:
+        """So many of the scale's colours from low to high, as CSS."""
+        rows = np.linspace(0, _LEVELS - 1, count).round().astype(int)
+        return ["#{:02x}{:02x}{:02x}".format(*self.palette[row, :3]) for row in rows]
 
 
 def depth_scale(depth_range_m: tuple[float, float]) -> Scale:
@@ -88,7 +91,7 @@ def events_scale(cap: int) -> Scale:
     colours = ["#b35806", "#f1a340", "#ffffff", "#67a9cf", "#0b4f9c"]
     blend = LinearSegmentedColormap.from_list("polarity", colours, N=_LEVELS)
     ticks = ((0.0, f"≥ {cap} darker"), (0.5, "0"), (1.0, f"≥ {cap} brighter"))
-    return Scale(-cap, cap, _sampled(blend, 0.0, 1.0), ticks, "events")
+    return Scale(-cap, cap, _palette(blend, 0.0, 1.0), ticks, "events")
 
 
 def grey_palette() -> NDArray[np.uint8]:
@@ -124,12 +127,9 @@ def _is_round(value: float) -> bool:
     return f"{value:e}"[:4] in ("1.00", "2.00", "5.00")
 
 
-def _palette(name: str, low: float, high: float) -> NDArray[np.uint8]:
-    return _sampled(mpl.colormaps[name], low, high)
-
-
-def _sampled(colormap: mpl.colors.Colormap, low: float, high: float) -> NDArray[np.uint8]:
-    colours = np.rint(255 * colormap(np.linspace(low, high, _LEVELS))).astype(np.uint8)
+def _palette(colormap: str | Colormap, low: float, high: float) -> NDArray[np.uint8]:
+    sampled = mpl.colormaps.get_cmap(colormap)(np.linspace(low, high, _LEVELS))
+    colours = np.rint(255 * sampled).astype(np.uint8)
     blank = np.full((1, 4), 255, np.uint8)
     return np.concatenate([colours, blank])
 

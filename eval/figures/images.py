@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import io
+from base64 import b64encode
 from dataclasses import dataclass
 
 import cv2
@@ -59,7 +59,12 @@ class IndexedImage:
 
     def data_uri(self) -> str:
         """The PNG as an address that a page can hold inline."""
-        return "data:image/png;base64," + base64.b64encode(self.png()).decode("ascii")
+        return data_uri("image/png", self.png())
+
+
+def data_uri(kind: str, content: bytes) -> str:
+    """A file's content as an address that a page can hold inline; `kind` such as image/png."""
+    return f"data:{kind};base64,{b64encode(content).decode('ascii')}"
 
 
 def frame_image(intensity: NDArray[np.uint8]) -> IndexedImage:

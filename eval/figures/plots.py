@@ -52,9 +52,18 @@ _BAR_INCHES = 0.27
 
 
 def svg(draw: Callable[..., Figure], *content: Any) -> str:
-    """What `draw` makes of its content within `STYLE`, as SVG to put into a page."""
+    """What `draw` makes of its content within `STYLE`, as SVG to put into a page.
+
+    It has the colour of the text around it.
+    """
+    stream = io.StringIO()
     with mpl.rc_context(STYLE):
-        return svg_of(draw(*content))
+        draw(*content).savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
+    drawing = stream.getvalue()
+    drawing = drawing[drawing.index("<svg") :].replace(INK, "currentColor")
+    # The page's style sets the size; a fixed one would overflow a phone.
+    opening, rest = drawing.split(">", 1)
+    return re.sub(r' (?:width|height)="[^"]*"', "", opening) + ">" + rest
 
 
 def curves_figure(curves: Sequence[tuple[str, SharesByName]], prefix: str) -> Figure:
@@ -174,17 +183,6 @@ def _draw_votes(axes: Axes, dsi_slice: DsiSlice) -> None:
     axes.set_xlabel(f"x [px], image row {dsi_slice.row_px}")
 
 
-def svg_of(figure: Figure) -> str:
-    """A figure as SVG to put into a page, in the colour of the text around it."""
-    stream = io.StringIO()
-    figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-    drawing = stream.getvalue()
-    drawing = drawing[drawing.index("<svg") :].replace(INK, "currentColor")
-    # The page's style sets the size; a fixed one would overflow a phone.
-    opening, rest = drawing.split(">", 1)
-    return re.sub(r' (?:width|height)="[^"]*"', "", opening) + ">" + rest
-
-
 def outlier_causes(
     rows: pd.DataFrame, methods: Sequence[str]
 ) -> dict[str, tuple[float, dict[str, float]]]:
@@ -206,10 +204,11 @@ def causes_figure(shares: Mapping[str, tuple[float, dict[str, float]]]) -> Figur
     """Draws what `outlier_causes` found as stacked bars."""
     figure = LaidOutFigure(figsize=(10.5, 1.1 + _BAR_INCHES * len(shares)))
     axes = figure.subplots()
-    for cause, colour in zip(CAUSES, _COLOURS, strict=True):
+    order = list(CAUSES)
+    for k, (cause, colour) in enumerate(zip(order, _COLOURS, strict=True)):
         lengths = [share * causes[cause] / 100 for share, causes in shares.values()]
         before = [
-            share * sum(value for name, value in causes.items() if _comes_before(name, cause)) / 100
+            share * sum(causes[name] for name in order[:k]) / 100
             for share, causes in shares.values()
         ]
         axes.barh(
@@ -223,8 +222,3 @@ def causes_figure(shares: Mapping[str, tuple[float, dict[str, float]]]) -> Figur
     axes.tick_params(axis="y", length=0)
     figure.legend(loc="outside right center", handlelength=1.2)
     return figure
-
-
-def _comes_before(name: str, cause: str) -> bool:
-    order = list(CAUSES)
-    return order.index(name) < order.index(cause)

@@ -8,10 +8,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.parameters import FrozenModel
+from eventsweep.emvs.utils.files import write_text
 from eventsweep.eval.scoring.results import json_text, read_json
 from eventsweep.eval.suite.series import SPEED_METRIC, Key, Measured, Series
 
@@ -19,19 +20,15 @@ SCHEMA_VERSION = 2
 _CURE = "write it again with `eventsweep gate --update --reason ...`"
 
 
-class BaselineChange(BaseModel):
+class BaselineChange(FrozenModel):
     """Why a baseline was written, and when (UTC)."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     date: str
     reason: str
 
 
-class Baseline(BaseModel):
+class Baseline(FrozenModel):
     """A baseline: series, the seeds they were measured with, and why it was written."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     schema_version: int = SCHEMA_VERSION
     name: str
@@ -89,8 +86,7 @@ def write_baseline(path: Path, baseline: Baseline) -> None:
     for series in content["series"]:
         values = series["values"].items()
         series["values"] = {seed: float(f"{value:.7g}") for seed, value in values}
-    with atomic_path(path) as partial:
-        partial.write_text(json_text(content, "series", indent=1), encoding="utf-8")
+    write_text(path, json_text(content, "series", indent=1))
 
 
 def read_baseline(path: Path) -> Baseline:

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from eventsweep.emvs.depth.precision import Precision
-from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.files import write_text
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.figures.colormaps import INK, line_style
 from eventsweep.eval.figures.laid_out import LaidOutFigure
@@ -26,8 +27,7 @@ _SIZE_INCHES = (5.2, 2.8)
 def write_training_page(folder: Path, trained: Trained) -> Path:
     """Writes `report.html` beside the weights, and returns its path."""
     path = folder / REPORT_NAME
-    with atomic_path(path) as part:
-        part.write_text(page_text(folder, trained), encoding="utf-8")
+    write_text(path, page_text(folder, trained))
     return path
 
 
@@ -68,21 +68,24 @@ def _shares(trained: Trained, of: str) -> str:
     return f"{100 * own:.1f} % (by {compared} {100 * other:.1f} %)"
 
 
-def _loss(history: History) -> Figure:
+def _panel(x_label: str, y_label: str) -> tuple[Figure, Axes]:
     figure = LaidOutFigure(figsize=_SIZE_INCHES)
-    axes = figure.add_subplot()
+    axes = figure.add_subplot(xlabel=x_label, ylabel=y_label)
+    if x_label == "epoch":
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    return figure, axes
+
+
+def _loss(history: History) -> Figure:
+    figure, axes = _panel("epoch", "training loss")
     epochs = range(1, len(history) + 1)
     axes.plot(epochs, [epoch["loss"] for epoch in history], color=ESTIMATE_COLOUR, marker="o")
-    axes.set_xlabel("epoch")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_ylabel("training loss")
     return figure
 
 
 def _errors(trained: Trained) -> Figure:
     history, compared = trained.history, trained.task.compared
-    figure = LaidOutFigure(figsize=_SIZE_INCHES)
-    axes = figure.add_subplot()
+    figure, axes = _panel("epoch", "beyond 1 px of disparity [%]")
     epochs = range(1, len(history) + 1)
     for of, dash in (("all", "solid"), ("reliable", (0, (3, 2)))):
         for prefix, colour in (("", ESTIMATE_COLOUR), (f"{compared}_", INK)):
@@ -92,17 +95,15 @@ def _errors(trained: Trained) -> Figure:
             share = [100 * epoch[key] for epoch in history]
             label = f"{f'by {compared}' if prefix else 'network'}, {of}"
             axes.plot(epochs, share, color=colour, linestyle=dash, label=label)
-    axes.set_xlabel("epoch")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_ylabel("beyond 1 px of disparity [%]")
     axes.set_ylim(0)
     axes.legend()
     return figure
 
 
 def _worth(tables: Mapping[str, Any]) -> Figure:
-    figure = LaidOutFigure(figsize=_SIZE_INCHES)
-    axes = figure.add_subplot()
+    figure, axes = _panel(
+        "stated error of the least reliable point [px of disparity]", "points within 1 px [%]"
+    )
     for name, table in tables.items():
         known, style = Precision.from_json(table), line_style(name)
         axes.plot(
@@ -110,8 +111,6 @@ def _worth(tables: Mapping[str, Any]) -> Figure:
             label=name,
         )  # fmt: skip
     axes.set_xscale("log")
-    axes.set_xlabel("stated error of the least reliable point [px of disparity]")
-    axes.set_ylabel("points within 1 px [%]")
     axes.legend()
     return figure
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.learned.weights import write_weights
-from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.files import write_text
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, parse_json, read_text
 from eventsweep.emvs.utils.release import install
 from eventsweep.emvs.utils.runtime import versions
@@ -93,8 +93,7 @@ def _same_training(folder: Path, config: TrainingConfig) -> None:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: is not empty, and nothing was trained here; choose another")
     folder.mkdir(parents=True, exist_ok=True)
-    with atomic_path(path) as part:
-        part.write_text(json.dumps(asked, indent=1) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(asked, indent=1) + "\n")
 
 
 def _differing(before: Any, asked: dict[str, Any]) -> str:

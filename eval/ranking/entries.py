@@ -13,9 +13,10 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.parameters import FrozenModel
 from eventsweep.emvs.utils.inputs import file_in
 from eventsweep.eval.scoring.direction import Direction
 from eventsweep.eval.scoring.method_scores import BAD_POINTS, CAUSE_PREFIX
@@ -53,7 +54,7 @@ class Unit(NamedTuple):
     seed: int
 
 
-class RankedCase(BaseModel):
+class RankedCase(FrozenModel):
     """A case of an entry.
 
     Attributes:
@@ -63,15 +64,13 @@ class RankedCase(BaseModel):
         sequences: hash of the sequence of each of the entry's seeds; empty where it failed.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     scene: str
     conditions: tuple[str, ...] = ()
     ranked: bool = True
     sequences: tuple[str, ...]
 
 
-class RankingEntry(BaseModel):
+class RankingEntry(FrozenModel):
     """One run.
 
     Attributes:
@@ -93,8 +92,6 @@ class RankingEntry(BaseModel):
         failures: jobs that failed, with the reason.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
     label: str
     suite: str
     digest: str
@@ -104,13 +101,13 @@ class RankingEntry(BaseModel):
     units: dict[str, tuple[str, Direction]]
     versions_of_metrics: dict[str, str]
     values: dict[str, dict[str, dict[str, tuple[Value, ...]]]]
-    stated: dict[str, SubmissionFacts] = {}
-    cost: dict[str, MeasuredCost] = {}
-    perfect: dict[str, list[str]] = {}
-    code: dict[str, str] = {}
-    versions: dict[str, str] = {}
+    stated: dict[str, SubmissionFacts] = Field(default_factory=dict)
+    cost: dict[str, MeasuredCost] = Field(default_factory=dict)
+    perfect: dict[str, list[str]] = Field(default_factory=dict)
+    code: dict[str, str] = Field(default_factory=dict)
+    versions: dict[str, str] = Field(default_factory=dict)
     platform: str = ""
-    failures: dict[str, str] = {}
+    failures: dict[str, str] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _of_every_seed(self) -> RankingEntry:
@@ -149,10 +146,8 @@ class RankingEntry(BaseModel):
         return self.cases[unit.case].sequences[self.seeds.index(unit.seed)]
 
 
-class RankingData(BaseModel):
+class RankingData(FrozenModel):
     """`ranking.json`: everything that a page shows but for its pictures."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     schema_version: int = SCHEMA_VERSION
     ranked_by: str = RANKED_BY

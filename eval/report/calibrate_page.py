@@ -21,7 +21,6 @@ from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import (
     ESTIMATE_COLOUR,
     TRUTH_COLOUR,
-    DsiSlice,
     slice_figure,
     svg,
 )
@@ -34,6 +33,7 @@ from eventsweep.eval.report.html import (
     render,
     versions_grid,
 )
+from eventsweep.eval.report.run_data import slice_of
 
 _ROWS_PX = 5.0
 
@@ -133,17 +133,12 @@ def windows_grid(refinement: Refinement) -> Grid:
 
 def _shown(side: MappedWith, scale: Any) -> dict[str, Any]:
     depth = side.mapped.depth_maps[side.method]
-    row = side.mapped.slices.row_px
-    cut = DsiSlice(
-        row, side.mapped.slices.rho, side.mapped.slices.values[side.method],
-        depth.depth_m[row], depth.mask[row],
-    )  # fmt: skip
     point_px = point_size_px(depth.depth_m.shape[1])
     return {
         "name": side.name,
         "points": f"{int(depth.mask.sum()):,} points, {side.method}",
         "depth": depth_image(depth.depth_m, depth.mask, scale, point_px).data_uri(),
-        "slice": Markup(svg(slice_figure, cut)),
+        "slice": Markup(svg(slice_figure, slice_of(depth, side.mapped.slices))),
     }
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import io
 import json
 from pathlib import Path
@@ -15,6 +14,7 @@ from PIL import Image
 
 from eventsweep.emvs.check.findings import VERDICTS, Finding, Report, Series
 from eventsweep.emvs.utils.runtime import versions
+from eventsweep.eval.figures.images import data_uri
 from eventsweep.eval.figures.laid_out import LaidOutFigure
 from eventsweep.eval.figures.plots import ESTIMATE_COLOUR, svg
 from eventsweep.eval.report.html import REPORT_NAME, files_in, plural, render, versions_grid
@@ -110,8 +110,7 @@ def _image(series: Series, finding: Finding) -> Markup:
     picture.thumbnail((_LARGEST_PX, _LARGEST_PX), Image.Resampling.NEAREST)
     buffer = io.BytesIO()
     picture.save(buffer, "PNG", optimize=True)
-    source = base64.b64encode(buffer.getvalue()).decode("ascii")
-    alt = Markup.escape(f"{finding.name}: {series.y_label}, 0 to {high:.3g}")
-    return Markup(
-        '<img src="data:image/png;base64,{}" alt="{}"><span class="soft">{}</span>'
-    ).format(source, alt, f"{series.y_label}, 0 (dark) to {high:.3g}")
+    alt = f"{finding.name}: {series.y_label}, 0 to {high:.3g}"
+    return Markup('<img src="{}" alt="{}"><span class="soft">{}</span>').format(
+        data_uri("image/png", buffer.getvalue()), alt, f"{series.y_label}, 0 (dark) to {high:.3g}"
+    )

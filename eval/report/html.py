@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -15,6 +14,7 @@ import jinja2
 from markupsafe import Markup
 
 from eventsweep.emvs.utils.outputs import files_together
+from eventsweep.eval.figures.images import data_uri
 
 Kind = Literal["", "better", "worse", "other", "best"]
 REPORT_NAME = "report.html"
@@ -132,12 +132,11 @@ def write_page(folder: Path, text: str) -> Path:
 
 def versions_grid(names: Sequence[str], versions: Sequence[Mapping[str, str]]) -> Grid:
     """Versions side by side; a line where they differ stands out."""
-    libraries = sorted({name for one in versions for name in one})
     lines = []
-    for library in libraries:
-        found = [one.get(library, "absent") for one in versions]
-        kind: Kind = "worse" if len(set(found)) > 1 else ""
-        lines.append((GridCell(library), *(GridCell(text, kind=kind) for text in found)))
+    for library in sorted(set().union(*versions)):
+        texts = [installed.get(library, "absent") for installed in versions]
+        kind: Kind = "worse" if len(set(texts)) > 1 else ""
+        lines.append((GridCell(library), *(GridCell(text, kind=kind) for text in texts)))
     return Grid((Head("version of"), *(Head(name) for name in names)), tuple(lines))
 
 
@@ -151,16 +150,10 @@ def plural(count: int, noun: str) -> str:
     return f"{count} {noun}{'s' * (count != 1)}"
 
 
-def png_uri(path: Path) -> str:
-    """A PNG file as an address that holds it."""
-    return f"data:image/png;base64,{b64encode(path.read_bytes()).decode('ascii')}"
-
-
 def svg_uri(drawing: str) -> str:
-    """A drawing of `svg_of` as an address that holds it; its text follows light and dark."""
+    """A drawing of `svg` as an address that holds it; its text follows light and dark."""
     opening, rest = drawing.split(">", 1)
-    whole = f"{opening}>{_INK}{rest}".encode()
-    return f"data:image/svg+xml;base64,{b64encode(whole).decode('ascii')}"
+    return data_uri("image/svg+xml", f"{opening}>{_INK}{rest}".encode())
 
 
 @cache
@@ -176,9 +169,5 @@ def environment() -> jinja2.Environment:
 
 def inline(name: str) -> Markup:
     """A file beside the templates, as it stands."""
-    text = (
-        resources.files("eventsweep.eval.report")
-        .joinpath("templates", name)
-        .read_text(encoding="utf-8")
-    )
-    return Markup(text)
+    file = resources.files("eventsweep.eval.report").joinpath("templates", name)
+    return Markup(file.read_text(encoding="utf-8"))

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import pandas as pd
@@ -49,6 +50,10 @@ class Column:
     direction: Direction
     formula: str
 
+    def head(self, title: str) -> Head:
+        """A heading of values of the metric."""
+        return Head(title, self.unit, self.direction, arrow=True)
+
 
 @dataclass(frozen=True, slots=True)
 class RankingLine:
@@ -71,7 +76,7 @@ class RankingTable:
 
     def heads(self) -> list[Head]:
         """The columns' headings on a page."""
-        return [Head(one.title, one.unit, one.direction, arrow=True) for one in self.columns]
+        return [column.head(column.title) for column in self.columns]
 
 
 def column(name: str) -> Column:
@@ -109,11 +114,11 @@ def heading(name: str) -> str:
 
 def definition(name: str) -> str:
     """What a metric is and which end of it is better, as a line above its table."""
-    found = column(name)
-    unit = f", in {found.unit}" if found.unit else ""
-    letters = " e is the estimate, g the truth." if re.search(r"\bg\b", found.formula) else ""
-    title = found.title[:1].upper() + found.title[1:]
-    return f"{title}: {found.formula}{unit}; {DIRECTIONS[found.direction]}.{letters}"
+    head = column(name)
+    unit = f", in {head.unit}" if head.unit else ""
+    letters = " e is the estimate, g the truth." if re.search(r"\bg\b", head.formula) else ""
+    title = head.title[:1].upper() + head.title[1:]
+    return f"{title}: {head.formula}{unit}; {DIRECTIONS[head.direction]}.{letters}"
 
 
 def order(rows: pd.DataFrame, metric: str, prefix: str = "") -> list[tuple[str, float]]:
@@ -153,10 +158,12 @@ def table(rows: pd.DataFrame, metric: str, names: Sequence[str] = RANKING_COLUMN
 
 
 def _cell(row: Any, top: float) -> GridCell:
-    if row is None:
-        return GridCell("–")
-    text = displayed(row.value, row.unit)
-    return GridCell(text, row.value, "best" if row.value == top else "")
+    return GridCell("–") if row is None else value_cell(row.value, row.unit, top)
+
+
+def value_cell(value: float, unit: str, top: float) -> GridCell:
+    """A value as tables show it, marked where it is that of the best."""
+    return GridCell(displayed(value, unit), value, "best" if value == top else "")
 
 
 def mean_over_cases(rows: pd.DataFrame, label: str) -> pd.DataFrame:
@@ -209,13 +216,9 @@ def findings(rows: pd.DataFrame, metric: str, cases: int = 1) -> list[str]:
 
 def _others(ranked: Sequence[str]) -> list[str]:
     """Predictions, and the best method of all, where it is neither fused so nor a single camera."""
-    known = (FUSED_PREFIX, SINGLE_PREFIX)
     best = next(name for name in ranked if not _SINGLE.search(name))
-    return [
-        name
-        for name in ranked
-        if name.startswith(FAMILY) or (name == best and not name.startswith(known))
-    ]
+    ours = best.startswith((FUSED_PREFIX, SINGLE_PREFIX))
+    return [name for name in ranked if name.startswith(FAMILY) or (name == best and not ours)]
 
 
 def fusion_order(rows: pd.DataFrame, metric: str) -> str:
@@ -223,12 +226,9 @@ def fusion_order(rows: pd.DataFrame, metric: str) -> str:
     ranked = [pair for pair in order(rows, metric, FUSED_PREFIX) if not math.isnan(pair[1])]
     if len(ranked) < 2:
         return ""
-    text = ""
-    for position, (method, value) in enumerate(ranked):
-        same = position > 0 and value == ranked[position - 1][1]
-        text += ("" if not position else " = " if same else " < ") + method.removeprefix(
-            FUSED_PREFIX
-        )
+    text = ranked[0][0].removeprefix(FUSED_PREFIX)
+    for (_, before), (method, value) in pairwise(ranked):
+        text += (" = " if value == before else " < ") + method.removeprefix(FUSED_PREFIX)
     return text
 
 

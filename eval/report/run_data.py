@@ -170,7 +170,7 @@ def _case(
     scorable = stored.info.config.is_camera_0_view
     for window in _shown(stored.windows):
         maps = [window.depth_map(method) for method in window.info.methods]
-        maps += [one for one in predicted_maps(run_dir, name, maps[0]) if one.method in scored]
+        maps += [m for m in predicted_maps(run_dir, name, maps[0]) if m.method in scored]
         windows.append(window_data(window, maps, recording, config, scorable=scorable))
     known = recording is not None and recording.name in scenes.names()
     return CaseData(
@@ -242,11 +242,12 @@ def _events(window: StoredWindow, recording: Recording | None) -> tuple[NDArray[
 def _method(depth_map: DepthMap, slices: Slices, truth: Truth | None) -> MethodData:
     return MethodData(
         depth_map.method, depth_map.depth_m, depth_map.mask, depth_map.confidence,
-        _slice(depth_map, slices, truth), depth_map.error_m,
+        slice_of(depth_map, slices, truth), depth_map.error_m,
     )  # fmt: skip
 
 
-def _slice(depth_map: DepthMap, slices: Slices, truth: Truth | None) -> DsiSlice | None:
+def slice_of(depth_map: DepthMap, slices: Slices, truth: Truth | None = None) -> DsiSlice | None:
+    """The kept row of a method's DSI, and what was read from it; None where none was kept."""
     row_px = slices.row_px
     votes = slices.values.get(depth_map.method)
     if votes is None or not len(votes):  # a method without a volume
@@ -262,8 +263,8 @@ def _slice(depth_map: DepthMap, slices: Slices, truth: Truth | None) -> DsiSlice
 
 def _readable(counts: dict[str, dict[str, int]]) -> dict[str, dict[str, int]]:
     return {
-        camera: {name.replace("_", " "): count for name, count in found.items()}
-        for camera, found in counts.items()
+        camera: {outcome.replace("_", " "): count for outcome, count in of_camera.items()}
+        for camera, of_camera in counts.items()
     }
 
 
@@ -283,9 +284,9 @@ def _facts(stored: StoredMap, recording: Recording | None) -> list[tuple[str, st
         facts.append(("renderer", recording.manifest.renderer))
         counts = zip(recording.rig.camera_names, recording.manifest.event_counts, strict=True)
         facts.append(("events", ", ".join(f"{thousands(n)} {camera}" for camera, n in counts)))
-    infos = [one.info for one in stored.windows]
-    spans = _range_s([one.t1_us - one.t0_us for one in infos])
-    references = _range_s([one.t_ref_us - one.t0_us for one in infos])
+    infos = [window.info for window in stored.windows]
+    spans = _range_s([info.t1_us - info.t0_us for info in infos])
+    references = _range_s([info.t_ref_us - info.t0_us for info in infos])
     when = f"{spans}, reference view {references} after its start"
     return [*facts, ("window", when), ("planes", str(config.planes))]
 

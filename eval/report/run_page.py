@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from markupsafe import Markup
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from eventsweep.emvs.dsi.method import OWN_UNIT, VOTES
@@ -80,6 +81,7 @@ def case_context(
     identity = f"case{position}"
     measured = rows.loc[rows["method"] != RIG, "metric"].unique()
     every = [name for name in measured if not name.startswith(("precision", "recall", "f1"))]
+    scored = with_predictions(methods, rows)
     return {
         "id": identity,
         "name": case.name,
@@ -93,8 +95,8 @@ def case_context(
             window_context(w, methods, data.rows_of(case.name, w.name)) for w in case.windows
         ],
         "window_count": case.window_count,
-        "curves_svg": _curves(rows, with_predictions(methods, rows), identity),
-        "causes_svg": _causes(rows, with_predictions(methods, rows)),
+        "curves_svg": _drawn(curves_figure, curves_of(rows, scored), identity),
+        "causes_svg": _drawn(causes_figure, outlier_causes(rows, scored)),
         "every": table(rows, metric, every) if len(rows) else None,
     }
 
@@ -142,15 +144,15 @@ def _method_context(
         "position": position,
         "caption": " · ".join(numbers) or f"points {displayed(float(method.mask.sum()), 'px')} px",
         "depth": image_uri(depth),
-        "confidence": image_uri(confidence_image(method.confidence, sure))
-        if method.is_sure
-        else None,
+        "confidence": (
+            image_uri(confidence_image(method.confidence, sure)) if method.is_sure else None
+        ),
         "confidence_scale": sure,
         "confidence_unit": confidence_unit(method.name),
         "error": error_uri(method, window.truth, scales["error_scale"]),
         "expected": _expected_uri(method, scales["error_scale"], point_px),
         "within": _within_band(method, window),
-        "slice_svg": Markup(svg(slice_figure, method.dsi_slice)) if method.dsi_slice else "",
+        "slice_svg": _drawn(slice_figure, method.dsi_slice),
     }
 
 
@@ -305,9 +307,8 @@ def with_predictions(mapped: Sequence[str], rows: pd.DataFrame) -> list[str]:
     return list(dict.fromkeys([*mapped, *rows.loc[rows["metric"] == "points", "method"]]))
 
 
-def _curves(rows: pd.DataFrame, methods: Sequence[str], prefix: str) -> Markup | None:
-    drawn = curves_of(rows, methods)
-    return Markup(svg(curves_figure, drawn, prefix)) if drawn else None
+def _drawn(draw: Callable[..., Figure], content: Any, *more: str) -> Markup | None:
+    return Markup(svg(draw, content, *more)) if content else None
 
 
 def curves_of(rows: pd.DataFrame, methods: Sequence[str]) -> list[tuple[str, SharesByName]]:
@@ -322,11 +323,6 @@ def curves_of(rows: pd.DataFrame, methods: Sequence[str]) -> list[tuple[str, Sha
         })
         for method in methods
     ]  # fmt: skip
-
-
-def _causes(rows: pd.DataFrame, methods: Sequence[str]) -> Markup | None:
-    shares = outlier_causes(rows, methods)
-    return Markup(svg(causes_figure, shares)) if shares else None
 
 
 def write_report(run_dir: Path) -> Path:
@@ -391,10 +387,6 @@ def _provenance(data: RunData) -> list[tuple[str, str]]:
     if results.seed is not None:
         facts.insert(0, ("seed", str(results.seed)))
     facts += [(f"sha256 of {name}", digest) for name, digest in results.sequences.items()]
-    units = _rows_named(results.rows, "baseline_focal")
-    return facts + [(f"baseline × focal length of {case}", text) for case, text in units]
-
-
-def _rows_named(rows: pd.DataFrame, metric: str) -> list[tuple[str, str]]:
-    found = each(rows[rows["metric"] == metric])
-    return list({row.case: f"{row.value:.4g} {row.unit}" for row in found}.items())
+    rows = each(results.rows[results.rows["metric"] == "baseline_focal"])
+    units = {row.case: f"{row.value:.4g} {row.unit}" for row in rows}
+    return facts + [(f"baseline × focal length of {case}", text) for case, text in units.items()]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import math
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, inside, parse_json, read_text
 from eventsweep.emvs.utils.outputs import check_files
 from eventsweep.eval.figures.colormaps import INK, line_style
+from eventsweep.eval.figures.images import data_uri
 from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.html import (
     REPORT_NAME,
@@ -106,15 +106,14 @@ def write_study_report(folder: Path) -> Path:
     return write_page(folder, page)
 
 
-def study_page(studies: list[StoredStudy], figures: list[str], files: tuple[str, ...] = ()) -> Page:
+def study_page(studies: list[StoredStudy], figures: list[str], files: tuple[str, ...]) -> Page:
     """What the page shows."""
     names = [study.study for study in studies]
     return Page(
         title=names[0] if len(names) == 1 else f"{len(names)} studies",
         subtitle="One thing is perturbed by growing amounts: how every method's error grows.",
         sections=tuple(
-            _section(study, figure, k)
-            for k, (study, figure) in enumerate(zip(studies, figures, strict=True))
+            _section(*shown, k) for k, shown in enumerate(zip(studies, figures, strict=True))
         ),
         provenance=versions_grid(names, [study.versions for study in studies]),
         overview=_overview(studies),
@@ -127,8 +126,8 @@ def _figure(path: Path) -> str:
     """The figure as an image, in which no script can run; empty where there is none."""
     if not path.is_file():
         return ""
-    drawing = as_page(read_text(inside(path.parent, path.name), TABLE_BYTES)).encode()
-    return "data:image/svg+xml;base64," + base64.b64encode(drawing).decode("ascii")
+    drawing = as_page(read_text(inside(path.parent, path.name), TABLE_BYTES))
+    return data_uri("image/svg+xml", drawing.encode())
 
 
 def as_page(drawing: str) -> str:
@@ -181,14 +180,8 @@ def _section(study: StoredStudy, figure: str, position: int) -> Section:
 
 
 def _grid(study: StoredStudy, metric: str) -> Grid:
-    head = column(metric)
-    heads = (
-        Head("method"),
-        *(
-            Head(f"{a:g} {study.unit}", head.unit, head.direction, arrow=True)
-            for a in study.amounts
-        ),
-    )
+    measured = column(metric)
+    heads = (Head("method"), *(measured.head(f"{a:g} {study.unit}") for a in study.amounts))
     curves = [curve for curve in study.curves if curve.metric == metric]
     about = f"{definition(metric)} One column per amount."
     return Grid(heads, tuple(_line(curve) for curve in curves), about)

@@ -6,13 +6,13 @@ import math
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import get_args
 
 from eventsweep.emvs.utils.inputs import inside
 from eventsweep.emvs.utils.outputs import check_files
 from eventsweep.eval.config import EvalConfig, RankingMetric
 from eventsweep.eval.figures.colormaps import line_style
+from eventsweep.eval.figures.images import data_uri
 from eventsweep.eval.numbers import displayed
 from eventsweep.eval.report.html import (
     REPORT_NAME,
@@ -24,7 +24,6 @@ from eventsweep.eval.report.html import (
     files_in,
     page_text,
     plural,
-    png_uri,
     versions_grid,
     write_page,
 )
@@ -41,7 +40,6 @@ from eventsweep.eval.suite.output import CSV_NAME, PICTURES_FOLDER
 from eventsweep.eval.suite.results import FILE_NAME, SuiteResult, read_suite
 from eventsweep.eval.suite.series import Series, means_over_seeds, of_suite
 
-_NO_PICTURES: Mapping[str, str] = MappingProxyType({})
 _ABOUT = (
     "Of each case: means over the seeds ± their standard deviation, where there is more than one; "
     "the best of each column is marked. Single cameras have no rank: they are the baseline of all "
@@ -66,16 +64,18 @@ def write_suite_report(folder: Path) -> Path:
 
 def _page_text(folder: Path, result: SuiteResult) -> str:
     pictures = {case: inside(folder, f"{PICTURES_FOLDER}/{case}.png") for case in result.cases}
-    shown = {case: png_uri(path) for case, path in pictures.items() if path.is_file()}
+    shown = {
+        case: data_uri("image/png", path.read_bytes())
+        for case, path in pictures.items()
+        if path.is_file()
+    }
     return page_text(suite_page(result, files_in(folder, (FILE_NAME, CSV_NAME)), shown))
 
 
-def suite_page(
-    result: SuiteResult, files: Sequence[str] = (), pictures: Mapping[str, str] = _NO_PICTURES
-) -> Page:
+def suite_page(result: SuiteResult, files: Sequence[str], pictures: Mapping[str, str]) -> Page:
     """What the page shows; `pictures` are addresses that hold one, by case."""
     series = of_suite(result).series
-    metric = _ordering_metric(result, {one.metric for one in series.values()})
+    metric = _ordering_metric(result, {numbers.metric for numbers in series.values()})
     shown = [numbers for numbers in series.values() if numbers.metric in RANKING_COLUMNS]
     by_case = {
         case: [numbers for numbers in shown if numbers.case == case] for case in result.cases

@@ -12,7 +12,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from eventsweep.eval.figures.colormaps import BLANK, Scale
+from eventsweep.eval.figures.colormaps import Scale
 from eventsweep.eval.report.run_data import MethodData, WindowData
 
 MOST_POINTS = 30_000
@@ -35,8 +35,8 @@ def window_json(window: WindowData, methods: Sequence[str], error: Scale, depth:
         "range_m": window.depth_range_m,
         "most": MOST_POINTS,
         "cap_cm": error.high,
-        "depth_colours": _colours(depth),
-        "error_colours": _colours(error),
+        "depth_colours": depth.css_colours(64),
+        "error_colours": error.css_colours(64),
         "methods": [_method(method, methods.index(method.name)) for method in window.methods],
     }
     if camera is not None:
@@ -60,11 +60,6 @@ def _method(method: MethodData, position: int) -> dict[str, Any]:
     return found
 
 
-def _colours(scale: Scale) -> list[str]:
-    rows = np.linspace(0, BLANK - 1, 64).round().astype(int)
-    return ["#{:02x}{:02x}{:02x}".format(*scale.palette[row, :3]) for row in rows]
-
-
 def packed(values: NDArray[np.generic]) -> str:
     """The bytes of an array, compressed, as text that is safe in a page."""
     return base64.b64encode(zlib.compress(values.tobytes(), 9)).decode("ascii")
@@ -72,5 +67,4 @@ def packed(values: NDArray[np.generic]) -> str:
 
 def half(values: NDArray[np.floating]) -> NDArray[np.float16]:
     """Half precision, little-endian: 0.05 % of the value, finer than any error that is shown."""
-    found: NDArray[np.float16] = np.clip(values, -_LARGEST_HALF, _LARGEST_HALF).astype("<f2")
-    return found
+    return np.asarray(np.clip(values, -_LARGEST_HALF, _LARGEST_HALF), "<f2")

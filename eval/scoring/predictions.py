@@ -11,10 +11,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import Field, FiniteFloat, ValidationError
 
 from eventsweep.emvs.errors import InputError, repeated
-from eventsweep.emvs.parameters import TimeUs, first_fault
+from eventsweep.emvs.parameters import FrozenModel, TimeUs, first_fault
 from eventsweep.emvs.utils.inputs import (
     SETTINGS_BYTES,
     TABLE_BYTES,
@@ -59,10 +59,8 @@ class NamedFolder(NamedTuple):
         return cls(Path(place), name.strip())
 
 
-class PredictionFacts(BaseModel):
+class PredictionFacts(FrozenModel):
     """What the numbers in a prediction's files mean: `prediction.toml`, all of it optional."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str | None = Field(None, min_length=1, description="of the method; default: the folder's")
     quantity: Literal["depth", "disparity"] = Field("depth", description="z-depth or disparity")

@@ -22,7 +22,7 @@ from pydantic import BeforeValidator, ConfigDict, PlainSerializer, TypeAdapter, 
 
 from eventsweep.emvs.errors import InputError, said
 from eventsweep.emvs.parameters import first_fault
-from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.files import atomic_path, write_text
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, file_in, parse_json, read_text
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.scoring.direction import Direction
@@ -251,8 +251,7 @@ _RESULTS = TypeAdapter(Results)
 
 def write_results(out_dir: Path, results: Results) -> None:
     """Writes `results.json` and `results.csv` into `out_dir`, each atomically."""
-    with atomic_path(out_dir / JSON_NAME) as path:
-        path.write_text(to_json(results), encoding="utf-8")
+    write_text(out_dir / JSON_NAME, to_json(results))
     write_csv(out_dir / CSV_NAME, results.rows)
 
 

@@ -14,9 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     SerializerFunctionWrapHandler,
     ValidationError,
@@ -26,7 +24,7 @@ from pydantic import (
 )
 
 from eventsweep.emvs.errors import InputError
-from eventsweep.emvs.parameters import explain, refuse_code
+from eventsweep.emvs.parameters import FrozenModel, explain, refuse_code
 from eventsweep.eval.config import Settings, read_toml
 from eventsweep.eval.perturbations import amounts
 from eventsweep.sim.mjcf import is_model_file
@@ -44,11 +42,7 @@ _Name = Annotated[str, Field(pattern=r"^[\w.-]+$")]
 _Seeds = Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1)]
 
 
-class _Definition(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class WindowSpec(_Definition):
+class WindowSpec(FrozenModel):
     """A stretch of a sequence, s."""
 
     start_s: Annotated[float, Field(ge=0)]
@@ -61,7 +55,7 @@ class WindowSpec(_Definition):
         return t0_us, t1_us, t1_us if mapper.get("reference") == "end" else (t0_us + t1_us) // 2
 
 
-class CaseSpec(_Definition):
+class CaseSpec(FrozenModel):
     """One scene, rig and length, and how it is mapped.
 
     `imperfection` is what is wrong with the calibration, the poses and the clocks that the mapper
@@ -74,7 +68,7 @@ class CaseSpec(_Definition):
     seconds: Annotated[float, Field(gt=0)]
     windows: Annotated[tuple[WindowSpec, ...], Field(min_length=1)]
     mappers: Annotated[tuple[_Name, ...], Field(min_length=1)] = ("default",)
-    sim: dict[str, Any] = {}
+    sim: dict[str, Any] = Field(default_factory=dict)
     imperfection: Annotated[dict[str, float] | None, BeforeValidator(amounts)] = None
     conditions: tuple[Condition, ...] = ()
 
@@ -102,14 +96,14 @@ class CaseSpec(_Definition):
         return self
 
 
-class Subset(_Definition):
+class Subset(FrozenModel):
     """Some of the cases, with fewer seeds."""
 
     cases: Annotated[tuple[str, ...], Field(min_length=1)]
     seeds: _Seeds
 
 
-class Suite(_Definition):
+class Suite(FrozenModel):
     """The whole definition.
 
     Attributes:
@@ -126,11 +120,11 @@ class Suite(_Definition):
     spread_seeds: _Seeds
     metrics: tuple[str, ...]
     speed_case: str | None = None
-    sim: dict[str, Any] = {}
-    score: dict[str, Any] = {}
-    mappers: dict[str, dict[str, Any]] = {"default": {}}
+    sim: dict[str, Any] = Field(default_factory=dict)
+    score: dict[str, Any] = Field(default_factory=dict)
+    mappers: dict[str, dict[str, Any]] = Field({"default": {}})
     cases: dict[_Name, CaseSpec]
-    subsets: dict[_Name, Subset] = {}
+    subsets: dict[_Name, Subset] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _known(self) -> Suite:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from eventsweep import scenes
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.camera import Camera
+from eventsweep.eval.archives.tarball import sha256_of
 from eventsweep.eval.jobs.job import Job
 from eventsweep.eval.scoring.predictions import (
     NamedFolder,
@@ -180,7 +181,7 @@ def _opened(given: NamedFolder, suite: Suite, assignments: Sequence[Assignment])
     for asked in assignments:
         found = Prediction(name, timed_files(given.path, description, asked.place), description)
         files[asked.place] = {
-            view.t_us: (path.relative_to(given.path).as_posix(), _sha256(path))
+            view.t_us: (path.relative_to(given.path).as_posix(), sha256_of(path))
             for view, path in _read(found, asked, medians, suite.cases[asked.case].scene)
         }
     medians.check(given.path)
@@ -272,8 +273,3 @@ def _check_complete(folder: Path, assignments: Sequence[Assignment]) -> None:
             f"first is {first.case} with seed {first.seed}: needs {folder / first.place}/"
             f"{first.views[0].t_us}.npz; `{LISTING}` lists all"
         )
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar, overload
 
 from pydantic import ConfigDict, Field, TypeAdapter
 
-from eventsweep.emvs.utils.files import atomic_path
+from eventsweep.emvs.utils.files import write_text
 from eventsweep.emvs.utils.inputs import file_in
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.eval.scoring.results import (
@@ -182,9 +182,7 @@ def sample_from(text: str) -> tuple[Sample, pd.DataFrame]:
 def write_suite(folder: Path, result: SuiteResult) -> Path:
     """Writes `suite.json`, atomically, one row a line."""
     path = folder / FILE_NAME
-    with atomic_path(path) as partial:
-        text = json_text(_RESULT.dump_python(result, mode="json"), "rows", indent=1)
-        partial.write_text(text, encoding="utf-8")
+    write_text(path, json_text(_RESULT.dump_python(result, mode="json"), "rows", indent=1))
     return path
 
 

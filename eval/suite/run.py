@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -191,7 +192,7 @@ def speed_job(
     return score, entry(score.needs[0], Cache(cache)).path / SEQUENCE
 
 
-def map_ratios(sequence: Path, config: MapperConfig, repeats: int = REPEATS) -> tuple[float, ...]:
+def map_ratios(sequence: Path, config: MapperConfig) -> tuple[float, ...]:
     """Maps a window again and again; CPU time of each over that of the calibration loop.
 
     Always with one thread, and once more than is counted. Lower is faster.
@@ -200,17 +201,12 @@ def map_ratios(sequence: Path, config: MapperConfig, repeats: int = REPEATS) -> 
     single = config.model_copy(update={"threads": 1})
     image = np.zeros(_CELLS, np.float32)
 
-    def mapping() -> None:
-        map_window(recording, single)
-
-    def loop() -> None:
-        calibration(image, _VOTES)
-
-    ratios = [_cpu_s(mapping) / _cpu_s(loop) for _ in range(repeats + 1)]
+    mapping, loop = partial(map_window, recording, single), partial(calibration, image, _VOTES)
+    ratios = [_cpu_s(mapping) / _cpu_s(loop) for _ in range(REPEATS + 1)]
     return tuple(ratios[1:])  # the first one compiled and read the disk
 
 
-def _cpu_s(work: Callable[[], None]) -> float:
+def _cpu_s(work: Callable[[], object]) -> float:
     started_s = time.process_time()
     work()
     return time.process_time() - started_s

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from pydantic import AliasChoices, BaseModel, ConfigDict, Field
+from pydantic import AliasChoices, Field
 
 from eventsweep.emvs.errors import InputError
+from eventsweep.emvs.parameters import FrozenModel
 from eventsweep.eval.scoring.direction import Direction
 from eventsweep.eval.scoring.results import POOLED, Results, Value, each, read_results, tidy
 from eventsweep.eval.suite.results import FILE_NAME, SuiteResult, read_suite
@@ -34,7 +35,7 @@ class Key(NamedTuple):
         return f"{self.case} {self.method} {self.metric}"
 
 
-class Series(BaseModel):
+class Series(FrozenModel):
     """One metric of one method on one case.
 
     Attributes:
@@ -42,8 +43,6 @@ class Series(BaseModel):
             the case, its scene, and what the metric means.
         values: by seed; by repetition where speed is measured.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     case: str
     method: str

@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import Field, FiniteFloat, ValidationError
 
 from eventsweep.emvs.errors import DAMAGED_NPY, InputError, quoted, repeated
-from eventsweep.emvs.parameters import first_fault
+from eventsweep.emvs.parameters import FrozenModel, first_fault
 from eventsweep.emvs.utils.cache import Cache, key_of
 from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, inside, parse_toml, read_text
 from eventsweep.emvs.utils.outputs import output_file
@@ -57,20 +57,16 @@ _Line = Annotated[str, Field(min_length=1, max_length=200, pattern=r"^[^\x00-\x1
 _Positive = Annotated[FiniteFloat, Field(gt=0)]
 
 
-class StatedCost(BaseModel):
+class StatedCost(FrozenModel):
     """What a submitter says that one window costs; nobody here measured it."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     seconds_per_window: _Positive = Field(description="time for one window, s, on average")
     peak_memory_mb: _Positive = Field(description="memory at most, MB")
     hardware: _Line = Field(description="processor and accelerator, in words")
 
 
-class SubmissionFacts(BaseModel):
+class SubmissionFacts(FrozenModel):
     """`submission.toml`: what is submitted, by whom, under which licence, at which cost."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     method: _Line = Field(description="name of the method")
     authors: Annotated[tuple[_Line, ...], Field(min_length=1, max_length=100)]
@@ -79,7 +75,7 @@ class SubmissionFacts(BaseModel):
     cost: StatedCost
 
 
-class SubmissionManifest(BaseModel):
+class SubmissionManifest(FrozenModel):
     """The first file of a submission.
 
     Attributes:
@@ -92,8 +88,6 @@ class SubmissionManifest(BaseModel):
         facts: what is submitted.
         files: size and hash of every other file.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     schema_version: int = SCHEMA_VERSION
     suite: str

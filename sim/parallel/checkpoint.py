@@ -8,7 +8,6 @@ written.
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import json
 import os
 import re
@@ -33,9 +32,9 @@ from eventsweep.emvs.data.image_stores import (
 )
 from eventsweep.emvs.errors import InputError
 from eventsweep.emvs.geometry.rig import Rig
-from eventsweep.emvs.utils.files import atomic_path, made_parent, remove_leftovers
+from eventsweep.emvs.utils.files import made_parent, remove_leftovers, write_text
 from eventsweep.emvs.utils.inputs import TABLE_BYTES, parse_json, read_text
-from eventsweep.emvs.utils.output_manifest import named
+from eventsweep.emvs.utils.output_manifest import hashed, named
 from eventsweep.emvs.utils.outputs import real
 
 Notice = Callable[[str], None]
@@ -151,8 +150,7 @@ class CheckpointFolder:
         for entry in self.path.iterdir():
             if entry.is_dir():
                 shutil.rmtree(entry)
-        with atomic_path(job) as partial:
-            partial.write_text(json.dumps(wanted), encoding="utf-8")
+        write_text(job, json.dumps(wanted))
 
     def _remove_leftovers(self) -> None:
         """What a killed process left of a checkpoint, or of putting the sequence together."""
@@ -281,7 +279,7 @@ class CheckpointWriter:
             "end_chunk": end_chunk,
             "events": self.events,
             "counts": list(counts),
-            "files": {file.name: _sha256(file) for file in sorted(self.path.iterdir())},
+            "files": {file.name: hashed(file).sha256 for file in sorted(self.path.iterdir())},
         }
         (self.path / _INDEX).write_text(json.dumps(index, indent=1), encoding="utf-8")
         for file in (*self.path.iterdir(), self.path):
@@ -298,7 +296,7 @@ def read_checkpoint(path: Path) -> Checkpoint | None:
         index = _json(path / _INDEX)
         for name, digest in index["files"].items():
             file = path / name
-            if not (name == _STATE and not file.exists()) and _sha256(file) != digest:
+            if not (name == _STATE and not file.exists()) and hashed(file).sha256 != digest:
                 return None
         first, end, events = (int(index[name]) for name in ("first_chunk", "end_chunk", "events"))
         return Checkpoint(path, first, end, events, tuple(index["counts"]))
@@ -312,11 +310,6 @@ def _json(path: Path) -> Any:
         return parse_json(read_text(path, TABLE_BYTES))
     except ValueError:
         return None
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _sync(path: Path) -> None:

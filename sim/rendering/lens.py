@@ -113,14 +113,9 @@ def nearest_samples(lens: LensMap, samples: NDArray[np.int32]) -> NDArray[np.int
 def edges(camera: Camera) -> NDArray[np.float64]:
     """Bearings x/z of the left and right and y/z of the top and bottom edge of the sensor."""
     # Pixel centres are integers, so the sensor ends half a pixel beyond the outermost centres.
-    return np.array(
-        [
-            (-0.5 - camera.cx_px) / camera.fx_px,
-            (camera.width_px - 0.5 - camera.cx_px) / camera.fx_px,
-            (-0.5 - camera.cy_px) / camera.fy_px,
-            (camera.height_px - 0.5 - camera.cy_px) / camera.fy_px,
-        ]
-    )
+    x = (np.array([0, camera.width_px]) - 0.5 - camera.cx_px) / camera.fx_px
+    y = (np.array([0, camera.height_px]) - 0.5 - camera.cy_px) / camera.fy_px
+    return np.concatenate([x, y])
 
 
 def lens_of(rig: Rig, k: int, supersample: int) -> LensMap | None:

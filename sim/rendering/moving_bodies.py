@@ -91,8 +91,7 @@ class MovingBodies:
             T_then_now = (
                 se3.inverse(T_world_body_then @ T_body_cam) @ moved @ T_world_body @ T_body_cam
             )[pixels.geoms]
-            points = np.einsum("nij,nj->ni", T_then_now[:, :3, :3], pixels.points_m)
-            there = camera.project(points + T_then_now[:, :3, 3])
+            there = camera.project(se3.transform_each(T_then_now, pixels.points_m))
             way_px = np.linalg.norm(there - pixels.pixels_px, axis=1)
             largest = max(largest, float(np.nan_to_num(way_px, nan=np.inf).max()))
         return largest

@@ -148,8 +148,7 @@ class DsecWriter(StreamWriter):
     def __init__(self, path: Path, width_px: int, height_px: int) -> None:
         self._writer = EventStoreWriter(path, width_px, height_px)
 
-    def _put(self, stream: str, events: Events) -> None:
-        del stream
+    def _put(self, _stream: str, events: Events) -> None:
         self._writer.append(events)
 
     def _close(self) -> None:
@@ -167,9 +166,8 @@ class TumvieWriter(GatheringWriter):
             _grow(self._hdf5, f"events/{name}", kind)
         _grow(self._hdf5, "ms_to_idx", np.int64)
 
-    def _put(self, stream: str, events: Events) -> None:
+    def _put(self, _stream: str, events: Events) -> None:
         """Writes a packet and its part of the index."""
-        del stream
         for name, kind in _COLUMNS.items():
             column = getattr(events, "t_us" if name == "t" else name)
             self._hdf5.extend(f"events/{name}", column.astype(kind, copy=False))

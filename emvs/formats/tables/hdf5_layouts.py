@@ -200,20 +200,18 @@ def offset_us(file: h5py.File) -> int:
 
 
 def _events_at(
-    columns: Mapping[str, str], unit_s: float, file: h5py.File, where: str, stream: str,
+    columns: Mapping[str, str], unit_s: float, file: h5py.File, where: str, _stream: str,
     start: int, stop: int,
 ) -> Events:  # fmt: skip
-    del stream
     rows: dict[str, Any] = {}
     x, y, t, p = (_column(file, columns[name], where, start, stop, rows) for name in "xytp")
     return to_events(where, x, y, times_us(where, t, unit_s), p, 1e-6)
 
 
 def _times_at(
-    columns: Mapping[str, str], unit_s: float, file: h5py.File, where: str, stream: str,
+    columns: Mapping[str, str], unit_s: float, file: h5py.File, where: str, _stream: str,
     start: int, stop: int,
 ) -> NDArray[np.int64]:  # fmt: skip
-    del stream
     return times_us(where, _column(file, columns["t"], where, start, stop, {}), unit_s)
 
 

@@ -91,23 +91,20 @@ class NpzReader(BlockReader):
         self._unit_s: float | None = None
         self._lay_out(arrays, columns)
 
-    def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
+    def scan(self, _stream: str) -> Iterator[tuple[Any, Events]]:
         """Reads all columns side by side, and so checks the archive's sums."""
-        del stream
         with self._opened_at(0, whole=True) as files:
             for start in range(0, self._count, _ROWS):
                 stop = min(start + _ROWS, self._count)
                 yield (start, stop), self._events(files, start, stop)
 
-    def load(self, stream: str, place: Any) -> Events:
+    def load(self, _stream: str, place: Any) -> Events:
         """Reads one block: straight from the file where it is not compressed."""
-        del stream
         with self._opened_at(place[0]) as files:
             return self._events(files, *place)
 
-    def share_before(self, stream: str, place: Any) -> float:
+    def share_before(self, _stream: str, place: Any) -> float:
         """Which share of the rows ends with a block."""
-        del stream
         return float(place[1] / max(1, self._count))
 
     def _arrays(self) -> dict[str, _Array]:
@@ -361,8 +358,7 @@ class NpzWriter(StreamWriter):
         self._parts = {name: path.with_name(f"{path.name}.{name}") for name in _COLUMNS}
         self._files = {name: part.open("wb") for name, part in self._parts.items()}
 
-    def _put(self, stream: str, events: Events) -> None:
-        del stream
+    def _put(self, _stream: str, events: Events) -> None:
         self._count += len(events)
         for name, kind in _COLUMNS.items():
             self._files[name].write(np.ascontiguousarray(getattr(events, name), kind).data)

@@ -51,9 +51,8 @@ class ParquetReader(BlockReader):
                 "file is damaged, fetch it again"
             )
 
-    def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
+    def scan(self, _stream: str) -> Iterator[tuple[Any, Events]]:
         """Reads the row groups from front to back."""
-        del stream
         before = 0
         with self._opened() as table:
             for group, rows in enumerate(self._groups):
@@ -61,18 +60,16 @@ class ParquetReader(BlockReader):
                     yield (group, k, min(before + (k + 1) * _ROWS, before + rows)), events
                 before += rows
 
-    def load(self, stream: str, place: Any) -> Events:
+    def load(self, _stream: str, place: Any) -> Events:
         """Reads one batch."""
-        del stream
         with self._opened() as table:
             for k, events in enumerate(self._batches(table, place[0])):
                 if k == place[1]:
                     return events
         raise InputError(f"{self.path}: changed while it was read; open it again")
 
-    def share_before(self, stream: str, place: Any) -> float:
+    def share_before(self, _stream: str, place: Any) -> float:
         """Which share of the rows ends with a block."""
-        del stream
         return float(place[2] / max(1, self._rows))
 
     def _batches(self, table: Any, group: int) -> Iterator[Events]:

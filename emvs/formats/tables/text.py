@@ -62,9 +62,8 @@ class TextReader(BlockReader):
         self.format = self._layout.format
         self.width_px, self.height_px = self._layout.size_px or (None, None)
 
-    def scan(self, stream: str) -> Iterator[tuple[Any, Events]]:
+    def scan(self, _stream: str) -> Iterator[tuple[Any, Events]]:
         """Parses the file from front to back."""
-        del stream
         with opened(self.path) as file:
             offset = file.seek(self._layout.skip)
             while text := file.read(_BLOCK_BYTES):
@@ -72,9 +71,8 @@ class TextReader(BlockReader):
                 yield (offset, len(text)), self._parse(text, offset)
                 offset += len(text)
 
-    def load(self, stream: str, place: Any) -> Events:
+    def load(self, _stream: str, place: Any) -> Events:
         """Parses one block."""
-        del stream
         with opened(self.path) as file:
             file.seek(place[0])
             return self._parse(file.read(place[1]), place[0])
@@ -200,8 +198,7 @@ class TextWriter(FileWriter):
         head = {"csv": "t_us,x,y,p\n", "esim-text": f"{width_px} {height_px}\n"}.get(kind, "")
         self._file.write(head.encode("ascii"))
 
-    def _put(self, stream: str, events: Events) -> None:
-        del stream
+    def _put(self, _stream: str, events: Events) -> None:
         text = np.empty(48 * len(events), np.uint8)
         columns = events.t_us, events.x, events.y, events.p
         size = format_rows(*columns, self._seconds, self._gap, text)

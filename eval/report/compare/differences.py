@@ -158,20 +158,17 @@ def _differences(case: str, first: ComparedResult, other: ComparedResult) -> Ite
             continue
         unit, direction = one.units[number]
         base = Difference(case, number.method, number.metric, unit, direction)
-        if why := drawn or not_comparable(number, (first, other), (one, two)):
-            values = (_alone(result, case, number) for result in (first, other))
-            yield _finished(base, *values, verdict="not comparable", why=why)
-        elif not seeds:
-            values = (_alone(result, case, number) for result in (first, other))
-            yield _finished(base, *values, verdict="undecided", why="no seed in common")
-        else:
+        why = drawn or not_comparable(number, (first, other), (one, two))
+        if seeds and not why:
             yield _paired(base, number, first, other, seeds)
-
-
-def _finished(
-    base: Difference, first: float, other: float, *, verdict: Conclusion, why: str
-) -> Difference:
-    return replace(base, first=first, other=other, verdict=verdict, why=why)
+            continue
+        yield replace(
+            base,
+            first=_alone(first, case, number),
+            other=_alone(other, case, number),
+            verdict="not comparable" if why else "undecided",
+            why=why or "no seed in common",
+        )
 
 
 def _alone(result: ComparedResult, case: str, number: Number) -> float:

@@ -241,7 +241,7 @@ def _grid(comparison: Comparison, metric: str, found: Sequence[Sequence[Differen
     first, *others = comparison.names
     heads = [Head("method"), Head("result", text=True)] if len(others) > 1 else [Head("method")]
     value = others[0] if len(others) == 1 else "value"
-    heads += [Head(name, head.unit, head.direction, arrow=True) for name in (first, value)]
+    heads += map(head.head, (first, value))
     heads += [Head(title, head.unit) for title in ("Δ", "Δ from", "Δ to")]
     heads += [Head("Δ", "%"), Head("seeds"), Head("p", "Holm"), Head(VERDICT, text=True)]
     named = [(one, name) for name, of_one in zip(others, found, strict=True) for one in of_one]

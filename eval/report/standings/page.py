@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from eventsweep.emvs.utils.outputs import (
     files_together,
     output_folder,
 )
+from eventsweep.eval.figures.images import data_uri
 from eventsweep.eval.ranking import summary
 from eventsweep.eval.ranking.entries import DATA_NAME, RankingData, RankingEntry, Source
 from eventsweep.eval.ranking.summary import MAIN
@@ -93,7 +93,7 @@ class MethodPictures:
     def pictures(self, method: str) -> Iterator[Picture]:
         """As a page shows them."""
         for which, one in self.about.items():
-            uri = f"data:image/webp;base64,{b64encode(self.content[which]).decode('ascii')}"
+            uri = data_uri("image/webp", self.content[which])
             text = f"{which}: {one['case']}, {one['abs_rel']:.2f} %, orange {one['error_cm']:g} cm"
             yield Picture(method, uri, text)
 

@@ -11,7 +11,6 @@ from eventsweep.emvs.methods.method import Method
 from eventsweep.eval.figures.colormaps import line_style
 from eventsweep.eval.figures.plots import causes_figure, svg
 from eventsweep.eval.figures.ranking import cost_figure, coverage_figure, history_figure
-from eventsweep.eval.numbers import displayed
 from eventsweep.eval.ranking import summary
 from eventsweep.eval.ranking.entries import COVERAGES, Merged, RankingEntry, finite_mean
 from eventsweep.eval.ranking.standings import Standing
@@ -26,7 +25,7 @@ from eventsweep.eval.report.html import (
     svg_uri,
     versions_grid,
 )
-from eventsweep.eval.report.ranking import column, definition
+from eventsweep.eval.report.ranking import column, definition, value_cell
 from eventsweep.eval.scoring.direction import Direction, best
 from eventsweep.eval.scoring.outlier_causes import CAUSES
 
@@ -63,9 +62,9 @@ def _rank(one: Standing | None) -> tuple[GridCell, GridCell]:
     return GridCell(str(one.rank), one.rank), GridCell(ends, one.high_rank or math.nan)
 
 
-def _number(value: float, digits: int = 2, kind: str = "") -> GridCell:
+def _number(value: float, digits: int = 2, *, is_best: bool = False) -> GridCell:
     text = "–" if math.isnan(value) else f"{value:,.{digits}f}"
-    return GridCell(text, value, "best" if kind == "best" else "")
+    return GridCell(text, value, "best" if is_best else "")
 
 
 def data(entry: RankingEntry) -> str:
@@ -92,7 +91,7 @@ def overview(page: RankingPage) -> Grid:
         outliers = summary.arithmetic(joined, one.method, "outlier_share", joined.cases)
         cells = [
             _name(one.method), *_rank(one), _number(one.place, 2),
-            _number(error, kind="best" * (error == best_error)), _number(coverage),
+            _number(error, is_best=error == best_error), _number(coverage),
             _number(outliers),
         ]  # fmt: skip
         if hidden:
@@ -146,7 +145,7 @@ def _standing_grid(ranked: Ranked, about: str) -> Grid:
     head = column(ranked.metric)
     heads = (
         Head("method", text=True), Head("rank"), Head("other seeds"), Head("mean place"),
-        Head(f"{head.title}, mean of cases", head.unit, head.direction, arrow=True),
+        head.head(f"{head.title}, mean of cases"),
     )  # fmt: skip
     unit = ranked.joined.base.units[ranked.metric][0]
     means = {
@@ -157,8 +156,7 @@ def _standing_grid(ranked: Ranked, about: str) -> Grid:
     lines = tuple(
         (
             _name(one.method), *_rank(one), _number(one.place),
-            GridCell(displayed(means[one.method], unit), means[one.method],
-                     "best" if means[one.method] == best_mean else ""),
+            value_cell(means[one.method], unit, best_mean),
         )
         for one in ranked.standings
     )  # fmt: skip
@@ -259,7 +257,7 @@ def _by_column(
     lines = tuple(
         (
             _name(method),
-            *(_number(found[method], kind="best" * (found[method] == tops[name]))
+            *(_number(found[method], is_best=found[method] == tops[name])
               for name, found in columns.items()),
         )
         for method in page.methods
@@ -288,10 +286,7 @@ def scenes(page: RankingPage) -> Section:
 
 def _scene_grid(joined: Merged, methods: Sequence[str], cases: Sequence[str], metric: str) -> Grid:
     head, unit = column(metric), joined.base.units[metric][0]
-    heads = (
-        Head("method", text=True),
-        *(Head(case, head.unit, head.direction, arrow=True) for case in cases),
-    )
+    heads = (Head("method", text=True), *map(head.head, cases))
     values = {
         (method, case): finite_mean(joined.of_case(method, metric, case))
         for method in methods
@@ -302,11 +297,7 @@ def _scene_grid(joined: Merged, methods: Sequence[str], cases: Sequence[str], me
     for method in methods:
         found = [(values[method, case], tops[case]) for case in cases]
         if any(math.isfinite(value) for value, _ in found):
-            cells = (
-                GridCell(displayed(value, unit), value, "best" if value == top else "")
-                for value, top in found
-            )
-            lines.append((_name(method), *cells))
+            lines.append((_name(method), *(value_cell(value, unit, top) for value, top in found)))
     return Grid(heads, tuple(lines), definition(metric))
 
 

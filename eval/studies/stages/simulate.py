@@ -46,13 +46,12 @@ class Straight:
 code = simulate.code
 
 
-def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
+def run(parameters: Mapping[str, Any], _inputs: Sequence[Path], out: Path) -> None:
     """Writes the sequence.
 
     `change` may hold `baseline_m`, `heading_deg` (the head then goes straight) and `light`, a
     factor on every lamp.
     """
-    del inputs
     scene, rig = scenes.load(parameters["scene"]), named_rig(parameters["rig"])
     change = parameters["change"]
     if "baseline_m" in change:

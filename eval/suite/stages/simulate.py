@@ -47,9 +47,8 @@ def scene_digest(scene: str) -> str:
     return definition_digest(modules, files_of(scenes.load(scene).mjcf))
 
 
-def run(parameters: Mapping[str, Any], inputs: Sequence[Path], out: Path) -> None:
+def run(parameters: Mapping[str, Any], _inputs: Sequence[Path], out: Path) -> None:
     """Writes the sequence of a scene as it is."""
-    del inputs
     simulate_scene(scenes.load(parameters["scene"]), named_rig(parameters["rig"]), parameters, out)
 
 
