@@ -13,7 +13,7 @@ from head_world import head_recording
 # Each takes seconds: one of each family is planted in every run, the others in slow ones.
 ALWAYS = {
     "poses inverted", "positions in mm", "poses late", "poses frozen", "camera at rest",
-    "focal length off", "stereo yaw", "rows mirrored", "hot pixels",
+    "focal length off", "stereo yaw", "hot pixels",
     "left-handed poses",
 }  # fmt: skip
 ALWAYS_UNSPOILT = {"as simulated", "one camera", "poses of a tracked body"}
