@@ -16,7 +16,7 @@ from eventsweep.emvs.formats import FORMATS, calibration_writers, depth, write_e
 from eventsweep.emvs.formats.tables.columns import ColumnMap
 from eventsweep.emvs.geometry.rig import Rig
 from eventsweep.emvs.geometry.trajectory import Trajectory
-from eventsweep.emvs.utils.inputs import parse_json
+from eventsweep.emvs.utils.inputs import opened_npz, parse_json
 from eventsweep.emvs.utils.outputs import check_output, inputs_of, output_file
 from eventsweep.eval.progress import Display
 
@@ -285,12 +285,10 @@ def _depth(source: Path, out: Path, options: Options) -> str:
 
 
 def _focal_px(source: Path) -> float:
-    import numpy as np
-
     if source.suffix != ".npz":
         raise InputError(f"{source}: holds no focal length; needs a map's depth.npz")
     try:
-        with np.load(source, allow_pickle=False) as stored:
+        with opened_npz(source) as stored:
             return float(parse_json(str(stored["camera"]))["fx_px"])
     except (KeyError, ValueError, OSError, TypeError) as error:
         raise InputError(f"{source}: holds no camera; needs a map's depth.npz") from error

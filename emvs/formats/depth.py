@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import InputError, said
 from eventsweep.emvs.utils.files import atomic_path
-from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, opened_npz
 from eventsweep.emvs.utils.plugins import extra_module
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def read_depth(path: Path) -> NDArray[np.float32]:
     """
     try:
         if path.suffix == ".npz":
-            with np.load(path, allow_pickle=False) as stored:
+            with opened_npz(path) as stored:
                 depth_m = np.where(stored["mask"], stored["depth_m"], np.nan)
         else:
             mapped = np.load(path, mmap_mode="r", allow_pickle=False)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -20,7 +19,13 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import DAMAGED_NPY, InputError
 from eventsweep.emvs.utils.files import atomic_path, write_text
-from eventsweep.emvs.utils.inputs import SETTINGS_BYTES, check_file, parse_json, read_text
+from eventsweep.emvs.utils.inputs import (
+    SETTINGS_BYTES,
+    check_file,
+    opened_npz,
+    parse_json,
+    read_text,
+)
 
 MOST_BYTES = 1 << 24
 """More than any weights here; what an archive unpacks to counts, too."""
@@ -113,11 +118,7 @@ def _manifest(path: Path, network: str) -> Mapping[str, Any]:
 
 
 def _arrays(path: Path, known: Sequence[Mapping[str, tuple[int, ...]]]) -> dict[str, Float32s]:
-    with zipfile.ZipFile(path) as archive:
-        unpacked = sum(member.file_size for member in archive.infolist())
-    if unpacked > MOST_BYTES:
-        raise InputError(f"{path}: unpacks to {unpacked} bytes, at most {MOST_BYTES} are read")
-    with np.load(path, allow_pickle=False) as archive:
+    with opened_npz(path, MOST_BYTES) as archive:
         arrays = {name: np.asarray(archive[name]) for name in archive.files}
     shapes = {name: array.shape for name, array in arrays.items()}
     if shapes not in [dict(needed) for needed in known]:

@@ -23,7 +23,7 @@ from eventsweep.emvs.dsi.slices import Slices
 from eventsweep.emvs.errors import DAMAGED_NPY, InputError
 from eventsweep.emvs.geometry.camera import Camera
 from eventsweep.emvs.parameters import FrozenModel, first_fault
-from eventsweep.emvs.utils.inputs import TABLE_BYTES, check_file, parse_json, read_text
+from eventsweep.emvs.utils.inputs import TABLE_BYTES, opened_npz, parse_json, read_text
 from eventsweep.emvs.utils.runtime import versions
 from eventsweep.emvs.window_result import WindowResult
 
@@ -350,8 +350,7 @@ def read_slices(path: Path, methods: Sequence[str], width_px: int) -> Slices:
 def read_npz(path: Path, keys: Sequence[str], also: Sequence[str] = ()) -> Arrays:
     """Reads the named arrays, and `also` others where there are any."""
     try:
-        check_file(path)
-        with np.load(path, allow_pickle=False) as file:
+        with opened_npz(path) as file:
             return {key: file[key] for key in (*keys, *(key for key in also if key in file))}
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file, the map is incomplete: {CURE}") from error

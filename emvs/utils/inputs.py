@@ -10,15 +10,21 @@ import json
 import os
 import stat
 import tomllib
+import zipfile
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from eventsweep.emvs.errors import InputError, quoted
+
+if TYPE_CHECKING:
+    from numpy.lib.npyio import NpzFile
 
 SETTINGS_BYTES = 1 << 18
 """More than any calibration, rig or table of settings."""
 TABLE_BYTES = 1 << 28
 """More than any list of poses, results or files."""
+NPZ_BYTES = 1 << 30
+"""More than the arrays of any depth map or slice take, unpacked."""
 
 
 def check_file(path: Path, most_bytes: int | None = None) -> None:
@@ -74,6 +80,25 @@ def read_text(path: Path, most_bytes: int, encoding: str = "utf-8") -> str:
     """The whole text of a file, as `check_file` allows; OSError or UnicodeDecodeError otherwise."""
     check_file(path, most_bytes)
     return Path(path).read_text(encoding=encoding)
+
+
+def opened_npz(path: Path, most_bytes: int = NPZ_BYTES) -> NpzFile:
+    """The arrays of an npz, to be closed: read one by one, and never as pickles.
+
+    Raises:
+        InputError: no regular file, or it unpacks to more than `most_bytes`: a file of a megabyte
+            can hold a thousand.
+        DAMAGED_NPY: what `numpy` and `zipfile` raise where it is no npz.
+    """
+    import numpy as np
+
+    check_file(path)
+    with zipfile.ZipFile(path) as archive:
+        unpacked = sum(member.file_size for member in archive.infolist())
+    if unpacked > most_bytes:
+        raise InputError(f"{path}: unpacks to {unpacked} bytes, at most {most_bytes} are read")
+    arrays: NpzFile = np.load(path, allow_pickle=False)
+    return arrays
 
 
 def parse_json(text: str) -> Any:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from eventsweep.emvs.errors import DAMAGED_NPY, InputError
 from eventsweep.emvs.formats.depth import read_exr
+from eventsweep.emvs.utils.inputs import opened_npz
 
 Image = NDArray[np.float64]
 
@@ -47,7 +48,7 @@ def read_confidence(path: Path, height_px: int, width_px: int) -> Image | None:
     if path.suffix.lower() != ".npz":
         return None
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with opened_npz(path) as file:
             found: NDArray[Any] | None = file.get("confidence")
     except DAMAGED_NPY as error:
         raise _damaged(path, error) from error
@@ -73,7 +74,7 @@ def is_integral(path: Path) -> bool:
 
 def _npz(path: Path, _shape: tuple[int, int]) -> NDArray[Any]:
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with opened_npz(path) as file:
             arrays = {key: file[key] for key in ("depth_m", "mask") if key in file}
     except DAMAGED_NPY as error:
         raise _damaged(path, error) from error
