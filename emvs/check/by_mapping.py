@@ -21,7 +21,7 @@ from eventsweep.emvs.check.alternatives import (
     of_pair,
     of_poses,
 )
-from eventsweep.emvs.check.findings import Finding, Series
+from eventsweep.emvs.check.findings import Finding, Series, Verdict
 from eventsweep.emvs.check.trial_windows import TrialWindows
 from eventsweep.emvs.check.trials import CameraTrials, Trial
 from eventsweep.emvs.config import MapperConfig
@@ -187,8 +187,10 @@ def _finding(name: str, cameras: str, diagnosis: Diagnosis) -> Finding:
     who = "the cameras do not fit each other" if best.alternative.of_pair else (
         "poses do not fit these events"
     )  # fmt: skip
+    # Bodies that move by themselves look the same, as long as no alternative helps.
+    verdict: Verdict = "wrong" if best.verdict == "wrong" else "doubtful"
     return Finding(
-        name, "wrong", gain, "",
+        name, verdict, gain, "",
         f"{cameras}: {who}, and no single cause was found: {_remainder(diagnosis)}", _MEANING,
         "check by hand how the poses are stored (handedness, degrees or radians, order of "
         "Euler angles, direction) and that clocks and calibration belong to this recording",
@@ -200,7 +202,10 @@ def _remainder(diagnosis: Diagnosis) -> str:
     """What is left unexplained, in words."""
     best, free = diagnosis.best, f"{np.expm1(diagnosis.free_gain):.1%}"
     if best.verdict != "wrong":
-        return f"sharper by {free} where the camera may turn freely"
+        return (
+            f"sharper by {free} where the camera may turn freely; or most events are of bodies "
+            "that move"
+        )
     sharper = f"sharper by {np.expm1(best.gain):.1%} with {_amount_words(best)}"
     if not best.is_inside:
         return f"{sharper}, which is the end of what was tried"

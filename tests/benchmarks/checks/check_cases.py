@@ -76,13 +76,20 @@ _RIGS = (
     ("rpg", "davis240"),
     ("oblique", "gen4"),
 )
+
+
+def _seed(scene: str, seed: int) -> int:
+    """Drawn anew where a rule was changed after these sequences had been looked at."""
+    return seed + 100 * (scene == "moving-objects")
+
+
 HELD_OUT = (
     *(
-        Base(scene, *_RIGS[k % len(_RIGS)], seed=100 + k)
+        Base(scene, *_RIGS[k % len(_RIGS)], seed=_seed(scene, 100 + k))
         for k, scene in enumerate((*_INDOOR, *_OUTDOOR))
     ),
     *(
-        Base(scene, *_RIGS[(k + 1) % len(_RIGS)], seed=110 + k)
+        Base(scene, *_RIGS[(k + 1) % len(_RIGS)], seed=_seed(scene, 110 + k))
         for k, scene in enumerate(_INDOOR[:7])
     ),
     Base("trinocular-desk", "trinocular", "davis346", 130),

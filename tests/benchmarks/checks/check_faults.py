@@ -175,15 +175,19 @@ def outcome(found: dict[str, Any]) -> str:
     """What a check came to: `named`, `unknown`, `wrong cure` or `unnoticed`.
 
     A fault is named if it is the first thing that is called wrong, alone or as one of several
-    causes that the check cannot tell apart; it is said to be unknown if no cause is named. Of a
-    recording that is right, `named` is that nothing is called wrong, and `wrong cure` the rest.
+    causes that the check cannot tell apart; of two faults both must be, or one that is to be cured
+    before the check goes on. It is unknown if no cause is named. Of a recording that is right,
+    `named` is that nothing is called wrong, and `wrong cure` the rest.
     """
     if not found["suspects"]:
-        return "unnoticed" if found["named"] else "named"
-    first = found["suspects"][0]
-    if found["named"] and set(first.split(" or ")) & set(found["named"]):
+        unknown = set(UNKNOWN) & set(found["doubtful"])
+        return "named" if not found["named"] else "unknown" if unknown else "unnoticed"
+    first, right = found["suspects"][0], set(found["named"])
+    if any(name == "mapping" for name, _ in found["unchecked"]):
+        right |= {name for both in right for name in both.split(" and ")}
+    if right & set(first.split(" or ")):
         return "named"
-    return "unknown" if first == UNKNOWN[0] and found["named"] else "wrong cure"
+    return "unknown" if first == UNKNOWN[0] and right else "wrong cure"
 
 
 def table(every: Sequence[dict[str, Any]]) -> str:

@@ -49,10 +49,10 @@ def test_poses_that_no_alternative_mends_are_not_blamed_on_one():
     def overstated(s):
         return np.column_stack([0.5 * np.sin(7 * s), 0.4 * np.cos(9 * s), 0.5 * np.sin(5 * s + 1)])
 
-    report = check(turned(head_recording(), overstated))
-    assert report.verdict == "wrong"
-    assert report.suspects[0] == "no single cause found"
-    assert "turn freely" in report.finding("mapping-1").evidence
+    finding = check(turned(head_recording(), overstated)).finding("mapping-1")
+    assert finding.verdict != "good"
+    assert finding.suspect == "no single cause found"
+    assert "turn freely" in finding.evidence
 
 
 def test_windows_may_lie_where_poses_are_rare():
