@@ -89,7 +89,7 @@ def _checked(
         findings += _try("parallax", lambda: check_parallax(recording, config), unchecked)
     else:
         unchecked += [(name, "there are no poses") for name in ("poses", "parallax", "mapping")]
-    if mapping and posed and readable:
+    if mapping and posed:
         findings += _by_mapping(recording, config, findings, unchecked, progress)
     if readable and len(recording.rig) > 1:
         findings += _try("rectification", lambda: [_rectification(recording)], unchecked)
@@ -143,9 +143,9 @@ def _rectification(recording: Recording) -> Finding:
 
 # If one of these is wrong, comparing alternatives is meaningless.
 _BEFORE_MAPPING = (
-    "baseline", "distortion", "events-rate", "events-sensor", "field-of-view", "focal-ratio",
-    "hot-pixels", "parallax", "poses-acceleration", "poses-coverage", "poses-frozen",
-    "poses-jumps", "poses-noise", "poses-rate", "poses-speed", "principal-point",
+    "baseline", "distortion", "events", "events-rate", "events-sensor", "field-of-view",
+    "focal-ratio", "hot-pixels", "parallax", "poses-acceleration", "poses-coverage", "poses-frozen",
+    "poses-jumps", "poses-noise", "poses-rate", "poses-speed", "principal-point", "reading",
 )  # fmt: skip
 
 
