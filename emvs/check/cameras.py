@@ -211,7 +211,8 @@ def _row_activity(
     when = np.clip((events.t_us - t0_us) // _SLICE_US, 0, slices - 1)
     cell = (when * rows + at)[at >= 0]
     counts = np.bincount(cell, minlength=slices * rows).reshape(slices, rows)
-    whole = pixels > 0.9 * np.median(pixels[pixels > 0])
+    seen = pixels[pixels > 0]
+    whole = pixels > 0.9 * (np.median(seen) if len(seen) else np.inf)
     return np.sqrt(counts / np.maximum(pixels, 1)), whole
 
 

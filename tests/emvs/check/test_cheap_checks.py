@@ -228,6 +228,16 @@ def test_the_residual_of_the_rectification_is_that_of_the_pitch(pitch_deg):
     assert found.value == pytest.approx(-CAMERA.fy_px * np.tan(np.radians(pitch_deg)), abs=1.5)
 
 
+@pytest.mark.filterwarnings("error")
+def test_cameras_whose_rectified_rows_hold_no_pixel_share_none():
+    rig = head_recording().rig
+    turn = se3.from_rotation(Rotation.from_euler("x", 120, degrees=True), np.zeros(3))
+    apart = replace(rig, T_body_cam=(rig.T_body_cam[0], rig.T_body_cam[1] @ turn))
+    found = check_rectification(AlteredRecording(head_recording(), rig=apart), 0, 400_000)
+    assert found.verdict == "good"
+    assert "share 0 rows" in found.evidence
+
+
 def test_coarse_stamps_are_measured():
     coarse = EditedRecording(
         head_recording(), lambda _camera, e: replace(e, t_us=e.t_us // 1000 * 1000)
