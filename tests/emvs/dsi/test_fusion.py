@@ -155,3 +155,20 @@ def test_reference_harmonic_mean_is_for_two_cameras():
     with pytest.raises(InputError, match="2 cameras, this rig has 3"):
         methods_by_name(("all",), 3, mcemvs=True)
     assert len(methods_by_name(("Alg1/min",), 3, mcemvs=True)) == 1
+
+
+@pytest.mark.parametrize("spoil", ["negative", "nan", "shape"])
+def test_a_users_function_must_return_votes(spoil):
+    """Votes are 0 or more; what is not would win or lose every maximum unseen."""
+
+    def function(volumes):
+        fused = volumes.mean(axis=(0, 1))  # cameras, intervals
+        if spoil == "shape":
+            return fused[:1]
+        fused[1, 2, 3] = {"negative": -0.5, "nan": np.nan}[spoil]
+        return fused
+
+    right = Fusion(function=lambda volumes: volumes.mean(axis=(0, 1)), owner="mine")
+    np.testing.assert_allclose(fuse(right, votes(1)), votes(1).mean(axis=0), rtol=1e-6)
+    with pytest.raises(InputError, match="function of mine .*at least 0 and none NaN"):
+        fuse(Fusion(function=function, owner="mine"), votes(1))
