@@ -170,5 +170,5 @@ def test_a_users_function_must_return_votes(spoil):
 
     right = Fusion(function=lambda volumes: volumes.mean(axis=(0, 1)), owner="mine")
     np.testing.assert_allclose(fuse(right, votes(1)), votes(1).mean(axis=0), rtol=1e-6)
-    with pytest.raises(InputError, match="function of mine .*at least 0 and none NaN"):
+    with pytest.raises(InputError, match=r"function of mine .* at least 0 and none NaN"):
         fuse(Fusion(function=function, owner="mine"), votes(1))
