@@ -16,6 +16,8 @@ ALWAYS = {
     "focal length off", "stereo yaw", "hot pixels",
     "left-handed poses",
 }  # fmt: skip
+# Here more than one number is wrong: turned about several axes, all numbers of a lens.
+SEVERAL = {"hand-eye missing", "half the resolution"}
 ALWAYS_UNSPOILT = {"as simulated", "one camera", "poses of a tracked body"}
 ALWAYS_IN_FILES = {"quaternions w first npz", "events not sorted csv"}
 
@@ -31,7 +33,8 @@ def sometimes(named, always):
 def test_a_planted_fault_is_named_first(fault):
     report = check(fault.plant(head_recording(), np.random.default_rng(3)))
     assert report.verdict == "wrong"
-    assert first_suspects(report) & set(fault.named)
+    several = {"no single cause found"} if fault.kind in SEVERAL else set()
+    assert first_suspects(report) & (set(fault.named) | several)
 
 
 def first_suspects(report):
